@@ -1,0 +1,51 @@
+"""The command line: names, help and errors. Each command is a few lines over a library function."""
+
+import importlib
+import sys
+
+import click
+
+from printmend import __version__
+from printmend.errors import PrintmendError
+
+# name → (group, one line of help). The module printmend.cli.NAME holds a click command called `command`; it is
+# imported only when that command runs, so that `printmend --help` stays instant.
+COMMANDS: dict[str, str] = {
+    "printer": "Print a printer preset as TOML, to start your own from.",
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"printmend.cli.{cmd_name.replace('-', '_')}")
+        return module.command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Example: printmend demo",
+)
+@click.version_option(__version__, prog_name="printmend")
+def group() -> None:
+    """Print straight on a broken 3-D printer: learn its fault from one print, rewrite the G-code."""
+
+
+def main() -> None:
+    """Run the command line; turn an expected error into one line on stderr and its exit code."""
+    try:
+        group(standalone_mode=True)
+    except PrintmendError as error:
+        print(f"printmend: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)

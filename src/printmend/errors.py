@@ -1,0 +1,66 @@
+"""The one exception tree of printmend.
+
+PrintmendError                   exit code 2: the input or the machine's set-up is at fault
+├── InputError                   a file or value from outside is not what was wanted
+│   ├── ConfigError              printer or corruption TOML
+│   ├── MeshError                STL, OBJ, 3MF
+│   ├── GcodeError               G-code and its containers
+│   ├── TraceError               measured traces and reference data sets
+│   ├── ModelError               saved models
+│   └── ScanError                images of printed plates
+├── MissingToolError             an external program is not installed
+└── RefusedError                 exit code 3: the work is possible, but would not help
+"""
+
+
+class PrintmendError(Exception):
+    """Say in one line what was wanted, what came and what to do.
+
+    ``subject`` names the file or value at fault. The command line prints ``str(error)`` on stderr
+    and exits with ``exit_code``; nothing has been written by then.
+    """
+
+    exit_code = 2
+
+    def __init__(self, subject: object, *, wanted: str, came: str, todo: str) -> None:
+        self.subject, self.wanted, self.came, self.todo = str(subject), wanted, came, todo
+        text = f"{subject}: wanted {wanted}, got {came}; {todo}"
+        super().__init__(" ".join(text.split()))
+
+
+class InputError(PrintmendError):
+    """A file or value from outside is not what was wanted."""
+
+
+class ConfigError(InputError):
+    """A printer or corruption TOML file is wrong."""
+
+
+class MeshError(InputError):
+    """A mesh cannot be printed."""
+
+
+class GcodeError(InputError):
+    """G-code, or a container of it, cannot be read."""
+
+
+class TraceError(InputError):
+    """A measured trace, or a data set of traces, cannot be used."""
+
+
+class ModelError(InputError):
+    """A saved model cannot be used."""
+
+
+class ScanError(InputError):
+    """An image of a printed plate cannot be used."""
+
+
+class MissingToolError(PrintmendError):
+    """An external program is not installed."""
+
+
+class RefusedError(PrintmendError):
+    """The work is possible, but would not help."""
+
+    exit_code = 3

@@ -1,0 +1,108 @@
+"""What a print is made of: layers of lattice controls, bodies of layers, and traces of what was measured.
+
+The six words used everywhere: *target* (wanted), *control* (steps commanded in one tick), *nominal* (where a
+healthy printer would be), *imagined* (where a model says it is), *printed* (where the twin or the machine put
+it), *measured* (what a scan or a table says).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+def frozen(array: np.ndarray) -> np.ndarray:
+    """Return a C-contiguous array that cannot be written to."""
+    array = np.ascontiguousarray(array)
+    if array.flags.writeable:
+        array = array.copy()
+        array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """One layer as lattice controls.
+
+    ``start_steps`` [2] int64, ``controls`` [T, 2] int8 in {−1, 0, 1} as sliced, ``extruding`` [T] bool.
+    """
+
+    index: int
+    z_mm: float
+    start_steps: np.ndarray
+    controls: np.ndarray
+    extruding: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start_steps", frozen(np.asarray(self.start_steps, np.int64)))
+        object.__setattr__(self, "controls", frozen(np.asarray(self.controls, np.int8)))
+        object.__setattr__(self, "extruding", frozen(np.asarray(self.extruding, bool)))
+
+    @property
+    def nominal_steps(self) -> np.ndarray:
+        """The nominal positions [T + 1, 2], the start included: the ideal print of this layer."""
+        nominal = np.empty((len(self.controls) + 1, 2), np.int64)
+        nominal[0] = self.start_steps
+        np.cumsum(self.controls, axis=0, dtype=np.int64, out=nominal[1:])
+        nominal[1:] += self.start_steps
+        return nominal
+
+    @property
+    def transitions(self) -> int:
+        return len(self.controls)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A named, ordered set of layers."""
+
+    name: str
+    layers: tuple[Layer, ...]
+
+    @property
+    def transitions(self) -> int:
+        return sum(layer.transitions for layer in self.layers)
+
+    @property
+    def training_layer(self) -> Layer:
+        """The layer with the most transitions, the first of equals: the paper's test print (§IV-D)."""
+        return max(self.layers, key=lambda layer: layer.transitions)
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Commanded way-points and where they were measured, in the order of motion.
+
+    ``commanded_mm`` [N, 2]; between two rows the commanded motion is straight. ``measured_mm`` [N, 2], NaN
+    where nothing was measured. ``sigma_mm`` [N] is the standard deviation of each measured coordinate, NaN
+    where unknown. ``z_mm`` [N] and ``layer`` [N] are optional. ``homed`` says that row 0 is the home position,
+    reached from the home side, so that the engaged side of the belt is known there.
+    """
+
+    commanded_mm: np.ndarray
+    measured_mm: np.ndarray
+    sigma_mm: np.ndarray | None = None
+    z_mm: np.ndarray | None = None
+    layer: np.ndarray | None = None
+    homed: bool = False
+
+    def __post_init__(self) -> None:
+        for name, dtype in (("commanded_mm", float), ("measured_mm", float), ("sigma_mm", float), ("z_mm", float), ("layer", np.int64)):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, frozen(np.asarray(value, dtype)))
+
+    def __len__(self) -> int:
+        return len(self.commanded_mm)
+
+    @property
+    def measured_rows(self) -> np.ndarray:
+        """A mask [N] of the rows with both coordinates measured."""
+        return np.isfinite(self.measured_mm).all(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a controller chose: ``controls`` [T, 2] int8 steps and the ``imagined`` positions [T + 1, 2] steps."""
+
+    controls: np.ndarray
+    imagined_steps: np.ndarray = field(repr=False)

@@ -1,0 +1,111 @@
+"""Printers from TOML: the presets and a user's own file, through the same code."""
+
+import math
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from printmend.errors import ConfigError
+from printmend.printer.printer import Axis, Printer
+
+_NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
+_COUNTS = ("steps_per_turn", "microsteps")
+_AXIS_KEYS = {*_NUMBERS, *_COUNTS, "home_side"}
+_KEYS = {"name", "kinematics", "x", "y", "z"}
+_TODO = "compare with `printmend printer ender3`, which prints a preset"
+
+
+def preset_names() -> tuple[str, ...]:
+    """Return the names of the printers that ship with the program."""
+    folder = resources.files("printmend.printer") / "presets"
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir()))
+
+
+def preset_text(name: str) -> str:
+    """Return a preset's TOML text: the place to start a printer of one's own."""
+    return (resources.files("printmend.printer") / "presets" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def read_printer(source: str | Path) -> Printer:
+    """Return the preset of that name, or the printer in that TOML file."""
+    if str(source) in preset_names():
+        return parse_printer(preset_text(str(source)), subject=str(source))
+    path = Path(source)
+    if not path.is_file():
+        raise ConfigError(
+            source,
+            wanted=f"a printer preset ({', '.join(preset_names())}) or a TOML file",
+            came="neither",
+            todo="check the name, or write a TOML file; " + _TODO,
+        )
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise ConfigError(path, wanted="a TOML text file", came="bytes that are not UTF-8", todo=_TODO) from None
+    return parse_printer(text, subject=str(path))
+
+
+def parse_printer(text: str, *, subject: str) -> Printer:
+    """Build a printer from TOML text; ``subject`` names the source in errors."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(subject, wanted="a printer in TOML", came=f"broken TOML ({error})", todo=_TODO) from None
+    _refuse_unknown(table, _KEYS, subject, "the top level")
+    name, kinematics = table.get("name", subject), table.get("kinematics")
+    if not isinstance(name, str):
+        raise ConfigError(subject, wanted="name as text", came=repr(name), todo=_TODO)
+    if kinematics not in ("cartesian", "corexy"):
+        raise ConfigError(
+            subject, wanted='kinematics = "cartesian" or "corexy"', came=repr(kinematics), todo=_TODO
+        )
+    x, y, z = (_axis(table.get(axis), axis, subject) for axis in "xyz")
+    if kinematics == "corexy" and (x.mm_per_step, x.microsteps) != (y.mm_per_step, y.microsteps):
+        raise ConfigError(
+            subject, wanted="equal motors on a CoreXY", came="[x] and [y] with different steps", todo="make them equal"
+        )
+    return Printer(name, kinematics, x, y, z)
+
+
+def _axis(table: Any, name: str, subject: str) -> Axis:
+    if not isinstance(table, dict):
+        raise ConfigError(subject, wanted=f"a section [{name}]", came="none", todo=_TODO)
+    section = f"[{name}]"
+    _refuse_unknown(table, _AXIS_KEYS, subject, section)
+    if missing := sorted(_AXIS_KEYS - set(table)):
+        raise ConfigError(subject, wanted=f"{missing[0]} in {section}", came="no such key", todo=_TODO)
+    for key in _NUMBERS:
+        value = table[key]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise ConfigError(subject, wanted=f"a finite number for {section} {key}", came=repr(value), todo=_TODO)
+    for key in _COUNTS:
+        value = table[key]
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= 100_000:
+            raise ConfigError(subject, wanted=f"a positive whole {section} {key}", came=repr(value), todo=_TODO)
+    if table["home_side"] not in ("min", "max"):
+        raise ConfigError(
+            subject, wanted=f'{section} home_side = "min" or "max"', came=repr(table["home_side"]), todo=_TODO
+        )
+    if table["max_mm"] <= table["min_mm"] or table["max_mm"] - table["min_mm"] > 10_000:
+        raise ConfigError(
+            subject,
+            wanted=f"{section} max_mm above min_mm, by 10 m at the most",
+            came=f"{table['min_mm']} to {table['max_mm']}",
+            todo="give the bed in mm",
+        )
+    if table["mm_per_turn"] <= 0 or table["mm_per_turn"] > 1000:
+        raise ConfigError(
+            subject, wanted=f"{section} mm_per_turn in 0–1000", came=repr(table["mm_per_turn"]), todo=_TODO
+        )
+    return Axis(name=name, **table)
+
+
+def _refuse_unknown(table: dict, known: set[str], subject: str, section: str) -> None:
+    if unknown := sorted(set(table) - known):
+        raise ConfigError(
+            subject,
+            wanted=f"only {', '.join(sorted(known))} in {section}",
+            came=f"the unknown key {unknown[0]!r}",
+            todo="remove or correct it",
+        )

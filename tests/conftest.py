@@ -1,0 +1,33 @@
+"""Fixtures shared by all tests."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printmend.printer import Printer, read_printer
+
+CORPUS = Path(__file__).resolve().parents[1].parent / "shared" / "corpus"
+
+
+@pytest.fixture(scope="session")
+def corpus() -> Path:
+    """The folder of real STL, G-code and measured files; it lies beside the checkout, never in it."""
+    if not CORPUS.is_dir():
+        pytest.skip(f"the corpus of real files is not beside the checkout ({CORPUS})")
+    return CORPUS
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(20261121)
+
+
+@pytest.fixture(params=["ender5", "ender3", "corexy"])
+def printer(request: pytest.FixtureRequest) -> Printer:
+    return read_printer(request.param)
+
+
+@pytest.fixture
+def ender5() -> Printer:
+    return read_printer("ender5")
