@@ -58,22 +58,17 @@ class Transmission:
 
 
 def healthy_transmission(printer: Printer, motor: int) -> Transmission:
-    """Return the identity over the motor's reach."""
-    grid = motor_grid_mm(printer, motor)
-    return Transmission(float(grid[0]), float(grid[1] - grid[0]), grid, grid)
+    """Return the identity at every micro-step of the bed and of one more bed on either side.
 
-
-def motor_grid_mm(printer: Printer, motor: int) -> np.ndarray:
-    """Return the micro-step positions [N, mm] that tables cover: the bed and one more bed on either side.
-
-    A damaged pulley can need the motor well beyond the nominal bed to reach a place on it. The grid holds
-    every full step k·mm_per_step from the motor's lower end exactly.
+    A damaged pulley can need the motor well beyond the nominal bed to reach a place on it. Every full step
+    k·mm_per_step from the motor's lower end is an entry.
     """
     low_mm, high_mm = printer.motor_range_mm(motor)
     axis = printer.axes[motor]
     steps = round((high_mm - low_mm) / axis.mm_per_step)
-    index = np.arange(-steps * axis.microsteps, 2 * steps * axis.microsteps + 1)
-    return low_mm + index * (axis.mm_per_step / axis.microsteps)
+    first_mm, pitch_mm = low_mm - steps * axis.mm_per_step, axis.mm_per_step / axis.microsteps
+    motor_mm = first_mm + pitch_mm * np.arange(3 * steps * axis.microsteps + 1)
+    return Transmission(first_mm, pitch_mm, motor_mm, motor_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,3 +145,18 @@ class Mechanism:
 def healthy_mechanism(printer: Printer) -> Mechanism:
     """Return the machine as designed."""
     return Mechanism(printer, (healthy_transmission(printer, 0), healthy_transmission(printer, 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class GainMechanism:
+    """The simulator of the paper's published code: a gain a step, indexed by the nominal position.
+
+    ``gains`` is a pair of arrays of 1100 gains. The same in both directions and not conservative; rules in
+    physics.md §8.1. Exists so that the paper's own protocol can be run.
+    """
+
+    printer: Printer
+    gains: tuple[np.ndarray, np.ndarray]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gains", tuple(frozen(np.asarray(row, float)) for row in self.gains))

@@ -1,0 +1,48 @@
+"""What is broken, as frozen values that go to TOML and lower to arrays."""
+
+from printmend.corruption.belt import ElasticBelt, Friction, LooseBelt, Play
+from printmend.corruption.corruption import HEALTHY, Corruption, Drive
+from printmend.corruption.frame import CrookedFrame
+from printmend.corruption.gain_table import GainTable
+from printmend.corruption.pulley import (
+    EccentricBore,
+    Ellipse,
+    FlatSpot,
+    FourierHull,
+    Polygon,
+    PublishedHull,
+    TabulatedHull,
+    WrongRadius,
+    published_names,
+)
+from printmend.corruption.sample import families, sample
+from printmend.corruption.shaft import Ripple, SetScrew
+from printmend.corruption.toml import corruption_toml, parse_corruption, read_corruption
+
+__all__ = [
+    "HEALTHY",
+    "Corruption",
+    "CrookedFrame",
+    "Drive",
+    "EccentricBore",
+    "ElasticBelt",
+    "Ellipse",
+    "FlatSpot",
+    "FourierHull",
+    "Friction",
+    "GainTable",
+    "LooseBelt",
+    "Play",
+    "Polygon",
+    "PublishedHull",
+    "Ripple",
+    "SetScrew",
+    "TabulatedHull",
+    "WrongRadius",
+    "corruption_toml",
+    "families",
+    "parse_corruption",
+    "published_names",
+    "read_corruption",
+    "sample",
+]

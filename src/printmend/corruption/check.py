@@ -1,0 +1,27 @@
+"""Checks of corruption values, made once when a value is built."""
+
+import math
+from typing import NoReturn
+
+from printmend.errors import ConfigError
+
+
+def refuse(value: object, wanted: str, came: str) -> NoReturn:
+    """Raise a `ConfigError` that names the corruption's kind."""
+    kind = getattr(value, "kind", type(value).__name__)
+    raise ConfigError(f"corruption {kind!r}", wanted=wanted, came=came, todo="correct the value")
+
+
+def in_range(value: object, **limits: tuple[float, float]) -> None:
+    """Check that the named fields are finite numbers (or tuples of them) within their limits; None passes."""
+    for name, (low, high) in limits.items():
+        field = getattr(value, name)
+        if isinstance(field, list | tuple):
+            object.__setattr__(value, name, tuple(field))
+            items = tuple(field)
+        else:
+            items = () if field is None else (field,)
+        for item in items:
+            number = isinstance(item, int | float) and not isinstance(item, bool)
+            if not number or not math.isfinite(item) or not low <= item <= high:
+                refuse(value, f"{name} within {low:g} to {high:g}", repr(item))

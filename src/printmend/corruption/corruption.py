@@ -1,0 +1,100 @@
+"""A whole broken machine: what is wrong with each motor's drive and with the frame; composed, lowered to arrays."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from printmend.corruption.belt import Belt, Friction
+from printmend.corruption.frame import CrookedFrame
+from printmend.corruption.gain_table import GainTable
+from printmend.corruption.pulley import Pulley
+from printmend.corruption.shaft import Ripple, SetScrew
+from printmend.errors import ConfigError
+from printmend.mechanism import (
+    Frame,
+    GainMechanism,
+    Mechanism,
+    Transmission,
+    healthy_transmission,
+)
+from printmend.printer import Printer
+from printmend.units import TURN_RAD
+
+_SAMPLES_PER_TURN = 16384
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The faults of one motor's drive, from the rotor to the carriage; None is healthy."""
+
+    ripple: Ripple | None = None
+    shaft: SetScrew | None = None
+    pulley: Pulley | None = None
+    belt: Belt | None = None
+    friction: Friction | None = None
+    gain_table: GainTable | None = None
+
+    def lower(self, printer: Printer, motor: int) -> Transmission:
+        """Return the transmission of this drive on ``printer``'s motor 0 or 1; a healthy drive is the identity."""
+        healthy = healthy_transmission(printer, motor)
+        axis = printer.axes[motor]
+        grid = healthy.motor_mm
+        rotor = grid
+        if self.ripple is not None:
+            rotor = grid + axis.mm_per_step * self.ripple.lead_steps(grid / axis.mm_per_step)
+        span1 = span2 = rotor
+        if self.pulley is not None:
+            angle = rotor * (TURN_RAD / axis.mm_per_turn)
+            span1 = _unwound_mm(self.pulley, axis.radius_mm, 0.0, angle)
+            span2 = _unwound_mm(self.pulley, axis.radius_mm, np.pi, angle)
+        lower, upper = (span1, span1) if self.belt is None else self.belt.branches_mm(grid, span1, span2)
+        if self.shaft is not None:
+            slack_mm = self.shaft.slack_rad * axis.mm_per_turn / TURN_RAD
+            slack = replace(healthy, lower_mm=lower, upper_mm=upper)
+            lower, upper = slack.branches_mm(grid - slack_mm / 2)[0], slack.branches_mm(grid + slack_mm / 2)[1]
+        if self.friction is not None:
+            lost = self.friction.lost_mm(grid)
+            lower, upper = lower - lost / 2, upper + lost / 2
+        return replace(healthy, lower_mm=lower, upper_mm=upper)
+
+
+def _unwound_mm(pulley: Pulley, radius_mm: float, span_rad: float, angle_rad: np.ndarray) -> np.ndarray:
+    """Integrate h(span − t) from 0 to each angle: the belt that a span has unwound [mm] (physics.md eq. 1)."""
+    t = np.linspace(0.0, TURN_RAD, _SAMPLES_PER_TURN + 1)
+    h = pulley.support_mm(span_rad - t, radius_mm)
+    turn = np.concatenate([[0.0], np.cumsum((h[1:] + h[:-1]) / 2 * (t[1] - t[0]))])
+    turns, rest = np.divmod(angle_rad, TURN_RAD)
+    return turns * turn[-1] + np.interp(rest, t, turn)
+
+
+@dataclass(frozen=True)
+class Corruption:
+    """The faults of a machine: one `Drive` a planar motor (x and y, or a and b on a CoreXY) and the frame."""
+
+    drives: tuple[Drive, Drive] = field(default_factory=lambda: (Drive(), Drive()))
+    frame: CrookedFrame | None = None
+
+    def __post_init__(self) -> None:
+        tables = [drive.gain_table is not None for drive in self.drives]
+        if not any(tables):
+            return
+        mixed = any(drive != Drive(gain_table=drive.gain_table) for drive in self.drives)
+        if not all(tables) or mixed or self.frame is not None:
+            raise ConfigError(
+                "corruption 'gain-table'",
+                wanted="gain tables on both axes and nothing else (they are the published simulator's own world)",
+                came="a mixture",
+                todo="remove the other sections, or the gain tables",
+            )
+
+    def lower(self, printer: Printer) -> Mechanism | GainMechanism:
+        """Return this fault as arrays on that printer. Raise `ConfigError` where the two do not fit."""
+        if self.drives[0].gain_table is not None and self.drives[1].gain_table is not None:
+            gains = (np.array(self.drives[0].gain_table.gains), np.array(self.drives[1].gain_table.gains))
+            return GainMechanism(printer, gains)
+        middle_mm = ((printer.x.min_mm + printer.x.max_mm) / 2, (printer.y.min_mm + printer.y.max_mm) / 2)
+        frame = Frame() if self.frame is None else self.frame.lower(middle_mm)
+        return Mechanism(printer, (self.drives[0].lower(printer, 0), self.drives[1].lower(printer, 1)), frame)
+
+
+HEALTHY = Corruption()

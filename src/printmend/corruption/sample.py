@@ -1,0 +1,233 @@
+"""Random corruptions by family, in the ranges of physics.md §3.
+
+``realistic`` is what well-kept machines have; ``damaged`` is the paper's scale. Every draw gives both motors a fault
+of the family, independently. The generator is an argument: equal seeds give equal corruptions.
+"""
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from printmend.corruption.belt import ElasticBelt, Friction, LooseBelt, Play
+from printmend.corruption.corruption import Corruption, Drive
+from printmend.corruption.frame import CrookedFrame
+from printmend.corruption.gain_table import GainTable
+from printmend.corruption.pulley import (
+    EccentricBore,
+    Ellipse,
+    FlatSpot,
+    FourierHull,
+    Polygon,
+    PublishedHull,
+    Pulley,
+    TabulatedHull,
+    WrongRadius,
+)
+from printmend.corruption.shaft import Ripple, SetScrew
+from printmend.errors import ConfigError
+from printmend.units import TURN_RAD, radius_mm
+
+Severity = Literal["damaged", "realistic"]
+_R0_MM = radius_mm(40.0)
+_PHI = np.linspace(0.0, TURN_RAD, 1024, endpoint=False)
+_LOOP_MM = 600.0
+
+
+def _phase(rng: np.random.Generator) -> float:
+    return float(rng.uniform(0, TURN_RAD))
+
+
+def _pick(rng: np.random.Generator, severity: Severity, realistic: tuple[float, float], damaged: tuple[float, float]) -> float:
+    low, high = damaged if severity == "damaged" else realistic
+    return float(rng.uniform(low, high))
+
+
+def _radius(rng: np.random.Generator, severity: Severity) -> Pulley:
+    if severity == "damaged":
+        return WrongRadius(_R0_MM * float(rng.uniform(0.6, 1.3)))
+    return WrongRadius(_R0_MM * (1 + float(rng.choice([-1, 1]) * rng.uniform(0.001, 0.003))))
+
+
+def _eccentric(rng: np.random.Generator, severity: Severity) -> Pulley:
+    return EccentricBore(_pick(rng, severity, (0.02, 0.1), (0.3, 1.5)), _phase(rng))
+
+
+def _ellipse(rng: np.random.Generator, severity: Severity) -> Pulley:
+    c2 = _pick(rng, severity, (0.005, 0.05), (0.3, 1.8))
+    return Ellipse(_R0_MM + c2, _R0_MM - c2, _phase(rng))
+
+
+def _polygon(rng: np.random.Generator, severity: Severity) -> Pulley:
+    if severity == "damaged":
+        corners = int(rng.integers(3, 9))
+        return Polygon(tuple(_R0_MM * rng.uniform(0.95, 1.25, corners)), _phase(rng))
+    corners = int(rng.integers(24, 41))
+    return Polygon(tuple(_R0_MM * rng.uniform(1.0, 1.004, corners)), _phase(rng))
+
+
+def _flat(rng: np.random.Generator, severity: Severity) -> Pulley:
+    return FlatSpot(_pick(rng, severity, (0.01, 0.1), (0.3, 2.0)), _phase(rng))
+
+
+def _fourier(rng: np.random.Generator, severity: Severity) -> Pulley:
+    k = np.arange(1, 5)
+    size = np.array([_pick(rng, severity, (0.02, 0.1), (0.3, 1.5))])
+    size = np.append(size, [_pick(rng, severity, (0.005, 0.05), (0.3, 1.8)) for _ in k[1:]])
+    phase = rng.uniform(0, TURN_RAD, len(k))
+    radius = _R0_MM * (rng.uniform(0.8, 1.2) if severity == "damaged" else 1 + rng.uniform(-0.003, 0.003))
+    waves = size[:, None] * np.cos(k[:, None] * _PHI + phase[:, None])
+    # Shrink the shape until the hull is convex (h + h″ ≥ 0) and holds the shaft, with some room.
+    deepest = -((1 - k**2)[:, None] * waves).sum(axis=0).min()
+    lowest = -waves.sum(axis=0).min()
+    shrink = min(1.0, 0.95 * radius / max(deepest, 1e-9), 0.7 * radius / max(lowest, 1e-9))
+    return FourierHull(
+        float(radius), tuple(map(float, shrink * size * np.cos(phase))), tuple(map(float, -shrink * size * np.sin(phase)))
+    )
+
+
+def _tabulated(rng: np.random.Generator, severity: Severity) -> Pulley:
+    """A round pulley bruised at random: the hull of points on a circle with random dents and bumps."""
+    depth = _pick(rng, severity, (0.005, 0.05), (0.3, 1.2))
+    angles = np.sort(rng.uniform(0, TURN_RAD, 48))
+    radii = _R0_MM + depth * rng.uniform(-1, 1, 48)
+    # The support function of points is the largest projection; 720 directions make a table of it.
+    phi = np.linspace(0, TURN_RAD, 720, endpoint=False)
+    return TabulatedHull(tuple(map(float, (radii * np.cos(phi[:, None] - angles)).max(axis=1))))
+
+
+def _published(rng: np.random.Generator, severity: Severity) -> Pulley:
+    return PublishedHull(str(rng.choice(["small", "line", "triangle", "square", "egg"])), _phase(rng))
+
+
+_PULLEYS: dict[str, Callable[[np.random.Generator, Severity], Pulley]] = {
+    "radius": _radius,
+    "eccentric": _eccentric,
+    "ellipse": _ellipse,
+    "polygon": _polygon,
+    "flat": _flat,
+    "fourier": _fourier,
+    "tabulated": _tabulated,
+    "published": _published,
+}
+
+
+def _any_pulley(rng: np.random.Generator, severity: Severity) -> Pulley:
+    names = [name for name in _PULLEYS if severity == "damaged" or name != "published"]
+    return _PULLEYS[str(rng.choice(names))](rng, severity)
+
+
+def _play(rng: np.random.Generator, severity: Severity) -> Play:
+    return Play(_pick(rng, severity, (0.02, 0.2), (0.2, 2.0)))
+
+
+def _loose(rng: np.random.Generator, severity: Severity, pulley: Pulley | None) -> LooseBelt:
+    """Draw the play at its tightest angle; the odd harmonics of the pulley come on top of it."""
+    play = _pick(rng, severity, (0.02, 0.2), (0.2, 2.0))
+    tight = 0.0
+    if pulley is not None:
+        drive = Drive(pulley=pulley, belt=LooseBelt(1000.0, 0.0))
+        tight = drive_play_variation_mm(drive)
+    share = float(rng.uniform(0.3, 0.7))
+    return LooseBelt((play + tight) * share, (play + tight) * (1 - share))
+
+
+def drive_play_variation_mm(drive: Drive) -> float:
+    """Return max(U1 − U2) [mm] of a drive's pulley: the slack that its belt needs lest it be over-tight."""
+    if drive.pulley is None:
+        return 0.0
+    t = np.linspace(0.0, TURN_RAD, 8193)
+    odd = drive.pulley.support_mm(-t, _R0_MM) - drive.pulley.support_mm(np.pi - t, _R0_MM)
+    excess = np.concatenate([[0.0], np.cumsum((odd[1:] + odd[:-1]) / 2 * (t[1] - t[0]))])
+    return float(excess.max()) + 1e-6
+
+
+def _gain_table(rng: np.random.Generator, severity: Severity) -> GainTable:
+    """Smooth gains with five harmonics of the motor's turn, as in the published data."""
+    position = np.arange(1, 1101)
+    size = 0.1 if severity == "damaged" else 0.01
+    gains = np.ones(1100) * (1 + rng.uniform(-size, size) / 2)
+    for k in range(1, 6):
+        gains += size / (k + 1) * rng.uniform(-1, 1) * np.cos(k * TURN_RAD * position / 200 + _phase(rng))
+    return GainTable(tuple(map(float, gains)))
+
+
+def _shaft(rng: np.random.Generator, severity: Severity) -> SetScrew:
+    return SetScrew(_pick(rng, severity, (0.02, 0.2), (0.2, 2.0)) / _R0_MM)
+
+
+def _ripple(rng: np.random.Generator, severity: Severity) -> Ripple:
+    amplitude = rng.uniform(0.02, 0.1, 3)
+    return Ripple(tuple(map(float, amplitude)), (4.0, 2.0, 1.0), tuple(float(_phase(rng)) for _ in range(3)))
+
+
+def _friction(rng: np.random.Generator, severity: Severity) -> Friction:
+    return Friction(float(rng.uniform(2, 8)), float(rng.uniform(1e4, 2e4)), _LOOP_MM)
+
+
+def _frame(rng: np.random.Generator, severity: Severity) -> CrookedFrame:
+    sign = float(rng.choice([-1, 1]))
+    if severity == "damaged":
+        scale, bow = rng.uniform(0.95, 1.05, 2), rng.uniform(-0.5, 0.5, 2)
+    else:
+        scale, bow = rng.uniform(0.997, 1.003, 2), rng.uniform(-0.05, 0.05, 2)
+    skew = sign * _pick(rng, severity, (0.02, 0.3), (1.0, 4.0))
+    return CrookedFrame(skew, float(scale[0]), float(scale[1]), float(bow[0]), float(bow[1]))
+
+
+def _pulley_drive(name: str) -> Callable[[np.random.Generator, Severity], Drive]:
+    return lambda rng, severity: Drive(pulley=_PULLEYS[name](rng, severity))
+
+
+def _pulley_loose(rng: np.random.Generator, severity: Severity) -> Drive:
+    pulley = _any_pulley(rng, severity)
+    return Drive(pulley=pulley, belt=_loose(rng, severity, pulley))
+
+
+def _elastic(rng: np.random.Generator, severity: Severity) -> Drive:
+    pulley = _fourier(rng, severity)
+    return Drive(pulley=pulley, belt=ElasticBelt(_LOOP_MM))
+
+
+def _everything(rng: np.random.Generator, severity: Severity) -> Drive:
+    return Drive(
+        ripple=_ripple(rng, severity),
+        shaft=SetScrew(_pick(rng, severity, (0.01, 0.05), (0.05, 0.3)) / _R0_MM),
+        pulley=_any_pulley(rng, severity),
+        belt=_play(rng, severity),
+        friction=_friction(rng, severity),
+    )
+
+
+_DRIVES: dict[str, Callable[[np.random.Generator, Severity], Drive]] = {
+    **{name: _pulley_drive(name) for name in _PULLEYS},
+    "pulley": lambda rng, severity: Drive(pulley=_any_pulley(rng, severity)),
+    "play": lambda rng, severity: Drive(belt=_play(rng, severity)),
+    "loose": lambda rng, severity: Drive(belt=_loose(rng, severity, None)),
+    "pulley-play": lambda rng, severity: Drive(pulley=_any_pulley(rng, severity), belt=_play(rng, severity)),
+    "pulley-loose": _pulley_loose,
+    "set-screw": lambda rng, severity: Drive(shaft=_shaft(rng, severity)),
+    "pulley-set-screw": lambda rng, severity: Drive(pulley=_any_pulley(rng, severity), shaft=_shaft(rng, severity)),
+    "elastic": _elastic,
+    "friction": lambda rng, severity: Drive(friction=_friction(rng, severity)),
+    "ripple": lambda rng, severity: Drive(ripple=_ripple(rng, severity)),
+    "gain-table": lambda rng, severity: Drive(gain_table=_gain_table(rng, severity)),
+}
+
+
+def families() -> tuple[str, ...]:
+    """Return the names that `sample` takes."""
+    return (*_DRIVES, "frame", "everything")
+
+
+def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged") -> Corruption:
+    """Draw a corruption of that family. Raise `ConfigError` for a family or severity that does not exist."""
+    if severity not in ("damaged", "realistic"):
+        raise ConfigError("severity", wanted="damaged or realistic", came=repr(severity), todo="correct it")
+    if family == "frame":
+        return Corruption(frame=_frame(rng, severity))
+    if family == "everything":
+        return Corruption((_everything(rng, severity), _everything(rng, severity)), _frame(rng, severity))
+    if family not in _DRIVES:
+        raise ConfigError("family", wanted=f"one of {', '.join(families())}", came=repr(family), todo="correct it")
+    return Corruption((_DRIVES[family](rng, severity), _DRIVES[family](rng, severity)))

@@ -1,0 +1,124 @@
+"""Corruptions ↔ TOML.
+
+    [x.pulley]
+    kind = "eccentric"
+    eccentricity_mm = 0.5
+
+    [y.belt]
+    kind = "play"
+    play_mm = 0.4
+
+The sections of a motor are pulley, belt, friction, shaft, ripple and gain_table; the motors are x and y, or a and b
+on a CoreXY; [frame] is the machine's. What is left out is healthy. An unknown key is an error that names it.
+"""
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from printmend.corruption.belt import BELTS, Friction
+from printmend.corruption.corruption import Corruption, Drive
+from printmend.corruption.frame import CrookedFrame
+from printmend.corruption.gain_table import GainTable
+from printmend.corruption.pulley import PULLEYS
+from printmend.corruption.shaft import Ripple, SetScrew
+from printmend.errors import ConfigError
+
+SECTIONS: dict[str, tuple[type, ...]] = {
+    "pulley": PULLEYS,
+    "belt": BELTS,
+    "friction": (Friction,),
+    "shaft": (SetScrew,),
+    "ripple": (Ripple,),
+    "gain_table": (GainTable,),
+}
+_MOTORS = {"x": 0, "y": 1, "a": 0, "b": 1}
+_TODO = "see docs/corruptions.md for every section and key"
+
+
+def read_corruption(path: str | Path) -> Corruption:
+    """Read a corruption from a TOML file."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(path, wanted="a corruption in TOML", came=str(error), todo="check the path") from None
+    return parse_corruption(text, subject=str(path))
+
+
+def parse_corruption(text: str, *, subject: str) -> Corruption:
+    """Build a corruption from TOML text; ``subject`` names the source in errors."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(subject, wanted="a corruption in TOML", came=f"broken TOML ({error})", todo=_TODO) from None
+    _refuse_unknown(table, {*_MOTORS, "frame"}, subject, "the top level")
+    drives = [Drive(), Drive()]
+    for name in table.keys() & _MOTORS.keys():
+        if drives[_MOTORS[name]] != Drive():
+            raise ConfigError(subject, wanted="x and y, or a and b", came="both namings", todo="name each motor once")
+        drives[_MOTORS[name]] = _drive(table[name], name, subject)
+    frame = table.get("frame")
+    crooked = None if frame is None else _value(frame, (CrookedFrame,), "[frame]", subject)
+    return Corruption((drives[0], drives[1]), crooked)
+
+
+def _drive(table: Any, name: str, subject: str) -> Drive:
+    if not isinstance(table, dict):
+        raise ConfigError(subject, wanted=f"sections like [{name}.pulley]", came=repr(table), todo=_TODO)
+    _refuse_unknown(table, set(SECTIONS), subject, f"[{name}]")
+    return Drive(**{key: _value(part, SECTIONS[key], f"[{name}.{key}]", subject) for key, part in table.items()})
+
+
+def _value(table: Any, types: tuple[type, ...], section: str, subject: str) -> Any:
+    if not isinstance(table, dict):
+        raise ConfigError(subject, wanted=f"a section {section}", came=repr(table), todo=_TODO)
+    kinds = {kind.kind: kind for kind in types}  # type: ignore[attr-defined]
+    kind = table.get("kind", next(iter(kinds)) if len(kinds) == 1 else None)
+    if kind not in kinds:
+        raise ConfigError(
+            subject, wanted=f"{section} kind out of {', '.join(kinds)}", came=repr(kind), todo=_TODO
+        )
+    fields = {item.name: item for item in dataclasses.fields(kinds[kind])}
+    _refuse_unknown(table, {*fields, "kind"}, subject, section)
+    required = [name for name, item in fields.items() if item.default is dataclasses.MISSING]
+    if missing := [name for name in required if name not in table]:
+        raise ConfigError(subject, wanted=f"{missing[0]} in {section}", came="no such key", todo=_TODO)
+    for name, value in table.items():
+        if fields.get(name) is not None and isinstance(value, list) != ("tuple" in str(fields[name].type)):
+            raise ConfigError(subject, wanted=f"{section} {name} as {fields[name].type}", came=repr(value)[:60], todo=_TODO)
+    try:
+        return kinds[kind](**{name: value for name, value in table.items() if name != "kind"})
+    except ConfigError as error:
+        raise ConfigError(f"{subject} {section}", wanted=error.wanted, came=error.came, todo=error.todo) from None
+
+
+def _refuse_unknown(table: dict, known: set[str], subject: str, section: str) -> None:
+    if unknown := sorted(set(table) - known):
+        raise ConfigError(
+            subject,
+            wanted=f"only {', '.join(sorted(known))} in {section}",
+            came=f"the unknown key {unknown[0]!r}",
+            todo="remove or correct it",
+        )
+
+
+def corruption_toml(corruption: Corruption) -> str:
+    """Return TOML text that `parse_corruption` reads back to an equal value."""
+    table: dict[str, Any] = {}
+    for name, drive in zip(("x", "y"), corruption.drives, strict=True):
+        parts = {item.name: getattr(drive, item.name) for item in dataclasses.fields(drive)}
+        sections = {key: _plain(part) for key, part in parts.items() if part is not None}
+        if sections:
+            table[name] = sections
+    if corruption.frame is not None:
+        table["frame"] = _plain(corruption.frame)
+    return tomli_w.dumps(table)
+
+
+def _plain(value: Any) -> dict[str, Any]:
+    items = {item.name: getattr(value, item.name) for item in dataclasses.fields(value)}
+    plain = {name: list(item) if isinstance(item, tuple) else item for name, item in items.items() if item is not None}
+    return {"kind": value.kind, **plain}

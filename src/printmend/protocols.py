@@ -1,0 +1,91 @@
+"""The seams: what a learner, a world model and a controller are.
+
+A planner never names a model. It reads a `Tables` value, which carries the hysteresis as part of the state, or, for
+models that cannot be tabulated, calls `WorldModel.advance` on batches.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from printmend.path import Plan, Trace, frozen
+from printmend.printer import Printer
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """N imagined machines: ``nominal_steps`` [N, 2] int64 (the sum of the controls, hence the motors' angles)
+    and ``position_steps`` [N, 2] float (where the carriage is; with play this is the memory)."""
+
+    nominal_steps: np.ndarray
+    position_steps: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PlayTables:
+    """Hysteretic, conservative: per motor, position ← clip(position, lower[m], upper[m]) [full steps].
+
+    ``lower_steps`` and ``upper_steps`` are pairs of arrays; entry i stands for motor position
+    ``first_steps[motor] + i``. ``corexy`` says that motors are a = x + y, b = x − y of the controls.
+    """
+
+    lower_steps: tuple[np.ndarray, np.ndarray]
+    upper_steps: tuple[np.ndarray, np.ndarray]
+    first_steps: tuple[int, int]
+    corexy: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lower_steps", tuple(frozen(np.asarray(t, float)) for t in self.lower_steps))
+        object.__setattr__(self, "upper_steps", tuple(frozen(np.asarray(t, float)) for t in self.upper_steps))
+
+
+@dataclass(frozen=True, eq=False)
+class IncrementTables:
+    """Memoryless increments per axis: position ← position + ``displacement_steps[axis][n, c + c_max]``.
+
+    n is the nominal position on the lattice 0…bed; c the control in −c_max…c_max. The published models and the
+    published simulator have this form (physics.md §8.1).
+    """
+
+    displacement_steps: tuple[np.ndarray, np.ndarray]
+    c_max: int
+
+
+@runtime_checkable
+class WorldModel(Protocol):
+    """What a planner imagines with. Frozen; made by a learner, or from the true corruption (the Oracle)."""
+
+    printer: Printer
+
+    def start(self, start_steps: np.ndarray) -> State:
+        """Return the state [1] of a layer that starts at the lattice point ``start_steps`` [2]."""
+        ...
+
+    def advance(self, state: State, controls: np.ndarray) -> State:
+        """Return the states [K] after the controls [K, 2] are applied to ``state`` [1] or [K]."""
+        ...
+
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> PlayTables | IncrementTables | None:
+        """Return the model as arrays, anchored so that the layer starts at ``start_steps``; None where it cannot be."""
+        ...
+
+
+class Learner(Protocol):
+    """An algorithm that makes a world model from one measured print."""
+
+    name: str
+
+    def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> WorldModel:
+        """Learn from a trace. Raise `TraceError` where it cannot support any model."""
+        ...
+
+
+class Controller(Protocol):
+    """An algorithm that chooses controls, one for each target."""
+
+    name: str
+
+    def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
+        """Choose controls [T, 2] in {−c_max…c_max}² for targets [T, 2] from ``start_steps`` [2]."""
+        ...

@@ -1,0 +1,56 @@
+"""The twin's loops. Arrays and scalars in, arrays out; checks happen in twin.py."""
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def run_play(motor, position, lower, upper, out):
+    """Follow motor indices [T] through position ← clip(position, lower[m], upper[m]); write positions to out [T]."""
+    for t in range(motor.shape[0]):
+        m = motor[t]
+        position = min(max(position, lower[m]), upper[m])
+        out[t] = position
+
+
+@njit(cache=True)
+def run_play_controls(controls, axis, motor, position, lower, upper, out):
+    """Follow the controls [T, 2] of one axis from motor index ``motor``; fill out[:, axis] [T + 1].
+
+    The tables are monotone, so only the end of each control matters. Returns False when the motor leaves them.
+    """
+    out[0, axis] = position
+    last = lower.shape[0] - 1
+    for t in range(controls.shape[0]):
+        motor += controls[t, axis]
+        if motor < 0 or motor > last:
+            return False
+        position = min(max(position, lower[motor]), upper[motor])
+        out[t + 1, axis] = position
+    return True
+
+
+@njit(cache=True)
+def gain_displacement(nominal, control, gains):
+    """Return the published displacement of ``control`` from ``nominal`` (physics.md §8.1)."""
+    size = gains.shape[0]
+    x = float(nominal)
+    sign = 1 if control > 0 else -1
+    for _ in range(abs(control)):
+        index = int(np.rint(x)) - 1  # rint rounds half to even; −1 is the last column, as in the published code
+        if index < 0:
+            index += size
+        x = min(max(x + sign * gains[index], 0.0), size - 1.0)
+    return x - nominal
+
+
+@njit(cache=True)
+def run_gain(controls, axis, nominal, gains, bed, out):
+    """Follow the controls [T, 2] of one axis by the published rules; fill out[:, axis] [T + 1]."""
+    printed = float(nominal)
+    out[0, axis] = printed
+    for t in range(controls.shape[0]):
+        c = controls[t, axis]
+        printed = min(max(printed + gain_displacement(nominal, c, gains), 0.0), float(bed))
+        nominal = min(max(nominal + c, 0), bed)
+        out[t + 1, axis] = printed
