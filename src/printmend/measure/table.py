@@ -1,0 +1,278 @@
+"""trace.csv: commanded way-points and where they were measured, as a table that anything can write.
+
+The format is fixed: UTF-8, a header with at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``, one row for each
+commanded way-point in the order of motion since homing, the first row the home position, straight moves between
+rows, the measured cells empty where nothing was measured. ``z_mm``, ``layer`` and ``sigma_mm`` are used where
+present; other columns are ignored.
+"""
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+
+from printmend.errors import TraceError
+from printmend.files import replacing
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.units import MM_PER_INCH
+
+REQUIRED = ("x_mm", "y_mm", "x_measured_mm", "y_measured_mm")
+OPTIONAL = ("sigma_mm", "z_mm", "layer")
+MIN_MEASURED = 10
+OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
+AT_HOME_MM = 0.05
+HEADER_TODO = f"start the file with the line {','.join(REQUIRED)}"
+
+# Stands for an empty cell while the table is parsed; no printer goes there, and a literal nan stays visible.
+_EMPTY = -9.25e303
+_EMPTY_TEXT = b"-9.25e303"
+
+
+def read_trace(path: str | Path, printer: Printer) -> Trace:
+    """Read a trace.csv; ``printer`` gives the bed that the points must lie on.
+
+    Raises `TraceError` for a missing or text cell, NaN, infinity, a wrong unit, too few points and points far
+    outside the bed.
+    """
+    path = Path(path)
+    names, columns = _table(path)
+    commanded = np.stack([columns["x_mm"], columns["y_mm"]], axis=1)
+    measured = np.stack([columns["x_measured_mm"], columns["y_measured_mm"]], axis=1)
+    _check_values(path, names, columns)
+    both = np.isfinite(measured).all(axis=1)
+    if both.sum() < MIN_MEASURED:
+        raise TraceError(
+            path,
+            wanted=f"at least {MIN_MEASURED} measured points",
+            came=f"{int(both.sum())} in {len(commanded)} rows",
+            todo="measure more of the print; `printmend probe` makes one that is worth measuring",
+        )
+    home = np.array(printer.home_mm)
+    _check_unit(path, commanded, measured, home)
+    _check_bed(path, commanded, measured, printer)
+    layer = columns.get("layer")
+    return Trace(
+        commanded_mm=commanded,
+        measured_mm=measured,
+        sigma_mm=columns.get("sigma_mm"),
+        z_mm=columns.get("z_mm"),
+        layer=None if layer is None else np.where(np.isnan(layer), -1, layer).astype(np.int64),
+        homed=bool(np.abs(commanded[0] - home).max() <= AT_HOME_MM),
+    )
+
+
+def write_trace(path: str | Path, trace: Trace) -> None:
+    """Write ``trace`` so that `read_trace` gives it back to the nanometre; NaN becomes an empty cell."""
+    names, columns = list(REQUIRED), [*trace.commanded_mm.T, *trace.measured_mm.T]
+    for name in OPTIONAL:
+        if (values := getattr(trace, name)) is not None:
+            names.append(name)
+            columns.append(values)
+    row = ",".join("%d" if name == "layer" else "%.6f" for name in names) + "\n"
+    with replacing(Path(path)) as file:
+        file.write(",".join(names) + "\n")
+        for first in range(0, len(trace), 100_000):
+            block = zip(*(column[first : first + 100_000].tolist() for column in columns), strict=True)
+            file.write("".join([row % cells for cells in block]).replace("nan", ""))
+
+
+def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
+    """Return the header's names and the known columns [N], NaN where a cell is empty."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise TraceError(
+            path, wanted="a trace.csv", came=(error.strerror or "no file").lower(), todo="check the path"
+        ) from None
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError:
+        raise TraceError(
+            path, wanted="a UTF-8 table", came="other bytes", todo="save it as CSV, UTF-8"
+        ) from None
+    data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    first, _, rest = data.partition(b"\n")
+    names = [name.strip().strip('"') for name in first.decode().split(",")]
+    _check_header(path, names, first.decode())
+    wanted = [name for name in (*REQUIRED, *OPTIONAL) if name in names]
+    places = [names.index(name) for name in wanted]
+    values = _parse_fast(rest, places)
+    if values is None:
+        values = _parse_slowly(path, rest.decode(), names, places)
+    if len(values) == 0:
+        raise TraceError(
+            path,
+            wanted=f"at least {MIN_MEASURED} measured points",
+            came="no rows",
+            todo="add the measured points",
+        )
+    return names, {name: values[:, i] for i, name in enumerate(wanted)}
+
+
+def _check_header(path: Path, names: list[str], line: str) -> None:
+    missing = [name for name in REQUIRED if name not in names]
+    if missing and line.count(";") >= len(REQUIRED) - 1:
+        raise TraceError(
+            path,
+            wanted="cells separated by commas",
+            came="semicolons",
+            todo="save it with commas and decimal points",
+        )
+    if missing and line.count("\t") >= len(REQUIRED) - 1:
+        raise TraceError(path, wanted="cells separated by commas", came="tabs", todo="save it with commas")
+    if missing:
+        came = f"the header {line[:80]!r}" if line.strip() else "an empty first line"
+        raise TraceError(path, wanted=f"a column {missing[0]}", came=came, todo=HEADER_TODO)
+    known = [name for name in names if name in REQUIRED or name in OPTIONAL]
+    if twice := sorted({name for name in known if known.count(name) > 1}):
+        raise TraceError(path, wanted=f"one column {twice[0]}", came="two", todo="remove one of them")
+
+
+def _parse_fast(text: bytes, places: list[int]) -> np.ndarray | None:
+    """Return the columns at ``places`` [N, len(places)] by numpy's parser, or None when a cell is odd."""
+    text = b"\n" + text.rstrip() + b"\n"
+    for _ in range(2):  # twice, because neighbouring empty cells share a comma
+        text = text.replace(b",,", b"," + _EMPTY_TEXT + b",")
+    text = text.replace(b",\n", b"," + _EMPTY_TEXT + b"\n").replace(b"\n,", b"\n" + _EMPTY_TEXT + b",")
+    if not text.strip():
+        return np.empty((0, len(places)))
+    try:
+        values = np.loadtxt(
+            io.BytesIO(text),
+            delimiter=",",
+            usecols=places,
+            comments=None,
+            quotechar='"',
+            ndmin=2,
+            encoding="utf-8",
+        )
+    except ValueError:
+        return None
+    if not np.isfinite(values).all():
+        return None
+    values[values == _EMPTY] = np.nan
+    return values
+
+
+def _parse_slowly(path: Path, text: str, names: list[str], places: list[int]) -> np.ndarray:
+    """Parse cell by cell, so that the first odd cell can be named."""
+    rows = []
+    reader = csv.reader(io.StringIO(text))
+    for cells in reader:
+        if not any(cell.strip() for cell in cells):
+            continue
+        line = reader.line_num + 1
+        if len(cells) <= max(places):
+            raise TraceError(
+                path,
+                wanted=f"{len(names)} cells in line {line}",
+                came=f"{len(cells)}",
+                todo="leave a cell empty where nothing was measured, but keep its comma",
+            )
+        rows.append([_number(path, cells[place].strip(), names[place], line) for place in places])
+    return np.array(rows, float).reshape(-1, len(places))
+
+
+def _number(path: Path, cell: str, name: str, line: int) -> float:
+    if not cell:
+        return math.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise TraceError(
+            path,
+            wanted=f"a number for {name} in line {line}",
+            came=repr(cell[:40]),
+            todo="leave the measured cells empty where nothing was measured",
+        )
+    return value
+
+
+def _check_values(path: Path, names: list[str], columns: dict[str, np.ndarray]) -> None:
+    for name in ("x_mm", "y_mm"):
+        if (empty := np.flatnonzero(np.isnan(columns[name]))).size:
+            raise TraceError(
+                path,
+                wanted=f"{name} in every row",
+                came=f"an empty cell in row {empty[0] + 1} after the header",
+                todo="write every commanded way-point; only measured cells may be empty",
+            )
+    if "sigma_mm" in columns and (columns["sigma_mm"] < 0).any():
+        raise TraceError(
+            path, wanted="sigma_mm ≥ 0", came="a negative one", todo="correct it or leave it empty"
+        )
+
+
+def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: np.ndarray) -> None:
+    """Refuse inches, centimetres and swapped columns, by the slope of measured on commanded.
+
+    Damaged pulleys have gains of 0.6–1.3, and slopes over a short stretch vary more: only slopes beyond any
+    of them, over a stretch that is long against play, speak of a unit.
+    """
+    rows = np.isfinite(measured).all(axis=1)
+    x, y = (
+        commanded[rows] - np.median(commanded[rows], axis=0),
+        measured[rows] - np.median(measured[rows], axis=0),
+    )
+    spread = np.sqrt((x**2).mean())
+    slope = _slope(x.ravel(), y.ravel())
+    for factor, unit in ((MM_PER_INCH, "inches"), (10.0, "centimetres")):
+        for column, ratio in (("measured", slope * factor), ("commanded", slope / factor)):
+            # a commanded table in inches spans a few units only, hence no lower limit on its spread
+            if 0.63 < ratio < 1.58 and (spread > 4.0 or column == "commanded"):
+                raise TraceError(
+                    path,
+                    wanted="millimetres",
+                    came=f"{column} positions that look like {unit} (a factor of {factor:g})",
+                    todo=f"multiply the {column} columns by {factor:g}",
+                )
+    if spread > 15.0 and not 0.3 < slope < 3.0:
+        raise TraceError(
+            path,
+            wanted="measured positions that follow the commanded ones",
+            came=f"a slope of {slope:.2f} between them",
+            todo="check the unit, the order of the rows, and whether x and y are swapped or mirrored",
+        )
+    for factor, unit in ((MM_PER_INCH, "inches"), (10.0, "centimetres")):
+        if np.abs(home).max() > 20 and np.allclose(commanded[0] * factor, home, atol=0.02 * factor):
+            raise TraceError(
+                path,
+                wanted="millimetres",
+                came=f"a home position in {unit} (a factor of {factor:g})",
+                todo=f"multiply all columns by {factor:g}",
+            )
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> float:
+    """Return the weighted median of y/x, weights |x|: the least-absolute slope, which one wild point cannot turn."""
+    x, y = x[x != 0], y[x != 0]
+    if not len(x):
+        return 1.0
+    order = np.argsort(y / x)
+    weights = np.cumsum(np.abs(x)[order])
+    return float((y / x)[order[np.searchsorted(weights, weights[-1] / 2)]])
+
+
+def _check_bed(path: Path, commanded: np.ndarray, measured: np.ndarray, printer: Printer) -> None:
+    low = np.array([printer.x.min_mm, printer.y.min_mm])
+    high = np.array([printer.x.max_mm, printer.y.max_mm])
+    low, high = np.minimum(low, printer.home_mm) - OUTSIDE_MM, np.maximum(high, printer.home_mm) + OUTSIDE_MM
+    # a scan has an origin of its own, so measured points may lie up to a bed's length away
+    reach = high - low
+    with np.errstate(invalid="ignore"):
+        outside = ((commanded < low) | (commanded > high)).any(axis=1)
+        lost = ((measured < low - reach) | (measured > high + reach)).any(axis=1)
+    for mask, points, what in ((outside, commanded, "commanded"), (lost, measured, "measured")):
+        if mask.any():
+            row = int(np.argmax(mask))
+            raise TraceError(
+                path,
+                wanted=f"{what} points on the bed of {printer.name}",
+                came=f"({points[row, 0]:g}, {points[row, 1]:g}) in row {row + 1} after the header",
+                todo="check the unit and --printer",
+            )

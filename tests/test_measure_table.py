@@ -1,0 +1,180 @@
+"""trace.csv: what is written is read back, odd tables end in one clear line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from printmend.errors import TraceError
+from printmend.measure import read_trace, write_trace
+from printmend.path import Trace
+from printmend.printer import read_printer
+
+PRINTER = read_printer("ender3")
+HEADER = "x_mm,y_mm,x_measured_mm,y_measured_mm"
+
+
+def table(tmp_path: Path, text: str | bytes) -> Path:
+    path = tmp_path / "trace.csv"
+    path.write_bytes(text.encode() if isinstance(text, str) else text)
+    return path
+
+
+def points(count: int = 60, *, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    commanded = np.vstack([[0.0, 0.0], rng.uniform(5, 215, (count - 1, 2))])
+    return commanded, commanded + rng.normal(0, 0.2, commanded.shape)
+
+
+def lines(commanded: np.ndarray, measured: np.ndarray) -> str:
+    rows = [",".join(f"{v:.6f}" for v in row) for row in np.hstack([commanded, measured])]
+    return "\n".join([HEADER, *rows]) + "\n"
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    count=st.integers(20, 200),
+    seed=st.integers(0, 2**32 - 1),
+    sigma=st.booleans(),
+    z=st.booleans(),
+    layer=st.booleans(),
+)
+def test_written_traces_are_read_back(tmp_path_factory, count, seed, sigma, z, layer):
+    rng = np.random.default_rng(seed)
+    commanded, measured = points(count, seed=seed)
+    measured[rng.random(measured.shape) < 0.2] = np.nan
+    trace = Trace(
+        commanded,
+        measured,
+        sigma_mm=np.where(rng.random(count) < 0.5, 0.05, np.nan) if sigma else None,
+        z_mm=rng.uniform(0, 9, count) if z else None,
+        layer=rng.integers(0, 9, count) if layer else None,
+        homed=True,
+    )
+    path = tmp_path_factory.mktemp("table") / "trace.csv"
+    write_trace(path, trace)
+    if trace.measured_rows.sum() < 10:
+        with pytest.raises(TraceError):
+            read_trace(path, PRINTER)
+        return
+    back = read_trace(path, PRINTER)
+    assert back.homed
+    for name in ("commanded_mm", "measured_mm", "sigma_mm", "z_mm", "layer"):
+        ours, theirs = getattr(trace, name), getattr(back, name)
+        if ours is None:
+            assert theirs is None
+        else:
+            np.testing.assert_allclose(theirs, ours, atol=5.1e-7)
+
+
+def test_bom_crlf_spaces_quotes_and_unknown_columns_do_no_harm(tmp_path):
+    commanded, measured = points()
+    plain = read_trace(table(tmp_path, lines(commanded, measured)), PRINTER)
+    rows = "".join(
+        f'"{m[0]:.6f}", {c[0]:.6f} ,note {i},{c[1]:.6f},{m[1]:.6f}\r\n'
+        for i, (c, m) in enumerate(zip(commanded, measured, strict=True))
+    )
+    odd = "\ufeffx_measured_mm, x_mm ,remark,y_mm,y_measured_mm\r\n" + rows + "\r\n"
+    other = read_trace(table(tmp_path, odd), PRINTER)
+    np.testing.assert_array_equal(plain.commanded_mm, other.commanded_mm)
+    np.testing.assert_array_equal(plain.measured_mm, other.measured_mm)
+
+
+def test_empty_cells_mean_not_measured(tmp_path):
+    commanded, measured = points()
+    text = lines(commanded, measured).splitlines()
+    text[1] = "0.0,0.0,,"
+    text[5] = "50, 60 , ,"
+    trace = read_trace(table(tmp_path, "\n".join(text)), PRINTER)
+    assert np.isnan(trace.measured_mm[[0, 4]]).all()
+    assert trace.measured_rows.sum() == len(commanded) - 2
+
+
+def test_a_trace_that_does_not_start_at_home_is_not_homed(tmp_path):
+    commanded, measured = points()
+    assert not read_trace(table(tmp_path, lines(commanded[1:], measured[1:])), PRINTER).homed
+
+
+@pytest.mark.parametrize(
+    ("factor", "columns", "named"),
+    [(1 / 25.4, "measured", "25.4"), (1 / 10, "measured", "10"), (1 / 25.4, "commanded", "25.4")],
+)
+def test_a_wrong_unit_is_named_with_its_factor(tmp_path, factor, columns, named):
+    commanded, measured = points()
+    if columns == "measured":
+        measured = measured * factor + 3.0
+    else:
+        commanded = commanded * factor
+    with pytest.raises(TraceError, match=rf"{columns}.*factor of {named}"):
+        read_trace(table(tmp_path, lines(commanded, measured)), PRINTER)
+
+
+@pytest.mark.parametrize("gain", [0.6, 0.8, 1.0, 1.3])
+def test_a_badly_damaged_printer_is_no_wrong_unit(tmp_path, gain):
+    commanded, measured = points()
+    assert len(read_trace(table(tmp_path, lines(commanded, measured * gain + 7)), PRINTER)) == 60
+
+
+def _with_row(text: str) -> str:
+    commanded, measured = points()
+    rows = lines(commanded, measured).splitlines()
+    rows[20] = text
+    return "\n".join(rows)
+
+
+COMMANDED, MEASURED = points()
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("", "column x_mm"),
+        (HEADER + "\n", "no rows"),
+        (HEADER + "\n0,0,0,0\n1,1,1,1\n", "2 in 2 rows"),
+        (_with_row("5,5,nan,5"), "line 21.*'nan'"),
+        (_with_row("5,5,5,inf"), "line 21.*'inf'"),
+        (_with_row("5,5,five,5"), "line 21.*'five'"),
+        (_with_row("5,,5,5"), "y_mm in every row"),
+        (_with_row("5,5,5"), "4 cells in line 21"),
+        (_with_row("500,5,500,5"), r"\(500, 5\) in row 20"),
+        (_with_row("50,5,1e6,5"), "measured points on the bed"),
+        (lines(COMMANDED, MEASURED).replace(",", ";"), "semicolons"),
+        (lines(COMMANDED, MEASURED).replace(",", "\t"), "tabs"),
+        (lines(COMMANDED, MEASURED).replace("x_measured_mm", "xm"), "column x_measured_mm"),
+        (lines(COMMANDED, MEASURED).replace("x_mm,y_mm", "x_mm,x_mm,y_mm"), "one column x_mm"),
+        (lines(COMMANDED, MEASURED[:, ::-1]), "slope"),
+        (b"\xff\xfe\x00\x01", "UTF-8"),
+    ],
+)
+def test_bad_tables_end_in_one_line(tmp_path, text, named):
+    with pytest.raises(TraceError, match=named) as caught:
+        read_trace(table(tmp_path, text), PRINTER)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(TraceError, match="no such file"):
+        read_trace(tmp_path / "none.csv", PRINTER)
+
+
+def test_a_million_rows_are_read_whole(tmp_path):
+    commanded, measured = points(1_000_000)
+    measured[::7] = np.nan
+    path = tmp_path / "trace.csv"
+    write_trace(path, Trace(commanded, measured))
+    trace = read_trace(path, PRINTER)
+    assert len(trace) == 1_000_000
+    np.testing.assert_allclose(trace.measured_mm, measured, atol=5.1e-7)
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path):
+    path = tmp_path / "trace.csv"
+    path.write_text("old")
+    commanded, measured = points()
+    broken = Trace(commanded, measured[:-1])
+    with pytest.raises(ValueError, match="argument"):
+        write_trace(path, broken)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
