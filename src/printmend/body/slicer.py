@@ -1,0 +1,133 @@
+"""PrusaSlicer as a function: a solid in, G-code out, the same bytes every time.
+
+The profile ships with the package (`profiles/ender5_abs.ini`); bed and centre come from the printer.
+"""
+
+import hashlib
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+from importlib import resources
+from pathlib import Path
+
+from printmend.body.mesh import Solid, refuse_oversize, stl_bytes
+from printmend.errors import MeshError, MissingToolError
+from printmend.files import replacing
+from printmend.printer import Printer
+
+TIMEOUT_S = 600.0
+
+_PROGRAM = "prusa-slicer"
+_SKIRT_ROOM_MM = 8.0  # the profile's skirt, on both sides
+_DATE = re.compile(rb" on \d{4}-\d\d-\d\d at \d\d:\d\d:\d\d UTC", re.ASCII)
+
+
+def profile_text() -> str:
+    """Return the slicer profile: Ender-5, 0.4 mm nozzle, ABS, 0.2 mm layers."""
+    return (resources.files("printmend.body") / "profiles" / "ender5_abs.ini").read_text(encoding="utf-8")
+
+
+def slice_solid(solid: Solid, printer: Printer, *, timeout_s: float = TIMEOUT_S) -> bytes:
+    """Slice in the middle of the printer's bed and return the G-code.
+
+    Raises MissingToolError without PrusaSlicer, MeshError where the body does not fit, where the slicer finds
+    nothing to print, and where it needs more than ``timeout_s`` seconds.
+    """
+    program = shutil.which(_PROGRAM)
+    if program is None:
+        raise MissingToolError(
+            _PROGRAM, wanted="PrusaSlicer on PATH, to slice a mesh", came="none",
+            todo="apt-get install prusa-slicer, or give G-code from any slicer",
+        )  # fmt: skip
+    refuse_oversize(solid, printer)
+    with tempfile.TemporaryDirectory(prefix="printmend-slice-") as name:
+        folder = Path(name)
+        (folder / "profile.ini").write_text(profile_text(), encoding="utf-8")
+        (folder / "body.stl").write_bytes(stl_bytes(solid))
+        arguments = [*_steady(), program, *_arguments(solid, printer, folder)]
+        try:
+            # HOME inside the folder: the user's own slicer settings must not leak in.
+            done = subprocess.run(  # noqa: S603 (a fixed program, a list of arguments, no shell)
+                arguments, capture_output=True, timeout=timeout_s, cwd=folder, check=False, stdin=subprocess.DEVNULL,
+                env={**os.environ, "HOME": name, "LC_ALL": "C"},
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise MeshError(
+                solid.name, wanted=f"a body that slices within {timeout_s:g} s",
+                came=f"{len(solid.faces)} triangles that take longer", todo="decimate the mesh, or slice it yourself",
+            ) from None  # fmt: skip
+        output = folder / "body.gcode"
+        if done.returncode != 0 or not output.is_file():
+            raise MeshError(
+                solid.name, wanted="a body that PrusaSlicer can slice", came=_complaint(done.stderr, done.returncode),
+                todo="check its size and that it lies flat on the bed",
+            )  # fmt: skip
+        head, newline, rest = output.read_bytes().partition(b"\n")
+        return _DATE.sub(b"", head) + newline + rest
+
+
+def slice_to(solid: Solid, printer: Printer, folder: Path, *, timeout_s: float = TIMEOUT_S) -> Path:
+    """Slice into ``folder`` once and return the G-code's path; the name holds a hash of body, profile and bed.
+
+    A second call with the same body returns the file that is there, so that benchmarks resume.
+    """
+    path = Path(folder) / f"{re.sub(r'[^A-Za-z0-9._-]', '_', solid.name)[:80]}-{_key(solid, printer)}.gcode"
+    if not path.exists():
+        gcode = slice_solid(solid, printer, timeout_s=timeout_s)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path, "wb") as file:
+            file.write(gcode)
+    return path
+
+
+def _key(solid: Solid, printer: Printer) -> str:
+    digest = hashlib.sha256(stl_bytes(solid))
+    digest.update(profile_text().encode())
+    digest.update(repr(_arguments(solid, printer, Path())).encode())
+    return digest.hexdigest()[:16]
+
+
+def _arguments(solid: Solid, printer: Printer, folder: Path) -> list[str]:
+    x, y, z = printer.axes
+    corners = [(x.min_mm, y.min_mm), (x.max_mm, y.min_mm), (x.max_mm, y.max_mm), (x.min_mm, y.max_mm)]
+    skirt_fits = (solid.size_mm[:2] + _SKIRT_ROOM_MM <= [x.length_mm, y.length_mm]).all()
+    return [
+        "--export-gcode",
+        *("--loglevel", "1"),
+        *("--load", str(folder / "profile.ini")),
+        *("--bed-shape", ",".join(f"{cx:g}x{cy:g}" for cx, cy in corners)),
+        *("--max-print-height", f"{z.max_mm:g}"),
+        *("--center", f"{(x.min_mm + x.max_mm) / 2:g},{(y.min_mm + y.max_mm) / 2:g}"),
+        *(() if skirt_fits else ("--skirts", "0")),
+        *("--output", str(folder / "body.gcode")),
+        str(folder / "body.stl"),
+    ]
+
+
+def _steady() -> list[str]:
+    """Return the prefix that makes PrusaSlicer repeat itself: fixed addresses and one processor.
+
+    Its paths depend on the order of pointers and of threads. Where the system refuses either, slicing still
+    works, but two runs may differ in the order of equal islands.
+    """
+    prefix = []
+    if (setarch := shutil.which("setarch")) and _works([setarch, "-R", "true"]):
+        prefix += [setarch, "-R"]
+    if (taskset := shutil.which("taskset")) and hasattr(os, "sched_getaffinity"):
+        processors = sorted(os.sched_getaffinity(0))
+        # Any one processor will do; workers of one pool should not all take the first.
+        prefix += [taskset, "-c", str(processors[os.getpid() % len(processors)])]
+    return prefix
+
+
+def _works(command: list[str]) -> bool:
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0  # noqa: S603 (fixed words)
+
+
+def _complaint(stderr: bytes, code: int) -> str:
+    """Return the slicer's own reason, in one line."""
+    lines = [line.strip() for line in stderr.decode("utf-8", "replace").splitlines()]
+    lines = [line for line in lines if line and not line.startswith(("[", "Object name"))]
+    return f"“{' '.join(lines)[:160]}”" if lines else f"exit code {code} without a reason"
