@@ -29,8 +29,8 @@ def main(table: Path) -> None:
             "sin_mm": [round(float(c), 6) for c in -2 * spectrum[1 : HARMONICS + 1].imag],
         }
     target = Path(__file__).parents[1] / "src/printmend/corruption/published_hulls.toml"
-    note = "# Moment arms of the authors' printed pulleys as Fourier series: RenzoCab/Non-Circular-Pulleys (MIT),\n"
-    note += "# made by tools/make_published_hulls.py.\n\n"
+    note = "# Moment arms of the authors' printed pulleys as Fourier series\n"
+    note += "# (RenzoCab/Non-Circular-Pulleys, MIT); made by tools/make_published_hulls.py.\n\n"
     target.write_text(note + tomli_w.dumps(hulls), encoding="utf-8")
 
 

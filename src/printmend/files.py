@@ -16,7 +16,7 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
     """
     path = Path(path).resolve()
     encoding = None if "b" in mode else "utf-8"
-    handle = tempfile.NamedTemporaryFile(
+    handle = tempfile.NamedTemporaryFile(  # noqa: SIM115 — closed below, before it is renamed
         mode, dir=path.parent, prefix=f".{path.name}.", suffix=".tmp", delete=False, encoding=encoding
     )
     try:

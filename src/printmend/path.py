@@ -86,7 +86,13 @@ class Trace:
     homed: bool = False
 
     def __post_init__(self) -> None:
-        for name, dtype in (("commanded_mm", float), ("measured_mm", float), ("sigma_mm", float), ("z_mm", float), ("layer", np.int64)):
+        for name, dtype in (
+            ("commanded_mm", float),
+            ("measured_mm", float),
+            ("sigma_mm", float),
+            ("z_mm", float),
+            ("layer", np.int64),
+        ):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, frozen(np.asarray(value, dtype)))

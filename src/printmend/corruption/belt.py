@@ -17,7 +17,9 @@ class Belt(Protocol):
 
     kind: ClassVar[str]
 
-    def branches_mm(self, motor_mm: np.ndarray, span1_mm: np.ndarray, span2_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def branches_mm(
+        self, motor_mm: np.ndarray, span1_mm: np.ndarray, span2_mm: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return (lower, upper) [mm] over the motor positions [N]."""
         ...
 
@@ -36,7 +38,9 @@ class LooseBelt:
     def __post_init__(self) -> None:
         in_range(self, slack1_mm=(0.0, 1000.0), slack2_mm=(0.0, 1000.0))
 
-    def branches_mm(self, motor_mm: np.ndarray, span1_mm: np.ndarray, span2_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def branches_mm(
+        self, motor_mm: np.ndarray, span1_mm: np.ndarray, span2_mm: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = span1_mm - self.slack1_mm, span2_mm + self.slack2_mm
         tightest = (upper - lower).min()
         if tightest < -1e-9:
@@ -58,7 +62,9 @@ class Play:
     def __post_init__(self) -> None:
         in_range(self, play_mm=(0.0, 1000.0))
 
-    def branches_mm(self, motor_mm: np.ndarray, span1_mm: np.ndarray, span2_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def branches_mm(
+        self, motor_mm: np.ndarray, span1_mm: np.ndarray, span2_mm: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         return span1_mm - self.play_mm / 2, span1_mm + self.play_mm / 2
 
 
@@ -77,7 +83,9 @@ class ElasticBelt:
     def __post_init__(self) -> None:
         in_range(self, loop_mm=(10.0, 100_000.0), motor_mm=(-10_000.0, 10_000.0))
 
-    def branches_mm(self, motor_mm: np.ndarray, span1_mm: np.ndarray, span2_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def branches_mm(
+        self, motor_mm: np.ndarray, span1_mm: np.ndarray, span2_mm: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         # The carriage's distance from the motor is taken at the nominal position: its own error is 1e-3 of the loop.
         middle = (motor_mm[1:] + motor_mm[:-1]) / 2
         length1 = np.clip(np.abs(middle - self.motor_mm), 0.0, self.loop_mm)
@@ -104,7 +112,11 @@ class Friction:
 
     def __post_init__(self) -> None:
         in_range(
-            self, force_n=(0.0, 1000.0), stiffness_n=(1.0, 1e9), loop_mm=(10.0, 100_000.0), motor_mm=(-10_000.0, 10_000.0)
+            self,
+            force_n=(0.0, 1000.0),
+            stiffness_n=(1.0, 1e9),
+            loop_mm=(10.0, 100_000.0),
+            motor_mm=(-10_000.0, 10_000.0),
         )
 
     def lost_mm(self, motor_mm: np.ndarray) -> np.ndarray:

@@ -51,7 +51,10 @@ class Drive:
         if self.shaft is not None:
             slack_mm = self.shaft.slack_rad * axis.mm_per_turn / TURN_RAD
             slack = replace(healthy, lower_mm=lower, upper_mm=upper)
-            lower, upper = slack.branches_mm(grid - slack_mm / 2)[0], slack.branches_mm(grid + slack_mm / 2)[1]
+            lower, upper = (
+                slack.branches_mm(grid - slack_mm / 2)[0],
+                slack.branches_mm(grid + slack_mm / 2)[1],
+            )
         if self.friction is not None:
             lost = self.friction.lost_mm(grid)
             lower, upper = lower - lost / 2, upper + lost / 2

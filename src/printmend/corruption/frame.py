@@ -14,7 +14,8 @@ from printmend.mechanism import Frame
 class CrookedFrame:
     """x' = x + y tan γ + … about the bed's middle.
 
-    ``x_bow_mm``: how far the X coordinate is pushed at the ends of Y travel (at y = middle ± 100 mm); ``y_bow_mm`` likewise.
+    ``x_bow_mm``: how far the X coordinate is pushed at the ends of Y travel (at y = middle ± 100 mm);
+    ``y_bow_mm`` likewise.
     """
 
     skew_deg: float = 0.0
@@ -26,7 +27,12 @@ class CrookedFrame:
 
     def __post_init__(self) -> None:
         in_range(
-            self, skew_deg=(-20.0, 20.0), x_scale=(0.5, 2.0), y_scale=(0.5, 2.0), x_bow_mm=(-10.0, 10.0), y_bow_mm=(-10.0, 10.0)
+            self,
+            skew_deg=(-20.0, 20.0),
+            x_scale=(0.5, 2.0),
+            y_scale=(0.5, 2.0),
+            x_bow_mm=(-10.0, 10.0),
+            y_bow_mm=(-10.0, 10.0),
         )
 
     def lower(self, middle_mm: tuple[float, float]) -> Frame:

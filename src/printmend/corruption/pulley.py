@@ -79,7 +79,7 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class Polygon:
-    """Corners at equal angles with their own radii: h = max_i r_i cos(φ − φ_i)."""
+    """Corners at equal angles with their own radii, three at least: h = max_i r_i cos(φ − φ_i)."""
 
     radii_mm: tuple[float, ...]
     phase_rad: float = 0.0
@@ -89,9 +89,6 @@ class Polygon:
         in_range(self, radii_mm=(0.1, 1000.0), phase_rad=(-1e3, 1e3))
         if len(self.radii_mm) < 3:
             refuse(self, "at least three corners", f"{len(self.radii_mm)}")
-        lowest = self.support_mm(np.linspace(0, 2 * np.pi, 3600), 1.0).min()
-        if lowest <= 0:
-            refuse(self, "a hull around the shaft", "corners that leave the shaft outside")
 
     def support_mm(self, phi_rad: np.ndarray, radius_mm: float) -> np.ndarray:
         corners = self.phase_rad + 2 * np.pi * np.arange(len(self.radii_mm)) / len(self.radii_mm)
@@ -139,7 +136,11 @@ class FourierHull:
         k = np.arange(1, len(self.cos_mm) + 1)
         curvature = self.radius_mm + _series(phi, (1 - k**2) * self.cos_mm, (1 - k**2) * self.sin_mm)
         if curvature.min() < -1e-9 * self.radius_mm:
-            refuse(self, "a convex hull (h + h″ ≥ 0)", f"a smallest radius of curvature of {curvature.min():.3g} mm")
+            refuse(
+                self,
+                "a convex hull (h + h″ ≥ 0)",
+                f"a smallest radius of curvature of {curvature.min():.3g} mm",
+            )
 
     def support_mm(self, phi_rad: np.ndarray, radius_mm: float) -> np.ndarray:
         return self.radius_mm + _series(phi_rad, np.array(self.cos_mm), np.array(self.sin_mm))

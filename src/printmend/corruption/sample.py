@@ -38,7 +38,9 @@ def _phase(rng: np.random.Generator) -> float:
     return float(rng.uniform(0, TURN_RAD))
 
 
-def _pick(rng: np.random.Generator, severity: Severity, realistic: tuple[float, float], damaged: tuple[float, float]) -> float:
+def _pick(
+    rng: np.random.Generator, severity: Severity, realistic: tuple[float, float], damaged: tuple[float, float]
+) -> float:
     low, high = damaged if severity == "damaged" else realistic
     return float(rng.uniform(low, high))
 
@@ -82,7 +84,9 @@ def _fourier(rng: np.random.Generator, severity: Severity) -> Pulley:
     lowest = -waves.sum(axis=0).min()
     shrink = min(1.0, 0.95 * radius / max(deepest, 1e-9), 0.7 * radius / max(lowest, 1e-9))
     return FourierHull(
-        float(radius), tuple(map(float, shrink * size * np.cos(phase))), tuple(map(float, -shrink * size * np.sin(phase)))
+        float(radius),
+        tuple(map(float, shrink * size * np.cos(phase))),
+        tuple(map(float, -shrink * size * np.sin(phase))),
     )
 
 

@@ -78,9 +78,7 @@ def _value(table: Any, types: tuple[type, ...], section: str, subject: str) -> A
     kinds = {kind.kind: kind for kind in types}  # type: ignore[attr-defined]
     kind = table.get("kind", next(iter(kinds)) if len(kinds) == 1 else None)
     if kind not in kinds:
-        raise ConfigError(
-            subject, wanted=f"{section} kind out of {', '.join(kinds)}", came=repr(kind), todo=_TODO
-        )
+        raise ConfigError(subject, wanted=f"{section} kind out of {', '.join(kinds)}", came=repr(kind), todo=_TODO)
     fields = {item.name: item for item in dataclasses.fields(kinds[kind])}
     _refuse_unknown(table, {*fields, "kind"}, subject, section)
     required = [name for name, item in fields.items() if item.default is dataclasses.MISSING]
@@ -88,7 +86,9 @@ def _value(table: Any, types: tuple[type, ...], section: str, subject: str) -> A
         raise ConfigError(subject, wanted=f"{missing[0]} in {section}", came="no such key", todo=_TODO)
     for name, value in table.items():
         if fields.get(name) is not None and isinstance(value, list) != ("tuple" in str(fields[name].type)):
-            raise ConfigError(subject, wanted=f"{section} {name} as {fields[name].type}", came=repr(value)[:60], todo=_TODO)
+            raise ConfigError(
+                subject, wanted=f"{section} {name} as {fields[name].type}", came=repr(value)[:60], todo=_TODO
+            )
     try:
         return kinds[kind](**{name: value for name, value in table.items() if name != "kind"})
     except ConfigError as error:

@@ -95,9 +95,7 @@ class Printer:
         if self.kinematics == "cartesian":
             return np.asarray(motor)
         motor = np.asarray(motor)
-        return np.stack(
-            [(motor[..., 0] + motor[..., 1]) / 2, (motor[..., 0] - motor[..., 1]) / 2], axis=-1
-        )
+        return np.stack([(motor[..., 0] + motor[..., 1]) / 2, (motor[..., 0] - motor[..., 1]) / 2], axis=-1)
 
     def motor_range_mm(self, motor: int) -> tuple[float, float]:
         """The motor coordinates [mm] that the bed's corners span."""

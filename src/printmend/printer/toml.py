@@ -57,13 +57,14 @@ def parse_printer(text: str, *, subject: str) -> Printer:
     if not isinstance(name, str):
         raise ConfigError(subject, wanted="name as text", came=repr(name), todo=_TODO)
     if kinematics not in ("cartesian", "corexy"):
-        raise ConfigError(
-            subject, wanted='kinematics = "cartesian" or "corexy"', came=repr(kinematics), todo=_TODO
-        )
+        raise ConfigError(subject, wanted='kinematics = "cartesian" or "corexy"', came=repr(kinematics), todo=_TODO)
     x, y, z = (_axis(table.get(axis), axis, subject) for axis in "xyz")
     if kinematics == "corexy" and (x.mm_per_step, x.microsteps) != (y.mm_per_step, y.microsteps):
         raise ConfigError(
-            subject, wanted="equal motors on a CoreXY", came="[x] and [y] with different steps", todo="make them equal"
+            subject,
+            wanted="equal motors on a CoreXY",
+            came="[x] and [y] with different steps",
+            todo="make them equal",
         )
     return Printer(name, kinematics, x, y, z)
 

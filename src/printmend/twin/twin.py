@@ -42,7 +42,10 @@ class Twin:
         start = np.asarray(start, np.int64)
         if controls.ndim != 2 or controls.shape[1] != 2 or start.shape != (2,):
             raise InputError(
-                "controls", wanted="controls [T, 2] and start [2]", came=f"{controls.shape} and {start.shape}", todo="reshape them"
+                "controls",
+                wanted="controls [T, 2] and start [2]",
+                came=f"{controls.shape} and {start.shape}",
+                todo="reshape them",
             )
         printed = np.empty((len(controls) + 1, 2))
         if isinstance(self.mechanism, GainMechanism):
@@ -89,9 +92,11 @@ class Twin:
     def _homed(self) -> Mechanism:
         if isinstance(self.mechanism, GainMechanism):
             raise InputError(
-                "corruption 'gain-table'", wanted="a conservative corruption for G-code", came="the published lattice simulator",
+                "corruption 'gain-table'",
+                wanted="a conservative corruption for G-code",
+                came="the published lattice simulator",
                 todo="use `bench table1 --protocol paper` for gain tables",
-            )  # fmt: skip
+            )
         return self.mechanism.homed()
 
 
@@ -118,7 +123,10 @@ def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
         uppers.append(lattice + (errors[1] + shift))
         firsts.append(first)
     return PlayTables(
-        (lowers[0], lowers[1]), (uppers[0], uppers[1]), (firsts[0], firsts[1]), corexy=printer.kinematics == "corexy"
+        (lowers[0], lowers[1]),
+        (uppers[0], uppers[1]),
+        (firsts[0], firsts[1]),
+        corexy=printer.kinematics == "corexy",
     )
 
 

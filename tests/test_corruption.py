@@ -1,0 +1,215 @@
+"""Corruptions: the equations of physics.md, composition, TOML, refusals."""
+
+import math
+
+import numpy as np
+import pytest
+
+from printmend.corruption import (
+    HEALTHY,
+    Corruption,
+    CrookedFrame,
+    Drive,
+    EccentricBore,
+    ElasticBelt,
+    Ellipse,
+    FlatSpot,
+    FourierHull,
+    Friction,
+    GainTable,
+    LooseBelt,
+    Play,
+    Polygon,
+    PublishedHull,
+    SetScrew,
+    TabulatedHull,
+    WrongRadius,
+    parse_corruption,
+    published_names,
+)
+from printmend.errors import ConfigError
+from printmend.mechanism import Mechanism, Transmission
+from printmend.printer import Printer
+from printmend.units import radius_mm
+from tests.naive_twin import hull_support_mm
+
+R0 = radius_mm(40.0)
+PHI = np.linspace(0, 2 * math.pi, 721)
+
+
+def lowered(drive: Drive, printer: Printer) -> Transmission:
+    mechanism = Corruption((drive, Drive())).lower(printer)
+    assert isinstance(mechanism, Mechanism)
+    return mechanism.transmissions[0]
+
+
+@pytest.mark.parametrize(
+    ("pulley", "outline"),
+    [
+        (EccentricBore(1.2, 0.7), lambda t: R0 * np.exp(1j * t) + 1.2 * np.exp(0.7j)),
+        (Ellipse(7.0, 5.0, 0.4), lambda t: np.exp(0.4j) * (7 * np.cos(t) + 5j * np.sin(t))),
+        (
+            Polygon((6.0, 7.0, 6.5, 6.2), 0.3),
+            lambda t: np.array([6.0, 7.0, 6.5, 6.2]) * np.exp(1j * (0.3 + np.pi / 2 * np.arange(4))),
+        ),
+        (FlatSpot(1.0, 2.0), lambda t: R0 * np.exp(1j * t[(np.cos(t - 2.0) <= 1 - 1.0 / R0)])),
+    ],
+    ids=["eccentric", "ellipse", "polygon", "flat"],
+)
+def test_support_is_that_of_the_outline(pulley, outline) -> None:
+    points = outline(np.linspace(0, 2 * math.pi, 20_001))
+    points = points[np.isfinite(points)]
+    expected = hull_support_mm(np.stack([points.real, points.imag], axis=1), PHI)
+    np.testing.assert_allclose(pulley.support_mm(PHI, R0), expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", published_names())
+def test_published_hulls_hold_the_shaft(name: str) -> None:
+    h = PublishedHull(name).support_mm(PHI, R0)
+    assert h.min() > 2.4
+    assert h.max() < 9.1
+
+
+def test_published_hulls_agree_with_their_table(corpus) -> None:
+    table = np.genfromtxt(corpus / "hulls" / "authors_hulls.csv", delimiter=",", names=True)
+    for name in published_names():
+        error = PublishedHull(name).support_mm(table["angle_rad"], R0) - table[f"{name}_0_mm"]
+        assert np.sqrt(np.mean(error**2)) < 0.03, name
+        # What counts is the position, the integral over the angle: the rounded corners hardly show there.
+        assert np.abs(np.cumsum(error - error.mean()) * 2 * math.pi / len(error)).max() < 0.003, name
+        assert abs(error.mean()) < 1e-5, name
+
+
+def test_one_turn_unwinds_one_perimeter(ender5: Printer) -> None:
+    pulley = FourierHull(6.1, (0.4, 0.2), (0.1, -0.3))
+    table = lowered(Drive(pulley=pulley), ender5)
+    lower, _ = table.branches_mm(np.array([10.0, 50.0, 90.0]))
+    np.testing.assert_allclose(np.diff(lower), 2 * math.pi * 6.1, atol=1e-6)
+
+
+def test_position_is_the_integral_of_the_support(ender5: Printer) -> None:
+    """dx/dθ = h(−θ), eq. 1, by finite differences of the table."""
+    pulley = EccentricBore(1.0, 0.6)
+    table = lowered(Drive(pulley=pulley), ender5)
+    motor = np.linspace(1, 219, 300)
+    delta = 0.05
+    slope = (table.branches_mm(motor + delta)[0] - table.branches_mm(motor - delta)[0]) / (2 * delta)
+    np.testing.assert_allclose(slope, pulley.support_mm(-motor / R0, R0) / R0, atol=1e-4)
+
+
+def test_a_loose_belt_breathes_with_the_eccentricity(ender5: Printer) -> None:
+    """Eq. 6: an eccentricity e modulates the play by 4e peak to peak."""
+    table = lowered(Drive(pulley=EccentricBore(0.5), belt=LooseBelt(1.5, 1.5)), ender5)
+    play = table.upper_mm - table.lower_mm
+    assert play.max() - play.min() == pytest.approx(4 * 0.5, abs=1e-3)
+
+
+def test_even_harmonics_leave_the_play_alone(ender5: Printer) -> None:
+    table = lowered(Drive(pulley=Ellipse(7.0, 5.5, 0.2), belt=LooseBelt(0.3, 0.5)), ender5)
+    np.testing.assert_allclose(table.upper_mm - table.lower_mm, 0.8, atol=1e-6)
+
+
+def test_elastic_belt_at_the_motor_is_the_pulley_and_in_the_middle_the_even_part(ender5: Printer) -> None:
+    pulley = EccentricBore(1.0)
+    table = lowered(Drive(pulley=pulley, belt=ElasticBelt(loop_mm=400.0, motor_mm=0.0)), ender5)
+    delta = 0.1
+
+    def gain(motor: np.ndarray) -> np.ndarray:
+        return (table.branches_mm(motor + delta)[0] - table.branches_mm(motor - delta)[0]) / (2 * delta)
+
+    near, far = np.array([1.0]), np.array([200.0])
+    assert gain(near)[0] == pytest.approx(pulley.support_mm(-near / R0, R0)[0] / R0, abs=3e-3)
+    assert gain(far)[0] == pytest.approx(1.0, abs=3e-3)
+
+
+def test_set_screw_play_of_a_round_pulley_is_ordinary_play(ender5: Printer) -> None:
+    screw = lowered(Drive(shaft=SetScrew(0.8 / R0)), ender5)
+    belt = lowered(Drive(belt=Play(0.8)), ender5)
+    np.testing.assert_allclose(screw.lower_mm, belt.lower_mm, atol=1e-9)
+    np.testing.assert_allclose(screw.upper_mm, belt.upper_mm, atol=1e-9)
+
+
+def test_friction_grows_away_from_the_motor(ender5: Printer) -> None:
+    friction = Friction(force_n=5.0, stiffness_n=1e4, loop_mm=600.0, motor_mm=0.0)
+    table = lowered(Drive(friction=friction), ender5)
+    lower, upper = table.branches_mm(np.array([0.0, 100.0, 200.0]))
+    np.testing.assert_allclose(
+        upper - lower, [0.0, 2 * 5 / 1e4 * 100 * 500 / 600, 2 * 5 / 1e4 * 200 * 400 / 600], atol=1e-9
+    )
+
+
+def test_skew_is_a_shear(ender5: Printer) -> None:
+    mechanism = Corruption(frame=CrookedFrame(skew_deg=2.0)).lower(ender5)
+    moved = mechanism.frame.apply(np.array([[10.0, 0.0], [10.0, 100.0]]))
+    np.testing.assert_allclose(moved, [[10.0, 0.0], [10.0 + 100 * math.tan(math.radians(2)), 100.0]], atol=1e-12)
+
+
+def test_frame_inverts(ender5: Printer, rng: np.random.Generator) -> None:
+    frame = CrookedFrame(3.0, 1.04, 0.97, 0.5, -0.4).lower((110.0, 110.0))
+    xy = rng.uniform(0, 220, (200, 2))
+    np.testing.assert_allclose(frame.invert(frame.apply(xy)), xy, atol=1e-8)
+
+
+def test_a_homed_machine_is_at_home_at_home(printer: Printer) -> None:
+    drive = Drive(pulley=EccentricBore(1.0, 0.3), belt=Play(0.7))
+    mechanism = Corruption((drive, drive), CrookedFrame(skew_deg=1.0)).lower(printer).homed()
+    home = np.array(printer.home_mm)
+    motors = printer.to_motor(home)
+    engaged = []
+    for motor, table in enumerate(mechanism.transmissions):
+        lower, upper = table.branches_mm(motors[motor])
+        engaged.append(float(lower if printer.motor_home_direction(motor) > 0 else upper))
+    np.testing.assert_allclose(mechanism.frame.apply(printer.from_motor(np.array(engaged))), home, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: WrongRadius(-1.0),
+        lambda: EccentricBore(7.0, radius_mm=6.0),
+        lambda: Ellipse(math.nan, 5.0),
+        lambda: Polygon((6.0, 6.0)),
+        lambda: FlatSpot(7.0, radius_mm=6.0),
+        lambda: FourierHull(6.0, (0.0, 0.0, 3.0), (0.0, 0.0, 0.0)),
+        lambda: FourierHull(6.0, (6.5,), (0.0,)),
+        lambda: TabulatedHull(tuple(6 + 2 * np.cos(5 * np.linspace(0, 6.28, 100)))),
+        lambda: PublishedHull("banana"),
+        lambda: Play(-0.1),
+        lambda: LooseBelt(-0.1, 0.0),
+        lambda: Friction(math.inf, 1e4, 600.0),
+        lambda: GainTable((1.0,)),
+        lambda: Corruption((Drive(gain_table=GainTable((1.0,) * 1100)), Drive())),
+    ],
+)
+def test_impossible_values_are_refused(make) -> None:
+    with pytest.raises(ConfigError, match=r"wanted .*, got .*; "):
+        make()
+
+
+def test_an_over_tight_loose_belt_is_refused(ender5: Printer) -> None:
+    with pytest.raises(ConfigError, match="negative play"):
+        lowered(Drive(pulley=EccentricBore(1.0), belt=LooseBelt(0.1, 0.1)), ender5)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[x.pulley]\nkind = 'round'", "kind"),
+        ("[x.pulley]\nkind = 'eccentric'\nsize = 2", "size"),
+        ("[x.pulley]\nkind = 'eccentric'", "eccentricity_mm"),
+        ("[x.belt]\nkind = 'play'\nplay_mm = -1", r"\[x.belt\].*play_mm"),
+        ("[x.belt]\nkind = 'play'\nplay_mm = [1]", "play_mm"),
+        ("[x.motor]\nkind = 'play'", "motor"),
+        ("[q.belt]\nkind = 'play'", "'q'"),
+        ("[x.belt]\nkind='play'\nplay_mm=1\n[a.belt]\nkind='play'\nplay_mm=1", "both namings"),
+        ("x = 3", r"\[x.pulley\]"),
+        ("[x", "TOML"),
+    ],
+)
+def test_wrong_toml_is_named(text: str, named: str) -> None:
+    with pytest.raises(ConfigError, match=named):
+        parse_corruption(text, subject="broken.toml")
+
+
+def test_empty_toml_is_healthy() -> None:
+    assert parse_corruption("", subject="empty") == HEALTHY

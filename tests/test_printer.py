@@ -1,0 +1,62 @@
+"""Printers: presets, a user's own file, kinematics."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printmend.errors import ConfigError
+from printmend.printer import Printer, preset_names, read_printer
+from printmend.printer.toml import preset_text
+
+
+def test_presets_are_the_documented_machines() -> None:
+    assert preset_names() == ("corexy", "ender3", "ender5")
+    ender5, ender3, corexy = (read_printer(name) for name in ("ender5", "ender3", "corexy"))
+    assert ender5.bed_steps == (1100, 1100)
+    assert ender5.home_mm == (220.0, 220.0)
+    assert (ender5.z.max_mm, ender5.mm_per_step) == (300.0, (0.2, 0.2))
+    assert ender3.home_mm == (0.0, 0.0)
+    assert corexy.kinematics == "corexy"
+    assert corexy.bed_steps == (1500, 1500)
+
+
+def test_motor_coordinates_round_trip(printer: Printer, rng: np.random.Generator) -> None:
+    xy = rng.uniform(0, 200, (50, 2))
+    np.testing.assert_allclose(printer.from_motor(printer.to_motor(xy)), xy, atol=1e-12)
+    for motor in range(2):
+        low, high = printer.motor_range_mm(motor)
+        assert (printer.to_motor(xy)[:, motor] >= low).all()
+        assert (printer.to_motor(xy)[:, motor] <= high).all()
+
+
+def test_own_file_reads_like_a_preset(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(preset_text("ender3"))
+    assert read_printer(path) == read_printer("ender3")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("microsteps = 16", "microstep = 16", "microstep"),
+        ("microsteps = 16", "microsteps = 0", "microsteps"),
+        ("mm_per_turn = 40.0", "mm_per_turn = nan", "mm_per_turn"),
+        ("mm_per_turn = 40.0", "mm_per_turn = -40.0", "mm_per_turn"),
+        ("max_mm = 220.0", "max_mm = -5.0", "max_mm"),
+        ('home_side = "min"', 'home_side = "left"', "home_side"),
+        ('kinematics = "cartesian"', 'kinematics = "delta"', "kinematics"),
+        ("[y]", "[q]", "q"),
+        ("[x]", "[x", "TOML"),
+    ],
+)
+def test_a_wrong_key_is_named(tmp_path: Path, old: str, new: str, named: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(preset_text("ender3").replace(old, new, 1))
+    with pytest.raises(ConfigError, match=named):
+        read_printer(path)
+
+
+def test_a_missing_printer_lists_the_presets() -> None:
+    with pytest.raises(ConfigError, match="corexy, ender3, ender5"):
+        read_printer("prusa")
