@@ -1,0 +1,92 @@
+"""The modal state of a machine that reads G-code, as a value that chunks pass on."""
+
+import enum
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.gcode import kernels as k
+from printmend.printer import Printer
+
+
+class Flavour(enum.IntEnum):
+    """The firmware families that read the same text differently.
+
+    G90/G91 and E: Marlin 2 (and Smoothie) let them set E too; Klipper, Marlin 1 and the unknown treat E as relative
+    when either G91 or M83 is on; RepRapFirmware and Prusa's MK3 keep E apart. A bare G92 sets all axes to zero on
+    Klipper (and the unknown), and does nothing on the others.
+    """
+
+    UNKNOWN = k.FLAVOUR_UNKNOWN
+    MARLIN2 = k.FLAVOUR_MARLIN2
+    MARLIN1 = k.FLAVOUR_MARLIN1
+    KLIPPER = k.FLAVOUR_KLIPPER
+    RRF = k.FLAVOUR_RRF
+    PRUSA = k.FLAVOUR_PRUSA
+
+    @property
+    def g90_influences_e(self) -> int:
+        """How G90/G91 act on E: `kernels.E_EITHER`, `E_FOLLOWS` or `E_APART`."""
+        return {Flavour.MARLIN2: k.E_FOLLOWS, Flavour.RRF: k.E_APART, Flavour.PRUSA: k.E_APART}.get(self, k.E_EITHER)
+
+
+@dataclass(frozen=True, eq=False)
+class MachineState:
+    """``numbers`` float64 and ``counts`` int64, laid out as the constants N_* and C_* of `kernels` say.
+
+    The kernel advances both arrays in place; `copy` before a trial run.
+    """
+
+    numbers: np.ndarray
+    counts: np.ndarray
+
+    def copy(self) -> "MachineState":
+        return MachineState(self.numbers.copy(), self.counts.copy())
+
+    @property
+    def flavour(self) -> Flavour:
+        return Flavour(int(self.counts[k.C_FLAVOUR]))
+
+
+def initial_state(printer: Printer | None = None, flavour: Flavour = Flavour.UNKNOWN) -> MachineState:
+    """Return the state after power-on: at (0, 0, 0) but not certain of it, absolute, millimetres, no tool.
+
+    Homing goes to ``printer``'s home position, or to the origin where no printer is given.
+    """
+    numbers, counts = np.zeros(k.NUMBERS), np.zeros(k.COUNTS, np.int64)
+    if printer is not None:
+        numbers[k.N_HOME : k.N_HOME + 3] = [axis.home_mm for axis in printer.axes]
+    numbers[k.N_FLOW] = 1.0
+    counts[k.C_OFFSET_KNOWN] = 7
+    counts[k.C_TOOL] = -1
+    counts[k.C_FLAVOUR] = flavour
+    counts[k.C_RULE] = flavour.g90_influences_e
+    return MachineState(numbers, counts)
+
+
+_CONFIG = re.compile(rb"gcode_flavor[ \t]*=[ \t]*([A-Za-z0-9_-]+)", re.IGNORECASE)
+_CURA = re.compile(rb"^;FLAVOR:[ \t]*([A-Za-z0-9_ ()-]+)", re.MULTILINE)
+_NAMES = {
+    b"marlin2": Flavour.MARLIN2,
+    b"smoothie": Flavour.MARLIN2,
+    b"marlin": Flavour.MARLIN1,
+    b"klipper": Flavour.KLIPPER,
+    b"reprapfirmware": Flavour.RRF,
+    b"rrf": Flavour.RRF,
+}
+
+
+def detect_flavour(*texts: bytes) -> Flavour:
+    """Read the firmware from slicers' comments in pieces of a file (its head, its tail, its metadata).
+
+    PrusaSlicer's `gcode_flavor = marlin` is its name for Marlin 1; Cura's `;FLAVOR:Marlin` is any Marlin, today
+    nearly always 2.
+    """
+    for text in texts:
+        if found := _CONFIG.search(text):
+            return _NAMES.get(found[1].lower(), Flavour.UNKNOWN)
+        if found := _CURA.search(text):
+            name = found[1].strip().lower()
+            return Flavour.MARLIN2 if name == b"marlin" else _NAMES.get(name, Flavour.UNKNOWN)
+    return Flavour.UNKNOWN
