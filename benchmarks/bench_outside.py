@@ -1,0 +1,172 @@
+"""Judge the commands from outside: probe → a foreign broken printer → learn → mend → the same printer.
+
+    .venv/bin/python benchmarks/bench_outside.py --seed 1 --printers 3 --noise-mm 0.05 [--part part.gcode]
+
+Only the command line of printmend is used; the printer is benchmarks/outside.py. Prints, for each family of faults, the
+contour error (distance of the extruded path to the ideal one, RMS and p95 in mm) before and after mending.
+"""
+
+import argparse
+import json
+import math
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+sys.path.insert(0, str(Path(__file__).parent))
+import outside
+
+PRINTMEND = str(Path(sys.executable).parent / "printmend")
+FAMILIES = ("healthy", "pulley", "play", "loose", "pulley+play", "pulley+loose")
+PRESETS = {
+    "ender3": ((0.0, 0.0), (-1, -1), 220.0, False),
+    "ender5": ((220.0, 220.0), (1, 1), 220.0, False),
+    "corexy": ((0.0, 0.0), (-1, 1), 300.0, True),
+}
+
+
+def part_gcode(rng: np.random.Generator, bed_mm: float) -> str:
+    """Write a two-layer part: a ring, a rounded star, a hatch in two directions, holes; with travels and retraction."""
+    lines = ["G21", "G90", "M83", "G28", "G1 Z0.2 F600"]
+    cx, cy = rng.uniform(0.4, 0.6, 2) * bed_mm
+    size = rng.uniform(25, 45)
+    for layer in range(2):
+        lines.append(";LAYER_CHANGE")
+        lines.append(f"G1 Z{0.2 + 0.2 * layer:.3f} F600")
+        t = np.linspace(0, 2 * math.pi, 181)
+        rings = [(size * np.cos(t), size * np.sin(t)), (8 * np.cos(-t) + 10, 8 * np.sin(-t))]
+        star = size * 0.8 * (1 + 0.15 * np.cos(5 * t))
+        rings.append((star * np.cos(t), star * np.sin(t)))
+        for x, y in rings:
+            lines += ["G1 E-1 F2400", f"G0 X{cx + x[0]:.3f} Y{cy + y[0]:.3f} F7200", "G1 E1 F2400"]
+            ends = np.hypot(np.diff(x), np.diff(y))
+            lines += [
+                f"G1 X{cx + a:.3f} Y{cy + b:.3f} E{0.04 * d:.5f} F1800"
+                for a, b, d in zip(x[1:], y[1:], ends, strict=True)
+            ]
+        angle = math.radians(45 if layer else -45)
+        for k, offset in enumerate(np.arange(-0.6 * size, 0.6 * size, 1.7)):
+            half = math.sqrt(size**2 * 0.55 - offset**2) * (1 if k % 2 else -1)
+            p = [
+                (
+                    s * half * math.cos(angle) - offset * math.sin(angle),
+                    s * half * math.sin(angle) + offset * math.cos(angle),
+                )
+                for s in (-1, 1)
+            ]
+            lines.append(f"G0 X{cx + p[0][0]:.3f} Y{cy + p[0][1]:.3f} F7200")
+            lines.append(f"G1 X{cx + p[1][0]:.3f} Y{cy + p[1][1]:.3f} E{0.08 * abs(half):.5f} F3000")
+    return "\n".join(lines) + "\n"
+
+
+def contour_error_mm(
+    ideal: list[outside.Move], printed_moves: list[outside.Move], printed: list[np.ndarray]
+) -> np.ndarray:
+    """Return the distances [n] of the printed extruded path to the ideal one, layer by layer."""
+    errors = []
+    for z in sorted({move.z_mm for move in ideal if move.extruding}):
+        lines = shapely.linestrings(
+            [[m.start_mm, m.end_mm] for m in ideal if m.extruding and m.z_mm == z and m.start_mm != m.end_mm]
+        )
+        points = [
+            way
+            for m, way in zip(printed_moves, printed, strict=True)
+            if m.extruding and m.z_mm == z and m.start_mm != m.end_mm
+        ]
+        cloud = shapely.points(np.concatenate(points))
+        tree = shapely.STRtree(lines)
+        errors.append(shapely.distance(cloud, lines[tree.nearest(cloud)]))
+    return np.concatenate(errors)
+
+
+def run(*args: str, ok: tuple[int, ...] = (0,)) -> subprocess.CompletedProcess:
+    done = subprocess.run([PRINTMEND, *args], capture_output=True, text=True, check=False)  # noqa: S603 — our own program
+    if done.returncode not in ok:
+        raise SystemExit(f"printmend {' '.join(args)} ended with {done.returncode}: {done.stderr}")
+    return done
+
+
+def judge(
+    preset: str, family: str, noise_mm: float, rng: np.random.Generator, folder: Path, part: str | None, model: str
+) -> dict:
+    """Break one printer, mend one part, return the figures."""
+    home, sides, bed, corexy = PRESETS[preset]
+    named = [
+        outside.random_drive(rng, family, h, s, bed)
+        for h, s in zip((home[0] + home[1], home[0] - home[1]) if corexy else home, sides, strict=True)
+    ]
+    drives = (named[0][1], named[1][1])
+    probe = folder / "probe.gcode"
+    if not probe.exists():
+        run("probe", "--printer", preset, "-o", str(probe))
+    moves = outside.read_moves(probe.read_text(), home)
+    printed = outside.print_moves(moves, drives, home, corexy=corexy, pitch_mm=1e9)
+    first = max(i for i, m in enumerate(moves) if m.z_mm == -1.0)  # rows count from the last homing
+    rows = [(*home, *home)]
+    rows += [
+        (*m.end_mm, *way[-1])
+        for m, way in zip(moves[first + 1 :], printed[first + 1 :], strict=True)
+        if m.start_mm != m.end_mm
+    ]
+    table = np.array(rows)
+    table[:, 2:] += rng.normal(0, noise_mm, (len(table), 2)) if noise_mm else 0.0
+    trace, saved, source, mended = (
+        folder / name for name in ("trace.csv", "printer.mend.json", "part.gcode", "out.gcode")
+    )
+    np.savetxt(trace, table, delimiter=",", header="x_mm,y_mm,x_measured_mm,y_measured_mm", comments="", fmt="%.6f")
+    learned = run("learn", str(trace), "--printer", preset, "--model", model, "-o", str(saved))
+    text = part if part is not None else part_gcode(rng, bed)
+    source.write_text(text)
+    mended.unlink(missing_ok=True)
+    done = run("mend", str(source), "-m", str(saved), "-o", str(mended), ok=(0, 3))
+    ideal = outside.read_moves(text, home)
+    before = contour_error_mm(ideal, ideal, outside.print_moves(ideal, drives, home, corexy=corexy))
+    after_moves = outside.read_moves(mended.read_text() if mended.exists() else text, home)
+    after = contour_error_mm(ideal, after_moves, outside.print_moves(after_moves, drives, home, corexy=corexy))
+    return {
+        "printer": preset, "family": family, "fault": f"{named[0][0]} | {named[1][0]}", "noise_mm": noise_mm,
+        "refused": done.returncode == 3, "rows": len(table),
+        "before_rms_mm": float(np.sqrt(np.mean(before**2))), "after_rms_mm": float(np.sqrt(np.mean(after**2))),
+        "after_p95_mm": float(np.quantile(after, 0.95)), "growth": len(after_moves) / len(ideal),
+        "diagnosis": " / ".join(learned.stdout.strip().splitlines()[:3]),
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--printers", type=int, default=3, help="broken printers a family and preset")
+    parser.add_argument("--noise-mm", type=float, default=0.05)
+    parser.add_argument("--preset", choices=sorted(PRESETS), action="append")
+    parser.add_argument("--family", choices=FAMILIES, action="append")
+    parser.add_argument("--part", type=Path, help="a plain G-code file for the preset's bed instead of the drawn part")
+    parser.add_argument("--model", default="auto")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    part = options.part.read_text() if options.part else None
+    if not options.json:
+        print("printer  family         before RMS  after RMS  after p95  growth  fault")
+    for preset in options.preset or ["ender3", "ender5", "corexy"]:
+        with tempfile.TemporaryDirectory() as name:
+            for family in options.family or FAMILIES:
+                for number in range(options.printers):
+                    rng = np.random.default_rng(
+                        [options.seed, sorted(PRESETS).index(preset), FAMILIES.index(family), number]
+                    )
+                    row = judge(preset, family, options.noise_mm, rng, Path(name), part, options.model)
+                    if options.json:
+                        print(json.dumps(row), flush=True)
+                    else:
+                        print(
+                            f"{preset:8} {family:13} {row['before_rms_mm']:11.4f} {row['after_rms_mm']:10.4f} "
+                            f"{row['after_p95_mm']:10.4f} {row['growth']:7.2f}  {row['fault']}",
+                            flush=True,
+                        )
+
+
+if __name__ == "__main__":
+    main()
