@@ -1,0 +1,103 @@
+"""Metrics of drawn shapes: they see the outline, not which point was printed when."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from printmend.errors import TraceError
+
+
+@dataclass(frozen=True)
+class ContourError:
+    """Distances of the printed points from the nearest point of the ideal path."""
+
+    rms: float
+    p95: float
+    max: float
+
+
+def contour_error(target: np.ndarray, printed: np.ndarray) -> ContourError:
+    """Measure how far printed points [N, 2] lie from the polyline ``target`` [M, 2], whatever the timing.
+
+    Unlike RMSE it forgives a print that runs early or late along the right line. Not symmetric: parts of the target
+    that were never printed do not count (`hausdorff` sees them).
+    """
+    distance = _distances(_points(printed), _points(target))
+    return ContourError(float(np.sqrt(np.mean(distance**2))), float(np.percentile(distance, 95)), float(distance.max()))
+
+
+@dataclass(frozen=True)
+class Hausdorff:
+    """The largest of the two directed distances between two polylines, and the larger of their 95th percentiles."""
+
+    max: float
+    p95: float
+
+
+def hausdorff(target: np.ndarray, printed: np.ndarray) -> Hausdorff:
+    """Measure the Hausdorff distance of two polylines [N, 2], [M, 2]: vertices of each against the other's line.
+
+    ``max`` is shapely's ``hausdorff_distance``; ``p95`` forgives the worst 5 % of the vertices.
+    """
+    target, printed = _points(target), _points(printed)
+    there, back = _distances(printed, target), _distances(target, printed)
+    return Hausdorff(float(max(there.max(), back.max())), float(max(np.percentile(there, 95), np.percentile(back, 95))))
+
+
+def frechet(target: np.ndarray, printed: np.ndarray) -> float:
+    """Return the discrete Fréchet distance of two polylines: the shortest leash for two walkers who never turn back.
+
+    Time and memory grow with the product of the lengths: a layer of 6500 points takes seconds.
+    """
+    return float(shapely.frechet_distance(shapely.LineString(_points(target)), shapely.LineString(_points(printed))))
+
+
+def symmetric_difference_area(target: Sequence[np.ndarray], printed: Sequence[np.ndarray]) -> float:
+    """Return the area that only one of two figures covers; each is a list of closed contours [N, 2].
+
+    Contours are filled by the even-odd rule, so a contour inside another is a hole. Unit: that of the inputs, squared.
+    """
+    return float(_filled(target).symmetric_difference(_filled(printed)).area)
+
+
+def bead_difference_area(target: Sequence[np.ndarray], printed: Sequence[np.ndarray], width: float) -> float:
+    """Return the area that only one of two prints covers; each is a list of strokes [N, 2] of beads ``width`` wide."""
+    return float(_beads(target, width).symmetric_difference(_beads(printed, width)).area)
+
+
+def _filled(contours: Sequence[np.ndarray]) -> shapely.Geometry:
+    figure: shapely.Geometry = shapely.Polygon()
+    for contour in contours:
+        figure = figure.symmetric_difference(shapely.make_valid(shapely.Polygon(_points(contour))))
+    return figure
+
+
+def _beads(strokes: Sequence[np.ndarray], width: float) -> shapely.Geometry:
+    if not width > 0:
+        raise TraceError("bead width", wanted="a width above 0", came=f"{width}", todo="give the nozzle's line width")
+    lines = [shapely.LineString(_points(stroke)) for stroke in strokes]
+    return shapely.unary_union([shapely.buffer(line, width / 2) for line in lines])
+
+
+def _distances(points: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """Return the distance [N] of each point [N, 2] from a polyline [M, 2]."""
+    ends = np.stack([line[:-1], line[1:]], axis=1)
+    # Equal neighbours (a tick without a control) are no segments; a line that never moves is a point.
+    moving = (ends[:, 0] != ends[:, 1]).any(axis=1)
+    if not moving.any():
+        return np.hypot(*(points - line[0]).T)
+    tree = shapely.STRtree(shapely.linestrings(ends[moving]))
+    (at, _), distance = tree.query_nearest(shapely.points(points), return_distance=True, all_matches=False)
+    result = np.empty(len(points))
+    result[at] = distance
+    return result
+
+
+def _points(points: np.ndarray) -> np.ndarray:
+    points = np.asarray(points, float)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not np.isfinite(points).all():
+        came = f"{points.shape}" if np.isfinite(points).all() else f"{points.shape} with NaN or infinity"
+        raise TraceError("a metric of shapes", wanted="finite points [N, 2], N ≥ 2", came=came, todo="correct the path")
+    return points

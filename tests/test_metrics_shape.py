@@ -1,0 +1,105 @@
+"""Laws of the metrics of drawn shapes, and the paper's Fig. 4."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from printmend.errors import TraceError
+from printmend.metrics import rmse
+from printmend.metrics.shape import (
+    bead_difference_area,
+    contour_error,
+    frechet,
+    hausdorff,
+    symmetric_difference_area,
+)
+
+paths = arrays(float, (6, 2), elements=st.integers(-20, 20).map(float))
+SQUARE = np.array([[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]], float)
+
+
+def circle(radius: float, points: int, phase: float = 0.0) -> np.ndarray:
+    phi = phase + np.linspace(0, 2 * np.pi, points)
+    return radius * np.stack([np.cos(phi), np.sin(phi)], axis=1)
+
+
+@given(paths, paths, paths)
+def test_frechet_is_a_metric_and_bounds_hausdorff(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> None:
+    assert frechet(a, a) == 0
+    assert frechet(a, b) == frechet(b, a)
+    assert frechet(a, c) <= frechet(a, b) + frechet(b, c) + 1e-9
+    assert hausdorff(a, b).max <= frechet(a, b) + 1e-9
+
+
+@given(paths, paths)
+def test_hausdorff_is_symmetric_zero_on_identity_and_shapelys(a: np.ndarray, b: np.ndarray) -> None:
+    assert hausdorff(a, a).max == pytest.approx(0, abs=1e-12)
+    assert hausdorff(a, b) == hausdorff(b, a)
+    assert hausdorff(a, b).p95 <= hausdorff(a, b).max
+    assume((a != a[0]).any() and (b != b[0]).any())
+    assert hausdorff(a, b).max == pytest.approx(
+        shapely.LineString(a).hausdorff_distance(shapely.LineString(b)), abs=1e-9
+    )
+
+
+@given(paths, paths)
+def test_contour_error_against_the_slow_definition(target: np.ndarray, printed: np.ndarray) -> None:
+    line = shapely.LineString(target)
+    slow = np.array([line.distance(shapely.Point(p)) for p in printed])
+    fast = contour_error(target, printed)
+    assert fast.rms == pytest.approx(np.sqrt((slow**2).mean()), abs=1e-9)
+    assert fast.max == pytest.approx(slow.max(), abs=1e-9)
+    assert fast.p95 <= fast.max
+
+
+def test_contour_error_forgives_timing_but_rmse_does_not() -> None:
+    line = np.stack([np.arange(100.0), np.zeros(100)], axis=1)
+    late = np.vstack([line[:1].repeat(10, axis=0), line[:-10]])
+    assert contour_error(line, late).max == 0
+    assert rmse(line, late) > 5
+
+
+def test_areas_of_known_figures() -> None:
+    shifted = SQUARE + (5, 0)
+    hole = SQUARE * 0.5 + 2.5
+    assert symmetric_difference_area([SQUARE], [SQUARE]) == 0
+    assert (
+        symmetric_difference_area([SQUARE], [shifted])
+        == symmetric_difference_area([shifted], [SQUARE])
+        == pytest.approx(100)
+    )
+    assert symmetric_difference_area([SQUARE], [SQUARE, hole]) == pytest.approx(25)
+    assert symmetric_difference_area([SQUARE], []) == pytest.approx(100)
+    line = [np.array([[0, 0], [10, 0]], float)]
+    away = [line[0] + (0, 100)]
+    one = shapely.LineString(line[0]).buffer(0.2).area
+    assert bead_difference_area(line, line, 0.4) == 0
+    assert bead_difference_area(line, away, 0.4) == pytest.approx(2 * one, rel=1e-3)
+
+
+def test_area_and_pointwise_metrics_disagree_as_in_the_papers_figure_4() -> None:
+    """One print covers the target exactly and misses every point; another is near every point and covers less.
+
+    Each metric calls the other print the better one, so neither can stand for the other.
+    """
+    target = circle(20, 201)
+    same_figure = circle(20, 201, phase=np.pi)
+    nearby_points = target * (1 + 0.05 * np.cos(40 * np.linspace(0, 2 * np.pi, 201))[:, None])
+    area = [symmetric_difference_area([target], [printed]) for printed in (same_figure, nearby_points)]
+    pointwise = [rmse(target, printed) for printed in (same_figure, nearby_points)]
+    assert area[0] < 1e-6 < area[1]
+    assert pointwise[1] < 1 < 39 < pointwise[0]
+
+
+@pytest.mark.parametrize("points", [np.zeros((1, 2)), np.zeros((4, 3)), np.array([[0, 0], [np.nan, 1]])])
+def test_paths_that_are_no_paths_are_refused(points: np.ndarray) -> None:
+    with pytest.raises(TraceError):
+        contour_error(SQUARE, points)
+
+
+def test_a_bead_needs_a_width() -> None:
+    with pytest.raises(TraceError, match="above 0"):
+        bead_difference_area([SQUARE], [SQUARE], 0.0)
