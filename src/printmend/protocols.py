@@ -16,10 +16,12 @@ from printmend.printer import Printer
 @dataclass(frozen=True, eq=False)
 class State:
     """N imagined machines: ``nominal_steps`` [N, 2] int64 (the sum of the controls, hence the motors' angles)
-    and ``position_steps`` [N, 2] float (where the carriage is; with play this is the memory)."""
+    and ``position_steps`` [N, 2] float (where the carriage is). ``memory`` [N, M] is whatever else the model needs
+    to go on from here (the belts' positions in their play, the layer's start); planners pass it on unread."""
 
     nominal_steps: np.ndarray
     position_steps: np.ndarray
+    memory: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,8 @@ class IncrementTables:
 class WorldModel(Protocol):
     """What a planner imagines with. Frozen; made by a learner, or from the true corruption (the Oracle)."""
 
-    printer: Printer
+    @property
+    def printer(self) -> Printer: ...
 
     def start(self, start_steps: np.ndarray) -> State:
         """Return the state [1] of a layer that starts at the lattice point ``start_steps`` [2]."""

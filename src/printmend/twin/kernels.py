@@ -54,3 +54,12 @@ def run_gain(controls, axis, nominal, gains, bed, out):
         printed = min(max(printed + gain_displacement(nominal, c, gains), 0.0), float(bed))
         nominal = min(max(nominal + c, 0), bed)
         out[t + 1, axis] = printed
+
+
+@njit(cache=True)
+def tabulate_gain(gains, table):
+    """Fill table [bed + 1, 2·c_max + 1] with the published displacement of every control at every nominal position."""
+    c_max = table.shape[1] // 2
+    for nominal in range(table.shape[0]):
+        for control in range(-c_max, c_max + 1):
+            table[nominal, control + c_max] = gain_displacement(nominal, control, gains)

@@ -68,18 +68,7 @@ class Twin:
                     came="controls that leave it",
                     todo="check the start and the controls",
                 )
-        printed = self.printer.from_motor(printed)
-        if not self.mechanism.frame.is_identity:
-            printed = self._framed(printed, start)
-        return printed
-
-    def _framed(self, belts_steps: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Pass lattice positions through the frame, anchored so that the start stays where it is."""
-        low_mm = np.array([self.printer.x.min_mm, self.printer.y.min_mm])
-        pitch_mm = np.array(self.printer.mm_per_step)
-        bed = self.mechanism.frame.apply(low_mm + belts_steps * pitch_mm)  # type: ignore[union-attr]
-        bed_steps = (bed - low_mm) / pitch_mm
-        return bed_steps + (start - bed_steps[0])
+        return lattice_bed(self.mechanism, printed, start)
 
     def follow(self, waypoints_mm: np.ndarray) -> np.ndarray:
         """Print the straight moves between way-points [N, 2] mm, the first being the home position just homed.
@@ -112,7 +101,8 @@ def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
         axis = printer.axes[motor]
         stride = axis.microsteps
         # Errors, not positions, go through the change of units: a healthy motor stays exact.
-        errors = [(branch - table.motor_mm)[::stride] / axis.mm_per_step for branch in (table.lower_mm, table.upper_mm)]
+        motor_mm = table.first_mm + table.pitch_mm * np.arange(0, len(table.lower_mm), stride)
+        errors = [(branch[::stride] - motor_mm) / axis.mm_per_step for branch in (table.lower_mm, table.upper_mm)]
         # Lattice motor positions count from the motor's image of the bed's lower corner.
         corner_mm = printer.to_motor(np.array([printer.x.min_mm, printer.y.min_mm]))[motor]
         first = round((table.first_mm - corner_mm) / axis.mm_per_step)
@@ -128,6 +118,20 @@ def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
         (firsts[0], firsts[1]),
         corexy=printer.kinematics == "corexy",
     )
+
+
+def lattice_bed(mechanism: Mechanism, motors_steps: np.ndarray, start_steps: np.ndarray) -> np.ndarray:
+    """Map belt positions of the motors [N, 2] to the bed [N, 2], in full steps, anchored so that the start stays put."""
+    printer = mechanism.printer
+    belts = printer.from_motor(motors_steps)
+    if mechanism.frame.is_identity:
+        return belts
+    low_mm = np.array([printer.x.min_mm, printer.y.min_mm])
+    pitch_mm = np.array(printer.mm_per_step)
+    start_steps = np.asarray(start_steps, float)
+    with_start = np.concatenate([np.atleast_2d(start_steps), belts])
+    bed = (mechanism.frame.apply(low_mm + with_start * pitch_mm) - low_mm) / pitch_mm
+    return bed[1:] + (start_steps - bed[0])
 
 
 def _follow(mechanism: Mechanism, waypoints_mm: np.ndarray) -> np.ndarray:
