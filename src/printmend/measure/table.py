@@ -90,9 +90,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
     try:
         data.decode("utf-8")
     except UnicodeDecodeError:
-        raise TraceError(
-            path, wanted="a UTF-8 table", came="other bytes", todo="save it as CSV, UTF-8"
-        ) from None
+        raise TraceError(path, wanted="a UTF-8 table", came="other bytes", todo="save it as CSV, UTF-8") from None
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     first, _, rest = data.partition(b"\n")
     names = [name.strip().strip('"') for name in first.decode().split(",")]
@@ -203,9 +201,7 @@ def _check_values(path: Path, names: list[str], columns: dict[str, np.ndarray]) 
                 todo="write every commanded way-point; only measured cells may be empty",
             )
     if "sigma_mm" in columns and (columns["sigma_mm"] < 0).any():
-        raise TraceError(
-            path, wanted="sigma_mm ≥ 0", came="a negative one", todo="correct it or leave it empty"
-        )
+        raise TraceError(path, wanted="sigma_mm ≥ 0", came="a negative one", todo="correct it or leave it empty")
 
 
 def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: np.ndarray) -> None:

@@ -1,0 +1,150 @@
+"""The plan of a probe print, probe.json: every way-point and every mark, so that a scan of it can be read.
+
+A *mark* is a round dot of plastic extruded while the nozzle stands still on one commanded way-point. A stroke
+would be biased along its direction by the pressure in the nozzle, which looks like play; a dot has no direction.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from printmend.errors import InputError
+from printmend.files import replacing
+from printmend.path import Trace, frozen
+
+FORMAT, VERSION = "printmend probe", 1
+_TODO = "write it again with `printmend probe`"
+
+
+@dataclass(frozen=True, eq=False)
+class ProbePlan:
+    """Where the nozzle went and where it left marks.
+
+    ``waypoints_mm`` [N, 2] every commanded way-point since homing, the first the home position. For each mark:
+    ``rows`` [M] its way-point, ``site`` [M, 2] its place on the square lattice of marks, ``big`` [M] whether it is
+    one of the large dots that say which mark is which, ``direction`` [M, 2] the sign of the last move of each bed
+    axis before it, ``reversal_mm`` [M, 2] how far each axis had moved that way since it turned.
+    ``pitch_mm`` and ``angle_rad`` give the lattice: mark = origin + pitch·R(angle)·site.
+    """
+
+    printer: str
+    kinematics: str
+    pitch_mm: float
+    angle_rad: float
+    dot_mm: float
+    big_dot_mm: float
+    waypoints_mm: np.ndarray
+    rows: np.ndarray
+    site: np.ndarray
+    big: np.ndarray
+    direction: np.ndarray
+    reversal_mm: np.ndarray
+
+    def __post_init__(self) -> None:
+        kinds = {"waypoints_mm": float, "reversal_mm": float, "big": bool}
+        for name in ("waypoints_mm", "rows", "site", "big", "direction", "reversal_mm"):
+            value = np.asarray(getattr(self, name), kinds.get(name, np.int64))
+            object.__setattr__(self, name, frozen(value))
+
+    def __len__(self) -> int:
+        """The number of marks."""
+        return len(self.rows)
+
+    @property
+    def marks_mm(self) -> np.ndarray:
+        """Commanded positions of the marks [M, 2]."""
+        return self.waypoints_mm[self.rows]
+
+    @property
+    def diameter_mm(self) -> np.ndarray:
+        """Intended diameters of the marks [M]."""
+        return np.where(self.big, self.big_dot_mm, self.dot_mm)
+
+    def trace(self, measured_mm: np.ndarray, sigma_mm: np.ndarray | None = None) -> Trace:
+        """Return the trace of the whole motion from the measured marks [M, 2], NaN where one was not found."""
+        measured = np.full(self.waypoints_mm.shape, np.nan)
+        measured[self.rows] = measured_mm
+        sigma = None
+        if sigma_mm is not None:
+            sigma = np.full(len(self.waypoints_mm), np.nan)
+            sigma[self.rows] = sigma_mm
+        return Trace(self.waypoints_mm, measured, sigma_mm=sigma, homed=True)
+
+
+def write_plan(path: str | Path, plan: ProbePlan) -> None:
+    """Write probe.json: one line a mark, one line for all way-points."""
+    head = {
+        "format": FORMAT,
+        "version": VERSION,
+        "printer": plan.printer,
+        "kinematics": plan.kinematics,
+        "pitch_mm": plan.pitch_mm,
+        "angle_rad": plan.angle_rad,
+        "dot_mm": plan.dot_mm,
+        "big_dot_mm": plan.big_dot_mm,
+    }
+    marks = [
+        {
+            "id": i,
+            "row": int(plan.rows[i]),
+            "x_mm": float(plan.marks_mm[i, 0]),
+            "y_mm": float(plan.marks_mm[i, 1]),
+            "direction": plan.direction[i].tolist(),
+            "reversal_mm": np.round(plan.reversal_mm[i], 5).tolist(),
+            "site": plan.site[i].tolist(),
+            "big": bool(plan.big[i]),
+        }
+        for i in range(len(plan))
+    ]
+    with replacing(Path(path)) as file:
+        lines = [f" {json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
+        lines.append(' "waypoints_mm": ' + json.dumps(plan.waypoints_mm.tolist()))
+        lines.append(' "marks": [\n  ' + ",\n  ".join(json.dumps(mark) for mark in marks) + "\n ]")
+        file.write("{\n" + ",\n".join(lines) + "\n}\n")
+
+
+def read_plan(path: str | Path) -> ProbePlan:
+    """Read probe.json. Raises `InputError` when it is none."""
+    try:
+        table = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        came = (error.strerror or "no file").lower()
+        raise InputError(path, wanted="a probe.json", came=came, todo="check the path") from None
+    except ValueError:
+        raise InputError(path, wanted="a probe.json", came="a file that is not JSON", todo=_TODO) from None
+    if not isinstance(table, dict) or table.get("format") != FORMAT:
+        raise InputError(path, wanted="a probe.json", came="another JSON file", todo=_TODO)
+    if table.get("version") != VERSION:
+        came = f"version {table.get('version')!r}"
+        raise InputError(path, wanted=f"version {VERSION} of probe.json", came=came, todo=_TODO)
+    try:
+        return _plan(table)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise InputError(path, wanted="a whole probe.json", came=f"{error!r}", todo=_TODO) from None
+
+
+def _plan(table: dict[str, Any]) -> ProbePlan:
+    marks = table["marks"]
+    plan = ProbePlan(
+        printer=str(table["printer"]),
+        kinematics=str(table["kinematics"]),
+        pitch_mm=float(table["pitch_mm"]),
+        angle_rad=float(table["angle_rad"]),
+        dot_mm=float(table["dot_mm"]),
+        big_dot_mm=float(table["big_dot_mm"]),
+        waypoints_mm=np.array(table["waypoints_mm"], float).reshape(-1, 2),
+        rows=np.array([mark["row"] for mark in marks], np.int64),
+        site=np.array([mark["site"] for mark in marks], np.int64).reshape(-1, 2),
+        big=np.array([mark["big"] for mark in marks], bool),
+        direction=np.array([mark["direction"] for mark in marks], np.int64).reshape(-1, 2),
+        reversal_mm=np.array([mark["reversal_mm"] for mark in marks], float).reshape(-1, 2),
+    )
+    if not len(plan) or not np.isfinite(plan.waypoints_mm).all() or plan.rows.min() < 0:
+        raise ValueError("no marks")
+    stated = np.array([(mark["x_mm"], mark["y_mm"]) for mark in marks], float)
+    if np.abs(stated - plan.marks_mm).max() > 1e-3:
+        raise ValueError("marks that are not on their way-points")
+    return plan

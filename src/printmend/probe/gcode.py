@@ -1,0 +1,103 @@
+"""The G-code of a probe plan, and what it costs to print it."""
+
+import math
+
+import numpy as np
+
+from printmend.measure.plan import ProbePlan
+
+LAYER_MM, HOP_MM = 0.24, 0.8
+BEAD_MM = 0.8
+FILAMENT_MM, PLA_G_PER_MM3 = 1.75, 1.24e-3
+TRAVEL_MM_S, PURGE_MM_S, LIFT_MM_S, EXTRUDE_MM_S = 120.0, 20.0, 10.0, 2.0
+# A dot uses 0.1 mm of filament: a longer retraction would chew each piece of it too often.
+RETRACT_MM, RETRACT_MM_S = 0.6, 30.0
+ACCELERATION_MM_S2, LIFT_ACCELERATION_MM_S2 = 500.0, 100.0
+PREAMBLE = """\
+; printmend probe: {marks} dots on one layer, about {minutes:.0f} min and {grams:.1f} g
+; Printed for: {printer}. Change the temperatures below for another material than PLA; change nothing else.
+M140 S60
+M104 S205
+M190 S60
+M109 S205
+G21
+G90
+M83
+G28
+G92 E0
+"""
+CLOSING = """\
+M104 S0
+M140 S0
+"""
+
+
+def filament_mm(volume_mm3: float) -> float:
+    """Return the length of filament that holds ``volume_mm3``."""
+    return volume_mm3 / (math.pi * FILAMENT_MM**2 / 4)
+
+
+def dot_mm3(diameter_mm: float) -> float:
+    """Return the volume of a dot: a disc as thick as the layer."""
+    return math.pi * diameter_mm**2 / 4 * LAYER_MM
+
+
+def probe_gcode(plan: ProbePlan) -> str:
+    """Return the file that prints ``plan``. Every way-point is the end of one G0 or G1, in the plan's order."""
+    points = plan.waypoints_mm
+    dots = {int(row): float(diameter) for row, diameter in zip(plan.rows, plan.diameter_mm, strict=True)}
+    minutes, grams = cost(plan)
+    lines = [PREAMBLE.format(marks=len(plan), minutes=minutes, grams=grams, printer=plan.printer)]
+    lift, drop = f"G1 Z{HOP_MM + LAYER_MM:g} F{LIFT_MM_S * 60:g}\n", f"G1 Z{LAYER_MM:g} F{LIFT_MM_S * 60:g}\n"
+    retract, restore = f"G1 E-{RETRACT_MM:g} F{RETRACT_MM_S * 60:g}\n", f"G1 E{RETRACT_MM:g} F{RETRACT_MM_S * 60:g}\n"
+    purge = filament_mm(float(np.hypot(*(points[2] - points[1]))) * BEAD_MM * LAYER_MM)
+    lines += [
+        f"G1 Z{HOP_MM + LAYER_MM:g} F{LIFT_MM_S * 60:g}\n",
+        f"G0 {_xy(points[1])} F{TRAVEL_MM_S * 60:g}\n",
+        drop,
+        f"G1 {_xy(points[2])} E{purge:.5f} F{PURGE_MM_S * 60:g}\n",
+        retract,
+        lift,
+    ]
+    feed = f" F{TRAVEL_MM_S * 60:g}"
+    for row in range(3, len(points)):
+        lines.append(f"G0 {_xy(points[row])}{feed}\n")
+        feed = ""
+        if row in dots:
+            extrude = f"G1 E{filament_mm(dot_mm3(dots[row])):.5f} F{EXTRUDE_MM_S * 60:g}\n"
+            lines += [drop, restore, extrude, retract, lift]
+            feed = f" F{TRAVEL_MM_S * 60:g}"
+    lines += [f"G1 Z10 F{LIFT_MM_S * 60:g}\n", CLOSING]
+    return "".join(lines)
+
+
+def cost(plan: ProbePlan) -> tuple[float, float]:
+    """Return the estimated printing time [min] after heating, and the mass of plastic [g]."""
+    points = plan.waypoints_mm
+    moves = np.diff(points, axis=0)
+    length = np.hypot(moves[:, 0], moves[:, 1])
+    moves, length = moves[length > 0], length[length > 0]
+    # Collinear moves run through; the nozzle stops at marks and turns.
+    unit = moves / length[:, None]
+    stops = np.flatnonzero((unit[1:] * unit[:-1]).sum(axis=1) < 0.999) + 1
+    runs = np.add.reduceat(length, np.concatenate([[0], stops]))
+    seconds = sum(move_s(run, TRAVEL_MM_S, ACCELERATION_MM_S2) for run in runs)
+    volumes = [dot_mm3(diameter) for diameter in plan.diameter_mm]
+    dot_s = 2 * move_s(HOP_MM, LIFT_MM_S, LIFT_ACCELERATION_MM_S2) + 2 * RETRACT_MM / RETRACT_MM_S
+    seconds += len(plan) * dot_s + sum(filament_mm(volume) / EXTRUDE_MM_S for volume in volumes)
+    purge = float(np.hypot(*(points[2] - points[1])))
+    seconds += purge / PURGE_MM_S
+    return seconds / 60, (sum(volumes) + purge * BEAD_MM * LAYER_MM) * PLA_G_PER_MM3
+
+
+def move_s(length_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:
+    """Return the time of a move from rest to rest with a trapezoidal speed."""
+    ramp_mm = speed_mm_s**2 / acceleration_mm_s2
+    if length_mm < ramp_mm:
+        return 2 * math.sqrt(length_mm / acceleration_mm_s2)
+    return length_mm / speed_mm_s + speed_mm_s / acceleration_mm_s2
+
+
+def _xy(point: np.ndarray) -> str:
+    x, y = (f"{value:.5f}".rstrip("0").rstrip(".") for value in point)
+    return f"X{x} Y{y}".replace("-0 ", "0 ")

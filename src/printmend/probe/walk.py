@@ -1,0 +1,112 @@
+"""The motion of a probe print: way-points that bring every mark its direction of approach and its reversal.
+
+Along a row the marks are passed in one direction. Every third mark is overshot and approached from the other
+side, by a distance that differs for the two motors; some are approached through a staircase of shrinking
+reversals. Long moves have way-points in between, which a simulator or a camera can measure too.
+"""
+
+import itertools
+
+import numpy as np
+
+from printmend.measure.plan import ProbePlan
+from printmend.path import frozen
+from printmend.printer import Printer
+from printmend.probe.layout import EDGE_MM, RUN_IN_MM, Layout
+
+REVERSALS_MM = (8.0, 6.0, 4.6, 3.4, 2.6, 2.0, 1.5, 1.1, 0.8, 0.6, 0.4, 0.25, 0.15)
+REVERSAL_EVERY = 3
+STAIRCASE_EVERY = 45
+WAYPOINT_MM = 3.0
+DOT_MM, BIG_DOT_MM = 1.0, 1.6
+PURGE_MM = 100.0
+
+
+def walk(printer: Printer, layout: Layout) -> ProbePlan:
+    """Return the plan: home, purge line, then every row of the layout."""
+    low = np.array([printer.x.min_mm, printer.y.min_mm]) + EDGE_MM
+    high = np.array([printer.x.max_mm, printer.y.max_mm]) - EDGE_MM
+    points = [np.array(printer.home_mm), *purge_mm(printer)]
+    rows = np.empty(len(layout.marks_mm), np.int64)
+    order = np.random.default_rng(1)
+    ladders = [_ladder(order, len(rows)) for _ in range(2)]
+    for index, (mark, heading) in enumerate(zip(layout.marks_mm, layout.heading, strict=True)):
+        if index == 0 or layout.row[index] != layout.row[index - 1]:
+            points.append(np.clip(mark - RUN_IN_MM * heading, low, high))
+        ahead = np.sign(printer.to_motor(heading))
+        overshoot = printer.from_motor(ahead * [ladders[0][index], ladders[1][index]])
+        if index % STAIRCASE_EVERY == 1:
+            points += [np.clip(mark + step, low, high) for step in _staircase(printer, ahead)]
+        elif index % REVERSAL_EVERY == 1:
+            points.append(np.clip(mark + overshoot, low, high))
+        points.append(mark)
+        rows[index] = len(points) - 1
+    waypoints = snapped(printer, np.array(points))
+    waypoints, kept = _subdivided(printer, waypoints, first=len(purge_mm(printer)) + 1)
+    rows = kept[rows]
+    direction, reversal = approaches(waypoints)
+    return ProbePlan(
+        printer=printer.name,
+        kinematics=printer.kinematics,
+        pitch_mm=layout.pitch_mm,
+        angle_rad=layout.angle_rad,
+        dot_mm=DOT_MM,
+        big_dot_mm=BIG_DOT_MM,
+        waypoints_mm=frozen(waypoints),
+        rows=rows,
+        site=layout.site,
+        big=layout.big,
+        direction=direction[rows],
+        reversal_mm=reversal[rows],
+    )
+
+
+def purge_mm(printer: Printer) -> list[np.ndarray]:
+    """Return the ends of the purge line, along the front edge."""
+    start = np.array([printer.x.min_mm, printer.y.min_mm]) + EDGE_MM
+    length = min(PURGE_MM, printer.x.length_mm - 2 * EDGE_MM)
+    return [start, start + np.array([length, 0.0])]
+
+
+def snapped(printer: Printer, points_mm: np.ndarray) -> np.ndarray:
+    """Move points [N, 2] onto the motors' micro-steps, so that the printer need not round them."""
+    motors = printer.to_motor(points_mm)
+    pitch = np.array([axis.mm_per_step / axis.microsteps for axis in (printer.x, printer.y)])
+    return np.round(printer.from_motor(np.rint(motors / pitch) * pitch), 5)
+
+
+def approaches(waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return for each way-point [N, 2] the sign of each axis' last move and the distance since it turned [mm]."""
+    direction = np.zeros(waypoints_mm.shape, np.int64)
+    reversal = np.zeros(waypoints_mm.shape)
+    for row, move in enumerate(np.diff(waypoints_mm, axis=0), start=1):
+        sign = np.sign(np.round(move, 6)).astype(np.int64)
+        turned = (sign != 0) & (sign != direction[row - 1])
+        direction[row] = np.where(sign != 0, sign, direction[row - 1])
+        reversal[row] = np.where(turned, 0.0, reversal[row - 1]) + np.abs(move)
+    return direction, reversal
+
+
+def _ladder(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return reversal distances [count]: the whole ladder in shuffled order, again and again."""
+    repeats = -(-count // len(REVERSALS_MM))
+    return np.concatenate([rng.permutation(REVERSALS_MM) for _ in range(repeats)])[:count]
+
+
+def _staircase(printer: Printer, ahead: np.ndarray) -> list[np.ndarray]:
+    """Return offsets from a mark that swing around it by ever shorter reversals, starting ahead of it."""
+    swings = [reversal / 2 * (-1) ** k for k, reversal in enumerate(REVERSALS_MM)]
+    return [printer.from_motor(ahead * swing) for swing in swings]
+
+
+def _subdivided(printer: Printer, points: np.ndarray, *, first: int) -> tuple[np.ndarray, np.ndarray]:
+    """Put way-points on long moves after row ``first``; return them all and the new rows of the old ones."""
+    rng = np.random.default_rng(2)
+    out, kept = [points[0]], [0]
+    for row, (a, b) in enumerate(itertools.pairwise(points), start=1):
+        parts = max(1, round(float(np.hypot(*(b - a))) / WAYPOINT_MM)) if row > first else 1
+        share = (np.arange(1, parts) + rng.uniform(-0.3, 0.3, parts - 1)) / parts
+        out += list(snapped(printer, a + share[:, None] * (b - a)))
+        out.append(b)
+        kept.append(len(out) - 1)
+    return np.array(out), np.array(kept)
