@@ -12,6 +12,7 @@ from printmend.errors import PrintmendError
 # imported only when that command runs, so that `printmend --help` stays instant.
 COMMANDS: dict[str, str] = {
     "printer": "Print a printer preset as TOML, to start your own from.",
+    "probe": "Write a test print that shows every fault, and its plan.",
 }
 
 
