@@ -103,7 +103,7 @@ def test_every_angle_is_seen_in_both_directions_at_several_places(probed):
             turn = np.floor(motors[rows, motor] / turn_mm)
             for value in range(40):
                 seen = turn[angle == value]
-                assert len(seen) >= (4 if printer.name == "small" else 15)
+                assert len(seen) >= (5 if printer.name == "small" else 15)
                 assert len(np.unique(seen)) >= min(3, int(turns))
 
 

@@ -12,12 +12,12 @@ import numpy as np
 from printmend.measure.plan import ProbePlan
 from printmend.path import frozen
 from printmend.printer import Printer
-from printmend.probe.layout import EDGE_MM, RUN_IN_MM, Layout
+from printmend.probe.layout import EDGE_MM, MARKS, RUN_IN_MM, Layout
 
 REVERSALS_MM = (8.0, 6.0, 4.6, 3.4, 2.6, 2.0, 1.5, 1.1, 0.8, 0.6, 0.4, 0.25, 0.15)
 REVERSAL_EVERY = 3
 STAIRCASE_EVERY = 45
-WAYPOINT_MM = 3.0
+WAYPOINT_MM, SHORTEST_WAYPOINT_MM = 3.0, 1.0
 DOT_MM, BIG_DOT_MM = 1.0, 1.6
 PURGE_MM = 100.0
 
@@ -42,7 +42,9 @@ def walk(printer: Printer, layout: Layout) -> ProbePlan:
         points.append(mark)
         rows[index] = len(points) - 1
     waypoints = snapped(printer, np.array(points))
-    waypoints, kept = _subdivided(printer, waypoints, first=len(purge_mm(printer)) + 1)
+    # A small bed holds few marks and short rows: way-points lie closer there.
+    spacing = max(SHORTEST_WAYPOINT_MM, WAYPOINT_MM * min(1.0, len(rows) / MARKS))
+    waypoints, kept = _subdivided(printer, waypoints, spacing, first=len(purge_mm(printer)) + 1)
     rows = kept[rows]
     direction, reversal = approaches(waypoints)
     return ProbePlan(
@@ -99,12 +101,14 @@ def _staircase(printer: Printer, ahead: np.ndarray) -> list[np.ndarray]:
     return [printer.from_motor(ahead * swing) for swing in swings]
 
 
-def _subdivided(printer: Printer, points: np.ndarray, *, first: int) -> tuple[np.ndarray, np.ndarray]:
+def _subdivided(
+    printer: Printer, points: np.ndarray, spacing_mm: float, *, first: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Put way-points on long moves after row ``first``; return them all and the new rows of the old ones."""
     rng = np.random.default_rng(2)
     out, kept = [points[0]], [0]
     for row, (a, b) in enumerate(itertools.pairwise(points), start=1):
-        parts = max(1, round(float(np.hypot(*(b - a))) / WAYPOINT_MM)) if row > first else 1
+        parts = max(1, round(float(np.hypot(*(b - a))) / spacing_mm)) if row > first else 1
         share = (np.arange(1, parts) + rng.uniform(-0.3, 0.3, parts - 1)) / parts
         out += list(snapped(printer, a + share[:, None] * (b - a)))
         out.append(b)
