@@ -6,18 +6,15 @@ a surface that is open at most heights.
 
 import io
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
+from printmend.body.solid import MESH_SUFFIXES, Solid
 from printmend.errors import MeshError
-from printmend.path import frozen
-from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
-SUFFIXES = (".stl", ".obj", ".3mf", ".ply")
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": MM_PER_INCH, "foot": 12 * MM_PER_INCH, "micron": 1e-3}
 
 _UNIT_NAMES = {
@@ -30,26 +27,6 @@ _SMALL_MM = 10.0  # below this a body is named as one that may be in inches or m
 _BRIDGED_MM = 2.0  # gaps that slicers close while they chain a contour
 _MAX_OPEN = 0.75  # share of the heights at which the contour may be open
 _HEIGHTS = 200
-
-
-@dataclass(frozen=True, eq=False)
-class Solid:
-    """A closed surface: ``vertices_mm`` [V, 3] with the lowest at z = 0, ``faces`` [F, 3] seen from outside
-    counter-clockwise. ``notes`` say what was done to the file's own surface."""
-
-    name: str
-    vertices_mm: np.ndarray
-    faces: np.ndarray
-    notes: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "vertices_mm", frozen(np.asarray(self.vertices_mm, float)))
-        object.__setattr__(self, "faces", frozen(np.asarray(self.faces, np.int64)))
-
-    @property
-    def size_mm(self) -> np.ndarray:
-        """The edges of the bounding box [3]."""
-        return np.ptp(self.vertices_mm, axis=0)
 
 
 def read_solid(path: Path, *, unit: str | None = None) -> Solid:
@@ -78,38 +55,13 @@ def read_solid(path: Path, *, unit: str | None = None) -> Solid:
     return Solid(path.stem, vertices, mesh.faces, tuple(notes))
 
 
-def refuse_oversize(solid: Solid, printer: Printer) -> None:
-    """Raise MeshError where the body does not fit the printer as it stands."""
-    room = np.array([axis.length_mm for axis in printer.axes])
-    if (solid.size_mm <= room + 1e-6).all():
-        return
-    turned = (np.sort(solid.size_mm) <= np.sort(room)).all()
-    raise MeshError(
-        solid.name,
-        wanted=f"a body of {' × '.join(f'{edge:g}' for edge in room)} mm at the most ({printer.name})",
-        came=" × ".join(f"{edge:.1f}" for edge in solid.size_mm) + " mm",
-        todo="turn it on another side" if turned else "scale or split it, or give a larger printer",
-    )
-
-
-def stl_bytes(solid: Solid) -> bytes:
-    """Return the solid as binary STL."""
-    corners = solid.vertices_mm[solid.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    rows = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    rows["normal"] = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-    rows["corners"] = corners
-    return b"printmend".ljust(80, b" ") + np.uint32(len(rows)).tobytes() + rows.tobytes()
-
-
 def _parse(path: Path) -> tuple[trimesh.Trimesh, str | None]:
     """Return the file's triangles and the unit it names; every fault of the file becomes a MeshError."""
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES or not path.is_file():
+    if suffix not in MESH_SUFFIXES or not path.is_file():
         raise MeshError(
-            path, wanted=f"a mesh file ({', '.join(SUFFIXES)})", came="another kind" if path.exists() else "no file",
-            todo="check the name, or export the body as STL",
+            path, wanted=f"a mesh file ({', '.join(MESH_SUFFIXES)})",
+            came="another kind" if path.exists() else "no file", todo="check the name, or export the body as STL",
         )  # fmt: skip
     if path.stat().st_size > _MAX_BYTES:
         raise MeshError(path, wanted="256 MiB at the most", came=f"{path.stat().st_size} bytes", todo="decimate it")

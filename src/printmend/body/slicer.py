@@ -12,7 +12,7 @@ import tempfile
 from importlib import resources
 from pathlib import Path
 
-from printmend.body.mesh import Solid, refuse_oversize, stl_bytes
+from printmend.body.solid import Solid, refuse_oversize, stl_bytes
 from printmend.errors import MeshError, MissingToolError
 from printmend.files import replacing
 from printmend.printer import Printer

@@ -1,0 +1,25 @@
+"""Build and slice the body that ships with printmend: `.venv/bin/python tools/make_demo_body.py`.
+
+Needs PrusaSlicer. Writes src/printmend/body/data/timing_pulley.gcode without the slicer's dump of its settings, which are in
+src/printmend/body/profiles/ender5_abs.ini.
+"""
+
+from pathlib import Path
+
+from printmend.body.pulley import timing_pulley
+from printmend.body.slicer import slice_solid
+from printmend.files import replacing
+from printmend.printer import read_printer
+
+TARGET = Path(__file__).resolve().parents[1] / "src" / "printmend" / "body" / "data" / "timing_pulley.gcode"
+
+
+def main() -> None:
+    gcode = slice_solid(timing_pulley(), read_printer("ender5"))
+    with replacing(TARGET, "wb") as file:
+        file.write(gcode.partition(b"\n; prusaslicer_config = begin")[0])
+    print(f"{TARGET}: {TARGET.stat().st_size} bytes")
+
+
+if __name__ == "__main__":
+    main()
