@@ -1,0 +1,150 @@
+"""What the environments run on: pools of machines and of tasks, and the state of N prints side by side."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from printmend.corruption import Corruption
+from printmend.errors import ConfigError, InputError
+from printmend.mechanism import Mechanism
+from printmend.path import Layer
+from printmend.printer import Printer
+from printmend.twin import lattice_tables
+from printmend.units import TURN_RAD
+
+
+class Machines(NamedTuple):
+    """K broken machines of one printer as arrays.
+
+    ``lower`` and ``upper`` [K, 2, M] full steps: the branches of each motor's play, entry i at motor position
+    ``first[motor] + i``. ``frames`` [K, 2, 10] mm: the coefficients of `mechanism.Frame`.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    first: np.ndarray
+    frames: np.ndarray
+    frame_scale_mm: float
+    has_frame: bool
+    corexy: bool
+    bed: np.ndarray
+    low_mm: np.ndarray
+    pitch_mm: np.ndarray
+
+
+class Tasks(NamedTuple):
+    """P paths to print: ``starts`` [P, 2], ``targets`` [P, T, 2] and ``lengths`` [P], integer full steps."""
+
+    starts: np.ndarray
+    targets: np.ndarray
+    lengths: np.ndarray
+
+
+class Fleet(NamedTuple):
+    """The hidden state of N prints: which machine and task, the tick, and where everything is.
+
+    ``nominal`` [N, 2] is the sum of the controls, hence the motors' angles; ``position`` [N, 2] is where each
+    motor's belt holds its carriage, the memory of the play [full steps]; ``last`` and ``direction`` [N, 2] are
+    the last control and the sign of the last motion; ``squares`` [N] the sum of squared errors so far.
+    """
+
+    machine: np.ndarray
+    task: np.ndarray
+    tick: np.ndarray
+    nominal: np.ndarray
+    position: np.ndarray
+    origin: np.ndarray
+    anchor: np.ndarray
+    last: np.ndarray
+    direction: np.ndarray
+    squares: np.ndarray
+
+
+def machines_of(corruptions: Sequence[Corruption], printer: Printer) -> Machines:
+    """Lower corruptions to a pool. Raise `ConfigError` for gain tables, which have no hidden mechanics."""
+    mechanisms = [corruption.lower(printer) for corruption in corruptions]
+    if not all(isinstance(mechanism, Mechanism) for mechanism in mechanisms):
+        raise ConfigError(
+            "environment", wanted="conservative corruptions", came="a gain table", todo="choose another family"
+        )
+    middle = np.array(printer.bed_steps) // 2
+    tables = [lattice_tables(mechanism, middle) for mechanism in mechanisms]  # type: ignore[arg-type]
+    entries = max(len(row) for row in tables[0].lower_steps)
+    frames = [mechanism.frame for mechanism in mechanisms]  # type: ignore[union-attr]
+
+    def padded(rows: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        return np.stack([np.pad(row, (0, entries - len(row)), mode="edge") for row in rows])
+
+    return Machines(
+        lower=np.stack([padded(table.lower_steps) for table in tables]),
+        upper=np.stack([padded(table.upper_steps) for table in tables]),
+        first=np.array(tables[0].first_steps, np.int64),
+        frames=np.stack([frame.coefficients_mm for frame in frames]),
+        frame_scale_mm=float(frames[0].scale_mm),
+        has_frame=not all(frame.is_identity for frame in frames),
+        corexy=printer.kinematics == "corexy",
+        bed=np.array(printer.bed_steps, np.int64),
+        low_mm=np.array([printer.x.min_mm, printer.y.min_mm]),
+        pitch_mm=np.array(printer.mm_per_step),
+    )
+
+
+def tasks_of(layers: Sequence[Layer]) -> Tasks:
+    """Make a task of every layer: its nominal positions are the targets. Raise `InputError` where none moves."""
+    if not layers or min(layer.transitions for layer in layers) == 0:
+        raise InputError("tasks", wanted="layers with motion", came="none, or an empty one", todo="drop it")
+    lengths = np.array([layer.transitions for layer in layers], np.int64)
+    targets = np.empty((len(layers), int(lengths.max()), 2), np.int64)
+    for row, layer in zip(targets, layers, strict=True):
+        nominal = layer.nominal_steps[1:]
+        row[: len(nominal)], row[len(nominal) :] = nominal, nominal[-1]
+    return Tasks(np.array([layer.start_steps for layer in layers], np.int64), targets, lengths)
+
+
+def random_layer(rng: np.random.Generator, printer: Printer, ticks: int) -> Layer:
+    """Draw a layer of ``ticks`` controls: perimeters of a random smooth shape, two steps (a bead) apart."""
+    bed = np.array(printer.bed_steps)
+    size = float(rng.uniform(25.0, 0.25 * bed.min()))
+    centre = rng.uniform(1.5 * size, bed - 1.5 * size)
+    amplitude = rng.uniform(-0.12, 0.12, 4) / np.arange(1, 5)
+    phase = rng.uniform(0, TURN_RAD, 4)
+    angle = np.linspace(0, TURN_RAD, 361)
+    shape = 1 + np.cos(np.outer(angle, np.arange(1, 5)) + phase) @ amplitude
+    outline = shape[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    radii = np.arange(size, 12.0, -2.0)
+    once = np.vstack([centre + radius * outline for radius in radii])
+    # One loop's chords are at least as long as its lattice path's ticks over √2; rounds until that is enough.
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(once, axis=0).T))])
+    rounds = 1 + int(2 * ticks / length[-1])
+    path = np.vstack([once] * rounds)
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    # Samples 0.4 steps apart move each rounded coordinate by one step at most.
+    at = np.arange(0.0, travelled[-1], 0.4)
+    points = np.rint(np.stack([np.interp(at, travelled, path[:, i]) for i in range(2)], axis=1)).astype(int)
+    moved = np.concatenate([[True], np.any(np.diff(points, axis=0) != 0, axis=1)])
+    points = points[moved][: ticks + 1]
+    return Layer(0, 0.2, points[0], np.diff(points, axis=0), np.ones(ticks, bool))
+
+
+def fleet_of(count: int) -> Fleet:
+    """Allocate the state of ``count`` prints; `kernels.restart` fills it."""
+
+    def whole() -> np.ndarray:
+        return np.zeros((count, 2), np.int64)
+
+    def real() -> np.ndarray:
+        return np.zeros((count, 2))
+
+    return Fleet(
+        machine=np.zeros(count, np.int64),
+        task=np.zeros(count, np.int64),
+        tick=np.zeros(count, np.int64),
+        nominal=whole(),
+        position=real(),
+        origin=real(),
+        anchor=real(),
+        last=whole(),
+        direction=whole(),
+        squares=np.zeros(count),
+    )
