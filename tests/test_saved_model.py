@@ -1,0 +1,142 @@
+"""printer.mend.json: what is written is read back, and everything else ends in one clear line."""
+
+import json
+
+import numpy as np
+import pytest
+
+from printmend.corruption import HEALTHY, sample
+from printmend.errors import ModelError
+from printmend.mechanism import Frame, Mechanism
+from printmend.printer import Printer, read_printer
+from printmend.worldmodel.greybox_branches import Branches, Wave
+from printmend.worldmodel.saved import (
+    branches_of,
+    exact_model,
+    model_text,
+    parse_model,
+    read_model,
+    saved_model,
+    write_model,
+)
+
+ENDER3 = read_printer("ender3")
+
+
+def branches(play_mm: float = 0.4) -> Branches:
+    k = np.arange(1, 9)
+    mean = Wave(np.array([0.3, -0.2]), k, 0.2 / k**3, -0.1 / k**3)
+    return Branches(40.0, 110.0, (0.0, 220.0), mean, Wave(np.array([play_mm])))
+
+
+@pytest.mark.parametrize("family", ["healthy", "play", "everything"])
+def test_exact_models_are_read_back(family: str, printer: Printer, tmp_path) -> None:
+    corruption = HEALTHY if family == "healthy" else sample(family, np.random.default_rng(3))
+    truth = corruption.lower(printer)
+    model = exact_model(truth)
+    write_model(tmp_path / "printer.mend.json", model)
+    again = read_model(tmp_path / "printer.mend.json")
+    assert again.is_healthy == (family == "healthy")
+    assert again.printer == printer
+    assert again.digest == model.digest
+    for want, got in zip(truth.homed().transmissions, again.mechanism.transmissions, strict=True):
+        assert np.abs(want.lower_mm - got.lower_mm).max() < 1e-8
+        assert np.abs(want.upper_mm - got.upper_mm).max() < 1e-8
+        assert (np.diff(got.lower_mm) >= 0).all()
+        assert (got.lower_mm <= got.upper_mm).all()
+    assert np.abs(truth.frame.coefficients_mm - again.mechanism.frame.coefficients_mm).max() < 1e-8
+
+
+def test_series_are_read_back_to_the_same_tables() -> None:
+    drives = (branches(), Branches(40.0, 110.0, (0.0, 220.0)))
+    tables = (drives[0].lower(ENDER3, 0), drives[1].lower(ENDER3, 1))
+    model = saved_model(Mechanism(ENDER3, tables, Frame()), learner="greybox", branches=drives, findings=("fine",))
+    again = parse_model(model_text(model), subject="text")
+    read = branches_of(again, 0)
+    assert read is not None
+    assert np.abs(read.mean.cos_mm - drives[0].mean.cos_mm).max() < 1e-9
+    assert np.abs(again.mechanism.transmissions[0].upper_mm - tables[0].upper_mm).max() < 1e-8
+    assert again.document["motors"]["y"] == {"kind": "healthy"}
+    assert not again.is_healthy
+    assert again.findings == ("fine",)
+
+
+def edited(**changes: object) -> str:
+    """A whole model with some keys changed, digested anew: what a careful forger would write."""
+    from printmend.worldmodel.saved import _text
+
+    document = json.loads(model_text(exact_model(HEALTHY.lower(ENDER3))))
+    document.pop("digest")
+    for name, value in changes.items():
+        if value is None:
+            document.pop(name)
+        else:
+            document[name] = value
+    return _text(document)
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("", "JSON"),
+        ("[" * 100_000, "JSON|nesting"),
+        ("[]", "another kind"),
+        ("{}", "another kind"),
+        (edited(version=2), "version 2"),
+        (edited(version="1"), "version"),
+        (edited(printer=None), "printer"),
+        (edited(printer={"name": "x"}), "kinematics"),
+        (edited(printer={"name": [None]}), "printer"),
+        (edited(motors={}), "motors"),
+        (edited(motors={"x": 1, "y": 2}), "section"),
+        (edited(motors={"x": {"kind": "magic"}, "y": {"kind": "healthy"}}), "kind"),
+        (edited(noise_mm="much"), "noise_mm"),
+        (edited(noise_mm=-1.0), "noise_mm"),
+        (edited(findings=[1]), "findings"),
+        (edited(frame={"scale_mm": 100.0, "x_mm": [0.0], "y_mm": [0.0]}), "ten coefficients"),
+        (edited().replace('"learner": "exact"', '"learner": "forged"'), "digest"),
+        (edited().replace('"noise_mm": 0.0', '"noise_mm": NaN'), "NaN"),
+    ],
+)
+def test_bad_models_end_in_one_line(text: str, names: str) -> None:
+    with pytest.raises(ModelError, match=names) as caught:
+        parse_model(text, subject="printer.mend.json")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        {"lower_error_mm": [0.0, float("1e300")]},
+        {"lower_error_mm": [0.0, -5.0]},
+        {"lower_error_mm": [0.0]},
+        {"lower_error_mm": "much"},
+        {"lower_error_mm": [0.0, True]},
+        {"lower_error_mm": [0.0, 0.0], "upper_error_mm": [0.0, -1.0]},
+        {"lower_error_mm": [0.0, 0.0], "pitch_mm": 0.0},
+    ],
+)
+def test_bad_tables_end_in_one_line(section: dict) -> None:
+    table = {"kind": "table", "first_mm": 0.0, "pitch_mm": 1.0, **section}
+    with pytest.raises(ModelError):
+        parse_model(edited(motors={"x": table, "y": {"kind": "healthy"}}), subject="printer.mend.json")
+
+
+def test_missing_and_binary_files(tmp_path) -> None:
+    with pytest.raises(ModelError, match="no such file"):
+        read_model(tmp_path / "none.json")
+    (tmp_path / "binary.json").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ModelError, match="UTF-8"):
+        read_model(tmp_path / "binary.json")
+
+
+def test_play_never_turns_negative() -> None:
+    lower, upper = (t := branches(-0.3).lower(ENDER3, 0)).lower_mm, t.upper_mm
+    assert (upper >= lower).all()
+
+
+def test_powers_do_not_explode_beyond_what_was_seen() -> None:
+    drive = Branches(40.0, 110.0, (90.0, 130.0), Wave(np.array([0.0, 0.0, 1.0])))
+    mean, _ = drive.errors_mm(np.array([90.0, 0.0]))
+    slope_per_mm = 2 * (-0.2) / 100
+    assert mean[1] == pytest.approx(mean[0] + slope_per_mm * -90.0)
