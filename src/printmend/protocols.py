@@ -54,6 +54,23 @@ class IncrementTables:
     c_max: int
 
 
+@dataclass(frozen=True, eq=False)
+class JointTables:
+    """Memoryless increments of both axes together, for controls of one step an axis.
+
+    position ← position + |c|·``unit_steps[cell_x, cell_y, sign_x + 1, sign_y + 1]`` [Bx, By, 3, 3, 2], where
+    ``cells[axis][n]`` is the cell of nominal position n on the lattice 0…bed: the published "fast" rule (physics.md
+    §8.1). With ``rolled`` the one-step model goes tick by tick instead: an axis that has made its |c| steps rests.
+    """
+
+    cells: tuple[np.ndarray, np.ndarray]
+    unit_steps: np.ndarray
+    rolled: bool = False
+
+
+Tables = PlayTables | IncrementTables | JointTables
+
+
 @runtime_checkable
 class WorldModel(Protocol):
     """What a planner imagines with. Frozen; made by a learner, or from the true corruption (the Oracle)."""
@@ -69,7 +86,7 @@ class WorldModel(Protocol):
         """Return the states [K] after the controls [K, 2] are applied to ``state`` [1] or [K]."""
         ...
 
-    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> PlayTables | IncrementTables | None:
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
         """Return the model as arrays, anchored so that the layer starts at ``start_steps``; None where it cannot be."""
         ...
 

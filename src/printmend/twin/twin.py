@@ -121,7 +121,7 @@ def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
 
 
 def lattice_bed(mechanism: Mechanism, motors_steps: np.ndarray, start_steps: np.ndarray) -> np.ndarray:
-    """Map belt positions of the motors [N, 2] to the bed [N, 2], in full steps, anchored so that the start stays put."""
+    """Map belt positions of the motors [N, 2] to the bed [N, 2] in full steps; the start maps to itself."""
     printer = mechanism.printer
     belts = printer.from_motor(motors_steps)
     if mechanism.frame.is_identity:

@@ -1,14 +1,13 @@
 """A world model that is a mechanism: the Oracle over the true one, the grey box over a learned one."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from printmend.errors import InputError
 from printmend.mechanism import GainMechanism, Mechanism
 from printmend.printer import Printer
-from printmend.protocols import IncrementTables, PlayTables, State
+from printmend.protocols import IncrementTables, State, Tables
 from printmend.twin import kernels, lattice_bed, lattice_tables
 
 
@@ -60,7 +59,7 @@ class MechanismModel:
             position[mine] = lattice_bed(self.mechanism, after[mine], start)
         return State(nominal, position, np.concatenate([after, starts], axis=1))
 
-    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> PlayTables | IncrementTables | None:
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
         """Return play tables anchored at the start, or the published increments; None with a crooked frame."""
         if isinstance(self.mechanism, GainMechanism):
             return gain_tables(self.mechanism, c_max)

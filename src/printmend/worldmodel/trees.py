@@ -1,0 +1,148 @@
+"""The published tree learners, and one that knows that a pulley turns.
+
+Features, targets and defaults are those of physics.md §8 and §8.1; a one-step prediction times |c| gives the larger
+controls.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.protocols import JointTables, State
+from printmend.worldmodel.ensemble import Ensemble, constant, from_forest, from_lightgbm
+from printmend.worldmodel.increments import AxisModel, moved, start_state
+from printmend.worldmodel.transitions import transitions
+
+_SIGNS = np.array([-1.0, 0.0, 1.0])
+
+Regress = Callable[[np.ndarray, np.ndarray, int], Ensemble]
+"""Fit rows [N, F] to values [N, outputs] with a seed."""
+
+
+def lightgbm(rows: np.ndarray, values: np.ndarray, seed: int) -> Ensemble:
+    """Fit a default ``LGBMRegressor`` to one output; the options only silence it and make it repeatable."""
+    from lightgbm import LGBMRegressor
+
+    # The histograms' layout is otherwise chosen by timing them, and with it the order of the sums.
+    model = LGBMRegressor(random_state=seed, n_jobs=1, verbosity=-1, deterministic=True, force_col_wise=True)
+    model.fit(rows, values[:, 0])
+    return from_lightgbm(model.booster_.model_to_string())
+
+
+def forest(rows: np.ndarray, values: np.ndarray, seed: int) -> Ensemble:
+    """Fit a default ``RandomForestRegressor`` to one or more outputs."""
+    from sklearn.ensemble import RandomForestRegressor
+
+    model = RandomForestRegressor(random_state=seed, n_jobs=1)
+    return from_forest(model.fit(rows, values if values.shape[1] > 1 else values[:, 0]))
+
+
+@dataclass(frozen=True, eq=False)
+class JointTreeModel:
+    """Trees over (x nominal, y nominal, sign cx, sign cy); together they have two outputs, the displacements.
+
+    ``period_steps``: positions are taken modulo this, where it is not None.
+    """
+
+    printer: Printer
+    ensembles: tuple[Ensemble, ...]
+    period_steps: int | None = None
+
+    def start(self, start_steps: np.ndarray) -> State:
+        """Return the state [1] at the lattice point ``start_steps`` [2]."""
+        return start_state(start_steps)
+
+    def unit_displacement(self, nominal: np.ndarray, signs: np.ndarray) -> np.ndarray:
+        """Return the predicted displacement [K, 2] of one tick; an axis at rest stays."""
+        rows = np.concatenate([self._wrapped(nominal), signs], axis=1)
+        return np.concatenate([ensemble.predict(rows) for ensemble in self.ensembles], axis=1) * np.abs(signs)
+
+    def advance(self, state: State, controls: np.ndarray) -> State:
+        """Return the states [K] after the controls [K, 2]: the prediction for their signs, times |c|."""
+        controls = np.asarray(controls, np.int64)
+        nominal = np.broadcast_to(state.nominal_steps, (len(controls), 2))
+        unit = self.unit_displacement(nominal, np.sign(controls))
+        return moved(state, controls, unit * np.abs(controls), self.printer)
+
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> JointTables:
+        """Return the trees painted on the cells between their thresholds; made once a model."""
+        return self._tables
+
+    def _wrapped(self, nominal: np.ndarray) -> np.ndarray:
+        return nominal if self.period_steps is None else nominal % self.period_steps
+
+    @cached_property
+    def _tables(self) -> JointTables:
+        cells, levels = [], []
+        for axis, bed in enumerate(self.printer.bed_steps):
+            edges = np.unique(np.concatenate([ensemble.edges(axis) for ensemble in self.ensembles]))
+            position = self._wrapped(np.arange(bed + 1))
+            # Cells that no lattice position reaches are left out; one position stands for each cell.
+            _, first, cell = np.unique(np.searchsorted(edges, position), return_index=True, return_inverse=True)
+            levels.append(position[first].astype(float))
+            cells.append(cell.reshape(-1).astype(np.int32))
+        shape = (len(levels[0]), len(levels[1]), 3, 3, 2)
+        unit, output = np.zeros(shape), 0
+        for ensemble in self.ensembles:
+            ensemble.paint((levels[0], levels[1], _SIGNS, _SIGNS), output, unit)
+            output += ensemble.outputs
+        unit[:, :, 1, :, 0] = 0.0
+        unit[:, :, :, 1, 1] = 0.0
+        return JointTables((cells[0], cells[1]), unit)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the model as LightGBM's own text. Only for boosted trees."""
+        return {"lightgbm": [ensemble.text for ensemble in self.ensembles], "period_steps": self.period_steps}
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any], printer: Printer) -> "JointTreeModel":
+        """Read `to_json`'s value. Raise `ModelError` where the trees cannot be followed."""
+        return cls(printer, tuple(from_lightgbm(text) for text in value["lightgbm"]), value["period_steps"])
+
+
+@dataclass(frozen=True)
+class JointTreeLearner:
+    """Both axes from both axes: no assumption that the axes are independent (the paper's main row)."""
+
+    name: str
+    regress: Regress
+    multiple_outputs: bool
+    period_steps: int | None = None
+
+    def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> JointTreeModel:
+        """Fit one-tick displacements to (x, y, sign cx, sign cy). Raise `TraceError` for a trace without moves."""
+        data = transitions(trace, printer)
+        position = data.nominal_steps if self.period_steps is None else data.nominal_steps % self.period_steps
+        rows, values = np.concatenate([position, data.signs], axis=1), data.unit_displacement_steps
+        groups = [values] if self.multiple_outputs else [values[:, :1], values[:, 1:]]
+        ensembles = [self.regress(rows, group, int(rng.integers(2**31))) for group in groups]
+        return JointTreeModel(printer, tuple(ensembles), self.period_steps)
+
+
+@dataclass(frozen=True)
+class AxisTreeLearner:
+    """Each axis from itself: displacement × sign(c) over the nominal position, rows in which that axis moved."""
+
+    name: str
+    regress: Regress
+    period_steps: int | None = None
+
+    def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> AxisModel:
+        """Fit a gain for each axis; an axis that never moved is taken as healthy. Raise `TraceError` without moves."""
+        data = transitions(trace, printer)
+        gains = []
+        for axis, bed in enumerate(printer.bed_steps):
+            seed = int(rng.integers(2**31))
+            moves = data.controls_steps[:, axis] != 0
+            position, lattice = data.nominal_steps[moves, axis, None], np.arange(bed + 1.0)[:, None]
+            values = data.unit_displacement_steps[moves, axis, None] * data.signs[moves, axis, None]
+            if self.period_steps is not None:
+                position, lattice = position % self.period_steps, lattice % self.period_steps
+            ensemble = self.regress(position, values, seed) if moves.any() else constant(1.0)
+            gains.append(ensemble.predict(lattice)[:, 0])
+        return AxisModel(printer, (gains[0], gains[1]))
