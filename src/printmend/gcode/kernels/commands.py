@@ -1,0 +1,431 @@
+# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
+"""What each command does to the machine's state and to the record of its statement."""
+
+import numpy as np
+from numba import njit
+
+from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.text import SEMICOLON, among, is_letter, name_hash, parse_number, word_hash
+
+_SAVE, _RESTORE, _OFFSET = (
+    name_hash("SAVE_GCODE_STATE"),
+    name_hash("RESTORE_GCODE_STATE"),
+    name_hash("SET_GCODE_OFFSET"),
+)
+_KEY_NAME, _KEY_MOVE, _DEFAULT = name_hash("NAME"), name_hash("MOVE"), name_hash("DEFAULT")
+_KEY_AXIS = np.array([name_hash("X"), name_hash("Y"), name_hash("Z")])
+_KEY_ADJUST = np.array([name_hash("X_ADJUST"), name_hash("Y_ADJUST"), name_hash("Z_ADJUST")])
+_EXCLUDING = np.array(
+    [name_hash(name) for name in ("EXCLUDE_OBJECT", "EXCLUDE_OBJECT_START", "EXCLUDE_OBJECT_END",
+        "START_CURRENT_OBJECT", "END_CURRENT_OBJECT", "CANCEL_OBJECT")]
+)  # fmt: skip
+_PAUSING = np.array([name_hash(name) for name in ("PAUSE", "RESUME", "CANCEL_PRINT")])
+_TOOLING = np.array([name_hash("ACTIVATE_EXTRUDER")])
+# Extended commands that neither move the carriage nor shift its coordinates.
+_STILL = np.array(
+    [name_hash(name) for name in (
+        "SET_PRESSURE_ADVANCE", "SET_VELOCITY_LIMIT", "EXCLUDE_OBJECT_DEFINE", "DEFINE_OBJECT", "SET_FAN_SPEED",
+        "SET_LED", "SET_PRINT_STATS_INFO", "SET_RETRACTION", "TEMPERATURE_WAIT", "SET_HEATER_TEMPERATURE", "RESPOND",
+        "GET_POSITION", "SET_INPUT_SHAPER", "UPDATE_DELAYED_GCODE", "SET_GCODE_VARIABLE", "SAVE_VARIABLE",
+        "SDCARD_LOOP_BEGIN", "SDCARD_LOOP_END", "SDCARD_LOOP_DESIST", "SET_PIN", "SET_TEMPERATURE_FAN_TARGET",
+        "TURN_OFF_HEATERS", "SET_DISPLAY_TEXT", "QUERY_ENDSTOPS", "STATUS",
+        "TIMELAPSE_RENDER", "SET_SERVO", "SET_FILAMENT_SENSOR", "M117", "EXCLUDE_OBJECT_RESET", "SET_TMC_CURRENT",
+    )]
+)  # fmt: skip
+
+
+@njit
+def add_offsets(numbers, counts):
+    """Sum the work, G92, gcode, home and tool offsets of each axis: machine − logical [mm]."""
+    tool = counts[C_TOOL]
+    for axis in range(3):
+        tools = numbers[N_TOOLS + 3 * tool + axis] if 0 <= tool < TOOLS else 0.0
+        work = numbers[N_WCS + 3 * counts[C_WCS] + axis]
+        shift = numbers[N_G92 + axis] + numbers[N_GCODE_OFFSET + axis] - numbers[N_M206 + axis]
+        numbers[N_OFFSET + axis] = work + shift - tools
+
+
+@njit
+def e_is_relative(counts):
+    if counts[C_RULE] == E_EITHER:
+        return counts[C_M83] != 0 or counts[C_RELATIVE] != 0
+    return counts[C_M83] != 0
+
+
+@njit
+def begin_record(r, begin, end, after, numbers, counts, flags):
+    """Fill a record with the state as it is before the statement."""
+    r.begin, r.end, r.next, r.line = begin, end, after, counts[C_LINE]
+    r.x0, r.y0, r.z0, r.e0 = numbers[N_POS], numbers[N_POS + 1], numbers[N_POS + 2], numbers[N_E]
+    r.c0 = r.c1 = np.nan
+    r.advance = 0.0
+    if counts[C_RELATIVE]:
+        flags |= FLAG_RELATIVE
+    if e_is_relative(counts):
+        flags |= FLAG_E_RELATIVE
+    if counts[C_INCH]:
+        flags |= FLAG_INCH
+    r.flags = flags | counts[C_KNOWN] << 4
+    r.layer, r.turns, r.plane = counts[C_LAYER], 0, counts[C_PLANE]
+    r.kind = r.event = r.axes = 0
+
+
+@njit
+def finish_record(r, numbers, counts):
+    """Close a record with the place, E, feed, offsets and certainty after the statement."""
+    r.x1, r.y1, r.z1 = numbers[N_POS], numbers[N_POS + 1], numbers[N_POS + 2]
+    r.e1, r.feed = numbers[N_E], numbers[N_FEED]
+    r.ox, r.oy, r.oz = numbers[N_OFFSET], numbers[N_OFFSET + 1], numbers[N_OFFSET + 2]
+    r.flags = r.flags | (counts[C_KNOWN] << 7)
+
+
+@njit
+def event(r, counts, event, lost):
+    """Say why the place (axes in ``lost``) or the belts' engaged side is uncertain after this statement."""
+    r.kind, r.event = KIND_EVENT, event
+    counts[C_KNOWN] &= ~lost & 7
+
+
+@njit
+def _goto(numbers, counts, words, unclear, values, unit, g53):
+    """Move the state's place by the X Y Z words; an axis named with an unclear value is lost."""
+    for axis in range(3):
+        bit = WORD_X << axis
+        if unclear & bit:
+            counts[C_KNOWN] &= ~(1 << axis)
+        elif words & bit:
+            value = values[23 + axis] * unit
+            if g53:
+                numbers[N_POS + axis] = value
+                counts[C_KNOWN] |= 1 << axis
+            elif counts[C_RELATIVE]:
+                numbers[N_POS + axis] += value
+            else:
+                numbers[N_POS + axis] = value + numbers[N_OFFSET + axis]
+                if counts[C_OFFSET_KNOWN] & (1 << axis):
+                    counts[C_KNOWN] |= 1 << axis
+                else:
+                    counts[C_KNOWN] &= ~(1 << axis)
+
+
+@njit
+def move(r, numbers, counts, words, unclear, values, motion):
+    """G0 G1 G2 G3: the state moves on; the record learns the rest in `_close_move`."""
+    unit = 25.4 if counts[C_INCH] else 1.0
+    if motion == 0:
+        r.flags = r.flags | FLAG_RAPID
+    if words & WORD_F:
+        numbers[N_FEED] = abs(values[5]) * unit
+    r.kind = KIND_LINEAR if motion < 2 else (KIND_CW if motion == 2 else KIND_CCW)
+    _goto(numbers, counts, words, unclear, values, unit, (r.flags & FLAG_G53) != 0)
+    if words & WORD_E:
+        value = values[4] * unit
+        numbers[N_E] = r.e0 + value if e_is_relative(counts) else value
+        advance = (numbers[N_E] - r.e0) * numbers[N_FLOW]
+        r.advance = advance / numbers[N_AREA] if numbers[N_AREA] > 0 else advance
+    moves = r.x0 != numbers[N_POS] or r.y0 != numbers[N_POS + 1] or r.z0 != numbers[N_POS + 2]
+    if motion >= 2:
+        _centre(r, numbers, counts, words, values, unit, motion)
+        moves = True
+        if words & WORD_P and values[15] > 1 and values[15] < 1000:
+            r.turns = np.int64(values[15]) - 1
+    if moves and r.advance > 0:
+        r.flags = r.flags | FLAG_EXTRUDING
+    if unclear:
+        r.flags = r.flags | FLAG_OPAQUE
+        if unclear & (WORDS_XYZ | WORDS_IJK | WORD_R):
+            r.kind, r.event = KIND_EVENT, EVENT_PLACEHOLDER
+
+
+@njit
+def _centre(r, numbers, counts, words, values, unit, motion):
+    """Find an arc's centre from I J K or from R; an arc without one becomes an unknown event."""
+    a = (0, 2, 1)[counts[C_PLANE]]
+    b = (1, 0, 2)[counts[C_PLANE]]
+    first = r.x0 if a == 0 else (r.z0 if a == 2 else r.y0)
+    second = r.y0 if b == 1 else (r.x0 if b == 0 else r.z0)
+    bit_a, bit_b = WORD_I << a, WORD_I << b
+    if words & (bit_a | bit_b):
+        if counts[C_ARC_ABSOLUTE]:
+            r.c0 = values[8 + a] * unit + numbers[N_OFFSET + a] if words & bit_a else first
+            r.c1 = values[8 + b] * unit + numbers[N_OFFSET + b] if words & bit_b else second
+        else:
+            r.c0 = first + (values[8 + a] * unit if words & bit_a else 0.0)
+            r.c1 = second + (values[8 + b] * unit if words & bit_b else 0.0)
+        if r.c0 != first or r.c1 != second:
+            return
+    elif words & WORD_R:
+        # The centre lies on the chord's bisector, at h from its middle: (2h/d)² = (4r² − d²)/d².
+        radius = values[17] * unit
+        x, y = numbers[N_POS + a] - first, numbers[N_POS + b] - second
+        square = x * x + y * y
+        if square > 0 and radius != 0:
+            ratio = -np.sqrt(max(4.0 * radius * radius - square, 0.0) / square)
+            if motion == 3:
+                ratio = -ratio
+            if radius < 0:
+                ratio = -ratio
+            r.c0 = first + 0.5 * (x - y * ratio)
+            r.c1 = second + 0.5 * (y + x * ratio)
+            return
+    r.c0 = r.c1 = np.nan
+    r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
+
+
+@njit
+def _home(r, numbers, counts, axes):
+    """G28: the named axes are at home; their shifts are forgotten."""
+    r.kind, r.axes = KIND_HOME, axes
+    for axis in range(3):
+        if axes & (1 << axis):
+            numbers[N_POS + axis] = numbers[N_HOME + axis]
+            numbers[N_G92 + axis] = 0.0
+            counts[C_KNOWN] |= 1 << axis
+            counts[C_OFFSET_KNOWN] |= 1 << axis
+
+
+@njit
+def _set_position(r, numbers, counts, words, values, code):
+    """G92: the place stays, its coordinates change. Bare, Klipper sets all to zero; Marlin and RRF do nothing."""
+    unit = 25.4 if counts[C_INCH] else 1.0
+    flavour = counts[C_FLAVOUR]
+    bare = (words & (WORDS_XYZ | WORD_E)) == 0 and code == 920
+    zero = bare and flavour in (FLAVOUR_UNKNOWN, FLAVOUR_KLIPPER)
+    r.kind = KIND_SET
+    axes = 0
+    for axis in range(3):
+        if code != 920:  # G92.1, G92.2: LinuxCNC forgets the shift
+            numbers[N_G92 + axis] = 0.0
+        elif zero or words & (WORD_X << axis):
+            value = 0.0 if zero else values[23 + axis] * unit
+            numbers[N_G92 + axis] += numbers[N_POS + axis] - value - numbers[N_OFFSET + axis]
+            axes |= 1 << axis
+            if not counts[C_KNOWN] & (1 << axis):
+                counts[C_OFFSET_KNOWN] &= ~(1 << axis)
+    if zero or (words & WORD_E and code == 920):
+        numbers[N_E] = 0.0 if zero else values[4] * unit
+        axes |= 8
+    r.axes = axes
+
+
+@njit
+def set_mode(numbers, counts, code):
+    """Obey a G word that only sets a mode; False if it is another kind. Codes are tenths: G92.1 is 921."""
+    if code == 900 or code == 910:
+        counts[C_RELATIVE] = code == 910
+        if counts[C_RULE] == E_FOLLOWS:
+            counts[C_M83] = code == 910
+    elif code == 200 or code == 210:
+        counts[C_INCH] = code == 200
+    elif 170 <= code <= 190 and code % 10 == 0:
+        counts[C_PLANE] = code // 10 - 17
+    elif code == 901 or code == 911:
+        counts[C_ARC_ABSOLUTE] = code == 901
+    elif 540 <= code <= 590 and code % 10 == 0:
+        counts[C_WCS] = code // 10 - 54
+        add_offsets(numbers, counts)
+    elif 591 <= code <= 593:
+        counts[C_WCS] = code - 585
+        add_offsets(numbers, counts)
+    elif not (code == 400 or code == 490 or code == 640 or code == 610 or 930 <= code <= 990 or code == 90):
+        return False
+    return True
+
+
+@njit
+def g_command(r, numbers, counts, words, bare, unclear, values, code):
+    """Obey a G command with its words, motion G0–G3 excepted; a record without a kind is dropped."""
+    if code == 280:
+        axes = ((words | bare | unclear) >> 23) & 7
+        _home(r, numbers, counts, axes if axes else 7)
+    elif code == 920 or code == 921 or code == 922:
+        _set_position(r, numbers, counts, words, values, code)
+    elif code == 100 or code == 110:
+        _g10(r, numbers, counts, words, values, code)
+    elif code == 40 or code == 430 or code == 923 or (code == 290 and words & WORD_S):
+        pass  # dwell, tool length from the table, RRF's `G29 S1` (load a map)
+    elif code in (281, 301, 291, 292, 294, 220, 230):
+        pass  # stored places; Bambu's and Marlin's switches
+    elif code in (290, 300, 320, 330, 340, 800) or 380 <= code <= 385:
+        if code == 800:
+            counts[C_MODAL] = -1
+        event(r, counts, EVENT_PROBE, 7)
+    elif code == 50 or code == 51:  # splines end where they say
+        _goto(numbers, counts, words, unclear, values, 25.4 if counts[C_INCH] else 1.0, False)
+        if words & WORD_E:
+            value = values[4] * (25.4 if counts[C_INCH] else 1.0)
+            numbers[N_E] = r.e0 + value if e_is_relative(counts) else value
+        event(r, counts, EVENT_UNKNOWN, 0)
+        r.flags = r.flags | FLAG_OPAQUE
+    else:
+        event(r, counts, EVENT_UNKNOWN, 7)
+        r.flags = r.flags | FLAG_OPAQUE
+
+
+@njit
+def _g10(r, numbers, counts, words, values, code):
+    """G10/G11: firmware retraction; with L or P and axes, work offsets (LinuxCNC) or tool offsets (RRF)."""
+    has_p, has_l = words & WORD_P, words & WORD_L
+    if not has_p and not has_l:
+        r.kind, r.axes = KIND_RETRACT, code == 100
+        return
+    if not words & WORDS_XYZ:
+        return
+    unit = 25.4 if counts[C_INCH] else 1.0
+    index = np.int64(min(max(values[15], -1.0), 99.0)) if has_p else -1
+    level = np.int64(min(max(values[11], 0.0), 99.0)) if has_l else 0
+    event(r, counts, EVENT_OFFSET, 0)
+    for axis in range(3):
+        if words & (WORD_X << axis):
+            value = values[23 + axis] * unit
+            if level == 2 or level == 20:
+                work = counts[C_WCS] if index <= 0 else index - 1
+                if 0 <= work < 9:
+                    place = N_WCS + 3 * work + axis
+                    if level == 2:
+                        numbers[place] = value
+                    elif work == counts[C_WCS]:
+                        numbers[place] += numbers[N_POS + axis] - value - numbers[N_OFFSET + axis]
+                    if level == 20 and not counts[C_KNOWN] & (1 << axis):
+                        counts[C_OFFSET_KNOWN] &= ~(1 << axis)
+            elif 0 <= index < TOOLS:
+                numbers[N_TOOLS + 3 * index + axis] = value
+
+
+# M commands in tenths. The place is kept by the first three groups and lost by the last.
+_M_PAUSE = np.array([0, 10, 250, 600, 1250, 2260, 6000, 6010, 6020])
+_M_EXCLUDE = np.array([4860, 6240, 6250])
+_M_TOOL = np.array([60, 6200, 6210, 7010, 7020, 7030])
+_M_MACRO = np.array([240, 320, 480, 980, 6050, 6220, 6230, 8080, 9700, 9703, 9710])
+
+
+@njit
+def m_command(r, numbers, counts, words, bare, values, code):
+    """Obey an M command; a record without a kind is dropped. Codes are tenths."""
+    if code == 820 or code == 830:
+        counts[C_M83] = code == 830
+    elif code == 2210:
+        if words & WORD_S:
+            numbers[N_FLOW] = values[18] / 100.0
+    elif code == 2000:
+        if words & WORD_D:
+            numbers[N_AREA] = np.pi * values[3] * values[3] / 4.0
+        if words & WORD_S and values[18] == 0:
+            numbers[N_AREA] = 0.0
+    elif code == 2180 or code == 2060:
+        tool = np.int64(min(max(values[19], -1.0), 99.0)) if words & WORD_T else counts[C_TOOL]
+        for axis in range(3):
+            if words & (WORD_X << axis):
+                value = values[23 + axis] * (25.4 if counts[C_INCH] else 1.0)
+                if code == 2060:
+                    numbers[N_M206 + axis] = value
+                elif 0 < tool < TOOLS:
+                    numbers[N_TOOLS + 3 * tool + axis] = value
+        if words & WORDS_XYZ:
+            event(r, counts, EVENT_OFFSET, 0)
+    elif code == 180 or code == 840:
+        named = words | bare
+        axes = (named >> 23) & 7
+        if words & WORD_S == 0 and (axes or named & WORD_E == 0):
+            event(r, counts, EVENT_MOTORS_OFF, axes if axes else 7)
+    elif among(code, _M_PAUSE):
+        event(r, counts, EVENT_PAUSE, 0)
+    elif among(code, _M_EXCLUDE):
+        event(r, counts, EVENT_EXCLUDE, 0)
+    elif among(code, _M_TOOL):
+        event(r, counts, EVENT_TOOL, 7)
+    elif among(code, _M_MACRO):
+        event(r, counts, EVENT_MACRO, 7)
+
+
+@njit
+def long_command(r, buf, p, stop, numbers, counts):
+    """Obey a command with a long name (Klipper): state, offsets, objects, pauses; every other one is a macro."""
+    name, p = word_hash(buf, p, stop)
+    if name != _SAVE and name != _RESTORE and name != _OFFSET:
+        if among(name, _EXCLUDING):
+            event(r, counts, EVENT_EXCLUDE, 0)
+        elif among(name, _PAUSING):
+            event(r, counts, EVENT_PAUSE, 0)
+        elif among(name, _TOOLING):
+            event(r, counts, EVENT_TOOL, 7)
+        elif not among(name, _STILL):
+            event(r, counts, EVENT_MACRO, 7)
+        return
+    label, move, given, adjusted = _DEFAULT, False, 0, 0
+    offsets = np.zeros(3)
+    while p < stop and buf[p] != SEMICOLON:
+        if not is_letter(buf[p]):
+            p += 1
+            continue
+        key, p = word_hash(buf, p, stop)
+        if p >= stop or buf[p] != 61:
+            continue
+        if key == _KEY_NAME:
+            label, p = word_hash(buf, p + 1, stop)
+            continue
+        value, p, found = parse_number(buf, p + 1, stop, True, True)
+        move = move or (key == _KEY_MOVE and value == 1)
+        for axis in range(3):
+            if found and key == _KEY_AXIS[axis]:
+                offsets[axis], given = value, given | 1 << axis
+            elif found and key == _KEY_ADJUST[axis]:
+                offsets[axis], adjusted = value, adjusted | 1 << axis
+    if name == _SAVE:
+        _save(numbers, counts, label)
+        return
+    r.kind, r.event = KIND_EVENT, EVENT_RESTORE if move else EVENT_OFFSET
+    r.flags = r.flags | FLAG_OPAQUE
+    if name == _RESTORE:
+        if not _restore(numbers, counts, label, move):
+            counts[C_KNOWN] = counts[C_OFFSET_KNOWN] = 0
+        return
+    for axis in range(3):
+        old = numbers[N_GCODE_OFFSET + axis]
+        if given & (1 << axis):
+            numbers[N_GCODE_OFFSET + axis] = offsets[axis]
+        elif adjusted & (1 << axis):
+            numbers[N_GCODE_OFFSET + axis] += offsets[axis]
+        if move:
+            numbers[N_POS + axis] += numbers[N_GCODE_OFFSET + axis] - old
+
+
+@njit
+def _save(numbers, counts, label):
+    """SAVE_GCODE_STATE: into the slot of that name, a free one, or the first."""
+    key = np.int64(label)
+    slot = 0
+    for k in range(SAVED_SLOTS - 1, -1, -1):
+        if counts[C_SAVED + k * SAVED_COUNTS] == 0:
+            slot = k
+    for k in range(SAVED_SLOTS):
+        if counts[C_SAVED + k * SAVED_COUNTS] == key:
+            slot = k
+    c, f = C_SAVED + slot * SAVED_COUNTS, N_SAVED + slot * SAVED_NUMBERS
+    counts[c], counts[c + 1], counts[c + 2] = key, counts[C_RELATIVE], counts[C_M83]
+    counts[c + 3], counts[c + 4] = counts[C_KNOWN], counts[C_OFFSET_KNOWN]
+    for axis in range(3):
+        numbers[f + axis] = numbers[N_POS + axis]
+        numbers[f + 3 + axis] = numbers[N_G92 + axis]
+        numbers[f + 6 + axis] = numbers[N_GCODE_OFFSET + axis]
+    numbers[f + 9], numbers[f + 10], numbers[f + 11] = numbers[N_E], numbers[N_FEED], numbers[N_FLOW]
+
+
+@njit
+def _restore(numbers, counts, label, move):
+    """RESTORE_GCODE_STATE; False when nothing was saved under that name."""
+    key = np.int64(label)
+    for slot in range(SAVED_SLOTS):
+        c, f = C_SAVED + slot * SAVED_COUNTS, N_SAVED + slot * SAVED_NUMBERS
+        if counts[c] == key:
+            counts[C_RELATIVE], counts[C_M83], counts[C_OFFSET_KNOWN] = counts[c + 1], counts[c + 2], counts[c + 4]
+            for axis in range(3):
+                numbers[N_G92 + axis] = numbers[f + 3 + axis]
+                numbers[N_GCODE_OFFSET + axis] = numbers[f + 6 + axis]
+                if move:
+                    numbers[N_POS + axis] = numbers[f + axis]
+            if move:
+                counts[C_KNOWN] = counts[c + 3]
+            numbers[N_E], numbers[N_FEED], numbers[N_FLOW] = numbers[f + 9], numbers[f + 10], numbers[f + 11]
+            return True
+    return False

@@ -1,0 +1,92 @@
+"""The arrays that the kernels share: records, pieces, and the machine's state, as dtypes and constants."""
+
+import numpy as np
+
+# One record. Positions are machine millimetres: G90/G91, G20/G21, G92, G54–G59, tool and gcode offsets are resolved.
+RECORD = np.dtype(
+    [
+        ("begin", "i8"),  # statement's first byte in the chunk, after any N word
+        ("end", "i8"),  # its end, comment included, line end excluded
+        (
+            "next",
+            "i8",
+        ),  # start of what follows; buf[end:next] is the line end, empty within a line or at the file's end
+        ("line", "i8"),  # line in the file, from 0
+        ("x0", "f8"),  # place before [mm]
+        ("y0", "f8"),
+        ("z0", "f8"),
+        ("x1", "f8"),  # place after [mm]
+        ("y1", "f8"),
+        ("z1", "f8"),
+        ("c0", "f8"),  # arc centre in its plane [mm]: (x, y) for G17, (z, x) for G18, (y, z) for G19; NaN for straight
+        ("c1", "f8"),
+        ("e0", "f8"),  # logical E before [mm, or mm³ after M200]
+        ("e1", "f8"),  # logical E after
+        ("advance", "f8"),  # filament advance [mm]: (e1 − e0) × M221 ÷ filament area of M200
+        ("feed", "f8"),  # modal F after this statement [mm/min], 0 before the first F
+        ("ox", "f8"),  # machine = logical × unit + offset [mm]
+        ("oy", "f8"),
+        ("oz", "f8"),
+        ("words", "u4"),  # words with a value: bit 0 is A … bit 25 is Z
+        ("flags", "u4"),  # FLAG_*
+        ("layer", "i4"),  # layer comments seen so far
+        ("turns", "i4"),  # further full circles of an arc (P word)
+        ("kind", "u1"),  # KIND_*
+        ("event", "u1"),  # EVENT_*, 0 unless kind is KIND_EVENT, KIND_HOME or KIND_RETRACT
+        ("plane", "u1"),  # 0 XY, 1 ZX, 2 YZ
+        ("axes", "u1"),  # axes homed or set: bit 0 X, 1 Y, 2 Z, 3 E
+    ]
+)
+
+KIND_LINEAR, KIND_CW, KIND_CCW, KIND_HOME, KIND_SET, KIND_RETRACT, KIND_EVENT = 1, 2, 3, 4, 5, 6, 7
+
+# Why the place or the engaged side of the belts is uncertain after an event.
+EVENT_MACRO = 1  # a command that the firmware expands: it may have moved anywhere
+EVENT_PAUSE = 2  # M0, M25, M600, PAUSE: the head parks and comes back
+EVENT_TOOL = 3  # T, M6, ACTIVATE_EXTRUDER
+EVENT_EXCLUDE = 4  # EXCLUDE_OBJECT, M486: what follows may be skipped while printing
+EVENT_PROBE = 5  # G29, G30, G80: probing moves
+EVENT_UNKNOWN = 6  # a motion command that is not followed: G5, G12, G27, canned cycles
+EVENT_PLACEHOLDER = 7  # {…} or […] that someone else fills in
+EVENT_MOTORS_OFF = 8  # M84
+EVENT_RESTORE = 9  # RESTORE_GCODE_STATE MOVE=1
+EVENT_OFFSET = 10  # offsets changed; the carriage has not moved
+
+FLAG_RELATIVE = 1 << 0  # X Y Z words are increments
+FLAG_E_RELATIVE = 1 << 1
+FLAG_INCH = 1 << 2
+FLAG_EXTRUDING = 1 << 3  # filament advances while the carriage moves
+FLAG_KNOWN_X0, FLAG_KNOWN_Y0, FLAG_KNOWN_Z0 = 1 << 4, 1 << 5, 1 << 6  # the place before is certain
+FLAG_KNOWN_X1, FLAG_KNOWN_Y1, FLAG_KNOWN_Z1 = 1 << 7, 1 << 8, 1 << 9
+FLAG_MODAL = 1 << 10  # no G word: the motion mode of an earlier line
+FLAG_RAPID = 1 << 11  # G0
+FLAG_MIXED = 1 << 12  # other commands stand before this one on its line
+FLAG_NUMBERED = 1 << 13  # the line has an N word
+FLAG_CHECKSUM = 1 << 14  # the line ends in *checksum
+FLAG_G53 = 1 << 15  # machine coordinates
+FLAG_LOWER = 1 << 16  # the command letter is lower case
+FLAG_EXPONENT = 1 << 17  # a number is written with an exponent
+FLAG_OPAQUE = 1 << 18  # not every word is a plain number: do not write this statement again
+FLAG_SPACED = 1 << 19  # words are separated by blanks
+
+# What the firmware is: the cases in which firmwares differ.
+FLAVOUR_UNKNOWN, FLAVOUR_MARLIN2, FLAVOUR_MARLIN1, FLAVOUR_KLIPPER, FLAVOUR_RRF, FLAVOUR_PRUSA = 0, 1, 2, 3, 4, 5
+E_EITHER, E_FOLLOWS, E_APART = 0, 1, 2  # how G90/G91 act on E: relative if G91 or M83; sets E too; not at all
+
+# numbers: float64 state
+N_POS, N_E, N_FEED, N_HOME, N_G92, N_GCODE_OFFSET, N_M206 = 0, 3, 4, 5, 8, 11, 14
+N_FLOW, N_AREA, N_WCS, N_TOOLS, N_SAVED = 17, 18, 20, 47, 96
+SAVED_SLOTS, SAVED_NUMBERS = 8, 12
+N_OFFSET = N_SAVED + SAVED_SLOTS * SAVED_NUMBERS  # machine − logical [mm], the sum of all shifts
+NUMBERS = N_OFFSET + 3
+# counts: int64 state
+C_LINE, C_RELATIVE, C_M83, C_INCH, C_PLANE, C_MODAL, C_KNOWN, C_OFFSET_KNOWN, C_TOOL, C_WCS = range(10)
+C_LAYER, C_RULE, C_ARC_ABSOLUTE, C_FLAVOUR, C_NUMBERED, C_CHECKSUMS, C_CRLF, C_LF = range(10, 18)
+C_SAVED, SAVED_COUNTS = 24, 6
+COUNTS = C_SAVED + SAVED_SLOTS * SAVED_COUNTS
+TOOLS = 16
+
+# Bits of a record's words: 1 << (letter − A).
+WORD_D, WORD_E, WORD_F, WORD_I, WORD_J, WORD_K, WORD_L = 1 << 3, 1 << 4, 1 << 5, 1 << 8, 1 << 9, 1 << 10, 1 << 11
+WORD_P, WORD_R, WORD_S, WORD_T, WORD_X, WORD_Y, WORD_Z = 1 << 15, 1 << 17, 1 << 18, 1 << 19, 1 << 23, 1 << 24, 1 << 25
+WORDS_XYZ, WORDS_IJK = WORD_X | WORD_Y | WORD_Z, WORD_I | WORD_J | WORD_K

@@ -1,0 +1,180 @@
+"""Bytes: what a character is, numbers read exactly as `float()` reads them, names as hashes."""
+
+import numpy as np
+from numba import njit
+
+LF, CR, SPACE = 10, 13, 32
+SEMICOLON, OPEN, CLOSE, STAR, QUOTE = 59, 40, 41, 42, 34
+POWERS = np.array([10.0**k for k in range(23)])
+_FNV_SEED, _FNV_PRIME = np.uint64(14695981039346656037), np.uint64(1099511628211)
+
+
+def name_hash(name: str) -> np.uint64:
+    value = int(_FNV_SEED)
+    for byte in name.encode():
+        value = ((value ^ byte) * int(_FNV_PRIME)) & 0xFFFFFFFFFFFFFFFF
+    return np.uint64(value)
+
+
+@njit
+def upper(byte):
+    return byte - 32 if 97 <= byte <= 122 else byte
+
+
+@njit
+def is_letter(byte):
+    return 65 <= byte <= 90 or 97 <= byte <= 122
+
+
+@njit
+def is_digit(byte):
+    return 48 <= byte <= 57
+
+
+@njit
+def has_letter(buf, p, stop):
+    for k in range(p, stop):  # noqa: SIM110 (numba compiles the loop, not the generator)
+        if is_letter(buf[k]):
+            return True
+    return False
+
+
+@njit
+def is_blank(byte):
+    """Blanks are every control character and the space: a NUL in a file is passed over."""
+    return byte <= SPACE
+
+
+@njit
+def parse_number(buf, p, stop, spaced, capital):
+    """Read a number at p: (value, next, found). Nothing found leaves next at p.
+
+    ``spaced`` and ``capital`` say how the line is written, which tells an exponent (`Y2.4e-15`, `X1.0E-4`) from an
+    E word that follows without a blank (`X1E-4` in `G1X1E-4`).
+    """
+    start = p
+    negative = False
+    if p < stop and (buf[p] == 43 or buf[p] == 45):
+        negative = buf[p] == 45
+        p += 1
+    first = p
+    whole = np.int64(0)
+    while p < stop:
+        digit = np.int64(buf[p]) - 48
+        if digit < 0 or digit > 9:
+            break
+        whole = whole * 10 + digit
+        p += 1
+    digits, decimals = p - first, 0
+    if p < stop and buf[p] == 46:
+        p += 1
+        first = p
+        while p < stop:
+            digit = np.int64(buf[p]) - 48
+            if digit < 0 or digit > 9:
+                break
+            whole = whole * 10 + digit
+            p += 1
+        decimals = p - first
+        digits += decimals
+    if digits == 0:
+        return 0.0, start, False
+    if digits > 15 or (p < stop and (buf[p] == 101 or buf[p] == 69)):
+        return _parse_long(buf, start, stop, spaced, capital)
+    value = float(whole) / POWERS[decimals]  # both exact, so the quotient is correctly rounded
+    return (-value if negative else value), p, True
+
+
+@njit
+def _parse_long(buf, p, stop, spaced, capital):
+    """Read a number of any length, with an exponent if the line's style says that it is one."""
+    negative = buf[p] == 45
+    if buf[p] == 43 or buf[p] == 45:
+        p += 1
+    whole = np.int64(0)
+    significant, power = 0, 0
+    point = False
+    while p < stop:
+        byte = buf[p]
+        if 48 <= byte <= 57:
+            if significant < 18:
+                whole = whole * 10 + (np.int64(byte) - 48)
+                significant += whole > 0
+                power -= point
+            elif not point:
+                power += 1
+        elif byte == 46 and not point:
+            point = True
+        else:
+            break
+        p += 1
+    if p + 1 < stop and (buf[p] == 101 or buf[p] == 69):
+        signed = buf[p + 1] == 43 or buf[p + 1] == 45
+        q = p + 2 if signed else p + 1
+        first, exponent = q, 0
+        while q < stop and is_digit(buf[q]) and q < first + 4:
+            exponent = exponent * 10 + (np.int64(buf[q]) - 48)
+            q += 1
+        closed = q == stop or is_blank(buf[q]) or buf[q] == SEMICOLON or buf[q] == STAR or buf[q] == OPEN
+        sure = buf[p] == 101 and capital
+        if q > first and closed and (sure or (spaced and signed)):
+            power += -exponent if buf[p + 1] == 45 else exponent
+            p = q
+    if power >= 0:
+        value = float(whole) * (POWERS[power] if power <= 22 else 10.0 ** min(power, 300))
+    elif power >= -22:
+        value = _divide(whole, POWERS[-power])
+    else:
+        value = float(whole) / 10.0 ** min(-power, 300)
+    if not value < 1e15:  # no machine is that large: keep the arithmetic finite
+        value = 1e15
+    return (-value if negative else value), p, True
+
+
+@njit
+def _divide(whole, power):
+    """Round whole/power to the nearest double, for an integer below 10^18 and an exact power of ten.
+
+    high + low = whole exactly; the remainder high − quotient·power is exact by Dekker's product, so the second
+    quotient corrects the first to beyond 100 bits before the last rounding.
+    """
+    high = float(whole)
+    low = float(whole - np.int64(high))
+    quotient = high / power
+    a = 134217729.0 * quotient
+    a_high = a - (a - quotient)
+    a_low = quotient - a_high
+    b = 134217729.0 * power
+    b_high = b - (b - power)
+    b_low = power - b_high
+    product = quotient * power
+    error = ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
+    return quotient + ((high - product) - error + low) / power
+
+
+@njit
+def word_hash(buf, p, stop):
+    """Hash of the upper-cased name at p, and where it ends."""
+    value = _FNV_SEED
+    while p < stop and (is_letter(buf[p]) or is_digit(buf[p]) or buf[p] == 95):
+        value = (value ^ np.uint64(upper(buf[p]))) * _FNV_PRIME
+        p += 1
+    return value, p
+
+
+@njit
+def among(value, table):
+    for k in range(len(table)):  # noqa: SIM110 (numba compiles the loop, not the generator)
+        if table[k] == value:
+            return True
+    return False
+
+
+@njit
+def starts_with(buf, p, stop, text):
+    if stop - p < len(text):
+        return False
+    for k in range(len(text)):  # noqa: SIM110 (numba compiles the loop, not the generator)
+        if upper(buf[p + k]) != text[k]:
+            return False
+    return True
