@@ -63,7 +63,7 @@ def test_contour_error_forgives_timing_but_rmse_does_not() -> None:
 
 
 def test_areas_of_known_figures() -> None:
-    shifted = SQUARE + (5, 0)
+    shifted = np.add(SQUARE, (5, 0))
     hole = SQUARE * 0.5 + 2.5
     assert symmetric_difference_area([SQUARE], [SQUARE]) == 0
     assert (
@@ -74,7 +74,7 @@ def test_areas_of_known_figures() -> None:
     assert symmetric_difference_area([SQUARE], [SQUARE, hole]) == pytest.approx(25)
     assert symmetric_difference_area([SQUARE], []) == pytest.approx(100)
     line = [np.array([[0, 0], [10, 0]], float)]
-    away = [line[0] + (0, 100)]
+    away = [np.add(line[0], (0, 100))]
     one = shapely.LineString(line[0]).buffer(0.2).area
     assert bead_difference_area(line, line, 0.4) == 0
     assert bead_difference_area(line, away, 0.4) == pytest.approx(2 * one, rel=1e-3)

@@ -1,0 +1,59 @@
+"""Lists of bodies: files and folders on the command line become files, in a fixed order."""
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from printmend.errors import InputError
+from printmend.path import Body
+
+SUFFIXES = (
+    ".stl", ".obj", ".3mf", ".ply",
+    ".gcode", ".gco", ".g", ".nc", ".ngc", ".bgcode",
+)  # fmt: skip
+
+
+def body_files(paths: Iterable[str | Path]) -> list[Path]:
+    """Return the meshes and G-code files given and those below the folders given, each once, sorted within a folder.
+
+    Raises `InputError` for a path that does not exist and where nothing is found.
+    """
+    found: dict[Path, None] = {}
+    asked = [Path(path) for path in paths]
+    for path in asked:
+        if path.is_dir():
+            inside = (item for item in path.rglob("*") if item.suffix.lower() in SUFFIXES and item.is_file())
+            found.update(dict.fromkeys(sorted(inside)))
+        elif path.is_file():
+            found[path] = None
+        else:
+            raise InputError(path, wanted="a body's file or a folder of them", came="no such path", todo="check it")
+    if not found:
+        raise InputError(
+            ", ".join(map(str, asked)) or "bodies",
+            wanted=f"at least one body ({' '.join(SUFFIXES)})",
+            came="none",
+            todo="name files or folders that hold some",
+        )
+    return list(found)
+
+
+def digest(path: Path) -> str:
+    """Return the first 16 hex digits of the SHA-256 of a file: a body's identity, whatever it is called."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+
+
+def body_rng(seed: int, identity: str, purpose: int) -> np.random.Generator:
+    """Return the generator of one body: it depends on the seed, the body and the purpose, not on the other bodies."""
+    return np.random.default_rng([seed, int(identity, 16), purpose])
+
+
+def thinned(body: Body, layers: int | None) -> Body:
+    """Return the body with ``layers`` evenly spaced layers, the first and the last included; None keeps all."""
+    if layers is None or layers >= len(body.layers):
+        return body
+    at = np.unique(np.rint(np.linspace(0, len(body.layers) - 1, layers)).astype(int))
+    return Body(body.name, tuple(body.layers[i] for i in at))
