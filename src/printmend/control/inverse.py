@@ -1,0 +1,133 @@
+"""The continuous planner: the motor commands that make a machine, broken as its model says, draw what was wanted."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.control import inverse_kernels as k
+from printmend.control.inverse_lookup_kernels import BEND_BLOCK, Lookup
+from printmend.gcode.kernels import RECORD
+from printmend.mechanism import Frame, Mechanism, Transmission
+
+_SAME_MM = 1e-7
+_BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
+
+
+def lookup(mechanism: Mechanism) -> Lookup:
+    """Return a mechanism as the arrays that the compiled planner reads.
+
+    Its origin is taken as it is: call `Mechanism.homed` first where homing defines it.
+    """
+    printer = mechanism.printer
+    transmissions = mechanism.transmissions
+    size = max(len(t.lower_mm) for t in transmissions)
+    branch = np.zeros((2, 2, size))
+    grid, floor = np.zeros((2, 3)), np.zeros((2, 2))
+    guides, bends = [], []
+    for motor, t in enumerate(transmissions):
+        count = len(t.lower_mm)
+        grid[motor] = t.first_mm, 1.0 / t.pitch_mm, count - 1
+        for side, table in enumerate((t.lower_mm, t.upper_mm)):
+            branch[motor, side, :count] = table
+            floor[motor, side] = table[0]
+            steps = np.arange(int((table[-1] - table[0]) / t.pitch_mm) + 2)
+            guides.append(np.searchsorted(table, table[0] + steps * t.pitch_mm))
+        bends.append(_bend(t))
+    guide = np.zeros((2, 2, max(len(g) for g in guides)), np.int32)
+    for index, values in enumerate(guides):
+        guide[index // 2, index % 2, : len(values)] = np.minimum(values, len(transmissions[index // 2].lower_mm) - 1)
+    bend = np.zeros((2, max(len(b) for b in bends)))
+    for motor, values in enumerate(bends):
+        bend[motor, : len(values)] = values
+    sharpest = bend.max()
+    framed = not mechanism.frame.is_identity
+    return Lookup(
+        branch=branch,
+        guide=guide,
+        floor=floor,
+        grid=grid,
+        bend=bend,
+        frame=np.array(mechanism.frame.coefficients_mm),
+        frame_scale=float(mechanism.frame.scale_mm),
+        bed=np.array([printer.x.min_mm, printer.x.max_mm, printer.y.min_mm, printer.y.max_mm]),
+        # A parabola of that curvature strays by a quarter of the tolerance between two looks.
+        sample_mm=float(np.clip(np.sqrt(2.0 * k.CHORD_MM / max(sharpest, 1e-12)), 0.02, 2.0)),
+        corexy=printer.kinematics == "corexy",
+        framed=framed,
+        shifts_only=not framed and all(_shifts_only(t) for t in transmissions),
+    )
+
+
+def _bend(t: Transmission) -> np.ndarray:
+    """Return the largest curvature [1/mm] of either branch in each block of entries."""
+    reach = max(1, round(_BEND_REACH_MM / t.pitch_mm))
+    curvature = np.zeros(len(t.lower_mm))
+    for table in (t.lower_mm, t.upper_mm):
+        if len(table) > 2 * reach:
+            second = table[2 * reach :] - 2 * table[reach:-reach] + table[: -2 * reach]
+            inner = np.abs(second) / (reach * t.pitch_mm) ** 2
+            curvature[reach:-reach] = np.maximum(curvature[reach:-reach], inner)
+    curvature[curvature < 1e-9] = 0.0  # rounding
+    blocks = -(-len(curvature) // BEND_BLOCK)
+    padded = np.zeros(blocks * BEND_BLOCK)
+    padded[: len(curvature)] = curvature
+    most = padded.reshape(blocks, BEND_BLOCK).max(axis=1)
+    # The curvature at a block's border is seen from both sides.
+    return np.maximum(most, np.maximum(np.append(most[1:], 0.0), np.append(0.0, most[:-1])))
+
+
+def _shifts_only(t: Transmission) -> bool:
+    return all(np.ptp(table - t.motor_mm) < _SAME_MM for table in (t.lower_mm, t.upper_mm))
+
+
+def is_identity(mechanism: Mechanism) -> bool:
+    """Say whether a machine does what it is told: nothing is to be mended."""
+    return mechanism.frame.is_identity and all(
+        np.abs(table - t.motor_mm).max() < _SAME_MM
+        for t in mechanism.transmissions
+        for table in (t.lower_mm, t.upper_mm)
+    )
+
+
+@dataclass(eq=False)
+class Planner:
+    """A planner on its way through one file: what it knows of the belts, and what it has added up so far.
+
+    Mutable, because a file of any length streams through it; `Planner.plan` is the only thing that changes it.
+    """
+
+    model: Lookup
+    quantum_mm: float
+    state: np.ndarray
+    counts: np.ndarray
+    errors: np.ndarray
+    layers: np.ndarray
+    pieces: np.ndarray
+
+    def plan(self, records: np.ndarray, first: int = 0) -> tuple[int, np.ndarray]:
+        """Plan records[first:]: return the index of the next record and the pieces written, a view to use at once."""
+        need = int(self.counts[k.N_LAYER]) + 2 + len(records) - first
+        if need > len(self.layers):
+            self.layers = np.concatenate([self.layers, np.zeros((need, k.LAYER))])
+        after, count = k.mend(
+            self.model, records, first, len(records), self.state, self.counts, self.pieces, self.layers, self.errors,
+            self.quantum_mm,
+        )  # fmt: skip
+        return after, self.pieces[:count]
+
+
+def start(mechanism: Mechanism, *, quantum_mm: float = 0.001) -> Planner:
+    """Return a planner for ``mechanism`` at the beginning of a file, nothing known of where the machine is.
+
+    ``quantum_mm`` is the grid of the numbers that will be written.
+    """
+    state, counts = np.zeros(k.STATE), np.zeros(k.COUNTS, np.int64)
+    state[k.S_LOW : k.S_LOW + 2], state[k.S_HIGH : k.S_HIGH + 2] = np.inf, -np.inf
+    counts[k.N_LAYER] = -1
+    return Planner(
+        lookup(mechanism), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)), np.zeros((256, k.LAYER)),
+        np.empty(8 * k.PIECES_A_RECORD, k.PIECE),
+    )  # fmt: skip
+
+
+__all__ = ["RECORD", "Frame", "Planner", "is_identity", "lookup", "start"]
