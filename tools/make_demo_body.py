@@ -1,7 +1,7 @@
 """Build and slice the body that ships with printmend: `.venv/bin/python tools/make_demo_body.py`.
 
-Needs PrusaSlicer. Writes src/printmend/body/data/timing_pulley.gcode without the slicer's dump of its settings, which are in
-src/printmend/body/profiles/ender5_abs.ini.
+Needs PrusaSlicer. Writes src/printmend/body/data/timing_pulley.gcode without the slicer's dump of its settings,
+which are in src/printmend/body/profiles/ender5_abs.ini.
 """
 
 from pathlib import Path

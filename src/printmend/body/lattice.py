@@ -17,13 +17,14 @@ def to_steps(xy_mm: np.ndarray, printer: Printer) -> np.ndarray:
 
 
 def follow_polyline(
-    points_steps: np.ndarray, drawing: np.ndarray, *, subject: object = "path"
+    points_steps: np.ndarray, drawing: np.ndarray, *, subject: object = "path", room: int = MAX_TICKS
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (start [2], controls [T, 2] int8, extruding [T]) along way-points [M + 1, 2] in steps.
 
     ``drawing`` [M] says which segments extrude; each tick carries the flag of the segment that it follows. Every
     visited node is within half a step (Euclidean) of that segment, consecutive nodes are 8-neighbours, and no error
-    is carried from one segment to the next: see `printmend.body.kernels.follow`.
+    is carried from one segment to the next: see `printmend.body.kernels.follow`. Raises GcodeError for places that no
+    printer has and where more than ``room`` ticks may be needed.
     """
     points_steps = np.asarray(points_steps, float)
     if not (np.abs(points_steps) < _MAX_STEPS).all():
@@ -33,9 +34,9 @@ def follow_polyline(
         )  # fmt: skip
     points = np.rint(points_steps * UNITS).astype(np.int64)
     bound = int(count_bound(points))
-    if bound > MAX_TICKS:
+    if bound > room:
         raise GcodeError(
-            subject, wanted=f"at most {MAX_TICKS} steps of motion a layer", came=f"{bound}",
+            subject, wanted=f"at most {MAX_TICKS} steps of motion", came="more",
             todo="check the file's units, or split it",
         )  # fmt: skip
     controls, extruding = np.empty((bound, 2), np.int8), np.empty(bound, bool)

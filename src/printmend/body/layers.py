@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from printmend.body.lattice import follow_polyline, to_steps
+from printmend.body.lattice import MAX_TICKS, follow_polyline, to_steps
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, Program
@@ -60,11 +60,16 @@ def strokes_of(program: Program) -> tuple[Stroke, ...]:
 def layers_of(
     strokes: tuple[Stroke, ...], printer: Printer, *, shift_steps: tuple[int, int] = (0, 0), subject: object = "path"
 ) -> tuple[Layer, ...]:
-    """Return the strokes as lattice controls, moved by whole steps; layers too small for one step are left out."""
-    layers = []
+    """Return the strokes as lattice controls, moved by whole steps; layers too small for one step are left out.
+
+    Raises GcodeError above `MAX_TICKS` steps of motion.
+    """
+    layers: list[Layer] = []
+    room = MAX_TICKS
     for stroke in strokes:
         points = to_steps(stroke.points_mm, printer) + np.asarray(shift_steps)
-        start, controls, extruding = follow_polyline(points, stroke.drawing, subject=subject)
+        start, controls, extruding = follow_polyline(points, stroke.drawing, subject=subject, room=room)
+        room -= len(controls)
         if extruding.any():
             layers.append(Layer(stroke.index, stroke.z_mm, start, controls, extruding))
     return tuple(layers)

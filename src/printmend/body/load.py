@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.body.lattice import to_steps
 from printmend.body.layers import Stroke, layers_of, strokes_of
-from printmend.body.slicer import slice_solid
+from printmend.body.slicer import slice_solid, slice_to
 from printmend.body.solid import MESH_SUFFIXES
 from printmend.errors import GcodeError
 from printmend.gcode.read import read_gcode
@@ -18,18 +18,24 @@ MIN_POINTS = 1000  # the paper, §V-C: what has fewer is an erroneous translatio
 
 
 def load_body(
-    path: str | Path, printer: Printer, *, unit: str | None = None, note: Callable[[str], None] = lambda text: None
+    path: str | Path,
+    printer: Printer,
+    *,
+    unit: str | None = None,
+    cache: Path | None = None,
+    note: Callable[[str], None] = lambda text: None,
 ) -> Body:
     """Return the body in a mesh file (sliced with PrusaSlicer) or a G-code file as layers of lattice controls.
 
-    ``unit`` (mm, cm, m, inch, foot, micron) is for meshes that name none. ``note`` is told, in one line each, what
-    had to be changed: a repair, a unit, a shift onto the bed. Raises MeshError, GcodeError or MissingToolError
+    ``unit`` (mm, cm, m, inch, foot, micron) is for meshes that name none. ``cache`` is a folder that keeps sliced
+    G-code, so that a mesh is sliced once. ``note`` is told, in one line each, what had to be changed: a repair, a
+    unit, a shift onto the bed. Raises MeshError, GcodeError or MissingToolError
     for what cannot become a body of `MIN_POINTS` points on this printer.
     """
     path = Path(path)
     source: str | bytes = str(path)
     if path.suffix.lower() in MESH_SUFFIXES:
-        source = _sliced(path, printer, unit, note)
+        source = _sliced(path, printer, unit, cache, note)
     return body_of(source, printer, name=path.stem, note=note)
 
 
@@ -75,10 +81,12 @@ def place(
     return int(shift[0]), int(shift[1])
 
 
-def _sliced(path: Path, printer: Printer, unit: str | None, note: Callable[[str], None]) -> bytes:
+def _sliced(
+    path: Path, printer: Printer, unit: str | None, cache: Path | None, note: Callable[[str], None]
+) -> str | bytes:
     from printmend.body.mesh import read_solid  # meshes need a large library, G-code does not
 
     solid = read_solid(path, unit=unit)
     for text in solid.notes:
         note(text)
-    return slice_solid(solid, printer)
+    return str(slice_to(solid, printer, cache)) if cache else slice_solid(solid, printer)

@@ -27,6 +27,8 @@ _SMALL_MM = 10.0  # below this a body is named as one that may be in inches or m
 _BRIDGED_MM = 2.0  # gaps that slicers close while they chain a contour
 _MAX_OPEN = 0.75  # share of the heights at which the contour may be open
 _HEIGHTS = 200
+_FAR_MM = 1e5
+_THIN_MM = 1e-6
 
 
 def read_solid(path: Path, *, unit: str | None = None) -> Solid:
@@ -35,18 +37,19 @@ def read_solid(path: Path, *, unit: str | None = None) -> Solid:
     The orientation stays as given. Raises MeshError for what cannot be printed.
     """
     path = Path(path)
+    if unit is not None and unit not in UNITS_MM:
+        raise MeshError(path, wanted=f"a unit of {', '.join(UNITS_MM)}", came=repr(unit), todo="give one of them")
     mesh, file_unit = _parse(path)
     notes = []
     scale = UNITS_MM[unit or file_unit or "mm"]
     if scale != 1.0:
         notes.append(f"scaled by {scale:g} from {unit or file_unit} to mm")
-    vertices = np.asarray(mesh.vertices, float) * scale
-    if not np.isfinite(vertices[np.unique(mesh.faces)]).all():
-        raise MeshError(path, wanted="finite coordinates", came="NaN or infinity", todo="export the mesh again")
-    mesh = trimesh.Trimesh(vertices, mesh.faces, process=False)
-    mesh, repairs = _repair(mesh)
+    vertices, faces = np.asarray(mesh.vertices, float) * scale, np.asarray(mesh.faces, np.int64)
+    _refuse_places(vertices, faces, path)
+    with np.errstate(all="ignore"):  # the library divides by the areas of collapsed triangles
+        mesh, repairs = _repair(trimesh.Trimesh(vertices, faces, process=False))
+        _refuse_garbage(mesh, path)
     notes += repairs
-    _refuse_garbage(mesh, path)
     size = mesh.extents
     if unit is None and file_unit is None and size.max() < _SMALL_MM:
         extent = " × ".join(f"{edge:.3g}" for edge in size)
@@ -74,9 +77,9 @@ def _parse(path: Path) -> tuple[trimesh.Trimesh, str | None]:
         faces = len(mesh.faces)
     except Exception as error:
         # Parsers of five formats meet arbitrary bytes here: whatever they raise, the file is at fault.
+        reason = "" if isinstance(error, ImportError) or not str(error) else f" ({error})"[:160]
         raise MeshError(
-            path, wanted=f"a {suffix[1:].upper()} mesh", came=f"a broken file ({type(error).__name__}: {error})"[:200],
-            todo="export the mesh again",
+            path, wanted=f"an intact {suffix} mesh", came=f"a broken file{reason}", todo="export the mesh again"
         ) from error  # fmt: skip
     if not 0 < faces <= _MAX_FACES:
         came = "no triangles" if not faces else f"{faces} triangles"
@@ -88,7 +91,20 @@ def _parse(path: Path) -> tuple[trimesh.Trimesh, str | None]:
 def _refuse_zip_bomb(data: bytes) -> None:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         if sum(entry.file_size for entry in archive.infolist()) > 4 * _MAX_BYTES:
-            raise ValueError("unpacks to more than 1 GiB")
+            raise ValueError(f"unpacks to more than {4 * _MAX_BYTES >> 20} MiB")
+
+
+def _refuse_places(vertices_mm: np.ndarray, faces: np.ndarray, path: Path) -> None:
+    """Raise MeshError for triangles that lie nowhere, infinitely far, or all in one plane of the axes."""
+    if not ((faces >= 0) & (faces < len(vertices_mm))).all():
+        raise MeshError(path, wanted="corners that exist", came="numbers beyond them", todo="export the mesh again")
+    corners = vertices_mm[faces.ravel()]
+    if not np.isfinite(corners).all():
+        raise MeshError(path, wanted="finite coordinates", came="NaN or infinity", todo="export the mesh again")
+    if np.abs(corners).max() > _FAR_MM:
+        raise MeshError(path, wanted="coordinates below 100 m", came="places beyond", todo="check the file's unit")
+    if np.ptp(corners, axis=0).min() < _THIN_MM:
+        raise MeshError(path, wanted="a solid", came="a surface without volume", todo="give the body a thickness")
 
 
 def _repair(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
@@ -109,6 +125,7 @@ def _repair(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
         mesh.fix_normals(multibody=True)
         if not wound or (before_volume < 0 < mesh.volume):
             notes.append("turned triangles that faced inwards")
+    mesh.remove_unreferenced_vertices()
     return mesh, notes
 
 
@@ -134,7 +151,7 @@ def _open_edges(mesh: trimesh.Trimesh) -> np.ndarray:
 
 
 def _refuse_garbage(mesh: trimesh.Trimesh, path: Path) -> None:
-    if not len(mesh.faces) or mesh.extents.min() < 1e-6:
+    if not len(mesh.faces):
         raise MeshError(path, wanted="a solid", came="a surface without volume", todo="give the body a thickness")
     share = _open_share(mesh)
     if share > _MAX_OPEN:
