@@ -5,20 +5,25 @@ from dataclasses import replace
 
 import numpy as np
 
+from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
 from printmend.gcode.read import Moves
+
+_MAX_CHORDS = 20_000_000  # a file of a few lines can ask for endless turns
 
 
 def straightened(moves: Moves, tolerance_mm: float) -> Moves:
     """Return the moves with every arc replaced by chords that stay within ``tolerance_mm`` of it.
 
     Extrusion is split in proportion to the length; a helix rises linearly. Moves without arcs come back as they are.
+    Raises GcodeError where that takes more than 20 million chords.
     """
     arcs = np.flatnonzero(moves.arcs)
     if len(arcs) == 0:
         return moves
     counts = np.ones(len(moves), np.int64)
     points: list[np.ndarray] = []
+    room = _MAX_CHORDS
     for i in arcs:
         chord_points = arc_points(
             moves.start_mm[i], moves.end_mm[i], moves.center_mm[i], int(moves.plane[i]),
@@ -26,6 +31,12 @@ def straightened(moves: Moves, tolerance_mm: float) -> Moves:
         )  # fmt: skip
         points.append(chord_points)
         counts[i] = len(chord_points)
+        room -= len(chord_points)
+        if room < 0:
+            raise GcodeError(
+                "arcs", wanted=f"at most {_MAX_CHORDS} chords", came="arcs that need more",
+                todo="check the file's radii and turns",
+            )  # fmt: skip
     source = np.repeat(np.arange(len(moves)), counts)
     first = np.concatenate([[0], np.cumsum(counts)])
     end_mm, start_mm = moves.end_mm[source], moves.start_mm[source]

@@ -65,6 +65,8 @@ def begin_record(r, begin, end, after, numbers, counts, flags):
         flags |= FLAG_E_RELATIVE
     if counts[C_INCH]:
         flags |= FLAG_INCH
+    if counts[C_ARC_ABSOLUTE]:
+        flags |= FLAG_ARC_ABSOLUTE
     r.flags = flags | counts[C_KNOWN] << 4
     r.layer, r.turns, r.plane = counts[C_LAYER], 0, counts[C_PLANE]
     r.kind = r.event = r.axes = 0

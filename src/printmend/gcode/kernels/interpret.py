@@ -153,7 +153,14 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
             else:
                 while q < stop and is_blank(buf[q]):
                     q += 1
-                if q < stop and (buf[q] == 123 or buf[q] == 91 or buf[q] == 35):
+                if q < stop and (is_digit(buf[q]) or buf[q] == 43 or buf[q] == 45 or buf[q] == 46):
+                    p = q - 1  # `X 10`: read the number where it is
+                    value, q, found = parse_number(buf, q, stop, spaced, False)
+                    if not found:
+                        break
+                    values[byte - 65] = value
+                    words |= bit
+                elif q < stop and (buf[q] == 123 or buf[q] == 91 or buf[q] == 35):
                     unclear |= bit
                     closing = 125 if buf[q] == 123 else 93
                     while q < stop and buf[q] != closing and buf[q] != SEMICOLON:

@@ -68,6 +68,7 @@ FLAG_LOWER = 1 << 16  # the command letter is lower case
 FLAG_EXPONENT = 1 << 17  # a number is written with an exponent
 FLAG_OPAQUE = 1 << 18  # not every word is a plain number: do not write this statement again
 FLAG_SPACED = 1 << 19  # words are separated by blanks
+FLAG_ARC_ABSOLUTE = 1 << 20  # G90.1: I J K are coordinates
 
 # What the firmware is: the cases in which firmwares differ.
 FLAVOUR_UNKNOWN, FLAVOUR_MARLIN2, FLAVOUR_MARLIN1, FLAVOUR_KLIPPER, FLAVOUR_RRF, FLAVOUR_PRUSA = 0, 1, 2, 3, 4, 5
@@ -90,3 +91,22 @@ TOOLS = 16
 WORD_D, WORD_E, WORD_F, WORD_I, WORD_J, WORD_K, WORD_L = 1 << 3, 1 << 4, 1 << 5, 1 << 8, 1 << 9, 1 << 10, 1 << 11
 WORD_P, WORD_R, WORD_S, WORD_T, WORD_X, WORD_Y, WORD_Z = 1 << 15, 1 << 17, 1 << 18, 1 << 19, 1 << 23, 1 << 24, 1 << 25
 WORDS_XYZ, WORDS_IJK = WORD_X | WORD_Y | WORD_Z, WORD_I | WORD_J | WORD_K
+
+# One piece of what replaces a statement's motion, in order of motion; a statement without pieces stays as it is.
+PIECE = np.dtype(
+    [
+        ("x", "f8"),  # end [machine mm]; an axis that keeps its original end must hold exactly that number
+        ("y", "f8"),
+        ("z", "f8"),
+        ("share", "f8"),  # part of the statement's E; over all its pieces the shares sum to 1
+        ("feed", "f8"),  # [mm/min]; 0 keeps the statement's own
+        ("c0", "f8"),  # arc centre [machine mm], for PIECE_ARC
+        ("c1", "f8"),
+        ("kind", "u1"),  # PIECE_*
+    ]
+)
+PIECE_LINE, PIECE_ARC, PIECE_TRAVEL = 0, 1, 2  # travel: no E, before or after the statement's own motion
+
+# writer: float64 state of the machine that reads the output.
+W_PLACE, W_SHIFT, W_FEED, W_MODAL, W_CRLF, W_NUMBERED, W_E_DEBT = 0, 3, 6, 7, 8, 9, 10
+WRITER = 11

@@ -32,6 +32,12 @@ def is_digit(byte):
 
 
 @njit
+def digit_of(byte):
+    """The value of a digit, signed: without the cast a uint8 would make unsigned sums."""
+    return np.int64(byte) - 48
+
+
+@njit
 def has_letter(buf, p, stop):
     for k in range(p, stop):  # noqa: SIM110 (numba compiles the loop, not the generator)
         if is_letter(buf[k]):
@@ -60,7 +66,7 @@ def parse_number(buf, p, stop, spaced, capital):
     first = p
     whole = np.int64(0)
     while p < stop:
-        digit = np.int64(buf[p]) - 48
+        digit = digit_of(buf[p])
         if digit < 0 or digit > 9:
             break
         whole = whole * 10 + digit
@@ -70,7 +76,7 @@ def parse_number(buf, p, stop, spaced, capital):
         p += 1
         first = p
         while p < stop:
-            digit = np.int64(buf[p]) - 48
+            digit = digit_of(buf[p])
             if digit < 0 or digit > 9:
                 break
             whole = whole * 10 + digit
@@ -98,9 +104,9 @@ def _parse_long(buf, p, stop, spaced, capital):
         byte = buf[p]
         if 48 <= byte <= 57:
             if significant < 18:
-                whole = whole * 10 + (np.int64(byte) - 48)
-                significant += whole > 0
-                power -= point
+                whole = whole * 10 + digit_of(byte)
+                significant += 1 if whole > 0 else 0
+                power -= 1 if point else 0
             elif not point:
                 power += 1
         elif byte == 46 and not point:
@@ -113,7 +119,7 @@ def _parse_long(buf, p, stop, spaced, capital):
         q = p + 2 if signed else p + 1
         first, exponent = q, 0
         while q < stop and is_digit(buf[q]) and q < first + 4:
-            exponent = exponent * 10 + (np.int64(buf[q]) - 48)
+            exponent = exponent * 10 + digit_of(buf[q])
             q += 1
         closed = q == stop or is_blank(buf[q]) or buf[q] == SEMICOLON or buf[q] == STAR or buf[q] == OPEN
         sure = buf[p] == 101 and capital
@@ -121,11 +127,11 @@ def _parse_long(buf, p, stop, spaced, capital):
             power += -exponent if buf[p + 1] == 45 else exponent
             p = q
     if power >= 0:
-        value = float(whole) * (POWERS[power] if power <= 22 else 10.0 ** min(power, 300))
+        value = float(whole) * (POWERS[power] if power <= 22 else 10.0 ** float(min(power, 300)))
     elif power >= -22:
         value = _divide(whole, POWERS[-power])
     else:
-        value = float(whole) / 10.0 ** min(-power, 300)
+        value = float(whole) / 10.0 ** float(min(-power, 300))
     if not value < 1e15:  # no machine is that large: keep the arithmetic finite
         value = 1e15
     return (-value if negative else value), p, True

@@ -1,0 +1,107 @@
+"""Line numbers and checksums: the last pass over a file that has them, once lines were added."""
+
+from numba import njit
+
+from printmend.gcode.kernels.text import CR, LF, SEMICOLON, STAR, digit_of, is_blank, is_digit, upper
+
+_ROOM = 32  # what one line can gain: a number of 20 digits and a checksum of 4 bytes
+
+
+@njit
+def _says_m110(buf, p, stop):
+    while p < stop and buf[p] != SEMICOLON:
+        if upper(buf[p]) == 77 and p + 3 < stop and buf[p + 1] == 49 and buf[p + 2] == 49 and buf[p + 3] == 48:
+            return True
+        p += 1
+    return False
+
+
+@njit(cache=True)
+def renumber(buf, begin, end, lines, out):
+    """Finish the intermediate text of `emit`; return (read, written).
+
+    ``lines`` int64 [2]: lines added since the last M110, and the last number written. `N+` becomes the next number,
+    other N words are raised by the lines added; where a number or `*+` changed a line, its checksum, the exclusive-or
+    of the bytes before the star, is computed again. It stops before a line that may not fit into ``out``.
+    """
+    p, at = begin, 0
+    while p < end:
+        stop = p
+        while stop < end and buf[stop] != LF and buf[stop] != CR:
+            stop += 1
+        if at + (stop - p) + _ROOM > len(out):
+            break
+
+        while p < stop and is_blank(buf[p]):
+            out[at] = buf[p]
+            at, p = at + 1, p + 1
+        first = at
+        changed = False
+        if p + 1 < stop and upper(buf[p]) == 78 and (buf[p + 1] == 43 or is_digit(buf[p + 1])):
+            out[at] = buf[p]
+            at, p = at + 1, p + 1
+            number = 0
+            if buf[p] == 43:
+                lines[0] += 1
+                number = lines[1] + 1
+                changed = True
+                p += 1
+            else:
+                q = p
+                while q < stop and is_digit(buf[q]):
+                    number = (number * 10 + digit_of(buf[q])) % 1000000000000
+                    q += 1
+                if _says_m110(buf, q, stop):
+                    lines[0] = 0
+                changed = lines[0] != 0
+                number += lines[0]
+                if not changed:
+                    while p < q:
+                        out[at] = buf[p]
+                        at, p = at + 1, p + 1
+                p = q
+            if changed:
+                at = _put_integer(out, at, number)
+            lines[1] = number
+        star = stop
+        q = p
+        while q < stop and buf[q] != SEMICOLON:
+            if buf[q] == STAR:
+                star = q
+            q += 1
+        asked = star + 1 < stop and buf[star + 1] == 43
+        asked = asked and (star + 2 == stop or is_blank(buf[star + 2]) or buf[star + 2] == SEMICOLON)
+        digits = star + 1
+        while digits < stop and is_digit(buf[digits]):
+            digits += 1
+        if asked:
+            digits = star + 2
+        if star < stop and (asked or (changed and digits > star + 1)):
+            while p < star:
+                out[at] = buf[p]
+                at, p = at + 1, p + 1
+            total = 0
+            for k in range(first, at):
+                total ^= digit_of(out[k]) + 48
+            out[at] = STAR
+            at = _put_integer(out, at + 1, total)
+            p = digits
+        while p < stop:
+            out[at] = buf[p]
+            at, p = at + 1, p + 1
+        if p < end:
+            out[at] = buf[p]
+            at, p = at + 1, p + 1
+    return p, at
+
+
+@njit
+def _put_integer(out, at, value):
+    size, rest = 1, value
+    while rest >= 10:
+        rest //= 10
+        size += 1
+    for k in range(size):
+        out[at + size - 1 - k] = 48 + value % 10
+        value //= 10
+    return at + size
