@@ -159,3 +159,9 @@ def test_every_gcode_file_of_the_corpus_with_motion_becomes_layers(corpus: Path,
             continue  # too small or too large for a body: one line each in docs/corpus.md
         assert points >= MIN_POINTS
     assert moving == 52
+
+
+def test_endless_arcs_are_refused(ender5: Printer) -> None:
+    circles = b"G90\nM83\nG1 X100 Y100 Z0.2 E1\n" + 450 * b"G2 X100 Y100 I1000000 J0 E1\n"
+    with pytest.raises(GcodeError, match="chords"):
+        body_of(circles, ender5, name="endless")

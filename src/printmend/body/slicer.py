@@ -62,7 +62,7 @@ def slice_solid(solid: Solid, printer: Printer, *, timeout_s: float = TIMEOUT_S)
         if done.returncode != 0 or not output.is_file():
             raise MeshError(
                 solid.name, wanted="a body that PrusaSlicer can slice", came=_complaint(done.stderr, done.returncode),
-                todo="check its size and that it lies flat on the bed",
+                todo="turn it onto a flat side, or check its size and unit",
             )  # fmt: skip
         head, newline, rest = output.read_bytes().partition(b"\n")
         return _DATE.sub(b"", head) + newline + rest
