@@ -1,0 +1,230 @@
+"""Which dot is which mark: from anonymous dots to the plan, whatever the pose and however far the printer is off.
+
+The dots form a square lattice that the printer's fault bends smoothly. So the lattice is grown neighbour by
+neighbour, each step predicted from the dots around it, which counts rows and columns without asking where they
+should be. The pattern of large and small dots then says which cell is which: it fits in one place, one of the
+eight ways to lay a square on the glass. Last, every match is held against its neighbours.
+"""
+
+import heapq
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from printmend.measure.plan import ProbePlan
+
+NEAR = 0.36  # of the pitch: how far a dot may lie from where its neighbours predict it
+SEEDS = 12
+REACH = 2.6  # of the pitch: the neighbours that predict
+# The eight symmetries of a square lattice, as [2, 2] integer matrices; those with determinant −1 are mirrored.
+SYMMETRIES = tuple(
+    np.array(matrix)
+    for matrix in (
+        ((1, 0), (0, 1)), ((0, -1), (1, 0)), ((-1, 0), (0, -1)), ((0, 1), (-1, 0)),
+        ((1, 0), (0, -1)), ((0, 1), (1, 0)), ((-1, 0), (0, 1)), ((0, -1), (-1, 0)),
+    )
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """``dot`` [M] the number of the dot of each mark, −1 where it was not found.
+
+    ``pitch`` is the measured lattice pitch in the unit of the dots; ``mirrored`` says that the picture shows the
+    print from below. ``agreement`` is the share of the dots whose size fits the code, ``runner_up`` that of the
+    next best placement.
+    """
+
+    dot: np.ndarray
+    pitch: float
+    mirrored: bool
+    agreement: float
+    runner_up: float
+
+    @property
+    def found(self) -> np.ndarray:
+        return self.dot >= 0
+
+
+def identify(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> Match | None:
+    """Match dots [N, 2] to the marks of ``plan``; None where they do not form its lattice.
+
+    The dots' y axis points down, as in images. Lengths may be off by a common factor: only ratios are used.
+    """
+    if len(dots_mm) < 9:
+        return None
+    pitch = lattice_pitch(dots_mm)
+    cells = _grow(dots_mm, diameters_mm, pitch)
+    if len(cells) < 9:
+        return None
+    members = np.fromiter(cells.values(), np.int64, len(cells))
+    sites = np.array(list(cells), np.int64)
+    big = _is_big(diameters_mm[members], plan)
+    best, runner_up = _place(sites, big, plan)
+    if best is None:
+        return None
+    agreement, symmetry, shift = best
+    where = {tuple(site): mark for mark, site in enumerate(plan.site.tolist())}
+    dot = np.full(len(plan), -1)
+    for site, member in zip((sites @ symmetry.T + shift).tolist(), members, strict=True):
+        mark = where.get(tuple(site))
+        if mark is not None:
+            dot[mark] = member
+    dot = _without_strangers(dot, dots_mm, diameters_mm, plan)
+    # Growth numbers its cells counter-clockwise in image coordinates, whose y axis points down.
+    return Match(dot, pitch, bool(np.linalg.det(symmetry) > 0), agreement, runner_up)
+
+
+def lattice_pitch(dots: np.ndarray) -> float:
+    """Return the usual distance from a dot to its nearest neighbours."""
+    distance, _ = cKDTree(dots).query(dots, k=4)
+    return float(np.median(distance[:, 1:]))
+
+
+def _grow(dots: np.ndarray, diameters: np.ndarray, pitch: float) -> dict[tuple[int, int], int]:
+    """Return the largest lattice found: cell → dot, growing from seeds with four regular neighbours."""
+    tree = cKDTree(dots)
+    seeds = _seeds(dots, tree, pitch)
+    best: dict[tuple[int, int], int] = {}
+    for seed, basis in seeds:
+        cells = _grow_from(seed, basis, dots, tree)
+        if len(cells) > len(best):
+            best = cells
+        if len(best) > 0.85 * len(dots):
+            break
+    return best
+
+
+def _seeds(dots: np.ndarray, tree: cKDTree, pitch: float) -> list[tuple[int, np.ndarray]]:
+    """Return dots whose four nearest neighbours form a cross, the most regular first, with their basis [2, 2]."""
+    _, near = tree.query(dots, k=min(5, len(dots)))
+    if near.shape[1] < 5:
+        return []
+    arms = dots[near[:, 1:]] - dots[:, None]
+    order = np.argsort(np.arctan2(arms[..., 1], arms[..., 0]), axis=1)
+    arms = np.take_along_axis(arms, order[..., None], axis=1)
+    first, second = (arms[:, 0] - arms[:, 2]) / 2, (arms[:, 1] - arms[:, 3]) / 2
+    skewed = np.linalg.norm(arms[:, 0] + arms[:, 2], axis=1) + np.linalg.norm(arms[:, 1] + arms[:, 3], axis=1)
+    lengths = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
+    uneven = np.abs(lengths[0] - pitch) + np.abs(lengths[1] - pitch)
+    cross = np.abs((first * second).sum(axis=1)) / (lengths[0] * lengths[1] + 1e-9)
+    badness = (skewed + uneven) / pitch + cross
+    chosen = np.argsort(badness)[: SEEDS * 4 : 4]
+    return [(int(seed), np.stack([first[seed], second[seed]])) for seed in chosen if badness[seed] < 1.2]
+
+
+def _grow_from(seed: int, basis: np.ndarray, dots: np.ndarray, tree: cKDTree) -> dict[tuple[int, int], int]:
+    """Grow a lattice from one dot: always the cell with the most known neighbours next."""
+    cells = {(0, 0): seed}
+    taken = {seed}
+    tried: dict[tuple[int, int], int] = {}
+    queue: list[tuple[int, int, tuple[int, int]]] = []
+    ticket = 0
+    reach = int(np.ceil(REACH))
+    window = [
+        (i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1) if 0 < i * i + j * j <= REACH**2
+    ]
+
+    def ask(cell: tuple[int, int]) -> None:
+        nonlocal ticket
+        for di, dj in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+            free = (cell[0] + di, cell[1] + dj)
+            if free not in cells:
+                support = sum((free[0] + i, free[1] + j) in cells for i, j in window)
+                if support > tried.get(free, -1):
+                    ticket += 1
+                    heapq.heappush(queue, (-support, ticket, free))
+
+    ask((0, 0))
+    while queue:
+        support, _, cell = heapq.heappop(queue)
+        if cell in cells or tried.get(cell, -1) >= -support:
+            continue
+        tried[cell] = -support
+        known = [(offset, cells[key]) for offset in window if (key := (cell[0] + offset[0], cell[1] + offset[1])) in cells]
+        place, local = _predict(known, basis, dots)
+        step = np.sqrt(abs(np.linalg.det(local)))
+        distance, near = tree.query(place, k=2)
+        # A second dot nearly as near leaves doubt about which of the two is meant.
+        if distance[0] > NEAR * step or near[0] in taken or distance[1] < 1.5 * distance[0]:
+            continue
+        cells[cell] = int(near[0])
+        taken.add(int(near[0]))
+        ask(cell)
+    return cells
+
+
+def _predict(
+    known: list[tuple[tuple[int, int], int]], basis: np.ndarray, dots: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the cell at offset (0, 0) should lie, from an affine fit to its neighbours, and the local basis.
+
+    The fit is held towards ``basis`` where the neighbours are few or lie on one line.
+    """
+    offsets = np.array([offset for offset, _ in known], float)
+    places = dots[[dot for _, dot in known]]
+    weight = np.exp(-(offsets**2).sum(axis=1) / 4.0)
+    design = np.hstack([np.ones((len(offsets), 1)), offsets])
+    prior = np.diag([0.0, 0.15, 0.15])
+    target = np.vstack([np.zeros(2), basis])
+    normal = design.T @ (weight[:, None] * design) + prior
+    fit = np.linalg.solve(normal, design.T @ (weight[:, None] * places) + prior @ target)
+    return fit[0], fit[1:]
+
+
+def _is_big(diameters: np.ndarray, plan: ProbePlan) -> np.ndarray:
+    """Tell large dots from small by the gap between the two sizes, without trusting the scale."""
+    order = np.sort(np.log(diameters))
+    ratio = np.log(plan.big_dot_mm / plan.dot_mm)
+    share = float(plan.big.mean())
+    small, large = np.quantile(order, (1 - share) / 2), np.quantile(order, 1 - share / 2)
+    middle = (small + large) / 2 if large - small > 0.4 * ratio else np.inf
+    return np.log(diameters) > middle
+
+
+def _place(
+    sites: np.ndarray, big: np.ndarray, plan: ProbePlan
+) -> tuple[tuple[float, np.ndarray, np.ndarray] | None, float]:
+    """Return the best (agreement, symmetry, shift) of the grown cells on the plan's sites, and the next agreement.
+
+    The score of a placement counts the dots whose size agrees, less those that disagree, less those that fall
+    outside the plan: correlations of two small pictures, by FFT.
+    """
+    plan_low = plan.site.min(axis=0)
+    extent = np.ptp(plan.site, axis=0) + 1
+    scores: list[tuple[float, float, np.ndarray, np.ndarray]] = []
+    for symmetry in SYMMETRIES:
+        turned = sites @ symmetry.T
+        low = turned.min(axis=0)
+        shape = tuple(int(n) for n in extent + np.ptp(turned, axis=0) + 1)
+        code, inside = np.zeros(shape), np.zeros(shape)
+        code[tuple((plan.site - plan_low).T)] = np.where(plan.big, 1.0, -1.0)
+        inside[tuple((plan.site - plan_low).T)] = 1.0
+        seen, there = np.zeros(shape), np.zeros(shape)
+        seen[tuple((turned - low).T)] = np.where(big, 1.0, -1.0)
+        there[tuple((turned - low).T)] = 1.0
+        seen_f, there_f = np.conj(np.fft.rfft2(seen)), np.conj(np.fft.rfft2(there))
+        agree = np.fft.irfft2(np.fft.rfft2(code) * seen_f, s=shape)
+        overlap = np.fft.irfft2(np.fft.rfft2(inside) * there_f, s=shape)
+        score = agree - 0.3 * (len(sites) - overlap)
+        for flat in np.argsort(score.ravel())[-2:]:
+            at = np.array(np.unravel_index(flat, shape))
+            at = np.where(at > extent, at - np.array(shape), at)
+            share = float(agree.ravel()[flat] / max(overlap.ravel()[flat], 1.0))
+            scores.append((float(score.ravel()[flat]), (1 + share) / 2, symmetry, at + plan_low - low))
+    scores.sort(key=lambda entry: -entry[0])
+    best, second = scores[0], scores[1]
+    if best[0] < 0.25 * len(sites) or best[0] < 1.3 * max(second[0], 0.0):
+        return None, second[1]
+    return (best[1], best[2], best[3]), second[1]
+
+
+def _without_strangers(dot: np.ndarray, dots: np.ndarray, diameters: np.ndarray, plan: ProbePlan) -> np.ndarray:
+    """Drop matches of the wrong size, or that lie where neither the marks around them nor their row predict them."""
+    dot = dot.copy()
+    found = np.flatnonzero(dot >= 0)
+    size = np.log(diameters[dot[found]] / plan.diameter_mm[found])
+    spread = max(1.4826 * np.median(np.abs(size - np.median(size))), 0.03)
+    dot[found[np.abs(size - np.median(size)) > max(5.0 * spread, 0.25)]] = -1
+    return dot
