@@ -5,57 +5,44 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.control import inverse_kernels as k
-from printmend.control.inverse_lookup_kernels import BEND_BLOCK, Lookup
-from printmend.gcode.kernels import RECORD
-from printmend.mechanism import Frame, Mechanism, Transmission
+from printmend.control import inverse_lookup_kernels as look
+from printmend.mechanism import Mechanism, Transmission
 
 _SAME_MM = 1e-7
 _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
 
 
-def lookup(mechanism: Mechanism) -> Lookup:
-    """Return a mechanism as the arrays that the compiled planner reads.
+def lookup(mechanism: Mechanism) -> np.ndarray:
+    """Return a mechanism as the one array that the compiled planner reads (see `inverse_lookup_kernels`).
 
     Its origin is taken as it is: call `Mechanism.homed` first where homing defines it.
     """
-    printer = mechanism.printer
-    transmissions = mechanism.transmissions
-    size = max(len(t.lower_mm) for t in transmissions)
-    branch = np.zeros((2, 2, size))
-    grid, floor = np.zeros((2, 3)), np.zeros((2, 2))
-    guides, bends = [], []
-    for motor, t in enumerate(transmissions):
-        count = len(t.lower_mm)
-        grid[motor] = t.first_mm, 1.0 / t.pitch_mm, count - 1
-        for side, table in enumerate((t.lower_mm, t.upper_mm)):
-            branch[motor, side, :count] = table
-            floor[motor, side] = table[0]
+    printer, frame = mechanism.printer, mechanism.frame
+    head = np.zeros(look.M_TABLES)
+    head[look.M_BED : look.M_BED + 4] = printer.x.min_mm, printer.x.max_mm, printer.y.min_mm, printer.y.max_mm
+    head[look.M_COREXY] = printer.kinematics == "corexy"
+    head[look.M_FRAMED] = not frame.is_identity
+    head[look.M_SHIFTS_ONLY] = frame.is_identity and all(map(_shifts_only, mechanism.transmissions))
+    head[look.M_FRAME_SCALE] = frame.scale_mm
+    head[look.M_FRAME : look.M_FRAME + 20] = frame.coefficients_mm.ravel()
+    parts, size, sharpest = [head], len(head), 0.0
+    for motor, t in enumerate(mechanism.transmissions):
+        bend = _bend(t)
+        sharpest = max(sharpest, bend.max())
+        at = look.M_MOTOR + look.MOTOR_FIELDS * motor
+        head[at : at + 6] = t.first_mm, 1.0 / t.pitch_mm, len(t.lower_mm) - 1, size, len(bend) - 1, t.is_taut
+        parts.append(bend)
+        size += len(bend)
+        for branch, table in enumerate((t.lower_mm, t.upper_mm)):
             steps = np.arange(int((table[-1] - table[0]) / t.pitch_mm) + 2)
-            guides.append(np.searchsorted(table, table[0] + steps * t.pitch_mm))
-        bends.append(_bend(t))
-    guide = np.zeros((2, 2, max(len(g) for g in guides)), np.int32)
-    for index, values in enumerate(guides):
-        guide[index // 2, index % 2, : len(values)] = np.minimum(values, len(transmissions[index // 2].lower_mm) - 1)
-    bend = np.zeros((2, max(len(b) for b in bends)))
-    for motor, values in enumerate(bends):
-        bend[motor, : len(values)] = values
-    sharpest = bend.max()
-    framed = not mechanism.frame.is_identity
-    return Lookup(
-        branch=branch,
-        guide=guide,
-        floor=floor,
-        grid=grid,
-        bend=bend,
-        frame=np.array(mechanism.frame.coefficients_mm),
-        frame_scale=float(mechanism.frame.scale_mm),
-        bed=np.array([printer.x.min_mm, printer.x.max_mm, printer.y.min_mm, printer.y.max_mm]),
-        # A parabola of that curvature strays by a quarter of the tolerance between two looks.
-        sample_mm=float(np.clip(np.sqrt(2.0 * k.CHORD_MM / max(sharpest, 1e-12)), 0.02, 2.0)),
-        corexy=printer.kinematics == "corexy",
-        framed=framed,
-        shifts_only=not framed and all(_shifts_only(t) for t in transmissions),
-    )
+            guide = np.searchsorted(table, table[0] + steps * t.pitch_mm)
+            at = look.M_BRANCH + look.BRANCH_FIELDS * (2 * motor + branch)
+            head[at : at + 3] = size, table[0], size + len(table)
+            parts += [table, np.minimum(guide, len(table) - 1)]
+            size += len(table) + len(guide)
+    # A parabola of the sharpest curvature strays by a quarter of the tolerance between two looks.
+    head[look.M_SAMPLE] = np.clip(np.sqrt(2.0 * k.CHORD_MM / max(sharpest, 1e-12)), 0.02, 2.0)
+    return np.concatenate(parts)
 
 
 def _bend(t: Transmission) -> np.ndarray:
@@ -68,10 +55,10 @@ def _bend(t: Transmission) -> np.ndarray:
             inner = np.abs(second) / (reach * t.pitch_mm) ** 2
             curvature[reach:-reach] = np.maximum(curvature[reach:-reach], inner)
     curvature[curvature < 1e-9] = 0.0  # rounding
-    blocks = -(-len(curvature) // BEND_BLOCK)
-    padded = np.zeros(blocks * BEND_BLOCK)
+    blocks = -(-len(curvature) // look.BEND_BLOCK)
+    padded = np.zeros(blocks * look.BEND_BLOCK)
     padded[: len(curvature)] = curvature
-    most = padded.reshape(blocks, BEND_BLOCK).max(axis=1)
+    most = padded.reshape(blocks, look.BEND_BLOCK).max(axis=1)
     # The curvature at a block's border is seen from both sides.
     return np.maximum(most, np.maximum(np.append(most[1:], 0.0), np.append(0.0, most[:-1])))
 
@@ -96,7 +83,7 @@ class Planner:
     Mutable, because a file of any length streams through it; `Planner.plan` is the only thing that changes it.
     """
 
-    model: Lookup
+    model: np.ndarray
     quantum_mm: float
     state: np.ndarray
     counts: np.ndarray
@@ -130,4 +117,4 @@ def start(mechanism: Mechanism, *, quantum_mm: float = 0.001) -> Planner:
     )  # fmt: skip
 
 
-__all__ = ["RECORD", "Frame", "Planner", "is_identity", "lookup", "start"]
+__all__ = ["Planner", "is_identity", "lookup", "start"]

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from printmend.control.inverse_lookup_kernels import wanted
+from printmend.control.inverse_lookup_kernels import M_COREXY, M_FRAMED, wanted
 
 # Fields of a curve, an array [CURVE] of float64.
 ARC, X0, Y0, Z0, X1, Y1, Z1, CA, CB, PHI, SWEEP, R0, R1, PLANE, LENGTH = range(15)
@@ -12,14 +12,20 @@ _TURN = 2.0 * np.pi
 _SAME = 1e-9
 
 
-@njit
+@njit(error_model="numpy")
+def norm(x, y):
+    """Return √(x² + y²): without the care that `hypot` takes of huge numbers, and its cost."""
+    return np.sqrt(x * x + y * y)
+
+
+@njit(error_model="numpy")
 def set_line(curve, x0, y0, z0, x1, y1, z1):
     curve[ARC] = 0.0
     curve[X0], curve[Y0], curve[Z0], curve[X1], curve[Y1], curve[Z1] = x0, y0, z0, x1, y1, z1
     curve[LENGTH] = np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2)
 
 
-@njit
+@njit(error_model="numpy")
 def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     """Fill a curve with an arc about (ca, cb) in its plane: 0 XY, 1 ZX, 2 YZ. Ends that coincide make a full circle."""
     set_line(curve, x0, y0, z0, x1, y1, z1)
@@ -36,11 +42,11 @@ def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     if clockwise:
         sweep = -sweep
     curve[ARC], curve[PLANE], curve[CA], curve[CB], curve[PHI], curve[SWEEP] = 1.0, plane, ca, cb, phi0, sweep
-    curve[R0], curve[R1] = np.hypot(a0 - ca, b0 - cb), np.hypot(a1 - ca, b1 - cb)
-    curve[LENGTH] = np.hypot((curve[R0] + curve[R1]) / 2 * abs(sweep), rise)
+    curve[R0], curve[R1] = norm(a0 - ca, b0 - cb), norm(a1 - ca, b1 - cb)
+    curve[LENGTH] = norm((curve[R0] + curve[R1]) / 2 * abs(sweep), rise)
 
 
-@njit
+@njit(error_model="numpy")
 def place(curve, t):
     """Return (x, y, z) at t."""
     if t >= 1.0:
@@ -59,30 +65,30 @@ def place(curve, t):
     return x, a, b
 
 
-@njit
+@njit(error_model="numpy")
 def is_flat_arc(curve):
     return curve[ARC] != 0.0 and curve[PLANE] == 0.0
 
 
-@njit
+@njit(error_model="numpy")
 def aside_and_along(curve, x, y, t):
     """Return how far (x, y) lies from the whole curve and, along it, from the place of t [mm]."""
     at_x, at_y, _ = place(curve, t)
     if curve[ARC] == 0.0:
         dx, dy = curve[X1] - curve[X0], curve[Y1] - curve[Y0]
-        length = np.hypot(dx, dy)
+        length = norm(dx, dy)
         if length > 0.0:
             aside = ((x - at_x) * dy - (y - at_y) * dx) / length
             along = ((x - at_x) * dx + (y - at_y) * dy) / length
             return abs(aside), abs(along)
     elif curve[PLANE] == 0.0:
-        aside = np.hypot(x - curve[CA], y - curve[CB]) - (curve[R0] + t * (curve[R1] - curve[R0]))
+        aside = norm(x - curve[CA], y - curve[CB]) - (curve[R0] + t * (curve[R1] - curve[R0]))
         square = (x - at_x) ** 2 + (y - at_y) ** 2
         return abs(aside), np.sqrt(max(square - aside * aside, 0.0))
-    return np.hypot(x - at_x, y - at_y), 0.0
+    return norm(x - at_x, y - at_y), 0.0
 
 
-@njit
+@njit(error_model="numpy")
 def distance(curve, x, y):
     """Return the distance [mm] of (x, y) to the curve seen from above, and the parameter of its foot, unclamped."""
     if is_flat_arc(curve) and curve[R0] > 0.0:
@@ -90,28 +96,28 @@ def distance(curve, x, y):
         swept = (np.arctan2(dy, dx) - curve[PHI]) * np.sign(curve[SWEEP]) % _TURN
         t = swept / abs(curve[SWEEP])
         if t <= 1.0:
-            return abs(np.hypot(dx, dy) - (curve[R0] + t * (curve[R1] - curve[R0]))), t
-        to_start, to_end = np.hypot(x - curve[X0], y - curve[Y0]), np.hypot(x - curve[X1], y - curve[Y1])
+            return abs(norm(dx, dy) - (curve[R0] + t * (curve[R1] - curve[R0]))), t
+        to_start, to_end = norm(x - curve[X0], y - curve[Y0]), norm(x - curve[X1], y - curve[Y1])
         return (to_start, -1.0) if to_start < to_end else (to_end, 2.0)
     return line_distance(curve[X0], curve[Y0], curve[X1], curve[Y1], x, y)
 
 
-@njit
+@njit(error_model="numpy")
 def line_distance(x0, y0, x1, y1, x, y):
     dx, dy = x1 - x0, y1 - y0
     square = dx * dx + dy * dy
     t = ((x - x0) * dx + (y - y0) * dy) / square if square > 0.0 else 0.0
     inside = min(max(t, 0.0), 1.0)
-    return np.hypot(x - x0 - inside * dx, y - y0 - inside * dy), t
+    return norm(x - x0 - inside * dx, y - y0 - inside * dy), t
 
 
-@njit
+@njit(error_model="numpy")
 def monotone_end(model, curve, t0):
     """Return the first t > t0 at which a motor's wanted belt position turns back; 1 when none does."""
     if curve[ARC] == 0.0:
-        if not model.framed or curve[LENGTH] * (1.0 - t0) < 4.0:
+        if model[M_FRAMED] == 0.0 or curve[LENGTH] * (1.0 - t0) < 4.0:
             return 1.0  # a frame bends a short line by far less than the play's tolerance
-    elif curve[PLANE] == 0.0 and not model.framed:
+    elif curve[PLANE] == 0.0 and model[M_FRAMED] == 0.0:
         return _next_extreme(model, curve, t0)
     turn = 1.0 if curve[ARC] == 0.0 else abs(curve[SWEEP])
     samples = min(8 + np.int64((1.0 - t0) * (curve[LENGTH] / 10.0 if curve[ARC] == 0.0 else turn * 6.0)), 4096)
@@ -138,12 +144,12 @@ def monotone_end(model, curve, t0):
     return 1.0
 
 
-@njit
+@njit(error_model="numpy")
 def _sign(value):
     return 1.0 if value > _SAME else (-1.0 if value < -_SAME else 0.0)
 
 
-@njit
+@njit(error_model="numpy")
 def _extreme(model, curve, low, high, motor, sign):
     """Find where a motor's wanted position is largest (sign 1) or smallest (−1), by thirds."""
     for _ in range(40):
@@ -159,11 +165,11 @@ def _extreme(model, curve, low, high, motor, sign):
     return (low + high) / 2
 
 
-@njit
+@njit(error_model="numpy")
 def _next_extreme(model, curve, t0):
     """The same in closed form: x turns at φ = 0, π, y at ±π/2; the motors of a CoreXY at ±π/4, ±3π/4."""
     phi, sweep = curve[PHI] + t0 * curve[SWEEP], curve[SWEEP]
-    first = np.pi / 4 if model.corexy else 0.0
+    first = np.pi / 4 if model[M_COREXY] != 0.0 else 0.0
     quarters = (phi - first) / (np.pi / 2)
     if sweep > 0:
         target = np.floor(quarters + 1e-7) + 1.0

@@ -22,17 +22,22 @@ from printmend.control.inverse_curve_kernels import (
     is_flat_arc,
     line_distance,
     monotone_end,
+    norm,
     place,
     set_arc,
     set_line,
 )
 from printmend.control.inverse_lookup_kernels import (
     LOWER,
+    M_BED,
+    M_FRAMED,
+    M_SAMPLE,
+    M_SHIFTS_ONLY,
     UPPER,
     backward,
-    clipped,
     forward,
     from_motors,
+    is_taut,
     printed,
     sharpest,
     to_motors,
@@ -94,7 +99,7 @@ L_Z, L_LENGTH, L_SQUARE, L_MOST = 0, 1, 2, 4
 LAYER = 6
 
 
-@njit
+@njit(error_model="numpy")
 def _note(layers, row, errors, which, error, weight):
     """Add one sample of the contour error."""
     layers[row, L_SQUARE + which] += weight * error * error
@@ -102,7 +107,7 @@ def _note(layers, row, errors, which, error, weight):
     errors[which, min(np.int64(error / ERROR_BIN_MM), ERROR_BINS - 1)] += weight
 
 
-@njit
+@njit(error_model="numpy")
 def _open_interval(model, state, at):
     """The belts may be anywhere in their play: both intervals become the whole play. ``at`` is S_LO or S_RAW_LO."""
     for k in range(2):
@@ -110,22 +115,22 @@ def _open_interval(model, state, at):
         state[at + 2 + k] = forward(model, k, UPPER, state[S_M + k])
 
 
-@njit
+@njit(error_model="numpy")
 def _middle(state, k):
     return (state[S_LO + k] + state[S_HI + k]) / 2
 
 
-@njit
+@njit(error_model="numpy")
 def _is_sure(state, k):
     return state[S_HI + k] - state[S_LO + k] <= HOLD_MM
 
 
-@njit
+@njit(error_model="numpy")
 def _command(model, state, counts, m0, m1, record, quantum):
     """Round and clamp the command for motors (m0, m1): return (x, y, m0, m1, how far it was clamped)."""
     x, y = from_motors(model, m0, m1)
-    low_x, high_x = min(model.bed[0], record.x0, record.x1), max(model.bed[1], record.x0, record.x1)
-    low_y, high_y = min(model.bed[2], record.y0, record.y1), max(model.bed[3], record.y0, record.y1)
+    low_x, high_x = min(model[M_BED], record.x0, record.x1), max(model[M_BED + 1], record.x0, record.x1)
+    low_y, high_y = min(model[M_BED + 2], record.y0, record.y1), max(model[M_BED + 3], record.y0, record.y1)
     inside_x, inside_y = min(max(x, low_x), high_x), min(max(y, low_y), high_y)
     clamp = max(abs(inside_x - x), abs(inside_y - y))
     x, y = np.rint(inside_x / quantum) * quantum, np.rint(inside_y / quantum) * quantum
@@ -133,16 +138,25 @@ def _command(model, state, counts, m0, m1, record, quantum):
     return x, y, m0, m1, clamp
 
 
-@njit
-def _arrive(model, state, m0, m1):
-    """Move the motors and what they pull."""
-    state[S_M], state[S_M + 1] = m0, m1
+@njit(error_model="numpy")
+def _pull(model, state, at, m0, m1):
+    """Move the motors to (m0, m1) and the belts with them (physics.md eq. 7); ``at`` is S_LO or S_RAW_LO."""
     for k in range(2):
-        state[S_LO + k] = clipped(model, k, state[S_M + k], state[S_LO + k])
-        state[S_HI + k] = clipped(model, k, state[S_M + k], state[S_HI + k])
+        m = m0 if k == 0 else m1
+        lower = forward(model, k, LOWER, m)
+        upper = lower if is_taut(model, k) else forward(model, k, UPPER, m)
+        state[at + k] = min(max(state[at + k], lower), upper)
+        state[at + 2 + k] = min(max(state[at + 2 + k], lower), upper)
 
 
-@njit
+@njit(error_model="numpy")
+def _arrive(model, state, m0, m1):
+    """Move the motors, and what they pull."""
+    state[S_M], state[S_M + 1] = m0, m1
+    _pull(model, state, S_LO, m0, m1)
+
+
+@njit(error_model="numpy")
 def _put(pieces, n, i, kind, x, y, z, share, feed):
     p = pieces[n]
     p.record, p.kind, p.x, p.y, p.z, p.share, p.feed = i, kind, x, y, z, share, feed
@@ -150,7 +164,7 @@ def _put(pieces, n, i, kind, x, y, z, share, feed):
     return n + 1
 
 
-@njit
+@njit(error_model="numpy")
 def _dead_move(model, state, counts, pieces, n, i, record, m0, m1, z, share, quantum):
     """Write a move that extrudes nothing and for which the nozzle stands still (or is put in its place)."""
     x, y, m0, m1, _ = _command(model, state, counts, m0, m1, record, quantum)
@@ -160,7 +174,7 @@ def _dead_move(model, state, counts, pieces, n, i, record, m0, m1, z, share, qua
     return _put(pieces, n, i, PIECE_TAKEUP, x, y, z, share, max(state[S_TRAVEL], record.feed))
 
 
-@njit
+@njit(error_model="numpy")
 def _prepare(model, state, k, start, end, anywhere):
     """Choose how motor k goes from belt position ``start`` to ``end``.
 
@@ -196,7 +210,7 @@ def _prepare(model, state, k, start, end, anywhere):
     return (1 if forwards else -1), first, second
 
 
-@njit
+@njit(error_model="numpy")
 def _motor_at(model, state, k, mode, u):
     if mode > 0:
         return max(backward(model, k, LOWER, u), state[S_M + k])
@@ -205,7 +219,7 @@ def _motor_at(model, state, k, mode, u):
     return state[S_M + k]
 
 
-@njit
+@njit(error_model="numpy")
 def _followed(model, state, k, mode, m):
     now = _middle(state, k)
     if mode > 0:
@@ -215,11 +229,11 @@ def _followed(model, state, k, mode, m):
     return now
 
 
-@njit
+@njit(error_model="numpy")
 def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
     """Return the largest error of a chord as a multiple of what is allowed."""
     length = (end - t) * curve[LENGTH]
-    samples = max(3, np.int64(np.ceil(length / model.sample_mm)))
+    samples = max(3, np.int64(np.ceil(length / model[M_SAMPLE])))
     held = 1.0 + (mode0 == 0) + (mode1 == 0)
     worst = 0.0
     for i in range(1, samples + 1):
@@ -233,14 +247,14 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
     return worst
 
 
-@njit
+@njit(error_model="numpy")
 def _ends(model, curve, state, mode0, mode1, t):
     x, y, _ = place(curve, t)
     u0, u1 = wanted(model, x, y)
     return _motor_at(model, state, 0, mode0, u0), _motor_at(model, state, 1, mode1, u1)
 
 
-@njit
+@njit(error_model="numpy")
 def _chord(model, curve, state, mode0, mode1, t, stop, advance):
     """Return the end of the longest admissible chord from t, by growing and shrinking a guess from the curvature."""
     length = curve[LENGTH]
@@ -250,10 +264,10 @@ def _chord(model, curve, state, mode0, mode1, t, stop, advance):
     ahead0 = state[S_M] + min(d0, 12.0) * np.sign(m0 - state[S_M])
     ahead1 = state[S_M + 1] + min(d1, 12.0) * np.sign(m1 - state[S_M + 1])
     bend0, bend1 = sharpest(model, 0, state[S_M], ahead0), sharpest(model, 1, state[S_M + 1], ahead1)
-    bound = np.hypot(bend0 * d0 * d0, bend1 * d1 * d1)
+    bound = norm(bend0 * d0 * d0, bend1 * d1 * d1)
     if is_flat_arc(curve):
         bound += whole * abs(curve[SWEEP]) * whole * length
-    elif model.framed:
+    elif model[M_FRAMED] != 0.0:
         bound += 1e-4 * whole * whole * length * length  # rails bow by less
     step = whole
     if bound > 8.0 * CHORD_MM or d0 > 12.0 or d1 > 12.0:
@@ -287,13 +301,13 @@ def _chord(model, curve, state, mode0, mode1, t, stop, advance):
         m0, m1 = _ends(model, curve, state, mode0, mode1, t + step)
         x, y = from_motors(model, m0 - state[S_M], m1 - state[S_M + 1])
         part = step * advance
-        if part > TINY_ADVANCE_MM and part * FILAMENT_AREA_MM2 > MAX_AREA_MM2 * np.hypot(x, y):
+        if part > TINY_ADVANCE_MM and part * FILAMENT_AREA_MM2 > MAX_AREA_MM2 * norm(x, y):
             if advance * FILAMENT_AREA_MM2 <= MAX_AREA_MM2 * length:
                 step = min(step, TINY_ADVANCE_MM / advance)
     return stop if stop - t - step < 1e-12 else t + step
 
 
-@njit
+@njit(error_model="numpy")
 def _draw(model, curve, state, pieces, n, i, record, kind, t, end, m0, m1, x, y, row, layers, errors):
     """Write the piece of an extruding move from t to end and add up its error; centre for an arc is set by the caller."""
     length = (end - t) * curve[LENGTH]
@@ -323,7 +337,7 @@ def _draw(model, curve, state, pieces, n, i, record, kind, t, end, m0, m1, x, y,
     return _put(pieces, n, i, kind, x, y, z, end, feed)
 
 
-@njit
+@njit(error_model="numpy")
 def _extrude(model, curve, state, counts, pieces, n, i, record, row, layers, errors, quantum):
     """Write an extruding move: slack, then chords (or arcs) along each stretch in which no motor turns back."""
     t = 0.0
@@ -351,7 +365,7 @@ def _extrude(model, curve, state, counts, pieces, n, i, record, row, layers, err
         n = _dead_move(model, state, counts, pieces, n, i, record, second0, second1, z, t, quantum)
         counts[N_ANCHORS] += unsure
         counts[N_TAKEUPS] += n > before and not unsure
-        if model.shifts_only and is_flat_arc(curve) and mode0 != 0 and mode1 != 0:
+        if model[M_SHIFTS_ONLY] != 0.0 and is_flat_arc(curve) and mode0 != 0 and mode1 != 0:
             done = _arc(model, curve, state, counts, pieces, n, i, record, t, stop, mode0, mode1, row, layers, errors, quantum)
             if done > n:
                 n, t = done, stop
@@ -368,7 +382,7 @@ def _extrude(model, curve, state, counts, pieces, n, i, record, row, layers, err
     return n
 
 
-@njit
+@njit(error_model="numpy")
 def _arc(model, curve, state, counts, pieces, n, i, record, t, stop, mode0, mode1, row, layers, errors, quantum):
     """Write the stretch of an arc as an arc, shifted by the play's sides; nothing where it would not fit."""
     x0, y0, _ = place(curve, t)
@@ -389,7 +403,7 @@ def _arc(model, curve, state, counts, pieces, n, i, record, t, stop, mode0, mode
     return n
 
 
-@njit
+@njit(error_model="numpy")
 def _travel_motor(model, state, k, start, end):
     """Return the motor position that brings the belt to ``end`` on a move that draws nothing."""
     m, now = state[S_M + k], _middle(state, k)
@@ -406,7 +420,7 @@ def _travel_motor(model, state, k, start, end):
     return backward(model, k, LOWER if end > now else UPPER, end)
 
 
-@njit
+@njit(error_model="numpy")
 def _travel(model, curve, state, counts, pieces, n, i, record, t, end, quantum):
     """Write a move that draws nothing: only its end must be right."""
     x, y, _ = place(curve, t)
@@ -426,7 +440,7 @@ def _travel(model, curve, state, counts, pieces, n, i, record, t, end, quantum):
     return _put(pieces, n, i, KIND_LINEAR, x, y, z, end, record.feed)
 
 
-@njit
+@njit(error_model="numpy")
 def _nearest(records, count, i, curve, x, y):
     """Return the distance of a printed place to the wanted path around record i, along which it may be ahead or behind."""
     best, t = distance(curve, x, y)
@@ -442,14 +456,14 @@ def _nearest(records, count, i, curve, x, y):
             best = min(best, d)
             if 0.0 < foot < 1.0 or (foot >= 1.0) != (step > 0):
                 break
-            walked += np.hypot(r.x1 - r.x0, r.y1 - r.y0)
+            walked += norm(r.x1 - r.x0, r.y1 - r.y0)
         elif r.x0 != r.x1 or r.y0 != r.y1 or r.kind == KIND_CW or r.kind == KIND_CCW:
             break
         j += step
     return best
 
 
-@njit
+@njit(error_model="numpy")
 def _raw(model, curve, state, records, count, i, extruding, sure, row, layers, errors):
     """Print a move as the file has it, for the prediction."""
     arc = curve[0] != 0.0
@@ -460,17 +474,14 @@ def _raw(model, curve, state, records, count, i, extruding, sure, row, layers, e
     for j in range(samples + 1):
         x, y, _ = place(curve, (j + 0.5) / samples if j < samples else 1.0)
         m0, m1 = to_motors(model, x, y)
-        state[S_RAW_LO] = clipped(model, 0, m0, state[S_RAW_LO])
-        state[S_RAW_LO + 1] = clipped(model, 1, m1, state[S_RAW_LO + 1])
-        state[S_RAW_HI] = clipped(model, 0, m0, state[S_RAW_HI])
-        state[S_RAW_HI + 1] = clipped(model, 1, m1, state[S_RAW_HI + 1])
+        _pull(model, state, S_RAW_LO, m0, m1)
         if extruding and sure and j < samples:
             a, b = (state[S_RAW_LO] + state[S_RAW_HI]) / 2, (state[S_RAW_LO + 1] + state[S_RAW_HI + 1]) / 2
             px, py = printed(model, a, b)
             _note(layers, row, errors, 0, _nearest(records, count, i, curve, px, py), curve[LENGTH] / samples)
 
 
-@njit
+@njit(error_model="numpy")
 def _layer(state, counts, layers, record):
     """Return the row of the layer that an extruding record belongs to: by the slicer's comments, else by height."""
     marked = record.layer > 0
@@ -489,7 +500,7 @@ def _layer(state, counts, layers, record):
     return counts[N_LAYER]
 
 
-@njit
+@njit(error_model="numpy")
 def _event(model, state, counts, r):
     """Follow homing, events and lost places: what is known of the belts afterwards."""
     known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
@@ -512,7 +523,7 @@ def _event(model, state, counts, r):
             counts[N_ANYWHERE] = counts[N_ANYWHERE] or r.event == EVENT_EXCLUDE
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def mend(model, records, first, count, state, counts, pieces, layers, errors, quantum):
     """Plan records[first:count]; return (the next record, pieces written).
 

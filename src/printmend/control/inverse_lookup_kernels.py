@@ -1,164 +1,159 @@
 """Compiled look-ups of a mechanism: forwards and backwards through its play, its frame and its motors.
 
-`Lookup` holds a `printmend.mechanism.Mechanism` as arrays. Imports numpy and numba only.
+A model here is one array of float64, because a single flat array is the cheapest thing to hand from kernel to kernel:
+the fields M_* first, then what belongs to each motor (at `_motor`) and branch (at `_branch`), then the tables.
+`printmend.control.inverse.lookup` makes it from a `Mechanism`. Imports numpy and numba only.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 LOWER, UPPER = 0, 1
 
-
-class Lookup(NamedTuple):
-    """A mechanism as arrays, for both motors and both branches of play.
-
-    ``branch`` [2, 2, N] the tables; ``guide`` [2, 2, G] the first entry that is ≥ ``floor + k·pitch``;
-    ``floor`` [2, 2]; ``grid`` [2, 3] first motor position, 1/pitch, last index; ``bend`` [2, B] the largest curvature
-    [1/mm] of both branches in each run of `BEND_BLOCK` entries; ``frame`` [2, 10] and ``frame_scale``;
-    ``bed`` [4] x and y limits; ``sample_mm`` how densely a chord must be looked at.
-    """
-
-    branch: np.ndarray
-    guide: np.ndarray
-    floor: np.ndarray
-    grid: np.ndarray
-    bend: np.ndarray
-    frame: np.ndarray
-    frame_scale: float
-    bed: np.ndarray
-    sample_mm: float
-    corexy: bool
-    framed: bool
-    shifts_only: bool  # constant play and nothing else: arcs stay arcs
+# x and y limits [4] · how densely a chord must be looked at [mm] · 1 or 0: CoreXY, a frame that is not the identity,
+# constant play and nothing else · the frame's scale and coefficients [2, 10]
+M_BED, M_SAMPLE, M_COREXY, M_FRAMED, M_SHIFTS_ONLY, M_FRAME_SCALE, M_FRAME = 0, 4, 5, 6, 7, 8, 10
+# For each motor: first motor position, 1/pitch, last index, where its curvatures begin, their last index,
+# 1 where both branches are the same
+M_MOTOR, MOTOR_FIELDS = 32, 8
+FIRST, RATE, LAST, BEND, BEND_LAST, TAUT = range(6)
+# For each motor and branch: where its table begins; the lowest belt position; where its guide begins: entry k is the
+# index of the first entry of the table that is ≥ floor + k·pitch
+M_BRANCH, BRANCH_FIELDS = 48, 4
+TABLE, FLOOR, GUIDE = range(3)
+M_TABLES = 64
+BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
 
 
-BEND_BLOCK = 64
-
-
-@njit
+@njit(error_model="numpy")
 def forward(model, motor, branch, m):
     """Return the belt position [mm] of a branch at motor position m [mm]; beyond the table the slope is 1."""
-    place = (m - model.grid[motor, 0]) * model.grid[motor, 1]
-    last = model.grid[motor, 2]
-    table = model.branch[motor, branch]
+    at = M_MOTOR + MOTOR_FIELDS * motor
+    table = np.int64(model[M_BRANCH + BRANCH_FIELDS * (2 * motor + branch) + TABLE])
+    place = (m - model[at + FIRST]) * model[at + RATE]
+    last = model[at + LAST]
     if place <= 0.0:
-        return table[0] + (m - model.grid[motor, 0])
+        return model[table] + (m - model[at + FIRST])
     if place >= last:
-        return table[np.int64(last)] + (place - last) / model.grid[motor, 1]
+        return model[table + np.int64(last)] + (place - last) / model[at + RATE]
     i = np.int64(place)
-    part = place - i
-    return table[i] + part * (table[i + 1] - table[i])
+    below = model[table + i]
+    return below + (place - i) * (model[table + i + 1] - below)
 
 
-@njit
+@njit(error_model="numpy")
 def backward(model, motor, branch, u):
     """Return the motor position [mm] at which a branch is at u [mm]: the inverse of `forward`."""
-    table = model.branch[motor, branch]
-    last = np.int64(model.grid[motor, 2])
-    first = model.grid[motor, 0]
-    rate = model.grid[motor, 1]
-    if u <= table[0]:
-        return first + (u - table[0])
-    if u >= table[last]:
-        return first + last / rate + (u - table[last])
-    k = np.int64((u - model.floor[motor, branch]) * rate)
-    i = np.int64(model.guide[motor, branch, max(k, 0)])
-    while table[i] < u:
+    at = M_MOTOR + MOTOR_FIELDS * motor
+    side = M_BRANCH + BRANCH_FIELDS * (2 * motor + branch)
+    table, last = np.int64(model[side + TABLE]), np.int64(model[at + LAST])
+    first, rate = model[at + FIRST], model[at + RATE]
+    if u <= model[table]:
+        return first + (u - model[table])
+    if u >= model[table + last]:
+        return first + last / rate + (u - model[table + last])
+    i = np.int64(model[np.int64(model[side + GUIDE]) + np.int64((u - model[side + FLOOR]) * rate)])
+    while model[table + i] < u:
         i += 1
     if i == 0:
         return first
-    below = table[i - 1]
-    return first + (i - 1 + (u - below) / (table[i] - below)) / rate
+    below = model[table + i - 1]
+    return first + (i - 1 + (u - below) / (model[table + i] - below)) / rate
 
 
-@njit
-def clipped(model, motor, m, u):
-    """Move a motor to m: the belt position that follows from u (physics.md eq. 7)."""
-    return min(max(u, forward(model, motor, LOWER, m)), forward(model, motor, UPPER, m))
+@njit(error_model="numpy")
+def is_taut(model, motor):
+    """Say whether both branches of a motor are the same."""
+    return model[M_MOTOR + MOTOR_FIELDS * motor + TAUT] != 0.0
 
 
-@njit
+@njit(error_model="numpy")
+def _polynomial(model, a, p, q):
+    """Return Σ a_ij p^i q^j in the order of `printmend.mechanism.Frame.exponents`."""
+    linear = model[a] + model[a + 1] * p + model[a + 2] * q
+    square = model[a + 3] * p * p + model[a + 4] * p * q + model[a + 5] * q * q
+    return linear + square + (model[a + 6] * p + model[a + 7] * q) * p * p + (model[a + 8] * p + model[a + 9] * q) * q * q
+
+
+@njit(error_model="numpy")
+def _slopes(model, a, p, q):
+    """Return the derivatives of `_polynomial` by p and q."""
+    by_p = model[a + 1] + 2 * model[a + 3] * p + model[a + 4] * q
+    by_q = model[a + 2] + model[a + 4] * p + 2 * model[a + 5] * q
+    by_p += 3 * model[a + 6] * p * p + 2 * model[a + 7] * p * q + model[a + 8] * q * q
+    by_q += model[a + 7] * p * p + 2 * model[a + 8] * p * q + 3 * model[a + 9] * q * q
+    return by_p, by_q
+
+
+@njit(error_model="numpy")
 def onto_bed(model, x, y):
-    """Map a place given by the belts to the bed: the frame's polynomial."""
-    if not model.framed:
+    """Map a place given by the belts to the bed."""
+    if model[M_FRAMED] == 0.0:
         return x, y
-    p, q = x / model.frame_scale, y / model.frame_scale
-    a, b = model.frame[0], model.frame[1]
-    pp, pq, qq = p * p, p * q, q * q
-    dx = a[0] + a[1] * p + a[2] * q + a[3] * pp + a[4] * pq + a[5] * qq + (a[6] * p + a[7] * q) * pp + (a[8] * p + a[9] * q) * qq
-    dy = b[0] + b[1] * p + b[2] * q + b[3] * pp + b[4] * pq + b[5] * qq + (b[6] * p + b[7] * q) * pp + (b[8] * p + b[9] * q) * qq
-    return x + dx, y + dy
+    p, q = x / model[M_FRAME_SCALE], y / model[M_FRAME_SCALE]
+    return x + _polynomial(model, M_FRAME, p, q), y + _polynomial(model, M_FRAME + 10, p, q)
 
 
-@njit
-def _slopes(row, p, q, scale):
-    along_p = row[1] + 2 * row[3] * p + row[4] * q + 3 * row[6] * p * p + 2 * row[7] * p * q + row[8] * q * q
-    along_q = row[2] + row[4] * p + 2 * row[5] * q + row[7] * p * p + 2 * row[8] * p * q + 3 * row[9] * q * q
-    return along_p / scale, along_q / scale
-
-
-@njit
+@njit(error_model="numpy")
 def off_bed(model, x, y):
     """Return the place by the belts whose image on the bed is (x, y): Newton's method on `onto_bed`."""
-    if not model.framed:
+    if model[M_FRAMED] == 0.0:
         return x, y
     u, v = x, y
+    scale = model[M_FRAME_SCALE]
     for _ in range(20):
         at_x, at_y = onto_bed(model, u, v)
         ex, ey = x - at_x, y - at_y
-        p, q = u / model.frame_scale, v / model.frame_scale
-        xx, xy = _slopes(model.frame[0], p, q, model.frame_scale)
-        yx, yy = _slopes(model.frame[1], p, q, model.frame_scale)
-        xx += 1.0
-        yy += 1.0
+        if abs(ex) + abs(ey) < 1e-10:
+            break
+        xp, xq = _slopes(model, M_FRAME, u / scale, v / scale)
+        yp, yq = _slopes(model, M_FRAME + 10, u / scale, v / scale)
+        xx, xy, yx, yy = 1.0 + xp / scale, xq / scale, yp / scale, 1.0 + yq / scale
         area = xx * yy - xy * yx
         u += (yy * ex - xy * ey) / area
         v += (xx * ey - yx * ex) / area
-        if abs(ex) + abs(ey) < 1e-10:
-            break
     return u, v
 
 
-@njit
+@njit(error_model="numpy")
 def to_motors(model, x, y):
     """Map a place by the belts to motor coordinates: CoreXY a = x + y, b = x − y (physics.md eq. 13)."""
-    if model.corexy:
+    if model[M_COREXY] != 0.0:
         return x + y, x - y
     return x, y
 
 
-@njit
+@njit(error_model="numpy")
 def from_motors(model, a, b):
     """Invert `to_motors`."""
-    if model.corexy:
+    if model[M_COREXY] != 0.0:
         return (a + b) / 2, (a - b) / 2
     return a, b
 
 
-@njit
+@njit(error_model="numpy")
 def printed(model, u0, u1):
     """Return the place on the bed for belt positions u0, u1 of the two motors."""
     x, y = from_motors(model, u0, u1)
     return onto_bed(model, x, y)
 
 
-@njit
+@njit(error_model="numpy")
 def wanted(model, x, y):
     """Return the belt positions of the two motors that put the nozzle at (x, y) on the bed."""
     u, v = off_bed(model, x, y)
     return to_motors(model, u, v)
 
 
-@njit
+@njit(error_model="numpy")
 def sharpest(model, motor, m0, m1):
     """Return the largest curvature [1/mm] of a motor's branches between two motor positions."""
-    rate, last = model.grid[motor, 1], model.bend.shape[1] - 1
-    i = np.int64((min(m0, m1) - model.grid[motor, 0]) * rate) // BEND_BLOCK
-    j = np.int64((max(m0, m1) - model.grid[motor, 0]) * rate) // BEND_BLOCK
-    i, j = min(max(i, 0), last), min(max(j, 0), last)
+    at = M_MOTOR + MOTOR_FIELDS * motor
+    rate = model[at + RATE]
+    bend, last = np.int64(model[at + BEND]), np.int64(model[at + BEND_LAST])
+    i = np.int64((min(m0, m1) - model[at + FIRST]) * rate) // BEND_BLOCK
+    j = np.int64((max(m0, m1) - model[at + FIRST]) * rate) // BEND_BLOCK
     most = 0.0
-    for k in range(i, j + 1):
-        most = max(most, model.bend[motor, k])
+    for k in range(min(max(i, 0), last), min(max(j, 0), last) + 1):
+        most = max(most, model[bend + k])
     return most
