@@ -23,6 +23,11 @@ class State:
     position_steps: np.ndarray
     memory: np.ndarray | None = None
 
+    def __getitem__(self, k: int) -> "State":
+        """Return the state [1] of machine k."""
+        memory = None if self.memory is None else self.memory[k : k + 1]
+        return State(self.nominal_steps[k : k + 1], self.position_steps[k : k + 1], memory)
+
 
 @dataclass(frozen=True, eq=False)
 class PlayTables:

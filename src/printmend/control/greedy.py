@@ -1,0 +1,67 @@
+"""Algorithm 1 of the paper: for each target, the control whose imagined result is nearest (§IV-C, physics.md §8.1)."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.control.check import check_plan
+from printmend.control.kernels import greedy as kernels
+from printmend.path import Plan
+from printmend.protocols import IncrementTables, JointTables, PlayTables, WorldModel
+
+
+@dataclass(frozen=True)
+class Greedy:
+    """The published planner, compiled for models that tabulate and batched for those that do not.
+
+    Deadlocks where the play exceeds what one control can take up: no control then changes the imagined position
+    (physics.md §6). Plans are equal to the published loop's, to the last tie.
+    """
+
+    name: str = "greedy"
+
+    def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
+        """Choose controls [T, 2] for targets [T, 2] from ``start_steps`` [2]. Raise `InputError` for a start off the bed."""
+        targets, start = check_plan(model.printer, targets_steps, start_steps, c_max)
+        tables = model.tabulate(start, c_max=c_max)
+        controls = np.empty((len(targets), 2), np.int8)
+        imagined = np.empty((len(targets) + 1, 2))
+        match tables:
+            case IncrementTables():
+                kernels.plan_increments(targets, start, *tables.displacement_steps, controls, imagined)
+            case JointTables():
+                kernels.plan_joint(
+                    targets, start, *tables.cells, tables.unit_steps, tables.rolled, c_max, controls, imagined
+                )
+            case PlayTables():
+                plan = kernels.plan_corexy if tables.corexy else kernels.plan_play
+                first = model.printer.to_motor(start) - np.array(tables.first_steps)
+                (lower_a, lower_b), (upper_a, upper_b) = tables.lower_steps, tables.upper_steps
+                plan(
+                    targets, start, first[0], first[1], lower_a, upper_a, lower_b, upper_b, c_max, controls, imagined
+                )  # fmt: skip
+            case None:
+                _plan_batched(model, targets, start, c_max, controls, imagined)
+        return Plan(controls, imagined)
+
+
+def _plan_batched(
+    model: WorldModel,
+    targets: np.ndarray,
+    start: np.ndarray,
+    c_max: int,
+    controls: np.ndarray,
+    imagined: np.ndarray,
+) -> None:
+    """Plan by advancing all controls of each target at once."""
+    candidates = np.array(list(itertools.product(range(-c_max, c_max + 1), repeat=2)))
+    state = model.start(start)
+    imagined[0] = state.position_steps[0]
+    for t, target in enumerate(targets):
+        after = model.advance(state, candidates)
+        error = target - after.position_steps
+        best = int(np.argmin(np.sqrt(error[:, 0] * error[:, 0] + error[:, 1] * error[:, 1])))
+        controls[t] = candidates[best]
+        state = after[best]
+        imagined[t + 1] = state.position_steps[0]
