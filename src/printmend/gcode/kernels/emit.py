@@ -16,6 +16,7 @@ from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import (
     CLOSE,
     OPEN,
+    POWERS,
     QUOTE,
     SEMICOLON,
     STAR,
@@ -36,28 +37,25 @@ def _put_fixed(out, at, scaled, decimals):
     if scaled < 0:
         out[at] = 45
         at += 1
-        scaled = -scaled
-    power = np.int64(1)
-    for _ in range(decimals):
-        power *= 10
-    whole, part = scaled // power, scaled % power
-    size, rest = 1, whole
-    while rest >= 10:
-        rest //= 10
+    rest = np.uint64(abs(scaled))  # unsigned: division by the constant 10 becomes a multiplication
+    ten = np.uint64(10)
+    while decimals > 0 and rest % ten == 0:
+        rest //= ten
+        decimals -= 1
+    size, probe = 1, rest
+    while probe >= ten:
+        probe //= ten
         size += 1
-    for k in range(size):
-        out[at + size - 1 - k] = 48 + whole % 10
-        whole //= 10
-    at += size
-    if part:
-        out[at] = 46
-        at += 1
-        while part:
-            power //= 10
-            out[at] = 48 + part // power
-            part %= power
-            at += 1
-    return at
+    size = max(size, decimals + 1)
+    point = at + size - decimals
+    end = at + size + (decimals > 0)
+    for k in range(end - 1, at - 1, -1):
+        if k == point and decimals > 0:
+            out[k] = 46
+        else:
+            out[k] = np.uint8(48) + np.uint8(rest % ten)
+            rest //= ten
+    return end
 
 
 @njit
@@ -71,9 +69,7 @@ def _copy(buf, begin, end, out, at):
 @njit
 def _scaled(value, decimals):
     """Round to an integer number of 10^−decimals, kept within what no machine exceeds."""
-    for _ in range(decimals):
-        value *= 10.0
-    return np.int64(np.floor(min(max(value, -9e14), 9e14) + 0.5))
+    return np.int64(np.floor(min(max(value * POWERS[decimals], -9e14), 9e14) + 0.5))
 
 
 @njit
@@ -117,9 +113,7 @@ def _scaled_axis(r, writer, target, axis):
 def _reached(r, writer, scaled, axis):
     """Where the machine goes [mm] when it reads that number."""
     unit = 25.4 if r.flags & FLAG_INCH else 1.0
-    value = scaled * unit
-    for _ in range(_decimals(r)):
-        value /= 10.0
+    value = scaled * unit / POWERS[_decimals(r)]
     if r.flags & FLAG_G53:
         return value
     if r.flags & FLAG_RELATIVE:
