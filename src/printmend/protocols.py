@@ -99,7 +99,8 @@ class WorldModel(Protocol):
 class Learner(Protocol):
     """An algorithm that makes a world model from one measured print."""
 
-    name: str
+    @property
+    def name(self) -> str: ...
 
     def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> WorldModel:
         """Learn from a trace. Raise `TraceError` where it cannot support any model."""
@@ -109,7 +110,8 @@ class Learner(Protocol):
 class Controller(Protocol):
     """An algorithm that chooses controls, one for each target."""
 
-    name: str
+    @property
+    def name(self) -> str: ...
 
     def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
         """Choose controls [T, 2] in {−c_max…c_max}² for targets [T, 2] from ``start_steps`` [2]."""

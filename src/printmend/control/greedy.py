@@ -22,7 +22,7 @@ class Greedy:
     name: str = "greedy"
 
     def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
-        """Choose controls [T, 2] for targets [T, 2] from ``start_steps`` [2]. Raise `InputError` for a start off the bed."""
+        """Choose controls [T, 2] for targets [T, 2] from ``start_steps`` [2]. Raise `InputError` off the bed."""
         targets, start = check_plan(model.printer, targets_steps, start_steps, c_max)
         tables = model.tabulate(start, c_max=c_max)
         controls = np.empty((len(targets), 2), np.int8)
@@ -65,3 +65,6 @@ def _plan_batched(
         controls[t] = candidates[best]
         state = after[best]
         imagined[t + 1] = state.position_steps[0]
+
+
+CONTROLLERS = {"greedy": Greedy()}

@@ -15,7 +15,7 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import JointTables, State
 from printmend.worldmodel.ensemble import Ensemble, constant, from_forest, from_lightgbm
-from printmend.worldmodel.increments import AxisModel, moved, start_state
+from printmend.worldmodel.increments import AxisModel, RolledLearner, moved, start_state
 from printmend.worldmodel.transitions import transitions
 
 _SIGNS = np.array([-1.0, 0.0, 1.0])
@@ -146,3 +146,20 @@ class AxisTreeLearner:
             ensemble = self.regress(position, values, seed) if moves.any() else constant(1.0)
             gains.append(ensemble.predict(lattice)[:, 0])
         return AxisModel(printer, (gains[0], gains[1]))
+
+
+_LIGHTGBM = JointTreeLearner("lightgbm", lightgbm, multiple_outputs=False)
+_LIGHTGBM_AXIS = AxisTreeLearner("lightgbm-axis", lightgbm)
+
+LEARNERS = {
+    learner.name: learner
+    for learner in (
+        _LIGHTGBM,
+        _LIGHTGBM_AXIS,
+        AxisTreeLearner("lightgbm-axis-periodic", lightgbm, period_steps=200),
+        RolledLearner("lightgbm-rolled", _LIGHTGBM),
+        RolledLearner("lightgbm-axis-rolled", _LIGHTGBM_AXIS),
+        JointTreeLearner("forest", forest, multiple_outputs=True, period_steps=200),
+        AxisTreeLearner("forest-axis", forest),
+    )
+}
