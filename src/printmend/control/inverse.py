@@ -6,6 +6,7 @@ import numpy as np
 
 from printmend.control import inverse_kernels as k
 from printmend.control import inverse_lookup_kernels as look
+from printmend.gcode.kernels import PIECE
 from printmend.mechanism import Mechanism, Transmission
 
 _SAME_MM = 1e-7
@@ -90,17 +91,24 @@ class Planner:
     errors: np.ndarray
     layers: np.ndarray
     pieces: np.ndarray
+    first: np.ndarray
 
-    def plan(self, records: np.ndarray, first: int = 0) -> tuple[int, np.ndarray]:
-        """Plan records[first:]: return the index of the next record and the pieces written, a view to use at once."""
-        need = int(self.counts[k.N_LAYER]) + 2 + len(records) - first
+    def plan(self, records: np.ndarray, begin: int = 0) -> tuple[int, np.ndarray, np.ndarray]:
+        """Plan records[begin:]: return (end, first, pieces).
+
+        Record i of records[begin:end] becomes pieces[first[i]:first[i + 1]]; both arrays are used again by the next
+        call. ``end`` is below the number of records when the pieces of the rest did not fit: call again.
+        """
+        need = int(self.counts[k.N_LAYER]) + 2 + len(records) - begin
         if need > len(self.layers):
             self.layers = np.concatenate([self.layers, np.zeros((need, k.LAYER))])
-        after, count = k.mend(
-            self.model, records, first, len(records), self.state, self.counts, self.pieces, self.layers, self.errors,
-            self.quantum_mm,
+        if len(records) >= len(self.first):
+            self.first = np.zeros(2 * len(records) + 1, np.int64)
+        end = k.mend(
+            self.model, records, begin, len(records), self.state, self.counts, self.first, self.pieces, self.layers,
+            self.errors, self.quantum_mm,
         )  # fmt: skip
-        return after, self.pieces[:count]
+        return end, self.first, self.pieces
 
 
 def start(mechanism: Mechanism, *, quantum_mm: float = 0.001) -> Planner:
@@ -113,7 +121,7 @@ def start(mechanism: Mechanism, *, quantum_mm: float = 0.001) -> Planner:
     counts[k.N_LAYER] = -1
     return Planner(
         lookup(mechanism), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)), np.zeros((256, k.LAYER)),
-        np.empty(8 * k.PIECES_A_RECORD, k.PIECE),
+        np.empty(8 * k.PIECES_A_RECORD, PIECE), np.zeros(1 << 14, np.int64),
     )  # fmt: skip
 
 

@@ -57,28 +57,16 @@ from printmend.gcode.kernels import (
     KIND_HOME,
     KIND_LINEAR,
     KIND_SET,
+    PIECE_ARC,
+    PIECE_LINE,
+    PIECE_TRAVEL,
 )
-
-# One command to write in place of (part of) a record. Positions are machine millimetres, like the record's.
-PIECE = np.dtype(
-    [
-        ("record", "i8"),  # index of the record it belongs to
-        ("x", "f8"),  # where it ends
-        ("y", "f8"),
-        ("z", "f8"),
-        ("c0", "f8"),  # centre of an arc in XY, NaN for a straight move
-        ("c1", "f8"),
-        ("share", "f8"),  # how much of the record's E has been extruded at its end, 0…1
-        ("feed", "f8"),  # mm/min; 0 before the file's first F
-        ("kind", "u1"),  # PIECE_TAKEUP, KIND_LINEAR, KIND_CW or KIND_CCW
-    ]
-)
-PIECE_TAKEUP = 0  # a travel that the record does not have, before what follows of it
 
 CHORD_MM = 0.005  # how far a chord may lie from the wanted path
 ALONG = 10.0  # times that: how far it may be ahead or behind, so that the extrusion keeps its density
 HOLD_MM = 0.005  # a reversal shorter than this is not worth taking slack up for
 MIN_PIECE_MM = 0.05  # firmwares drop or merge shorter moves
+SAME_FEED = 0.005  # a change of speed below half a percent is not worth a word
 PIECES_A_RECORD = 16384
 FILAMENT_AREA_MM2 = 2.405  # of 1.75 mm
 MAX_AREA_MM2 = 0.63  # Klipper's max_extrude_cross_section for a 0.4 mm nozzle is 0.64
@@ -88,7 +76,7 @@ WALK_MM = 4.0  # and for the nearest place of the path this far around
 ERROR_BINS, ERROR_BIN_MM = 8192, 0.001
 
 # state [STATE] float64
-S_M, S_LO, S_HI, S_RAW_LO, S_RAW_HI, S_TRAVEL, S_Z, S_LOW, S_HIGH, S_AREA = 0, 2, 4, 6, 8, 10, 11, 12, 14, 16
+S_M, S_LO, S_HI, S_RAW_LO, S_RAW_HI, S_TRAVEL, S_FEED, S_Z, S_LOW, S_HIGH = 0, 2, 4, 6, 8, 10, 11, 12, 13, 15
 STATE = 17
 # counts [COUNTS] int64
 N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)
@@ -133,7 +121,9 @@ def _command(model, state, counts, m0, m1, record, quantum):
     low_y, high_y = min(model[M_BED + 2], record.y0, record.y1), max(model[M_BED + 3], record.y0, record.y1)
     inside_x, inside_y = min(max(x, low_x), high_x), min(max(y, low_y), high_y)
     clamp = max(abs(inside_x - x), abs(inside_y - y))
-    x, y = np.rint(inside_x / quantum) * quantum, np.rint(inside_y / quantum) * quantum
+    # What is written unchanged must be the same number: the writer then leaves it as it is.
+    x = record.x1 if abs(inside_x - record.x1) <= quantum / 2 else np.rint(inside_x / quantum) * quantum
+    y = record.y1 if abs(inside_y - record.y1) <= quantum / 2 else np.rint(inside_y / quantum) * quantum
     m0, m1 = to_motors(model, x, y)
     return x, y, m0, m1, clamp
 
@@ -157,21 +147,36 @@ def _arrive(model, state, m0, m1):
 
 
 @njit(error_model="numpy")
-def _put(pieces, n, i, kind, x, y, z, share, feed):
+def _put(pieces, n, kind, x, y, z, share, feed):
     p = pieces[n]
-    p.record, p.kind, p.x, p.y, p.z, p.share, p.feed = i, kind, x, y, z, share, feed
+    p.kind, p.x, p.y, p.z, p.share, p.feed = kind, x, y, z, share, feed
     p.c0 = p.c1 = np.nan
     return n + 1
 
 
 @njit(error_model="numpy")
-def _dead_move(model, state, counts, pieces, n, i, record, m0, m1, z, share, quantum):
+def _feed(state, record, ratio):
+    """Return the F that keeps the speed along the wanted path; a change that nobody can see is not written."""
+    feed = record.feed * min(max(ratio, 0.2), 5.0)
+    if abs(feed - record.feed) <= SAME_FEED * record.feed:
+        feed = record.feed
+    elif abs(feed - state[S_FEED]) <= SAME_FEED * feed:
+        feed = state[S_FEED]
+    elif feed > 200.0:
+        feed = np.rint(feed)
+    state[S_FEED] = feed
+    return feed
+
+
+@njit(error_model="numpy")
+def _dead_move(model, state, counts, pieces, n, record, m0, m1, z, quantum):
     """Write a move that extrudes nothing and for which the nozzle stands still (or is put in its place)."""
     x, y, m0, m1, _ = _command(model, state, counts, m0, m1, record, quantum)
     if abs(m0 - state[S_M]) + abs(m1 - state[S_M + 1]) <= quantum:
         return n
     _arrive(model, state, m0, m1)
-    return _put(pieces, n, i, PIECE_TAKEUP, x, y, z, share, max(state[S_TRAVEL], record.feed))
+    state[S_FEED] = max(state[S_TRAVEL], record.feed)
+    return _put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, state[S_FEED])
 
 
 @njit(error_model="numpy")
@@ -308,17 +313,17 @@ def _chord(model, curve, state, mode0, mode1, t, stop, advance):
 
 
 @njit(error_model="numpy")
-def _draw(model, curve, state, pieces, n, i, record, kind, t, end, m0, m1, x, y, row, layers, errors):
+def _draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
     """Write the piece of an extruding move from t to end and add up its error; centre for an arc is set by the caller."""
     length = (end - t) * curve[LENGTH]
     px, py = from_motors(model, state[S_M], state[S_M + 1])
     samples = max(1, np.int64(np.ceil(length / SAMPLE_MM)))
     from0, from1 = state[S_M], state[S_M + 1]
-    rise = (place(curve, end)[2] - place(curve, t)[2]) if curve[PLANE] == 0.0 or kind == KIND_LINEAR else 0.0
+    rise = (place(curve, end)[2] - place(curve, t)[2]) if curve[PLANE] == 0.0 or kind == PIECE_LINE else 0.0
     for j in range(samples):
         s = (j + 0.5) / samples
         a, b = from0 + s * (m0 - from0), from1 + s * (m1 - from1)
-        if kind != KIND_LINEAR:  # an arc that stays an arc: the same place of the shifted curve
+        if kind == PIECE_ARC:  # an arc that stays an arc: the same place of the shifted curve
             ax, ay, _ = place(curve, t + s * (end - t))
             bx, by, _ = place(curve, end)
             q0, q1 = to_motors(model, ax - bx, ay - by)
@@ -329,16 +334,15 @@ def _draw(model, curve, state, pieces, n, i, record, kind, t, end, m0, m1, x, y,
         _note(layers, row, errors, 1, error, length / samples)
     _arrive(model, state, m0, m1)
     commanded = np.sqrt((x - px) ** 2 + (y - py) ** 2 + rise * rise)
-    if kind != KIND_LINEAR:
+    if kind == PIECE_ARC:
         commanded = length
     ratio = commanded / length if length > 1e-4 else 1.0
-    feed = record.feed * min(max(ratio, 0.2), 5.0)
     _, _, z = place(curve, end)
-    return _put(pieces, n, i, kind, x, y, z, end, feed)
+    return _put(pieces, n, kind, x, y, z, end - t, _feed(state, record, ratio))
 
 
 @njit(error_model="numpy")
-def _extrude(model, curve, state, counts, pieces, n, i, record, row, layers, errors, quantum):
+def _extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum):
     """Write an extruding move: slack, then chords (or arcs) along each stretch in which no motor turns back."""
     t = 0.0
     length = curve[LENGTH]
@@ -358,15 +362,15 @@ def _extrude(model, curve, state, counts, pieces, n, i, record, row, layers, err
         mode1, first1, second1 = _prepare(model, state, 1, s1, e1, anywhere)
         before = n
         if abs(first0 - state[S_M]) + abs(first1 - state[S_M + 1]) > 0.0:
-            n = _dead_move(model, state, counts, pieces, n, i, record, first0, first1, z, t, quantum)
+            n = _dead_move(model, state, counts, pieces, n, record, first0, first1, z, quantum)
         if anywhere:
             _open_interval(model, state, S_LO)
             counts[N_ANYWHERE] = 0
-        n = _dead_move(model, state, counts, pieces, n, i, record, second0, second1, z, t, quantum)
+        n = _dead_move(model, state, counts, pieces, n, record, second0, second1, z, quantum)
         counts[N_ANCHORS] += unsure
         counts[N_TAKEUPS] += n > before and not unsure
         if model[M_SHIFTS_ONLY] != 0.0 and is_flat_arc(curve) and mode0 != 0 and mode1 != 0:
-            done = _arc(model, curve, state, counts, pieces, n, i, record, t, stop, mode0, mode1, row, layers, errors, quantum)
+            done = _arc(model, curve, state, counts, pieces, n, record, t, stop, mode0, mode1, row, layers, errors, quantum)
             if done > n:
                 n, t = done, stop
                 continue
@@ -377,13 +381,13 @@ def _extrude(model, curve, state, counts, pieces, n, i, record, row, layers, err
             if clamp > quantum:
                 counts[N_CLAMPED] += 1
                 counts[N_CLAMPED_EXTRUDING] += 1
-            n = _draw(model, curve, state, pieces, n, i, record, KIND_LINEAR, t, end, m0, m1, x, y, row, layers, errors)
+            n = _draw(model, curve, state, pieces, n, record, PIECE_LINE, t, end, m0, m1, x, y, row, layers, errors)
             t = end
     return n
 
 
 @njit(error_model="numpy")
-def _arc(model, curve, state, counts, pieces, n, i, record, t, stop, mode0, mode1, row, layers, errors, quantum):
+def _arc(model, curve, state, counts, pieces, n, record, t, stop, mode0, mode1, row, layers, errors, quantum):
     """Write the stretch of an arc as an arc, shifted by the play's sides; nothing where it would not fit."""
     x0, y0, _ = place(curve, t)
     x1, y1, _ = place(curve, stop)
@@ -398,7 +402,7 @@ def _arc(model, curve, state, counts, pieces, n, i, record, t, stop, mode0, mode
     if clamp > quantum:
         return n
     # A quarter's outermost place lies at its ends: they being inside, all of it is.
-    n = _draw(model, curve, state, pieces, n, i, record, record.kind, t, stop, m0, m1, x, y, row, layers, errors)
+    n = _draw(model, curve, state, pieces, n, record, PIECE_ARC, t, stop, m0, m1, x, y, row, layers, errors)
     pieces[n - 1].c0, pieces[n - 1].c1 = curve[CA] + shift_x, curve[CB] + shift_y
     return n
 
@@ -421,7 +425,7 @@ def _travel_motor(model, state, k, start, end):
 
 
 @njit(error_model="numpy")
-def _travel(model, curve, state, counts, pieces, n, i, record, t, end, quantum):
+def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
     """Write a move that draws nothing: only its end must be right."""
     x, y, _ = place(curve, t)
     s0, s1 = wanted(model, x, y)
@@ -437,7 +441,8 @@ def _travel(model, curve, state, counts, pieces, n, i, record, t, end, quantum):
     _arrive(model, state, m0, m1)
     if not counts[N_KNOWN] or counts[N_ANYWHERE]:
         _open_interval(model, state, S_LO)
-    return _put(pieces, n, i, KIND_LINEAR, x, y, z, end, record.feed)
+    state[S_FEED] = record.feed
+    return _put(pieces, n, PIECE_LINE, x, y, z, end - t, record.feed)
 
 
 @njit(error_model="numpy")
@@ -524,21 +529,23 @@ def _event(model, state, counts, r):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def mend(model, records, first, count, state, counts, pieces, layers, errors, quantum):
-    """Plan records[first:count]; return (the next record, pieces written).
+def mend(model, records, begin, count, state, counts, first, pieces, layers, errors, quantum):
+    """Plan records[begin:count]; return the record before which it stopped.
 
-    ``pieces`` is an array of PIECE; it stops before a record whose pieces may not fit: call again with what is left.
+    Record i becomes pieces[first[i]:first[i + 1]]; ``first`` int64 [count + 1] counts from the beginning of ``pieces``,
+    an array of PIECE. It stops before a record whose pieces may not fit: call again with what is left.
     ``state`` [STATE] and ``counts`` [COUNTS] pass from call to call. ``layers`` [L, LAYER] must have room for
-    counts[N_LAYER] + 1 + (count − first) rows; ``errors`` [2, ERROR_BINS] are histograms of mm of path. ``quantum`` [mm]
+    counts[N_LAYER] + 2 + (count − begin) rows; ``errors`` [2, ERROR_BINS] are histograms of mm of path. ``quantum`` [mm]
     is the grid of the numbers that will be written.
 
     A motion record without a piece is to be copied as it is.
     """
     curve = np.zeros(CURVE)
     n = 0
-    i = first
+    i = begin
     while i < count and n + PIECES_A_RECORD < len(pieces):
         r = records[i]
+        first[i] = n
         if r.kind != KIND_LINEAR and r.kind != KIND_CW and r.kind != KIND_CCW:
             _event(model, state, counts, r)
             i += 1
@@ -580,7 +587,7 @@ def mend(model, records, first, count, state, counts, pieces, layers, errors, qu
             state[S_TRAVEL] = r.feed
         _raw(model, curve, state, records, count, i, extruding, sure, row, layers, errors)
         if extruding and sure:
-            n = _extrude(model, curve, state, counts, pieces, n, i, r, row, layers, errors, quantum)
+            n = _extrude(model, curve, state, counts, pieces, n, r, row, layers, errors, quantum)
         else:
             counts[N_UNKNOWN] += extruding
             parts = 1
@@ -588,7 +595,7 @@ def mend(model, records, first, count, state, counts, pieces, layers, errors, qu
                 parts = min(max(4, np.int64(abs(curve[SWEEP]) * np.sqrt(curve[R0] / 0.4))), PIECES_A_RECORD // 2)
             for part in range(parts):
                 end = (part + 1.0) / parts
-                n = _travel(model, curve, state, counts, pieces, n, i, r, part / parts, end, quantum)
+                n = _travel(model, curve, state, counts, pieces, n, r, part / parts, end, quantum)
         if not sure:
             # From here on the place is certain; the file as it is starts with the same uncertainty.
             m0, m1 = to_motors(model, r.x1, r.y1)
@@ -599,5 +606,6 @@ def mend(model, records, first, count, state, counts, pieces, layers, errors, qu
         if not extruding:
             counts[N_ANYWHERE] = 0
         i += 1
+    first[i] = n
     counts[N_PIECES] += n
-    return i, n
+    return i
