@@ -82,8 +82,10 @@ def _parse(path: Path) -> tuple[trimesh.Trimesh, str | None]:
             path, wanted=f"an intact {suffix} mesh", came=f"a broken file{reason}", todo="export the mesh again"
         ) from error  # fmt: skip
     if not 0 < faces <= _MAX_FACES:
-        came = "no triangles" if not faces else f"{faces} triangles"
-        raise MeshError(path, wanted=f"1 to {_MAX_FACES} triangles", came=came, todo="export or decimate the mesh")
+        came = f"{faces} triangles" if faces else "none"
+        raise MeshError(
+            path, wanted=f"a mesh of 1 to {_MAX_FACES} triangles", came=came, todo="export it again, decimated"
+        )
     unit = _UNIT_NAMES.get(unit, unit)
     return mesh, unit if unit in UNITS_MM else None
 
