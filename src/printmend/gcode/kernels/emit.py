@@ -495,7 +495,7 @@ def _follow(r, writer):
         writer[W_FEED] = r.feed
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def emit(buf, begin, records, n, first, pieces, writer, out):
     """Write buf[begin:] up to the end of record n − 1, with the pieces in place; return (records done, read, written).
 

@@ -207,7 +207,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
     return n
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def interpret(buf, begin, end, numbers, counts, records):
     """Interpret the whole lines buf[begin:end]; return (records filled, where it stopped).
 

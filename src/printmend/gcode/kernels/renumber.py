@@ -16,7 +16,7 @@ def _says_m110(buf, p, stop):
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def renumber(buf, begin, end, lines, out):
     """Finish the intermediate text of `emit`; return (read, written).
 
