@@ -1,6 +1,5 @@
 """The published layout: what is written is read back exactly, and what is wrong is named."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +9,7 @@ from scipy.io import loadmat, savemat
 from printmend.dataset.bodies import body_files, thinned
 from printmend.dataset.export import export_reference
 from printmend.dataset.reference import COLUMNS, read_reference, write_reference
-from printmend.dataset.trace import lattice_trace
 from printmend.errors import InputError, TraceError
-from printmend.printer import Printer
 from printmend.twin import Twin
 from tests.bodies import circle_body, write_vase
 
@@ -163,14 +160,3 @@ def test_thinning_keeps_the_ends() -> None:
     assert [layer.index for layer in thinned(body, 3).layers] == [0, 4, 8]
     assert thinned(body, None) is body
     assert thinned(body, 20) is body
-
-
-def test_a_lattice_trace_holds_positions_in_mm(printer: Printer) -> None:
-    layer = circle_body().layers[0]
-    trace = lattice_trace(printer, layer.nominal_steps, layer.nominal_steps + 0.25)
-    assert trace.measured_rows.all()
-    assert np.allclose(trace.measured_mm - trace.commanded_mm, 0.25 * np.array(printer.mm_per_step))
-    moved = dataclasses.replace(printer, x=dataclasses.replace(printer.x, min_mm=-10.0))
-    assert np.allclose(
-        lattice_trace(moved, layer.nominal_steps, layer.nominal_steps).commanded_mm[0, 0], -10 + 0.2 * 610
-    )

@@ -1,0 +1,1 @@
+"""Benchmarks over real bodies: the paper's Table I, and the demonstration."""

@@ -11,6 +11,8 @@ from printmend.errors import PrintmendError
 # name → (group, one line of help). The module printmend.cli.NAME holds a click command called `command`; it is
 # imported only when that command runs, so that `printmend --help` stays instant.
 COMMANDS: dict[str, str] = {
+    "demo": "See a printer break, learn and print right again.",
+    "bench": "Reproduce the paper's tables on real bodies.",
     "body": "Show what a mesh or G-code file becomes: layers and steps.",
     "dataset": "Exchange bodies and corruptions with the paper's published code.",
     "printer": "Print a printer preset as TOML, to start your own from.",

@@ -21,7 +21,7 @@ def draw_above(
     view_mm: np.ndarray | None = None,
 ) -> Axes:
     """Draw a body from above, the higher layers over the lower; ``view_mm`` [2, 2] fixes the corners shown."""
-    low, high = _box([layer.points_mm for layer in layers]) if view_mm is None else view_mm
+    low, high = above_view(layers) if view_mm is None else view_mm
     fit_view(axes, low, high)
     for order, layer in enumerate(layers):
         lines, errors = runs(layer.points_mm, layer.extruding, layer.error_mm)
@@ -43,7 +43,7 @@ def draw_solid(
     An orthographic projection drawn from the bed upwards: what is nearer the eye is drawn later, so nothing has
     to be sorted, and a body of a million points takes seconds where a 3-D canvas takes minutes.
     """
-    low, high = _box([project(layer.points_mm, layer.z_mm) for layer in layers]) if view_mm is None else view_mm
+    low, high = solid_view(layers) if view_mm is None else view_mm
     fit_view(axes, low, high)
     ink = np.array(to_rgb(INK))
     top_mm = max(layer.z_mm for layer in layers)
@@ -72,5 +72,17 @@ def _light(lines: list[np.ndarray]) -> np.ndarray:
     return 0.875 + 0.125 * np.cos(2 * np.arctan2(direction[:, 1], direction[:, 0]) - 0.6)
 
 
-def _box(paths: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    return np.min([path.min(axis=0) for path in paths], axis=0), np.max([path.max(axis=0) for path in paths], axis=0)
+def above_view(layers: Sequence[PrintedLayer]) -> np.ndarray:
+    """Return the corners [2, 2] of the box that `draw_above` needs for all the layers."""
+    return _box([layer.points_mm for layer in layers])
+
+
+def solid_view(layers: Sequence[PrintedLayer]) -> np.ndarray:
+    """Return the corners [2, 2] of the box that `draw_solid` needs for all the layers."""
+    return _box([project(layer.points_mm, layer.z_mm) for layer in layers])
+
+
+def _box(paths: Sequence[np.ndarray]) -> np.ndarray:
+    return np.array(
+        [np.min([path.min(axis=0) for path in paths], axis=0), np.max([path.max(axis=0) for path in paths], axis=0)]
+    )

@@ -1,0 +1,216 @@
+"""One body on one broken printer under one protocol: what a worker is given, and what it gives back."""
+
+import hashlib
+import json
+import time
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from printmend.dataset.bodies import body_rng, digest
+from printmend.errors import InputError, PrintmendError
+
+Protocol = Literal["paper", "heldout"]
+PROTOCOLS: tuple[Protocol, ...] = ("paper", "heldout")
+LAYERS = 3  # the published evaluation draws at most so many layers a body
+PRINTER = "ender5"
+RULES = 1  # part of every key: raise it when the way a case is evaluated changes
+
+# The purposes for which a body's generator is seeded; part of the meaning of a seed.
+_FAMILY, _CORRUPTION, _LAYERS, _LEARNER = 1, 2, 3, 4
+
+
+@dataclass(frozen=True)
+class Case:
+    """A body, its corruption and the protocol.
+
+    ``source`` is the body's file, or its CSV where ``reference`` names a data set in the published layout.
+    ``identity`` is the digest of the content, so that a file may be moved or renamed. ``family`` is the family drawn
+    for this body; the corruption itself follows from seed, identity and severity.
+    """
+
+    source: str
+    identity: str
+    protocol: Protocol
+    family: str
+    severity: Literal["damaged", "realistic"]
+    seed: int
+    reference: str | None = None
+
+    def key(self, row: str) -> str:
+        """Return the key of this case's result for a row: 16 hex digits over everything that decides it."""
+        content = {name: value for name, value in asdict(self).items() if name not in ("source", "reference")}
+        text = json.dumps({**content, "row": row, "rules": RULES, "layers": LAYERS, "printer": PRINTER}, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A row's result on a case, one line of the results file; on failure ``error`` says why, the numbers are None."""
+
+    key: str
+    body: str
+    source: str
+    protocol: str
+    family: str
+    severity: str
+    seed: int
+    row: str
+    rmse_steps: float | None = None
+    rmse_mm: float | None = None
+    training_layer: int | None = None
+    layers: tuple[int, ...] = ()
+    targets: int = 0
+    learn_s: float | None = None
+    plan_s: float | None = None
+    error: str | None = None
+
+
+def draw_cases(
+    files: Iterable[Path],
+    *,
+    protocol: Protocol,
+    families: tuple[str, ...],
+    severity: Literal["damaged", "realistic"],
+    seed: int,
+    limit: int | None = None,
+) -> list[Case]:
+    """Draw ``limit`` bodies of ``files``, and a family for each, from the seed.
+
+    Files of equal content count once. What is drawn for a body does not depend on the other bodies.
+    """
+    from printmend.corruption import families as known
+
+    if unknown := [family for family in families if family not in known()]:
+        raise InputError(
+            "--families", wanted=f"names out of {', '.join(known())}", came=repr(unknown[0]), todo="correct it"
+        )
+    identities: dict[str, Path] = {}
+    for path in files:
+        identities.setdefault(digest(path), path)
+    order = sorted(identities)
+    np.random.default_rng(seed).shuffle(order)
+    return [
+        Case(str(identities[identity]), identity, protocol, _family(families, seed, identity), severity, seed)
+        for identity in order[:limit]
+    ]
+
+
+def reference_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | None = None) -> list[Case]:
+    """Return the bodies of a data set in the published layout; their corruptions are in it."""
+    from printmend.dataset.reference import read_reference
+
+    reference = read_reference(root)
+    matrix = digest(Path(root) / "simulation" / "add_dudw_data.mat")
+    cases = []
+    for name in reference.names[:limit]:
+        path = reference.path(name)
+        identity = hashlib.sha256((digest(path) + matrix).encode()).hexdigest()[:16]
+        cases.append(Case(str(path), identity, protocol, "gain-table", "damaged", seed, str(root)))
+    return cases
+
+
+def evaluate(case: Case, rows: tuple[str, ...]) -> list[Result]:
+    """Print, learn, plan and print again, for each row. What fails is a result that says why, not an exception."""
+    try:
+        prepared = _prepare(case)
+    except PrintmendError as error:
+        return [failed(case, name, str(error)) for name in rows]
+    return [_evaluate_row(prepared, name, case) for name in rows]
+
+
+def failed(case: Case, row: str, reason: str) -> Result:
+    """Return the result of a case that could not be evaluated."""
+    return replace(_blank(case, row), error=reason)
+
+
+def _blank(case: Case, row: str) -> Result:
+    return Result(
+        key=case.key(row), body=Path(case.source).stem, source=case.source, protocol=case.protocol,
+        family=case.family, severity=case.severity, seed=case.seed, row=row,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    printer: Any
+    twin: Any
+    trace: Any
+    training_layer: int
+    layers: tuple[Any, ...]
+
+
+def _prepare(case: Case) -> _Prepared:
+    from printmend.body import load_body
+    from printmend.corruption import sample
+    from printmend.dataset.reference import read_reference
+    from printmend.printer import read_printer
+    from printmend.twin import Twin
+    from printmend.worldmodel.transitions import layer_trace
+
+    if case.reference is not None:
+        reference = read_reference(Path(case.reference))
+        item = reference.body(Path(case.source).stem)
+        printer, body = reference.printer, item.body
+        twin = Twin(reference.mechanism(item.corruption_ids))
+        training = body.training_layer
+        printed = item.printed_steps[body.layers.index(training)]
+    else:
+        printer = read_printer(PRINTER)
+        body = load_body(case.source, printer)
+        corruption = sample(case.family, body_rng(case.seed, case.identity, _CORRUPTION), case.severity)
+        twin = Twin.of(corruption, printer)
+        training = body.training_layer
+        printed = twin.run(training.controls, training.start_steps)
+    candidates = [layer for layer in body.layers if case.protocol == "paper" or layer is not training]
+    if not candidates:
+        raise InputError(
+            body.name, wanted="a layer besides the training layer", came="one layer", todo="use --protocol paper"
+        )
+    rng = body_rng(case.seed, case.identity, _LAYERS)
+    drawn = rng.choice(len(candidates), min(LAYERS, len(candidates)), replace=False)
+    layers = tuple(candidates[i] for i in sorted(drawn))
+    return _Prepared(printer, twin, layer_trace(training, printed, printer), training.index, layers)
+
+
+def _evaluate_row(prepared: _Prepared, name: str, case: Case) -> Result:
+    from printmend.bench.rows import row
+    from printmend.metrics import rmse
+
+    chosen = row(name)
+    layers = prepared.layers
+    try:
+        begun = time.perf_counter()
+        model = chosen.model(
+            prepared.trace, prepared.printer, prepared.twin, body_rng(case.seed, case.identity, _LEARNER)
+        )
+        learned = time.perf_counter()
+        plans = [chosen.controller.plan(model, layer.nominal_steps[1:], layer.start_steps) for layer in layers]
+        planned = time.perf_counter()
+        prints = [
+            prepared.twin.run(plan.controls, layer.start_steps) for plan, layer in zip(plans, layers, strict=True)
+        ]
+    except (PrintmendError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        # One learner's trouble with one body must not end a run of days; the reason goes into the results.
+        return failed(
+            case, name, str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"
+        )
+    targets, printed = np.concatenate([layer.nominal_steps for layer in layers]), np.concatenate(prints)
+    pitch_mm = np.array(prepared.printer.mm_per_step)
+    return replace(
+        _blank(case, name),
+        rmse_steps=rmse(targets, printed),
+        rmse_mm=rmse(targets * pitch_mm, printed * pitch_mm),
+        training_layer=prepared.training_layer,
+        layers=tuple(layer.index for layer in layers),
+        targets=sum(layer.transitions for layer in layers),
+        learn_s=learned - begun,
+        plan_s=planned - learned,
+    )
+
+
+def _family(families: tuple[str, ...], seed: int, identity: str) -> str:
+    return str(body_rng(seed, identity, _FAMILY).choice(families))

@@ -1,0 +1,40 @@
+"""The rows of Table I: how each makes its world model, and which controller plans with it.
+
+A row is named LEARNER or LEARNER+CONTROLLER: `lightgbm`, `greybox+lookahead`. The learner `oracle` is given the true
+mechanism. Without a controller it is the paper's greedy Algorithm 1.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.control.registry import controller
+from printmend.errors import InputError
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.protocols import Controller, WorldModel
+from printmend.twin import Twin
+from printmend.worldmodel.registry import fit, model_names
+
+PAPER_ROWS = ("naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "greybox", "oracle")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a table: a learner's name and the controller."""
+
+    learner: str
+    controller: Controller
+
+    def model(self, trace: Trace, printer: Printer, twin: Twin, rng: np.random.Generator) -> WorldModel:
+        """Learn from the trace; the oracle looks at the twin instead."""
+        return fit(self.learner, trace, printer, rng=rng, truth=twin.mechanism)
+
+
+def row(name: str) -> Row:
+    """Return the row of that name. Raise `InputError` where its learner or its controller does not exist."""
+    model, _, planner = name.partition("+")
+    if model not in model_names():
+        wanted = f"names out of {', '.join(model_names())}"
+        raise InputError("--models", wanted=wanted, came=repr(model), todo="correct it")
+    return Row(model, controller(planner or "greedy"))

@@ -1,0 +1,80 @@
+"""Run cases, keep their results, resume where a run was interrupted."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from printmend.bench.case import Case, Result, evaluate, failed
+from printmend.bench.executor import Executor, WorkerDied
+from printmend.errors import InputError
+
+
+@dataclass(frozen=True)
+class _Task:
+    case: Case
+    rows: tuple[str, ...]
+
+
+def run(
+    cases: list[Case],
+    rows: tuple[str, ...],
+    results_path: Path,
+    executor: Executor,
+    *,
+    tick: Callable[[str], None] = lambda body: None,
+) -> list[Result]:
+    """Evaluate every case for every row that is not in ``results_path`` yet; append each result as it comes.
+
+    The file has one JSON object a line and may hold other runs' results; those of these cases and rows are returned,
+    in their order. A line that an interruption cut short is dropped.
+    """
+    known = {result.key: result for result in read_results(results_path)}
+    tasks = []
+    for case in cases:
+        missing = tuple(row for row in rows if case.key(row) not in known)
+        if missing:
+            tasks.append(_Task(case, missing))
+        else:
+            tick(case.source)
+    with results_path.open("a", encoding="utf-8") as file:
+        for task, outcome in executor.map(_work, tasks):
+            if isinstance(outcome, WorkerDied):
+                results = [failed(task.case, row, outcome.reason) for row in task.rows]
+            else:
+                results = outcome
+            for result in results:
+                known[result.key] = result
+                file.write(json.dumps(asdict(result)) + "\n")
+            file.flush()
+            tick(task.case.source)
+    return [known[case.key(row)] for case in cases for row in rows]
+
+
+def read_results(path: Path) -> list[Result]:
+    """Read a results file; nothing where it does not exist. A cut last line is removed from the file.
+
+    Raises `InputError` for a file that is something else.
+    """
+    if not path.exists():
+        return []
+    data = path.read_bytes()
+    whole, cut = data.rpartition(b"\n")[0], data.rpartition(b"\n")[2]
+    if cut:
+        path.write_bytes(whole + b"\n" if whole else b"")
+    return list(_parse(whole.decode("utf-8", "replace"), path))
+
+
+def _parse(text: str, path: Path) -> Iterator[Result]:
+    for number, line in enumerate(text.splitlines(), start=1):
+        try:
+            values = json.loads(line)
+            yield Result(**{**values, "layers": tuple(values["layers"])})
+        except (ValueError, TypeError, KeyError) as error:
+            raise InputError(
+                path, wanted="results of an earlier run", came=f"line {number}: {error}", todo="name another --out"
+            ) from None
+
+
+def _work(task: _Task) -> list[Result]:
+    return evaluate(task.case, task.rows)

@@ -1,0 +1,64 @@
+"""The paper's Table I and Fig. 6 over real bodies: draw the cases, run them, report them."""
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from printmend.bench.case import Case, Result
+from printmend.bench.executor import Executor, Processes, Serial
+from printmend.bench.report import Line, lines
+from printmend.bench.rows import row
+from printmend.bench.run import run
+from printmend.errors import InputError
+
+RESULTS = "table1.jsonl"
+
+
+def table1(
+    cases: Sequence[Case],
+    rows: Sequence[str],
+    out: Path,
+    *,
+    workers: int = 1,
+    tick: Callable[[str], None] = lambda body: None,
+) -> tuple[list[Line], list[Result]]:
+    """Evaluate the cases for the rows; keep results in ``out``/table1.jsonl and draw Fig. 6 beside them.
+
+    Raises `InputError`, before anything is written, for a row that does not exist.
+    """
+    rows = tuple(dict.fromkeys(rows))
+    for name in rows:
+        row(name)
+    if not cases:
+        raise InputError("bodies", wanted="at least one", came="none", todo="check --bodies, --reference and --limit")
+    out = Path(out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(out, wanted="a folder for the results", came=f"{error}", todo="name another --out") from None
+    executor: Executor = Serial() if workers == 1 else Processes(workers or os.cpu_count() or 1)
+    results = run(list(cases), rows, out / RESULTS, executor, tick=tick)
+    protocol = cases[0].protocol
+    draw_figure6(results, rows, out / f"figure6-{protocol}.png")
+    return lines(results, rows), results
+
+
+def draw_figure6(results: Sequence[Result], rows: Sequence[str], path: Path) -> None:
+    """Draw the paper's Fig. 6 (clipped at 100 steps) beside every model's unclipped errors over a logarithmic axis."""
+    values = {
+        name: np.array([result.rmse_steps for result in results if result.row == name and result.error is None], float)
+        for name in rows
+    }
+    values = {name: errors for name, errors in values.items() if len(errors)}
+    if not values:
+        return
+    from printmend.draw import draw_histogram, draw_log_histogram, new_figure, save
+
+    shown = next((name for name in ("lightgbm", *rows) if name in values), rows[0])
+    figure, axes = new_figure(2, width_in=6.0, height_in=4.2)
+    draw_histogram(axes[0], values[shown], name=f"{shown}: {len(values[shown])} bodies")
+    draw_log_histogram(axes[1], values)
+    figure.subplots_adjust(left=0.06, right=0.98, top=0.82, bottom=0.13, wspace=0.16)
+    save(figure, path, dpi=110)

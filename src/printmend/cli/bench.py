@@ -1,0 +1,70 @@
+"""`printmend bench`: the paper's tables over your own bodies."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+
+@click.group(epilog="Example: printmend bench table1 --bodies models/ --limit 20 --workers 2")
+def command() -> None:
+    """Reproduce the paper's tables on real bodies."""
+
+
+@command.command(epilog="Example: printmend bench table1 --bodies models/ --protocol heldout --limit 60 --workers 2")
+@click.option("--bodies", multiple=True, type=click.Path(path_type=Path), help="Files or folders; repeat.")
+@click.option(
+    "--reference", type=click.Path(path_type=Path), help="A data set in the published layout, instead of --bodies."
+)
+@click.option("--protocol", type=click.Choice(["paper", "heldout"]), default="paper", show_default=True)
+@click.option("--families", default="pulley-play", show_default=True, help="Corruptions to draw from, with commas.")
+@click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
+@click.option(
+    "--models", help="Rows, with commas: LEARNER or LEARNER+CONTROLLER. Default: the paper's and the grey box."
+)
+@click.option("--seed", default=0, show_default=True)
+@click.option("--limit", type=click.IntRange(1), help="How many bodies to draw; all without it.")
+@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@click.option("--out", type=click.Path(path_type=Path), default="printmend-bench", show_default=True)
+@click.option("--per-body", is_flag=True, help="Also the RMSE of every body.")
+@click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
+def table1(
+    bodies: tuple[Path, ...], reference: Path | None, protocol: Any, families: str, severity: Any, models: str | None,
+    seed: int, limit: int | None, workers: int, out: Path, per_body: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Print the paper's Table I. Results go to OUT/table1.jsonl, Fig. 6 to OUT/figure6-PROTOCOL.png.
+
+    Each body is printed on a broken printer, a model learns from its largest layer, and up to three random layers are
+    planned and printed: any layers with --protocol paper, never the training layer with heldout. An interrupted run
+    goes on where it was.
+    """
+    from printmend.bench.case import draw_cases, reference_cases
+    from printmend.bench.report import HEADER, body_table, cells, failure_texts
+    from printmend.bench.rows import PAPER_ROWS
+    from printmend.bench.table1 import table1
+    from printmend.cli.progress import progress
+    from printmend.cli.table import show_table
+    from printmend.dataset.bodies import body_files
+
+    rows = tuple(models.split(",")) if models else PAPER_ROWS
+    if (reference is None) == (not bodies):
+        raise click.UsageError("give --bodies or --reference, one of them")
+    if reference is not None:
+        cases = reference_cases(reference, protocol=protocol, seed=seed, limit=limit)
+    else:
+        names = tuple(families.split(","))
+        cases = draw_cases(
+            body_files(bodies), protocol=protocol, families=names, severity=severity, seed=seed, limit=limit
+        )
+    with progress("bodies", len(cases)) as tick:
+        lines, results = table1(cases, rows, out, workers=workers, tick=tick)
+    if as_json:
+        click.echo(json.dumps({"table": [asdict(line) for line in lines], "failures": failure_texts(results)}))
+        return
+    show_table(f"Table I, protocol {protocol}, {len(cases)} bodies", HEADER, [cells(line) for line in lines])
+    if per_body:
+        click.echo("\n" + body_table(results, rows))
+    for text in failure_texts(results):
+        click.echo(f"failed: {text}", err=True)

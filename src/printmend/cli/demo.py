@@ -1,0 +1,43 @@
+"""`printmend demo`: see a printer break, learn and print right again."""
+
+import json
+from pathlib import Path
+
+import click
+
+
+@click.command(epilog="Example: printmend demo --seed 3 --out my-demo")
+@click.option("--seed", default=0, show_default=True, help="Draws what is broken.")
+@click.option("--corruption", "broken", type=click.Path(path_type=Path), help="A TOML file that says what is broken.")
+@click.option(
+    "--body", "file", type=click.Path(path_type=Path), help="A G-code file or mesh; without it, a timing pulley."
+)
+@click.option("--out", type=click.Path(path_type=Path), default="printmend-demo", show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
+def command(seed: int, broken: Path | None, file: Path | None, out: Path, as_json: bool) -> None:
+    """Break a twin of an Ender-5, print one test layer, learn from it, plan all layers, print again.
+
+    No printer, slicer or network is needed. Pictures go to the folder --out.
+    """
+    import numpy as np
+
+    from printmend.bench import demo
+    from printmend.body import body_of, demo_body_gcode, load_body
+    from printmend.cli.progress import progress
+    from printmend.cli.table import show_table
+    from printmend.corruption import read_corruption
+    from printmend.printer import read_printer
+
+    demo.check_out(out)
+    printer = read_printer("ender5")
+    corruption = read_corruption(broken) if broken else demo.demo_corruption(np.random.default_rng(seed))
+    body = load_body(file, printer) if file else body_of(demo_body_gcode(), printer, name="timing pulley")
+    with progress("demo", demo.ticks(body)) as tick:
+        done = demo.run_demo(body, corruption, printer, seed=seed, tick=tick)
+        written = demo.write_demo(done, out, tick=tick)
+    if as_json:
+        rows = [{key: value for key, value in vars(one).items() if key != "printed_steps"} for one in done.attempts]
+        click.echo(json.dumps({"rows": rows, "written": [str(path) for path in written]}))
+        return
+    show_table(demo.title(done), demo.HEADER, [demo.cells(attempt) for attempt in done.attempts])
+    click.echo(demo.closing(done, written))

@@ -1,0 +1,135 @@
+"""The commands bench, dataset and demo, as a user types them."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printmend.cli.main import main
+from printmend.dataset.reference import write_reference
+from tests.bodies import circle_body, write_vase
+
+
+@pytest.fixture
+def printmend(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Run the command line in this process: (exit code, stdout, stderr)."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["printmend", *map(str, arguments)])
+        with pytest.raises(SystemExit) as caught:
+            main()
+        out, err = capsys.readouterr()
+        return int(caught.value.code or 0), out, err
+
+    return run
+
+
+@pytest.fixture
+def vase(tmp_path: Path) -> Path:
+    return write_vase(tmp_path / "vase.gcode", layers=4, radius_mm=9.0)
+
+
+def test_bench_prints_the_table_and_keeps_the_results(printmend, vase: Path, tmp_path: Path) -> None:
+    arguments = ("bench", "table1", "--bodies", vase, "--models", "naive,oracle", "--out", tmp_path / "out")
+    code, out, _ = printmend(*arguments, "--per-body")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines() if line][:4] == ["Table", "model", "naive", "oracle"]
+    assert out.splitlines()[-1].startswith("vase")
+    code, out, _ = printmend(*arguments, "--json")
+    table = json.loads(out)["table"]
+    assert code == 0
+    assert [line["row"] for line in table] == ["naive", "oracle"]
+
+
+def test_dataset_goes_out_and_comes_back(printmend, vase: Path, tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    code, out, _ = printmend("dataset", "export-reference", data, "--bodies", vase, "--corruptions", 3, "--layers", 3)
+    assert (code, out) == (0, f"{data}: 1 bodies, 3 corruptions\n")
+    code, out, _ = printmend("dataset", "import-reference", data, "--json")
+    assert code == 0
+    assert json.loads(out)["layers"] == 3
+    code, out, _ = printmend("bench", "table1", "--reference", data, "--models", "oracle", "--out", tmp_path / "out")
+    assert code == 0
+    assert "oracle" in out
+
+
+def test_demo_tells_the_story(printmend, vase: Path, tmp_path: Path) -> None:
+    out_folder = tmp_path / "pictures"
+    code, out, err = printmend("demo", "--body", vase, "--out", out_folder)
+    assert (code, err) == (0, "")
+    assert [line.split("  ")[0] for line in out.splitlines()[2:7]] == [
+        "Naive", "LightGBM", "LightGBM per axis", "Grey box", "Oracle",
+    ]  # fmt: skip
+    assert "broken: X EccentricBore, X Play, Y Ellipse, Y Play" in out
+    written = ["above.png", "corruption.toml", "solid.png", "test-layer.png"]
+    assert sorted(path.name for path in out_folder.iterdir()) == written
+    # What was broken can be broken again.
+    again = ("demo", "--body", vase, "--corruption", out_folder / "corruption.toml", "--out", out_folder, "--json")
+    code, second, _ = printmend(*again)
+    shown = [f"{row['rmse_steps']:.3f}" for row in json.loads(second)["rows"]]
+    assert shown == [line.split()[-4] for line in out.splitlines()[2:7]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("bench", "table1", "--bodies", "VASE", "--models", "naive,magic"), "--models: wanted names out of"),
+        (("bench", "table1", "--bodies", "VASE", "--families", "gremlins"), "--families: wanted names out of"),
+        (("bench", "table1", "--bodies", "nowhere"), "no such path"),
+        (("bench", "table1", "--reference", "EMPTY"), "a folder without dataset/"),
+        (("bench", "table1"), "give --bodies or --reference"),
+        (("bench", "table1", "--bodies", "VASE", "--out", "VASE"), "a folder for the results"),
+        (("dataset", "import-reference", "nowhere"), "no such folder"),
+        (("dataset", "import-reference", "VASE"), "no such folder"),
+        (("dataset", "export-reference", "EMPTY/new", "--bodies", "VASE", "--corruptions", "6000"), "1 to 5000"),
+        (("dataset", "export-reference", "EMPTY/new", "--bodies", "BROKEN"), "BROKEN"),
+        (("demo", "--body", "BROKEN"), "BROKEN"),
+        (("demo", "--corruption", "BROKEN"), "TOML"),
+        (("demo", "--out", "VASE"), "a folder for the pictures"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(printmend, arguments, said: str, vase: Path, tmp_path: Path) -> None:
+    broken, empty = tmp_path / "BROKEN.gcode", tmp_path / "EMPTY"
+    broken.write_text("M104 S200\n")
+    empty.mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    names = {"VASE": str(vase), "BROKEN": str(broken), "EMPTY": str(empty), "EMPTY/new": str(empty / "new")}
+    code, out, err = printmend(*(names.get(word, word) for word in arguments))
+    assert (code, out) == (2, "")
+    assert said in err
+    assert len(err.splitlines()) == 1 or err.startswith("Usage:")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_column_that_is_missing_and_nan_are_one_line(printmend, tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    write_reference(data, [(circle_body("a", 2, 20.0), (1, 1))], np.ones((1, 1100)))
+    csv = data / "dataset" / "a.csv"
+    lines = csv.read_text().splitlines()
+    for spoilt, said in (
+        ([line.rsplit(",", 1)[0] for line in lines], "'y printed next'"),
+        ([lines[0].replace("570.0", "nan"), *lines[1:]], "nan in row 1"),
+    ):
+        csv.write_text("\n".join(spoilt))
+        code, out, err = printmend("dataset", "import-reference", data)
+        assert (code, out, len(err.splitlines())) == (2, "", 1)
+        assert said in err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("bench",),
+        ("bench", "table1"),
+        ("demo",),
+        ("dataset",),
+        ("dataset", "export-reference"),
+        ("dataset", "import-reference"),
+    ],
+)
+def test_help_has_an_example(printmend, words: tuple[str, ...]) -> None:
+    code, out, _ = printmend(*words, "--help")
+    assert code == 0
+    assert f"Example: printmend {' '.join(words)}" in " ".join(out.split())

@@ -1,0 +1,197 @@
+"""The bench: what is drawn, what is kept, what happens when things go wrong."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printmend.bench import run as run_module
+from printmend.bench.case import Case, Result, draw_cases, evaluate
+from printmend.bench.executor import Processes, Serial, WorkerDied
+from printmend.bench.report import body_table, cells, failure_texts, lines, text_table
+from printmend.bench.rows import PAPER_ROWS, row
+from printmend.bench.run import read_results, run
+from printmend.bench.table1 import table1
+from printmend.errors import ConfigError, InputError
+from tests.bodies import write_vase
+
+TIMES = {"learn_s": None, "plan_s": None}
+
+
+@pytest.fixture(scope="module")
+def vases(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("vases")
+    return [write_vase(folder / f"vase{i}.gcode", layers=6, radius_mm=9.0 + 2 * i) for i in range(3)]
+
+
+def drawn(files: list[Path], **options: object) -> list[Case]:
+    settings = {"protocol": "paper", "families": ("pulley-play",), "severity": "damaged", "seed": 1, **options}
+    return draw_cases(files, **settings)
+
+
+def test_what_is_drawn_for_a_body_does_not_depend_on_the_others(vases: list[Path], tmp_path: Path) -> None:
+    families = ("pulley", "play", "gain-table")
+    whole = {case.identity: case for case in drawn(vases, families=families)}
+    assert len(whole) == 3
+    for path in vases:
+        (case,) = drawn([path], families=families)
+        assert case == whole[case.identity]
+    moved = tmp_path / "renamed.gcode"
+    moved.write_bytes(vases[0].read_bytes())
+    assert [case.identity for case in drawn([vases[0], moved])] == [drawn([moved])[0].identity]
+    assert drawn([moved])[0].key("naive") == drawn([vases[0]])[0].key("naive")
+
+
+def test_limit_draws_a_prefix_of_the_seeds_order(vases: list[Path]) -> None:
+    assert drawn(vases, limit=2) == drawn(vases)[:2]
+    orders = {tuple(case.identity for case in drawn(vases, seed=seed)) for seed in range(8)}
+    assert len(orders) > 1
+
+
+def test_every_setting_that_decides_a_result_is_in_its_key(vases: list[Path]) -> None:
+    case = drawn(vases[:1])[0]
+    others = [
+        replace(case, identity="0" * 16),
+        replace(case, protocol="heldout"),
+        replace(case, family="play"),
+        replace(case, severity="realistic"),
+        replace(case, seed=2),
+    ]
+    keys = {other.key("naive") for other in [case, *others]} | {case.key("oracle")}
+    assert len(keys) == 7
+
+
+def test_heldout_never_prints_the_training_layer_and_paper_may(vases: list[Path]) -> None:
+    seen = {"paper": set(), "heldout": set()}
+    for protocol, results in seen.items():
+        for seed in range(6):
+            (result,) = evaluate(drawn(vases[:1], protocol=protocol, seed=seed)[0], ("naive",))
+            assert len(set(result.layers)) == 3
+            results.add(result.training_layer in result.layers)
+    assert seen == {"paper": {True, False}, "heldout": {False}}
+
+
+def test_a_seed_repeats_every_row(vases: list[Path]) -> None:
+    case = drawn(vases[:1])[0]
+    first, second = (evaluate(case, PAPER_ROWS) for _ in range(2))
+    assert [replace(result, **TIMES) for result in first] == [replace(result, **TIMES) for result in second]
+    assert all(result.error is None for result in first)
+    errors = {result.row: result.rmse_steps for result in first}
+    assert errors["oracle"] < errors["naive"]
+    assert first[0].rmse_mm == pytest.approx(0.2 * first[0].rmse_steps)
+
+
+def test_a_second_run_evaluates_nothing_and_an_interrupted_one_goes_on(
+    vases: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, cases = tmp_path / "results.jsonl", drawn(vases)
+    whole = run(cases, ("naive", "oracle"), path, Serial())
+    assert len(whole) == 6
+    text = path.read_text()
+    evaluated = []
+
+    def counted(case: Case, rows: tuple[str, ...]) -> list[Result]:
+        evaluated.append((case.source, rows))
+        return evaluate(case, rows)
+
+    monkeypatch.setattr(run_module, "evaluate", counted)
+    assert run(cases, ("naive", "oracle"), path, Serial()) == whole
+    assert not evaluated
+    # The machine went down in the middle of the fourth line.
+    kept = text.splitlines(keepends=True)
+    path.write_text("".join(kept[:3]) + kept[3][:40])
+    again = run(cases, ("naive", "oracle"), path, Serial())
+    assert [replace(result, **TIMES) for result in again] == [replace(result, **TIMES) for result in whole]
+    assert evaluated == [(cases[1].source, ("oracle",)), (cases[2].source, ("naive", "oracle"))]
+    assert len(read_results(path)) == 6
+    # More rows on the same bodies: only the new row runs.
+    evaluated.clear()
+    run(cases, ("naive", "greybox", "oracle"), path, Serial())
+    assert [rows for _, rows in evaluated] == [("greybox",)] * 3
+
+
+def test_results_that_are_something_else_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "results.jsonl"
+    path.write_text('{"a": 1}\n')
+    with pytest.raises(InputError, match="line 1"):
+        read_results(path)
+
+
+def test_processes_give_what_serial_gives(vases: list[Path], tmp_path: Path) -> None:
+    cases = drawn(vases[:2])
+    here = run(cases, ("naive", "lightgbm-axis"), tmp_path / "a.jsonl", Serial())
+    there = run(cases, ("naive", "lightgbm-axis"), tmp_path / "b.jsonl", Processes(2))
+    assert [replace(result, **TIMES) for result in here] == [replace(result, **TIMES) for result in there]
+
+
+def dies_on_two(item: int) -> int:
+    if item == 2:
+        os._exit(1)
+    return item * int(os.environ["OMP_NUM_THREADS"])
+
+
+def test_a_killed_worker_costs_its_own_item_only() -> None:
+    outcome = dict(Processes(2).map(dies_on_two, range(5)))
+    assert isinstance(outcome.pop(2), WorkerDied)
+    assert outcome == {0: 0, 1: 1, 3: 3, 4: 4}
+
+
+def test_a_broken_body_is_a_failure_with_its_reason(vases: list[Path], tmp_path: Path) -> None:
+    broken = tmp_path / "broken.gcode"
+    broken.write_text("M104 S200\n")
+    table, results = table1(drawn([broken, vases[0]]), ("naive", "oracle"), tmp_path / "out")
+    assert [(line.bodies, line.failures) for line in table] == [(1, 1), (1, 1)]
+    (text,) = failure_texts(results)
+    assert text.startswith("broken (naive, oracle): ")
+    one_layer = write_vase(tmp_path / "coin.gcode", layers=1, radius_mm=45.0)
+    (result,) = evaluate(drawn([one_layer], protocol="heldout")[0], ("naive",))
+    assert "a layer besides the training layer" in result.error
+
+
+def result(body: str, name: str, rmse: float | None, **values: object) -> Result:
+    base = Result(
+        key=body + name, body=body, source=body, protocol="paper", family="play", severity="damaged", seed=0, row=name,
+        rmse_steps=rmse, rmse_mm=None if rmse is None else 0.2 * rmse, learn_s=0.5, plan_s=0.1, targets=100,
+        error=None if rmse is not None else "no reason",
+    )  # fmt: skip
+    return replace(base, **values)
+
+
+def test_the_lines_of_the_table_are_the_statistics_of_its_bodies() -> None:
+    results = [result(f"b{i}", "naive", 10.0 * i) for i in range(1, 5)]
+    results += [result(f"b{i}", "oracle", 0.5) for i in range(1, 4)] + [result("b4", "oracle", None)]
+    naive, oracle = lines(results, ("naive", "oracle"))
+    assert naive.abrmse_steps == 25
+    assert naive.abrmse_mm == 5
+    assert naive.median_steps == 25
+    assert naive.p95_steps == pytest.approx(np.percentile([10, 20, 30, 40], 95))
+    assert naive.ratio_to_oracle == pytest.approx(20 / 0.5)
+    assert naive.targets_s == pytest.approx(1000)
+    assert (oracle.bodies, oracle.failures, oracle.ratio_to_oracle) == (3, 1, 1.0)
+    (nothing,) = lines([result("b4", "forest", None)], ("forest",))
+    assert cells(nothing) == ("forest", "0", "–", "–", "–", "–", "–", "–", "–")
+    assert body_table(results, ("naive", "oracle")).splitlines()[-1].split() == ["b4", "40.000000", "–"]
+
+
+def test_a_plain_table_lines_up() -> None:
+    assert text_table(("a", "n"), [("long name", "1"), ("b", "22")]) == "a           n\nlong name   1\nb          22"
+
+
+def test_unknown_names_are_refused_before_anything_is_written(vases: list[Path], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--models"):
+        table1(drawn(vases[:1]), ("naive", "crystal-ball"), tmp_path / "out")
+    with pytest.raises(InputError, match="--families"):
+        drawn(vases, families=("gremlins",))
+    with pytest.raises((InputError, ConfigError)):
+        row("naive+hope")
+    assert not (tmp_path / "out").exists()
+
+
+def test_every_result_is_one_line_of_json(vases: list[Path], tmp_path: Path) -> None:
+    table1(drawn(vases[:1]), ("naive",), tmp_path / "out")
+    (line,) = (tmp_path / "out" / "table1.jsonl").read_text().splitlines()
+    assert json.loads(line)["row"] == "naive"
+    assert (tmp_path / "out" / "figure6-paper.png").read_bytes().startswith(b"\x89PNG")
