@@ -7,13 +7,14 @@ import numpy as np
 
 from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
+from printmend.gcode.container import HINT_BYTES, MAX_LINE_BYTES, Part, endless_line, open_gcode, refuse_binary
 from printmend.gcode.layers import layers_of
 from printmend.gcode.machine import MachineState, detect_flavour, initial_state
 from printmend.path import frozen
 from printmend.printer import Printer
 
-HEAD_BYTES = 1 << 20
-_RECORDS_A_CALL = 1 << 16
+RECORDS = 1 << 16
+"""Records a call of the interpreter: 10 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,42 +72,98 @@ class Program:
 
 
 def read_gcode(source: str | Path | bytes, *, printer: Printer | None = None) -> Program:
-    """Read a G-code file, or its bytes; homing goes to ``printer``'s home, or to the origin.
+    """Read a G-code file of any container, or plain text; homing goes to ``printer``'s home, or to the origin.
 
-    Raises `GcodeError` for what is not G-code or holds no motion.
+    Of a project with several plates it is the first. Raises `GcodeError` for what is not G-code or holds no motion.
     """
     if isinstance(source, bytes):
-        name, text = "G-code", source
-    else:
-        name, text = str(source), _read_bytes(Path(source))
-    buffer = frozen(np.frombuffer(text, np.uint8))
-    state = initial_state(printer, detect_flavour(text[:HEAD_BYTES], text[-HEAD_BYTES:]))
-    records = interpret_text(buffer, state)
-    moves = moves_of(records)
+        refuse_binary(source[:HINT_BYTES] or b"\0", "G-code")
+        return _program(
+            "G-code", frozen(np.frombuffer(source, np.uint8)), (source[:HINT_BYTES], source[-HINT_BYTES:]), printer
+        )
+    with open_gcode(source) as file:
+        return read_part(file.parts[0], printer=printer)
+
+
+def read_part(part: Part, *, printer: Printer | None = None) -> Program:
+    """Read one program of an open file."""
+    return _program(part.name, frozen(np.concatenate([*part.chunks(), np.empty(0, np.uint8)])), part.hints(), printer)
+
+
+def starting_state(part: Part, *, printer: Printer | None = None) -> MachineState:
+    """Return the state before a program's first line: its firmware's rules, as far as the file shows them."""
+    state = initial_state(printer, detect_flavour(*part.hints()))
+    first = next(part.chunks(), None)
+    if first is not None:
+        settle_e(first[:HINT_BYTES], state)
+    return state
+
+
+def _program(name: str, text: np.ndarray, hints: tuple[bytes, ...], printer: Printer | None) -> Program:
+    state = initial_state(printer, detect_flavour(*hints))
+    settle_e(text[:HINT_BYTES], state)
+    moves = moves_of(interpret_text(text, state, name))
     if not len(moves):
         raise GcodeError(name, wanted="G-code with motion", came="no G0–G3 move", todo="give a sliced file")
-    return Program(name, buffer, moves)
+    return Program(name, text, moves)
 
 
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise GcodeError(path, wanted="a G-code file", came=str(error.strerror), todo="check the path") from None
-
-
-def interpret_text(text: np.ndarray, state: MachineState) -> np.ndarray:
+def interpret_text(text: np.ndarray, state: MachineState, name: str = "G-code") -> np.ndarray:
     """Return the records of a whole text held in memory; ``state`` is advanced."""
     parts, position = [], 0
-    capacity = _RECORDS_A_CALL
+    capacity = RECORDS
     while position < len(text):
         records = np.empty(capacity, k.RECORD)
         count, after = k.interpret(text, position, len(text), state.numbers, state.counts, records)
-        if after == position:  # one line with more statements than fit
-            capacity *= 4
+        if after == position:  # one line may hold more statements than fit
+            capacity = larger(capacity, name)
         parts.append(records[:count].copy() if count < capacity // 2 else records[:count])
         position = after
     return np.concatenate(parts) if parts else np.empty(0, k.RECORD)
+
+
+def larger(capacity: int, name: str = "G-code") -> int:
+    """Return the next size of a record array that a line did not fit in; refuse lines beyond `MAX_LINE_BYTES`."""
+    if capacity > MAX_LINE_BYTES // 2:
+        raise endless_line(name)
+    return 2 * capacity
+
+
+# What a guess at E has to explain: filament that runs back while the head moves, or more of it than any nozzle melts.
+_ENOUGH_MOVES = 20
+_IMPLAUSIBLE_SHARE = 0.1
+_FILAMENT_PER_MM = 3.0
+
+
+def settle_e(text: np.ndarray, state: MachineState) -> None:
+    """Correct ``state`` where the text's E words make sense only with another rule for relative extrusion.
+
+    Some files leave M82 or M83 to a macro, and firmwares differ on what G90 does after M83. If under the state's own
+    rule a tenth of the printing moves would pull filament back or melt more than a nozzle can, the rule that
+    explains the moves best is taken.
+    """
+    default = int(state.counts[k.C_RULE]), int(state.counts[k.C_M83])
+    share = _implausible_share(text, state, *default)
+    if share <= _IMPLAUSIBLE_SHARE:
+        return
+    others = [(rule, m83) for m83 in (default[1], 1 - default[1]) for rule in (k.E_EITHER, k.E_FOLLOWS, k.E_APART)]
+    shares = [_implausible_share(text, state, *other) for other in others]
+    if min(shares) < share / 4:
+        state.counts[k.C_RULE], state.counts[k.C_M83] = others[int(np.argmin(shares))]
+
+
+def _implausible_share(text: np.ndarray, state: MachineState, rule: int, m83: int) -> float:
+    trial = state.copy()
+    trial.counts[k.C_RULE], trial.counts[k.C_M83] = rule, m83
+    records = np.empty(RECORDS, k.RECORD)
+    count, _ = k.interpret(text, 0, len(text), trial.numbers, trial.counts, records)
+    rows = records[:count]
+    rows = rows[(rows["kind"] <= k.KIND_CCW) & (rows["words"] & k.WORD_E > 0) & (rows["words"] & k.WORDS_XYZ > 0)]
+    length_mm = np.hypot(rows["x1"] - rows["x0"], rows["y1"] - rows["y0"]) + np.abs(rows["z1"] - rows["z0"])
+    rows, length_mm = rows[length_mm > 0], length_mm[length_mm > 0]
+    if len(rows) < _ENOUGH_MOVES:
+        return 0.0
+    return float(np.mean((rows["advance"] < 0) | (rows["advance"] > _FILAMENT_PER_MM * length_mm)))
 
 
 def moves_of(records: np.ndarray) -> Moves:

@@ -6,6 +6,7 @@ import numpy as np
 
 from printmend.gcode import kernels as k
 from printmend.gcode.machine import MachineState
+from printmend.gcode.read import RECORDS, larger
 
 Plan = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """records [n] of RECORD → (first int64 [n + 1], pieces of PIECE): record i becomes pieces[first[i]:first[i + 1]].
@@ -15,7 +16,6 @@ its comment), the pieces before it become new lines. Called once for each batch 
 what the plan carries from one to the next (the engaged side of a belt) is its own.
 """
 
-_RECORDS = 1 << 16
 _OUT_BYTES = 4 << 20
 
 
@@ -26,14 +26,14 @@ def rewrite(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> It
     """
     writer = initial_writer(state)
     lines = np.zeros(2, np.int64)
-    records = np.empty(_RECORDS, k.RECORD)
+    records = np.empty(RECORDS, k.RECORD)
     out = np.empty(_OUT_BYTES, np.uint8)
     for chunk in chunks:
         position = 0
         while position < len(chunk):
             count, after = k.interpret(chunk, position, len(chunk), state.numbers, state.counts, records)
-            if after == position:  # one line with more statements than fit
-                records = np.empty(2 * len(records), k.RECORD)
+            if after == position:  # one line may hold more statements than fit
+                records = np.empty(larger(len(records)), k.RECORD)
                 continue
             first, pieces = plan(records[:count])
             numbered = state.counts[k.C_NUMBERED] + state.counts[k.C_CHECKSUMS] > 0

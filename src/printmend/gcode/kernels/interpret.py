@@ -231,7 +231,11 @@ def interpret(buf, begin, end, numbers, counts, records):
         elif after > stop:  # a lone carriage return ends a line too
             after = stop + 1
         if n + (stop - p) // 2 + 2 > capacity:
-            break
+            code = p  # a comment holds no statements
+            while code < stop and buf[code] != SEMICOLON:
+                code += 1
+            if n + (code - p) // 2 + 2 > capacity:
+                break
         n = _line(buf, p, stop, after, values, numbers, counts, records, n)
         counts[C_LINE] += 1
         p = after

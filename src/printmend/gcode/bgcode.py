@@ -1,0 +1,181 @@
+"""Prusa's binary G-code: blocks of metadata, thumbnails and packed G-code, each with its checksum.
+
+The format as published (libbgcode, specification version 1): `GCDE`, version u32, checksum type u16; then blocks of
+type u16, compression u16, uncompressed size u32, compressed size u32 (absent without compression), parameters
+(6 bytes for thumbnails, else the encoding u16), data, CRC-32 of all of it. All little-endian.
+"""
+
+import struct
+import zlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from printmend.errors import GcodeError
+from printmend.gcode import kernels as k
+
+MAGIC = b"GCDE"
+GCODE, SLICER_METADATA, THUMBNAIL = 1, 2, 5
+_KINDS = 6
+_HEADER = struct.Struct("<4sIH")
+_BLOCK = struct.Struct("<HHI")
+_WINDOWS = {2: 11, 3: 12}  # heatshrink: compression → window bits; the look-ahead has 4
+_MAX_BLOCK_BYTES = 64 << 20  # thumbnails are the largest blocks, and far below
+_TEXT_BYTES = 65535  # of G-code in a block, as slicers write it
+_TODO = "slice or copy the file again"
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block as it lies in the file. ``raw`` is all of it, header and checksum included; ``data`` is compressed."""
+
+    kind: int
+    compression: int
+    encoding: int
+    size: int
+    data: bytes
+    raw: bytes
+
+
+def read_header(handle: IO[bytes], name: str) -> tuple[bytes, bool]:
+    """Return the file header as it is, and whether blocks have a CRC-32."""
+    raw = handle.read(_HEADER.size)
+    if len(raw) < _HEADER.size:
+        raise GcodeError(name, wanted="a bgcode header of 10 bytes", came=f"{len(raw)} bytes", todo=_TODO)
+    magic, version, checksum = _HEADER.unpack(raw)
+    if magic != MAGIC or version != 1 or checksum > 1:
+        came = f"version {version} with checksum type {checksum}"
+        raise GcodeError(
+            name, wanted="bgcode version 1 with CRC-32 or no checksum", came=came, todo="export plain G-code"
+        )
+    return raw, checksum == 1
+
+
+def read_blocks(handle: IO[bytes], name: str, *, checked: bool) -> Iterator[Block]:
+    """Yield the blocks that follow the header; raise `GcodeError` where one is cut off, wrong or too large."""
+    while head := handle.read(_BLOCK.size):
+        if len(head) < _BLOCK.size:
+            raise _cut_off(name)
+        kind, compression, size = _BLOCK.unpack(head)
+        if kind >= _KINDS or compression > 3 or size > _MAX_BLOCK_BYTES:
+            came = f"type {kind}, compression {compression}, {size} bytes"
+            raise GcodeError(name, wanted="a bgcode block", came=came, todo=_TODO)
+        length = size
+        if compression:
+            more = handle.read(4)
+            head += more
+            length = int.from_bytes(more, "little") if len(more) == 4 else _MAX_BLOCK_BYTES + 1
+            if len(more) == 4 and length > _MAX_BLOCK_BYTES:
+                raise GcodeError(name, wanted="a bgcode block", came=f"{length} compressed bytes", todo=_TODO)
+        parameters = handle.read(6 if kind == THUMBNAIL else 2)
+        data = handle.read(length) if length <= _MAX_BLOCK_BYTES else b""
+        crc = handle.read(4) if checked else b""
+        if len(parameters) < 2 or len(data) < length or (checked and len(crc) < 4):
+            raise _cut_off(name)
+        if checked and zlib.crc32(head + parameters + data) != int.from_bytes(crc, "little"):
+            raise GcodeError(name, wanted="intact bgcode", came=f"a wrong CRC in a block of type {kind}", todo=_TODO)
+        encoding = int.from_bytes(parameters[:2], "little")
+        yield Block(kind, compression, encoding, size, data, head + parameters + data + crc)
+
+
+def block_text(block: Block, name: str) -> bytes:
+    """Return the text of a G-code or metadata block."""
+    data = _decompressed(block, name)
+    if block.kind != GCODE or block.encoding == 0:
+        return data
+    if block.encoding > 2:
+        came = f"encoding {block.encoding}"
+        raise GcodeError(name, wanted="bgcode with no encoding or MeatPack", came=came, todo="export plain G-code")
+    packed = np.frombuffer(data, np.uint8)
+    out = np.empty(2 * len(packed) + 2, np.uint8)
+    return out[: k.unpack(packed, out)].tobytes()
+
+
+def gcode_blocks(text: bytes, like: Block, *, checked: bool) -> bytes:
+    """Return G-code blocks that hold ``text`` (whole lines) with the compression and encoding of ``like``."""
+    blocks, start = [], 0
+    while start < len(text):
+        stop = min(start + _TEXT_BYTES, len(text))
+        if stop < len(text) and (line_end := text.rfind(b"\n", start, stop)) >= 0:
+            stop = line_end + 1
+        blocks.append(_gcode_block(text[start:stop], like, checked))
+        start = stop
+    return b"".join(blocks)
+
+
+def write_like(source: Path, handle: IO[bytes], texts: Iterable[bytes | memoryview]) -> None:
+    """Write ``source`` again with other G-code: its first blocks, the new text in whole lines, its last blocks."""
+    name = str(source)
+    with source.open("rb") as original:
+        raw, checked = read_header(original, name)
+        handle.write(raw)
+        like, after = None, []
+        for block in read_blocks(original, name, checked=checked):
+            if block.kind == GCODE:
+                like = like or block
+            elif like is None:
+                handle.write(block.raw)
+            else:
+                after.append(block.raw)
+    if like is None:
+        raise no_gcode(name)
+    pending = bytearray()
+    for text in texts:
+        pending += text
+        if len(pending) > 16 * _TEXT_BYTES and (line_end := pending.rfind(b"\n")) >= 0:
+            handle.write(gcode_blocks(bytes(pending[: line_end + 1]), like, checked=checked))
+            del pending[: line_end + 1]
+    handle.write(gcode_blocks(bytes(pending), like, checked=checked))
+    for raw in after:
+        handle.write(raw)
+
+
+def no_gcode(name: str) -> GcodeError:
+    return GcodeError(name, wanted="bgcode with a G-code block", came="none", todo="give a sliced file")
+
+
+def _cut_off(name: str) -> GcodeError:
+    return GcodeError(name, wanted="a whole bgcode block", came="the end of the file", todo=_TODO)
+
+
+def _gcode_block(text: bytes, like: Block, checked: bool) -> bytes:
+    data = text
+    if like.encoding:
+        if b"\xff" in text:  # would read as the start of a command
+            came = "a byte 0xFF in the text"
+            raise GcodeError("bgcode", wanted="text that MeatPack can hold", came=came, todo="export plain G-code")
+        out = np.empty(2 * len(text) + 6 * text.count(b"\n") + 16, np.uint8)
+        data = out[: k.pack(np.frombuffer(text, np.uint8), True, out)].tobytes()
+    size = len(data)
+    if like.compression == 1:
+        data = zlib.compress(data, 9)
+    elif like.compression:
+        import heatshrink2
+
+        data = heatshrink2.compress(data, window_sz2=_WINDOWS[like.compression], lookahead_sz2=4)
+    head = _BLOCK.pack(GCODE, like.compression, size)
+    if like.compression:
+        head += len(data).to_bytes(4, "little")
+    block = head + like.encoding.to_bytes(2, "little") + data
+    return block + (zlib.crc32(block).to_bytes(4, "little") if checked else b"")
+
+
+def _decompressed(block: Block, name: str) -> bytes:
+    try:
+        if block.compression == 0:
+            data = block.data
+        elif block.compression == 1:
+            data = zlib.decompressobj().decompress(block.data, block.size + 1)
+        else:
+            import heatshrink2
+
+            data = heatshrink2.decompress(block.data, window_sz2=_WINDOWS[block.compression], lookahead_sz2=4)
+    except (zlib.error, RuntimeError, ValueError) as error:
+        raise GcodeError(name, wanted="compressed bgcode", came=f"broken data ({error})", todo=_TODO) from None
+    # The last bits of heatshrink's last byte can decode to one more byte.
+    if len(data) < block.size or (block.compression < 2 and len(data) > block.size):
+        raise GcodeError(name, wanted=f"a block of {block.size} bytes", came=f"{len(data)}", todo=_TODO)
+    return data[: block.size]

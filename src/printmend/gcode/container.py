@@ -1,0 +1,183 @@
+"""Files that hold G-code, whatever their container: chunks of whole lines out, the same container in again."""
+
+import shutil
+import sys
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Literal
+
+import numpy as np
+
+from printmend.errors import GcodeError
+from printmend.gcode import bgcode, threemf
+from printmend.gcode.machine import Flavour, detect_flavour
+
+Text = bytes | memoryview
+CHUNK_BYTES = 4 << 20
+MAX_LINE_BYTES = 1 << 20
+HINT_BYTES = 1 << 20
+_TEXT_SHARE = 0.7  # of the bytes in a file's head that G-code has as printable characters and line ends
+_TODO = "give a sliced file"
+
+
+@dataclass(frozen=True)
+class Part:
+    """One G-code program in a file: the file's own, or a plate's. ``member`` names the plate in a `.gcode.3mf`."""
+
+    source: "GcodeFile"
+    member: str | None = None
+
+    @property
+    def name(self) -> str:
+        return self.source.name if self.member is None else f"{self.source.name}:{self.member}"
+
+    def chunks(self) -> Iterator[np.ndarray]:
+        """Yield the text in chunks [uint8] of whole lines, some `CHUNK_BYTES` each; may be called again."""
+        return _whole_lines(self._pieces(), self.name)
+
+    def hints(self) -> tuple[bytes, ...]:
+        """Return the pieces of text where slicers write what they are: the first and last MiB, and the metadata."""
+        path = self.source.path
+        if self.source.container == "plain":
+            with path.open("rb") as handle:
+                head = handle.read(HINT_BYTES)
+                handle.seek(max(path.stat().st_size - HINT_BYTES, handle.tell()))
+                return head, handle.read()
+        if self.source.container == "bgcode":
+            return tuple(_bgcode_hints(path, self.name))
+        first = next(self._pieces(), b"")  # the end of a compressed plate costs all of it
+        return (first[:HINT_BYTES],)
+
+    def flavour(self) -> Flavour:
+        return detect_flavour(*self.hints())
+
+    def _pieces(self) -> Iterator[bytes]:
+        if self.source.container == "plain":
+            with self.source.path.open("rb") as handle:
+                while piece := handle.read(CHUNK_BYTES):
+                    yield piece
+        elif self.source.container == "bgcode":
+            yield from _bgcode_texts(self.source.path, self.name)
+        else:
+            with self.source.path.open("rb") as handle, threemf.open_zip(handle, self.name) as archive:
+                try:
+                    with archive.open(str(self.member)) as member:
+                        while piece := member.read(CHUNK_BYTES):
+                            yield piece
+                except (zipfile.BadZipFile, EOFError, OSError) as error:
+                    raise GcodeError(self.name, wanted="an intact plate", came=str(error), todo=_TODO) from None
+
+
+@dataclass(frozen=True)
+class GcodeFile:
+    """A file that holds G-code: its ``name`` for messages, where it lies, and what contains the text."""
+
+    name: str
+    path: Path
+    container: Literal["plain", "bgcode", "3mf"]
+    parts: tuple[Part, ...] = ()
+
+    def write(self, handle: IO[bytes], texts: Callable[[Part], Iterable[Text]]) -> None:
+        """Write the same container with ``texts(part)`` in place of each program; all else is kept byte for byte."""
+        if self.container == "plain":
+            for text in texts(self.parts[0]):
+                handle.write(text)
+        elif self.container == "bgcode":
+            bgcode.write_like(self.path, handle, texts(self.parts[0]))
+        else:
+            by_member = {part.member: part for part in self.parts}
+            with self.path.open("rb") as source:
+                threemf.write_like(source, self.name, handle, lambda member: texts(by_member[member]))
+
+
+@contextmanager
+def open_gcode(path: Path | str) -> Iterator[GcodeFile]:
+    """Open a G-code file of any container; `-` is the standard input, kept in a temporary file meanwhile.
+
+    Raises `GcodeError` where it is missing, empty, binary, or a broken container.
+    """
+    if str(path) != "-":
+        yield _identify(Path(path), str(path))
+        return
+    with tempfile.NamedTemporaryFile(suffix=".gcode") as copy:
+        shutil.copyfileobj(sys.stdin.buffer, copy)
+        copy.flush()
+        yield _identify(Path(copy.name), "standard input")
+
+
+def _identify(path: Path, name: str) -> GcodeFile:
+    try:
+        with path.open("rb") as handle:
+            head = handle.read(1 << 16)
+    except OSError as error:
+        raise GcodeError(name, wanted="a G-code file", came=str(error.strerror), todo="check the path") from None
+    if not head:
+        raise GcodeError(name, wanted="G-code", came="an empty file", todo=_TODO)
+    if head.startswith(bgcode.MAGIC):
+        found = GcodeFile(name, path, "bgcode")
+        return GcodeFile(name, path, "bgcode", (Part(found),))
+    if head.startswith(b"PK\x03\x04"):
+        with path.open("rb") as handle, threemf.open_zip(handle, name) as archive:
+            found = GcodeFile(name, path, "3mf")
+            return GcodeFile(name, path, "3mf", tuple(Part(found, member) for member in threemf.plates(archive, name)))
+    refuse_binary(head, name)
+    found = GcodeFile(name, path, "plain")
+    return GcodeFile(name, path, "plain", (Part(found),))
+
+
+def refuse_binary(head: bytes, name: str) -> None:
+    """Raise `GcodeError` for what is mostly not text; some foreign bytes in comments are no reason to."""
+    codes = np.frombuffer(head, np.uint8)
+    printable = ((codes >= 32) & (codes < 127)) | ((codes >= 9) & (codes <= 13))
+    if printable.mean() < _TEXT_SHARE:
+        raise GcodeError(name, wanted="G-code text, .bgcode or .gcode.3mf", came="other binary data", todo=_TODO)
+
+
+def _whole_lines(pieces: Iterable[bytes], name: str) -> Iterator[np.ndarray]:
+    held: list[bytes] = []
+    size = 0
+    for piece in pieces:
+        held.append(piece)
+        size += len(piece)
+        if size < CHUNK_BYTES:
+            continue
+        data = b"".join(held)
+        cut = data.rfind(b"\n") + 1 or data.rfind(b"\r", 0, -1) + 1
+        if len(data) - cut > MAX_LINE_BYTES:
+            raise endless_line(name)
+        held, size = [data[cut:]], len(data) - cut
+        if cut:
+            yield np.frombuffer(data, np.uint8, cut)
+    if size:
+        yield np.frombuffer(b"".join(held), np.uint8)
+
+
+def endless_line(name: str) -> GcodeError:
+    came = f"a line of more than {MAX_LINE_BYTES} bytes"
+    return GcodeError(name, wanted="G-code in lines", came=came, todo=_TODO)
+
+
+def _bgcode_texts(path: Path, name: str) -> Iterator[bytes]:
+    found = False
+    with path.open("rb") as handle:
+        _, checked = bgcode.read_header(handle, name)
+        for block in bgcode.read_blocks(handle, name, checked=checked):
+            if block.kind == bgcode.GCODE:
+                found = True
+                yield bgcode.block_text(block, name)
+    if not found:
+        raise bgcode.no_gcode(name)
+
+
+def _bgcode_hints(path: Path, name: str) -> Iterator[bytes]:
+    with path.open("rb") as handle:
+        _, checked = bgcode.read_header(handle, name)
+        for block in bgcode.read_blocks(handle, name, checked=checked):
+            if block.kind != bgcode.THUMBNAIL:
+                yield bgcode.block_text(block, name)
+            if block.kind == bgcode.GCODE:  # what slicers say of themselves stands before it
+                return

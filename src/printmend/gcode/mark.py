@@ -1,0 +1,60 @@
+"""The comment that says that a file was mended, so that it is not mended twice."""
+
+import re
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+import printmend
+
+_MARK = re.compile(rb"^; mended by printmend (\S+) model=(\S+)", re.MULTILINE)
+# Headers that must stay first; the mark follows the line that ends them.
+_HEADERS = (
+    (b"; HEADER_BLOCK_START", b"; HEADER_BLOCK_END"),  # Bambu, Orca
+    (b";START_OF_HEADER", b";END_OF_HEADER"),  # UltiMaker
+    (b";Header Start", b";Header End"),  # Snapmaker
+)
+
+
+def find_mark(*texts: bytes) -> str | None:
+    """Return the model hash of the mark in pieces of a file (`Part.hints`), or None."""
+    for text in texts:
+        if found := _MARK.search(text):
+            return found[2].decode("ascii", "replace")
+    return None
+
+
+def marked(chunks: Iterable[np.ndarray], model_hash: str) -> Iterator[np.ndarray]:
+    """Yield the chunks with the mark in the first: after its header, or after its first comment, or on top."""
+    mark = f"; mended by printmend {printmend.__version__} model={model_hash}".encode()
+    first = True
+    for chunk in chunks:
+        if first:
+            text = chunk.tobytes()
+            at, line_end = _place(text), _line_end(text)
+            before = text[:at]
+            missing = line_end if before and not before.endswith((b"\n", b"\r", b"\xef\xbb\xbf")) else b""
+            closing = line_end if at < len(text) or not missing else b""
+            chunk = np.frombuffer(before + missing + mark + closing + text[at:], np.uint8)
+            first = False
+        yield chunk
+
+
+def _line_end(text: bytes) -> bytes:
+    newline = text.find(b"\n")
+    return b"\r\n" if newline > 0 and text[newline - 1 : newline] == b"\r" else b"\n"
+
+
+def _place(text: bytes) -> int:
+    start = 3 if text.startswith(b"\xef\xbb\xbf") else 0
+    for opening, ending in _HEADERS:
+        if text.startswith(opening, start) and (end := text.find(ending, start)) >= 0:
+            return _next_line(text, end)
+    line = text[start : _next_line(text, start)].strip()
+    plain_comment = line.startswith(b";") and not line.lstrip(b"; ").startswith(b"thumbnail")
+    return _next_line(text, start) if plain_comment or line == b"%" else start
+
+
+def _next_line(text: bytes, position: int) -> int:
+    newline = text.find(b"\n", position)
+    return len(text) if newline < 0 else newline + 1

@@ -1,0 +1,93 @@
+"""Sliced projects (`.gcode.3mf`): a zip with one G-code member a plate and its MD5 beside it."""
+
+import hashlib
+import re
+import zipfile
+from collections.abc import Callable, Iterable
+from typing import IO
+
+from printmend.errors import GcodeError
+
+_PLATE = re.compile(r"Metadata/plate_\d+\.gcode")
+_MAX_BYTES = 8 << 30
+_MAX_OTHER_BYTES = 1 << 30
+_MAX_RATIO = 300  # deflate cannot reach 1100; real G-code stays below 20
+_RATIO_MATTERS_BYTES = 32 << 20
+_TODO = "export the plate again"
+_COPY_BYTES = 1 << 20
+
+
+def open_zip(handle: IO[bytes], name: str) -> zipfile.ZipFile:
+    """Open the archive after looking for bombs, bad paths, encryption and double names."""
+    try:
+        archive = zipfile.ZipFile(handle)
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+        raise GcodeError(name, wanted="an intact .gcode.3mf", came=f"a broken zip ({error})", todo=_TODO) from None
+    seen = set()
+    for member in archive.infolist():
+        path, size = member.filename, member.file_size
+        limit = _MAX_BYTES if _PLATE.fullmatch(path) else _MAX_OTHER_BYTES
+        bomb = size > _RATIO_MATTERS_BYTES and size > _MAX_RATIO * max(member.compress_size, 1)
+        bad_path = path.startswith("/") or "\\" in path or ":" in path or ".." in path.split("/")
+        for wrong, came in (
+            (bad_path, f"the path {path!r}"),
+            (path in seen, f"{path!r} twice"),
+            (size > limit or bomb, f"{path!r} that would unpack to {size} bytes"),
+            (member.flag_bits & 1, f"the encrypted member {path!r}"),
+        ):
+            if wrong:
+                raise GcodeError(name, wanted="a plain .gcode.3mf", came=came, todo=_TODO)
+        seen.add(path)
+    return archive
+
+
+def plates(archive: zipfile.ZipFile, name: str) -> tuple[str, ...]:
+    """Return the G-code members in the order of their plates."""
+    found = [path for path in archive.namelist() if _PLATE.fullmatch(path)]
+    if not found:
+        came = "no Metadata/plate_N.gcode"
+        raise GcodeError(name, wanted="a sliced .gcode.3mf", came=came, todo="slice the plate before exporting it")
+    return tuple(sorted(found, key=lambda path: int(re.findall(r"\d+", path)[-1])))
+
+
+def write_like(
+    source: IO[bytes], name: str, handle: IO[bytes], texts: Callable[[str], Iterable[bytes | memoryview]]
+) -> None:
+    """Write the project again with ``texts(member)`` as the G-code of each plate, and the MD5s that go with them."""
+    with open_zip(source, name) as archive, zipfile.ZipFile(handle, "w") as copy:
+        sums = {}
+        for path in plates(archive, name):
+            digest = hashlib.md5(usedforsecurity=False)
+            with copy.open(_entry(archive.getinfo(path)), "w", force_zip64=True) as member:
+                for text in texts(path):
+                    digest.update(text)
+                    member.write(text)
+            sums[path + ".md5"] = digest.hexdigest()
+        copy.comment = archive.comment
+        for info in archive.infolist():
+            if _PLATE.fullmatch(info.filename):
+                continue
+            if info.filename in sums:
+                old = archive.read(info)
+                copy.writestr(_entry(info), _same_style(old, sums[info.filename]))
+                continue
+            with archive.open(info) as old_member, copy.open(_entry(info), "w") as member:
+                while data := old_member.read(_COPY_BYTES):
+                    member.write(data)
+
+
+def _entry(info: zipfile.ZipInfo) -> zipfile.ZipInfo:
+    """A fresh entry with the old one's name, date, compression and attributes."""
+    entry = zipfile.ZipInfo(info.filename, info.date_time)
+    entry.compress_type, entry.external_attr = info.compress_type, info.external_attr
+    entry.create_system, entry.comment, entry.file_size = info.create_system, info.comment, info.file_size
+    return entry
+
+
+def _same_style(old: bytes, digest: str) -> bytes:
+    """Put the digest where the old one was, in upper or lower case as it was."""
+    found = re.search(rb"[0-9A-Fa-f]{32}", old)
+    if not found:
+        return digest.upper().encode()
+    new = digest.encode() if found[0] == found[0].lower() else digest.upper().encode()
+    return old[: found.start()] + new + old[found.end() :]
