@@ -9,6 +9,7 @@ from printmend.control import inverse_lookup_kernels as look
 from printmend.gcode.kernels import PIECE
 from printmend.mechanism import Mechanism, Transmission
 
+PLANS_AT_ONCE = 5
 _SAME_MM = 1e-7
 _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
 
@@ -90,25 +91,28 @@ class Planner:
     counts: np.ndarray
     errors: np.ndarray
     layers: np.ndarray
-    pieces: np.ndarray
-    first: np.ndarray
+    _ring: list[tuple[np.ndarray, np.ndarray]]
+    _turn: int = 0
 
     def plan(self, records: np.ndarray, begin: int = 0) -> tuple[int, np.ndarray, np.ndarray]:
         """Plan records[begin:]: return (end, first, pieces).
 
-        Record i of records[begin:end] becomes pieces[first[i]:first[i + 1]]; both arrays are used again by the next
-        call. ``end`` is below the number of records when the pieces of the rest did not fit: call again.
+        Record i of records[begin:end] becomes pieces[first[i]:first[i + 1]]; both arrays are used again after
+        `PLANS_AT_ONCE` further calls. ``end`` is below the number of records when the pieces of the rest did not fit.
         """
         need = int(self.counts[k.N_LAYER]) + 2 + len(records) - begin
         if need > len(self.layers):
             self.layers = np.concatenate([self.layers, np.zeros((need, k.LAYER))])
-        if len(records) >= len(self.first):
-            self.first = np.zeros(2 * len(records) + 1, np.int64)
+        self._turn = (self._turn + 1) % len(self._ring)
+        first, pieces = self._ring[self._turn]
+        if len(records) >= len(first):
+            first = np.zeros(len(records) + 1, np.int64)
+            self._ring[self._turn] = (first, pieces)
         end = k.mend(
-            self.model, records, begin, len(records), self.state, self.counts, self.first, self.pieces, self.layers,
+            self.model, records, begin, len(records), self.state, self.counts, first, pieces, self.layers,
             self.errors, self.quantum_mm,
         )  # fmt: skip
-        return end, self.first, self.pieces
+        return end, first, pieces
 
 
 def start(mechanism: Mechanism, *, quantum_mm: float = 0.001) -> Planner:
@@ -121,7 +125,7 @@ def start(mechanism: Mechanism, *, quantum_mm: float = 0.001) -> Planner:
     counts[k.N_LAYER] = -1
     return Planner(
         lookup(mechanism), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)), np.zeros((256, k.LAYER)),
-        np.empty(8 * k.PIECES_A_RECORD, PIECE), np.zeros(1 << 14, np.int64),
+        [(np.zeros(1 << 14, np.int64), np.empty(4 * k.PIECES_A_RECORD, PIECE)) for _ in range(PLANS_AT_ONCE + 1)],
     )  # fmt: skip
 
 

@@ -80,7 +80,7 @@ S_M, S_LO, S_HI, S_RAW_LO, S_RAW_HI, S_TRAVEL, S_FEED, S_Z, S_LOW, S_HIGH = 0, 2
 STATE = 17
 # counts [COUNTS] int64
 N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)
-N_CLAMPED, N_CLAMPED_EXTRUDING, N_UNKNOWN, N_LIMITED, N_EXTRUDING = range(8, 13)
+N_CLAMPED, N_CLAMPED_EXTRUDING, N_UNKNOWN, N_COPIED, N_EXTRUDING = range(8, 13)
 COUNTS = 13
 # layers [?, LAYER] float64: sums over a layer, before (0) and after (1)
 L_Z, L_LENGTH, L_SQUARE, L_MOST = 0, 1, 2, 4
@@ -370,7 +370,9 @@ def _extrude(model, curve, state, counts, pieces, n, record, row, layers, errors
         counts[N_ANCHORS] += unsure
         counts[N_TAKEUPS] += n > before and not unsure
         if model[M_SHIFTS_ONLY] != 0.0 and is_flat_arc(curve) and mode0 != 0 and mode1 != 0:
-            done = _arc(model, curve, state, counts, pieces, n, record, t, stop, mode0, mode1, row, layers, errors, quantum)
+            done = _arc(
+                model, curve, state, counts, pieces, n, record, t, stop, mode0, mode1, row, layers, errors, quantum
+            )
             if done > n:
                 n, t = done, stop
                 continue
@@ -560,6 +562,7 @@ def mend(model, records, begin, count, state, counts, first, pieces, layers, err
         counts[N_EXTRUDING] += extruding
         if not known or r.flags & FLAG_OPAQUE:
             counts[N_UNKNOWN] += extruding
+            counts[N_COPIED] += 1
             if counts[N_KNOWN] and known:  # written as it is
                 if r.flags & FLAG_RELATIVE:
                     d0, d1 = to_motors(model, r.x1 - r.x0, r.y1 - r.y0)

@@ -72,7 +72,9 @@ def _polynomial(model, a, p, q):
     """Return Σ a_ij p^i q^j in the order of `printmend.mechanism.Frame.exponents`."""
     linear = model[a] + model[a + 1] * p + model[a + 2] * q
     square = model[a + 3] * p * p + model[a + 4] * p * q + model[a + 5] * q * q
-    return linear + square + (model[a + 6] * p + model[a + 7] * q) * p * p + (model[a + 8] * p + model[a + 9] * q) * q * q
+    return (
+        linear + square + (model[a + 6] * p + model[a + 7] * q) * p * p + (model[a + 8] * p + model[a + 9] * q) * q * q
+    )
 
 
 @njit(error_model="numpy")

@@ -1,0 +1,43 @@
+"""Where `mend` writes to, and its progress bar."""
+
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import click
+
+_LARGE_BYTES = 20_000_000  # below that it is done before a bar could be read
+_SUFFIXES = (".gcode.3mf", ".bgcode", ".gcode", ".gco", ".g", ".nc", ".3mf")
+
+
+def output_path(source: Path, output: Path | None, *, in_place: bool) -> Path | None:
+    """Return where the mended file goes; None is the standard output."""
+    if in_place:
+        if output is not None or str(source) == "-":
+            raise click.UsageError("--in-place needs a file and no -o")
+        return source
+    if output is not None:
+        return None if str(output) == "-" else output
+    if str(source) == "-":
+        return None
+    name = source.name
+    suffix = next((s for s in _SUFFIXES if name.lower().endswith(s)), "")
+    stem = name[: len(name) - len(suffix)] if suffix else name
+    return source.with_name(f"{stem}.mended{name[len(stem) :] or '.gcode'}")
+
+
+@contextlib.contextmanager
+def progress(source: Path) -> Iterator[Callable[[int], None] | None]:
+    """Yield a function that is told of bytes read, and draws a bar on a terminal; None for small files and pipes."""
+    size = source.stat().st_size if source.is_file() else 0
+    if size < _LARGE_BYTES or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(source.name, total=size)
+        yield lambda count: bar.update(task, advance=count)

@@ -1,0 +1,154 @@
+"""Mend a G-code file, or only say what mending would do."""
+
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from printmend.control.inverse import Planner, is_identity, start
+from printmend.errors import GcodeError, ModelError, RefusedError
+from printmend.files import replacing
+from printmend.gcode.container import GcodeFile, Part, open_gcode
+from printmend.gcode.mark import find_mark, marked
+from printmend.gcode.read import starting_state
+from printmend.repair.prediction import Prediction, prediction_of
+from printmend.repair.stream import planned, rewritten
+from printmend.worldmodel.saved import SavedModel
+
+_OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """What was done: ``output`` is where the mended file lies, None for the standard output."""
+
+    output: Path | None
+    prediction: Prediction
+
+
+def mend_gcode(
+    source: Path | str, model: SavedModel, output: Path | None, *, force: bool = False, progress: Progress | None = None
+) -> Mended:
+    """Write ``source`` (`-` for the standard input) as the printer of ``model`` must read it to print it right.
+
+    ``output`` may be the source itself; None is the standard output. Nothing is written unless all went well. A model
+    without a fault returns the file byte for byte. Raises `GcodeError` for what cannot be read or was mended before,
+    `ModelError` where the file is not for this printer, `RefusedError` where mending would not help and not ``force``.
+    """
+    with open_gcode(source) as file:
+        planner = start(model.mechanism)
+        if is_healthy(model):
+            _plan(file, planner, model, progress)
+            with _destination(output) as handle, file.path.open("rb") as whole:
+                shutil.copyfileobj(whole, handle, 1 << 20)
+            return Mended(output, prediction_of(planner))
+        refuse_mended(file)
+        with _destination(output) as handle:
+            file.write(handle, lambda part: _texts(part, planner, model, progress))
+            prediction = prediction_of(planner)
+            _judge(file, model, prediction, force=force)
+        return Mended(output, prediction)
+
+
+def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | None = None) -> Prediction:
+    """Predict what mending would do, and write nothing. Raises like `mend_gcode`, except where it would not help."""
+    with open_gcode(source) as file:
+        planner = start(model.mechanism)
+        _plan(file, planner, model, progress)
+        prediction = prediction_of(planner)
+        _refuse_other_printer(file, model, prediction)
+        return prediction
+
+
+def is_healthy(model: SavedModel) -> bool:
+    """Say whether there is nothing to mend."""
+    return model.is_healthy or is_identity(model.mechanism)
+
+
+def refuse_mended(file: GcodeFile) -> None:
+    """Raise `GcodeError` for a file that was mended before: its moves are no longer what is wanted."""
+    for part in file.parts:
+        if (digest := find_mark(*part.hints())) is not None:
+            raise GcodeError(
+                part.name, wanted="a file as the slicer wrote it", came=f"one that was mended with model {digest}",
+                todo="mend the original",
+            )  # fmt: skip
+
+
+def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progress | None) -> None:
+    for part in file.parts:
+        state = starting_state(part, printer=model.printer)
+        planned(_counted(part.chunks(), progress), state, planner)
+
+
+def _texts(part: Part, planner: Planner, model: SavedModel, progress: Progress | None) -> Iterator[memoryview]:
+    state = starting_state(part, printer=model.printer)
+    chunks = marked(_counted(part.chunks(), progress), model.digest)
+    return rewritten(chunks, state, planner)
+
+
+def _counted(chunks: Iterator[np.ndarray], progress: Progress | None) -> Iterator[np.ndarray]:
+    for chunk in chunks:
+        yield chunk
+        if progress is not None:
+            progress(len(chunk))
+
+
+@contextmanager
+def _destination(output: Path | None) -> Iterator[IO[bytes]]:
+    """Open what takes the output's place once all is well; for the standard output a temporary file."""
+    if output is not None:
+        with replacing(output, "wb") as handle:
+            yield handle
+        return
+    with tempfile.TemporaryFile() as spool:
+        yield spool
+        spool.seek(0)
+        shutil.copyfileobj(spool, sys.stdout.buffer, 1 << 20)
+        sys.stdout.buffer.flush()
+
+
+def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force: bool) -> None:
+    """Raise where the file should not be written."""
+    if prediction.moves == 0:
+        raise GcodeError(
+            file.name, wanted="G-code with motion", came="no G0–G3 move in X or Y", todo="give a sliced file"
+        )
+    _refuse_other_printer(file, model, prediction)
+    if force:
+        return
+    todo = "print the original, or use --force"
+    if prediction.length_mm == 0:
+        raise RefusedError(
+            file.name, wanted="extruding moves from a known place", came="none", todo="home with G28 before printing"
+        )
+    if prediction.clamped_extruding:
+        raise RefusedError(
+            file.name, wanted="a print that this printer can reach",
+            came=f"{prediction.clamped_extruding} extruding commands beyond the edge of the bed",
+            todo="move the object to the middle of the bed, or use --force",
+        )  # fmt: skip
+    if not prediction.is_better:
+        raise RefusedError(
+            file.name, wanted="a smaller error after mending",
+            came=f"{prediction.after.rms_mm:.4f} mm instead of {prediction.before.rms_mm:.4f} mm", todo=todo,
+        )  # fmt: skip
+
+
+def _refuse_other_printer(file: GcodeFile, model: SavedModel, prediction: Prediction) -> None:
+    if not prediction.extruding:
+        return
+    printer = model.printer
+    for axis, low, high in zip((printer.x, printer.y), prediction.low_mm, prediction.high_mm, strict=True):
+        if low < axis.min_mm - _OUTSIDE_MM or high > axis.max_mm + _OUTSIDE_MM:
+            raise ModelError(
+                file.name, wanted=f"G-code for the bed of {printer.name}, {axis.name.upper()} {axis.min_mm:g} to {axis.max_mm:g} mm",
+                came=f"extrusion from {low:.1f} to {high:.1f}", todo="use the model of the printer that this file is for",
+            )  # fmt: skip

@@ -1,0 +1,127 @@
+"""What the model says about a file before and after mending."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from printmend.control import inverse_kernels as k
+from printmend.control.inverse import Planner
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Distance of the printed path to the wanted one, over the length of the extruded path [mm]."""
+
+    rms_mm: float
+    p95_mm: float
+    max_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """The predicted contour error of a file as it is (``before``) and as mended (``after``).
+
+    ``layers`` [L] holds for each layer z_mm, length_mm and both errors (rms, max). ``length_mm`` is the extruded path.
+    ``moves`` and ``commands`` count what moves the head before and after; ``takeups`` the reversals at which slack was
+    taken up, ``anchors`` the places where the engaged side had to be made certain again. ``clamped`` counts commands
+    that had to be held back at the edge of the bed, ``clamped_extruding`` those that extrude; ``unknown`` the
+    extruding moves that were left as they are, because the file does not say where the head is.
+    """
+
+    length_mm: float
+    before: Errors
+    after: Errors
+    layers: tuple[dict[str, float], ...]
+    moves: int
+    commands: int
+    takeups: int
+    anchors: int
+    clamped: int
+    clamped_extruding: int
+    unknown: int
+    extruding: int
+    low_mm: tuple[float, float]
+    high_mm: tuple[float, float]
+
+    @property
+    def is_better(self) -> bool:
+        return self.after.rms_mm < self.before.rms_mm
+
+    def json(self) -> dict[str, Any]:
+        """Return plain values for a report."""
+        plain = asdict(self)
+        plain["layers"] = list(self.layers)
+        if not self.extruding:
+            plain["low_mm"] = plain["high_mm"] = None
+        return plain
+
+    def summary(self) -> str:
+        """Say it in a few lines for a terminal."""
+        rows = [
+            f"predicted distance from the wanted path, over {self.length_mm / 1000:.1f} m of extruded path [mm]:",
+            "             RMS      p95      max",
+        ]
+        for name, errors in (("as it is", self.before), ("mended", self.after)):
+            rows.append(f"  {name:8} {errors.rms_mm:7.3f}  {errors.p95_mm:7.3f}  {errors.max_mm:7.3f}")
+        rows.append(
+            f"moves {self.moves} → {self.commands}, slack taken up at {self.takeups} reversals"
+            + (f", made certain again {self.anchors} times" if self.anchors else "")
+        )
+        if self.unknown:
+            rows.append(f"{self.unknown} extruding moves left as they are: the file does not say where the head is")
+        if self.clamped:
+            rows.append(
+                f"{self.clamped} commands held back at the edge of the bed, {self.clamped_extruding} of them extruding"
+            )
+        return "\n".join(rows)
+
+
+def prediction_of(planner: Planner) -> Prediction:
+    """Sum up what a planner has seen of a file."""
+    counts, state = planner.counts, planner.state
+    layers = planner.layers[: int(counts[k.N_LAYER]) + 1]
+    length = float(layers[:, k.L_LENGTH].sum())
+    errors = []
+    for which in (0, 1):
+        square = float(layers[:, k.L_SQUARE + which].sum())
+        most = float(layers[:, k.L_MOST + which].max(initial=0.0))
+        errors.append(Errors((square / length) ** 0.5 if length else 0.0, _quantile(planner.errors[which], most), most))
+    return Prediction(
+        length_mm=length,
+        before=errors[0],
+        after=errors[1],
+        layers=tuple(_layer(row) for row in layers),
+        moves=int(counts[k.N_MOVES]),
+        commands=int(counts[k.N_PIECES] + counts[k.N_COPIED]),
+        takeups=int(counts[k.N_TAKEUPS]),
+        anchors=int(counts[k.N_ANCHORS]),
+        clamped=int(counts[k.N_CLAMPED]),
+        clamped_extruding=int(counts[k.N_CLAMPED_EXTRUDING]),
+        unknown=int(counts[k.N_UNKNOWN]),
+        extruding=int(counts[k.N_EXTRUDING]),
+        low_mm=(float(state[k.S_LOW]), float(state[k.S_LOW + 1])),
+        high_mm=(float(state[k.S_HIGH]), float(state[k.S_HIGH + 1])),
+    )
+
+
+def _quantile(histogram: np.ndarray, most: float) -> float:
+    """Return the 95th percentile from a histogram of mm of path, to one bin; beyond its end it is the maximum."""
+    total = histogram.sum()
+    if total == 0:
+        return 0.0
+    at = int(np.searchsorted(np.cumsum(histogram), 0.95 * total))
+    return min((at + 1) * k.ERROR_BIN_MM, most) if at < len(histogram) - 1 else most
+
+
+def _layer(row: np.ndarray) -> dict[str, float]:
+    length = row[k.L_LENGTH]
+    squares = row[k.L_SQUARE : k.L_SQUARE + 2] / length if length else np.zeros(2)
+    return {
+        "z_mm": round(float(row[k.L_Z]), 4),
+        "length_mm": round(float(length), 3),
+        "before_rms_mm": float(squares[0] ** 0.5),
+        "before_max_mm": float(row[k.L_MOST]),
+        "after_rms_mm": float(squares[1] ** 0.5),
+        "after_max_mm": float(row[k.L_MOST + 1]),
+    }

@@ -1,0 +1,133 @@
+"""The prediction as a file: JSON for programs, one self-contained HTML page for people."""
+
+import html
+import json
+from pathlib import Path
+
+import printmend
+from printmend.errors import InputError
+from printmend.files import replacing
+from printmend.repair.prediction import Prediction
+from printmend.worldmodel.saved import SavedModel
+
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 860, 300, 56, 34
+_MOST_ROWS = 400  # of the table; the chart has them all
+_COLOURS = {"before": "#c2410c", "after": "#15803d"}
+
+
+def check_report_name(path: Path | None) -> None:
+    """Raise `InputError` for a report that is neither .html nor .json, before any work is done."""
+    if path is not None and path.suffix.lower() not in (".html", ".htm", ".json"):
+        raise InputError(path, wanted="a report in .html or .json", came=repr(path.suffix), todo="change its name")
+
+
+def write_report(path: Path, source: str, model: SavedModel, prediction: Prediction) -> None:
+    """Write the prediction for ``source`` in the form that the name of ``path`` asks for."""
+    check_report_name(path)
+    as_json = path.suffix.lower() == ".json"
+    with replacing(path) as file:
+        file.write(_json(source, model, prediction) if as_json else _page(source, model, prediction))
+
+
+def _json(source: str, model: SavedModel, prediction: Prediction) -> str:
+    about = {"source": source, "program": printmend.__version__, "model": model.digest, "printer": model.printer.name}
+    return json.dumps({**about, **prediction.json()}, indent=1) + "\n"
+
+
+def _page(source: str, model: SavedModel, prediction: Prediction) -> str:
+    before, after = prediction.before, prediction.after
+    factor = before.rms_mm / after.rms_mm if after.rms_mm > 0 else 0.0
+    headline = (
+        f"The print would have been {before.rms_mm:.3f} mm off on average (RMS); mended it is {after.rms_mm:.3f} mm"
+        + (f", {factor:.0f} times better." if factor >= 1.5 else ".")
+    )
+    rows = "".join(
+        f"<tr><td>{name}</td><td>{e.rms_mm:.3f}</td><td>{e.p95_mm:.3f}</td><td>{e.max_mm:.3f}</td></tr>"
+        for name, e in (("as it is", before), ("mended", after))
+    )
+    findings = "".join(f"<li>{html.escape(line)}</li>" for line in model.findings)
+    facts = [
+        f"{prediction.length_mm / 1000:.1f} m of extruded path in {len(prediction.layers)} layers",
+        f"{prediction.moves} moves became {prediction.commands}",
+        f"slack taken up at {prediction.takeups} reversals, with moves that extrude nothing",
+    ]
+    if prediction.anchors:
+        facts.append(f"the belts' engaged side made certain again {prediction.anchors} times")
+    if prediction.unknown:
+        facts.append(f"{prediction.unknown} extruding moves left as they are: the head's place is unknown there")
+    if prediction.clamped:
+        facts.append(f"{prediction.clamped} commands held back at the edge of the bed")
+    listed = "".join(f"<li>{fact}</li>" for fact in facts)
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{html.escape(Path(source).name)} mended</title>
+<style>
+body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 900px; margin: 2em auto; padding: 0 1em; color: #1c1917; }}
+table {{ border-collapse: collapse; }} td, th {{ padding: .15em .9em; text-align: right; border-bottom: 1px solid #e7e5e4; }}
+td:first-child, th:first-child {{ text-align: left; }} .big {{ font-size: 1.25em; }} small {{ color: #78716c; }}
+details table {{ font-size: .85em; }}
+</style></head><body>
+<h1>{html.escape(Path(source).name)}</h1>
+<p class="big">{headline}</p>
+<table><tr><th>distance from the wanted path [mm]</th><th>RMS</th><th>95 % below</th><th>largest</th></tr>{rows}</table>
+<h2>Layer by layer</h2>
+{_chart(prediction)}
+<ul>{listed}</ul>
+<h2>The printer</h2>
+<p>{html.escape(model.printer.name)}, model {model.digest}</p><ul>{findings}</ul>
+{_table(prediction)}
+<p><small>printmend {printmend.__version__}. Predicted by the learned model, not measured.</small></p>
+</body></html>
+"""
+
+
+def _chart(prediction: Prediction) -> str:
+    """Draw the RMS error of each layer as SVG."""
+    layers = prediction.layers
+    if not layers:
+        return "<p>No layers.</p>"
+    top = max(max(layer["before_rms_mm"], layer["after_rms_mm"]) for layer in layers) * 1.08 or 1.0
+    wide, high = _WIDTH - _LEFT - 10, _HEIGHT - _BOTTOM - 10
+
+    def x(i: float) -> float:
+        return _LEFT + wide * (i + 0.5) / len(layers)
+
+    def y(value: float) -> float:
+        return 10 + high * (1 - value / top)
+
+    parts = [f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="RMS error of each layer">']
+    for tick in range(5):
+        value = top * tick / 4
+        parts.append(
+            f'<line x1="{_LEFT}" x2="{_WIDTH - 10}" y1="{y(value):.1f}" y2="{y(value):.1f}" stroke="#e7e5e4"/>'
+            f'<text x="{_LEFT - 6}" y="{y(value) + 4:.1f}" text-anchor="end" font-size="12">{value:.3g}</text>'
+        )
+    for i in sorted({0, len(layers) // 2, len(layers) - 1}):
+        parts.append(
+            f'<text x="{x(i):.1f}" y="{_HEIGHT - 12}" text-anchor="middle" font-size="12">'
+            f"layer {i + 1}, z {layers[i]['z_mm']:g}</text>"
+        )
+    for j, (name, label) in enumerate((("before", "as it is"), ("after", "mended"))):
+        points = " ".join(f"{x(i):.1f},{y(layer[f'{name}_rms_mm']):.1f}" for i, layer in enumerate(layers))
+        colour = _COLOURS[name]
+        if len(layers) == 1:
+            parts.append(f'<circle cx="{points.split(",")[0]}" cy="{points.split(",")[1]}" r="4" fill="{colour}"/>')
+        parts.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
+        parts.append(
+            f'<text x="{_WIDTH - 14}" y="{24 + 16 * j}" text-anchor="end" font-size="13" fill="{colour}">{label}</text>'
+        )
+    return "".join(parts) + "</svg><p><small>RMS distance from the wanted path [mm] over the layers.</small></p>"
+
+
+def _table(prediction: Prediction) -> str:
+    rows = "".join(
+        f"<tr><td>{i + 1}</td><td>{layer['z_mm']:g}</td><td>{layer['length_mm'] / 1000:.2f}</td>"
+        f"<td>{layer['before_rms_mm']:.3f}</td><td>{layer['before_max_mm']:.3f}</td>"
+        f"<td>{layer['after_rms_mm']:.3f}</td><td>{layer['after_max_mm']:.3f}</td></tr>"
+        for i, layer in enumerate(prediction.layers[:_MOST_ROWS])
+    )
+    more = len(prediction.layers) - _MOST_ROWS
+    note = f"<p><small>and {more} more; --report FILE.json has them all</small></p>" if more > 0 else ""
+    return (
+        "<details><summary>All layers</summary><table><tr><th>layer</th><th>z [mm]</th><th>path [m]</th><th>RMS as it is</th>"
+        f"<th>largest</th><th>RMS mended</th><th>largest</th></tr>{rows}</table>{note}</details>"
+    )
