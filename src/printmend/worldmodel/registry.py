@@ -57,8 +57,8 @@ def fit(
 ) -> WorldModel:
     """Make the model of that name: learned from the trace, or, for ``oracle`` only, from the truth itself.
 
-    One call for every row of a table. Raise `ConfigError` for an unknown name or an Oracle without a truth, `TraceError`
-    where the trace cannot support a model.
+    One call for every row of a table. Raise `ConfigError` for an unknown name or an Oracle without a truth,
+    `TraceError` where the trace cannot support a model.
     """
     if name != ORACLE:
         return learner(name).fit(trace, printer, rng=rng)

@@ -42,16 +42,21 @@ def forest(rows: np.ndarray, values: np.ndarray, seed: int) -> Ensemble:
     return from_forest(model.fit(rows, values if values.shape[1] > 1 else values[:, 0]))
 
 
+def wrapped(nominal: np.ndarray, printer: Printer) -> np.ndarray:
+    """Return positions [N, 2] modulo a turn of each axis's motor."""
+    return nominal % np.array([printer.x.steps_per_turn, printer.y.steps_per_turn])
+
+
 @dataclass(frozen=True, eq=False)
 class JointTreeModel:
     """Trees over (x nominal, y nominal, sign cx, sign cy); together they have two outputs, the displacements.
 
-    ``period_steps``: positions are taken modulo this, where it is not None.
+    ``periodic``: positions are taken modulo a motor's turn.
     """
 
     printer: Printer
     ensembles: tuple[Ensemble, ...]
-    period_steps: int | None = None
+    periodic: bool = False
 
     def start(self, start_steps: np.ndarray) -> State:
         """Return the state [1] at the lattice point ``start_steps`` [2]."""
@@ -59,7 +64,8 @@ class JointTreeModel:
 
     def unit_displacement(self, nominal: np.ndarray, signs: np.ndarray) -> np.ndarray:
         """Return the predicted displacement [K, 2] of one tick; an axis at rest stays."""
-        rows = np.concatenate([self._wrapped(nominal), signs], axis=1)
+        nominal = wrapped(nominal, self.printer) if self.periodic else nominal
+        rows = np.concatenate([nominal, signs], axis=1)
         return np.concatenate([ensemble.predict(rows) for ensemble in self.ensembles], axis=1) * np.abs(signs)
 
     def advance(self, state: State, controls: np.ndarray) -> State:
@@ -73,15 +79,14 @@ class JointTreeModel:
         """Return the trees painted on the cells between their thresholds; made once a model."""
         return self._tables
 
-    def _wrapped(self, nominal: np.ndarray) -> np.ndarray:
-        return nominal if self.period_steps is None else nominal % self.period_steps
-
     @cached_property
     def _tables(self) -> JointTables:
         cells, levels = [], []
         for axis, bed in enumerate(self.printer.bed_steps):
             edges = np.unique(np.concatenate([ensemble.edges(axis) for ensemble in self.ensembles]))
-            position = self._wrapped(np.arange(bed + 1))
+            position = np.arange(bed + 1)
+            if self.periodic:
+                position = position % self.printer.axes[axis].steps_per_turn
             # Cells that no lattice position reaches are left out; one position stands for each cell.
             _, first, cell = np.unique(np.searchsorted(edges, position), return_index=True, return_inverse=True)
             levels.append(position[first].astype(float))
@@ -97,12 +102,12 @@ class JointTreeModel:
 
     def to_json(self) -> dict[str, Any]:
         """Return the model as LightGBM's own text. Only for boosted trees."""
-        return {"lightgbm": [ensemble.text for ensemble in self.ensembles], "period_steps": self.period_steps}
+        return {"lightgbm": [ensemble.text for ensemble in self.ensembles], "periodic": self.periodic}
 
     @classmethod
     def from_json(cls, value: dict[str, Any], printer: Printer) -> "JointTreeModel":
         """Read `to_json`'s value. Raise `ModelError` where the trees cannot be followed."""
-        return cls(printer, tuple(from_lightgbm(text) for text in value["lightgbm"]), value["period_steps"])
+        return cls(printer, tuple(from_lightgbm(text) for text in value["lightgbm"]), value["periodic"])
 
 
 @dataclass(frozen=True)
@@ -112,16 +117,16 @@ class JointTreeLearner:
     name: str
     regress: Regress
     multiple_outputs: bool
-    period_steps: int | None = None
+    periodic: bool = False
 
     def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> JointTreeModel:
         """Fit one-tick displacements to (x, y, sign cx, sign cy). Raise `TraceError` for a trace without moves."""
         data = transitions(trace, printer)
-        position = data.nominal_steps if self.period_steps is None else data.nominal_steps % self.period_steps
-        rows, values = np.concatenate([position, data.signs], axis=1), data.unit_displacement_steps
+        position = wrapped(data.nominal_steps, printer) if self.periodic else data.nominal_steps
+        rows, values = np.concatenate([position, data.controls], axis=1), data.displacement_steps
         groups = [values] if self.multiple_outputs else [values[:, :1], values[:, 1:]]
         ensembles = [self.regress(rows, group, int(rng.integers(2**31))) for group in groups]
-        return JointTreeModel(printer, tuple(ensembles), self.period_steps)
+        return JointTreeModel(printer, tuple(ensembles), self.periodic)
 
 
 @dataclass(frozen=True)
@@ -130,7 +135,7 @@ class AxisTreeLearner:
 
     name: str
     regress: Regress
-    period_steps: int | None = None
+    periodic: bool = False
 
     def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> AxisModel:
         """Fit a gain for each axis; an axis that never moved is taken as healthy. Raise `TraceError` without moves."""
@@ -138,11 +143,12 @@ class AxisTreeLearner:
         gains = []
         for axis, bed in enumerate(printer.bed_steps):
             seed = int(rng.integers(2**31))
-            moves = data.controls_steps[:, axis] != 0
+            moves = data.controls[:, axis] != 0
             position, lattice = data.nominal_steps[moves, axis, None], np.arange(bed + 1.0)[:, None]
-            values = data.unit_displacement_steps[moves, axis, None] * data.signs[moves, axis, None]
-            if self.period_steps is not None:
-                position, lattice = position % self.period_steps, lattice % self.period_steps
+            values = data.displacement_steps[moves, axis, None] * data.controls[moves, axis, None]
+            if self.periodic:
+                turn = printer.axes[axis].steps_per_turn
+                position, lattice = position % turn, lattice % turn
             ensemble = self.regress(position, values, seed) if moves.any() else constant(1.0)
             gains.append(ensemble.predict(lattice)[:, 0])
         return AxisModel(printer, (gains[0], gains[1]))
@@ -156,10 +162,10 @@ LEARNERS = {
     for learner in (
         _LIGHTGBM,
         _LIGHTGBM_AXIS,
-        AxisTreeLearner("lightgbm-axis-periodic", lightgbm, period_steps=200),
+        AxisTreeLearner("lightgbm-axis-periodic", lightgbm, periodic=True),
         RolledLearner("lightgbm-rolled", _LIGHTGBM),
         RolledLearner("lightgbm-axis-rolled", _LIGHTGBM_AXIS),
-        JointTreeLearner("forest", forest, multiple_outputs=True, period_steps=200),
+        JointTreeLearner("forest", forest, multiple_outputs=True, periodic=True),
         AxisTreeLearner("forest-axis", forest),
     )
 }
