@@ -6,12 +6,17 @@ import time
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from printmend.dataset.bodies import body_rng, digest
 from printmend.errors import InputError, PrintmendError
+from printmend.path import Layer, Trace
+from printmend.printer import Printer
+
+if TYPE_CHECKING:  # the twin needs numba, which workers import only after they are told to use one thread
+    from printmend.twin import Twin
 
 Protocol = Literal["paper", "heldout"]
 PROTOCOLS: tuple[Protocol, ...] = ("paper", "heldout")
@@ -29,7 +34,8 @@ class Case:
 
     ``source`` is the body's file, or its CSV where ``reference`` names a data set in the published layout.
     ``identity`` is the digest of the content, so that a file may be moved or renamed. ``family`` is the family drawn
-    for this body; the corruption itself follows from seed, identity and severity.
+    for this body; the corruption itself follows from seed, identity and severity. ``sliced`` is a folder that keeps
+    the G-code of meshes, so that a body is sliced once for all protocols and runs.
     """
 
     source: str
@@ -39,10 +45,11 @@ class Case:
     severity: Literal["damaged", "realistic"]
     seed: int
     reference: str | None = None
+    sliced: str | None = None
 
     def key(self, row: str) -> str:
         """Return the key of this case's result for a row: 16 hex digits over everything that decides it."""
-        content = {name: value for name, value in asdict(self).items() if name not in ("source", "reference")}
+        content = {name: value for name, value in asdict(self).items() if name not in ("source", "reference", "sliced")}
         text = json.dumps({**content, "row": row, "rules": RULES, "layers": LAYERS, "printer": PRINTER}, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -77,6 +84,7 @@ def draw_cases(
     severity: Literal["damaged", "realistic"],
     seed: int,
     limit: int | None = None,
+    sliced: Path | None = None,
 ) -> list[Case]:
     """Draw ``limit`` bodies of ``files``, and a family for each, from the seed.
 
@@ -93,10 +101,14 @@ def draw_cases(
         identities.setdefault(digest(path), path)
     order = sorted(identities)
     np.random.default_rng(seed).shuffle(order)
+    cache = None if sliced is None else str(sliced)
     return [
-        Case(str(identities[identity]), identity, protocol, _family(families, seed, identity), severity, seed)
+        Case(
+            str(identities[identity]), identity, protocol, _family(families, seed, identity), severity, seed,
+            sliced=cache,
+        )
         for identity in order[:limit]
-    ]
+    ]  # fmt: skip
 
 
 def reference_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | None = None) -> list[Case]:
@@ -136,11 +148,11 @@ def _blank(case: Case, row: str) -> Result:
 
 @dataclass(frozen=True, eq=False)
 class _Prepared:
-    printer: Any
-    twin: Any
-    trace: Any
+    printer: Printer
+    twin: "Twin"
+    trace: Trace
     training_layer: int
-    layers: tuple[Any, ...]
+    layers: tuple[Layer, ...]
 
 
 def _prepare(case: Case) -> _Prepared:
@@ -160,7 +172,7 @@ def _prepare(case: Case) -> _Prepared:
         printed = item.printed_steps[body.layers.index(training)]
     else:
         printer = read_printer(PRINTER)
-        body = load_body(case.source, printer)
+        body = load_body(_gcode(case, printer), printer)
         corruption = sample(case.family, body_rng(case.seed, case.identity, _CORRUPTION), case.severity)
         twin = Twin.of(corruption, printer)
         training = body.training_layer
@@ -210,6 +222,19 @@ def _evaluate_row(prepared: _Prepared, name: str, case: Case) -> Result:
         learn_s=learned - begun,
         plan_s=planned - learned,
     )
+
+
+def _gcode(case: Case, printer: Printer) -> Path:
+    """Return the case's G-code: the source itself, or what it was sliced into."""
+    from printmend.body.load import MESH_SUFFIXES
+
+    path = Path(case.source)
+    if case.sliced is None or path.suffix.lower() not in MESH_SUFFIXES:
+        return path
+    from printmend.body.mesh import read_solid
+    from printmend.body.slicer import slice_to
+
+    return slice_to(read_solid(path), printer, Path(case.sliced))
 
 
 def _family(families: tuple[str, ...], seed: int, identity: str) -> str:

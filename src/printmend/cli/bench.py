@@ -19,7 +19,7 @@ def command() -> None:
     "--reference", type=click.Path(path_type=Path), help="A data set in the published layout, instead of --bodies."
 )
 @click.option("--protocol", type=click.Choice(["paper", "heldout"]), default="paper", show_default=True)
-@click.option("--families", default="pulley-play", show_default=True, help="Corruptions to draw from, with commas.")
+@click.option("--families", default="pulley", show_default=True, help="Corruptions to draw from, with commas.")
 @click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
 @click.option(
     "--models", help="Rows, with commas: LEARNER or LEARNER+CONTROLLER. Default: the paper's and the grey box."
@@ -38,7 +38,7 @@ def table1(
 
     Each body is printed on a broken printer, a model learns from its largest layer, and up to three random layers are
     planned and printed: any layers with --protocol paper, never the training layer with heldout. An interrupted run
-    goes on where it was.
+    goes on where it was; OUT/sliced keeps the G-code of meshes.
     """
     from printmend.bench.case import draw_cases, reference_cases
     from printmend.bench.report import HEADER, body_table, cells, failure_texts
@@ -56,8 +56,9 @@ def table1(
     else:
         names = tuple(families.split(","))
         cases = draw_cases(
-            body_files(bodies), protocol=protocol, families=names, severity=severity, seed=seed, limit=limit
-        )
+            body_files(bodies), protocol=protocol, families=names, severity=severity, seed=seed, limit=limit,
+            sliced=out / "sliced",
+        )  # fmt: skip
     with progress("bodies", len(cases)) as tick:
         lines, results = table1(cases, rows, out, workers=workers, tick=tick)
     if as_json:
