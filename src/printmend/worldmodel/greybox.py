@@ -1,0 +1,314 @@
+"""The grey box: identify a broken machine from one trace.
+
+Per motor, lower and upper branches of generalised play as short series (`greybox_branches`), fitted by iterating
+contacts and robust ridge least squares (`greybox_fit`), with no more parts than the trace supports
+(`greybox_select`); then the frame that couples the axes. Equations: physics.md §1–4.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from printmend.errors import TraceError
+from printmend.mechanism import Frame, Mechanism
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.protocols import State, Tables
+from printmend.worldmodel.greybox_branches import Branches
+from printmend.worldmodel.greybox_design import Rows, contacts, cross_columns
+from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, prune, search
+from printmend.worldmodel.greybox_sight import Sight, sight
+from printmend.worldmodel.kernels import greybox as kernels
+from printmend.worldmodel.mechanism_model import MechanismModel
+
+MIN_MEASURED = 10
+TRIAL_ROWS = 4000  # measured rows that the search for contacts and parts looks at
+SIGMA_RANGE_MM = (1e-3, 10.0)
+TABLE_CELLS = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What was learned of one motor: its ``branches``, the fit they come from and what the trace could ``see``."""
+
+    name: str
+    branches: Branches
+    choice: Choice
+    sight: Sight
+
+    @property
+    def structure(self) -> Structure:
+        return self.choice.structure
+
+    @property
+    def noise_mm(self) -> float:
+        """Standard deviation of the measured points about the fit [mm]."""
+        return self.choice.fit.posterior.sigma_mm
+
+    def sd_mm(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the standard deviations (lower, upper) [mm] of the learned branches at motor positions [N].
+
+        They rest on the posterior of the chosen parts: what the trace did not visit has the prior's width.
+        """
+        design, post = self.choice.design, self.choice.fit.posterior
+        mean, play = design.columns(np.asarray(motor_mm, float), self.branches.period_mm, self.branches.middle_mm)
+        widths = []
+        for side in (-0.5, 0.5):
+            columns = (mean + side * play)[:, post.active]
+            widths.append(np.sqrt(np.einsum("ij,jk,ik->i", columns, post.covariance, columns)))
+        return widths[0], widths[1]
+
+
+@dataclass(frozen=True, eq=False)
+class GreyboxModel:
+    """A learned machine; a world model.
+
+    ``mechanism`` is absolute: its tables give positions in the frame of the measurement. Residuals are the RMS distance
+    of the measured points from where a healthy machine (``before``) and the learned one (``after``) would put them.
+    """
+
+    mechanism: Mechanism
+    drives: tuple[Drive, Drive]
+    measured: int
+    residual_before_mm: float
+    residual_after_mm: float
+
+    @property
+    def printer(self) -> Printer:
+        return self.mechanism.printer
+
+    @property
+    def is_healthy(self) -> bool:
+        return self.mechanism.frame.is_identity and all(drive.branches.is_healthy for drive in self.drives)
+
+    @property
+    def noise_mm(self) -> float:
+        """Standard deviation of a measured coordinate about the model [mm]."""
+        variance = np.mean([drive.noise_mm**2 for drive in self.drives])
+        # a motor of a CoreXY is the sum of two coordinates
+        return float(np.sqrt(variance / (2 if self.printer.kinematics == "corexy" else 1)))
+
+    @cached_property
+    def _model(self) -> MechanismModel:
+        return MechanismModel(self.mechanism)
+
+    def start(self, start_steps: np.ndarray) -> State:
+        """Return the state [1] of a layer that starts at the lattice point ``start_steps`` [2]."""
+        return self._model.start(start_steps)
+
+    def advance(self, state: State, controls: np.ndarray) -> State:
+        """Return the states [K] after the controls [K, 2]."""
+        return self._model.advance(state, controls)
+
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
+        """Return the model as play tables, None with a crooked frame."""
+        return self._model.tabulate(start_steps, c_max=c_max)
+
+
+@dataclass(frozen=True)
+class Greybox:
+    """The learner: physics.md §4."""
+
+    name: str = "greybox"
+
+    def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> GreyboxModel:
+        """Learn from a trace; ``rng`` picks the rows that the search looks at in a long one.
+
+        Raises `TraceError` where fewer than ten points were measured or a commanded position is missing.
+        """
+        # Threads of the linear algebra cost more than they bring on systems of a hundred unknowns.
+        with threadpool_limits(1, user_api="blas"):
+            return _learned(trace, printer, rng)
+
+
+def _learned(trace: Trace, printer: Printer, rng: np.random.Generator) -> GreyboxModel:
+    _check(trace)
+    full = _motor_rows(trace, printer)
+    keep, use = _trial(full, rng)
+    rows = full if keep.all() and use.all() else _subset(full, keep, use)
+    found = [search(row) for row in rows]
+    rows, found, rounded = _rounded(rows, found, printer)
+    rows = _with_belts(rows, found)
+    ripples = [_ripple(printer, motor) for motor in range(2)]
+    chosen = [
+        fitted(row, prune(row, start, ripple), ripple, start, passes=6)
+        for row, start, ripple in zip(rows, found, ripples, strict=True)
+    ]
+    for _ in range(2 if any(choice.design.cross for choice in chosen) else 0):
+        rows = _with_belts(rows, chosen)
+        chosen = [_again(row, choice, ripple, 2) for row, choice, ripple in zip(rows, chosen, ripples, strict=True)]
+    if not (keep.all() and use.all()):
+        full = _quantised(full, printer) if rounded else full
+        full = _with_belts(full, chosen)
+        chosen = [_again(row, choice, ripple, 2) for row, choice, ripple in zip(full, chosen, ripples, strict=True)]
+        rows = full
+    return _model_of(trace, printer, rows, chosen)
+
+
+def _again(rows: Rows, choice: Choice, ripple: tuple[int, ...], passes: int) -> Choice:
+    if choice.structure.is_healthy:
+        return choice
+    return fitted(rows, choice.structure, ripple, choice, passes=passes)
+
+
+def _check(trace: Trace) -> None:
+    if not np.isfinite(trace.commanded_mm).all():
+        raise TraceError(
+            "trace", wanted="every commanded way-point", came="NaN", todo="only measured cells may be empty"
+        )
+    counts = np.isfinite(trace.measured_mm).sum(axis=0)
+    if len(trace) < MIN_MEASURED or counts.min() < MIN_MEASURED:
+        raise TraceError(
+            "trace",
+            wanted=f"at least {MIN_MEASURED} measured points",
+            came=f"{int(counts.min(initial=0))} in {len(trace)} rows",
+            todo="measure more of the print; `printmend probe` makes one that is worth measuring",
+        )
+
+
+def _motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
+    """Return the trace as seen by each motor."""
+    measured = np.where(np.isfinite(trace.measured_mm), trace.measured_mm, np.nan)
+    motor, belt = printer.to_motor(trace.commanded_mm), printer.to_motor(measured)
+    weight = np.ones(len(trace))
+    if trace.sigma_mm is not None and (known := np.isfinite(trace.sigma_mm) & (trace.sigma_mm > 0)).any():
+        sigma = np.where(known, trace.sigma_mm, np.median(trace.sigma_mm[known]))
+        sigma = np.clip(sigma, *SIGMA_RANGE_MM)
+        weight = np.square(np.median(sigma) / sigma)
+    middle = _middle(printer)
+    where = np.where(np.isfinite(belt), belt, motor) - middle
+    rows = []
+    for i in range(2):
+        known = np.isfinite(belt[:, i])
+        if known.sum() < MIN_MEASURED:
+            raise TraceError(
+                "trace", wanted=f"{MIN_MEASURED} points for motor {printer.motors[i]}", came=f"{int(known.sum())}",
+                todo="measure both coordinates of more points",
+            )  # fmt: skip
+        rows.append(
+            Rows(
+                motor_mm=np.ascontiguousarray(motor[:, i], float),
+                measured_mm=np.ascontiguousarray(belt[:, i]),
+                weight=np.where(known, weight, 0.0),
+                own_mm=np.ascontiguousarray(where[:, i]),
+                other_mm=np.ascontiguousarray(where[:, 1 - i]),
+                period_mm=printer.axes[i].mm_per_turn,
+                origin_mm=float(motor[0, i]),
+                start_mm=float(belt[np.argmax(known), i]),
+                middle_mm=(float(middle[i]), float(middle[1 - i])),
+            )
+        )
+    return rows
+
+
+def _middle(printer: Printer) -> np.ndarray:
+    x, y = printer.x, printer.y
+    return printer.to_motor(np.array([(x.min_mm + x.max_mm) / 2, (y.min_mm + y.max_mm) / 2]))
+
+
+def _ripple(printer: Printer, motor: int) -> tuple[int, ...]:
+    """Return the harmonics of micro-step ripple, of periods of 4, 2 and 1 full steps (physics.md eq. 16)."""
+    steps = printer.axes[motor].steps_per_turn
+    return tuple(k for k in (steps // 4, steps // 2, steps) if HARMONICS < k <= TABLE_CELLS // 8)
+
+
+def _trial(rows: list[Rows], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows [N] that the search keeps, and those whose measurement it uses; both motors keep the same."""
+    count = len(rows[0])
+    measured = np.flatnonzero((rows[0].weight > 0) | (rows[1].weight > 0))
+    use = np.ones(count, bool)
+    if len(measured) > TRIAL_ROWS:
+        use[:] = False
+        use[rng.choice(measured, TRIAL_ROWS, replace=False)] = True
+    keep = np.zeros(count, bool)
+    wanted = np.zeros(count, bool)
+    wanted[measured] = use[measured]
+    for row in rows:
+        turning = np.zeros(count, bool)
+        kernels.turning_rows(row.motor_mm, wanted, turning)
+        keep |= turning
+    return keep, use
+
+
+def _subset(rows: list[Rows], keep: np.ndarray, use: np.ndarray) -> list[Rows]:
+    return [row.subset(keep, use) for row in rows]
+
+
+def _quantised(rows: list[Rows], printer: Printer) -> list[Rows]:
+    quantised = []
+    for i, row in enumerate(rows):
+        pitch_mm = printer.axes[i].mm_per_step / printer.axes[i].microsteps
+        quantised.append(replace(row, motor_mm=np.rint(row.motor_mm / pitch_mm) * pitch_mm))
+    return quantised
+
+
+def _rounded(rows: list[Rows], found: list[Choice], printer: Printer) -> tuple[list[Rows], list[Choice], bool]:
+    """Let the motors stop on micro-steps where that explains the measurement better: it does where noise is small."""
+    stopped = _quantised(rows, printer)
+    if all(np.array_equal(a.motor_mm, b.motor_mm) for a, b in zip(rows, stopped, strict=True)):
+        return rows, found, False
+    noise = max(choice.fit.loss_mm for choice in found)
+    if noise > printer.x.mm_per_step / printer.x.microsteps * 4:
+        return rows, found, False
+    again = [search(row) for row in stopped]
+    before, after = (sum(choice.fit.loss_mm for choice in choices) for choices in (found, again))
+    return (stopped, again, True) if after < 0.97 * before else (rows, found, False)
+
+
+def _with_belts(rows: list[Rows], choices: list[Choice]) -> list[Rows]:
+    """Put the belts where the models say, for the frame's terms; the measurement was only a first guess."""
+    if not any(choice.design.cross for choice in choices):
+        return rows
+    belts, starts = [], []
+    for row, choice in zip(rows, choices, strict=True):
+        values = choice.fit.posterior.values
+        belts.append(contacts(choice.design, values, row).belt_mm)
+        first = int(np.argmax(row.weight > 0))
+        cross = cross_columns(choice.design, row, slice(first, first + 1)) @ values[choice.design.parts["cross"]]
+        starts.append(float(row.measured_mm[first] - cross[0]))
+    updated = []
+    for i, row in enumerate(rows):
+        own, other = belts[i] - row.middle_mm[0], belts[1 - i] - row.middle_mm[1]
+        updated.append(replace(row, own_mm=own, other_mm=other, start_mm=starts[i]))
+    return updated
+
+
+def _model_of(trace: Trace, printer: Printer, rows: list[Rows], chosen: list[Choice]) -> GreyboxModel:
+    drives = []
+    for i, (row, choice) in enumerate(zip(rows, chosen, strict=True)):
+        branches = choice.design.branches(
+            choice.fit.posterior.values, period_mm=row.period_mm, origin_mm=row.origin_mm, reach_mm=row.reach_mm
+        )
+        drives.append(Drive(printer.motors[i], branches, choice, sight(row, choice.fit.touch)))
+    frame = _frame(printer, chosen)
+    tables = (drives[0].branches.lower(printer, 0), drives[1].branches.lower(printer, 1))
+    known = trace.measured_rows
+    before = np.sqrt(np.mean(np.sum((trace.measured_mm - trace.commanded_mm)[known] ** 2, axis=1)))
+    residual = np.stack([choice.fit.touch.residual_mm for choice in chosen], axis=1)
+    after = np.sqrt(np.nanmean(np.sum(printer.from_motor(residual)[known] ** 2, axis=1)))
+    return GreyboxModel(
+        Mechanism(printer, tables, frame), (drives[0], drives[1]), int(known.sum()), float(before), float(after)
+    )
+
+
+def _frame(printer: Printer, chosen: list[Choice]) -> Frame:
+    """Return the learned cross terms as a `Frame`: cubic in motor coordinates, hence cubic on the bed."""
+    if not any(choice.design.cross for choice in chosen):
+        return Frame()
+    x = np.linspace(printer.x.min_mm, printer.x.max_mm, 5)
+    y = np.linspace(printer.y.min_mm, printer.y.max_mm, 5)
+    bed = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    motor = printer.to_motor(bed) - _middle(printer)
+    moved = np.zeros_like(motor)
+    for i, choice in enumerate(chosen):
+        values = choice.fit.posterior.values[choice.design.parts["cross"]]
+        for (p, q), value in zip(choice.design.cross, values, strict=True):
+            moved[:, i] += value * (motor[:, i] / 100.0) ** p * (motor[:, 1 - i] / 100.0) ** q
+    coefficients = np.linalg.lstsq(Frame().terms(bed), printer.from_motor(moved), rcond=None)[0].T
+    coefficients[np.abs(coefficients) < 1e-9] = 0.0
+    return Frame(coefficients)
+
+
+LEARNERS = {"greybox": Greybox()}

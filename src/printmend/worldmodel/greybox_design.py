@@ -1,0 +1,318 @@
+"""The columns of the grey box and their normal equations.
+
+With the last contact (row l, side s) of every row known, the model is linear: column values depend on the motor's
+position at the contact through its phase φ and x = (m − origin)/100 mm, on s, and on the position of the other motor.
+All harmonics are orthogonal trigonometric columns, so the products of any two follow from the weighted moments
+T_j = Σ w e^{ijφ}: cos kφ cos lφ = (cos (k − l)φ + cos (k + l)φ)/2, and so on. The moments come from one pass over the
+rows and a Fourier transform, whatever the number of harmonics; residuals, not positions, are fitted, so that the tiny
+error of the binning vanishes as the fit converges.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from printmend.units import TURN_RAD
+from printmend.worldmodel.greybox_branches import SCALE_MM, Branches, Wave
+from printmend.worldmodel.kernels import greybox as kernels
+
+CHUNK = 1 << 17
+CELLS = 1024  # phases of the moments: products of two harmonics up to 32 are seen to 2 %, of residuals
+TABLE = 4096  # phases of the tables that the play is simulated with
+
+
+@dataclass(frozen=True)
+class Design:
+    """Which columns there are.
+
+    Order of parameters: mean powers, play powers, cross terms, cos and sin of the ripple, then cos and sin of the
+    harmonics of mean, play and elastic. ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1;
+    ``ripple`` the high harmonics of micro-step ripple.
+    """
+
+    mean_powers: int = 0
+    play_powers: int = 0
+    cross: tuple[tuple[int, int], ...] = ()
+    ripple: tuple[int, ...] = ()
+    mean_harmonics: tuple[int, ...] = ()
+    play_harmonics: tuple[int, ...] = ()
+    elastic_harmonics: tuple[int, ...] = ()
+
+    @cached_property
+    def parts(self) -> dict[str, slice]:
+        """The place of every part in the parameter vector."""
+        sizes = {
+            "mean_powers": self.mean_powers,
+            "play_powers": self.play_powers,
+            "cross": len(self.cross),
+            "ripple_cos": len(self.ripple),
+            "ripple_sin": len(self.ripple),
+            "mean_cos": len(self.mean_harmonics),
+            "mean_sin": len(self.mean_harmonics),
+            "play_cos": len(self.play_harmonics),
+            "play_sin": len(self.play_harmonics),
+            "elastic_cos": len(self.elastic_harmonics),
+            "elastic_sin": len(self.elastic_harmonics),
+        }
+        parts, first = {}, 0
+        for name, size in sizes.items():
+            parts[name] = slice(first, first + size)
+            first += size
+        return parts
+
+    @cached_property
+    def size(self) -> int:
+        return self.parts["elastic_sin"].stop
+
+    @cached_property
+    def extras(self) -> int:
+        """The number of columns that are not harmonics."""
+        return self.mean_powers + self.play_powers + len(self.cross) + 2 * len(self.ripple)
+
+    @cached_property
+    def harmonic(self) -> np.ndarray:
+        """The harmonic of every parameter [P], 0 where it has none."""
+        order = np.zeros(self.size, np.int64)
+        for name, part in self.parts.items():
+            if name.endswith(("_cos", "_sin")):
+                order[part] = self.waves(name)
+        return order
+
+    def waves(self, name: str) -> np.ndarray:
+        """Return the harmonics of ripple, mean, play or elastic (of ``mean_cos``, too)."""
+        kind = name.removesuffix("_cos").removesuffix("_sin")
+        return np.array(self.ripple if kind == "ripple" else getattr(self, f"{kind}_harmonics"), np.int64)
+
+    def mask(self, *names: str) -> np.ndarray:
+        """Mark the parameters [P] of the named parts; "mean" stands for mean_cos and mean_sin."""
+        marked = np.zeros(self.size, bool)
+        for name in names:
+            for part in (name,) if name in self.parts else (f"{name}_cos", f"{name}_sin"):
+                marked[self.parts[part]] = True
+        return marked
+
+    def moved(self, values: np.ndarray, other: "Design") -> np.ndarray:
+        """Carry parameters of ``other`` over to this design; what is new is 0."""
+        moved = np.zeros(self.size)
+        for name, part in self.parts.items():
+            mine = self._keys(name)
+            for i, key in enumerate(other._keys(name)):
+                if key in mine:
+                    moved[part.start + mine.index(key)] = values[other.parts[name].start + i]
+        return moved
+
+    def _keys(self, name: str) -> list:
+        if name == "cross":
+            return list(self.cross)
+        return list(range(getattr(self, name)) if name.endswith("_powers") else self.waves(name))
+
+    def branches(
+        self, values: np.ndarray, *, period_mm: float, origin_mm: float, reach_mm: tuple[float, float]
+    ) -> Branches:
+        """Return the drive that parameters [P] stand for."""
+        at = {name: values[part] for name, part in self.parts.items()}
+        return Branches(
+            period_mm,
+            origin_mm,
+            reach_mm,
+            Wave(
+                at["mean_powers"],
+                np.concatenate([self.waves("mean"), self.waves("ripple")]),
+                np.concatenate([at["mean_cos"], at["ripple_cos"]]),
+                np.concatenate([at["mean_sin"], at["ripple_sin"]]),
+            ),
+            Wave(at["play_powers"], self.waves("play"), at["play_cos"], at["play_sin"]),
+            Wave(np.zeros(0), self.waves("elastic"), at["elastic_cos"], at["elastic_sin"]),
+        )
+
+    def columns(self, motor_mm: np.ndarray, period_mm: float, origin_mm: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the columns of mean and of play [N, P] at motor positions [N]; the frame's are 0 in both."""
+        x = (motor_mm - origin_mm) / SCALE_MM
+        phase = TURN_RAD * np.mod(motor_mm / period_mm, 1.0)[:, None]
+        mean, play = np.zeros((len(x), self.size)), np.zeros((len(x), self.size))
+        mean[:, self.parts["mean_powers"]] = x[:, None] ** np.arange(self.mean_powers)
+        play[:, self.parts["play_powers"]] = x[:, None] ** np.arange(self.play_powers)
+        for name, part in self.parts.items():
+            if name.endswith(("_cos", "_sin")):
+                wave = (np.cos if name.endswith("_cos") else np.sin)(phase * self.waves(name))
+                into = play if name.startswith("play") else mean
+                into[:, part] = wave * x[:, None] if name.startswith("elastic") else wave
+        return mean, play
+
+    def tables(self, values: np.ndarray) -> np.ndarray:
+        """Return the periodic parts of mean, play and elastic [3, TABLE + 1] over one turn."""
+        tables = np.zeros((3, TABLE + 1))
+        for row, kinds in enumerate((("mean", "ripple"), ("play",), ("elastic",))):
+            spectrum = np.zeros(TABLE // 2 + 1, complex)
+            for kind in kinds:
+                cos_mm, sin_mm = values[self.parts[f"{kind}_cos"]], values[self.parts[f"{kind}_sin"]]
+                spectrum[self.waves(kind)] = cos_mm - 1j * sin_mm
+            if spectrum.any():
+                tables[row, :-1] = np.fft.irfft(spectrum, TABLE) * (TABLE / 2)
+        tables[:, -1] = tables[:, 0]
+        return tables
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """One motor's side of a trace, as the fit sees it. ``middle_mm`` is the bed's middle (own, other).
+
+    ``motor_mm`` [N]; ``measured_mm`` [N], NaN where nothing was measured; ``weight`` [N] relative, 0 where NaN;
+    ``own_mm`` and ``other_mm`` [N] are where the belts are along this motor and the other, counted from the bed's
+    middle: the frame's terms act on them. ``start_mm`` is where the belt is thought to be at row 0.
+    """
+
+    motor_mm: np.ndarray
+    measured_mm: np.ndarray
+    weight: np.ndarray
+    own_mm: np.ndarray
+    other_mm: np.ndarray
+    period_mm: float
+    origin_mm: float
+    start_mm: float
+    middle_mm: tuple[float, float]
+
+    def __len__(self) -> int:
+        return len(self.motor_mm)
+
+    @property
+    def reach_mm(self) -> tuple[float, float]:
+        return float(self.motor_mm.min()), float(self.motor_mm.max())
+
+    def subset(self, keep: np.ndarray, use: np.ndarray) -> "Rows":
+        """Return the rows ``keep`` [N], of which only those in ``use`` [N] count as measured."""
+        return replace(
+            self,
+            motor_mm=self.motor_mm[keep],
+            measured_mm=np.where(use, self.measured_mm, np.nan)[keep],
+            weight=np.where(use, self.weight, 0.0)[keep],
+            own_mm=self.own_mm[keep],
+            other_mm=self.other_mm[keep],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Where a model puts the belt: per row the last contact, the side (0 uncertain), the belt's place, and the residual
+    (NaN where nothing was measured)."""
+
+    at: np.ndarray
+    side: np.ndarray
+    belt_mm: np.ndarray
+    residual_mm: np.ndarray
+
+
+def cross_columns(design: Design, rows: Rows, part: slice | np.ndarray) -> np.ndarray:
+    """Return the frame's columns [M, C] of some rows."""
+    own, other = rows.own_mm[part] / SCALE_MM, rows.other_mm[part] / SCALE_MM
+    if not design.cross:
+        return np.zeros((len(own), 0))
+    return np.stack([own**p * other**q for p, q in design.cross], axis=1)
+
+
+def contacts(design: Design, values: np.ndarray, rows: Rows) -> Contacts:
+    """Simulate the play with parameters [P]."""
+    at, side = np.empty(len(rows), np.int64), np.empty(len(rows), np.int8)
+    belt = np.empty(len(rows))
+    parts = design.parts
+    cross = values[parts["cross"]]
+    kernels.follow_play(
+        rows.motor_mm, rows.origin_mm, rows.period_mm, design.tables(values),
+        values[parts["mean_powers"]], values[parts["play_powers"]], rows.start_mm, at, side, belt,
+    )  # fmt: skip
+    residual = rows.measured_mm - belt
+    if cross.any():
+        for first in range(0, len(rows), CHUNK):
+            part = slice(first, first + CHUNK)
+            residual[part] -= cross_columns(design, rows, part) @ cross
+    return Contacts(at, side, belt, residual)
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """Weighted normal equations about the parameters ``values`` [P]: ``matrix`` = ΦᵀWΦ [P, P] and ``slope`` = ΦᵀWr [P]
+    over the rows whose contact is certain, ``square`` = rᵀWr and ``count`` over all measured rows."""
+
+    values: np.ndarray
+    matrix: np.ndarray
+    slope: np.ndarray
+    square: float
+    count: float
+
+    def tempered(self, share: float) -> "Normal":
+        """Return the equations as if only a ``share`` of the rows were independent."""
+        return Normal(self.values, share * self.matrix, share * self.slope, share * self.square, share * self.count)
+
+
+def normal_equations(design: Design, values: np.ndarray, rows: Rows, touch: Contacts, weight: np.ndarray) -> Normal:
+    """Assemble the normal equations of all columns for weights [N], by moments over the phase."""
+    extra = design.extras + 1
+    bins, cross, gram = np.zeros((2, 3, CELLS)), np.zeros((2, 2, extra, CELLS)), np.zeros((extra, extra))
+    used = np.flatnonzero((weight > 0) & (touch.side != 0))
+    for first in range(0, len(used), CHUNK):
+        row = used[first : first + CHUNK]
+        motor, side = rows.motor_mm[touch.at[row]], touch.side[row]
+        x = (motor - rows.origin_mm) / SCALE_MM
+        turns = np.mod(motor / rows.period_mm, 1.0)
+        columns = np.empty((len(row), extra))
+        for p in range(design.mean_powers):
+            columns[:, p] = x**p
+        for p in range(design.play_powers):
+            columns[:, design.mean_powers + p] = side / 2 * x**p
+        columns[:, design.parts["cross"]] = cross_columns(design, rows, row)
+        for part, wave in (("ripple_cos", np.cos), ("ripple_sin", np.sin)):
+            columns[:, design.parts[part]] = wave(TURN_RAD * turns[:, None] * design.waves("ripple"))
+        columns[:, -1] = touch.residual_mm[row]
+        kernels.bin_moments(turns * CELLS, x, side, weight[row], columns, bins, cross, gram)
+    matrix, slope = _assemble(design, bins, cross, gram)
+    # Rows before the first certain contact teach nothing, but a model pays for them: else endless play would be free.
+    unsure = (weight > 0) & (touch.side == 0)
+    square = float(gram[-1, -1] + (weight[unsure] * touch.residual_mm[unsure] ** 2).sum())
+    return Normal(values, matrix, slope, square, len(used) + int(unsure.sum()))
+
+
+def _assemble(design: Design, bins: np.ndarray, cross: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    plain, count = design.extras, design.size
+    full = np.zeros((count + 1, count + 1))  # the residual is one more column, the last
+    gram = np.tril(gram) + np.tril(gram, -1).T
+    place = np.append(np.arange(plain), count)
+    full[np.ix_(place, place)] = gram
+    # Σ w xᵖ e^{ijφ} by side; a play column carries s/2, so products need the sum, half the difference and a quarter.
+    # Only an elastic belt needs the powers of x.
+    powers = 3 if design.elastic_harmonics else 1
+    trig = np.conj(np.fft.rfft(bins[:, :powers], axis=-1))
+    trig_cross = np.conj(np.fft.rfft(cross[:, : min(powers, 2)], axis=-1))
+    blocks = {"mean": (0, 0), "play": (1, 0), "elastic": (0, 1)}  # powers of s/2 and of x
+    names = [name for name in blocks if len(design.waves(name))]
+    for i, name in enumerate(names):
+        sides, power = blocks[name]
+        k = design.waves(name)
+        moments = _sided(trig_cross[:, power], sides)[:, k]
+        for part, values in ((f"{name}_cos", moments.real), (f"{name}_sin", moments.imag)):
+            full[place, design.parts[part]] = values
+            full[design.parts[part], place] = values.T
+        for other in names[: i + 1]:
+            j = design.waves(other)
+            both = _sided(trig[:, power + blocks[other][1]], sides + blocks[other][0])
+            up = both[k[:, None] + j]
+            away = k[:, None] - j
+            down = both[np.abs(away)]
+            down = np.where(away < 0, np.conj(down), down)
+            products = {
+                ("cos", "cos"): (down.real + up.real) / 2,
+                ("sin", "sin"): (down.real - up.real) / 2,
+                ("cos", "sin"): (up.imag - down.imag) / 2,
+                ("sin", "cos"): (up.imag + down.imag) / 2,
+            }
+            for (mine, theirs), values in products.items():
+                at = design.parts[f"{name}_{mine}"], design.parts[f"{other}_{theirs}"]
+                full[at[0], at[1]] = values
+                full[at[1], at[0]] = values.T
+    return full[:count, :count], full[:count, count]
+
+
+def _sided(moments: np.ndarray, power: int) -> np.ndarray:
+    """Combine the moments of the lower [0] and upper [1] side for columns that carry (s/2)^power."""
+    lower, upper = (-0.5) ** power, 0.5**power
+    return lower * moments[0] + upper * moments[1]

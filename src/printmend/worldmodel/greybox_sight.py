@@ -1,0 +1,56 @@
+"""What a trace could see of one motor: angles, sides, reversals, reach."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.worldmodel.greybox_design import Contacts, Rows
+
+SECTORS = 40
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What the measured rows say about one motor.
+
+    ``turns`` the span of its positions in turns; ``angles`` the share of one turn in which some contact was measured,
+    ``lower_angles`` and ``upper_angles`` the same for each branch; ``forward`` and ``backward`` the measured rows in
+    contact with each; ``reversals`` how often the motor turned back; ``unsure`` the measured rows before the first
+    certain contact.
+    """
+
+    turns: float
+    angles: float
+    lower_angles: float
+    upper_angles: float
+    forward: int
+    backward: int
+    reversals: int
+    unsure: int
+    reach_mm: tuple[float, float]
+
+
+def sight(rows: Rows, touch: Contacts) -> Sight:
+    """Return what the rows could see, given the contacts of the fit."""
+    measured = rows.weight > 0
+    shares, counts = [], []
+    seen = np.zeros(SECTORS, bool)
+    for side in (-1, 1):
+        used = measured & (touch.side == side)
+        turns = np.mod(rows.motor_mm[touch.at[used]] / rows.period_mm, 1.0)
+        hit = np.bincount((turns * SECTORS).astype(np.int64) % SECTORS, minlength=SECTORS) > 0
+        # a sparse trace is judged by its gaps, not by its count: neighbours of a hit are seen too
+        hit |= np.roll(hit, 1) | np.roll(hit, -1)
+        seen |= hit
+        shares.append(float(hit.mean()))
+        counts.append(int(used.sum()))
+    place = rows.motor_mm[touch.at[measured & (touch.side != 0)]]
+    span = float(np.ptp(place)) if len(place) else 0.0
+    steps = np.diff(rows.motor_mm)
+    steps = steps[steps != 0]
+    reversals = int((np.sign(steps[1:]) != np.sign(steps[:-1])).sum())
+    unsure = int((measured & (touch.side == 0)).sum())
+    return Sight(
+        span / rows.period_mm, float(seen.mean()), shares[0], shares[1], counts[0], counts[1], reversals, unsure,
+        rows.reach_mm,
+    )  # fmt: skip
