@@ -28,7 +28,7 @@ def vases(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def drawn(files: list[Path], **options: object) -> list[Case]:
-    settings = {"protocol": "paper", "families": ("pulley-play",), "severity": "damaged", "seed": 1, **options}
+    settings = {"protocol": "paper", "families": ("pulley",), "severity": "damaged", "seed": 1, **options}
     return draw_cases(files, **settings)
 
 

@@ -139,10 +139,18 @@ def closing(demo: Demo, written: list[Path]) -> str:
         for part in vars(drive).values()
         if part is not None
     )
+    drifting = [NAMES[one.row] for one in demo.attempts if one.rmse_mm > naive.rmse_mm]
+    slack = any(drive.belt is not None for drive in demo.corruption.drives)
     return "\n".join(
         [
             f"broken: {faults or 'the frame'}; RMSE {naive.rmse_mm:.2f} mm as commanded, "
             f"{mended.rmse_mm:.2f} mm mended ({NAMES[SHOWN]})",
+            *(
+                f"{name} as published has no memory: it takes slack for lost motion and drifts. Take the belts out of "
+                "corruption.toml and pass it as --corruption to see it without"
+                for name in drifting
+                if slack
+            ),
             *(f"wrote {path}" for path in written),
             "next: your own part, printmend demo --body part.gcode; the paper's Table I, printmend bench table1 --help",
         ]
