@@ -15,6 +15,7 @@ COMMANDS: dict[str, str] = {
     "bench": "Reproduce the paper's tables on real bodies.",
     "body": "Show what a mesh or G-code file becomes: layers and steps.",
     "dataset": "Exchange bodies and corruptions with the paper's published code.",
+    "learn": "Learn what is wrong with a printer from one measured print.",
     "mend": "Rewrite G-code so that a broken printer prints it right.",
     "printer": "Print a printer preset as TOML, to start your own from.",
     "probe": "Write a test print that shows every fault, and its plan.",

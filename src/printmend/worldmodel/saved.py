@@ -62,6 +62,12 @@ class SavedModel:
         return float(self.document["noise_mm"])
 
     @property
+    def summary(self) -> dict[str, Any]:
+        """The document without the machine's numbers: learner, findings, noise, diagnosis and trace."""
+        keys = ("learner", "findings", "noise_mm", "diagnosis", "trace")
+        return {"healthy": self.is_healthy, **{key: self.document[key] for key in keys if key in self.document}}
+
+    @property
     def findings(self) -> tuple[str, ...]:
         """What was found and what the trace could not tell, one sentence each."""
         return tuple(self.document["findings"])

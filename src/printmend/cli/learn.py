@@ -1,0 +1,37 @@
+"""`printmend learn`: from a measured print to the fault of the machine."""
+
+import json
+from pathlib import Path
+
+import click
+
+
+@click.command(epilog="Example: printmend learn trace.csv --printer ender3 -o printer.mend.json")
+@click.argument("trace", metavar="TRACE.csv", type=click.Path(path_type=Path))
+@click.option(
+    "--printer", "printer_name", required=True, metavar="NAME|FILE.toml", help="A preset or your own printer."
+)
+@click.option("--model", "name", default="auto", show_default=True, metavar="auto|greybox|lightgbm-axis|…",
+              help="auto is the simplest machine that the trace supports.")  # fmt: skip
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("printer.mend.json"),
+    show_default=True,
+)  # fmt: skip
+@click.option("--seed", type=int, default=0, show_default=True, help="Picks the rows looked at first in a long trace.")
+@click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as JSON.")
+def command(trace: Path, printer_name: str, name: str, output: Path, seed: int, as_json: bool) -> None:
+    """Learn what is wrong with a printer from one measured print, and say so in plain words."""
+    import numpy as np
+
+    from printmend.measure import read_trace
+    from printmend.printer import read_printer
+    from printmend.worldmodel.learned import learn, report
+    from printmend.worldmodel.saved import write_model
+
+    printer = read_printer(printer_name)
+    model = learn(read_trace(trace, printer), printer, model=name, rng=np.random.default_rng(seed))
+    write_model(output, model)
+    if as_json:
+        click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))
+    else:
+        click.echo(report(model) + f"\nwritten: {output}")

@@ -1,0 +1,115 @@
+"""From a trace to the saved model of a machine: what `printmend learn` does."""
+
+from typing import Any
+
+import numpy as np
+
+from printmend.errors import ConfigError
+from printmend.mechanism import Mechanism, healthy_mechanism
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.worldmodel.diagnosis import Diagnosis, diagnose
+from printmend.worldmodel.greybox import Drive, GreyboxModel
+from printmend.worldmodel.registry import learner, learner_names
+from printmend.worldmodel.saved import SavedModel, saved_model
+
+AUTO = "auto"
+PROBE_TODO = "`printmend probe` writes a print that shows all of it."
+
+
+def model_choices() -> tuple[str, ...]:
+    """Return the names that `learn` takes."""
+    return (AUTO, *learner_names())
+
+
+def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator) -> SavedModel:
+    """Learn a machine from a trace.
+
+    ``auto`` is the grey box, which chooses the simplest machine that the trace supports. Raises `TraceError` where the
+    trace cannot support any, `ConfigError` where the named learner has no machine to mend with.
+    """
+    name = "greybox" if model == AUTO else model
+    fit = learner(name).fit(trace, printer, rng=rng)
+    if isinstance(fit, GreyboxModel):
+        return greybox_model(fit, trace)
+    mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
+    if not isinstance(mechanism, Mechanism):
+        raise ConfigError(
+            f"--model {name}",
+            wanted="a learner whose model is a machine: motors, belts and a frame",
+            came="one that only predicts steps on the lattice",
+            todo="use --model auto, or lightgbm-axis on a cartesian printer",
+        )
+    known = trace.measured_rows
+    noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))
+    details = {"model": fit.to_json()} if hasattr(fit, "to_json") else {}
+    finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
+    return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
+
+
+def greybox_model(fit: GreyboxModel, trace: Trace) -> SavedModel:
+    """Return a grey box as a saved model, its diagnosis and uncertainties included."""
+    diagnosis = diagnose(fit)
+    branches = tuple(drive.branches for drive in fit.drives)
+    details: dict[str, Any] = {
+        "diagnosis": [
+            {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
+            for f in diagnosis.faults
+        ],
+        "trace": {
+            "rows": len(trace),
+            "measured": fit.measured,
+            "residual_before_mm": round(fit.residual_before_mm, 6),
+            "residual_after_mm": round(fit.residual_after_mm, 6),
+        },
+        "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
+    }
+    return saved_model(
+        fit.mechanism,
+        learner="greybox",
+        branches=(branches[0], branches[1]),
+        noise_mm=fit.noise_mm,
+        findings=findings(diagnosis),
+        details=details,
+    )
+
+
+def findings(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return the diagnosis as sentences, the summary first."""
+    return (diagnosis.summary, *diagnosis.gaps)
+
+
+def report(model: SavedModel) -> str:
+    """Return the diagnosis of a saved model as lines for a terminal."""
+    first, *gaps = model.findings
+    lines = [first]
+    if "trace" in model.document:
+        trace = model.document["trace"]
+        lines.append(
+            f"measured points are {trace['residual_before_mm']:.3f} mm (RMS) off, {trace['residual_after_mm']:.3f} mm "
+            f"with this model; noise {model.noise_mm:.3f} mm a coordinate, {trace['measured']} points"
+        )
+    lines += [f"not told by this trace: {gap}" for gap in gaps]
+    if gaps:
+        lines.append(PROBE_TODO)
+    return "\n".join(lines)
+
+
+def _uncertainty(drive: Drive) -> dict[str, Any]:
+    """Return the standard deviations of a drive's parameters, and of its branches where the trace went."""
+    motor = np.linspace(*drive.branches.reach_mm, 201)
+    lower, upper = drive.sd_mm(motor)
+    post, design = drive.choice.fit.posterior, drive.choice.design
+    sds = np.zeros(design.size)
+    sds[post.active] = np.sqrt(np.diag(post.covariance))
+    return {
+        "structure": {key: value for key, value in vars(drive.structure).items() if value not in (False, "none", 0)},
+        "branch_sd_mm": round(float(np.sqrt(np.mean(np.concatenate([lower, upper]) ** 2))), 6),
+        "largest_sd_mm": round(float(max(lower.max(), upper.max())), 6),
+        "sd_mm": {
+            name: np.round(sds[part], 6).tolist() for name, part in design.parts.items() if part.stop > part.start
+        },
+        "turns": round(drive.sight.turns, 2),
+        "angles_seen": round(drive.sight.angles, 3),
+        "reversals": drive.sight.reversals,
+    }  # fmt: skip
