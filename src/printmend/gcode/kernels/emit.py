@@ -28,7 +28,7 @@ from printmend.gcode.kernels.text import (
 )
 
 _PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | 1 << 6 | 1 << 13  # G and N too
-_ROOM = 192  # more than a generated line or an edit adds: eight words of at most 22 bytes
+_ROOM = 224  # more than a generated line or an edit adds: eight words of at most 22 bytes, starts and ends
 
 
 @njit
@@ -305,11 +305,14 @@ def _put_row(buf, r, piece, cumulated, before, writer, out, at):
 
 
 @njit
-def _put_new_number(r, writer, out, at):
-    """Begin a line that the file did not have."""
+def _put_line_start(r, writer, out, at):
+    """Begin a line that the file did not have; G53 holds for one line only."""
     if writer[W_NUMBERED] != 0 and r.flags & FLAG_NUMBERED:
         out[at], out[at + 1], out[at + 2] = 78, 43, 32
-        return at + 3
+        at += 3
+    if r.flags & FLAG_G53:
+        out[at], out[at + 1], out[at + 2], out[at + 3] = _letter(71, r), 53, 51, 32
+        at += 4
     return at
 
 
@@ -509,8 +512,8 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
     for i in range(n):
         r = records[i]
         count = first[i + 1] - first[i]
-        size = r.next - r.begin
-        if at + r.begin - p + (count + 2) * (size + _ROOM) > room:
+        row = _ROOM + (MAX_CODE_BYTES if r.words & ~np.uint32(_PLAIN_WORDS) else 0)
+        if at + r.next - p + (count + 2) * row > room:
             return i, p, at
         at = _copy(buf, p, r.begin, out, at)
         p = r.end
@@ -533,7 +536,7 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
                     out[at], out[at + 1] = STAR, 43
                     at += 2
                 at = _put_eol(buf, r, writer, out, at)
-                at = _put_new_number(r, writer, out, at)
+                at = _put_line_start(r, writer, out, at)
             if motion and r.flags & FLAG_MODAL and writer[W_MODAL] >= 0 and writer[W_MODAL] != own:
                 start = at
                 out[at], out[at + 1] = _letter(71, r), 48 + own
@@ -554,6 +557,6 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
             cumulated += pieces[j].share
             written = _put_row(buf, r, pieces[j], cumulated, before, writer, out, at)
             if written > at:
-                at = _put_new_number(r, writer, out, written)
+                at = _put_line_start(r, writer, out, written)
         at = _edit(buf, r, pieces[first[i + 1] - 1], cumulated, writer, out, at)
     return n, p, at

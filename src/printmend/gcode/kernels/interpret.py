@@ -198,6 +198,8 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
             r.flags = r.flags | FLAG_OPAQUE
         if letter != 71 or code > 30:
             add_offsets(numbers, counts)
+        if p - start > MAX_CODE_BYTES:
+            r.flags = r.flags | FLAG_OPAQUE
         if r.kind != 0:
             finish_record(r, numbers, counts)
             n += 1

@@ -66,7 +66,7 @@ FLAG_CHECKSUM = 1 << 14  # the line ends in *checksum
 FLAG_G53 = 1 << 15  # machine coordinates
 FLAG_LOWER = 1 << 16  # the command letter is lower case
 FLAG_EXPONENT = 1 << 17  # a number is written with an exponent
-FLAG_OPAQUE = 1 << 18  # not every word is a plain number: do not write this statement again
+FLAG_OPAQUE = 1 << 18  # not every word is a plain number, or its code is too long: do not write it again
 FLAG_SPACED = 1 << 19  # words are separated by blanks
 FLAG_ARC_ABSOLUTE = 1 << 20  # G90.1: I J K are coordinates
 
@@ -86,6 +86,7 @@ C_LAYER, C_RULE, C_ARC_ABSOLUTE, C_FLAVOUR, C_NUMBERED, C_CHECKSUMS, C_CRLF, C_L
 C_SAVED, SAVED_COUNTS = 24, 6
 COUNTS = C_SAVED + SAVED_SLOTS * SAVED_COUNTS
 TOOLS = 16
+MAX_CODE_BYTES = 512  # of a statement without its comment
 
 # Bits of a record's words: 1 << (letter − A).
 WORD_D, WORD_E, WORD_F, WORD_I, WORD_J, WORD_K, WORD_L = 1 << 3, 1 << 4, 1 << 5, 1 << 8, 1 << 9, 1 << 10, 1 << 11
