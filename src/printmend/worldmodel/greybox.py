@@ -148,8 +148,6 @@ def _learned(trace: Trace, printer: Printer, rng: np.random.Generator) -> Greybo
 
 
 def _again(rows: Rows, choice: Choice, ripple: tuple[int, ...], passes: int) -> Choice:
-    if choice.structure.is_healthy:
-        return choice
     return fitted(rows, choice.structure, ripple, choice, passes=passes)
 
 
