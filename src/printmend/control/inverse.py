@@ -1,11 +1,13 @@
 """The continuous planner: the motor commands that make a machine, broken as its model says, draw what was wanted."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from printmend.control import inverse_kernels as k
-from printmend.control import inverse_lookup_kernels as look
+from printmend.control.kernels import inverse_layout as k
+from printmend.control.kernels import inverse_lookup as look
+from printmend.control.kernels.inverse import mend
+from printmend.control.kernels.inverse_curve import CURVE
 from printmend.gcode.kernels import PIECE
 from printmend.mechanism import Mechanism, Transmission
 
@@ -15,7 +17,7 @@ _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structu
 
 
 def lookup(mechanism: Mechanism) -> np.ndarray:
-    """Return a mechanism as the one array that the compiled planner reads (see `inverse_lookup_kernels`).
+    """Return a mechanism as the one array that the compiled planner reads (see `kernels.inverse_lookup`).
 
     Its origin is taken as it is: call `Mechanism.homed` first where homing defines it.
     """
@@ -25,6 +27,7 @@ def lookup(mechanism: Mechanism) -> np.ndarray:
     head[look.M_COREXY] = printer.kinematics == "corexy"
     head[look.M_FRAMED] = not frame.is_identity
     head[look.M_SHIFTS_ONLY] = frame.is_identity and all(map(_shifts_only, mechanism.transmissions))
+    head[look.M_FRAME_BEND] = _frame_bend(mechanism)
     head[look.M_FRAME_SCALE] = frame.scale_mm
     head[look.M_FRAME : look.M_FRAME + 20] = frame.coefficients_mm.ravel()
     parts, size, sharpest = [head], len(head), 0.0
@@ -42,6 +45,7 @@ def lookup(mechanism: Mechanism) -> np.ndarray:
             head[at : at + 3] = size, table[0], size + len(table)
             parts += [table, np.minimum(guide, len(table) - 1)]
             size += len(table) + len(guide)
+    head[look.M_BENT] = sharpest > 0
     # A parabola of the sharpest curvature strays by a quarter of the tolerance between two looks.
     head[look.M_SAMPLE] = np.clip(np.sqrt(2.0 * k.CHORD_MM / max(sharpest, 1e-12)), 0.02, 2.0)
     return np.concatenate(parts)
@@ -63,6 +67,18 @@ def _bend(t: Transmission) -> np.ndarray:
     most = padded.reshape(blocks, look.BEND_BLOCK).max(axis=1)
     # The curvature at a block's border is seen from both sides.
     return np.maximum(most, np.maximum(np.append(most[1:], 0.0), np.append(0.0, most[:-1])))
+
+
+def _frame_bend(mechanism: Mechanism) -> float:
+    """Return the largest curvature [1/mm] of the frame's map on and around the bed."""
+    x, y = mechanism.printer.x, mechanism.printer.y
+    grid = np.stack(np.meshgrid(np.linspace(x.min_mm, x.max_mm, 23), np.linspace(y.min_mm, y.max_mm, 23)), axis=-1)
+    most = 0.0
+    for direction in (np.array([5.0, 0.0]), np.array([0.0, 5.0]), np.array([3.5, 3.5]), np.array([3.5, -3.5])):
+        steps = [mechanism.frame.apply(grid + s * direction) for s in (-1, 0, 1)]
+        second = np.linalg.norm(steps[0] - 2 * steps[1] + steps[2], axis=-1)
+        most = max(most, float(second.max()) / float(direction @ direction))
+    return most
 
 
 def _shifts_only(t: Transmission) -> bool:
@@ -92,6 +108,7 @@ class Planner:
     errors: np.ndarray
     layers: np.ndarray
     _ring: list[tuple[np.ndarray, np.ndarray]]
+    _curve: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
     _turn: int = 0
 
     def plan(self, records: np.ndarray, begin: int = 0) -> tuple[int, np.ndarray, np.ndarray]:
@@ -108,8 +125,8 @@ class Planner:
         if len(records) >= len(first):
             first = np.zeros(len(records) + 1, np.int64)
             self._ring[self._turn] = (first, pieces)
-        end = k.mend(
-            self.model, records, begin, len(records), self.state, self.counts, first, pieces, self.layers,
+        end = mend(
+            self.model, records, begin, len(records), self.state, self.counts, self._curve, first, pieces, self.layers,
             self.errors, self.quantum_mm,
         )  # fmt: skip
         return end, first, pieces

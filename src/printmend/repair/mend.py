@@ -146,9 +146,9 @@ def _refuse_other_printer(file: GcodeFile, model: SavedModel, prediction: Predic
     if not prediction.extruding:
         return
     printer = model.printer
+    todo = "use the model of the printer that this file is for"
     for axis, low, high in zip((printer.x, printer.y), prediction.low_mm, prediction.high_mm, strict=True):
         if low < axis.min_mm - _OUTSIDE_MM or high > axis.max_mm + _OUTSIDE_MM:
-            raise ModelError(
-                file.name, wanted=f"G-code for the bed of {printer.name}, {axis.name.upper()} {axis.min_mm:g} to {axis.max_mm:g} mm",
-                came=f"extrusion from {low:.1f} to {high:.1f}", todo="use the model of the printer that this file is for",
-            )  # fmt: skip
+            wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
+            came = f"extrusion from {low:.1f} to {high:.1f} mm"
+            raise ModelError(file.name, wanted=wanted, came=came, todo=todo)

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from printmend.control import inverse_kernels as k
 from printmend.control.inverse import Planner
+from printmend.control.kernels import inverse_layout as k
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,8 @@ def _page(source: str, model: SavedModel, prediction: Prediction) -> str:
 <html lang="en"><head><meta charset="utf-8"><title>{html.escape(Path(source).name)} mended</title>
 <style>
 body {{ font: 15px/1.5 system-ui, sans-serif; max-width: 900px; margin: 2em auto; padding: 0 1em; color: #1c1917; }}
-table {{ border-collapse: collapse; }} td, th {{ padding: .15em .9em; text-align: right; border-bottom: 1px solid #e7e5e4; }}
+table {{ border-collapse: collapse; }}
+td, th {{ padding: .15em .9em; text-align: right; border-bottom: 1px solid #e7e5e4; }}
 td:first-child, th:first-child {{ text-align: left; }} .big {{ font-size: 1.25em; }} small {{ color: #78716c; }}
 details table {{ font-size: .85em; }}
 </style></head><body>
@@ -128,6 +129,6 @@ def _table(prediction: Prediction) -> str:
     more = len(prediction.layers) - _MOST_ROWS
     note = f"<p><small>and {more} more; --report FILE.json has them all</small></p>" if more > 0 else ""
     return (
-        "<details><summary>All layers</summary><table><tr><th>layer</th><th>z [mm]</th><th>path [m]</th><th>RMS as it is</th>"
-        f"<th>largest</th><th>RMS mended</th><th>largest</th></tr>{rows}</table>{note}</details>"
+        "<details><summary>All layers</summary><table><tr><th>layer</th><th>z [mm]</th><th>path [m]</th>"
+        f"<th>RMS as it is</th><th>largest</th><th>RMS mended</th><th>largest</th></tr>{rows}</table>{note}</details>"
     )

@@ -43,7 +43,7 @@ class _Part:
 
 
 def rewritten(chunks: Iterable[np.ndarray], state: MachineState, planner: Planner) -> Iterator[memoryview]:
-    """Yield the text of ``chunks`` (uint8, whole lines each) as ``planner`` wants it; a view is valid until the next."""
+    """Yield the text of ``chunks`` (uint8, whole lines each) as ``planner`` wants it; a view holds until the next."""
     writer = initial_writer(state)
     lines = np.zeros(2, np.int64)
     out = np.empty(_OUT_BYTES, np.uint8)
@@ -134,7 +134,7 @@ def _ahead(items: Iterable[_Item]) -> Iterator[_Item]:
                 if not put((item, None)):
                     return
             put((None, StopIteration()))
-        except BaseException as error:  # noqa: BLE001 — raised again in the thread that waits for it
+        except BaseException as error:
             put((None, error))
 
     thread = threading.Thread(target=work, daemon=True)

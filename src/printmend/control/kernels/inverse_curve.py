@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from printmend.control.inverse_lookup_kernels import M_COREXY, M_FRAMED, wanted
+from printmend.control.kernels.inverse_lookup import M_COREXY, M_FRAMED, wanted
 
 # Fields of a curve, an array [CURVE] of float64.
 ARC, X0, Y0, Z0, X1, Y1, Z1, CA, CB, PHI, SWEEP, R0, R1, PLANE, LENGTH = range(15)
@@ -12,20 +12,20 @@ _TURN = 2.0 * np.pi
 _SAME = 1e-9
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def norm(x, y):
     """Return √(x² + y²): without the care that `hypot` takes of huge numbers, and its cost."""
     return np.sqrt(x * x + y * y)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def set_line(curve, x0, y0, z0, x1, y1, z1):
     curve[ARC] = 0.0
     curve[X0], curve[Y0], curve[Z0], curve[X1], curve[Y1], curve[Z1] = x0, y0, z0, x1, y1, z1
     curve[LENGTH] = np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     """Fill a curve with an arc about (ca, cb) in its plane: 0 XY, 1 ZX, 2 YZ. Ends that coincide make a full circle."""
     set_line(curve, x0, y0, z0, x1, y1, z1)
@@ -46,7 +46,7 @@ def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     curve[LENGTH] = norm((curve[R0] + curve[R1]) / 2 * abs(sweep), rise)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def place(curve, t):
     """Return (x, y, z) at t."""
     if t >= 1.0:
@@ -65,12 +65,12 @@ def place(curve, t):
     return x, a, b
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def is_flat_arc(curve):
     return curve[ARC] != 0.0 and curve[PLANE] == 0.0
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def aside_and_along(curve, x, y, t):
     """Return how far (x, y) lies from the whole curve and, along it, from the place of t [mm]."""
     at_x, at_y, _ = place(curve, t)
@@ -88,7 +88,7 @@ def aside_and_along(curve, x, y, t):
     return norm(x - at_x, y - at_y), 0.0
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def distance(curve, x, y):
     """Return the distance [mm] of (x, y) to the curve seen from above, and the parameter of its foot, unclamped."""
     if is_flat_arc(curve) and curve[R0] > 0.0:
@@ -102,7 +102,7 @@ def distance(curve, x, y):
     return line_distance(curve[X0], curve[Y0], curve[X1], curve[Y1], x, y)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def line_distance(x0, y0, x1, y1, x, y):
     dx, dy = x1 - x0, y1 - y0
     square = dx * dx + dy * dy
@@ -111,7 +111,7 @@ def line_distance(x0, y0, x1, y1, x, y):
     return norm(x - x0 - inside * dx, y - y0 - inside * dy), t
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def monotone_end(model, curve, t0):
     """Return the first t > t0 at which a motor's wanted belt position turns back; 1 when none does."""
     if curve[ARC] == 0.0:
@@ -144,12 +144,12 @@ def monotone_end(model, curve, t0):
     return 1.0
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def _sign(value):
     return 1.0 if value > _SAME else (-1.0 if value < -_SAME else 0.0)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def _extreme(model, curve, low, high, motor, sign):
     """Find where a motor's wanted position is largest (sign 1) or smallest (−1), by thirds."""
     for _ in range(40):
@@ -165,14 +165,11 @@ def _extreme(model, curve, low, high, motor, sign):
     return (low + high) / 2
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def _next_extreme(model, curve, t0):
     """The same in closed form: x turns at φ = 0, π, y at ±π/2; the motors of a CoreXY at ±π/4, ±3π/4."""
     phi, sweep = curve[PHI] + t0 * curve[SWEEP], curve[SWEEP]
     first = np.pi / 4 if model[M_COREXY] != 0.0 else 0.0
     quarters = (phi - first) / (np.pi / 2)
-    if sweep > 0:
-        target = np.floor(quarters + 1e-7) + 1.0
-    else:
-        target = np.ceil(quarters - 1e-7) - 1.0
+    target = np.floor(quarters + 1e-7) + 1.0 if sweep > 0 else np.ceil(quarters - 1e-7) - 1.0
     return min((first + target * (np.pi / 2) - curve[PHI]) / sweep, 1.0)

@@ -11,8 +11,18 @@ from numba import njit
 LOWER, UPPER = 0, 1
 
 # x and y limits [4] · how densely a chord must be looked at [mm] · 1 or 0: CoreXY, a frame that is not the identity,
-# constant play and nothing else · the frame's scale and coefficients [2, 10]
-M_BED, M_SAMPLE, M_COREXY, M_FRAMED, M_SHIFTS_ONLY, M_FRAME_SCALE, M_FRAME = 0, 4, 5, 6, 7, 8, 10
+# constant play and nothing else, curved branches · the frame's largest curvature [1/mm], scale and coefficients [2, 10]
+M_BED, M_SAMPLE, M_COREXY, M_FRAMED, M_SHIFTS_ONLY, M_BENT, M_FRAME_BEND, M_FRAME_SCALE, M_FRAME = (
+    0,
+    4,
+    5,
+    6,
+    7,
+    8,
+    9,
+    10,
+    11,
+)
 # For each motor: first motor position, 1/pitch, last index, where its curvatures begin, their last index,
 # 1 where both branches are the same
 M_MOTOR, MOTOR_FIELDS = 32, 8
@@ -25,7 +35,7 @@ M_TABLES = 64
 BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def forward(model, motor, branch, m):
     """Return the belt position [mm] of a branch at motor position m [mm]; beyond the table the slope is 1."""
     at = M_MOTOR + MOTOR_FIELDS * motor
@@ -41,7 +51,7 @@ def forward(model, motor, branch, m):
     return below + (place - i) * (model[table + i + 1] - below)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def backward(model, motor, branch, u):
     """Return the motor position [mm] at which a branch is at u [mm]: the inverse of `forward`."""
     at = M_MOTOR + MOTOR_FIELDS * motor
@@ -61,13 +71,13 @@ def backward(model, motor, branch, u):
     return first + (i - 1 + (u - below) / (model[table + i] - below)) / rate
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def is_taut(model, motor):
     """Say whether both branches of a motor are the same."""
     return model[M_MOTOR + MOTOR_FIELDS * motor + TAUT] != 0.0
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def _polynomial(model, a, p, q):
     """Return Σ a_ij p^i q^j in the order of `printmend.mechanism.Frame.exponents`."""
     linear = model[a] + model[a + 1] * p + model[a + 2] * q
@@ -77,7 +87,7 @@ def _polynomial(model, a, p, q):
     )
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def _slopes(model, a, p, q):
     """Return the derivatives of `_polynomial` by p and q."""
     by_p = model[a + 1] + 2 * model[a + 3] * p + model[a + 4] * q
@@ -87,7 +97,7 @@ def _slopes(model, a, p, q):
     return by_p, by_q
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def onto_bed(model, x, y):
     """Map a place given by the belts to the bed."""
     if model[M_FRAMED] == 0.0:
@@ -96,7 +106,7 @@ def onto_bed(model, x, y):
     return x + _polynomial(model, M_FRAME, p, q), y + _polynomial(model, M_FRAME + 10, p, q)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def off_bed(model, x, y):
     """Return the place by the belts whose image on the bed is (x, y): Newton's method on `onto_bed`."""
     if model[M_FRAMED] == 0.0:
@@ -117,7 +127,7 @@ def off_bed(model, x, y):
     return u, v
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def to_motors(model, x, y):
     """Map a place by the belts to motor coordinates: CoreXY a = x + y, b = x − y (physics.md eq. 13)."""
     if model[M_COREXY] != 0.0:
@@ -125,7 +135,7 @@ def to_motors(model, x, y):
     return x, y
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def from_motors(model, a, b):
     """Invert `to_motors`."""
     if model[M_COREXY] != 0.0:
@@ -133,21 +143,21 @@ def from_motors(model, a, b):
     return a, b
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def printed(model, u0, u1):
     """Return the place on the bed for belt positions u0, u1 of the two motors."""
     x, y = from_motors(model, u0, u1)
     return onto_bed(model, x, y)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def wanted(model, x, y):
     """Return the belt positions of the two motors that put the nozzle at (x, y) on the bed."""
     u, v = off_bed(model, x, y)
     return to_motors(model, u, v)
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", _nrt=False)
 def sharpest(model, motor, m0, m1):
     """Return the largest curvature [1/mm] of a motor's branches between two motor positions."""
     at = M_MOTOR + MOTOR_FIELDS * motor

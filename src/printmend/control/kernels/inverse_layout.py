@@ -1,0 +1,40 @@
+"""What the kernels of the continuous planner share: tolerances, and the fields of their state."""
+
+CHORD_MM = 0.005  # how far a chord may lie from the wanted path
+ALONG = 10.0  # times that: how far it may be ahead or behind, so that the extrusion keeps its density
+HOLD_MM = 0.005  # a reversal shorter than this is not worth taking slack up for
+MIN_PIECE_MM = 0.05  # firmwares drop or merge shorter moves
+SAME_FEED = 0.005  # a change of speed below half a percent is not worth a word
+PIECES_A_RECORD = 16384
+FILAMENT_AREA_MM2 = 2.405  # of 1.75 mm
+MAX_AREA_MM2 = 0.63  # Klipper's max_extrude_cross_section for a 0.4 mm nozzle is 0.64
+TINY_ADVANCE_MM = 0.1  # Klipper lets any shorter extrusion pass
+SAMPLE_MM = 1.0  # the prediction looks at the path at least this often
+WALK_MM = 4.0  # and for the nearest place of the path this far around
+ERROR_BINS, ERROR_BIN_MM = 8192, 0.001
+
+# state [STATE] float64. Pairs, one a motor: S_M where the motor is; S_LO and S_HI between which the belt is; the same
+# with RAW for the file as it is. S_TRAVEL the last F of a travel, S_FEED the last F written, S_Z the height at which
+# the layer began, S_LOW and S_HIGH the corners of all that is extruded.
+S_M, S_LO, S_HI, S_RAW_M, S_RAW_LO, S_RAW_HI, S_TRAVEL, S_FEED, S_Z, S_LOW, S_HIGH = (
+    0,
+    2,
+    4,
+    6,
+    8,
+    10,
+    12,
+    13,
+    14,
+    15,
+    17,
+)
+STATE = 19
+# counts [COUNTS] int64. N_KNOWN: the place is known; N_ANYWHERE: the firmware may have skipped what came before;
+# N_MARK and N_LAYER: the layer comments seen, the row of `layers`. The rest are sums for the prediction.
+N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)
+N_CLAMPED, N_CLAMPED_EXTRUDING, N_UNKNOWN, N_COPIED, N_EXTRUDING = range(8, 13)
+COUNTS = 13
+# layers [?, LAYER] float64: sums over a layer, before (0) and after (1)
+L_Z, L_LENGTH, L_SQUARE, L_MOST = 0, 1, 2, 4
+LAYER = 6

@@ -1,0 +1,146 @@
+"""Compiled state of the belts: what moving the motors does, and how to bring a belt to where it is wanted."""
+
+import numpy as np
+from numba import njit
+
+from printmend.control.kernels.inverse_layout import HOLD_MM, S_HI, S_LO, S_M
+from printmend.control.kernels.inverse_lookup import (
+    LOWER,
+    M_BED,
+    UPPER,
+    backward,
+    forward,
+    from_motors,
+    to_motors,
+)
+
+
+@njit(error_model="numpy", _nrt=False)
+def open_interval(model, state, m, lo, hi):
+    """The belts may be anywhere in their play: the interval from ``lo`` to ``hi`` becomes all of it."""
+    for k in range(2):
+        state[lo + k] = forward(model, k, LOWER, state[m + k])
+        state[hi + k] = forward(model, k, UPPER, state[m + k])
+
+
+@njit(error_model="numpy", _nrt=False)
+def middle(state, k):
+    return (state[S_LO + k] + state[S_HI + k]) / 2
+
+
+@njit(error_model="numpy", _nrt=False)
+def is_sure(state, k):
+    return state[S_HI + k] - state[S_LO + k] <= HOLD_MM
+
+
+@njit(error_model="numpy", _nrt=False)
+def pull(model, state, m, lo, hi, k, to):
+    """Move motor k to ``to`` and its belt with it; ``m``, ``lo`` and ``hi`` name the state's fields.
+
+    u ← min(max(u, lower), upper) (physics.md eq. 7): going forwards only the lower branch can touch, because
+    both rise; going backwards only the upper one.
+    """
+    if to > state[m + k]:
+        push = forward(model, k, LOWER, to)
+        state[lo + k] = max(state[lo + k], push)
+        state[hi + k] = max(state[hi + k], push)
+    elif to < state[m + k]:
+        push = forward(model, k, UPPER, to)
+        state[lo + k] = min(state[lo + k], push)
+        state[hi + k] = min(state[hi + k], push)
+    state[m + k] = to
+
+
+@njit(error_model="numpy", _nrt=False)
+def arrive(model, state, m0, m1):
+    """Move both motors, and what they pull."""
+    pull(model, state, S_M, S_LO, S_HI, 0, m0)
+    pull(model, state, S_M, S_LO, S_HI, 1, m1)
+
+
+@njit(error_model="numpy", _nrt=False)
+def command(model, m0, m1, record, quantum):
+    """Round and clamp the command for motors (m0, m1): return (x, y, m0, m1, how far it was clamped)."""
+    x, y = from_motors(model, m0, m1)
+    low_x, high_x = min(model[M_BED], record.x0, record.x1), max(model[M_BED + 1], record.x0, record.x1)
+    low_y, high_y = min(model[M_BED + 2], record.y0, record.y1), max(model[M_BED + 3], record.y0, record.y1)
+    inside_x, inside_y = min(max(x, low_x), high_x), min(max(y, low_y), high_y)
+    clamp = max(abs(inside_x - x), abs(inside_y - y))
+    # What is written unchanged must be the same number: the writer then leaves it as it is.
+    x = record.x1 if abs(inside_x - record.x1) <= quantum / 2 else np.rint(inside_x / quantum) * quantum
+    y = record.y1 if abs(inside_y - record.y1) <= quantum / 2 else np.rint(inside_y / quantum) * quantum
+    m0, m1 = to_motors(model, x, y)
+    return x, y, m0, m1, clamp
+
+
+@njit(error_model="numpy", _nrt=False)
+def prepare(model, state, k, start, end, anywhere):
+    """Choose how motor k goes from belt position ``start`` to ``end``.
+
+    Returns (mode, first, second): mode 1 pushes (lower), −1 pulls (upper), 0 stands still; ``first`` and ``second``
+    are the motor positions of two dead moves that make the belt engaged, equal to where it is when none is needed.
+    """
+    m = state[S_M + k]
+    if not anywhere and is_sure(state, k):
+        now = middle(state, k)
+        if abs(now - start) <= 1.5 * HOLD_MM:
+            way = end - now
+            if abs(way) < 1e-9:
+                return 0, m, m
+            mode = 1 if way > 0 else -1
+            engaged = backward(model, k, LOWER if way > 0 else UPPER, now)
+            if abs(engaged - m) <= HOLD_MM:
+                return mode, m, m
+            if abs(way) <= HOLD_MM:
+                return 0, m, m
+            return mode, m, engaged
+    # Uncertain, or not where it should be: come from the far side, so that the belt is engaged and at ``start``.
+    forwards = end > start
+    if end == start:
+        forwards = m <= (backward(model, k, LOWER, start) + backward(model, k, UPPER, start)) / 2
+    first = m
+    if forwards and (anywhere or state[S_HI + k] > start + HOLD_MM):
+        first = min(m, backward(model, k, UPPER, start))
+    elif not forwards and (anywhere or state[S_LO + k] < start - HOLD_MM):
+        first = max(m, backward(model, k, LOWER, start))
+    second = backward(model, k, LOWER if forwards else UPPER, start)
+    if end == start:
+        return 0, first, second
+    return (1 if forwards else -1), first, second
+
+
+@njit(error_model="numpy", _nrt=False)
+def motor_at(model, state, k, mode, u):
+    """Return the motor position that brings the belt of motor k to u, moving only in the sense of ``mode``."""
+    if mode > 0:
+        return max(backward(model, k, LOWER, u), state[S_M + k])
+    if mode < 0:
+        return min(backward(model, k, UPPER, u), state[S_M + k])
+    return state[S_M + k]
+
+
+@njit(error_model="numpy", _nrt=False)
+def followed(model, k, mode, now, m):
+    """Return where the belt of motor k will be when the motor has gone to m from a place where it was at ``now``."""
+    if mode > 0:
+        return max(now, forward(model, k, LOWER, m))
+    if mode < 0:
+        return min(now, forward(model, k, UPPER, m))
+    return now
+
+
+@njit(error_model="numpy", _nrt=False)
+def travel_motor(model, state, k, start, end):
+    """Return the motor position that brings belt k to ``end`` on a move that draws nothing."""
+    m, now = state[S_M + k], middle(state, k)
+    if is_sure(state, k):
+        way = end - now
+        if abs(way) < 1e-9:
+            return m
+        branch = LOWER if way > 0 else UPPER
+        if abs(way) <= HOLD_MM and abs(backward(model, k, branch, now) - m) > HOLD_MM:
+            return m
+        return backward(model, k, branch, end)
+    if abs(end - start) < 1e-9 and state[S_LO + k] - HOLD_MM <= end <= state[S_HI + k] + HOLD_MM:
+        return m
+    return backward(model, k, LOWER if end > now else UPPER, end)
