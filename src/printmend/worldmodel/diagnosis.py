@@ -105,7 +105,7 @@ def _pulley(drive: Drive) -> list[Fault]:
             if share and size > max(SURE * sd, LEAST_MM):
                 found[int(k)] = (size, sd)
     largest = sorted(found, key=lambda k: -found[k][0])
-    faults = []
+    faults: list[Fault] = []
     for k in sorted(largest[:NAMED_HARMONICS]):
         word = _WORD.get(k, f"harmonic {k}")
         words = f"{'pulley ' if not faults else ''}{word} {amount(*found[k])}"
