@@ -14,11 +14,13 @@ COMMANDS: dict[str, str] = {
     "demo": "See a printer break, learn and print right again.",
     "bench": "Reproduce the paper's tables on real bodies.",
     "body": "Show what a mesh or G-code file becomes: layers and steps.",
+    "check": "Predict how far a print will be off, as it is and mended.",
     "dataset": "Exchange bodies and corruptions with the paper's published code.",
     "learn": "Learn what is wrong with a printer from one measured print.",
     "mend": "Rewrite G-code so that a broken printer prints it right.",
     "printer": "Print a printer preset as TOML, to start your own from.",
     "probe": "Write a test print that shows every fault, and its plan.",
+    "twin": "Print G-code on a broken printer that exists only here.",
 }
 
 

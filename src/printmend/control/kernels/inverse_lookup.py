@@ -166,6 +166,6 @@ def sharpest(model, motor, m0, m1):
     i = np.int64((min(m0, m1) - model[at + FIRST]) * rate) // BEND_BLOCK
     j = np.int64((max(m0, m1) - model[at + FIRST]) * rate) // BEND_BLOCK
     most = 0.0
-    for k in range(min(max(i, 0), last), min(max(j, 0), last) + 1):
+    for k in range(int(min(max(i, 0), last)), int(min(max(j, 0), last)) + 1):
         most = max(most, model[bend + k])
     return most

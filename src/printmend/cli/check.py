@@ -1,0 +1,31 @@
+"""`printmend check`: predict, write nothing."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command(epilog="Example: printmend check part.gcode -m printer.mend.json --against part.mended.gcode")
+@click.argument("source", metavar="PART.gcode", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True))
+@click.option(
+    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path)
+)
+@click.option("--against", metavar="out.gcode", type=click.Path(path_type=Path, dir_okay=False),
+              help="Judge this file, made from PART.gcode, instead of what mending would write.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+def command(source: Path, model_path: Path, against: Path | None, as_json: bool) -> None:
+    """Predict how far PART.gcode will be off on this printer, as it is and mended. Writes nothing."""
+    import json
+
+    from printmend.cli.mend_output import progress
+    from printmend.repair import check_gcode
+    from printmend.worldmodel.saved import read_model
+
+    model = read_model(model_path)
+    with progress(source) as tick:
+        prediction = check_gcode(source, model, progress=tick)
+    if against is not None:
+        from printmend.repair.against import judged
+
+        prediction = judged(prediction, str(source), str(against), model.mechanism)
+    click.echo(json.dumps(prediction.json()) if as_json else prediction.summary())

@@ -1,0 +1,36 @@
+"""`printmend twin`: print G-code on a broken printer that exists only here."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command(epilog="Example: printmend twin probe.gcode --printer ender3 --corruption broken.toml -o trace.csv")
+@click.argument("source", metavar="FILE.gcode", type=click.Path(path_type=Path))
+@click.option(
+    "--printer", "printer_name", required=True, metavar="NAME|FILE.toml", help="A preset or your own printer."
+)
+@click.option("--corruption", "corruption_path", required=True, metavar="broken.toml", type=click.Path(path_type=Path))
+@click.option("--noise-mm", type=click.FloatRange(min=0), default=0.05, show_default=True,
+              help="Standard deviation of each measured coordinate.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("trace.csv"), show_default=True
+)
+def command(source: Path, printer_name: str, corruption_path: Path, noise_mm: float, seed: int, output: Path) -> None:
+    """Print FILE.gcode on a twin with this fault, measure what came out, write it as a trace.csv."""
+    import numpy as np
+
+    from printmend.corruption import read_corruption
+    from printmend.gcode.read import read_gcode
+    from printmend.measure.table import write_trace
+    from printmend.printer import read_printer
+    from printmend.twin import Twin
+    from printmend.twin.gcode import print_gcode
+
+    printer = read_printer(printer_name)
+    twin = Twin.of(read_corruption(corruption_path), printer)
+    program = read_gcode(source, printer=printer)
+    trace = print_gcode(program, twin, noise_mm=noise_mm, rng=np.random.default_rng(seed))
+    write_trace(output, trace)
+    click.echo(f"{output}: {len(trace)} way-points, measured with {noise_mm:g} mm of noise")

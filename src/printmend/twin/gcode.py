@@ -1,0 +1,46 @@
+"""G-code on the twin: what a measurement of the printed file would give."""
+
+import numpy as np
+
+from printmend.errors import GcodeError
+from printmend.gcode.arcs import straightened
+from printmend.gcode.read import Program
+from printmend.path import Trace
+from printmend.twin.twin import Twin
+
+_CHORD_MM = 0.01
+
+
+def print_gcode(program: Program, twin: Twin, *, noise_mm: float, rng: np.random.Generator) -> Trace:
+    """Print a program on the twin and measure it with normal noise of ``noise_mm`` on each coordinate.
+
+    One row for each way-point since the last homing of X and Y (chords of arcs are way-points), the first the home
+    position. A file that never homes is printed as if it had just been homed. The program must have been read with the
+    twin's printer. Raises `GcodeError` where it never says where the head is.
+    """
+    moves = straightened(program.moves, _CHORD_MM)
+    home = np.array(twin.printer.home_mm)
+    start = 0
+    for index, axes in zip(moves.home_index, moves.home_axes, strict=True):
+        at = moves.start_mm[index, :2] if index < len(moves) else home
+        if axes[:2].any() and np.array_equal(at, home):
+            start = int(index)
+    known = moves.known[:, :2].all(axis=1)
+    known[:start] = False
+    ends, z_mm, layer = moves.end_mm[known], moves.end_mm[known, 2], moves.layer[known]
+    path = np.concatenate([home[None], ends[:, :2]])
+    moved = np.concatenate([[True], (np.diff(path, axis=0) != 0).any(axis=1)])
+    if moved.sum() < 2:
+        raise GcodeError(
+            program.name, wanted="moves in X and Y from a known place", came="none", todo="home with G28 first"
+        )
+    rows = np.flatnonzero(moved)[1:] - 1
+    waypoints = path[moved]
+    printed = twin.follow(waypoints)
+    return Trace(
+        commanded_mm=waypoints,
+        measured_mm=printed + rng.normal(0.0, noise_mm, printed.shape) if noise_mm > 0 else printed,
+        z_mm=np.concatenate([[z_mm[rows[0]]], z_mm[rows]]),
+        layer=np.concatenate([[-1], layer[rows]]),
+        homed=True,
+    )
