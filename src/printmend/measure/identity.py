@@ -7,6 +7,7 @@ eight ways to lay a square on the glass. Last, every match is held against its n
 """
 
 import heapq
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,9 @@ from printmend.measure.plan import ProbePlan
 
 NEAR = 0.36  # of the pitch: how far a dot may lie from where its neighbours predict it
 SEEDS = 12
+ENOUGH = 0.93  # of the dots in one lattice: the rest is dust
 REACH = 2.6  # of the pitch: the neighbours that predict
+Classes = Callable[[int, int], int]
 # The eight symmetries of a square lattice, as [2, 2] integer matrices; those with determinant −1 are mirrored.
 SYMMETRIES = tuple(
     np.array(matrix)
@@ -82,17 +85,32 @@ def lattice_pitch(dots: np.ndarray) -> float:
     return float(np.median(distance[:, 1:]))
 
 
+def _one_class(i: int, j: int) -> int:
+    return 0
+
+
+def _rows_along(i: int, j: int) -> int:
+    """The direction of motion of a cell's row when even cells (i + j) lie in rows along (1, 1)."""
+    return (j - i) // 2 % 2 if (i + j) % 2 == 0 else 2 + (i + j - 1) // 2 % 2
+
+
+def _rows_across(i: int, j: int) -> int:
+    """The same when even cells lie in rows along (1, −1)."""
+    return (i + j) // 2 % 2 if (i + j) % 2 == 0 else 2 + (j - i - 1) // 2 % 2
+
+
 def _grow(dots: np.ndarray, diameters: np.ndarray, pitch: float) -> dict[tuple[int, int], int]:
     """Return the largest lattice found: cell → dot, growing from seeds with four regular neighbours."""
     tree = cKDTree(dots)
     seeds = _seeds(dots, tree, pitch)
     best: dict[tuple[int, int], int] = {}
-    for seed, basis in seeds:
-        cells = _grow_from(seed, basis, dots, tree)
-        if len(cells) > len(best):
-            best = cells
-        if len(best) > 0.85 * len(dots):
-            break
+    for classes in (_one_class, _rows_along, _rows_across):
+        for seed, basis in seeds:
+            cells = _grow_from(seed, basis, dots, tree, classes)
+            if len(cells) > len(best):
+                best = cells
+            if len(best) > ENOUGH * len(dots):
+                return best
     return best
 
 
@@ -114,7 +132,9 @@ def _seeds(dots: np.ndarray, tree: cKDTree, pitch: float) -> list[tuple[int, np.
     return [(int(seed), np.stack([first[seed], second[seed]])) for seed in chosen if badness[seed] < 1.2]
 
 
-def _grow_from(seed: int, basis: np.ndarray, dots: np.ndarray, tree: cKDTree) -> dict[tuple[int, int], int]:
+def _grow_from(
+    seed: int, basis: np.ndarray, dots: np.ndarray, tree: cKDTree, classes: Classes
+) -> dict[tuple[int, int], int]:
     """Grow a lattice from one dot: always the cell with the most known neighbours next."""
     cells = {(0, 0): seed}
     taken = {seed}
@@ -142,8 +162,10 @@ def _grow_from(seed: int, basis: np.ndarray, dots: np.ndarray, tree: cKDTree) ->
         if cell in cells or tried.get(cell, -1) >= -support:
             continue
         tried[cell] = -support
-        known = [(offset, cells[key]) for offset in window if (key := (cell[0] + offset[0], cell[1] + offset[1])) in cells]
-        place, local = _predict(known, basis, dots)
+        known = [
+            (offset, cells[key]) for offset in window if (key := (cell[0] + offset[0], cell[1] + offset[1])) in cells
+        ]
+        place, local = _predict(cell, known, basis, dots, classes)
         step = np.sqrt(abs(np.linalg.det(local)))
         distance, near = tree.query(place, k=2)
         # A second dot nearly as near leaves doubt about which of the two is meant.
@@ -156,21 +178,28 @@ def _grow_from(seed: int, basis: np.ndarray, dots: np.ndarray, tree: cKDTree) ->
 
 
 def _predict(
-    known: list[tuple[tuple[int, int], int]], basis: np.ndarray, dots: np.ndarray
+    cell: tuple[int, int],
+    known: list[tuple[tuple[int, int], int]],
+    basis: np.ndarray,
+    dots: np.ndarray,
+    classes: Classes,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the cell at offset (0, 0) should lie, from an affine fit to its neighbours, and the local basis.
+    """Return where ``cell`` should lie, from an affine fit to its neighbours, and the local basis [2, 2].
 
-    The fit is held towards ``basis`` where the neighbours are few or lie on one line.
+    The neighbours of another class may be shifted as a whole. Where they are few or lie on one line, the fit is held
+    towards ``basis`` and no shift.
     """
     offsets = np.array([offset for offset, _ in known], float)
     places = dots[[dot for _, dot in known]]
-    weight = np.exp(-(offsets**2).sum(axis=1) / 4.0)
-    design = np.hstack([np.ones((len(offsets), 1)), offsets])
-    prior = np.diag([0.0, 0.15, 0.15])
-    target = np.vstack([np.zeros(2), basis])
+    weight = np.exp(-(offsets**2).sum(axis=1) / 6.0)
+    own = classes(*cell)
+    other = np.array([[classes(cell[0] + i, cell[1] + j) == (own + k) % 4 for k in (1, 2, 3)] for (i, j), _ in known])
+    design = np.hstack([np.ones((len(offsets), 1)), offsets, other])
+    prior = np.diag([0.0, 0.15, 0.15, *([0.1 if classes is not _one_class else 1.0] * 3)])
+    target = np.vstack([np.zeros(2), basis, np.zeros((3, 2))])
     normal = design.T @ (weight[:, None] * design) + prior
     fit = np.linalg.solve(normal, design.T @ (weight[:, None] * places) + prior @ target)
-    return fit[0], fit[1:]
+    return fit[0], fit[1:3]
 
 
 def _is_big(diameters: np.ndarray, plan: ProbePlan) -> np.ndarray:

@@ -23,7 +23,8 @@ _TODO = "write it again with `printmend probe`"
 class ProbePlan:
     """Where the nozzle went and where it left marks.
 
-    ``waypoints_mm`` [N, 2] every commanded way-point since homing, the first the home position. For each mark:
+    ``mm_per_turn`` is the belt that the pulleys of the two motors move. ``waypoints_mm`` [N, 2] are all commanded
+    way-points since homing, the first the home position. For each mark:
     ``rows`` [M] its way-point, ``site`` [M, 2] its place on the square lattice of marks, ``big`` [M] whether it is
     one of the large dots that say which mark is which, ``direction`` [M, 2] the sign of the last move of each bed
     axis before it, ``reversal_mm`` [M, 2] how far each axis had moved that way since it turned.
@@ -32,6 +33,7 @@ class ProbePlan:
 
     printer: str
     kinematics: str
+    mm_per_turn: tuple[float, float]
     pitch_mm: float
     angle_rad: float
     dot_mm: float
@@ -58,6 +60,15 @@ class ProbePlan:
         """Commanded positions of the marks [M, 2]."""
         return self.waypoints_mm[self.rows]
 
+    def to_motor(self, xy_mm: np.ndarray) -> np.ndarray:
+        """Map bed coordinates [..., 2] to those of the motors, as `Printer.to_motor` does."""
+        xy_mm = np.asarray(xy_mm)
+        return xy_mm @ np.array([[1.0, 1.0], [1.0, -1.0]]) if self.kinematics == "corexy" else xy_mm
+
+    def from_motor(self, motor_mm: np.ndarray) -> np.ndarray:
+        """Invert `to_motor`."""
+        return self.to_motor(motor_mm) / 2.0 if self.kinematics == "corexy" else np.asarray(motor_mm)
+
     @property
     def diameter_mm(self) -> np.ndarray:
         """Intended diameters of the marks [M]."""
@@ -81,6 +92,7 @@ def write_plan(path: str | Path, plan: ProbePlan) -> None:
         "version": VERSION,
         "printer": plan.printer,
         "kinematics": plan.kinematics,
+        "mm_per_turn": list(plan.mm_per_turn),
         "pitch_mm": plan.pitch_mm,
         "angle_rad": plan.angle_rad,
         "dot_mm": plan.dot_mm,
@@ -131,6 +143,7 @@ def _plan(table: dict[str, Any]) -> ProbePlan:
     plan = ProbePlan(
         printer=str(table["printer"]),
         kinematics=str(table["kinematics"]),
+        mm_per_turn=(float(table["mm_per_turn"][0]), float(table["mm_per_turn"][1])),
         pitch_mm=float(table["pitch_mm"]),
         angle_rad=float(table["angle_rad"]),
         dot_mm=float(table["dot_mm"]),

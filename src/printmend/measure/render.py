@@ -95,7 +95,7 @@ def render_scan(
     marks = marks + rng.normal(0.0, d.shift_mm, marks.shape)
     wavelength, phase = rng.uniform(20, 60), rng.uniform(0, 2 * np.pi)
     marks[:, 1] += d.wave_mm * np.sin(2 * np.pi * marks[:, 1] / wavelength + phase)
-    width, height = (int(round(side * px_per_mm)) for side in size_mm)
+    width, height = (round(side * px_per_mm) for side in size_mm)
     ink = np.zeros((height, width), np.uint8)
     present = rng.random(len(plan)) >= d.missing
     diameters = plan.diameter_mm * (1 + rng.normal(0.0, d.diameter, len(plan)).clip(-0.3, 0.3))
@@ -223,7 +223,7 @@ def _developed(
     _sprinkle(image, d, px_per_mm, rng)
     if d.jpeg_quality is not None:
         _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, d.jpeg_quality])
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        image = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))
     return image
 
 

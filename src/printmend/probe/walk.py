@@ -50,6 +50,7 @@ def walk(printer: Printer, layout: Layout) -> ProbePlan:
     return ProbePlan(
         printer=printer.name,
         kinematics=printer.kinematics,
+        mm_per_turn=(printer.x.mm_per_turn, printer.y.mm_per_turn),
         pitch_mm=layout.pitch_mm,
         angle_rad=layout.angle_rad,
         dot_mm=DOT_MM,

@@ -1,0 +1,86 @@
+"""From the scanner's frame to the bed's: the gauge of a scan (physics.md §4).
+
+A scan does not know where the plate lay. Translation is taken from the marks as a whole: their median error
+becomes zero. Rotation cannot be told from one half of a skew, and what the learner may assume is part of the
+gauge: on a cartesian machine the x axis keeps its direction (all skew shows as x' = x + y tan γ, physics.md
+eq. 14); on a CoreXY, whose motors stretch both diagonals, the antisymmetric half of the error is zero.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.measure.plan import ProbePlan
+
+CAUCHY_MM = 0.3  # errors beyond this count little when the frames are aligned
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """How the plate lay on the glass: bed position = image position @ ``matrix`` [2, 2] + ``shift_mm`` [2]."""
+
+    matrix: np.ndarray
+    shift_mm: np.ndarray
+
+    def apply(self, image_mm: np.ndarray) -> np.ndarray:
+        """Map positions in the image [..., 2] mm, y down, to the bed."""
+        return image_mm @ self.matrix + self.shift_mm
+
+
+def find_pose(found_mm: np.ndarray, plan: ProbePlan, *, mirrored: bool) -> Pose:
+    """Return the pose that brings measured marks [M, 2] mm (image axes, y down, NaN where missing) to the bed.
+
+    Nothing is stretched: the scale of the scan is the scale of the result.
+    """
+    known = np.isfinite(found_mm).all(axis=1)
+    points, wanted = found_mm[known], plan.marks_mm[known]
+    upright = np.diag([-1.0 if mirrored else 1.0, -1.0])
+    matrix = upright @ _turn(points @ upright, wanted)
+    linear = _linear(plan, _centred(points @ matrix, wanted), known)
+    # the turn that `linear` still holds, in the convention of the machine
+    angle = linear[1, 0] if plan.kinematics == "cartesian" else (linear[1, 0] - linear[0, 1]) / 2
+    matrix = matrix @ _rotation(-angle)
+    return Pose(matrix, np.median(wanted - points @ matrix, axis=0))
+
+
+def _rotation(angle: float) -> np.ndarray:
+    """Return the matrix that turns row vectors by ``angle``, counter-clockwise."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, s], [-s, c]])
+
+
+def _centred(points: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    return points + np.median(wanted - points, axis=0)
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the rotation [2, 2] of points ``a`` [M, 2] onto ``b``, robustly (Kabsch with Cauchy weights)."""
+    weight = np.ones(len(a))
+    turn = np.eye(2)
+    for _ in range(8):
+        share = weight[:, None] / weight.sum()
+        centred_a, centred_b = a - (share * a).sum(axis=0), b - (share * b).sum(axis=0)
+        covariance = (share * centred_a).T @ centred_b
+        turn = _rotation(float(np.arctan2(covariance[0, 1] - covariance[1, 0], np.trace(covariance))))
+        error = np.hypot(*(centred_a @ turn - centred_b).T)
+        weight = 1.0 / (1.0 + (error / (CAUCHY_MM + np.median(error))) ** 2)
+    return turn
+
+
+def _linear(plan: ProbePlan, placed: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return the slopes [2, 2] of the errors of ``placed`` [K, 2] (the known marks), freed of play and of waves."""
+    xy = plan.marks_mm[known]
+    motor = plan.to_motor(xy)
+    columns = [np.ones(len(xy)), *(xy - xy.mean(axis=0)).T, *np.sign(plan.to_motor(plan.direction[known])).T]
+    for axis in range(2):
+        phase = 2 * np.pi * motor[:, axis] / plan.mm_per_turn[axis]
+        columns += [wave(k * phase) for k in range(1, 5) for wave in (np.cos, np.sin)]
+    design = np.stack(columns, axis=1)
+    error = placed - xy
+    weight = np.ones(len(xy))
+    for _ in range(6):
+        normal = design.T @ (weight[:, None] * design) + 1e-9 * np.eye(design.shape[1])
+        fit = np.linalg.solve(normal, design.T @ (weight[:, None] * error))
+        residual = np.hypot(*(error - design @ fit).T)
+        weight = 1.0 / (1.0 + (residual / (np.median(residual) * 2 + 1e-6)) ** 2)
+    return fit[1:3].T
