@@ -38,8 +38,9 @@ def test_bench_prints_the_table_and_keeps_the_results(printmend, vase: Path, tmp
     assert [line.split()[0] for line in out.splitlines() if line][:4] == ["Table", "model", "naive", "oracle"]
     assert out.splitlines()[-1].startswith("vase")
     code, out, _ = printmend(*arguments, "--json")
-    table = json.loads(out)["table"]
+    table, bodies = json.loads(out)["table"], json.loads(out)["bodies"]
     assert code == 0
+    assert [result["rmse_steps"] for result in bodies] == [line["abrmse_steps"] for line in table]
     assert [line["row"] for line in table] == ["naive", "oracle"]
 
 
@@ -52,7 +53,7 @@ def test_dataset_goes_out_and_comes_back(printmend, vase: Path, tmp_path: Path) 
     assert json.loads(out)["layers"] == 3
     code, out, _ = printmend("bench", "table1", "--reference", data, "--models", "oracle", "--out", tmp_path / "out")
     assert code == 0
-    assert "oracle" in out
+    assert [line.split()[0] for line in out.splitlines() if line] == ["Table", "model", "oracle", "body", "vase"]
 
 
 def test_demo_tells_the_story(printmend, vase: Path, tmp_path: Path) -> None:

@@ -2,11 +2,13 @@
 
 import json
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from printmend.bench import run as run_module
 from printmend.bench.case import Case, Result, draw_cases, evaluate
@@ -195,3 +197,17 @@ def test_every_result_is_one_line_of_json(vases: list[Path], tmp_path: Path) -> 
     (line,) = (tmp_path / "out" / "table1.jsonl").read_text().splitlines()
     assert json.loads(line)["row"] == "naive"
     assert (tmp_path / "out" / "figure6-paper.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="PrusaSlicer is not on PATH")
+def test_a_mesh_is_sliced_once_for_all_runs(tmp_path: Path) -> None:
+    cube = tmp_path / "cube.stl"
+    trimesh.creation.box((16, 16, 2)).export(cube)
+    (case,) = drawn([cube], sliced=tmp_path / "sliced")
+    (first,) = evaluate(case, ("naive",))
+    (gcode,) = (tmp_path / "sliced").iterdir()
+    written = gcode.stat().st_mtime_ns
+    (second,) = evaluate(replace(case, protocol="heldout"), ("naive",))
+    assert (first.error, second.error) == (None, None)
+    assert gcode.stat().st_mtime_ns == written
+    assert case.key("naive") == drawn([cube])[0].key("naive")

@@ -7,10 +7,15 @@ from typing import Any
 
 import click
 
+from printmend.cli.bench_real import real
+
 
 @click.group(epilog="Example: printmend bench table1 --bodies models/ --limit 20 --workers 2")
 def command() -> None:
     """Reproduce the paper's tables on real bodies."""
+
+
+command.add_command(real)
 
 
 @command.command(epilog="Example: printmend bench table1 --bodies models/ --protocol heldout --limit 60 --workers 2")
@@ -28,7 +33,7 @@ def command() -> None:
 @click.option("--limit", type=click.IntRange(1), help="How many bodies to draw; all without it.")
 @click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
 @click.option("--out", type=click.Path(path_type=Path), default="printmend-bench", show_default=True)
-@click.option("--per-body", is_flag=True, help="Also the RMSE of every body.")
+@click.option("--per-body", is_flag=True, help="Also the RMSE of every body; always with --reference.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def table1(
     bodies: tuple[Path, ...], reference: Path | None, protocol: Any, families: str, severity: Any, models: str | None,
@@ -62,10 +67,11 @@ def table1(
     with progress("bodies", len(cases)) as tick:
         lines, results = table1(cases, rows, out, workers=workers, tick=tick)
     if as_json:
-        click.echo(json.dumps({"table": [asdict(line) for line in lines], "failures": failure_texts(results)}))
+        table = [asdict(line) for line in lines]
+        click.echo(json.dumps({"table": table, "bodies": [asdict(result) for result in results]}))
         return
     show_table(f"Table I, protocol {protocol}, {len(cases)} bodies", HEADER, [cells(line) for line in lines])
-    if per_body:
+    if per_body or reference is not None:
         click.echo("\n" + body_table(results, rows))
     for text in failure_texts(results):
         click.echo(f"failed: {text}", err=True)
