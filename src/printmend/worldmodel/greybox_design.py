@@ -26,8 +26,8 @@ TABLE = 4096  # phases of the tables that the play is simulated with
 class Design:
     """Which columns there are.
 
-    Order of parameters: mean powers, play powers, cross terms, cos and sin of the ripple, then cos and sin of the
-    harmonics of mean, play and elastic. ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1;
+    Order of parameters: where the belt was at the start (counted from the first measurement), mean powers, play powers,
+    cross terms, cos and sin of the ripple, then cos and sin of the harmonics of mean, play and elastic. ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1;
     ``ripple`` the high harmonics of micro-step ripple.
     """
 
@@ -43,6 +43,7 @@ class Design:
     def parts(self) -> dict[str, slice]:
         """The place of every part in the parameter vector."""
         sizes = {
+            "start": 1,
             "mean_powers": self.mean_powers,
             "play_powers": self.play_powers,
             "cross": len(self.cross),
@@ -68,7 +69,7 @@ class Design:
     @cached_property
     def extras(self) -> int:
         """The number of columns that are not harmonics."""
-        return self.mean_powers + self.play_powers + len(self.cross) + 2 * len(self.ripple)
+        return 1 + self.mean_powers + self.play_powers + len(self.cross) + 2 * len(self.ripple)
 
     @cached_property
     def harmonic(self) -> np.ndarray:
@@ -103,8 +104,8 @@ class Design:
         return moved
 
     def _keys(self, name: str) -> list:
-        if name == "cross":
-            return list(self.cross)
+        if name in ("cross", "start"):
+            return list(self.cross) if name == "cross" else [0]
         return list(range(getattr(self, name)) if name.endswith("_powers") else self.waves(name))
 
     def branches(
@@ -194,8 +195,8 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Where a model puts the belt: per row the last contact, the side (0 uncertain), the belt's place, and the residual
-    (NaN where nothing was measured)."""
+    """Where a model puts the belt: per row the last contact (−1 before the first), its side (0 before the first), the
+    belt's place, and the residual (NaN where nothing was measured)."""
 
     at: np.ndarray
     side: np.ndarray
@@ -219,7 +220,7 @@ def contacts(design: Design, values: np.ndarray, rows: Rows) -> Contacts:
     cross = values[parts["cross"]]
     kernels.follow_play(
         rows.motor_mm, rows.origin_mm, rows.period_mm, design.tables(values),
-        values[parts["mean_powers"]], values[parts["play_powers"]], rows.start_mm, at, side, belt,
+        values[parts["mean_powers"]], values[parts["play_powers"]], rows.start_mm + values[parts["start"]][0], at, side, belt,
     )  # fmt: skip
     residual = rows.measured_mm - belt
     if cross.any():
@@ -231,8 +232,8 @@ def contacts(design: Design, values: np.ndarray, rows: Rows) -> Contacts:
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Weighted normal equations about the parameters ``values`` [P]: ``matrix`` = ΦᵀWΦ [P, P] and ``slope`` = ΦᵀWr [P]
-    over the rows whose contact is certain, ``square`` = rᵀWr and ``count`` over all measured rows."""
+    """Weighted normal equations about the parameters ``values`` [P]: ``matrix`` = ΦᵀWΦ [P, P], ``slope`` = ΦᵀWr [P] and
+    ``square`` = rᵀWr, over ``count`` rows."""
 
     values: np.ndarray
     matrix: np.ndarray
@@ -249,27 +250,34 @@ def normal_equations(design: Design, values: np.ndarray, rows: Rows, touch: Cont
     """Assemble the normal equations of all columns for weights [N], by moments over the phase."""
     extra = design.extras + 1
     bins, cross, gram = np.zeros((2, 3, CELLS)), np.zeros((2, 2, extra, CELLS)), np.zeros((extra, extra))
-    used = np.flatnonzero((weight > 0) & (touch.side != 0))
+    _bin_start(design, rows, touch, weight, gram)
+    used = np.flatnonzero((weight > 0) & (touch.at >= 0))
     for first in range(0, len(used), CHUNK):
         row = used[first : first + CHUNK]
         motor, side = rows.motor_mm[touch.at[row]], touch.side[row]
         x = (motor - rows.origin_mm) / SCALE_MM
         turns = np.mod(motor / rows.period_mm, 1.0)
         columns = np.empty((len(row), extra))
-        for p in range(design.mean_powers):
-            columns[:, p] = x**p
-        for p in range(design.play_powers):
-            columns[:, design.mean_powers + p] = side / 2 * x**p
+        columns[:, 0] = 0.0
+        columns[:, design.parts["mean_powers"]] = x[:, None] ** np.arange(design.mean_powers)
+        columns[:, design.parts["play_powers"]] = side[:, None] / 2 * x[:, None] ** np.arange(design.play_powers)
         columns[:, design.parts["cross"]] = cross_columns(design, rows, row)
         for part, wave in (("ripple_cos", np.cos), ("ripple_sin", np.sin)):
             columns[:, design.parts[part]] = wave(TURN_RAD * turns[:, None] * design.waves("ripple"))
         columns[:, -1] = touch.residual_mm[row]
         kernels.bin_moments(turns * CELLS, x, side, weight[row], columns, bins, cross, gram)
     matrix, slope = _assemble(design, bins, cross, gram)
-    # Rows before the first certain contact teach nothing, but a model pays for them: else endless play would be free.
-    unsure = (weight > 0) & (touch.side == 0)
-    square = float(gram[-1, -1] + (weight[unsure] * touch.residual_mm[unsure] ** 2).sum())
-    return Normal(values, matrix, slope, square, len(used) + int(unsure.sum()))
+    return Normal(values, matrix, slope, float(gram[-1, -1]), int((weight > 0).sum()))
+
+
+def _bin_start(design: Design, rows: Rows, touch: Contacts, weight: np.ndarray, gram: np.ndarray) -> None:
+    """Add the rows before the first contact: the belt is where it started, and only the frame moves the carriage."""
+    row = np.flatnonzero((weight > 0) & (touch.at < 0))
+    columns = np.zeros((len(row), design.extras + 1))
+    columns[:, 0] = 1.0
+    columns[:, design.parts["cross"]] = cross_columns(design, rows, row)
+    columns[:, -1] = touch.residual_mm[row]
+    gram += (columns * weight[row, None]).T @ columns
 
 
 def _assemble(design: Design, bins: np.ndarray, cross: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

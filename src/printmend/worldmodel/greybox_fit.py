@@ -19,6 +19,7 @@ HARMONIC_MM = 0.8  # physics.md §4: c_k ~ N(0, (0.8 k^−1.5 mm)²), hence c_k/
 POWER_MM = {"mean": (5.0, 25.0, 2.0, 1.0), "play": (1.5, 0.2, 0.2, 0.1)}
 CROSS_MM = {1: 3.0, 2: 0.3, 3: 0.1}
 RIPPLE_MM = 0.02
+START_MM = 2.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,7 @@ def groups(design: Design) -> dict[str, np.ndarray]:
 def variances(design: Design, prior: Prior) -> np.ndarray:
     """Return the prior variance [P] mm² of every parameter."""
     v = np.empty(design.size)
+    v[design.parts["start"]] = START_MM**2
     v[design.parts["mean_powers"]] = np.square(POWER_MM["mean"][: design.mean_powers])
     v[design.parts["play_powers"]] = np.square(POWER_MM["play"][: design.play_powers])
     v[design.parts["cross"]] = [CROSS_MM[p + q] ** 2 for p, q in design.cross]

@@ -15,7 +15,7 @@ from printmend.worldmodel.greybox_fit import Fit, Posterior, Prior, refine, solv
 COARSE_HARMONICS = 8
 TRIAL_HARMONICS = 16
 HARMONICS = 32
-WORTH = 3.0  # nats of evidence that a part must bring
+WORTH = 6.0  # nats of evidence that a part must bring
 STARTS_MM = (0.3, 3.0)
 CROSS = ((0, 1), (0, 2), (1, 1), (0, 3), (1, 2), (2, 1))
 ELASTIC = (1, 3, 5)
@@ -47,6 +47,7 @@ class Structure:
         """Mark the parameters [P] of ``design`` that are on."""
         odd = design.harmonic % 2 == 1
         parts, on = design.parts, np.zeros(design.size, bool)
+        on[parts["start"]] = True
         on[parts["mean_powers"]] = np.array([self.offset, self.scale, self.drift, self.drift])[: design.mean_powers]
         played = self.play != "none"
         on[parts["play_powers"]] = np.array([played, self.friction, self.friction])[: design.play_powers] & played
@@ -146,6 +147,6 @@ def fitted(rows: Rows, structure: Structure, ripple: tuple[int, ...], start: Cho
     design = structure.design(HARMONICS, ripple)
     values = design.moved(start.fit.posterior.values, start.design)
     fit = refine(
-        design, rows, values, np.ones(design.size, bool), prior=start.fit.posterior.prior, passes=passes, rounds=3
+        design, rows, values, structure.active(design), prior=start.fit.posterior.prior, passes=passes, rounds=3
     )
     return Choice(structure, design, fit)

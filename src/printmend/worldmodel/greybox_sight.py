@@ -16,7 +16,7 @@ class Sight:
     ``turns`` the span of its positions in turns; ``angles`` the share of one turn in which some contact was measured,
     ``lower_angles`` and ``upper_angles`` the same for each branch; ``forward`` and ``backward`` the measured rows in
     contact with each; ``reversals`` how often the motor turned back; ``unsure`` the measured rows before the first
-    certain contact.
+    contact.
     """
 
     turns: float
@@ -49,7 +49,7 @@ def sight(rows: Rows, touch: Contacts) -> Sight:
     steps = np.diff(rows.motor_mm)
     steps = steps[steps != 0]
     reversals = int((np.sign(steps[1:]) != np.sign(steps[:-1])).sum())
-    unsure = int((measured & (touch.side == 0)).sum())
+    unsure = int((measured & (touch.at < 0)).sum())
     return Sight(
         span / rows.period_mm, float(seen.mean()), shares[0], shares[1], counts[0], counts[1], reversals, unsure,
         rows.reach_mm,

@@ -13,14 +13,13 @@ def follow_play(motor_mm, origin_mm, period_mm, tables, mean_powers, play_powers
     """Follow motor positions [N] through generalised play; say at every row which contact gave the belt its place.
 
     ``tables`` [3, B + 1] are the periodic parts of mean, play and elastic; the powers are of x = (motor − origin)/100.
-    The belt starts at ``start_mm``, clipped into its play. Fills, for each row, ``at`` (the row of the last contact),
-    ``side`` (−1: the lower branch, +1: the upper one, 0: not certain, whatever the start was) and ``belt_mm``.
+    The belt starts at ``start_mm``. Fills, for each row, ``at`` (the row of the last contact, −1 where the belt still
+    is where it started), ``side`` (−1: the lower branch, +1: the upper one, 0: none yet) and ``belt_mm``.
     """
     size = tables.shape[1] - 1
     per_mm = size / period_mm
     value = start_mm
     row, branch = -1, 0
-    low = high = start_mm
     for t in range(motor_mm.shape[0]):
         x = (motor_mm[t] - origin_mm) / 100.0
         place = motor_mm[t] * per_mm
@@ -39,16 +38,12 @@ def follow_play(motor_mm, origin_mm, period_mm, tables, mean_powers, play_powers
         play = max(play, 0.0)
         lower = motor_mm[t] + mean - play / 2
         upper = motor_mm[t] + mean + play / 2
-        if t == 0:
-            low, high = lower, upper
-        low = min(max(low, lower), upper)
-        high = min(max(high, lower), upper)
         if value < lower:
             value, row, branch = lower, t, -1
         if value > upper:
             value, row, branch = upper, t, 1
         at[t] = row
-        side[t] = branch if low == high else 0
+        side[t] = branch
         belt_mm[t] = value
 
 
