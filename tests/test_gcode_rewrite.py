@@ -117,7 +117,7 @@ def test_the_rewritten_file_goes_where_it_was_asked_to(lines, flavour, seed, fee
         if len(mates) != 1:
             continue  # several statements on one line
         if len(pieces):
-            ends = np.column_stack([group[name] for name in ("x1", "y1", "z1")])
+            ends = np.column_stack([np.append(group[axis + "0"][:1], group[axis + "1"]) for axis in "xyz"])
             for piece in pieces:
                 wanted = np.array([piece["x"], piece["y"], piece["z"]])
                 known = [bool(original["flags"] >> (7 + axis) & 1) for axis in range(3)]

@@ -81,11 +81,16 @@ def finish_record(r, numbers, counts):
     r.flags = r.flags | (counts[C_KNOWN] << 7)
 
 
+# What events lose: the axes (bits) whose place is uncertain afterwards come with the event, in its higher byte.
+_LOST = 256
+ALL_LOST = 7 * _LOST
+
+
 @njit
-def event(r, counts, event, lost):
-    """Say why the place (axes in ``lost``) or the belts' engaged side is uncertain after this statement."""
-    r.kind, r.event = KIND_EVENT, event
-    counts[C_KNOWN] &= ~lost & 7
+def event(r, counts, what):
+    """Say why the place (the axes in the higher byte of ``what``) or the belts' engaged side is uncertain."""
+    r.kind, r.event = KIND_EVENT, what % _LOST
+    counts[C_KNOWN] &= ~(what // _LOST) & 7
 
 
 @njit
@@ -119,7 +124,7 @@ def move(r, numbers, counts, words, unclear, values, motion):
     if words & WORD_F:
         numbers[N_FEED] = abs(values[5]) * unit
     r.kind = KIND_LINEAR if motion < 2 else (KIND_CW if motion == 2 else KIND_CCW)
-    _goto(numbers, counts, words, unclear, values, unit, (r.flags & FLAG_G53) != 0)
+    _goto(numbers, counts, words, unclear, values, unit, np.int64(r.flags & FLAG_G53))
     if words & WORD_E:
         value = values[4] * unit
         numbers[N_E] = r.e0 + value if e_is_relative(counts) else value
@@ -236,14 +241,14 @@ def set_mode(numbers, counts, code):
 
 @njit
 def g_command(r, numbers, counts, words, bare, unclear, values, code):
-    """Obey a G command with its words, motion G0–G3 excepted; a record without a kind is dropped."""
+    """Obey a G command with its words, motion G0–G3 excepted; return what it makes uncertain, for `event`, or 0."""
     if code == 280:
         axes = ((words | bare | unclear) >> 23) & 7
         _home(r, numbers, counts, axes if axes else 7)
     elif code == 920 or code == 921 or code == 922:
         _set_position(r, numbers, counts, words, values, code)
     elif code == 100 or code == 110:
-        _g10(r, numbers, counts, words, values, code)
+        return _g10(r, numbers, counts, words, values, code)
     elif code == 40 or code == 430 or code == 923 or (code == 290 and words & WORD_S):
         pass  # dwell, tool length from the table, RRF's `G29 S1` (load a map)
     elif code in (281, 301, 291, 292, 294, 220, 230):
@@ -251,17 +256,18 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
     elif code in (290, 300, 320, 330, 340, 800) or 380 <= code <= 385:
         if code == 800:
             counts[C_MODAL] = -1
-        event(r, counts, EVENT_PROBE, 7)
+        return EVENT_PROBE + ALL_LOST
     elif code == 50 or code == 51:  # splines end where they say
-        _goto(numbers, counts, words, unclear, values, 25.4 if counts[C_INCH] else 1.0, False)
+        _goto(numbers, counts, words, unclear, values, 25.4 if counts[C_INCH] else 1.0, np.int64(0))
         if words & WORD_E:
             value = values[4] * (25.4 if counts[C_INCH] else 1.0)
             numbers[N_E] = r.e0 + value if e_is_relative(counts) else value
-        event(r, counts, EVENT_UNKNOWN, 0)
         r.flags = r.flags | FLAG_OPAQUE
+        return EVENT_UNKNOWN
     else:
-        event(r, counts, EVENT_UNKNOWN, 7)
         r.flags = r.flags | FLAG_OPAQUE
+        return EVENT_UNKNOWN + ALL_LOST
+    return 0
 
 
 @njit
@@ -270,13 +276,12 @@ def _g10(r, numbers, counts, words, values, code):
     has_p, has_l = words & WORD_P, words & WORD_L
     if not has_p and not has_l:
         r.kind, r.axes = KIND_RETRACT, code == 100
-        return
+        return 0
     if not words & WORDS_XYZ:
-        return
+        return 0
     unit = 25.4 if counts[C_INCH] else 1.0
     index = np.int64(min(max(values[15], -1.0), 99.0)) if has_p else -1
     level = np.int64(min(max(values[11], 0.0), 99.0)) if has_l else 0
-    event(r, counts, EVENT_OFFSET, 0)
     for axis in range(3):
         if words & (WORD_X << axis):
             value = values[23 + axis] * unit
@@ -292,6 +297,7 @@ def _g10(r, numbers, counts, words, values, code):
                         counts[C_OFFSET_KNOWN] &= ~(1 << axis)
             elif 0 <= index < TOOLS:
                 numbers[N_TOOLS + 3 * index + axis] = value
+    return EVENT_OFFSET
 
 
 # M commands in tenths. The place is kept by the first three groups and lost by the last.
@@ -303,7 +309,7 @@ _M_MACRO = np.array([240, 320, 480, 980, 6050, 6220, 6230, 8080, 9700, 9703, 971
 
 @njit
 def m_command(r, numbers, counts, words, bare, values, code):
-    """Obey an M command; a record without a kind is dropped. Codes are tenths."""
+    """Obey an M command (in tenths); return what it makes uncertain, for `event`, or 0."""
     if code == 820 or code == 830:
         counts[C_M83] = code == 830
     elif code == 2210:
@@ -324,36 +330,37 @@ def m_command(r, numbers, counts, words, bare, values, code):
                 elif 0 < tool < TOOLS:
                     numbers[N_TOOLS + 3 * tool + axis] = value
         if words & WORDS_XYZ:
-            event(r, counts, EVENT_OFFSET, 0)
+            return EVENT_OFFSET
     elif code == 180 or code == 840:
         named = words | bare
         axes = (named >> 23) & 7
         if words & WORD_S == 0 and (axes or named & WORD_E == 0):
-            event(r, counts, EVENT_MOTORS_OFF, axes if axes else 7)
+            return EVENT_MOTORS_OFF + (axes if axes else 7) * _LOST
     elif among(code, _M_PAUSE):
-        event(r, counts, EVENT_PAUSE, 0)
+        return EVENT_PAUSE
     elif among(code, _M_EXCLUDE):
-        event(r, counts, EVENT_EXCLUDE, 0)
+        return EVENT_EXCLUDE
     elif among(code, _M_TOOL):
-        event(r, counts, EVENT_TOOL, 7)
+        return EVENT_TOOL + ALL_LOST
     elif among(code, _M_MACRO):
-        event(r, counts, EVENT_MACRO, 7)
+        return EVENT_MACRO + ALL_LOST
+    return 0
 
 
 @njit
 def long_command(r, buf, p, stop, numbers, counts):
-    """Obey a command with a long name (Klipper): state, offsets, objects, pauses; every other one is a macro."""
+    """Obey a long name (Klipper): state, offsets, objects, pauses; any other is a macro. Return as `m_command`."""
     name, p = word_hash(buf, p, stop)
     if name != _SAVE and name != _RESTORE and name != _OFFSET:
         if among(name, _EXCLUDING):
-            event(r, counts, EVENT_EXCLUDE, 0)
+            return EVENT_EXCLUDE
         elif among(name, _PAUSING):
-            event(r, counts, EVENT_PAUSE, 0)
+            return EVENT_PAUSE
         elif among(name, _TOOLING):
-            event(r, counts, EVENT_TOOL, 7)
+            return EVENT_TOOL + ALL_LOST
         elif not among(name, _STILL):
-            event(r, counts, EVENT_MACRO, 7)
-        return
+            return EVENT_MACRO + ALL_LOST
+        return 0
     label, move, given, adjusted = _DEFAULT, False, 0, 0
     offsets = np.zeros(3)
     while p < stop and buf[p] != SEMICOLON:
@@ -366,7 +373,7 @@ def long_command(r, buf, p, stop, numbers, counts):
         if key == _KEY_NAME:
             label, p = word_hash(buf, p + 1, stop)
             continue
-        value, p, found = parse_number(buf, p + 1, stop, True, True)
+        value, p, found = parse_number(buf, p + 1, stop, np.int64(3))
         move = move or (key == _KEY_MOVE and value == 1)
         for axis in range(3):
             if found and key == _KEY_AXIS[axis]:
@@ -375,13 +382,14 @@ def long_command(r, buf, p, stop, numbers, counts):
                 offsets[axis], adjusted = value, adjusted | 1 << axis
     if name == _SAVE:
         _save(numbers, counts, label)
-        return
-    r.kind, r.event = KIND_EVENT, EVENT_RESTORE if move else EVENT_OFFSET
+        return 0
     r.flags = r.flags | FLAG_OPAQUE
+    what = EVENT_RESTORE if move else EVENT_OFFSET
     if name == _RESTORE:
         if not _restore(numbers, counts, label, move):
-            counts[C_KNOWN] = counts[C_OFFSET_KNOWN] = 0
-        return
+            counts[C_OFFSET_KNOWN] = 0
+            what += ALL_LOST
+        return what
     for axis in range(3):
         old = numbers[N_GCODE_OFFSET + axis]
         if given & (1 << axis):
@@ -390,6 +398,7 @@ def long_command(r, buf, p, stop, numbers, counts):
             numbers[N_GCODE_OFFSET + axis] += offsets[axis]
         if move:
             numbers[N_POS + axis] += numbers[N_GCODE_OFFSET + axis] - old
+    return what
 
 
 @njit

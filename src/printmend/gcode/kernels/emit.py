@@ -29,6 +29,9 @@ from printmend.gcode.kernels.text import (
 
 _PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | 1 << 6 | 1 << 13  # G and N too
 _ROOM = 224  # more than a generated line or an edit adds: eight words of at most 22 bytes, starts and ends
+# As int64 values, not literals, or numba would compile the functions that take them once for each.
+_FIRST, _SECOND, _THREE, _FIVE = np.int64(0), np.int64(1), np.int64(3), np.int64(5)
+_E, _F, _G = np.int64(69), np.int64(70), np.int64(71)
 
 
 @njit
@@ -176,7 +179,7 @@ def _keeps_centre(r, piece, writer):
 def _put_feed(out, at, r, feed, writer):
     """Write F [mm/min] if the machine's own is another."""
     if feed > 0 and feed != writer[W_FEED]:
-        at = _put_word(out, at, r, 70, _scaled(feed / (25.4 if r.flags & FLAG_INCH else 1.0), 3), 3)
+        at = _put_word(out, at, r, _F, _scaled(feed / (25.4 if r.flags & FLAG_INCH else 1.0), _THREE), _THREE)
         writer[W_FEED] = feed
     return at
 
@@ -187,7 +190,7 @@ def _e_scaled(r, cumulated):
     unit = 25.4 if r.flags & FLAG_INCH else 1.0
     gain = r.e1 - r.e0
     value = cumulated * gain if r.flags & FLAG_E_RELATIVE else r.e0 + cumulated * gain
-    return _scaled(value / unit, 5)
+    return _scaled(value / unit, _FIVE)
 
 
 @njit
@@ -219,7 +222,7 @@ def _put_command(buf, r, motion, out, at):
             if p - r.begin > 8:
                 break
         return at
-    out[at], out[at + 1] = _letter(71, r), 48 + motion
+    out[at], out[at + 1] = _letter(_G, r), 48 + motion
     return at + 2
 
 
@@ -275,7 +278,7 @@ def _put_row(buf, r, piece, cumulated, before, writer, out, at):
     at = _put_command(buf, r, motion, out, at)
     body = at
     if piece.kind == PIECE_ARC:
-        for second in (False, True):
+        for second in range(2):
             scaled = _scaled_centre(r, piece, writer, second)
             at = _put_word(out, at, r, 73 + _centre_axis(r, second), scaled, _decimals(r) + 1)
     for axis in range(3):
@@ -292,7 +295,7 @@ def _put_row(buf, r, piece, cumulated, before, writer, out, at):
         if r.flags & FLAG_E_RELATIVE:
             step -= _e_scaled(r, before)
         if step != 0 or not r.flags & FLAG_E_RELATIVE:
-            at = _put_word(out, at, r, 69, step, 5)
+            at = _put_word(out, at, r, _E, step, _FIVE)
     if at == body:
         return start  # shorter than the resolution: nothing to write
     at = _put_feed(out, at, r, piece.feed if piece.feed > 0 else r.feed, writer)
@@ -311,7 +314,7 @@ def _put_line_start(r, writer, out, at):
         out[at], out[at + 1], out[at + 2] = 78, 43, 32
         at += 3
     if r.flags & FLAG_G53:
-        out[at], out[at + 1], out[at + 2], out[at + 3] = _letter(71, r), 53, 51, 32
+        out[at], out[at + 1], out[at + 2], out[at + 3] = _letter(_G, r), 53, 51, 32
         at += 4
     return at
 
@@ -329,13 +332,13 @@ def _edit(buf, r, piece, before, writer, out, at):
         drop = WORD_R
     centre0, centre1 = np.int64(0), np.int64(0)
     if bent:
-        centre0, centre1 = _scaled_centre(r, piece, writer, False), _scaled_centre(r, piece, writer, True)
-    bit0, bit1 = WORD_I << _centre_axis(r, False), WORD_I << _centre_axis(r, True)
+        centre0, centre1 = _scaled_centre(r, piece, writer, _FIRST), _scaled_centre(r, piece, writer, _SECOND)
+    bit0, bit1 = WORD_I << _centre_axis(r, _FIRST), WORD_I << _centre_axis(r, _SECOND)
     feed = piece.feed if piece.feed > 0 else r.feed
     keep_feed = feed == r.feed
     p, start = r.begin, at
     if r.flags & FLAG_MODAL and (motion != own or writer[W_MODAL] != own):
-        out[at], out[at + 1] = _letter(71, r), 48 + motion
+        out[at], out[at + 1] = _letter(_G, r), 48 + motion
         at += 2
         if r.flags & FLAG_SPACED:
             out[at] = 32
@@ -401,7 +404,7 @@ def _edit(buf, r, piece, before, writer, out, at):
                     continue
                 at = _copy(buf, gap, p + 1, out, at)
                 if before > 0 and r.flags & FLAG_E_RELATIVE:
-                    at = _put_fixed(out, at, _e_rest(r, before, writer), 5)
+                    at = _put_fixed(out, at, _e_rest(r, before, writer), _FIVE)
                 else:
                     at = _copy(buf, p + 1, q, out, at)
             elif letter == 70 and r.words & WORD_F:
@@ -409,7 +412,7 @@ def _edit(buf, r, piece, before, writer, out, at):
                 if keep_feed:
                     at = _copy(buf, p + 1, q, out, at)
                 else:
-                    at = _put_fixed(out, at, _scaled(feed / (25.4 if r.flags & FLAG_INCH else 1.0), 3), 3)
+                    at = _put_fixed(out, at, _scaled(feed / (25.4 if r.flags & FLAG_INCH else 1.0), _THREE), _THREE)
                 writer[W_FEED] = feed
             else:
                 at = _copy(buf, gap, q, out, at)
@@ -423,9 +426,9 @@ def _edit(buf, r, piece, before, writer, out, at):
     if not added:
         at = _add_axes(r, piece, writer, out, at)
     if bent and not done & bit0:
-        at = _put_word(out, at, r, 73 + _centre_axis(r, False), centre0, _decimals(r) + 1)
+        at = _put_word(out, at, r, 73 + _centre_axis(r, _FIRST), centre0, _decimals(r) + 1)
     if bent and not done & bit1:
-        at = _put_word(out, at, r, 73 + _centre_axis(r, True), centre1, _decimals(r) + 1)
+        at = _put_word(out, at, r, 73 + _centre_axis(r, _SECOND), centre1, _decimals(r) + 1)
     if not r.words & WORD_F:
         at = _put_feed(out, at, r, feed, writer)
     writer[W_MODAL] = motion
@@ -507,7 +510,7 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
     output on and call again with the remaining records and ``begin`` = read. What follows the last record
     (comments, other commands) is the caller's to copy, unless another record follows it.
     """
-    at, p = 0, begin
+    at, p = np.int64(0), begin
     room = len(out)
     for i in range(n):
         r = records[i]
@@ -529,7 +532,7 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
             depends = (motion or (r.kind == KIND_EVENT and r.event != EVENT_EXCLUDE)) and not r.words & WORD_F
             if depends and r.feed > 0 and writer[W_FEED] > 0 and writer[W_FEED] != r.feed:
                 # The file's F would still hold here: say it again.
-                out[at], out[at + 1] = _letter(71, r), 49
+                out[at], out[at + 1] = _letter(_G, r), 49
                 at = _put_feed(out, at + 2, r, r.feed, writer)
                 writer[W_MODAL] = 1
                 if writer[W_NUMBERED] != 0 and r.flags & FLAG_CHECKSUM:
@@ -539,7 +542,7 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
                 at = _put_line_start(r, writer, out, at)
             if motion and r.flags & FLAG_MODAL and writer[W_MODAL] >= 0 and writer[W_MODAL] != own:
                 start = at
-                out[at], out[at + 1] = _letter(71, r), 48 + own
+                out[at], out[at + 1] = _letter(_G, r), 48 + own
                 at += 2
                 if r.flags & FLAG_SPACED:
                     out[at] = 32

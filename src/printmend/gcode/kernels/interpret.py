@@ -5,6 +5,7 @@ import numpy as np
 from numba import njit
 
 from printmend.gcode.kernels.commands import (
+    ALL_LOST,
     add_offsets,
     begin_record,
     event,
@@ -17,6 +18,7 @@ from printmend.gcode.kernels.commands import (
 )
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import (
+    CAPITAL,
     CLOSE,
     CR,
     LF,
@@ -24,6 +26,7 @@ from printmend.gcode.kernels.text import (
     QUOTE,
     SEMICOLON,
     SPACE,
+    SPACED,
     STAR,
     among,
     has_letter,
@@ -118,7 +121,8 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
                     if letter == 0:
                         letter = _FILLED_IN
                 break
-            value, q, found = parse_number(buf, p + 1, stop, spaced, buf[p] < 97)
+            style = (SPACED if spaced else 0) | (CAPITAL if buf[p] < 97 else 0)
+            value, q, found = parse_number(buf, p + 1, stop, style)
             if byte == 71 or byte == 77 or (byte == 84 and letter == 0):
                 if found and 0 <= value < 100000:
                     tenths = int(value * 10.0 + 0.5)
@@ -155,7 +159,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
                     q += 1
                 if q < stop and (is_digit(buf[q]) or buf[q] == 43 or buf[q] == 45 or buf[q] == 46):
                     p = q - 1  # `X 10`: read the number where it is
-                    value, q, found = parse_number(buf, q, stop, spaced, False)
+                    value, q, found = parse_number(buf, q, stop, style)
                     if not found:
                         break
                     values[byte - 65] = value
@@ -176,6 +180,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
         r = records[n]
         begin_record(r, start, p if again else stop, p if again else after, numbers, counts, flags)
         r.words = words
+        what = 0
         if (letter == 71 and code <= 30) or letter == 0:
             if letter == 71:
                 counts[C_MODAL] = code // 10
@@ -184,18 +189,20 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
             if counts[C_MODAL] >= 0 and (letter == 71 or (words | unclear) & (WORDS_XYZ | WORD_E | WORD_F)):
                 move(r, numbers, counts, words, unclear, values, counts[C_MODAL])
         elif letter == 71:
-            g_command(r, numbers, counts, words, bare, unclear, values, code)
+            what = g_command(r, numbers, counts, words, bare, unclear, values, code)
         elif letter == 77:
-            m_command(r, numbers, counts, words, bare, values, code)
+            what = m_command(r, numbers, counts, words, bare, values, code)
         elif letter == 84:
             if code // 10 != counts[C_TOOL]:
                 counts[C_TOOL] = code // 10
-                event(r, counts, EVENT_TOOL, 7)
+                what = EVENT_TOOL + ALL_LOST
         elif letter == _EXTENDED:
-            long_command(r, buf, start, stop, numbers, counts)
+            what = long_command(r, buf, start, stop, numbers, counts)
         else:
-            event(r, counts, EVENT_PLACEHOLDER, 7)
+            what = EVENT_PLACEHOLDER + ALL_LOST
             r.flags = r.flags | FLAG_OPAQUE
+        if what != 0:
+            event(r, counts, what)
         if letter != 71 or code > 30:
             add_offsets(numbers, counts)
         if p - start > MAX_CODE_BYTES:
@@ -218,7 +225,7 @@ def interpret(buf, begin, end, numbers, counts, records):
     (a line of L bytes needs at most L/2 + 2): call again with the rest.
     """
     values = np.zeros(26)
-    n = 0
+    n = np.int64(0)
     capacity = len(records)
     p = begin
     while p < end:

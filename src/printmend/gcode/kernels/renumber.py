@@ -24,7 +24,7 @@ def renumber(buf, begin, end, lines, out):
     other N words are raised by the lines added; where a number or `*+` changed a line, its checksum, the exclusive-or
     of the bytes before the star, is computed again. It stops before a line that may not fit into ``out``.
     """
-    p, at = begin, 0
+    p, at = begin, begin * 0
     while p < end:
         stop = p
         while stop < end and buf[stop] != LF and buf[stop] != CR:

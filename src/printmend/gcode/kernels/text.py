@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 
 LF, CR, SPACE = 10, 13, 32
+SPACED, CAPITAL = 1, 2  # blanks between words; the word's letter is upper case
 SEMICOLON, OPEN, CLOSE, STAR, QUOTE = 59, 40, 41, 42, 34
 POWERS = np.array([10.0**k for k in range(23)])
 _FNV_SEED, _FNV_PRIME = np.uint64(14695981039346656037), np.uint64(1099511628211)
@@ -52,10 +53,10 @@ def is_blank(byte):
 
 
 @njit
-def parse_number(buf, p, stop, spaced, capital):
+def parse_number(buf, p, stop, style):
     """Read a number at p: (value, next, found). Nothing found leaves next at p.
 
-    ``spaced`` and ``capital`` say how the line is written, which tells an exponent (`Y2.4e-15`, `X1.0E-4`) from an
+    ``style`` (SPACED, CAPITAL) says how the line is written, which tells an exponent (`Y2.4e-15`, `X1.0E-4`) from an
     E word that follows without a blank (`X1E-4` in `G1X1E-4`).
     """
     start = p
@@ -86,13 +87,13 @@ def parse_number(buf, p, stop, spaced, capital):
     if digits == 0:
         return 0.0, start, False
     if digits > 15 or (p < stop and (buf[p] == 101 or buf[p] == 69)):
-        return _parse_long(buf, start, stop, spaced, capital)
+        return _parse_long(buf, start, stop, style)
     value = float(whole) / POWERS[decimals]  # both exact, so the quotient is correctly rounded
     return (-value if negative else value), p, True
 
 
 @njit
-def _parse_long(buf, p, stop, spaced, capital):
+def _parse_long(buf, p, stop, style):
     """Read a number of any length, with an exponent if the line's style says that it is one."""
     negative = buf[p] == 45
     if buf[p] == 43 or buf[p] == 45:
@@ -122,8 +123,8 @@ def _parse_long(buf, p, stop, spaced, capital):
             exponent = exponent * 10 + digit_of(buf[q])
             q += 1
         closed = q == stop or is_blank(buf[q]) or buf[q] == SEMICOLON or buf[q] == STAR or buf[q] == OPEN
-        sure = buf[p] == 101 and capital
-        if q > first and closed and (sure or (spaced and signed)):
+        sure = buf[p] == 101 and style & CAPITAL
+        if q > first and closed and (sure or (style & SPACED and signed)):
             power += -exponent if buf[p + 1] == 45 else exponent
             p = q
     if power >= 0:
