@@ -166,6 +166,8 @@ def sharpest(model, motor, m0, m1):
     i = np.int64((min(m0, m1) - model[at + FIRST]) * rate) // BEND_BLOCK
     j = np.int64((max(m0, m1) - model[at + FIRST]) * rate) // BEND_BLOCK
     most = 0.0
-    for k in range(int(min(max(i, 0), last)), int(min(max(j, 0), last)) + 1):
+    k, stop = min(max(i, 0), last), min(max(j, 0), last)
+    while k <= stop:
         most = max(most, model[bend + k])
+        k += 1
     return most

@@ -1,0 +1,63 @@
+"""What the tests of mending share: mend a text in memory, print it on the naive printer, measure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.control.inverse import start
+from printmend.corruption import Corruption, Drive
+from printmend.corruption.belt import Play
+from printmend.corruption.pulley import EccentricBore
+from printmend.gcode.machine import Flavour, initial_state
+from printmend.mechanism import Mechanism
+from printmend.printer import read_printer
+from printmend.repair.prediction import Prediction, prediction_of
+from printmend.repair.stream import rewritten
+from tests import naive_mend
+
+ENDER3, ENDER5, COREXY = read_printer("ender3"), read_printer("ender5"), read_printer("corexy")
+PLAY = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.7)))).lower(ENDER3).homed()
+BENT = (
+    Corruption(
+        (Drive(pulley=EccentricBore(0.5, 1.0), belt=Play(0.4)), Drive(pulley=EccentricBore(0.3), belt=Play(0.6)))
+    )
+    .lower(ENDER3)
+    .homed()
+)
+START = b"G21\nG90\nM83\nG28\nG1 Z0.2 F600\nG0 X60 Y60 F6000\n"
+SQUARE = START + b"G1 X80 Y60 E1 F1800\nG1 X80 Y80 E1\nG1 X60 Y80 E1\nG1 X60 Y60 E1\n"
+
+
+def mended(text: bytes, mechanism: Mechanism, flavour: Flavour = Flavour.KLIPPER) -> tuple[bytes, Prediction]:
+    """Mend a text in memory, without the mark."""
+    planner = start(mechanism)
+    state = initial_state(mechanism.printer, flavour)
+    chunk = np.frombuffer(text, np.uint8)
+    written = b"".join(bytes(view) for view in rewritten([chunk], state, planner))
+    return written, prediction_of(planner)
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A mended text and how far its print is from the wanted path [mm]."""
+
+    text: bytes
+    prediction: Prediction
+    before: np.ndarray
+    after: np.ndarray
+    wanted: list[naive_mend.Move]
+    given: list[naive_mend.Move]
+
+    @property
+    def rms_mm(self) -> float:
+        return naive_mend.rms(self.after)
+
+
+def judge(text: bytes, mechanism: Mechanism) -> Judged:
+    """Mend a text, print the original and the mended one on the naive printer."""
+    written, prediction = mended(text, mechanism)
+    home = tuple(axis.home_mm for axis in mechanism.printer.axes)
+    wanted, given = naive_mend.read_moves(text, home), naive_mend.read_moves(written, home)
+    before = naive_mend.contour_errors_mm(wanted, wanted, naive_mend.print_moves(wanted, mechanism))
+    after = naive_mend.contour_errors_mm(wanted, given, naive_mend.print_moves(given, mechanism))
+    return Judged(written, prediction, before, after, wanted, given)

@@ -1,0 +1,175 @@
+"""The law of mending: what is written, executed on an independent printer of the same fault, draws what was wanted."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius, families, sample
+from printmend.printer import Printer
+from tests import naive_mend
+from tests.mending import BENT, COREXY, ENDER3, ENDER5, PLAY, SQUARE, START, judge, mended
+
+FAMILIES = [name for name in families() if name != "gain-table"]
+
+
+def part(printer: Printer) -> bytes:
+    """A ring, a hatch in two directions and a pointed star on two layers, in the middle of the bed."""
+    cx, cy = (printer.x.min_mm + printer.x.max_mm) / 2 - 5, (printer.y.min_mm + printer.y.max_mm) / 2 + 3
+    lines = ["G21", "G90", "M83", "G28"]
+    for layer in range(2):
+        lines += [";LAYER_CHANGE", f"G1 Z{0.2 * (layer + 1):.1f} F600"]
+        for radius, count, sense in ((12.0, 28, 1), (6.0, 6, -1)):
+            angles = sense * np.linspace(0, 2 * np.pi, count + 1) + layer
+            reach = radius * (1 + 0.3 * (np.arange(count + 1) % 2)) if count == 6 else np.full(count + 1, radius)
+            x, y = cx + reach * np.cos(angles), cy + reach * np.sin(angles)
+            lines += ["G1 E-1 F2400", f"G0 X{x[0]:.3f} Y{y[0]:.3f} F7200", "G1 E1 F2400"]
+            lines += [
+                f"G1 X{b[0]:.3f} Y{b[1]:.3f} E{0.04 * math.dist(a, b):.5f} F1800"
+                for a, b in zip(zip(x, y, strict=True), zip(x[1:], y[1:], strict=True), strict=False)
+            ]
+        for k in range(3):
+            sign = 1 if (k + layer) % 2 else -1
+            lines.append(f"G0 X{cx - sign * 12:.3f} Y{cy - 5 + 2 * k - sign * layer * 6:.3f} F7200")
+            lines.append(f"G1 X{cx + sign * 12:.3f} Y{cy - 5 + 2 * k + sign * layer * 6:.3f} E1.1 F3000")
+    return "\n".join(lines).encode() + b"\n"
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_family(family: str) -> None:
+    mechanism = sample(family, np.random.default_rng(5), "damaged").lower(ENDER3).homed()
+    judged = judge(part(ENDER3), mechanism)
+    assert judged.prediction.clamped_extruding == 0
+    assert judged.rms_mm <= 0.006
+    assert judged.after.max() <= 0.02
+    # what the program predicts is what happens
+    assert judged.prediction.after.rms_mm == pytest.approx(judged.rms_mm, abs=0.0015)
+
+
+@pytest.mark.parametrize("printer", [ENDER5, COREXY], ids=lambda printer: printer.name)
+@pytest.mark.parametrize("family", ["play", "pulley-loose", "pulley-set-screw", "frame"])
+def test_other_printers(printer: Printer, family: str) -> None:
+    mechanism = sample(family, np.random.default_rng(3), "realistic").lower(printer).homed()
+    judged = judge(part(printer), mechanism)
+    assert judged.rms_mm <= 0.006
+    assert naive_mend.rms(judged.before) > judged.rms_mm
+
+
+def test_the_prediction_of_the_original_is_what_the_naive_printer_prints() -> None:
+    judged = judge(part(ENDER3), PLAY)
+    assert judged.prediction.before.rms_mm == pytest.approx(naive_mend.rms(judged.before), rel=0.1)
+    assert judged.prediction.before.max_mm == pytest.approx(judged.before.max(), rel=0.1)
+
+
+def test_a_healthy_machine_leaves_every_byte() -> None:
+    text = part(ENDER3)
+    assert mended(text, HEALTHY.lower(ENDER3).homed())[0] == text
+
+
+def test_a_healthy_axis_leaves_its_lines() -> None:
+    one = replace(PLAY, transmissions=(PLAY.transmissions[0], HEALTHY.lower(ENDER3).transmissions[1]))
+    text = START + b"G1 Y90 E1 F1800 ; up\nG1 Y70 E1\nG1 Y85 E1\n"
+    lines, written = text.splitlines(), mended(text, one)[0].splitlines()
+    assert written[-3:] == lines[-3:]
+
+
+def test_filament_is_kept() -> None:
+    judged = judge(part(ENDER3), BENT)
+    wanted = sum(move.filament for move in judged.wanted)
+    assert sum(move.filament for move in judged.given) == pytest.approx(wanted, abs=1e-4)
+
+
+def test_extrusion_follows_the_printed_length() -> None:
+    """The filament a millimetre of printed path is the file's, within what the chords may run ahead or behind."""
+    judged = judge(SQUARE, BENT)
+    printed = naive_mend.print_moves(judged.given, BENT, pitch_mm=1000.0)
+    at, densities = None, []
+    for move, way in zip(judged.given, printed, strict=True):
+        if move.draws and at is not None:
+            length = math.dist(at, way[-1])
+            densities.append(move.filament / length)
+        at = way[-1]
+    assert np.allclose(densities, 1 / 20, rtol=0.08)
+
+
+def test_speed_along_the_path_is_kept() -> None:
+    judged = judge(SQUARE, BENT)
+    printed = naive_mend.print_moves(judged.given, BENT, pitch_mm=1000.0)
+    at = None
+    for move, way in zip(judged.given, printed, strict=True):
+        if move.draws and at is not None:
+            seconds = move.length / move.feed
+            assert math.dist(at, way[-1]) / seconds == pytest.approx(1800, rel=0.03)
+        at = way[-1]
+
+
+def test_take_ups_extrude_nothing_and_do_not_move_the_nozzle() -> None:
+    judged = judge(SQUARE, PLAY)
+    printed = naive_mend.print_moves(judged.given, PLAY)
+    seen, at = 0, None
+    for move, way in zip(judged.given, printed, strict=True):
+        if at is not None and move.filament == 0 and move.start[2] > 0 and seen_square(move):
+            assert np.abs(way - at).max() < 0.0015
+            seen += 1
+        at = way[-1]
+    assert seen == judged.prediction.takeups > 0
+
+
+def seen_square(move: naive_mend.Move) -> bool:
+    return math.dist(move.start[:2], move.end[:2]) < 2 and move.start[:2] != move.end[:2]
+
+
+def test_jitter_does_not_kick() -> None:
+    """Reversals below the resolution take no slack up."""
+    rows = [f"G1 X{60 + 0.2 * k:.3f} Y{60 + 0.001 * (k % 2):.3f} E0.01" for k in range(1, 100)]
+    judged = judge(START + b"G1 F1800\n" + "\n".join(rows).encode() + b"\n", PLAY)
+    assert judged.prediction.takeups <= 1
+    assert judged.after.max() < 0.006
+
+
+def test_no_more_chords_than_needed() -> None:
+    """The curvature of an eccentric bore of 0.5 mm asks for a chord each 1.2–4 mm."""
+    judged = judge(
+        START + b"G1 X160 Y60 E5 F1800\n", replace(BENT, transmissions=(BENT.transmissions[0], PLAY.transmissions[1]))
+    )
+    assert judged.after.max() < 0.006
+    assert judged.prediction.commands < 40
+
+
+def test_nothing_leaves_the_bed() -> None:
+    text = START + b"G1 X219.9 Y60 E5 F1800\nG1 X219.9 Y219.8 E5\nG1 X0.1 Y219.8 E5\nG1 X0.1 Y0.1 E5\n"
+    judged = judge(text, PLAY)
+    for move in judged.given:
+        assert min(move.end[:2]) >= -1e-9
+        assert max(move.end[:2]) <= 220 + 1e-9
+    assert judged.prediction.clamped_extruding > 0
+
+
+def test_pieces_are_not_too_short() -> None:
+    mechanism = sample("ripple", np.random.default_rng(1), "realistic").lower(ENDER3).homed()
+    judged = judge(SQUARE, mechanism)
+    lengths = [move.length for move in judged.given if move.draws]
+    assert min(lengths) > 0.02
+
+
+def test_klipper_takes_every_move() -> None:
+    """A wide bead on a gain of 1.4 would be refused as a move of more than 0.64 mm² were it not cut."""
+    mechanism = Corruption((Drive(pulley=WrongRadius(1.4 * ENDER3.x.radius_mm)), Drive())).lower(ENDER3).homed()
+    judged = judge(START + b"G1 X100 Y60 E9.5 F1800\n", mechanism)
+    for move in judged.given:
+        if move.draws:
+            assert move.filament * 2.405 / move.length <= 0.64 or move.filament <= 0.106
+
+
+def test_plan_is_the_same_in_chunks_of_any_size() -> None:
+    from printmend.control.inverse import start
+    from printmend.gcode.machine import Flavour, initial_state
+    from printmend.repair.stream import rewritten
+
+    text = part(ENDER3)
+    lines = text.splitlines(keepends=True)
+    chunks = [np.frombuffer(b"".join(lines[i : i + 7]), np.uint8) for i in range(0, len(lines), 7)]
+    state = initial_state(ENDER3, Flavour.KLIPPER)
+    written = b"".join(bytes(view) for view in rewritten(chunks, state, start(BENT)))
+    assert written == mended(text, BENT)[0]
