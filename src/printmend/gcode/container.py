@@ -3,7 +3,6 @@
 import shutil
 import sys
 import tempfile
-import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -68,8 +67,8 @@ class Part:
                     with archive.open(str(self.member)) as member:
                         while piece := member.read(CHUNK_BYTES):
                             yield piece
-                except (zipfile.BadZipFile, EOFError, OSError) as error:
-                    raise GcodeError(self.name, wanted="an intact plate", came=str(error), todo=_TODO) from None
+                except threemf.BROKEN as error:
+                    raise threemf.broken(self.name, error) from None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 import printmend
 
-_MARK = re.compile(rb"^; mended by printmend (\S+) model=(\S+)", re.MULTILINE)
+_MARK = re.compile(rb"^(?:\xef\xbb\xbf)?; mended by printmend (\S+) model=(\S+)", re.MULTILINE)
 # Headers that must stay first; the mark follows the line that ends them.
 _HEADERS = (
     (b"; HEADER_BLOCK_START", b"; HEADER_BLOCK_END"),  # Bambu, Orca

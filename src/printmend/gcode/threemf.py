@@ -3,7 +3,8 @@
 import hashlib
 import re
 import zipfile
-from collections.abc import Callable, Iterable
+import zlib
+from collections.abc import Callable, Iterable, Iterator
 from typing import IO
 
 from printmend.errors import GcodeError
@@ -15,14 +16,20 @@ _MAX_RATIO = 300  # deflate cannot reach 1100; real G-code stays below 20
 _RATIO_MATTERS_BYTES = 32 << 20
 _TODO = "export the plate again"
 _COPY_BYTES = 1 << 20
+BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError)
+"""What reading a damaged archive can raise."""
+
+
+def broken(name: str, error: Exception) -> GcodeError:
+    return GcodeError(name, wanted="an intact .gcode.3mf", came=f"a broken zip ({error})", todo=_TODO)
 
 
 def open_zip(handle: IO[bytes], name: str) -> zipfile.ZipFile:
     """Open the archive after looking for bombs, bad paths, encryption and double names."""
     try:
         archive = zipfile.ZipFile(handle)
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
-        raise GcodeError(name, wanted="an intact .gcode.3mf", came=f"a broken zip ({error})", todo=_TODO) from None
+    except BROKEN as error:
+        raise broken(name, error) from None
     seen = set()
     for member in archive.infolist():
         path, size = member.filename, member.file_size
@@ -68,12 +75,21 @@ def write_like(
             if _PLATE.fullmatch(info.filename):
                 continue
             if info.filename in sums:
-                old = archive.read(info)
-                copy.writestr(_entry(info), _same_style(old, sums[info.filename]))
+                old = _member(archive, info, name)
+                copy.writestr(_entry(info), _same_style(b"".join(old), sums[info.filename]))
                 continue
-            with archive.open(info) as old_member, copy.open(_entry(info), "w") as member:
-                while data := old_member.read(_COPY_BYTES):
+            with copy.open(_entry(info), "w") as member:
+                for data in _member(archive, info, name):
                     member.write(data)
+
+
+def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str) -> Iterator[bytes]:
+    try:
+        with archive.open(info) as member:
+            while data := member.read(_COPY_BYTES):
+                yield data
+    except BROKEN as error:
+        raise broken(name, error) from None
 
 
 def _entry(info: zipfile.ZipInfo) -> zipfile.ZipInfo:
