@@ -16,7 +16,7 @@ _SIGNAL, _PACK, _PLAIN, _RESET, _NO_SPACES, _SPACES = 255, 251, 250, 249, 247, 2
 _E = 69
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def unpack(packed, out):
     """Decode ``packed`` into ``out``, which has room for twice its length and two more; return the bytes written."""
     at = 0
@@ -77,7 +77,7 @@ def unpack(packed, out):
     return at
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def pack(text, no_spaces, out):
     """Encode whole lines into ``out``, which has room for twice the length and 16 more; return the bytes written.
 
