@@ -16,7 +16,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
+from threadpoolctl import threadpool_limits
 
 from printmend.path import frozen
 
@@ -52,21 +53,16 @@ class Periodic:
 
 def fit(plus_travel_mm: np.ndarray, plus_mm: np.ndarray, minus_travel_mm: np.ndarray, minus_mm: np.ndarray) -> Periodic:
     """Learn from a traverse in each direction: travel [N] and error [N] of each, mm."""
-    traces = (_Whitener(plus_travel_mm, plus_mm), _Whitener(minus_travel_mm, minus_mm))
+    # Systems of 68 unknowns: a second thread only waits.
+    with threadpool_limits(1, user_api="blas"):
+        traces = (_Whitener(plus_travel_mm, plus_mm), _Whitener(minus_travel_mm, minus_mm))
 
-    def loss(values: np.ndarray) -> float:
-        settings = _Settings(*map(float, values))
-        return 1e9 if settings.outside() else -_posterior(traces, settings)[1] + settings.penalty()
+        def loss(values: np.ndarray) -> float:
+            settings = _Settings(*map(float, values))
+            return 1e9 if settings.outside() else -_posterior(traces, settings)[1] + settings.penalty()
 
-    best = minimize(
-        loss, start := _start(loss), method="Nelder-Mead",
-        options={
-            "maxiter": 400, "xatol": 1e-3, "fatol": 0.02,
-            "initial_simplex": np.vstack([start, start + np.diag([0.3, 1.0, 0.4, 0.3, 1.0, 0.4, 0.3])]),
-        },
-    )  # fmt: skip
-    settings = _Settings(*map(float, best.x))
-    weights, evidence = _posterior(traces, settings)
+        settings = _best(loss)
+        weights, evidence = _posterior(traces, settings)
     shared, hysteresis = weights[: 2 * HARMONICS], weights[2 * HARMONICS : 4 * HARMONICS]
     return Periodic(
         turn_mm=settings.turn_mm,
@@ -102,6 +98,27 @@ class _Settings:
         return ((self.log_size - np.log(0.5)) / 2) ** 2 / 2 + (self.decay - 1.5) ** 2 / 2
 
 
+def _best(loss: Callable[[np.ndarray], float]) -> _Settings:
+    """Minimise in turns: the turn by itself, for changing it is what costs time, then the others."""
+    values = _start(loss)
+    simplex = np.vstack([np.zeros(6), np.diag([1.0, 0.4, 0.3, 1.0, 0.4, 0.3])])
+    for _ in range(2):
+
+        def turn_loss(turn: float, others: np.ndarray = values[1:]) -> float:
+            return loss(np.concatenate([[turn], others]))
+
+        bounds = (values[0] - 0.6, values[0] + 0.6)
+        turn = minimize_scalar(turn_loss, method="bounded", bounds=bounds, options={"xatol": 1e-3}).x
+
+        def others_loss(others: np.ndarray, turn: float = turn) -> float:
+            return loss(np.concatenate([[turn], others]))
+
+        options = {"maxiter": 200, "xatol": 1e-3, "fatol": 0.05, "initial_simplex": values[1:] + simplex}
+        others = minimize(others_loss, values[1:], method="Nelder-Mead", options=options).x
+        values = np.concatenate([[turn], others])
+    return _Settings(*map(float, values))
+
+
 def _start(loss: Callable[[np.ndarray], float]) -> np.ndarray:
     """Search the turn with unrelated directions, then the return's angle with related ones."""
     common = [np.log(0.5), 1.5]
@@ -124,6 +141,13 @@ class _Whitener:
         self.error = self.vectors.T @ np.asarray(error_mm, float)
         middle = (self.travel_mm - self.travel_mm.mean()) / 100.0
         self.line = self.vectors.T @ np.stack([np.ones_like(middle), middle], axis=1)
+        self._turn_mm, self._waves = np.nan, np.empty((0, 0))
+
+    def waves(self, turn_mm: float) -> np.ndarray:
+        """Return the harmonics over this traverse [N, 2·HARMONICS]; the last turn's are remembered."""
+        if turn_mm != self._turn_mm:
+            self._turn_mm, self._waves = turn_mm, self.vectors.T @ _harmonics(self.travel_mm, turn_mm)
+        return self._waves
 
 
 def _harmonics(travel_mm: np.ndarray, turn_mm: float) -> np.ndarray:
@@ -134,8 +158,12 @@ def _harmonics(travel_mm: np.ndarray, turn_mm: float) -> np.ndarray:
 def _posterior(traces: tuple[_Whitener, _Whitener], settings: _Settings) -> tuple[np.ndarray, float]:
     """Return the mean weights (shared, hysteresis, lines) and the log marginal likelihood, up to a constant."""
     plus, minus = traces
-    forth = plus.vectors.T @ _harmonics(plus.travel_mm, settings.turn_mm)
-    back = -(minus.vectors.T @ _harmonics(settings.return_mm - minus.travel_mm, settings.turn_mm))
+    forth = plus.waves(settings.turn_mm)
+    # −(cos, sin)(kθ − ks) from (cos, sin)(ks), by the addition theorems
+    cosine, sine = minus.waves(settings.turn_mm)[:, :HARMONICS], minus.waves(settings.turn_mm)[:, HARMONICS:]
+    angle = 2 * np.pi * _K * settings.return_mm / settings.turn_mm
+    c, s = np.cos(angle), np.sin(angle)
+    back = -np.concatenate([c * cosine + s * sine, s * cosine - c * sine], axis=1)
     lines = np.zeros((len(forth) + len(back), 4))
     lines[: len(forth), :2], lines[len(forth) :, 2:] = plus.line, minus.line
     design = np.concatenate([np.vstack([forth, back]), np.vstack([forth, -back]), lines], axis=1)

@@ -14,9 +14,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from printmend.bench.periodic import fit
 from printmend.bench.traverse import Traverse, detrended, starts_mm
+from printmend.errors import TraceError
 
 RealProtocol = Literal["first", "recording"]
 PROTOCOLS: tuple[RealProtocol, ...] = ("first", "recording")
@@ -26,8 +28,8 @@ PROTOCOLS: tuple[RealProtocol, ...] = ("first", "recording")
 class RealLine:
     """One shape and speed: root mean squares [mm] over the later traverses of both directions.
 
-    ``plain`` is the reference, a least-squares fit of eight harmonics of the nominal 40 mm turn a direction; ``turn_mm``
-    the learned travel of a turn, ``shared`` how far the directions share their pulley (1: all but the drift).
+    ``plain`` is the reference, a least-squares fit of eight harmonics a direction, the travel of a turn fitted too;
+    ``turn_mm`` is the learned travel of a turn, ``shared`` how far the directions share their pulley (1: wholly).
     """
 
     protocol: RealProtocol
@@ -50,24 +52,36 @@ HEADER = ("pulley", "mm/s", "later", "raw mm", "plain", "ours", "floor", "plain 
 
 
 def real_lines(
-    traverses: Sequence[Traverse], protocol: RealProtocol, *, tick: Callable[[], None] = lambda: None
+    traverses: Sequence[Traverse], protocol: RealProtocol, *, tick: Callable[[str], None] = lambda name: None
 ) -> list[RealLine]:
-    """Evaluate every shape and speed; calls ``tick`` after each."""
+    """Evaluate every shape and speed; calls ``tick`` with each name. Raise `TraceError` for too few traverses."""
     keys = list(dict.fromkeys((item.shape, item.speed_mm_s) for item in traverses))
     lines = []
     for shape, speed in keys:
         mine = [item for item in traverses if (item.shape, item.speed_mm_s) == (shape, speed)]
         groups = [mine] if protocol == "first" else [[t for t in mine if t.recording == n] for n in (0, 1)]
         lines.append(_line(protocol, [group for group in groups if group]))
-        tick()
+        tick(f"{shape} {speed:g}")
     return lines
 
 
 def _line(protocol: RealProtocol, groups: list[list[Traverse]]) -> RealLine:
+    with threadpool_limits(1, user_api="blas"):  # small systems: a second thread only waits
+        return _evaluated(protocol, groups)
+
+
+def _evaluated(protocol: RealProtocol, groups: list[list[Traverse]]) -> RealLine:
     sums: dict[str, list[float]] = {}
     models, later = [], 0
     for group in groups:
         sides = {sign: [item for item in group if item.direction == sign] for sign in (1, -1)}
+        if min(map(len, sides.values())) < 3:
+            raise TraceError(
+                f"{group[0].shape} {group[0].speed_mm_s:g} mm/s",
+                wanted="three traverses in each direction: one to learn from, two to predict",
+                came=" and ".join(str(len(side)) for side in sides.values()),
+                todo="use --protocol first, or leave this pulley out",
+            )
         forth, back = sides[1][0], sides[-1][0]
         model = fit(forth.travel_mm, forth.error_mm, back.travel_mm, back.error_mm)
         models.append(model)
@@ -93,17 +107,24 @@ def _line(protocol: RealProtocol, groups: list[list[Traverse]]) -> RealLine:
     return RealLine(protocol, first.shape, first.speed_mm_s, later, turn_mm=turn, shared=shared, **means)
 
 
-def plain_fit(traverse: Traverse, *, harmonics: int = 8, turn_mm: float = 40.0) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the least-squares harmonics of one traverse as a function of travel [N] mm: the reference."""
+def plain_fit(traverse: Traverse, *, harmonics: int = 8) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the least-squares harmonics of one traverse as a function of travel [N] mm: the reference.
 
-    def columns(travel_mm: np.ndarray) -> np.ndarray:
+    The travel of a turn is the best of 36 to 48 mm in steps of 0.1.
+    """
+
+    def columns(travel_mm: np.ndarray, turn_mm: float) -> np.ndarray:
         angle = np.outer(travel_mm, np.arange(1, harmonics + 1)) * (2 * np.pi / turn_mm)
-        return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+        line = np.stack([np.ones_like(travel_mm), travel_mm], axis=1)
+        return np.concatenate([line, np.cos(angle), np.sin(angle)], axis=1)
 
-    travel = traverse.travel_mm
-    design = np.concatenate([np.stack([np.ones_like(travel), travel], axis=1), columns(travel)], axis=1)
-    weights = np.linalg.lstsq(design, traverse.error_mm, rcond=None)[0]
-    return lambda at: columns(at) @ weights[2:]
+    def fitted(turn_mm: float) -> tuple[float, float, np.ndarray]:
+        design = columns(traverse.travel_mm, turn_mm)
+        weights = np.linalg.lstsq(design, traverse.error_mm, rcond=None)[0]
+        return float(((traverse.error_mm - design @ weights) ** 2).sum()), turn_mm, weights
+
+    _, turn, weights = min((fitted(turn) for turn in np.arange(36.0, 48.05, 0.1)), key=lambda found: found[0])
+    return lambda at: columns(at, turn) @ weights
 
 
 def scatter_mm2(traverses: Sequence[Traverse], starts: np.ndarray) -> float:

@@ -83,16 +83,14 @@ def starts_mm(traverses: list[Traverse]) -> np.ndarray:
     """Return where each traverse of one direction starts, relative to the first [mm]: the commanded geometry alone.
 
     Constant speed begins where the acceleration ends, after a way that grows with the speed, and ends as long before
-    the turn. Both ends of a full traverse are cut alike, so traverses of unequal length share their middle. A
-    traverse that was broken off (below 95 % of the first's length) starts where the full one before it did.
+    the turn. Both ends of a full traverse are cut alike, so traverses of unequal length share their middle. One that
+    was broken off (below 95 % of the longest) starts where the nearest full one before it did, else the one after.
     """
-    starts, last = [], 0.0
-    for traverse in traverses:
-        missing = traverses[0].length_mm - traverse.length_mm
-        if missing < 0.05 * traverses[0].length_mm:
-            last = missing / 2
-        starts.append(last)
-    return np.array(starts)
+    lengths = np.array([traverse.length_mm for traverse in traverses])
+    full = np.flatnonzero(lengths >= 0.95 * lengths.max())
+    before = np.searchsorted(full, np.arange(len(lengths)), side="right") - 1
+    starts = (lengths.max() - lengths[full[np.maximum(before, 0)]]) / 2
+    return starts - starts[0]
 
 
 def detrended(travel_mm: np.ndarray, error_mm: np.ndarray) -> np.ndarray:
