@@ -91,7 +91,7 @@ def _refined(image: np.ndarray, corners: np.ndarray) -> np.ndarray:
     window = int(np.clip(side / 20, 2, 12))
     start = (corners - [x, y]).astype(np.float32).reshape(-1, 1, 2)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
-    return cv2.cornerSubPix(patch, start, (window, window), (-1, -1), stop).reshape(4, 2) + [x, y]
+    return cv2.cornerSubPix(patch, start, (window, window), (-1, -1), stop).reshape(4, 2) + np.array([x, y])
 
 
 def fit_lens(tags: Tags, image_shape: tuple[int, ...]) -> tuple[Lens, float]:
@@ -117,10 +117,18 @@ def fit_lens(tags: Tags, image_shape: tuple[int, ...]) -> tuple[Lens, float]:
     return lens(fit.x), float(np.sqrt((rest**2).sum(axis=1).mean()))
 
 
-def rectify(image: np.ndarray, lens: Lens, px_per_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the picture as a scanner on the sheet would have taken it, and the sheet position [2] mm of its corner."""
+def rectify(image: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the picture as a scanner on the sheet would have taken it.
+
+    Also the sheet position [2] mm of its upper left corner, and its pixels per mm: those of the photo where it is
+    sharpest.
+    """
     corners = tag_corners_mm().reshape(-1, 2)
     low, high = corners.min(axis=0) - 2, corners.max(axis=0) + 2
+    ends = lens.to_px(np.array([[low, (high[0], low[1])], [(low[0], high[1]), high], [low, (low[0], high[1])]]))
+    px_per_mm = float(
+        (np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / [*(high - low)[[0, 0]], (high - low)[1]]).max()
+    )
     size = np.ceil((high - low) * px_per_mm).astype(int)
     out = np.empty((size[1], size[0], 3), np.uint8)
     xs = low[0] + (np.arange(size[0]) + 0.5) / px_per_mm
@@ -129,7 +137,7 @@ def rectify(image: np.ndarray, lens: Lens, px_per_mm: float) -> tuple[np.ndarray
         grid = np.stack(np.meshgrid(xs, ys), axis=-1)
         px = lens.to_px(grid).astype(np.float32)
         out[first : first + 256] = cv2.remap(image, px, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return out, low
+    return out, low, px_per_mm
 
 
 def _projected(points: np.ndarray, homography: np.ndarray) -> np.ndarray:

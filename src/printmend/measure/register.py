@@ -35,7 +35,7 @@ def find_pose(found_mm: np.ndarray, plan: ProbePlan, *, mirrored: bool) -> Pose:
     known = np.isfinite(found_mm).all(axis=1)
     points, wanted = found_mm[known], plan.marks_mm[known]
     upright = np.diag([-1.0 if mirrored else 1.0, -1.0])
-    matrix = upright @ _turn(points @ upright, wanted)
+    matrix = upright @ turn_onto(points @ upright, wanted)
     linear = _linear(plan, _centred(points @ matrix, wanted), known)
     # the turn that `linear` still holds, in the convention of the machine
     angle = linear[1, 0] if plan.kinematics == "cartesian" else (linear[1, 0] - linear[0, 1]) / 2
@@ -53,7 +53,7 @@ def _centred(points: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return points + np.median(wanted - points, axis=0)
 
 
-def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def turn_onto(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the rotation [2, 2] of points ``a`` [M, 2] onto ``b``, robustly (Kabsch with Cauchy weights)."""
     weight = np.ones(len(a))
     turn = np.eye(2)

@@ -1,0 +1,168 @@
+"""One image of a printed probe: dots found, scale known, marks identified, or one line that says why not."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from printmend.errors import ScanError
+from printmend.measure.dots import Dots, find_dots
+from printmend.measure.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_lens, rectify
+from printmend.measure.identity import lattice_pitch
+from printmend.measure.image import read_image
+from printmend.measure.marks import Marks, read_marks
+from printmend.measure.plan import ProbePlan
+from printmend.measure.sheet import tag_corners_mm
+from printmend.units import MM_PER_INCH
+
+USUAL_DPI = 600.0
+COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
+SCALE_DOUBT = 1.22  # both spacing and size of the dots off by this: the resolution is wrong, not the printer
+LEAST_FOUND = 0.7
+LEAST_TAG_SPREAD_MM = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What one scan says.
+
+    ``image`` [H, W, 3] is the scan, or a photo rectified; ``dots`` are all its dots, ``dots_mm`` [N, 2] their places
+    (y down); ``marks`` says which is which; ``sigma_mm`` [M]; ``scale`` says in words where the scale came from.
+    """
+
+    path: str
+    image: np.ndarray
+    dots: Dots
+    dots_mm: np.ndarray
+    marks: Marks
+    sigma_mm: np.ndarray
+    scale: str
+
+    @property
+    def image_mm(self) -> np.ndarray:
+        """The marks in the image's frame [M, 2] mm, NaN where missing."""
+        places = np.full((len(self.marks.match.dot), 2), np.nan)
+        found = self.marks.found
+        places[found] = self.dots_mm[self.marks.match.dot[found]]
+        return places
+
+
+def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) -> Reading:
+    """Read the marks of ``plan`` from an image file.
+
+    ``dpi`` overrides what the file says; without either it is 600. Raises `ScanError` for an image that is none, a
+    page without dots, another plate, a wrong resolution (which is named) and a scan that shows only a part.
+    """
+    image, stated = read_image(path)
+    tags = find_tags(image)
+    if len(tags) >= LEAST_TAGS:
+        lens, error_mm = fit_lens(tags, image.shape)
+        if not lens.is_flat:
+            return _read_photo(path, image, lens, _tags_said(tags, error_mm), plan)
+    dpi = dpi or stated or USUAL_DPI
+    dots = find_dots(image, dpi / MM_PER_INCH, plan.dot_mm, plan.big_dot_mm, subject=str(path))
+    dots_mm, scale = _scaled(dots, tags, dpi)
+    marks = read_marks(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
+    if marks is None or _scale_ratio(dots, dots_mm, marks, dpi, plan) is not None:
+        raise _explained(path, image, dots, marks, dpi, plan)
+    _check_whole(path, marks, plan)
+    return _reading(path, image, dots, dots_mm, marks, MM_PER_INCH / dpi, scale)
+
+
+def _reading(
+    path: str | Path, image: np.ndarray, dots: Dots, dots_mm: np.ndarray, marks: Marks, mm_per_px: float, scale: str
+) -> Reading:
+    sigma = np.full(len(marks.found), np.nan)
+    sigma[marks.found] = dots.sigma_px[marks.match.dot[marks.found]] * mm_per_px
+    return Reading(str(path), image, dots, dots_mm, marks, sigma, scale)
+
+
+def _read_photo(path: str | Path, image: np.ndarray, lens: Lens, scale: str, plan: ProbePlan) -> Reading:
+    flat, corner_mm, px_per_mm = rectify(image, lens)
+    dots = find_dots(flat, px_per_mm, plan.dot_mm, plan.big_dot_mm, subject=str(path))
+    dots_mm = corner_mm + (dots.centre_px + 0.5) / px_per_mm
+    marks = read_marks(dots_mm, dots.diameter_px / px_per_mm, plan)
+    if marks is None:
+        raise _stranger(path, dots, plan)
+    _check_whole(path, marks, plan)
+    return _reading(path, flat, dots, dots_mm, marks, 1 / px_per_mm, scale)
+
+
+def _tags_said(tags: Tags, error_mm: float) -> str:
+    return f"perspective and lens from {len(tags)} tags, which fit to {error_mm:.2f} mm"
+
+
+def _scaled(dots: Dots, tags: Tags, dpi: float) -> tuple[np.ndarray, str]:
+    """Return the dots [N, 2] in mm by the reference sheet where it is in the scan, else by the resolution."""
+    plain = dots.centre_px * (MM_PER_INCH / dpi)
+    if len(tags) < LEAST_TAGS:
+        return plain, f"scale from {dpi:g} dpi"
+    px = tags.corners_px.reshape(-1, 2)
+    mm = tag_corners_mm()[tags.ids].reshape(-1, 2)
+    design = np.hstack([px, np.ones((len(px), 1))])
+    fit, *_ = np.linalg.lstsq(design, mm, rcond=None)
+    if np.ptp(mm, axis=0).min() >= LEAST_TAG_SPREAD_MM:
+        return np.hstack([dots.centre_px, np.ones((len(dots), 1))]) @ fit, f"scale and axes from {len(tags)} tags"
+    return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), f"scale from {len(tags)} tags"
+
+
+def _scale_ratio(dots: Dots, dots_mm: np.ndarray, marks: Marks, dpi: float, plan: ProbePlan) -> float | None:
+    """Return by how much dots and their spacing are too large or too small, where both are, else None.
+
+    A damaged printer stretches the spacing, but not the dots.
+    """
+    spacing = marks.match.pitch / plan.pitch_mm
+    size = float(np.median(dots.diameter_px[marks.match.dot[marks.found]] / plan.diameter_mm[marks.found]))
+    size *= MM_PER_INCH / dpi
+    if min(spacing, size) > SCALE_DOUBT or max(spacing, size) < 1 / SCALE_DOUBT:
+        return spacing
+    return None
+
+
+def _explained(
+    path: str | Path, image: np.ndarray, dots: Dots, marks: Marks | None, dpi: float, plan: ProbePlan
+) -> ScanError:
+    """Say whether another resolution would explain the dots."""
+    for other in sorted(COMMON_DPI, key=lambda value: abs(np.log(value / dpi))):
+        if abs(np.log(other / dpi)) < 0.1:
+            continue
+        try:
+            retry = find_dots(image, other / MM_PER_INCH, plan.dot_mm, plan.big_dot_mm, subject=str(path))
+        except ScanError:
+            continue
+        retry_mm = retry.centre_px * (MM_PER_INCH / other)
+        found = read_marks(retry_mm, retry.diameter_px * (MM_PER_INCH / other), plan)
+        if found is not None and _scale_ratio(retry, retry_mm, found, other, plan) is None:
+            spacing = found.match.pitch * other / dpi
+            return ScanError(
+                path,
+                wanted=f"marks {plan.pitch_mm:.1f} mm apart",
+                came=f"marks {spacing:.1f} mm apart at {dpi:g} dpi",
+                todo=f"this scan seems to have {other:g} dpi: say --dpi {other:g}",
+            )
+    return _stranger(path, dots, plan)
+
+
+def _stranger(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
+    spacing = f" about {lattice_pitch(dots.centre_px):.0f} px apart" if len(dots) > 4 else ""
+    return ScanError(
+        path,
+        wanted=f"the {len(plan)} marks of this probe.json",
+        came=f"{len(dots)} dots{spacing} that are not they",
+        todo="give the probe.json that was written with this print's G-code, and scan all of it",
+    )
+
+
+def _check_whole(path: str | Path, marks: Marks, plan: ProbePlan) -> None:
+    found = marks.found
+    if found.mean() >= LEAST_FOUND:
+        return
+    gone, middle = plan.marks_mm[~found].mean(axis=0), plan.marks_mm.mean(axis=0)
+    axis = int(np.argmax(np.abs(gone - middle)))
+    side = (("left", "right"), ("front", "back"))[axis][int(gone[axis] > middle[axis])]
+    raise ScanError(
+        path,
+        wanted=f"at least {LEAST_FOUND:.0%} of the {len(plan)} marks",
+        came=f"{int(found.sum())}, most missing at the {side} of the bed",
+        todo="scan the whole print, with a free margin",
+    )
