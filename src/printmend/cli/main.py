@@ -17,6 +17,7 @@ COMMANDS: dict[str, str] = {
     "check": "Predict how far a print will be off, as it is and mended.",
     "dataset": "Exchange bodies and corruptions with the paper's published code.",
     "learn": "Learn what is wrong with a printer from one measured print.",
+    "measure": "Find the marks of a scanned test print: the trace that `learn` needs.",
     "mend": "Rewrite G-code so that a broken printer prints it right.",
     "printer": "Print a printer preset as TOML, to start your own from.",
     "probe": "Write a test print that shows every fault, and its plan.",
