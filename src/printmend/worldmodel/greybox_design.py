@@ -26,9 +26,10 @@ TABLE = 4096  # phases of the tables that the play is simulated with
 class Design:
     """Which columns there are.
 
-    Order of parameters: where the belt was at the start (counted from the first measurement), mean powers, play powers,
-    cross terms, cos and sin of the ripple, then cos and sin of the harmonics of mean, play and elastic. ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1;
-    ``ripple`` the high harmonics of micro-step ripple.
+    Order of parameters: where the belt was at the start (counted from the first measurement), mean powers, play
+    powers, cross terms, cos and sin of the ripple, then cos and sin of the harmonics of mean, play and elastic.
+    ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1; ``ripple`` the high harmonics of
+    micro-step ripple.
     """
 
     mean_powers: int = 0
@@ -216,17 +217,24 @@ def contacts(design: Design, values: np.ndarray, rows: Rows) -> Contacts:
     """Simulate the play with parameters [P]."""
     at, side = np.empty(len(rows), np.int64), np.empty(len(rows), np.int8)
     belt = np.empty(len(rows))
-    parts = design.parts
-    cross = values[parts["cross"]]
+    part = {name: values[place] for name, place in design.parts.items()}
     kernels.follow_play(
-        rows.motor_mm, rows.origin_mm, rows.period_mm, design.tables(values),
-        values[parts["mean_powers"]], values[parts["play_powers"]], rows.start_mm + values[parts["start"]][0], at, side, belt,
-    )  # fmt: skip
+        rows.motor_mm,
+        rows.origin_mm,
+        rows.period_mm,
+        design.tables(values),
+        part["mean_powers"],
+        part["play_powers"],
+        rows.start_mm + part["start"][0],
+        at,
+        side,
+        belt,
+    )
     residual = rows.measured_mm - belt
-    if cross.any():
+    if part["cross"].any():
         for first in range(0, len(rows), CHUNK):
-            part = slice(first, first + CHUNK)
-            residual[part] -= cross_columns(design, rows, part) @ cross
+            chunk = slice(first, first + CHUNK)
+            residual[chunk] -= cross_columns(design, rows, chunk) @ part["cross"]
     return Contacts(at, side, belt, residual)
 
 
