@@ -19,6 +19,8 @@ def follow_tables(tables: Tables, printer: Printer, start: np.ndarray, controls:
                 i = motors[m] - tables.first_steps[m]
                 belts[m] = min(max(belts[m], tables.lower_steps[m][i]), tables.upper_steps[m][i])
             position = printer.from_motor(belts)
+            if tables.frame is not None:
+                position = tables.frame.apply(position)
         elif isinstance(tables, IncrementTables):
             step = [tables.displacement_steps[a][nominal[a], c[a] + tables.c_max] for a in range(2)]
             position = position + step

@@ -73,7 +73,9 @@ def test_advance_agrees_with_tables(name: str, world: str, c_max: int, rng: np.r
     for control in controls:
         state = model.advance(state, control[None])
         positions.append(state.position_steps[0])
-    np.testing.assert_array_equal(follow_tables(tables, model.printer, start, controls)[1:], positions)
+    imagined = follow_tables(tables, model.printer, start, controls)[1:]
+    crooked = isinstance(tables, PlayTables) and tables.frame is not None
+    np.testing.assert_allclose(imagined, positions, rtol=0, atol=1e-9 if crooked else 0.0)
 
 
 def test_advance_takes_batches(name: str, world: str, rng: np.random.Generator) -> None:

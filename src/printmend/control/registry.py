@@ -11,6 +11,7 @@ from printmend.protocols import Controller
 
 _MODULES = {
     "greedy": "printmend.control.greedy",
+    "lookahead": "printmend.control.lookahead",
 }
 
 

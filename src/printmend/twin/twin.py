@@ -12,7 +12,7 @@ from printmend.corruption import Corruption
 from printmend.errors import InputError
 from printmend.mechanism import GainMechanism, Mechanism
 from printmend.printer import Printer
-from printmend.protocols import PlayTables
+from printmend.protocols import LatticeFrame, PlayTables
 from printmend.twin import kernels
 
 
@@ -117,7 +117,23 @@ def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
         (uppers[0], uppers[1]),
         (firsts[0], firsts[1]),
         corexy=printer.kinematics == "corexy",
+        frame=lattice_frame(mechanism, start_steps),
     )
+
+
+def lattice_frame(mechanism: Mechanism, start_steps: np.ndarray) -> LatticeFrame | None:
+    """Return a mechanism's frame in full steps, anchored so that the start stays put; None for the identity."""
+    frame, printer = mechanism.frame, mechanism.printer
+    if frame.is_identity:
+        return None
+    pitch_mm = np.array(printer.mm_per_step)
+    coefficients = frame.coefficients_mm / pitch_mm[:, None]
+    origin = np.array([printer.x.min_mm, printer.y.min_mm]) / pitch_mm
+    loose = LatticeFrame(coefficients, origin, frame.scale_mm / pitch_mm)
+    start = np.asarray(start_steps, float)
+    anchored = coefficients.copy()
+    anchored[:, 0] += start - loose.apply(start)
+    return LatticeFrame(anchored, origin, loose.scale_steps)
 
 
 def lattice_bed(mechanism: Mechanism, motors_steps: np.ndarray, start_steps: np.ndarray) -> np.ndarray:

@@ -60,11 +60,9 @@ class MechanismModel:
         return State(nominal, position, np.concatenate([after, starts], axis=1))
 
     def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
-        """Return play tables anchored at the start, or the published increments; None with a crooked frame."""
+        """Return play tables anchored at the start, or the published increments."""
         if isinstance(self.mechanism, GainMechanism):
             return gain_tables(self.mechanism, c_max)
-        if not self.mechanism.frame.is_identity:
-            return None
         return lattice_tables(self.mechanism, start_steps)
 
 

@@ -172,3 +172,56 @@ def plan_joint(targets, start, cells_x, cells_y, unit, rolled, c_max, controls, 
         ny = min(max(ny + best_y, 0), cells_y.shape[0] - 1)
         controls[t, 0], controls[t, 1] = best_x, best_y
         imagined[t + 1, 0], imagined[t + 1, 1] = px, py
+
+
+@njit(cache=True, inline="always")
+def bend(x, y, coefficients, origin, scale):
+    """Return the bed position of belts at (x, y) through a crooked frame (`LatticeFrame`)."""
+    u, v = (x + origin[0]) / scale[0], (y + origin[1]) / scale[1]
+    terms = (1.0, u, v, u * u, u * v, v * v, u * u * u, u * u * v, u * v * v, v * v * v)
+    for i in range(10):
+        x += coefficients[0, i] * terms[i]
+        y += coefficients[1, i] * terms[i]
+    return x, y
+
+
+@njit(cache=True, inline="always")
+def bed_position(a, b, corexy, coefficients, origin, scale):
+    """Return the bed position of motors' belts at (a, b); ``coefficients`` [2, 0] stands for a straight frame."""
+    x, y = ((a + b) / 2, (a - b) / 2) if corexy else (a, b)
+    if coefficients.shape[1] == 0:
+        return x, y
+    return bend(x, y, coefficients, origin, scale)
+
+
+@njit(cache=True)
+def plan_framed(
+    targets, start, ma, mb, lower_a, upper_a, lower_b, upper_b, c_max, corexy, coefficients, origin, scale,
+    controls, imagined,
+):  # fmt: skip
+    """Plan with play tables behind a crooked frame."""
+    span = 2 * c_max if corexy else c_max
+    qa, qb = np.empty(2 * span + 1), np.empty(2 * span + 1)
+    pa, pb = float(start[0]), float(start[1])
+    if corexy:
+        pa, pb = pa + pb, pa - pb
+    imagined[0, 0], imagined[0, 1] = start[0], start[1]
+    for t in range(targets.shape[0]):
+        reach(pa, ma, span, lower_a, upper_a, qa)
+        reach(pb, mb, span, lower_b, upper_b, qb)
+        tx, ty = targets[t, 0], targets[t, 1]
+        least, root = np.inf, np.inf
+        best_a, best_b = 0, 0
+        for cx in range(-c_max, c_max + 1):
+            for cy in range(-c_max, c_max + 1):
+                ca, cb = (cx + cy, cx - cy) if corexy else (cx, cy)
+                x, y = bed_position(qa[ca + span], qb[cb + span], corexy, coefficients, origin, scale)
+                dx, dy = tx - x, ty - y
+                value = dx * dx + dy * dy
+                if value < least and np.sqrt(value) < root:
+                    least, root, best_a, best_b = value, np.sqrt(value), ca, cb
+                    controls[t, 0], controls[t, 1] = cx, cy
+        pa, pb = qa[best_a + span], qb[best_b + span]
+        ma += best_a
+        mb += best_b
+        imagined[t + 1, 0], imagined[t + 1, 1] = bed_position(pa, pb, corexy, coefficients, origin, scale)

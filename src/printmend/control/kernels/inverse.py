@@ -91,6 +91,8 @@ from printmend.gcode.kernels.layout import (
     PIECE_ARC,
     PIECE_LINE,
     PIECE_TRAVEL,
+    WORD_X,
+    WORD_Y,
 )
 
 
@@ -243,6 +245,15 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
 
 
 @njit(error_model="numpy", _nrt=False)
+def _stand(model, state, pieces, n, record, quantum):
+    """Write a move that names the place where the head is: that is now another number."""
+    x, y, m0, m1, _ = command(model, state[S_M], state[S_M + 1], record, quantum)
+    arrive(model, state, m0, m1)
+    state[S_FEED] = record.feed
+    return _put(pieces, n, PIECE_LINE, x, y, record.z1, 1.0, record.feed)
+
+
+@njit(error_model="numpy", _nrt=False)
 def _event(model, state, counts, r):
     """Follow homing, events and lost places: what is known of the belts afterwards."""
     known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
@@ -301,7 +312,8 @@ def mend(model, records, begin, count, state, counts, curve, first, pieces, laye
         if not arc and r.kind != KIND_LINEAR:
             _event(model, state, counts, r)
             continue
-        if not arc and r.x0 == r.x1 and r.y0 == r.y1:
+        still = not arc and r.x0 == r.x1 and r.y0 == r.y1
+        if still and not r.words & (WORD_X | WORD_Y):
             continue
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
         extruding = r.flags & FLAG_EXTRUDING != 0
@@ -310,6 +322,9 @@ def mend(model, records, begin, count, state, counts, curve, first, pieces, laye
         if not known or r.flags & FLAG_OPAQUE:
             counts[N_UNKNOWN] += extruding
             _follow_copied(model, state, counts, r, known)
+            continue
+        if still and counts[N_KNOWN] != 0:
+            n = _stand(model, state, pieces, n, r, quantum)
             continue
         curve[ARC] = curve[PLANE] = 0.0
         if arc:

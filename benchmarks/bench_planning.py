@@ -1,0 +1,124 @@
+"""Planning speed of every model and controller, with the error reached and whether plans equal the published loop's.
+
+python benchmarks/bench_planning.py [--targets 200000] [--check 300] [--json]
+
+Trains on the longest layer of the shipped pulley, plans the other layers. `first` is the first plan call, tables
+included; `targets/s` the best of three later calls on layers chained to one long list of targets.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from printmend.body import body_of, demo_body_gcode
+from printmend.control.registry import controller, controller_names
+from printmend.corruption import sample
+from printmend.path import Layer
+from printmend.printer import read_printer
+from printmend.protocols import State, WorldModel
+from printmend.twin import Twin
+from printmend.worldmodel.registry import fit, model_names
+from printmend.worldmodel.transitions import layer_trace
+
+
+@dataclass(frozen=True, eq=False)
+class Untabulated:
+    """A model stripped of its tables, so that a planner must try all controls one target at a time."""
+
+    base: Any
+
+    @property
+    def printer(self):
+        return self.base.printer
+
+    def start(self, start_steps: np.ndarray) -> State:
+        return self.base.start(start_steps)
+
+    def advance(self, state: State, controls: np.ndarray) -> State:
+        return self.base.advance(state, controls)
+
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> None:
+        return None
+
+
+def rmse(twin: Twin, controls: np.ndarray, layer: Layer) -> float:
+    missed = twin.run(controls, layer.start_steps) - layer.nominal_steps
+    return float(np.sqrt((missed**2).sum(axis=1).mean()))
+
+
+def measure(name: str, planner: str, model: WorldModel, twin: Twin, layers: list[Layer], args) -> dict:
+    plan = controller(planner).plan
+    started = time.perf_counter()
+    plan(model, layers[0].nominal_steps[1:], layers[0].start_steps)
+    first_s = time.perf_counter() - started
+    errors = []
+    for layer in layers:
+        controls = plan(model, layer.nominal_steps[1:], layer.start_steps).controls
+        errors.append(rmse(twin, controls, layer))
+    lap = np.concatenate([layers[0].nominal_steps[1:], layers[0].nominal_steps[-2::-1]])
+    long = np.tile(lap, (args.targets // len(lap) + 1, 1))[: args.targets]
+    best_s = np.inf
+    for _ in range(3):
+        started = time.perf_counter()
+        plan(model, long, layers[0].start_steps)
+        best_s = min(best_s, time.perf_counter() - started)
+    equal = None
+    if planner == "greedy":
+        few = layers[0].nominal_steps[1 : args.check + 1]
+        fast, slow = (plan(each, few, layers[0].start_steps) for each in (model, Untabulated(model)))
+        equal = bool(np.array_equal(fast.controls, slow.controls))
+    return {
+        "model": name,
+        "controller": planner,
+        "first_s": first_s,
+        "targets_per_s": args.targets / best_s,
+        "rmse_steps": float(np.mean(errors)),
+        "equal": equal,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--targets", type=int, default=200_000)
+    parser.add_argument("--check", type=int, default=300)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    for preset, family in (
+        ("ender5", "gain-table"),
+        ("ender5", "pulley"),
+        ("ender5", "pulley-loose"),
+        ("corexy", "pulley-loose"),
+    ):
+        printer, rng = read_printer(preset), np.random.default_rng(7)
+        twin = Twin.of(sample(family, rng), printer)
+        body = body_of(demo_body_gcode(), printer, name="pulley")
+        training = body.training_layer
+        layers = [layer for layer in body.layers if layer is not training][::8]
+        trace = layer_trace(training, twin.run(training.controls, training.start_steps), printer)
+        if not args.json:
+            print(
+                f"\n{preset}, {family}: {len(layers)} layers of the pulley, {training.transitions} points to learn from"
+            )
+        for name in model_names():
+            started = time.perf_counter()
+            model = fit(name, trace, printer, rng=np.random.default_rng(0), truth=twin.mechanism)
+            fit_s = time.perf_counter() - started
+            for planner in controller_names() if name in ("oracle", "greybox") else ["greedy"]:
+                row = {"printer": preset, "family": family, "fit_s": fit_s}
+                row |= measure(name, planner, model, twin, layers, args)
+                if args.json:
+                    print(json.dumps(row))
+                    continue
+                print(
+                    f"{name:24}{planner:10}{row['targets_per_s'] / 1e6:7.2f} M targets/s  first {row['first_s'] * 1e3:6.1f} ms  "
+                    f"learned in {fit_s:5.2f} s  RMSE {row['rmse_steps']:8.3f} steps  "
+                    f"{'' if row['equal'] is None else 'plan equal' if row['equal'] else 'PLAN DIFFERS'}"
+                )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,126 @@
+"""Greedy choices with ties broken for the next move (physics.md §6, cure 1). Checks happen in lookahead.py."""
+
+import numpy as np
+from numba import njit
+
+from printmend.control.kernels.greedy import bed_position, reach
+
+_TIE = 1e-12  # of a squared error: equal but for rounding
+
+
+@njit(cache=True)
+def next_different(targets, out):
+    """Fill out [T] with the index of the next target that differs, or of the last one."""
+    last = targets.shape[0] - 1
+    for t in range(last, -1, -1):
+        if t == last:
+            out[t] = last
+        else:
+            out[t] = t + 1 if targets[t + 1] != targets[t] else out[t + 1]
+
+
+@njit(cache=True)
+def direction(targets, following, t, position):
+    """Return the sign of the next move that a carriage at ``position`` will have to make: to the first target, from t
+    on, that is more than half a step away. Looks at a few changes of target; 0 where none of them is."""
+    k = t
+    for _ in range(8):
+        error = targets[k] - position
+        if abs(error) > 0.5:
+            return 1 if error > 0 else -1
+        if following[k] == k:
+            break
+        k = following[k]
+    return 0
+
+
+@njit(cache=True)
+def plan_axis(targets, following, motor, position, lower, upper, c_max, controls, imagined):
+    """Plan one motor: among the controls that leave the carriage nearest to its target, take the one that best
+    engages the branch which the next move needs: lower[m] ≈ target before a move forwards, upper[m] ≈ target before
+    one backwards. Fills controls [T] and imagined [T + 1]."""
+    imagined[0] = position
+    size = lower.shape[0]
+    for t in range(targets.shape[0]):
+        target = targets[t]
+        least, nearest = np.inf, position
+        for c in range(-c_max, c_max + 1):
+            m = motor + c
+            if 0 <= m < size:
+                q = min(max(position, lower[m]), upper[m])
+                error = (target - q) * (target - q)
+                if error < least:
+                    least, nearest = error, q
+        ahead = direction(targets, following, t, nearest)
+        best, best_value, best_q = 0, np.inf, position
+        for step in range(2 * c_max + 1):
+            c = (step + 1) // 2 if step % 2 else -(step // 2)  # 0, 1, −1, 2, …: rest where nothing is gained
+            m = motor + c
+            if 0 <= m < size:
+                q = min(max(position, lower[m]), upper[m])
+                error = (target - q) * (target - q)
+                if error <= least + _TIE:
+                    value = 0.0
+                    if ahead > 0:
+                        value = (lower[m] - target) ** 2
+                    elif ahead < 0:
+                        value = (upper[m] - target) ** 2
+                    if value < best_value:
+                        best, best_value, best_q = c, value, q
+        motor += best
+        position = best_q
+        controls[t] = best
+        imagined[t + 1] = position
+
+
+@njit(cache=True)
+def plan_coupled(
+    targets, motor_targets, following_a, following_b, start, ma, mb, lower_a, upper_a, lower_b, upper_b, c_max,
+    corexy, coefficients, origin, scale, controls, imagined,
+):  # fmt: skip
+    """Plan both motors together, as `plan_axis`: ``motor_targets`` [T, 2] are the targets seen by the motors' belts."""
+    span = 2 * c_max if corexy else c_max
+    width = 2 * c_max + 1
+    qa, qb = np.empty(2 * span + 1), np.empty(2 * span + 1)
+    errors = np.empty((width, width))
+    pa, pb = float(start[0]), float(start[1])
+    if corexy:
+        pa, pb = pa + pb, pa - pb
+    imagined[0, 0], imagined[0, 1] = start[0], start[1]
+    for t in range(targets.shape[0]):
+        reach(pa, ma, span, lower_a, upper_a, qa)
+        reach(pb, mb, span, lower_b, upper_b, qb)
+        least, near_a, near_b = np.inf, pa, pb
+        for i in range(width):
+            for j in range(width):
+                cx, cy = i - c_max, j - c_max
+                ca, cb = (cx + cy, cx - cy) if corexy else (cx, cy)
+                x, y = bed_position(qa[ca + span], qb[cb + span], corexy, coefficients, origin, scale)
+                dx, dy = targets[t, 0] - x, targets[t, 1] - y
+                value = dx * dx + dy * dy
+                errors[i, j] = np.inf if np.isnan(value) else value
+                if value < least:
+                    least, near_a, near_b = value, qa[ca + span], qb[cb + span]
+        goal_a, goal_b = motor_targets[t, 0], motor_targets[t, 1]
+        ahead_a = direction(motor_targets[:, 0], following_a, t, near_a)
+        ahead_b = direction(motor_targets[:, 1], following_b, t, near_b)
+        best_value, best_x, best_y = np.inf, 0, 0
+        for i in range(width):
+            for j in range(width):
+                if errors[i, j] > least + _TIE:
+                    continue
+                cx, cy = i - c_max, j - c_max
+                ca, cb = (cx + cy, cx - cy) if corexy else (cx, cy)
+                value = 1e-9 * (cx * cx + cy * cy)  # rest where nothing is gained
+                if ahead_a != 0:
+                    value += ((lower_a if ahead_a > 0 else upper_a)[ma + ca] - goal_a) ** 2
+                if ahead_b != 0:
+                    value += ((lower_b if ahead_b > 0 else upper_b)[mb + cb] - goal_b) ** 2
+                if value < best_value:
+                    best_value, best_x, best_y = value, cx, cy
+        ca, cb = (best_x + best_y, best_x - best_y) if corexy else (best_x, best_y)
+        pa, pb = qa[ca + span], qb[cb + span]
+        ma += ca
+        mb += cb
+        controls[t, 0], controls[t, 1] = best_x, best_y
+        imagined[t + 1, 0], imagined[t + 1, 1] = bed_position(pa, pb, corexy, coefficients, origin, scale)
