@@ -114,7 +114,8 @@ def main() -> None:
                     print(json.dumps(row))
                     continue
                 print(
-                    f"{name:24}{planner:10}{row['targets_per_s'] / 1e6:7.2f} M targets/s  first {row['first_s'] * 1e3:6.1f} ms  "
+                    f"{name:24}{planner:10}{row['targets_per_s'] / 1e6:7.2f} M targets/s  "
+                    f"first {row['first_s'] * 1e3:6.1f} ms  "
                     f"learned in {fit_s:5.2f} s  RMSE {row['rmse_steps']:8.3f} steps  "
                     f"{'' if row['equal'] is None else 'plan equal' if row['equal'] else 'PLAN DIFFERS'}"
                 )

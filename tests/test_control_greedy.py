@@ -9,7 +9,7 @@ from printmend.control.greedy import Greedy
 from printmend.corruption import families, sample
 from printmend.mechanism import Mechanism, healthy_transmission
 from printmend.printer import Printer, read_printer
-from printmend.protocols import IncrementTables, WorldModel
+from printmend.protocols import IncrementTables, PlayTables, WorldModel
 from printmend.twin import Twin
 from printmend.worldmodel.increments import AxisModel, moved, start_state
 from printmend.worldmodel.mechanism_model import MechanismModel
@@ -25,7 +25,10 @@ START = LAYER.start_steps
 def assert_same_plan(model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int = 3) -> None:
     fast, slow = Greedy().plan(model, targets, start, c_max=c_max), naive_control.greedy(model, targets, start, c_max)
     np.testing.assert_array_equal(fast.controls, slow.controls)
-    np.testing.assert_array_equal(fast.imagined_steps, slow.imagined_steps)
+    # A frame is a polynomial: summed in another order it differs by roundings.
+    tables = model.tabulate(start, c_max=c_max)
+    crooked = isinstance(tables, PlayTables) and tables.frame is not None
+    np.testing.assert_allclose(fast.imagined_steps, slow.imagined_steps, rtol=0, atol=1e-9 if crooked else 0.0)
 
 
 @pytest.mark.parametrize("family", families())

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from printmend.control.kernels.inverse_curve import LENGTH, SWEEP, aside_and_along, is_flat_arc, norm, place
+from printmend.control.kernels.inverse_curve import ARC, LENGTH, R0, SWEEP, aside_and_along, is_flat_arc, norm, place
 from printmend.control.kernels.inverse_layout import (
     ALONG,
     CHORD_MM,
@@ -91,6 +91,8 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound):
 def chord(model, curve, state, mode0, mode1, t, stop, advance):
     """Return (end, m0, m1): where the longest admissible chord from t ends, and the motors there."""
     length = curve[LENGTH]
+    if curve[ARC] != 0.0 and not is_flat_arc(curve):  # what is looked at below is only seen from above
+        stop = min(stop, t + np.sqrt(8.0 * CHORD_MM / max(curve[R0], CHORD_MM)) / abs(curve[SWEEP]))
     whole = stop - t
     m0, m1 = ends(model, curve, state, mode0, mode1, stop)
     from0, from1 = state[S_M], state[S_M + 1]

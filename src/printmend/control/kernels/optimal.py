@@ -132,3 +132,12 @@ def search(targets, k_start, m_start, places, first, last, low, high, left, righ
             k, m = parent(costs[t - begin], left[t], right[t], k, m, first, last, low, high, c_max)
             motor[t] = m
     return total
+
+
+@njit(cache=True)
+def follow(motor, position, lower, upper, out):
+    """Fill out [T + 1] with the positions of a carriage whose motor takes the indices [T + 1]."""
+    out[0] = position
+    for t in range(1, motor.shape[0]):
+        position = min(max(position, lower[motor[t]]), upper[motor[t]])
+        out[t] = position

@@ -1,0 +1,136 @@
+"""The cheapest plan there is on a model with play, by dynamic programming an axis (physics.md §6, cure 2)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.control.check import check_plan
+from printmend.control.greedy import Greedy, first_motors
+from printmend.control.kernels import optimal as kernels
+from printmend.control.lookahead import Lookahead
+from printmend.path import Plan
+from printmend.protocols import LatticeFrame, PlayTables, WorldModel
+
+# Costs kept at a time: the bound of the memory, whatever the layer's length.
+_BLOCK_BYTES = 32_000_000
+# Passes over the two axes of a crooked frame, each with the other's plan known.
+_PASSES = 3
+
+
+@dataclass(frozen=True)
+class Optimal:
+    """The least RMSE that any plan can reach on the model, within a window about `Lookahead`'s plan.
+
+    Each axis of a cartesian machine is solved exactly: the states are the motor's index and the places where the play
+    can have left the carriage. A crooked frame couples the axes: they are solved in turn, each with the other's plan
+    known. Never worse than `Greedy` and `Lookahead` on the model, which it falls back on where it has nothing to add
+    (models without play, CoreXY). With the true model it is the lower bound of every table, `optimum`.
+    """
+
+    name: str = "optimal"
+
+    def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
+        """Choose controls [T, 2] for targets [T, 2] from ``start_steps`` [2]. Raise `InputError` off the bed."""
+        targets, start = check_plan(model.printer, targets_steps, start_steps, c_max)
+        greedy = Greedy().plan(model, targets, start, c_max=c_max)
+        tables = model.tabulate(start, c_max=c_max)
+        if not isinstance(tables, PlayTables) or len(targets) == 0:
+            return greedy
+        known = better(greedy, Lookahead().plan(model, targets, start, c_max=c_max), targets)
+        if tables.corexy:
+            return known
+        motors = first_motors(model.printer, tables, start)
+        if tables.frame is None:
+            solved = [
+                solve(targets[:, axis], start[axis], motors[axis], tables, axis, known.imagined_steps[:, axis], c_max)
+                for axis in range(2)
+            ]
+            return Plan(*(np.stack(pair, axis=1) for pair in zip(*solved, strict=True)))
+        return _plan_framed(tables, tables.frame, targets, start, motors, known, c_max)
+
+
+def better(one: Plan, other: Plan, targets: np.ndarray) -> Plan:
+    """Return the plan whose imagined print is nearer to the targets, the first of equals."""
+    costs = [float(((plan.imagined_steps[1:] - targets) ** 2).sum()) for plan in (one, other)]
+    return one if costs[0] <= costs[1] else other
+
+
+def solve(
+    targets: np.ndarray,
+    start: int,
+    motor: int,
+    tables: PlayTables,
+    axis: int,
+    known: np.ndarray,
+    c_max: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the controls [T] and positions [T + 1] of a cheapest plan for one motor.
+
+    ``known`` [T + 1] are the positions of a plan that can be carried out; the search stays within a window about them
+    and the targets, so its plan is never worse.
+    """
+    lower, upper = tables.lower_steps[axis], tables.upper_steps[axis]
+    places = np.unique(np.concatenate([lower, upper, [float(start)]]))
+    first, last = np.searchsorted(upper, places, "left"), np.searchsorted(lower, places, "right") - 1
+    low, high = np.searchsorted(places, lower), np.searchsorted(places, upper)
+    # Near enough for the nearest places on either side, and for what the target moves while the play is crossed.
+    used = slice(int(first[np.searchsorted(places, known.min())]), int(last[np.searchsorted(places, known.max())]) + 1)
+    steepest = float(np.diff(lower[used]).max(initial=1.0))
+    room = 1.5 * max(steepest, 1.0) + float((upper - lower)[used].max()) / (2 * c_max)
+    wanted = np.concatenate([[float(start)], targets])
+    astray = np.abs(wanted - known) > 4 * room  # far behind its targets no plan does much better than the known one
+    wanted = np.where(astray, known, wanted)
+    left = np.searchsorted(places, np.minimum(wanted, known) - room, "left")
+    right = np.searchsorted(places, np.maximum(wanted, known) + room, "right")
+    width = int((last - first)[left.min() : right.max()].max()) + 1 + 2 * c_max
+    block = max(64, _BLOCK_BYTES // (8 * width * int((right - left).max())))
+    motors = np.empty(len(targets) + 1, np.int64)
+    k_start = int(np.searchsorted(places, float(start)))
+    kernels.search(targets, k_start, motor, places, first, last, low, high, left, right, c_max, block, width, motors)
+    controls = np.diff(motors).astype(np.int8)
+    positions = np.empty(len(motors))
+    kernels.follow(motors, float(start), lower, upper, positions)
+    return controls, positions
+
+
+def _plan_framed(
+    tables: PlayTables,
+    frame: LatticeFrame,
+    targets: np.ndarray,
+    start: np.ndarray,
+    motors: tuple[int, int],
+    known: Plan,
+    c_max: int,
+) -> Plan:
+    """Improve a plan behind a crooked frame axis by axis.
+
+    Near a target the squared error is (b − b*)ᵀ JᵀJ (b − b*) in the belts' positions b, with b* the target's and J the
+    frame's slopes. With one axis's plan known it is least along the other at a shifted target.
+    """
+    seen = frame.invert(targets)
+    slopes = frame.slopes(seen)
+    weights = np.swapaxes(slopes, -1, -2) @ slopes
+    belts = np.empty((len(targets) + 1, 2))
+    controls = known.controls.copy()
+    for axis in range(2):
+        moved = motors[axis] + np.concatenate([[0], np.cumsum(controls[:, axis], dtype=np.int64)])
+        column = np.empty(len(belts))
+        kernels.follow(moved, float(start[axis]), tables.lower_steps[axis], tables.upper_steps[axis], column)
+        belts[:, axis] = column
+    best = known
+    for _ in range(_PASSES):
+        for axis in range(2):
+            other = 1 - axis
+            shift = weights[:, axis, other] / weights[:, axis, axis] * (belts[1:, other] - seen[:, other])
+            wanted = np.ascontiguousarray(seen[:, axis] - shift)
+            controls[:, axis], belts[:, axis] = solve(
+                wanted, int(start[axis]), motors[axis], tables, axis, np.ascontiguousarray(belts[:, axis]), c_max
+            )
+        found = Plan(controls.copy(), frame.apply(belts))
+        if better(best, found, targets) is best:
+            break
+        best = found
+    return best
+
+
+CONTROLLERS = {"optimal": Optimal()}
