@@ -114,8 +114,6 @@ def _identify(path: Path, name: str) -> GcodeFile:
             head = handle.read(1 << 16)
     except OSError as error:
         raise GcodeError(name, wanted="a G-code file", came=str(error.strerror), todo="check the path") from None
-    if not head:
-        raise GcodeError(name, wanted="G-code", came="an empty file", todo=_TODO)
     if head.startswith(bgcode.MAGIC):
         found = GcodeFile(name, path, "bgcode")
         return GcodeFile(name, path, "bgcode", (Part(found),))
@@ -130,6 +128,8 @@ def _identify(path: Path, name: str) -> GcodeFile:
 
 def refuse_binary(head: bytes, name: str) -> None:
     """Raise `GcodeError` for what is mostly not text; some foreign bytes in comments are no reason to."""
+    if not head:
+        raise GcodeError(name, wanted="G-code with motion", came="an empty file", todo=_TODO)
     codes = np.frombuffer(head, np.uint8)
     printable = ((codes >= 32) & (codes < 127)) | ((codes >= 9) & (codes <= 13))
     if printable.mean() < _TEXT_SHARE:

@@ -77,7 +77,7 @@ def read_gcode(source: str | Path | bytes, *, printer: Printer | None = None) ->
     Of a project with several plates it is the first. Raises `GcodeError` for what is not G-code or holds no motion.
     """
     if isinstance(source, bytes):
-        refuse_binary(source[:HINT_BYTES] or b"\0", "G-code")
+        refuse_binary(source[:HINT_BYTES], "G-code")
         return _program(
             "G-code", frozen(np.frombuffer(source, np.uint8)), (source[:HINT_BYTES], source[-HINT_BYTES:]), printer
         )

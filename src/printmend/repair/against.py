@@ -50,7 +50,8 @@ def _errors(distance: np.ndarray, weight: np.ndarray) -> Errors:
         return Errors(0.0, 0.0, 0.0)
     order = np.argsort(distance)
     share = np.cumsum(weight[order]) / weight.sum()
-    p95 = float(distance[order[min(int(np.searchsorted(share, 0.95)), len(order) - 1)]])
+    at_p95 = min(int(np.searchsorted(share, 0.95)), len(order) - 1)
+    p95 = float(distance[order[at_p95]])
     return Errors(float(np.sqrt(np.average(distance**2, weights=weight))), p95, float(distance.max()))
 
 

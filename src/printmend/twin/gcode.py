@@ -25,7 +25,7 @@ def print_gcode(program: Program, twin: Twin, *, noise_mm: float, rng: np.random
         at = moves.start_mm[index, :2] if index < len(moves) else home
         if axes[:2].any() and np.array_equal(at, home):
             start = int(index)
-    known = moves.known[:, :2].all(axis=1) & (np.arange(len(moves)) >= start)
+    known = np.asarray(moves.known[:, :2].all(axis=1) & (np.arange(len(moves)) >= start))
     ends, z_mm, layer = moves.end_mm[known], moves.end_mm[known, 2], moves.layer[known]
     path = np.concatenate([home[None], ends[:, :2]])
     moved = np.concatenate([[True], (np.diff(path, axis=0) != 0).any(axis=1)])
