@@ -1,0 +1,33 @@
+"""`printmend export`: what a firmware can hold of a learned fault."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command(epilog="Example: printmend export -m printer.mend.json --to marlin")
+@click.option(
+    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path)
+)
+@click.option("--to", "firmware", required=True, type=click.Choice(["klipper", "marlin", "rrf", "linuxcnc"]))
+@click.option(
+    "-o", "--output", "folder", type=click.Path(path_type=Path, file_okay=False),
+    help="Write the files into this folder instead of printing them.",
+)  # fmt: skip
+def command(model_path: Path, firmware: str, folder: Path | None) -> None:
+    """Write the part of the fault that a firmware can hold by itself, and say what remains for `printmend mend`."""
+    from printmend.files import replacing
+    from printmend.worldmodel.firmware import EXPORTS, remainder
+    from printmend.worldmodel.saved import read_model
+
+    model = read_model(model_path)
+    export = EXPORTS[firmware](model.mechanism)
+    for name, text in export.files:
+        if folder is None:
+            click.echo(f"; {name}\n{text}" if len(export.files) > 1 else text, nl=False)
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        with replacing(folder / name) as file:
+            file.write(text)
+        click.echo(f"written: {folder / name}", err=True)
+    click.echo(remainder(export), err=True)
