@@ -16,8 +16,8 @@ from pathlib import Path
 
 from printmend.body import body_of, load_body
 from printmend.body.layers import layers_of, strokes_of
+from printmend.body.load import is_mesh
 from printmend.body.slicer import slice_to
-from printmend.body.solid import MESH_SUFFIXES
 from printmend.dataset.bodies import body_files, digest
 from printmend.errors import PrintmendError
 from printmend.gcode.read import read_gcode
@@ -27,11 +27,11 @@ from printmend.printer import read_printer
 def evaluate(path: Path, sliced: Path, timeout_s: float) -> dict:
     """Return one file's row; ``reason`` is empty for a body, ``layers`` is 0 where not even layers came out."""
     printer, notes, started = read_printer("ender5"), [], time.perf_counter()
-    is_mesh = path.suffix.lower() in MESH_SUFFIXES
-    row = {"file": f"{path.parent.name}/{path.name}", "digest": digest(path), "kind": "mesh" if is_mesh else "G-code"}
+    mesh = is_mesh(path)
+    row = {"file": f"{path.parent.name}/{path.name}", "digest": digest(path), "kind": "mesh" if mesh else "G-code"}
     row |= {"layers": 0, "points": 0, "reason": ""}
     try:
-        if is_mesh:
+        if mesh:
             from printmend.body.mesh import read_solid
 
             solid = read_solid(path)

@@ -23,7 +23,7 @@ def nodes_of(points: np.ndarray, drawing: np.ndarray) -> np.ndarray:
     return np.vstack([start, start + np.cumsum(controls, axis=0, dtype=np.int64)])
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=250, deadline=None)
 @given(polylines, st.integers(0, 2**12 - 1))
 def test_kernel_equals_the_obvious_version(points: np.ndarray, bits: int) -> None:
     drawing = np.array([bool(bits >> k & 1) for k in range(len(points) - 1)])
@@ -36,7 +36,7 @@ def test_kernel_equals_the_obvious_version(points: np.ndarray, bits: int) -> Non
     assert extruding.tolist() == flags
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=250, deadline=None)
 @given(polylines)
 def test_path_is_eight_connected_and_within_half_a_step_of_its_segment(points: np.ndarray) -> None:
     drawing = np.ones(len(points) - 1, bool)
@@ -49,7 +49,7 @@ def test_path_is_eight_connected_and_within_half_a_step_of_its_segment(points: n
         assert naive_body.distance_to_segment(np.array(node), points[k], points[k + 1]) <= 0.5 + 2 / UNITS
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(polylines)
 def test_every_point_of_the_line_has_a_node_nearby(points: np.ndarray) -> None:
     nodes = nodes_of(points, np.ones(len(points) - 1, bool))

@@ -1,6 +1,7 @@
 """The slicer as a function. Skipped where PrusaSlicer is not installed; the gate installs it."""
 
 import shutil
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +92,14 @@ def test_without_a_slicer_one_line_says_what_to_install(
         slice_solid(cube(), ender5)
     with pytest.raises(MissingToolError, match="apt-get install prusa-slicer"):
         load_body(write_stl(tmp_path, cube()), ender5)
+
+
+def test_a_project_with_gcode_is_not_sliced(tmp_path: Path, ender5: Printer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    path = tmp_path / "pulley.gcode.3mf"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("Metadata/plate_1.gcode", demo_body_gcode())
+    assert len(load_body(path, ender5).layers) == 37
 
 
 def test_command_lists_the_layers(tmp_path: Path) -> None:

@@ -34,9 +34,14 @@ def load_body(
     """
     path = Path(path)
     source: str | bytes = str(path)
-    if path.suffix.lower() in MESH_SUFFIXES:
+    if is_mesh(path):
         source = _sliced(path, printer, unit, cache, note)
     return body_of(source, printer, name=path.stem, note=note)
+
+
+def is_mesh(path: Path) -> bool:
+    """Tell a mesh from G-code by its name; a `.gcode.3mf` is a project that holds G-code."""
+    return path.suffix.lower() in MESH_SUFFIXES and not path.name.lower().endswith(".gcode.3mf")
 
 
 def body_of(
