@@ -25,3 +25,38 @@ def greedy(model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int
         state = after[best]
         imagined.append(state.position_steps[0])
     return Plan(np.array(controls, np.int8).reshape(-1, 2), np.array(imagined))
+
+
+def least_cost_axis(
+    targets: np.ndarray, position: float, motor: int, lower: np.ndarray, upper: np.ndarray, c_max: int = 3
+) -> float:
+    """The least sum of squared errors of one motor with play: every state that can be reached is followed."""
+    costs = {(motor, position): 0.0}
+    for target in targets:
+        after: dict[tuple[int, float], float] = {}
+        for (m, u), cost in costs.items():
+            for c in range(-c_max, c_max + 1):
+                if 0 <= m + c < len(lower):
+                    v = min(max(u, lower[m + c]), upper[m + c])
+                    value = cost + (target - v) ** 2
+                    after[m + c, v] = min(after.get((m + c, v), np.inf), value)
+        costs = after
+    return min(costs.values())
+
+
+def least_cost(model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int = 3) -> float:
+    """The least sum of squared distances on a model whose state is its nominal position and memory."""
+    candidates = np.array(list(itertools.product(range(-c_max, c_max + 1), repeat=2)))
+    states = {(): (0.0, model.start(start))}
+    for target in targets:
+        after: dict[tuple, tuple] = {}
+        for cost, state in states.values():
+            moved = model.advance(state, candidates)
+            values = cost + ((moved.position_steps - target) ** 2).sum(axis=1)
+            for k, value in enumerate(values):
+                assert moved.memory is not None
+                key = (*moved.nominal_steps[k], *moved.memory[k])
+                if key not in after or value < after[key][0]:
+                    after[key] = (value, moved[k])
+        states = after
+    return min(cost for cost, _ in states.values())

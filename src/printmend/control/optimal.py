@@ -4,10 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from printmend.control.beam import Beam
 from printmend.control.check import check_plan
 from printmend.control.greedy import Greedy, first_motors
 from printmend.control.kernels import optimal as kernels
 from printmend.control.lookahead import Lookahead
+from printmend.control.window import better, window
 from printmend.path import Plan
 from printmend.protocols import LatticeFrame, PlayTables, WorldModel
 
@@ -23,8 +25,9 @@ class Optimal:
 
     Each axis of a cartesian machine is solved exactly: the states are the motor's index and the places where the play
     can have left the carriage. A crooked frame couples the axes: they are solved in turn, each with the other's plan
-    known. Never worse than `Greedy` and `Lookahead` on the model, which it falls back on where it has nothing to add
-    (models without play, CoreXY). With the true model it is the lower bound of every table, `optimum`.
+    known. A CoreXY couples them through and through: there it is `Beam`. Never worse than `Greedy` and `Lookahead` on
+    the model; models without memory are left to `Greedy`. With the true model it is the bound of every table,
+    `optimum`.
     """
 
     name: str = "optimal"
@@ -38,7 +41,7 @@ class Optimal:
             return greedy
         known = better(greedy, Lookahead().plan(model, targets, start, c_max=c_max), targets)
         if tables.corexy:
-            return known
+            return Beam().plan(model, targets, start, c_max=c_max)
         motors = first_motors(model.printer, tables, start)
         if tables.frame is None:
             solved = [
@@ -47,12 +50,6 @@ class Optimal:
             ]
             return Plan(*(np.stack(pair, axis=1) for pair in zip(*solved, strict=True)))
         return _plan_framed(tables, tables.frame, targets, start, motors, known, c_max)
-
-
-def better(one: Plan, other: Plan, targets: np.ndarray) -> Plan:
-    """Return the plan whose imagined print is nearer to the targets, the first of equals."""
-    costs = [float(((plan.imagined_steps[1:] - targets) ** 2).sum()) for plan in (one, other)]
-    return one if costs[0] <= costs[1] else other
 
 
 def solve(
@@ -69,27 +66,17 @@ def solve(
     ``known`` [T + 1] are the positions of a plan that can be carried out; the search stays within a window about them
     and the targets, so its plan is never worse.
     """
-    lower, upper = tables.lower_steps[axis], tables.upper_steps[axis]
-    places = np.unique(np.concatenate([lower, upper, [float(start)]]))
-    first, last = np.searchsorted(upper, places, "left"), np.searchsorted(lower, places, "right") - 1
-    low, high = np.searchsorted(places, lower), np.searchsorted(places, upper)
-    # Near enough for the nearest places on either side, and for what the target moves while the play is crossed.
-    used = slice(int(first[np.searchsorted(places, known.min())]), int(last[np.searchsorted(places, known.max())]) + 1)
-    steepest = float(np.diff(lower[used]).max(initial=1.0))
-    room = 1.5 * max(steepest, 1.0) + float((upper - lower)[used].max()) / (2 * c_max)
-    wanted = np.concatenate([[float(start)], targets])
-    astray = np.abs(wanted - known) > 4 * room  # far behind its targets no plan does much better than the known one
-    wanted = np.where(astray, known, wanted)
-    left = np.searchsorted(places, np.minimum(wanted, known) - room, "left")
-    right = np.searchsorted(places, np.maximum(wanted, known) + room, "right")
-    width = int((last - first)[left.min() : right.max()].max()) + 1 + 2 * c_max
-    block = max(64, _BLOCK_BYTES // (8 * width * int((right - left).max())))
+    states = window(tables, axis, targets, float(start), known, c_max)
+    width = states.longest + 2 * c_max
+    block = max(64, _BLOCK_BYTES // (8 * width * states.height))
     motors = np.empty(len(targets) + 1, np.int64)
-    k_start = int(np.searchsorted(places, float(start)))
-    kernels.search(targets, k_start, motor, places, first, last, low, high, left, right, c_max, block, width, motors)
+    kernels.search(
+        targets, states.start, motor, states.places, states.first, states.last, states.low, states.high,
+        states.left, states.right, c_max, block, width, motors,
+    )  # fmt: skip
     controls = np.diff(motors).astype(np.int8)
     positions = np.empty(len(motors))
-    kernels.follow(motors, float(start), lower, upper, positions)
+    kernels.follow(motors, float(start), tables.lower_steps[axis], tables.upper_steps[axis], positions)
     return controls, positions
 
 

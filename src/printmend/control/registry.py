@@ -12,6 +12,7 @@ from printmend.protocols import Controller
 _MODULES = {
     "greedy": "printmend.control.greedy",
     "lookahead": "printmend.control.lookahead",
+    "beam": "printmend.control.beam",
     "optimal": "printmend.control.optimal",
 }
 

@@ -1,0 +1,114 @@
+"""Controllers that plan ahead: against exhaustive search, and where Algorithm 1 deadlocks."""
+
+import numpy as np
+import pytest
+
+from printmend.control import optimal
+from printmend.control.beam import Beam
+from printmend.control.registry import controller
+from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
+from printmend.path import Plan
+from printmend.printer import Printer, read_printer
+from printmend.twin import Twin, lattice_tables
+from printmend.worldmodel.mechanism_model import MechanismModel
+from tests import naive_control
+from tests.shapes import layer_along, ring_layer
+
+LAYER = ring_layer((530.0, 530.0), 70.0)
+START = LAYER.start_steps
+TARGETS = LAYER.nominal_steps[1:].astype(float)
+
+
+def rmse(plan: Plan, targets: np.ndarray = TARGETS) -> float:
+    return float(np.sqrt(((plan.imagined_steps[1:] - targets) ** 2).sum(axis=1).mean()))
+
+
+def worn(hull: str, play_steps: float, printer: Printer) -> MechanismModel:
+    """Two equal drives with an authors' hull and constant play, as in the table of physics.md §6."""
+    drive = Drive(pulley=PublishedHull(hull, 0.3), belt=Play(play_steps * printer.x.mm_per_step))
+    return MechanismModel(Corruption((drive, drive)).lower(printer))
+
+
+@pytest.mark.parametrize(("hull", "play"), [("egg", 0.0), ("egg", 2.5), ("egg", 5.0), ("line", 5.0), ("small", 10.0)])
+@pytest.mark.parametrize("c_max", [1, 3])
+def test_optimal_is_the_optimum(hull: str, play: float, c_max: int, ender5: Printer) -> None:
+    """Zigzags of a few steps: the exhaustive search follows every reachable state."""
+    zigzag = layer_along(np.array([[530, 530], [538, 533], [529, 529], [533, 531], [520, 530]]))
+    targets, start = zigzag.nominal_steps[1:].astype(float), zigzag.start_steps
+    model = worn(hull, play, ender5)
+    tables = lattice_tables(model.mechanism, start)  # type: ignore[arg-type]
+    least = sum(
+        naive_control.least_cost_axis(
+            targets[:, a], float(start[a]), start[a] - tables.first_steps[a],
+            tables.lower_steps[a], tables.upper_steps[a], c_max,
+        )
+        for a in range(2)
+    )  # fmt: skip
+    plan = controller("optimal").plan(model, targets, start, c_max=c_max)
+    assert ((plan.imagined_steps[1:] - targets) ** 2).sum() == pytest.approx(least, abs=1e-9)
+
+
+@pytest.mark.parametrize("family", ["pulley-play", "frame", "everything"])
+def test_a_wide_beam_is_the_optimum_of_coupled_axes(family: str, printer: Printer) -> None:
+    model = MechanismModel(sample(family, np.random.default_rng(4), "realistic").lower(printer))
+    targets, start = np.array([[531, 530], [532, 531], [531, 531], [530, 530]], float), np.array([530, 530])
+    least = naive_control.least_cost(model, targets, start, 1)
+    plan = Beam(width=500).plan(model, targets, start, c_max=1)
+    assert ((plan.imagined_steps[1:] - targets) ** 2).sum() == pytest.approx(least, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("hull", "play", "tie_break", "best"),
+    [("egg", 5.0, 0.55, 0.50), ("line", 5.0, 0.60, 0.40), ("small", 10.0, 1.30, 0.40)],
+)
+def test_deadlock_is_cured(hull: str, play: float, tie_break: float, best: float, ender5: Printer) -> None:
+    """Physics.md §6: greedy 110–190 steps, with the tie-break about .5, with dynamic programming less."""
+    model = worn(hull, play, ender5)
+    greedy, lookahead, optimum = (
+        controller(name).plan(model, TARGETS, START) for name in ("greedy", "lookahead", "optimal")
+    )
+    assert rmse(greedy) > 50
+    assert rmse(lookahead) < tie_break
+    assert rmse(optimum) < min(best, rmse(lookahead))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("family", ["pulley-loose", "set-screw", "everything", "pulley"])
+def test_planning_ahead_is_never_worse(family: str, seed: int, printer: Printer) -> None:
+    model = MechanismModel(sample(family, np.random.default_rng(seed)).lower(printer))
+    targets = TARGETS[200 * seed : 200 * seed + 250]
+    start = LAYER.nominal_steps[200 * seed]
+    errors = {name: rmse(controller(name).plan(model, targets, start), targets) for name in
+              ("greedy", "lookahead", "beam", "optimal")}  # fmt: skip
+    assert errors["optimal"] <= min(errors["greedy"], errors["lookahead"]) + 1e-9
+    assert errors["beam"] <= min(errors["greedy"], errors["lookahead"]) + 1e-9
+    assert errors["optimal"] <= errors["beam"] * 1.001
+
+
+def test_without_play_one_step_greedy_is_optimal(ender5: Printer) -> None:
+    """Physics.md §6: without hysteresis nothing is gained by planning ahead."""
+    model = MechanismModel(sample("ellipse", np.random.default_rng(2)).lower(ender5))
+    assert rmse(controller("optimal").plan(model, TARGETS, START)) == pytest.approx(
+        rmse(controller("greedy").plan(model, TARGETS, START)), abs=1e-9
+    )
+
+
+@pytest.mark.parametrize("preset", ["ender5", "corexy"])
+def test_long_layers_in_blocks_are_planned_alike(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = worn("egg", 5.0, read_printer(preset))
+    whole = controller("optimal").plan(model, TARGETS, START)
+    monkeypatch.setattr(optimal, "_BLOCK_BYTES", 1)
+    blocks = controller("optimal").plan(model, TARGETS, START)
+    np.testing.assert_array_equal(whole.controls, blocks.controls)
+
+
+@pytest.mark.parametrize("name", ["lookahead", "beam", "optimal"])
+def test_targets_that_run_away(name: str, ender5: Printer) -> None:
+    """Where one control cannot keep up the plan lags, but stays finite and no worse than greedy."""
+    model = worn("small", 5.0, ender5)
+    way = np.concatenate([np.linspace(500, 800, 120), np.linspace(800, 480, 60)])
+    targets = np.stack([way, way], axis=1)
+    start = np.array([500, 500])
+    plan = controller(name).plan(model, targets, start, c_max=2)
+    np.testing.assert_array_equal(plan.imagined_steps, Twin(model.mechanism).run(plan.controls, start))
+    assert rmse(plan, targets) <= rmse(controller("greedy").plan(model, targets, start, c_max=2), targets)
