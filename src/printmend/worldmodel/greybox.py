@@ -17,8 +17,8 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import State, Tables
 from printmend.worldmodel.greybox_branches import Branches
-from printmend.worldmodel.greybox_design import Rows, contacts, cross_columns
-from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, prune, search
+from printmend.worldmodel.greybox_design import TABLE, Rows, contacts, cross_columns
+from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, prune, refined, search
 from printmend.worldmodel.greybox_sight import Sight, sight
 from printmend.worldmodel.kernels import greybox as kernels
 from printmend.worldmodel.mechanism_model import MechanismModel
@@ -26,7 +26,7 @@ from printmend.worldmodel.mechanism_model import MechanismModel
 MIN_MEASURED = 10
 TRIAL_ROWS = 4000  # measured rows that the search for contacts and parts looks at
 SIGMA_RANGE_MM = (1e-3, 10.0)
-TABLE_CELLS = 4096
+ROUNDING_SHOWS = 2.0  # stops on micro-steps are looked for where the mean residual is below so many of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +209,7 @@ def _middle(printer: Printer) -> np.ndarray:
 def _ripple(printer: Printer, motor: int) -> tuple[int, ...]:
     """Return the harmonics of micro-step ripple, of periods of 4, 2 and 1 full steps (physics.md eq. 16)."""
     steps = printer.axes[motor].steps_per_turn
-    return tuple(k for k in (steps // 4, steps // 2, steps) if HARMONICS < k <= TABLE_CELLS // 8)
+    return tuple(k for k in (steps // 4, steps // 2, steps) if HARMONICS < k <= TABLE // 8)
 
 
 def _trial(rows: list[Rows], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -247,10 +247,10 @@ def _rounded(rows: list[Rows], found: list[Choice], printer: Printer) -> tuple[l
     stopped = _quantised(rows, printer)
     if all(np.array_equal(a.motor_mm, b.motor_mm) for a, b in zip(rows, stopped, strict=True)):
         return rows, found, False
-    noise = max(choice.fit.loss_mm for choice in found)
-    if noise > printer.x.mm_per_step / printer.x.microsteps * 4:
+    noise = min(choice.fit.loss_mm for choice in found)
+    if noise > ROUNDING_SHOWS * printer.x.mm_per_step / printer.x.microsteps:
         return rows, found, False
-    again = [search(row) for row in stopped]
+    again = [refined(row, choice) for row, choice in zip(stopped, found, strict=True)]
     before, after = (sum(choice.fit.loss_mm for choice in choices) for choices in (found, again))
     return (stopped, again, True) if after < 0.97 * before else (rows, found, False)
 

@@ -79,14 +79,22 @@ class Branches:
     def is_healthy(self) -> bool:
         return self.mean.is_zero and self.play.is_zero and self.elastic.is_zero
 
-    def errors_mm(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (mean, play) [mm] at motor positions [N]: what the drive adds to a healthy motor, and its play ≥ 0."""
+    def errors_mm(self, motor_mm: np.ndarray, *, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Return (mean, play) [mm] at motor positions [N]: what the drive adds to a healthy motor, and its play ≥ 0.
+
+        Where the positions are evenly spaced with a whole number of ``turn`` entries a turn, one turn is evaluated.
+        """
         x = (motor_mm - self.middle_mm) / SCALE_MM
-        phase = np.mod(motor_mm, self.period_mm) * (TURN_RAD / self.period_mm)
-        mean = self._powers_mm(self.mean, motor_mm) + self.mean.series_mm(phase)
+        count = round(turn) if abs(turn - round(turn)) < 1e-9 and 0 < turn < len(motor_mm) else len(motor_mm)
+        phase = np.mod(motor_mm[:count], self.period_mm) * (TURN_RAD / self.period_mm)
+
+        def series(wave: Wave) -> np.ndarray:
+            return np.resize(wave.series_mm(phase), len(motor_mm))
+
+        mean = self._powers_mm(self.mean, motor_mm) + series(self.mean)
         if not self.elastic.is_zero:
-            mean = mean + x * self.elastic.series_mm(phase)
-        play = self._powers_mm(self.play, motor_mm) + self.play.series_mm(phase)
+            mean = mean + x * series(self.elastic)
+        play = self._powers_mm(self.play, motor_mm) + series(self.play)
         return mean, np.maximum(play, 0.0)
 
     def _powers_mm(self, wave: Wave, motor_mm: np.ndarray) -> np.ndarray:
@@ -105,7 +113,7 @@ class Branches:
         if self.is_healthy:
             return healthy
         grid = healthy.motor_mm
-        mean, play = self.errors_mm(grid)
+        mean, play = self.errors_mm(grid, turn=self.period_mm / healthy.pitch_mm)
         lower = np.maximum.accumulate(grid + mean - play / 2)
         if not play.any():
             return replace(healthy, lower_mm=lower, upper_mm=lower)

@@ -8,13 +8,14 @@ C = (ΦᵀWΦ/σ² + V⁻¹)⁻¹. The scale of the priors of each group of harm
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from printmend.worldmodel.greybox_design import Contacts, Design, Normal, Rows, contacts, normal_equations
 
 NOISE_FLOOR_MM = 2e-4
 HUBER = 2.0
-LOST = 8.0  # residuals beyond so many σ are outliers that tell nothing
+LOST = 6.0  # residuals beyond so many σ tell nothing
+LOST_MM = 0.02  # but smaller ones than this are the model's own fault: corners between its harmonics
 HARMONIC_MM = 0.8  # physics.md §4: c_k ~ N(0, (0.8 k^−1.5 mm)²), hence c_k/k in position
 POWER_MM = {"mean": (5.0, 25.0, 2.0, 1.0), "play": (1.5, 0.2, 0.2, 0.1)}
 CROSS_MM = {1: 3.0, 2: 0.3, 3: 0.1}
@@ -88,9 +89,11 @@ def solve(
         root = np.sqrt(v)
         scaled = matrix * np.outer(root, root) / sigma2
         scaled[np.diag_indices_from(scaled)] += 1.0
-        factor = cho_factor(scaled, lower=True)
-        values = root * cho_solve(factor, root * slope) / sigma2
-        inverse = cho_solve(factor, np.eye(len(v)))
+        # Cholesky's factor, then the inverse from it; the matrix is at least the identity, so both exist.
+        factor, _ = dpotrf(scaled, lower=1)
+        inverse, _ = dpotri(factor, lower=1)
+        inverse = np.tril(inverse) + np.tril(inverse, -1).T
+        values = root * (inverse @ (root * slope)) / sigma2
         misfit = _misfit(normal, active, values)
         if last == rounds:
             break
@@ -98,7 +101,7 @@ def solve(
         known = len(v) - spread.sum()
         sigma2 = max(misfit / max(normal.count - known, 1.0), NOISE_FLOOR_MM**2)
         prior = _rescaled(prior, masks, values, v, spread)
-    log_det = 2 * np.log(np.diag(factor[0])).sum()
+    log_det = 2 * np.log(np.diag(factor)).sum()
     evidence = -0.5 * (misfit / sigma2 + (values**2 / v).sum() + log_det + normal.count * np.log(sigma2))
     full = np.zeros(design.size)
     full[active] = values
@@ -144,12 +147,13 @@ def robust_sigma_mm(residual_mm: np.ndarray) -> float:
     return max(1.4826 * float(np.median(np.abs(residual_mm))), NOISE_FLOOR_MM)
 
 
-def robust_weights(rows: Rows, residual_mm: np.ndarray, sigma_mm: float) -> np.ndarray:
-    """Return Huber's weights [N] times the rows' own."""
+def robust_weights(rows: Rows, residual_mm: np.ndarray, sigma_mm: float, *, drop: bool) -> np.ndarray:
+    """Return Huber's weights [N] times the rows' own; with ``drop``, 0 for outliers."""
     with np.errstate(invalid="ignore", divide="ignore"):
         away = np.abs(residual_mm) * (np.sqrt(rows.weight) / sigma_mm)
         weight = rows.weight * np.minimum(1.0, HUBER / away)
-    weight[~(rows.weight > 0)] = 0.0
+        lost = drop & (away > LOST) & (np.abs(residual_mm) > LOST_MM)
+    weight[~(rows.weight > 0) | lost] = 0.0
     return weight
 
 
@@ -182,11 +186,12 @@ def refine(
     passes: int,
     rounds: int,
     patience: int = 3,
+    drop: bool = True,
 ) -> Fit:
     """Iterate contacts and least squares from ``values`` [P]; return the pass with the smallest mean |residual|.
 
     A pass: simulate the play, weigh the rows, solve for the ``active`` parameters. Ends after ``patience`` passes that
-    bring nothing.
+    bring nothing. ``drop`` outliers only once the contacts are known: before, they are most of what there is to learn.
     """
     measured = rows.weight > 0
     best: Fit | None = None
@@ -200,7 +205,8 @@ def refine(
         if best is not None and still >= patience:
             break
         share = independent_share(residual, sigma)
-        normal = normal_equations(design, values, rows, touch, robust_weights(rows, touch.residual_mm, sigma))
+        weight = robust_weights(rows, touch.residual_mm, sigma, drop=drop)
+        normal = normal_equations(design, values, rows, touch, weight)
         post = solve(design, normal.tempered(share), active, prior, sigma, rounds=rounds)
         if best is None or loss <= best.loss_mm:
             best = Fit(post, normal, touch, loss, share)

@@ -89,18 +89,30 @@ class Choice:
 def search(rows: Rows) -> Choice:
     """Find the contacts with few harmonics from several starts; return the best of the drive's main structures."""
     design = Structure(play="free").design(COARSE_HARMONICS, ())
-    best: Choice | None = None
-    for play, pulley in (("none", "all"), ("constant", "all"), ("loose", "even"), ("free", "all")):
-        structure = Structure(pulley=pulley, play=play)
+    place = design.parts["play_powers"]
+
+    def tried(play: str, pulley: str, start_mm: float) -> Choice:
+        structure, values = Structure(pulley=pulley, play=play), np.zeros(design.size)
+        values[place] = start_mm
         active = structure.active(design)
-        for start_mm in (0.0,) if play == "none" else STARTS_MM:
-            values = np.zeros(design.size)
-            values[design.parts["play_powers"]] = start_mm
-            fit = refine(design, rows, values, active, prior=Prior(), passes=12, rounds=1, patience=2)
-            if best is None or fit.loss_mm < best.fit.loss_mm * (0.98 if play == "free" else 0.999):
-                best = Choice(structure, design, fit)
-    assert best is not None
+        fit = refine(design, rows, values, active, prior=Prior(), passes=12, rounds=1, patience=2, drop=False)
+        return Choice(structure, design, fit)
+
+    played = min((tried("constant", "all", start_mm) for start_mm in STARTS_MM), key=lambda choice: choice.fit.loss_mm)
+    play_mm = float(played.fit.posterior.values[place][0])
+    best = tried("none", "all", 0.0)
+    for choice in (played, tried("loose", "even", play_mm), tried("free", "all", play_mm)):
+        if choice.fit.loss_mm < best.fit.loss_mm * (0.98 if choice.structure.play == "free" else 0.999):
+            best = choice
     return best
+
+
+def refined(rows: Rows, found: Choice) -> Choice:
+    """Repeat a search's fit on rows that hardly differ."""
+    post = found.fit.posterior
+    active = found.structure.active(found.design)
+    fit = refine(found.design, rows, post.values, active, prior=post.prior, passes=3, rounds=1, drop=False)
+    return Choice(found.structure, found.design, fit)
 
 
 def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
