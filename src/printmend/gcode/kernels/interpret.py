@@ -29,7 +29,6 @@ from printmend.gcode.kernels.text import (
     SPACED,
     STAR,
     among,
-    has_letter,
     is_blank,
     is_digit,
     is_letter,
@@ -152,7 +151,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
             if found:
                 values[byte - 65] = value
                 words |= bit
-                if is_letter(buf[q - 1]) or (q - p > 4 and has_letter(buf, p + 1, q)):
+                if found == 2:
                     flags |= FLAG_EXPONENT
             else:
                 while q < stop and is_blank(buf[q]):

@@ -39,14 +39,6 @@ def digit_of(byte):
 
 
 @njit
-def has_letter(buf, p, stop):
-    for k in range(p, stop):  # noqa: SIM110 (numba compiles the loop, not the generator)
-        if is_letter(buf[k]):
-            return True
-    return False
-
-
-@njit
 def is_blank(byte):
     """Blanks are every control character and the space: a NUL in a file is passed over."""
     return byte <= SPACE
@@ -54,7 +46,7 @@ def is_blank(byte):
 
 @njit
 def parse_number(buf, p, stop, style):
-    """Read a number at p: (value, next, found). Nothing found leaves next at p.
+    """Read a number at p: (value, next, found). Found is 0 for none, which leaves next at p, and 2 with an exponent.
 
     ``style`` (SPACED, CAPITAL) says how the line is written, which tells an exponent (`Y2.4e-15`, `X1.0E-4`) from an
     E word that follows without a blank (`X1E-4` in `G1X1E-4`).
@@ -85,11 +77,11 @@ def parse_number(buf, p, stop, style):
         decimals = p - first
         digits += decimals
     if digits == 0:
-        return 0.0, start, False
+        return 0.0, start, 0
     if digits > 15 or (p < stop and (buf[p] == 101 or buf[p] == 69)):
         return _parse_long(buf, start, stop, style)
     value = float(whole) / POWERS[decimals]  # both exact, so the quotient is correctly rounded
-    return (-value if negative else value), p, True
+    return (-value if negative else value), p, 1
 
 
 @njit
@@ -99,7 +91,7 @@ def _parse_long(buf, p, stop, style):
     if buf[p] == 43 or buf[p] == 45:
         p += 1
     whole = np.int64(0)
-    significant, power = 0, 0
+    significant, power, found = 0, 0, 1
     point = False
     while p < stop:
         byte = buf[p]
@@ -126,7 +118,7 @@ def _parse_long(buf, p, stop, style):
         sure = buf[p] == 101 and style & CAPITAL
         if q > first and closed and (sure or (style & SPACED and signed)):
             power += -exponent if buf[p + 1] == 45 else exponent
-            p = q
+            p, found = q, 2
     if power >= 0:
         value = float(whole) * (POWERS[power] if power <= 22 else 10.0 ** float(min(power, 300)))
     elif power >= -22:
@@ -135,7 +127,7 @@ def _parse_long(buf, p, stop, style):
         value = float(whole) / 10.0 ** float(min(-power, 300))
     if not value < 1e15:  # no machine is that large: keep the arithmetic finite
         value = 1e15
-    return (-value if negative else value), p, True
+    return (-value if negative else value), p, found
 
 
 @njit
