@@ -17,7 +17,18 @@ import click
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("trace.csv"), show_default=True
 )
-def command(source: Path, printer_name: str, corruption_path: Path, noise_mm: float, seed: int, output: Path) -> None:
+@click.option("--scan", type=click.Path(path_type=Path, dir_okay=False), metavar="SCAN.png",
+              help="Also draw the scan of a printed probe.")  # fmt: skip
+@click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The probe's plan [default: FILE.json]")
+@click.option("--dpi", type=click.FloatRange(min=50, max=2400), default=600, show_default=True)
+@click.option(
+    "--turn", type=click.Choice(["0", "90", "180", "270"]), default="0", help="How the plate lies on the glass."
+)
+@click.option("--dirt", type=click.Choice(["clean", "default", "heavy"]), default="default", show_default=True)
+def command(
+    source: Path, printer_name: str, corruption_path: Path, noise_mm: float, seed: int, output: Path,
+    scan: Path | None, plan_path: Path | None, dpi: float, turn: str, dirt: str,
+) -> None:  # fmt: skip
     """Print FILE.gcode on a twin with this fault, measure what came out, write it as a trace.csv."""
     import numpy as np
 
@@ -34,3 +45,15 @@ def command(source: Path, printer_name: str, corruption_path: Path, noise_mm: fl
     trace = print_gcode(program, twin, noise_mm=noise_mm, rng=np.random.default_rng(seed))
     write_trace(output, trace)
     click.echo(f"{output}: {len(trace)} way-points, measured with {noise_mm:g} mm of noise")
+    if scan is not None:
+        from printmend.measure import read_plan
+        from printmend.measure.image import write_image
+        from printmend.measure.render import DEGRADATIONS, scan_trace
+
+        exact = print_gcode(program, twin, noise_mm=0.0, rng=np.random.default_rng(seed))
+        drawn = scan_trace(
+            exact, read_plan(plan_path or source.with_suffix(".json")), dpi=dpi, degradations=DEGRADATIONS[dirt],
+            rng=np.random.default_rng(seed), quarter_turns=int(turn) // 90,
+        )  # fmt: skip
+        write_image(scan, drawn.image, dpi=dpi)
+        click.echo(f"{scan}: {drawn.image.shape[1]} × {drawn.image.shape[0]} pixels at {dpi:g} dpi")

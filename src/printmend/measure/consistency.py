@@ -92,7 +92,7 @@ def _sided(columns: np.ndarray, side: np.ndarray) -> np.ndarray:
 def _robust_fit(design: np.ndarray, target: np.ndarray) -> np.ndarray:
     weight = np.ones(len(target))
     ridge = 1e-3 * np.eye(design.shape[1])
-    for _ in range(8):
+    for _ in range(5):
         fit = np.linalg.solve(design.T @ (weight[:, None] * design) + ridge, design.T @ (weight * target))
         residual = target - design @ fit
         scale = max(1.4826 * float(np.median(np.abs(residual))), 0.01)

@@ -15,7 +15,7 @@ from printmend.errors import ScanError
 from printmend.path import frozen
 
 COARSE_MM = 0.085  # a pixel of the reduced picture
-STRING_MM = 0.36  # plastic thinner than this is no dot
+STRING_MM = 0.5  # plastic thinner than this is no dot
 BACKGROUND_MM = 5.0  # the window whose median is the plate's own colour
 RAYS, RADII = 72, 40
 MOST_DOTS = 6000

@@ -2,14 +2,20 @@
 
 import warnings
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 from PIL import Image
 
 from printmend.errors import ScanError
+from printmend.files import replacing
 
 MOST_PIXELS = 150_000_000  # A4 at 1200 dpi has 139 million
 LEAST_SIDE_PX = 300
+_SAVE: dict[str, dict[str, Any]] = {
+    "PNG": {"compress_level": 1}, "JPEG": {"quality": 95}, "TIFF": {"compression": "tiff_lzw"},
+}  # fmt: skip
 TRUSTED_DPI = 140.0  # editors and phones write 72 or 96 into any file
 
 
@@ -35,6 +41,16 @@ def read_image(path: str | Path) -> tuple[np.ndarray, float | None]:
     return pixels, _dpi(stated)
 
 
+def write_image(path: str | Path, image: np.ndarray, *, dpi: float) -> None:
+    """Write an image [H, W, 3] uint8, blue first, in the format of the file's name, with its resolution."""
+    picture = Image.fromarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+    kind = Image.registered_extensions().get(Path(path).suffix.lower())
+    if kind not in _SAVE:
+        raise ScanError(path, wanted="a name ending in .png, .jpg or .tif", came="another", todo="rename it")
+    with replacing(Path(path), "wb") as file:
+        picture.save(file, kind, dpi=(dpi, dpi), **_SAVE[kind])
+
+
 def _check_size(path: str | Path, size: tuple[int, int]) -> None:
     if size[0] * size[1] > MOST_PIXELS:
         raise _too_large(path, f"{size[0]} × {size[1]} pixels")
@@ -58,7 +74,7 @@ def _pixels(image: Image.Image) -> np.ndarray:
         deep = np.asarray(image)
         grey = (deep >> 8).astype(np.uint8) if deep.max(initial=0) > 255 else deep.astype(np.uint8)
         return np.repeat(grey[:, :, None], 3, axis=2)
-    return np.ascontiguousarray(np.asarray(image.convert("RGB"))[:, :, ::-1])
+    return cv2.cvtColor(np.asarray(image if image.mode == "RGB" else image.convert("RGB")), cv2.COLOR_RGB2BGR)
 
 
 def _dpi(stated: object) -> float | None:
@@ -66,4 +82,5 @@ def _dpi(stated: object) -> float | None:
         x, y = (float(value) for value in stated)  # type: ignore[attr-defined]
     except (TypeError, ValueError, ZeroDivisionError):
         return None
-    return x if x >= TRUSTED_DPI and abs(x - y) < 0.01 * x else None
+    # PNG stores whole pixels per metre: 600 dpi comes back as 599.999
+    return float(round(x)) if x >= TRUSTED_DPI and abs(x - y) < 0.01 * x else None

@@ -17,12 +17,16 @@ HOPELESS_MM = 0.6  # beyond this spread the rough model says nothing about singl
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """``match`` says which dot is which mark, ``pose`` how the plate lay; ``measured_mm`` [M, 2] in the bed's frame,
-    NaN where a mark was not found."""
+    """``match`` says which dot is which mark, ``pose`` how the plate lay.
+
+    ``measured_mm`` [M, 2] in the bed's frame, NaN where a mark was not found; ``expected_mm`` [M, 2] is where the other
+    marks say that each should be.
+    """
 
     match: Match
     pose: Pose
     measured_mm: np.ndarray
+    expected_mm: np.ndarray
 
     @property
     def found(self) -> np.ndarray:
@@ -42,7 +46,7 @@ def read_marks(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -
             break
         dot = revised
     pose, measured = _placed(dots_mm, dot, plan, mirrored=match.mirrored)
-    return Marks(replace(match, dot=dot), pose, measured)
+    return Marks(replace(match, dot=dot), pose, measured, expectation.marks_mm(measured)[0])
 
 
 def _placed(dots_mm: np.ndarray, dot: np.ndarray, plan: ProbePlan, *, mirrored: bool) -> tuple[Pose, np.ndarray]:

@@ -6,16 +6,19 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from printmend.files import replacing
+from printmend.measure.image import write_image
 from printmend.measure.plan import ProbePlan
 from printmend.measure.register import find_pose, turn_onto
 from printmend.measure.scan import Reading, read_scan
 from printmend.path import Trace
+from printmend.units import MM_PER_INCH
 
 QUARTER = 0.35  # |sin| of the turn between two scans that tells the scanner's axes apart
 DISAGREEMENT = 6.0  # standard deviations between two scans of one mark: one of them saw dirt
 OVERLAY_PX = 3000
+ENLARGED = (1, 2, 5, 10, 20, 50)
 FOUND, MISSING, ERROR = (60, 170, 60), (40, 40, 230), (230, 120, 30)
 
 
@@ -42,6 +45,12 @@ def measure_scans(
     paths: Sequence[str | Path], plan: ProbePlan, *, dpi: float | None = None, overlay: Path | None = None
 ) -> Measurement:
     """Measure one print from one or more scans; draw what was found over the first into ``overlay``."""
+    # many small matrices: threads of a linear-algebra library would only wait for each other
+    with threadpool_limits(1, "blas"):
+        return _measured(paths, plan, dpi, overlay)
+
+
+def _measured(paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, overlay: Path | None) -> Measurement:
     readings: list[Reading] = []
     notes: list[str] = []
     for path in paths:
@@ -137,7 +146,7 @@ def _without_image(reading: Reading) -> Reading:
 
 
 def draw_overlay(path: Path, reading: Reading, plan: ProbePlan) -> None:
-    """Draw found marks as rings, missing ones as crosses, and ten times the error of each mark as a line."""
+    """Draw found marks as rings, missing ones as crosses, and the error of each mark as a line, enlarged to be seen."""
     factor = min(1.0, OVERLAY_PX / max(reading.image.shape[:2]))
     picture = cv2.resize(reading.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     pose, found = reading.marks.pose, reading.marks.found
@@ -149,21 +158,24 @@ def draw_overlay(path: Path, reading: Reading, plan: ProbePlan) -> None:
         return np.rint(((px + 0.5) * factor - 0.5) * 16).astype(int)
 
     measured = reading.marks.measured_mm
-    at, wanted = pixel(np.nan_to_num(measured)), pixel(plan.marks_mm)
-    ends = pixel(np.nan_to_num(plan.marks_mm + 10 * (measured - plan.marks_mm)))
+    error = np.nan_to_num(measured - plan.marks_mm)
+    usual = float(np.quantile(np.hypot(*error[found].T), 0.95)) + 1e-6
+    enlarged = max((k for k in ENLARGED if k * usual <= plan.pitch_mm), default=1)
+    at, ends = pixel(np.nan_to_num(measured)), pixel(np.nan_to_num(measured) + enlarged * error)
+    wanted = pixel(reading.marks.expected_mm)
     scale = float(np.sqrt(abs(np.linalg.det(to_px[:2])))) * factor
     thick = max(1, round(0.12 * scale))
     for mark in range(len(plan)):
         if found[mark]:
             radius = int((0.5 * plan.diameter_mm[mark] + 0.35) * scale * 16)
             cv2.circle(picture, at[mark].tolist(), radius, FOUND, thick, cv2.LINE_AA, 4)
-            cv2.line(picture, wanted[mark].tolist(), ends[mark].tolist(), ERROR, thick, cv2.LINE_AA, 4)
+            cv2.line(picture, at[mark].tolist(), ends[mark].tolist(), ERROR, thick, cv2.LINE_AA, 4)
         else:
             place = (wanted[mark] // 16).tolist()
             cv2.drawMarker(picture, place, MISSING, cv2.MARKER_TILTED_CROSS, int(2 * scale) + 3, 2 * thick)
-    _, data = cv2.imencode(path.suffix if path.suffix.lower() in (".png", ".jpg", ".jpeg") else ".png", picture)
-    with replacing(path, "wb") as file:
-        file.write(data.tobytes())
+    words = f"{int(found.sum())} of {len(found)} marks; errors enlarged {enlarged} times"
+    cv2.putText(picture, words, (12, 34), cv2.FONT_HERSHEY_SIMPLEX, 1.0, ERROR, 2, cv2.LINE_AA)
+    write_image(path, picture, dpi=float(MM_PER_INCH * scale))
 
 
 def _affine(source: np.ndarray, target: np.ndarray) -> np.ndarray:

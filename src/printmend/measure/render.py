@@ -9,12 +9,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from printmend.errors import InputError
 from printmend.measure.plan import ProbePlan
+from printmend.path import Trace
 from printmend.units import MM_PER_INCH
 
 A4_MM = (210.0, 297.0)
 MARGIN_MM = 5.0
-PURGE_WIDTH_MM = 0.8
+SAME_MM = 0.002
 Colour = tuple[int, int, int]
 
 
@@ -59,6 +61,9 @@ HEAVY = Degradations(
 )  # fmt: skip
 
 
+DEGRADATIONS = {"clean": CLEAN, "default": DEFAULT, "heavy": HEAVY}
+
+
 @dataclass(frozen=True, eq=False)
 class Scan:
     """A rendered image [H, W, 3] and the truth: ``marks_px`` [M, 2] and which dots are there (``present`` [M])."""
@@ -79,18 +84,20 @@ def render_scan(
     quarter_turns: int = 0,
     mirrored: bool = False,
     stretch: tuple[float, float] | None = None,
+    size_mm: tuple[float, float] | None = None,
 ) -> Scan:
     """Draw the marks of ``plan`` where they were printed, [M, 2] mm.
 
     ``quarter_turns`` turns the plate on the glass, ``mirrored`` shows it from below; ``stretch`` fixes the
-    scanner's own axes, for a second scan on the same one. The image is A4, or larger where the print needs it.
+    scanner's own axes, for a second scan on the same one. The image is ``size_mm``, or else A4, smaller for a small
+    print and larger where the print needs it.
     """
     d = degradations
     px_per_mm = dpi / MM_PER_INCH
     angle = np.deg2rad(90.0 * quarter_turns + rng.normal(0.0, d.angle_deg))
     if stretch is None:
         stretch = tuple(np.clip(rng.normal(0.0, d.stretch, 2), -2 * d.stretch, 2 * d.stretch))
-    marks, size_mm = _placed(printed_mm, angle, mirrored, np.array(stretch))
+    marks, size_mm = _placed(printed_mm, angle, mirrored, np.array(stretch), size_mm)
     truth = marks
     marks = marks + rng.normal(0.0, d.shift_mm, marks.shape)
     wavelength, phase = rng.uniform(20, 60), rng.uniform(0, 2 * np.pi)
@@ -111,8 +118,35 @@ def render_scan(
     return Scan(image, dpi, truth * px_per_mm, present)
 
 
+def scan_trace(
+    trace: Trace,
+    plan: ProbePlan,
+    *,
+    dpi: float,
+    degradations: Degradations,
+    rng: np.random.Generator,
+    quarter_turns: int = 0,
+) -> Scan:
+    """Draw the scan of a probe whose G-code was printed on the twin; ``trace`` is what the twin printed, without noise.
+
+    Equal generators give the same dots on the same scanner, so that the plate can be turned between two scans. Raises
+    `InputError` where the trace is that of another file.
+    """
+    same = trace.commanded_mm.shape == plan.waypoints_mm.shape
+    if not same or np.abs(trace.commanded_mm - plan.waypoints_mm).max() > SAME_MM:
+        raise InputError(
+            "the printed file",
+            wanted=f"the probe of this plan, with {len(plan.waypoints_mm)} way-points",
+            came=f"a file with {len(trace)} other way-points",
+            todo="print the G-code that was written together with the probe.json",
+        )
+    return render_scan(
+        trace.measured_mm[plan.rows], plan, dpi=dpi, degradations=degradations, rng=rng, quarter_turns=quarter_turns
+    )
+
+
 def _placed(
-    printed_mm: np.ndarray, angle: float, mirrored: bool, stretch: np.ndarray
+    printed_mm: np.ndarray, angle: float, mirrored: bool, stretch: np.ndarray, size_mm: tuple[float, float] | None
 ) -> tuple[np.ndarray, tuple[float, float]]:
     """Return the marks on the glass [M, 2] mm and the size of the image [mm]."""
     c, s = np.cos(angle), np.sin(angle)
@@ -121,6 +155,8 @@ def _placed(
     turned = (printed_mm * flip) @ np.array([[c, s], [-s, c]]) * (1.0 + stretch)
     low, high = turned.min(axis=0), turned.max(axis=0)
     span = high - low + 2 * MARGIN_MM
+    if size_mm is not None:
+        return turned - low + (np.array(size_mm) - (high - low)) / 2, size_mm
     size = (max(A4_MM[0], span[0]), max(A4_MM[1], span[1])) if span.max() > A4_MM[0] / 2 else (span[0], span[1])
     return turned - low + (np.array(size) - (high - low)) / 2, (float(size[0]), float(size[1]))
 

@@ -20,6 +20,7 @@ RUN_IN_MM = 9.0  # motion before the first mark of a row: takes up any play of t
 MARKS = 900
 MIN_PITCH_MM = 4.6  # nearer dots could touch on a printer that is off by millimetres
 LEAST_MM = 30.0
+AROUND_PART_MM, TURNS_FOR_PART = 5.0, 1.5
 BIG_SHARE = 0.3
 CODE_SEED = 20
 
@@ -41,21 +42,41 @@ class Layout:
     row: np.ndarray
 
 
-def mark_area_mm(printer: Printer, size_mm: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners (low [2], high [2]) of the area that the marks fill; ``size_mm`` asks for a square."""
-    low = np.array([printer.x.min_mm, printer.y.min_mm]) + EDGE_MM + RUN_IN_MM - 1.0
-    high = np.array([printer.x.max_mm, printer.y.max_mm]) - EDGE_MM - RUN_IN_MM + 1.0
-    if size_mm is not None:
-        middle = (low + high) / 2
-        low, high = np.maximum(low, middle - size_mm / 2), np.minimum(high, middle + size_mm / 2)
+def mark_area_mm(printer: Printer) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners (low [2], high [2]) of the largest area that marks can fill."""
+    margin = EDGE_MM + RUN_IN_MM - 1.0
+    low = np.array([printer.x.min_mm, printer.y.min_mm]) + margin
+    high = np.array([printer.x.max_mm, printer.y.max_mm]) - margin
     if (high - low < LEAST_MM).any():
         raise ConfigError(
             printer.name,
-            wanted=f"{LEAST_MM:.0f} mm for the marks, {EDGE_MM + RUN_IN_MM - 1:.0f} mm from the edges",
+            wanted=f"{LEAST_MM:.0f} mm for the marks, {margin:.0f} mm from the edges",
             came=f"{high[0] - low[0]:.0f} × {high[1] - low[1]:.0f} mm",
-            todo="choose a larger --size, or check the bed in --printer",
+            todo="check the bed in --printer",
         )
     return low, high
+
+
+def square_mm(printer: Printer, size_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of a square of marks in the middle of the bed, no larger than the bed allows."""
+    low, high = mark_area_mm(printer)
+    middle = (low + high) / 2
+    return np.maximum(low, middle - size_mm / 2), np.minimum(high, middle + size_mm / 2)
+
+
+def area_around_mm(printer: Printer, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of the area of marks that a part needs: its own, and one turn of each pulley at the least.
+
+    ``points_mm`` [N, 2] are the ends of the part's moves.
+    """
+    low, high = mark_area_mm(printer)
+    turn = TURNS_FOR_PART * np.array([printer.x.mm_per_turn, printer.y.mm_per_turn])
+    part_low, part_high = points_mm.min(axis=0) - AROUND_PART_MM, points_mm.max(axis=0) + AROUND_PART_MM
+    short = np.maximum(turn - (part_high - part_low), 0.0) / 2
+    wanted_low, wanted_high = part_low - short, part_high + short
+    # where the bed ends on one side, take the missing turn from the other
+    shift = np.maximum(low - wanted_low, 0.0) - np.maximum(wanted_high - high, 0.0)
+    return np.maximum(wanted_low + shift, low), np.minimum(wanted_high + shift, high)
 
 
 def lay_out(printer: Printer, low_mm: np.ndarray, high_mm: np.ndarray, *, marks: int = MARKS) -> Layout:

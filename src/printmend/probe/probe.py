@@ -4,21 +4,37 @@ from pathlib import Path
 
 import numpy as np
 
+from printmend.errors import GcodeError
 from printmend.files import replacing
+from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan, write_plan
 from printmend.printer import Printer
 from printmend.probe.gcode import probe_gcode
-from printmend.probe.layout import lay_out, mark_area_mm
+from printmend.probe.layout import area_around_mm, lay_out, mark_area_mm, square_mm
 from printmend.probe.walk import walk
 
 
-def design_probe(printer: Printer, *, size_mm: float | None = None) -> ProbePlan:
-    """Lay the marks out over the whole bed, or over a square of ``size_mm`` in its middle (physics.md §5).
+def design_probe(printer: Printer, *, size_mm: float | None = None, part: Program | None = None) -> ProbePlan:
+    """Lay the marks out over the whole bed, a square of ``size_mm`` in its middle, or where ``part`` is printed.
 
-    Raises `ConfigError` where the bed or the square is too small for marks.
+    The pattern is that of physics.md §5. Raises `ConfigError` where the bed is too small for marks, `GcodeError` for a
+    part that extrudes nothing.
     """
-    low, high = mark_area_mm(printer, size_mm)
+    if part is not None:
+        low, high = area_around_mm(printer, _printed_mm(part))
+    elif size_mm is not None:
+        low, high = square_mm(printer, size_mm)
+    else:
+        low, high = mark_area_mm(printer)
     return walk(printer, lay_out(printer, low, high))
+
+
+def _printed_mm(part: Program) -> np.ndarray:
+    """Return the ends [N, 2] of the moves that print the part."""
+    rows = part.moves.extruding & part.moves.known[:, :2].all(axis=1)
+    if not rows.any():
+        raise GcodeError(part.name, wanted="a part that is printed", came="no extruding move", todo="check the file")
+    return np.vstack([part.moves.start_mm[rows, :2], part.moves.end_mm[rows, :2]])
 
 
 def turns_covered(printer: Printer, plan: ProbePlan) -> tuple[float, float]:
