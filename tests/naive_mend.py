@@ -134,7 +134,7 @@ class Machine:
         if math.dist((x0, y0), (x1, y1)) < 1e-6:
             sweep = 2 * math.pi
         r0, r1 = math.dist((x0, y0), (cx, cy)), math.dist((x1, y1), (cx, cy))
-        steps = max(8, math.ceil(sweep * r0 / 0.1))
+        steps = max(8, math.ceil(sweep * r0 / 0.4))
         points = []
         for i in range(steps + 1):
             s = i / steps

@@ -9,6 +9,9 @@ from printmend.control.inverse import Planner
 from printmend.control.kernels import inverse_layout as k
 
 
+_GAIN_MM = 0.0005
+
+
 @dataclass(frozen=True)
 class Errors:
     """Distance of the printed path to the wanted one, over the length of the extruded path [mm]."""
@@ -46,7 +49,8 @@ class Prediction:
 
     @property
     def is_better(self) -> bool:
-        return self.after.rms_mm < self.before.rms_mm
+        """Say whether mending gains more than the resolution of the numbers in the file."""
+        return self.before.rms_mm - self.after.rms_mm > _GAIN_MM
 
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""

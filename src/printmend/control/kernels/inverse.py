@@ -94,6 +94,7 @@ from printmend.gcode.kernels.layout import (
     WORD_X,
     WORD_Y,
 )
+from printmend.jit import entry
 
 
 @njit(error_model="numpy", _nrt=False)
@@ -290,7 +291,7 @@ def _follow_copied(model, state, counts, r, known):
     counts[N_KNOWN] = counts[N_KNOWN] and known
 
 
-@njit(cache=True, nogil=True, error_model="numpy", _nrt=False)
+@entry(error_model="numpy", _nrt=False)
 def mend(model, records, begin, count, state, counts, curve, first, pieces, layers, errors, quantum):
     """Plan records[begin:count]; return the record before which it stopped.
 

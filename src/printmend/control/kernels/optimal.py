@@ -5,66 +5,83 @@ the states of a tick are pairs (k, m): ``places[k]``, the sorted distinct positi
 m that leaves the carriage there, first[k] ≤ m ≤ last[k]. One control moves m freely inside that range, or beyond its
 end, which pushes the carriage to place low[m] (lower[m]) or high[m] (upper[m]).
 
-``costs[t, k − left[t], c_max + m − first[k]]`` is the least cost of being in a state at tick t, infinite in the padding
-of c_max on both ends of a row; a tick's window is the places left[t] ≤ k < right[t].
+``costs[t, k − left[t], m − first[k]]`` is the least cost of being in a state at tick t; a tick's window is the places
+left[t] ≤ k < right[t].
 """
 
 import numpy as np
 from numba import njit
 
 
+@njit(cache=True, inline="always")
+def least_of_neighbours(source, length, c_max, ahead, near):
+    """Fill near[:length] with the least of source[j − c_max … j + c_max], j < length. ``ahead`` is scratch."""
+    if length <= 2 * c_max + 1:
+        # Every neighbourhood reaches one end: those of j ≤ c_max the first entry, the others the last one.
+        ahead[0] = source[0]
+        for j in range(1, length):
+            ahead[j] = min(ahead[j - 1], source[j])
+        for j in range(min(c_max + 1, length)):
+            near[j] = ahead[min(j + c_max, length - 1)]
+        least = np.inf
+        for j in range(length - 1, 0, -1):
+            least = min(least, source[j])
+            if j + c_max < length:
+                near[j + c_max] = least
+        return
+    for j in range(c_max):
+        ahead[j] = np.inf
+        ahead[length + c_max + j] = np.inf
+    for j in range(length):
+        ahead[j + c_max] = source[j]
+    # Double the number looked at as long as it stays within the neighbourhood.
+    covered, end = 1, length + 2 * c_max
+    while 2 * covered <= 2 * c_max + 1:
+        for j in range(end - 2 * covered + 1):
+            ahead[j] = ahead[j + covered] if ahead[j + covered] < ahead[j] else ahead[j]
+        covered *= 2
+    rest = 2 * c_max + 1 - covered
+    for j in range(length):
+        near[j] = ahead[j + rest] if ahead[j + rest] < ahead[j] else ahead[j]
+
+
 @njit(cache=True)
-def advance(before, left0, right0, after, left, right, target, places, first, last, low, high, c_max):
+def advance(before, left0, right0, after, left, right, target, places, first, last, low, high, c_max, ahead, near):
     """Fill ``after``, the costs of one tick, from ``before``, those of the tick before it."""
-    after[: right - left] = np.inf
+    for k in range(left, right):
+        for j in range(last[k] - first[k] + 1):
+            after[k - left, j] = np.inf
     for m in range(max(last[left0] + 1 - c_max, 0), last[right0 - 1] + 1):
         best, k, end = np.inf, max(low[m], left0), min(right0, high[m] + 1)
         for reached in range(m + 1, min(m + c_max + 1, low.shape[0])):
             place = low[reached]
             while k < min(place, end):
-                best = min(best, before[k - left0, c_max + m - first[k]])
+                best = min(best, before[k - left0, m - first[k]])
                 k += 1
             if left <= place < right:
-                j = c_max + reached - first[place]
+                j = reached - first[place]
                 after[place - left, j] = min(after[place - left, j], best)
     for m in range(first[left0], min(first[right0 - 1] + c_max, low.shape[0])):
         best, k, end = np.inf, min(high[m], right0 - 1), max(left0, low[m])
         for reached in range(m - 1, max(m - c_max, 0) - 1, -1):
             place = high[reached]
             while k > place and k >= end:
-                best = min(best, before[k - left0, c_max + m - first[k]])
+                best = min(best, before[k - left0, m - first[k]])
                 k -= 1
             if left <= place < right:
-                j = c_max + reached - first[place]
+                j = reached - first[place]
                 after[place - left, j] = min(after[place - left, j], best)
-    near = np.empty(before.shape[1])
     for k in range(left, right):
         row, length = after[k - left], last[k] - first[k] + 1
         missed = places[k] - target
         missed *= missed
-        if k < left0 or k >= right0:
-            for j in range(c_max, c_max + length):
+        if left0 <= k < right0:
+            least_of_neighbours(before[k - left0], length, c_max, ahead, near)
+            for j in range(length):
+                row[j] = (near[j] if near[j] < row[j] else row[j]) + missed
+        else:
+            for j in range(length):
                 row[j] += missed
-            continue
-        source = before[k - left0]
-        if length <= c_max + 1:  # every index of the row reaches every other
-            best = source[c_max]
-            for j in range(c_max + 1, c_max + length):
-                best = min(best, source[j])
-            for j in range(c_max, c_max + length):
-                row[j] = min(row[j], best) + missed
-            continue
-        # The least of each 2·c_max + 1 neighbours, by doubling the number looked at.
-        covered = 1
-        near[: length + 2 * c_max] = source[: length + 2 * c_max]
-        while 2 * covered <= 2 * c_max + 1:
-            for j in range(length + 2 * c_max - 2 * covered + 1):
-                near[j] = near[j + covered] if near[j + covered] < near[j] else near[j]
-            covered *= 2
-        rest = 2 * c_max + 1 - covered
-        for j in range(length):
-            best = near[j + rest] if near[j + rest] < near[j] else near[j]
-            row[j + c_max] = (best if best < row[j + c_max] else row[j + c_max]) + missed
 
 
 @njit(cache=True)
@@ -74,18 +91,18 @@ def parent(before, left0, right0, k, m, first, last, low, high, c_max):
     if left0 <= k < right0:
         for step in range(c_max + 1):
             for m0 in (m - step, m + step):
-                if first[k] <= m0 <= last[k] and before[k - left0, c_max + m0 - first[k]] < best:
-                    best, best_k, best_m = before[k - left0, c_max + m0 - first[k]], k, m0
+                if first[k] <= m0 <= last[k] and before[k - left0, m0 - first[k]] < best:
+                    best, best_k, best_m = before[k - left0, m0 - first[k]], k, m0
     if k == low[m]:
         for m0 in range(m - 1, max(m - c_max, 0) - 1, -1):
             for k0 in range(max(low[m0], left0), min(k, high[m0] + 1, right0)):
-                if before[k0 - left0, c_max + m0 - first[k0]] < best:
-                    best, best_k, best_m = before[k0 - left0, c_max + m0 - first[k0]], k0, m0
+                if before[k0 - left0, m0 - first[k0]] < best:
+                    best, best_k, best_m = before[k0 - left0, m0 - first[k0]], k0, m0
     if k == high[m]:
         for m0 in range(m + 1, min(m + c_max + 1, low.shape[0])):
             for k0 in range(max(k + 1, low[m0], left0), min(high[m0] + 1, right0)):
-                if before[k0 - left0, c_max + m0 - first[k0]] < best:
-                    best, best_k, best_m = before[k0 - left0, c_max + m0 - first[k0]], k0, m0
+                if before[k0 - left0, m0 - first[k0]] < best:
+                    best, best_k, best_m = before[k0 - left0, m0 - first[k0]], k0, m0
     return best_k, best_m
 
 
@@ -94,7 +111,7 @@ def search(targets, k_start, m_start, places, first, last, low, high, left, righ
     """Fill ``motor`` [T + 1] with the indices of a cheapest plan for targets [T]; return its cost.
 
     Keeps the costs of one block of ticks and of the first tick of every block: a block is made again when the way
-    back passes through it. ``width`` is the longest row with its padding.
+    back passes through it. ``width`` is the longest row.
     """
     ticks = targets.shape[0]
     blocks = (ticks + block - 1) // block
@@ -103,9 +120,10 @@ def search(targets, k_start, m_start, places, first, last, low, high, left, righ
         height = max(height, right[t] - left[t])
     marks = np.empty((blocks, height, width))
     costs = np.empty((min(block, ticks) + 1, height, width))
+    ahead, near = np.empty(width + 2 * c_max), np.empty(width)
     for k in range(left[0], right[0]):
         marks[0, k - left[0]] = np.inf
-    marks[0, k_start - left[0], c_max + m_start - first[k_start]] = 0.0
+    marks[0, k_start - left[0], m_start - first[k_start]] = 0.0
     k, m, total = -1, -1, np.inf
     for b in range(2 * blocks - 1):
         # Forward over all blocks, then back over all but the last, whose costs are still there.
@@ -116,7 +134,7 @@ def search(targets, k_start, m_start, places, first, last, low, high, left, righ
             i = t - begin
             advance(
                 costs[i], left[t], right[t], costs[i + 1], left[t + 1], right[t + 1], targets[t],
-                places, first, last, low, high, c_max,
+                places, first, last, low, high, c_max, ahead, near,
             )  # fmt: skip
         if b < blocks - 1:
             marks[b + 1] = costs[end - begin]
@@ -124,7 +142,7 @@ def search(targets, k_start, m_start, places, first, last, low, high, left, righ
         if b == blocks - 1:
             for k0 in range(left[ticks], right[ticks]):
                 for m0 in range(first[k0], last[k0] + 1):
-                    value = costs[end - begin, k0 - left[ticks], c_max + m0 - first[k0]]
+                    value = costs[end - begin, k0 - left[ticks], m0 - first[k0]]
                     if value < total:
                         total, k, m = value, k0, m0
             motor[ticks] = m

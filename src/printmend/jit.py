@@ -1,0 +1,47 @@
+"""Compiled entry points that are compiled again when anything they call has changed.
+
+Numba keeps compiled code for each file and notices only changes of that one file: after an update, a kernel that calls
+another file's would go on running the old code.
+"""
+
+import hashlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+
+def entry(**options: Any) -> Callable[[Callable], Callable]:
+    """Decorate a kernel that Python calls: compiled, kept on disk, run beside other threads. ``options`` are njit's."""
+
+    def decorate(function: Callable) -> Callable:
+        compiled = njit(cache=True, nogil=True, **options)(function)
+        kept = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+        if kept is not None and hasattr(kept, "_source_stamp"):
+            kept._source_stamp = (kept._source_stamp, _digest(function, options))
+        return compiled
+
+    return decorate
+
+
+def _digest(function: Callable, options: dict[str, Any]) -> str:
+    """Return a digest of a function, of all compiled functions that it calls, and of the constants they use."""
+    digest = hashlib.sha256(repr(sorted(options.items())).encode())
+    waiting, seen = [function], {function}
+    while waiting:
+        code, names = waiting[0].__code__, waiting[0].__globals__
+        waiting.pop(0)
+        digest.update(code.co_code + repr((code.co_consts, code.co_names, code.co_varnames)).encode())
+        for name in code.co_names:
+            value = names.get(name)
+            called = getattr(value, "py_func", None)
+            if called is not None and called not in seen:
+                seen.add(called)
+                waiting.append(called)
+                digest.update(repr(sorted(value.targetoptions.items())).encode())
+            elif isinstance(value, np.ndarray):
+                digest.update(value.tobytes())
+            elif isinstance(value, int | float | tuple | str | np.generic):
+                digest.update(f"{name}={value!r}".encode())
+    return digest.hexdigest()

@@ -1,0 +1,165 @@
+"""The commands: where they write, what they say, how they end."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.main import group
+from printmend.corruption import HEALTHY
+from printmend.errors import GcodeError, InputError, ModelError, RefusedError
+from printmend.measure.table import read_trace
+from printmend.worldmodel.saved import exact_model, write_model
+from tests.mending import BENT, ENDER3, SQUARE, START
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "part.gcode").write_bytes(SQUARE)
+    write_model(tmp_path / "printer.mend.json", exact_model(BENT))
+    (tmp_path / "broken.toml").write_text('[x.belt]\nkind = "play"\nplay_mm = 0.4\n')
+    return tmp_path
+
+
+def run(*args: object, data: bytes | None = None):
+    return CliRunner().invoke(group, [str(arg) for arg in args], input=data)
+
+
+def test_mend_writes_beside_the_part(folder: Path) -> None:
+    result = run("mend", folder / "part.gcode", "-m", folder / "printer.mend.json")
+    assert result.exit_code == 0, result.output
+    assert (folder / "part.mended.gcode").exists()
+    assert "as it is" in result.output
+    assert "mended" in result.output
+
+
+def test_reports(folder: Path) -> None:
+    for name in ("report.html", "report.json"):
+        result = run("mend", folder / "part.gcode", "-m", folder / "printer.mend.json", "--report", folder / name)
+        assert result.exit_code == 0, result.output
+    page = (folder / "report.html").read_text()
+    assert "<svg" in page
+    assert "http" not in page
+    plain = json.loads((folder / "report.json").read_text())
+    assert plain["after"]["rms_mm"] < 0.006 < plain["before"]["rms_mm"]
+    assert len(plain["layers"]) == 1
+    assert isinstance(
+        run("mend", folder / "part.gcode", "-m", folder / "printer.mend.json", "--report", folder / "r.txt").exception,
+        InputError,
+    )
+
+
+def test_pipes(folder: Path) -> None:
+    """In a process of its own: the standard output holds the G-code and nothing else."""
+    command = [str(Path(sys.executable).parent / "printmend"), "mend", "-", "-m", str(folder / "printer.mend.json")]
+    done = subprocess.run(command, input=SQUARE, capture_output=True, check=True)  # noqa: S603 — our own program
+    assert b"; mended by printmend" in done.stdout
+    assert b"as it is" in done.stderr
+    run("mend", folder / "part.gcode", "-m", folder / "printer.mend.json", "-o", folder / "out.gcode")
+    assert (folder / "out.gcode").read_bytes() == done.stdout
+    broken = subprocess.run(command, input=b"M104 S0\n", capture_output=True, check=False)  # noqa: S603 — our own program
+    assert broken.returncode == 2
+    assert broken.stdout == b""
+    assert broken.stderr.count(b"\n") == 1
+
+
+def test_in_place(folder: Path) -> None:
+    assert run("mend", "--in-place", "-m", folder / "printer.mend.json", folder / "part.gcode").exit_code == 0
+    assert b"; mended by printmend" in (folder / "part.gcode").read_bytes()
+    again = run("mend", "--in-place", "-m", folder / "printer.mend.json", folder / "part.gcode")
+    assert isinstance(again.exception, GcodeError)
+    assert (
+        run("mend", "--in-place", "-o", "x", "-m", folder / "printer.mend.json", folder / "part.gcode").exit_code == 2
+    )
+
+
+def test_refusals(folder: Path) -> None:
+    (folder / "far.gcode").write_bytes(START + b"G1 X219.95 E9 F1800\nG1 Y219.9 E9\n")
+    result = run("mend", folder / "far.gcode", "-m", folder / "printer.mend.json")
+    assert isinstance(result.exception, RefusedError)
+    assert result.exception.exit_code == 3
+    assert not (folder / "far.mended.gcode").exists()
+    forced = run("mend", folder / "far.gcode", "-m", folder / "printer.mend.json", "--force")
+    assert forced.exit_code == 0, forced.output
+    assert "edge of the bed" in forced.output
+
+
+def test_a_model_that_is_none(folder: Path) -> None:
+    (folder / "other.json").write_text("{}")
+    assert isinstance(run("mend", folder / "part.gcode", "-m", folder / "other.json").exception, ModelError)
+    assert isinstance(run("mend", folder / "none.gcode", "-m", folder / "printer.mend.json").exception, GcodeError)
+
+
+def test_check(folder: Path) -> None:
+    model = folder / "printer.mend.json"
+    result = run("check", folder / "part.gcode", "-m", model, "--json")
+    predicted = json.loads(result.output)
+    assert predicted["after"]["rms_mm"] < 0.006 < predicted["before"]["rms_mm"]
+    run("mend", folder / "part.gcode", "-m", model)
+    against = run("check", folder / "part.gcode", "-m", model, "--json", "--against", folder / "part.mended.gcode")
+    found = json.loads(against.output)
+    assert found["after"]["rms_mm"] == pytest.approx(predicted["after"]["rms_mm"], abs=0.002)
+    same = json.loads(
+        run("check", folder / "part.gcode", "-m", model, "--json", "--against", folder / "part.gcode").output
+    )
+    assert same["after"]["rms_mm"] == pytest.approx(same["before"]["rms_mm"])
+
+
+def test_twin(folder: Path) -> None:
+    output = folder / "trace.csv"
+    args = ("twin", folder / "part.gcode", "--printer", "ender3", "--corruption", folder / "broken.toml", "-o", output)
+    assert run(*args, "--noise-mm", 0).exit_code == 0
+    header, first = output.read_text().splitlines()[:2]
+    assert header.startswith("x_mm,y_mm,x_measured_mm,y_measured_mm")
+    assert first.startswith("0.000000,0.000000,0.000000,0.000000")
+    # Six way-points: home, the travel, the corners. Homing at the minimum leaves the belt on the far side of its play.
+    trace = np.loadtxt(output, delimiter=",", skiprows=1)
+    assert trace[:, :2].tolist() == [[0, 0], [60, 60], [80, 60], [80, 80], [60, 80], [60, 60]]
+    assert np.allclose(trace[:, 2], [0, 59.6, 79.6, 79.6, 60, 60], atol=0.01)
+    assert np.allclose(trace[:, 3], trace[:, 1], atol=0.01)
+
+
+def test_twin_noise_has_its_size_and_seed(folder: Path) -> None:
+    rows = b"".join(b"G1 X%d Y%d E1\n" % (60 + k % 97, 60 + k % 89) for k in range(2000))
+    (folder / "long.gcode").write_bytes(START + rows)
+    base = ("twin", folder / "long.gcode", "--printer", "ender3", "--corruption", folder / "broken.toml")
+    traces = []
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        assert run(*base, "--seed", seed, "-o", folder / name).exit_code == 0
+        traces.append(read_trace(folder / name, ENDER3).measured_mm)
+    run(*base, "--noise-mm", 0, "-o", folder / "d")
+    exact = read_trace(folder / "d", ENDER3).measured_mm
+    assert np.array_equal(traces[0], traces[1])
+    assert not np.array_equal(traces[0], traces[2])
+    assert np.std(traces[0] - exact) == pytest.approx(0.05, rel=0.05)
+
+
+def test_twin_chords_and_later_homing(folder: Path) -> None:
+    (folder / "arc.gcode").write_bytes(SQUARE + b"G28\nG0 X60 Y60\nG2 X80 Y60 I10 J0 E2\n")
+    base = ("twin", folder / "arc.gcode", "--printer", "ender3", "--corruption", folder / "broken.toml")
+    run(*base, "--noise-mm", 0, "-o", folder / "t.csv")
+    trace = np.loadtxt(folder / "t.csv", delimiter=",", skiprows=1)
+    assert trace[0, :2].tolist() == [0, 0]
+    assert len(trace) > 20
+    assert np.allclose(np.hypot(trace[1:, 0] - 70, trace[1:, 1] - 60), 10, atol=0.001)
+
+
+def test_healthy_says_so(folder: Path) -> None:
+    write_model(folder / "healthy.json", exact_model(HEALTHY.lower(ENDER3)))
+    result = run("mend", folder / "part.gcode", "-m", folder / "healthy.json", "-o", folder / "same.gcode")
+    assert result.exit_code == 0
+    assert (folder / "same.gcode").read_bytes() == SQUARE
+
+
+def test_mend_does_not_import_what_it_does_not_need() -> None:
+    heavy = "lightgbm sklearn scipy.linalg matplotlib cv2 trimesh shapely rich networkx"
+    code = (
+        "import sys; import printmend.cli.mend, printmend.repair, printmend.repair.report, printmend.worldmodel.saved;"
+        f"print([name for name in '{heavy}'.split() if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603 — our own
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,177 @@
+"""Whole files: plain, .bgcode, .gcode.3mf; the mark; the corpus."""
+
+import hashlib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from printmend.corruption import HEALTHY
+from printmend.errors import GcodeError, ModelError, RefusedError
+from printmend.gcode.read import read_gcode
+from printmend.repair import check_gcode, mend_gcode
+from printmend.repair.against import judged
+from printmend.worldmodel.saved import exact_model
+from tests.mending import BENT, ENDER3, PLAY, SQUARE, START
+from tests.test_mend_text import HEAD, TAIL
+
+HEALTHY_MODEL, BENT_MODEL, PLAY_MODEL = exact_model(HEALTHY.lower(ENDER3)), exact_model(BENT), exact_model(PLAY)
+
+
+def plain(folder: Path, text: bytes = HEAD + SQUARE + TAIL) -> Path:
+    path = folder / "part.gcode"
+    path.write_bytes(text)
+    return path
+
+
+def test_mends_a_plain_file_and_marks_it(tmp_path: Path) -> None:
+    source, output = plain(tmp_path), tmp_path / "out.gcode"
+    done = mend_gcode(source, BENT_MODEL, output)
+    assert done.prediction.after.rms_mm < 0.006 < done.prediction.before.rms_mm
+    lines = output.read_bytes().splitlines()
+    marks = [line for line in lines if line.startswith(b"; mended by printmend ")]
+    assert len(marks) == 1
+    assert BENT_MODEL.digest.encode() in marks[0]
+    again = judged(done.prediction, str(source), str(output), BENT_MODEL.mechanism)
+    assert again.after.rms_mm < 0.006
+
+
+def test_does_not_mend_twice(tmp_path: Path) -> None:
+    source, output = plain(tmp_path), tmp_path / "out.gcode"
+    mend_gcode(source, BENT_MODEL, output)
+    before = output.read_bytes()
+    with pytest.raises(GcodeError, match="mended with model"):
+        mend_gcode(output, BENT_MODEL, output)
+    assert output.read_bytes() == before
+
+
+def test_in_place(tmp_path: Path) -> None:
+    source = plain(tmp_path)
+    source.chmod(0o640)
+    mend_gcode(source, BENT_MODEL, source)
+    assert b"; mended by printmend" in source.read_bytes()
+    assert source.stat().st_mode & 0o777 == 0o640
+    assert [path.name for path in tmp_path.iterdir()] == ["part.gcode"]
+
+
+def test_healthy_returns_every_byte(tmp_path: Path) -> None:
+    source, output = plain(tmp_path), tmp_path / "out.gcode"
+    mend_gcode(source, HEALTHY_MODEL, output)
+    assert output.read_bytes() == source.read_bytes()
+
+
+def test_refuses_what_does_not_help(tmp_path: Path) -> None:
+    """Moves along which the fault does not show: nothing is better afterwards, and nothing is written."""
+    source, output = plain(tmp_path, START + b"G1 X60.002 E1 F1800\n"), tmp_path / "out.gcode"
+    with pytest.raises(RefusedError):
+        mend_gcode(source, tiny_model(), output)
+    assert not output.exists()
+    mend_gcode(source, tiny_model(), output, force=True)
+    assert output.exists()
+
+
+def tiny_model():
+    from printmend.corruption import Corruption, Drive
+    from printmend.corruption.belt import Play
+
+    return exact_model(Corruption((Drive(belt=Play(0.001)), Drive())).lower(ENDER3))
+
+
+def test_refuses_what_the_bed_does_not_hold(tmp_path: Path) -> None:
+    source = plain(tmp_path, START + b"G1 X219.95 E9 F1800\nG1 Y219.9 E9\nG1 X0.05 E9\n")
+    with pytest.raises(RefusedError, match="beyond the edge of the bed"):
+        mend_gcode(source, PLAY_MODEL, tmp_path / "out.gcode")
+
+
+def test_refuses_another_printers_file(tmp_path: Path) -> None:
+    source = plain(tmp_path, START + b"G1 X290 Y250 E9 F1800\nG1 X20 E9\n")
+    with pytest.raises(ModelError, match="use the model of the printer"):
+        mend_gcode(source, BENT_MODEL, tmp_path / "out.gcode")
+    with pytest.raises(ModelError, match="use the model of the printer"):
+        check_gcode(source, BENT_MODEL)
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [(b"", "empty"), (bytes(range(128, 256)) * 99, "binary"), (b"GCDE\x01\0\0\0\x01\0garbage", "bgcode"),
+     (b"; nothing\nM104 S0\n", "motion"), (b"PK\x03\x04 but no zip", "3mf|zip|ZIP|archive")],
+)  # fmt: skip
+def test_bad_files(tmp_path: Path, content: bytes, match: str) -> None:
+    source = plain(tmp_path, content)
+    with pytest.raises(GcodeError, match=match):
+        mend_gcode(source, BENT_MODEL, tmp_path / "out.gcode")
+    assert not (tmp_path / "out.gcode").exists()
+
+
+def test_3mf_keeps_everything_else(tmp_path: Path) -> None:
+    source, output = tmp_path / "part.gcode.3mf", tmp_path / "out.gcode.3mf"
+    text = HEAD + SQUARE + TAIL
+    with zipfile.ZipFile(source, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("Metadata/plate_1.gcode", text)
+        archive.writestr("Metadata/plate_1.gcode.md5", hashlib.md5(text, usedforsecurity=False).hexdigest().upper())
+        archive.writestr("Metadata/slice_info.config", "<config/>")
+    mend_gcode(source, BENT_MODEL, output)
+    with zipfile.ZipFile(output) as archive:
+        plate = archive.read("Metadata/plate_1.gcode")
+        digest = archive.read("Metadata/plate_1.gcode.md5")
+        assert archive.read("Metadata/slice_info.config") == b"<config/>"
+    assert b"; mended by printmend" in plate
+    assert digest.decode().lower() == hashlib.md5(plate, usedforsecurity=False).hexdigest()
+    with pytest.raises(GcodeError, match="mended"):
+        mend_gcode(output, BENT_MODEL, output)
+
+
+def small_files(corpus: Path) -> list[Path]:
+    return sorted(path for path in (corpus / "gcode").rglob("*") if path.is_file() and path.stat().st_size < 900_000)
+
+
+def test_healthy_identity_on_the_corpus(corpus: Path, tmp_path: Path) -> None:
+    output, checked = tmp_path / "out", 0
+    for source in sorted(path for path in (corpus / "gcode").rglob("*") if path.is_file()):
+        if "bad_crc" in source.name:
+            continue
+        try:
+            mend_gcode(source, HEALTHY_MODEL, output)
+        except ModelError:
+            continue  # larger than the bed of this printer
+        assert output.read_bytes() == source.read_bytes(), source.name
+        checked += 1
+    assert checked >= 40
+
+
+def test_mending_the_corpus(corpus: Path, tmp_path: Path) -> None:
+    """Every file ends in one of three ways: mended and judged right by an independent reading, refused, or an error."""
+    output, mended_files = tmp_path / "out.gcode", 0
+    for source in small_files(corpus):
+        output.unlink(missing_ok=True)
+        try:
+            done = mend_gcode(source, BENT_MODEL, output)
+        except (RefusedError, GcodeError, ModelError):
+            assert not output.exists()
+            continue
+        mended_files += 1
+        assert done.prediction.after.rms_mm < 0.02, source.name
+        before, after = read_gcode(source, printer=ENDER3).moves, read_gcode(output, printer=ENDER3).moves
+        assert after.layer.max() == before.layer.max(), source.name
+        filament = after.extrusion_mm.sum(), before.extrusion_mm.sum()
+        assert filament[0] == pytest.approx(filament[1], abs=1e-4 * (2 + before.layer.max())), source.name
+    assert mended_files >= 8
+
+
+def test_bgcode(corpus: Path, tmp_path: Path) -> None:
+    source = corpus / "gcode" / "prusa3d__libbgcode" / "mini_cube_b.bgcode"
+    output = tmp_path / "out.bgcode"
+    done = mend_gcode(source, BENT_MODEL, output)
+    assert done.prediction.after.rms_mm < 0.01
+    assert output.read_bytes()[:4] == b"GCDE"
+    again = judged(done.prediction, str(source), str(output), BENT_MODEL.mechanism)
+    assert again.after.rms_mm < 0.01
+    with pytest.raises(GcodeError, match="mended"):
+        mend_gcode(output, BENT_MODEL, output)
+
+
+def test_bad_crc(corpus: Path, tmp_path: Path) -> None:
+    source = corpus / "gcode" / "prusa3d__Prusa-Firmware-Buddy" / "test_bad_crc_gcode.bgcode"
+    with pytest.raises(GcodeError, match="CRC"):
+        mend_gcode(source, BENT_MODEL, tmp_path / "out.bgcode")
+    assert list(tmp_path.iterdir()) == []

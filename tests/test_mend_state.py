@@ -1,0 +1,219 @@
+"""Every state of a machine that a rewriter must follow: modes, units, offsets, homing, and what makes it uncertain."""
+
+import math
+
+import numpy as np
+import pytest
+
+from printmend.control.inverse import start
+from printmend.gcode.machine import Flavour, initial_state
+from printmend.repair.stream import rewritten
+from tests import naive_mend
+from tests.mending import BENT, COREXY, ENDER3, PLAY, SQUARE, START, Judged, judge, mended
+
+MODELS = pytest.mark.parametrize("mechanism", [PLAY, BENT], ids=["play", "bent"])
+
+
+def right(judged: Judged) -> None:
+    assert naive_mend.rms(judged.before) > 0.1
+    assert judged.rms_mm <= 0.006
+    assert judged.after.max() <= 0.012
+    wanted = sum(move.filament for move in judged.wanted)
+    assert sum(move.filament for move in judged.given) == pytest.approx(wanted, abs=1e-4)
+
+
+@MODELS
+def test_relative_moves(mechanism) -> None:
+    text = (
+        START
+        + b"G91\nG1 X20 E1 F1800\nG1 Y20 E1\nG1 X-7.3 Y-3 E1\nG0 X5 F6000\nG1 X3 Y-9 E1 F1800\nG90\nG1 X60 Y60 E1\n"
+    )
+    right(judge(text, mechanism))
+
+
+def test_relative_moves_do_not_add_up_rounding() -> None:
+    steps = b"G1 X0.333 Y0.111 E0.01\nG1 X-0.111 Y0.333 E0.01\n" * 200
+    judged = judge(START + b"G91\nG1 F1800\n" + steps, BENT)
+    assert judged.rms_mm <= 0.006
+    assert judged.after[-20:].max() <= 0.012
+
+
+@MODELS
+def test_inches(mechanism) -> None:
+    text = (
+        b"G90\nM83\nG28\nG20\nG1 Z0.01 F24\nG0 X2.4 Y2.4 F240\n"
+        b"G1 X3.2 E.04 F72\nG1 Y3.2 E.04\nG1 X2.4 Y2.5 E.04\nG21\nG1 X60 Y62 E1\n"
+    )
+    right(judge(text, mechanism))
+
+
+@MODELS
+def test_absolute_extrusion(mechanism) -> None:
+    text = (
+        START.replace(b"M83", b"M82") + b"G92 E0\nG1 X80 E1 F1800\nG1 Y80 E2\nG1 E1 F2400\nG0 X70 F6000\nG1 E2 F2400\n"
+        b"G1 X60 Y61 E3 F1800\nG92 E0\nG1 X62 Y80 E1\n"
+    )
+    right(judge(text, mechanism))
+
+
+@pytest.mark.parametrize("flavour", list(Flavour))
+def test_every_firmware_rule_for_e(flavour: Flavour) -> None:
+    """Whatever G91 does to E on that firmware, its total is kept."""
+    text = START + b"G91\nG1 X20 E1 F1800\nG90\nG1 X60 Y80 E2\n"
+    written, _ = mended(text, BENT, flavour)
+    again = initial_state(ENDER3, flavour)
+    first = initial_state(ENDER3, flavour)
+    from printmend.gcode.read import interpret_text
+
+    ends = [interpret_text(np.frombuffer(t, np.uint8), s) for t, s in ((text, first), (written, again))]
+    assert ends[0]["advance"].sum() == pytest.approx(ends[1]["advance"].sum(), abs=1e-4)
+
+
+@MODELS
+def test_set_position(mechanism) -> None:
+    """G92 X Y shifts the coordinates; the mended machine stands elsewhere when it reads it."""
+    text = START + b"G92 X10 Y10\nG1 X30 E1 F1800\nG1 Y30 E1\nG1 X10 Y12 E1\nG92 X60 Y62\nG1 X70 Y70 E1\n"
+    right(judge(text, mechanism))
+
+
+@MODELS
+def test_homing_again(mechanism) -> None:
+    right(judge(SQUARE + b"G28 X Y\nG0 X100 Y100 F6000\nG1 X120 Y90 E1 F1800\nG1 X100 Y80 E1\n", mechanism))
+
+
+@MODELS
+def test_homing_one_axis(mechanism) -> None:
+    right(judge(SQUARE + b"G28 X\nG0 X100 Y70 F6000\nG1 X120 Y90 E1 F1800\nG1 X100 Y80 E1\n", mechanism))
+
+
+def test_homing_tells_where_the_belts_may_be() -> None:
+    """Straight after homing, before any travel: the side is not known, and made certain without extruding."""
+    text = b"G90\nM83\nG28\nG1 X20 Y15 E1 F1800\nG1 X5 Y5 E1\n"
+    judged = judge(text, PLAY)
+    assert judged.prediction.anchors == 1
+    assert judged.rms_mm <= 0.006
+
+
+@MODELS
+def test_firmware_retraction(mechanism) -> None:
+    text = START + b"G1 X80 E1 F1800\nG10\nG0 X60 Y65 F6000\nG11\nG1 X80 E1 F1800\nG1 Y80 E1\n"
+    judged = judge(text, mechanism)
+    right(judged)
+    assert b"G10\n" in judged.text
+    assert b"G11\n" in judged.text
+
+
+@MODELS
+def test_modal_feed(mechanism) -> None:
+    """Lines without F keep the speed that they had, whatever was written in between."""
+    text = START + b"G1 F1800\nG1 X80 E1\nG1 Y80 E1\nG1 X60 E1\nG1 E-1\nG0 X70 Y70\nG1 E1\n"
+    judged = judge(text, mechanism)
+    feeds = {move.line: move.feed for move in judged.given if move.start[:2] == move.end[:2] and move.filament}
+    assert set(feeds.values()) == {1800.0}
+
+
+SURE = b"G1 X80 E1 F1800\nG1 Y80 E1\n"
+AGAIN = b"G1 X60 Y70 E1\nG1 X64 Y60 E1\n"
+
+
+@pytest.mark.parametrize(
+    "event",
+    [b"PAUSE", b"M600", b"M0", b"M25", b"M486 S1", b"EXCLUDE_OBJECT_START NAME=a", b"EXCLUDE_OBJECT_END NAME=a"],
+)
+def test_pauses_and_objects_are_anchored_again(event: bytes) -> None:
+    """The belts may be anywhere in their play afterwards: wherever they are, the next line is where it should be."""
+    judged = judge(START + SURE + event + b"\n" + AGAIN, PLAY)
+    assert judged.prediction.anchors >= 1
+    moves, rest = split(judged, event)
+    for disturbed in np.linspace(0, 1, 5):
+        printed = print_disturbed(moves, rest, float(disturbed))
+        wanted = [move for move in judged.wanted if move.draws]
+        assert naive_mend.contour_errors_mm(wanted, rest, printed).max() < 0.008
+
+
+def split(judged: Judged, event: bytes) -> tuple[list[naive_mend.Move], list[naive_mend.Move]]:
+    line = judged.text.splitlines().index(event)
+    return [m for m in judged.given if m.line < line], [m for m in judged.given if m.line > line]
+
+
+def print_disturbed(before: list, after: list, share: float) -> list[np.ndarray]:
+    """Print ``after`` with the belts at ``share`` of their play, wherever the first moves left them."""
+    belts = np.array(before[-1].end[:2])
+    printed = []
+    for motor, table in enumerate(PLAY.transmissions):
+        lower, upper = table.branches_mm(np.array([before[-1].end[motor]]))
+        belts[motor] = (1 - share) * lower[0] + share * upper[0]
+    for move in after:
+        count = 40
+        places = np.linspace(move.start[:2], move.end[:2], count + 1)[1:]
+        way = np.empty((count, 2))
+        for motor, table in enumerate(PLAY.transmissions):
+            lower, upper = table.branches_mm(places[:, motor])
+            for i in range(count):
+                belts[motor] = min(max(belts[motor], lower[i]), upper[i])
+                way[i, motor] = belts[motor]
+        printed.append(way)
+    return printed
+
+
+@pytest.mark.parametrize("event", [b"TIMELAPSE_TAKE_FRAME", b"T1", b"G29", b"M84", b"CLEAN_NOZZLE X=1", b"G27"])
+def test_lost_places_are_found_again(event: bytes) -> None:
+    """After a macro nothing is known until both axes are named; then the next extruding line is anchored."""
+    text = START + SURE + event + b"\nG0 X100 Y100 F6000\nG1 X90 E1 F1800\nG1 Y90 E1\n"
+    judged = judge(text, PLAY)
+    assert judged.prediction.anchors >= 1
+    assert judged.rms_mm <= 0.006
+
+
+def test_what_is_lost_is_left_alone() -> None:
+    text = START + SURE + b"CLEAN_NOZZLE\nG91\nG1 X5 E1\nG1 Y5 E1\n"
+    written, prediction = mended(text, PLAY)
+    assert written.endswith(b"CLEAN_NOZZLE\nG91\nG1 X5 E1\nG1 Y5 E1\n")
+    assert prediction.unknown == 2
+
+
+def test_still_commands_need_no_anchor() -> None:
+    text = START + SURE + b"SET_PRESSURE_ADVANCE ADVANCE=0.03\nM204 S500\nM106 S255\nM104 S200\nM73 P5\n" + AGAIN
+    assert judge(text, PLAY).prediction.anchors == judge(START + SURE + AGAIN, PLAY).prediction.anchors
+
+
+@MODELS
+def test_saved_state(mechanism) -> None:
+    text = (
+        START
+        + SURE
+        + b"SAVE_GCODE_STATE NAME=a\nG91\nG1 Z1 F600\nRESTORE_GCODE_STATE NAME=a\nG1 Z.2 F600\n"
+        + b"G1 F1800\n"
+        + AGAIN
+    )
+    written, prediction = mended(text, mechanism)
+    assert prediction.unknown == 0
+    assert prediction.after.rms_mm < 0.006
+    assert b"RESTORE_GCODE_STATE NAME=a\n" in written
+
+
+def test_corexy_is_mended_in_motor_space() -> None:
+    """A play of motor A alone: a move along x reverses both motors, one along the diagonal only one."""
+
+    from printmend.corruption import Corruption, Drive
+    from printmend.corruption.belt import Play
+
+    one = Corruption((Drive(belt=Play(0.5)), Drive())).lower(COREXY).homed()
+    text = START + b"G1 X80 Y80 E1 F1800\nG1 X60 Y100 E1\nG1 X80 Y80 E1\n"
+    judged = judge(text, one)
+    assert judged.rms_mm <= 0.006
+    # x − y is all that changes on the way along the other diagonal: motor A stands still, no slack is taken up
+    assert judged.prediction.takeups == 0
+    back = judge(text + b"G1 X60 Y60 E1\n", one)
+    assert back.prediction.takeups == 1
+    assert back.rms_mm <= 0.006
+
+
+def test_offsets_are_followed() -> None:
+    text = START + SURE + b"SET_GCODE_OFFSET X=1 Y=2\n" + b"G1 X60 Y70 E1\nG1 X64 Y60 E1\n"
+    planner, state = start(PLAY), initial_state(ENDER3, Flavour.KLIPPER)
+    written = b"".join(bytes(v) for v in rewritten([np.frombuffer(text, np.uint8)], state, planner))
+    from printmend.gcode.read import interpret_text
+
+    rows = interpret_text(np.frombuffer(written, np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
+    assert math.dist((rows[-1]["x1"], rows[-1]["y1"]), (65, 62)) < 1.0
