@@ -118,12 +118,32 @@ class Frame:
 
 
 @dataclass(frozen=True, eq=False)
+class ScrewDrive:
+    """Z: its transmission, and ``wobble_mm`` [N, 2]: where the screw pushes the nozzle at each entry of its tables."""
+
+    transmission: Transmission
+    wobble_mm: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "wobble_mm", frozen(np.asarray(self.wobble_mm, float)))
+
+    def wobble_at_mm(self, motor_mm: np.ndarray) -> np.ndarray:
+        """Return the push [N, 2] mm at commanded heights [N] mm."""
+        grid = self.transmission.motor_mm
+        return np.stack([np.interp(motor_mm, grid, self.wobble_mm[:, axis]) for axis in range(2)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A whole planar machine, true or learned: a transmission for each motor, then the frame."""
+    """A whole machine, true or learned: a transmission for each planar motor, then the frame; and Z, where it matters.
+
+    Without a ``screw`` Z is as commanded and pushes nothing.
+    """
 
     printer: Printer
     transmissions: tuple[Transmission, Transmission]
     frame: Frame = field(default_factory=Frame)
+    screw: ScrewDrive | None = None
 
     def homed(self) -> "Mechanism":
         """Return this machine with the origin that homing gives it.
@@ -139,7 +159,15 @@ class Mechanism:
             lower, upper = transmission.branches_mm(motors_mm[motor])
             engaged = lower if self.printer.motor_home_direction(motor) > 0 else upper
             shifted.append(transmission.shifted(float(belts_mm[motor] - engaged)))
-        return Mechanism(self.printer, (shifted[0], shifted[1]), self.frame)
+        screw = None if self.screw is None else self._homed_screw(self.screw)
+        return Mechanism(self.printer, (shifted[0], shifted[1]), self.frame, screw)
+
+    def _homed_screw(self, screw: ScrewDrive) -> ScrewDrive:
+        z = self.printer.z
+        lower, upper = screw.transmission.branches_mm(np.array(z.home_mm))
+        engaged = lower if z.home_direction > 0 else upper
+        at_home = screw.wobble_at_mm(np.array([z.home_mm]))
+        return ScrewDrive(screw.transmission.shifted(float(z.home_mm - engaged)), screw.wobble_mm - at_home)
 
 
 def healthy_mechanism(printer: Printer) -> Mechanism:

@@ -4,6 +4,7 @@ from printmend.corruption.belt import ElasticBelt, Friction, LooseBelt, Play
 from printmend.corruption.corruption import HEALTHY, Corruption, Drive
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.gain_table import GainTable
+from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.corruption.pulley import (
     EccentricBore,
     Ellipse,
@@ -16,8 +17,10 @@ from printmend.corruption.pulley import (
     published_names,
 )
 from printmend.corruption.sample import families, sample
+from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.toml import corruption_toml, parse_corruption, read_corruption
+from printmend.corruption.warp import Warp
 
 __all__ = [
     "HEALTHY",
@@ -32,12 +35,16 @@ __all__ = [
     "Friction",
     "GainTable",
     "LooseBelt",
+    "MissedSteps",
     "Play",
     "Polygon",
     "PublishedHull",
     "Ripple",
+    "Screw",
     "SetScrew",
     "TabulatedHull",
+    "ToothSkips",
+    "Warp",
     "WrongRadius",
     "corruption_toml",
     "families",

@@ -25,3 +25,11 @@ def in_range(value: object, **limits: tuple[float, float]) -> None:
             number = isinstance(item, int | float) and not isinstance(item, bool)
             if not number or not math.isfinite(item) or not low <= item <= high:
                 refuse(value, f"{name} within {low:g} to {high:g}", repr(item))
+
+
+def whole_in_range(value: object, **limits: tuple[int, int]) -> None:
+    """Check that the named fields are whole numbers within their limits."""
+    for name, (low, high) in limits.items():
+        field = getattr(value, name)
+        if not isinstance(field, int) or isinstance(field, bool) or not low <= field <= high:
+            refuse(value, f"{name} as a whole number from {low} to {high}", repr(field))

@@ -7,8 +7,11 @@ import numpy as np
 from printmend.corruption.belt import Belt, Friction
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.gain_table import GainTable
+from printmend.corruption.jump import Jumps, MissedSteps, ToothSkips
 from printmend.corruption.pulley import Pulley
+from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
+from printmend.corruption.warp import Warp
 from printmend.errors import ConfigError
 from printmend.mechanism import (
     Frame,
@@ -32,7 +35,15 @@ class Drive:
     pulley: Pulley | None = None
     belt: Belt | None = None
     friction: Friction | None = None
+    warp: Warp | None = None
+    skips: ToothSkips | None = None
+    missed: MissedSteps | None = None
     gain_table: GainTable | None = None
+
+    @property
+    def jumps(self) -> Jumps:
+        """What no table holds: the twin adds it."""
+        return Jumps(self.skips, self.missed)
 
     def lower(self, printer: Printer, motor: int) -> Transmission:
         """Return the transmission of this drive on ``printer``'s motor 0 or 1; a healthy drive is the identity."""
@@ -58,7 +69,19 @@ class Drive:
         if self.friction is not None:
             lost = self.friction.lost_mm(grid)
             lower, upper = lower - lost / 2, upper + lost / 2
+        if self.warp is not None:
+            off = self.warp.error_mm(grid)
+            lower, upper = _rising(lower + off), _rising(upper + off)
         return replace(healthy, lower_mm=lower, upper_mm=upper)
+
+
+def _rising(branch_mm: np.ndarray) -> np.ndarray:
+    if np.diff(branch_mm).min() < -1e-9:
+        raise ConfigError(
+            "corruption 'warp'", wanted="a warp under which this drive still moves forwards",
+            came="one that turns it back", todo="make the bumps smaller, or wider",
+        )  # fmt: skip
+    return np.maximum.accumulate(branch_mm)
 
 
 def _unwound_mm(pulley: Pulley, radius_mm: float, span_rad: float, angle_rad: np.ndarray) -> np.ndarray:
@@ -72,17 +95,18 @@ def _unwound_mm(pulley: Pulley, radius_mm: float, span_rad: float, angle_rad: np
 
 @dataclass(frozen=True)
 class Corruption:
-    """The faults of a machine: one `Drive` a planar motor (x and y, or a and b on a CoreXY) and the frame."""
+    """The faults of a machine: one `Drive` a planar motor (x and y, or a and b on a CoreXY), the frame, the Z screw."""
 
     drives: tuple[Drive, Drive] = field(default_factory=lambda: (Drive(), Drive()))
     frame: CrookedFrame | None = None
+    screw: Screw | None = None
 
     def __post_init__(self) -> None:
         tables = [drive.gain_table is not None for drive in self.drives]
         if not any(tables):
             return
         mixed = any(drive != Drive(gain_table=drive.gain_table) for drive in self.drives)
-        if not all(tables) or mixed or self.frame is not None:
+        if not all(tables) or mixed or self.frame is not None or self.screw is not None:
             raise ConfigError(
                 "corruption 'gain-table'",
                 wanted="gain tables on both axes and nothing else (they are the published simulator's own world)",
@@ -97,7 +121,8 @@ class Corruption:
             return GainMechanism(printer, gains)
         middle_mm = ((printer.x.min_mm + printer.x.max_mm) / 2, (printer.y.min_mm + printer.y.max_mm) / 2)
         frame = Frame() if self.frame is None else self.frame.lower(middle_mm)
-        return Mechanism(printer, (self.drives[0].lower(printer, 0), self.drives[1].lower(printer, 1)), frame)
+        screw = None if self.screw is None else self.screw.lower(printer)
+        return Mechanism(printer, (self.drives[0].lower(printer, 0), self.drives[1].lower(printer, 1)), frame, screw)
 
 
 HEALTHY = Corruption()

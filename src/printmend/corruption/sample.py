@@ -13,6 +13,7 @@ from printmend.corruption.belt import ElasticBelt, Friction, LooseBelt, Play
 from printmend.corruption.corruption import Corruption, Drive
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.gain_table import GainTable
+from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.corruption.pulley import (
     EccentricBore,
     Ellipse,
@@ -24,7 +25,9 @@ from printmend.corruption.pulley import (
     TabulatedHull,
     WrongRadius,
 )
+from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
+from printmend.corruption.warp import Warp
 from printmend.errors import ConfigError
 from printmend.units import TURN_RAD, radius_mm
 
@@ -169,6 +172,32 @@ def _friction(rng: np.random.Generator, severity: Severity) -> Friction:
     return Friction(float(rng.uniform(2, 8)), float(rng.uniform(1e4, 2e4)), _LOOP_MM)
 
 
+def _warp(rng: np.random.Generator, severity: Severity) -> Warp:
+    """A smooth error of no period: bumps 10 to 40 mm wide over every place that any preset's motors reach."""
+    size, spacing = _pick(rng, severity, (0.02, 0.1), (0.3, 1.5)), float(rng.uniform(10, 40))
+    bumps = rng.uniform(-1, 1, int(1200 / spacing))
+    return Warp(tuple(map(float, size * bumps)), spacing, -450.0)
+
+
+def _jumps(rng: np.random.Generator, severity: Severity) -> Drive:
+    """Once in half a metre to two (a layer of the paper is about one), or once in twenty metres."""
+    rate = float(rng.uniform(0.02, 0.1) if severity == "realistic" else rng.uniform(0.5, 2.0))
+    share, seeds = float(rng.uniform(0.2, 0.8)), rng.integers(0, 2**32, 2)
+    skips, missed = ToothSkips(rate * share, int(seeds[0])), MissedSteps(rate * (1 - share), int(seeds[1]))
+    return Drive(skips=skips, missed=missed)
+
+
+def _screw(rng: np.random.Generator, severity: Severity) -> Screw:
+    return Screw(
+        lead_error=float(rng.choice([-1, 1])) * _pick(rng, severity, (0.0005, 0.003), (0.01, 0.05)),
+        periodic_mm=_pick(rng, severity, (0.002, 0.02), (0.02, 0.2)),
+        periodic_phase_rad=_phase(rng),
+        wobble_mm=_pick(rng, severity, (0.01, 0.12), (0.2, 0.5)),
+        wobble_phase_rad=_phase(rng),
+        backlash_mm=_pick(rng, severity, (0.01, 0.05), (0.1, 0.4)),
+    )
+
+
 def _frame(rng: np.random.Generator, severity: Severity) -> CrookedFrame:
     sign = float(rng.choice([-1, 1]))
     if severity == "damaged":
@@ -214,6 +243,8 @@ _DRIVES: dict[str, Callable[[np.random.Generator, Severity], Drive]] = {
     "pulley-set-screw": lambda rng, severity: Drive(pulley=_any_pulley(rng, severity), shaft=_shaft(rng, severity)),
     "elastic": _elastic,
     "friction": lambda rng, severity: Drive(friction=_friction(rng, severity)),
+    "smooth": lambda rng, severity: Drive(warp=_warp(rng, severity)),
+    "jumps": _jumps,
     "ripple": lambda rng, severity: Drive(ripple=_ripple(rng, severity)),
     "gain-table": lambda rng, severity: Drive(gain_table=_gain_table(rng, severity)),
 }
@@ -221,7 +252,7 @@ _DRIVES: dict[str, Callable[[np.random.Generator, Severity], Drive]] = {
 
 def families() -> tuple[str, ...]:
     """Return the names that `sample` takes."""
-    return (*_DRIVES, "frame", "everything")
+    return (*_DRIVES, "frame", "screw", "everything")
 
 
 def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged") -> Corruption:
@@ -230,6 +261,8 @@ def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged"
         raise ConfigError("severity", wanted="damaged or realistic", came=repr(severity), todo="correct it")
     if family == "frame":
         return Corruption(frame=_frame(rng, severity))
+    if family == "screw":
+        return Corruption(screw=_screw(rng, severity))
     if family == "everything":
         return Corruption((_everything(rng, severity), _everything(rng, severity)), _frame(rng, severity))
     if family not in _DRIVES:

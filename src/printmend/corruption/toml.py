@@ -8,8 +8,9 @@
     kind = "play"
     play_mm = 0.4
 
-The sections of a motor are pulley, belt, friction, shaft, ripple and gain_table; the motors are x and y, or a and b
-on a CoreXY; [frame] is the machine's. What is left out is healthy. An unknown key is an error that names it.
+The sections of a motor are pulley, belt, friction, warp, shaft, ripple, skips, missed and gain_table; the motors are
+x and y, or a and b on a CoreXY; [frame] and [z.screw] are the machine's. What is left out is healthy. An unknown key is
+an error that names it.
 """
 
 import dataclasses
@@ -23,16 +24,22 @@ from printmend.corruption.belt import BELTS, Friction
 from printmend.corruption.corruption import Corruption, Drive
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.gain_table import GainTable
+from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.corruption.pulley import PULLEYS
+from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
+from printmend.corruption.warp import Warp
 from printmend.errors import ConfigError
 
 SECTIONS: dict[str, tuple[type, ...]] = {
     "pulley": PULLEYS,
     "belt": BELTS,
     "friction": (Friction,),
+    "warp": (Warp,),
     "shaft": (SetScrew,),
     "ripple": (Ripple,),
+    "skips": (ToothSkips,),
+    "missed": (MissedSteps,),
     "gain_table": (GainTable,),
 }
 _MOTORS = {"x": 0, "y": 1, "a": 0, "b": 1}
@@ -54,7 +61,7 @@ def parse_corruption(text: str, *, subject: str) -> Corruption:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(subject, wanted="a corruption in TOML", came=f"broken TOML ({error})", todo=_TODO) from None
-    _refuse_unknown(table, {*_MOTORS, "frame"}, subject, "the top level")
+    _refuse_unknown(table, {*_MOTORS, "frame", "z"}, subject, "the top level")
     drives = [Drive(), Drive()]
     for name in table.keys() & _MOTORS.keys():
         if drives[_MOTORS[name]] != Drive():
@@ -62,7 +69,14 @@ def parse_corruption(text: str, *, subject: str) -> Corruption:
         drives[_MOTORS[name]] = _drive(table[name], name, subject)
     frame = table.get("frame")
     crooked = None if frame is None else _value(frame, (CrookedFrame,), "[frame]", subject)
-    return Corruption((drives[0], drives[1]), crooked)
+    screw = None
+    if "z" in table:
+        if not isinstance(table["z"], dict):
+            raise ConfigError(subject, wanted="a section [z.screw]", came=repr(table["z"]), todo=_TODO)
+        _refuse_unknown(table["z"], {"screw"}, subject, "[z]")
+        if "screw" in table["z"]:
+            screw = _value(table["z"]["screw"], (Screw,), "[z.screw]", subject)
+    return Corruption((drives[0], drives[1]), crooked, screw)
 
 
 def _drive(table: Any, name: str, subject: str) -> Drive:
@@ -115,6 +129,8 @@ def corruption_toml(corruption: Corruption) -> str:
             table[name] = sections
     if corruption.frame is not None:
         table["frame"] = _plain(corruption.frame)
+    if corruption.screw is not None:
+        table["z"] = {"screw": _plain(corruption.screw)}
     return tomli_w.dumps(table)
 
 

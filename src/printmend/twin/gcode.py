@@ -35,7 +35,9 @@ def print_gcode(program: Program, twin: Twin, *, noise_mm: float, rng: np.random
         )
     rows = np.flatnonzero(moved)[1:] - 1
     waypoints = path[moved]
-    printed = twin.follow(waypoints)
+    home_z_mm = twin.printer.z.home_mm
+    heights_mm = np.concatenate([[home_z_mm], np.where(np.isnan(z_mm[rows]), home_z_mm, z_mm[rows])])
+    printed = twin.follow(np.column_stack([waypoints, heights_mm]))[:, :2]
     return Trace(
         commanded_mm=waypoints,
         measured_mm=printed + rng.normal(0.0, noise_mm, printed.shape) if noise_mm > 0 else printed,

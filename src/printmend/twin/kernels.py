@@ -63,3 +63,17 @@ def tabulate_gain(gains, table):
     for nominal in range(table.shape[0]):
         for control in range(-c_max, c_max + 1):
             table[nominal, control + c_max] = gain_displacement(nominal, control, gains)
+
+
+@njit(cache=True)
+def bend(belts, low_mm, pitch_mm, coefficients, scale_mm, out):
+    """Map belt positions [N, 2] full steps through a frame (mechanism.Frame), coefficients [2, 10] mm, to out."""
+    for n in range(belts.shape[0]):
+        u = (low_mm[0] + belts[n, 0] * pitch_mm[0]) / scale_mm
+        v = (low_mm[1] + belts[n, 1] * pitch_mm[1]) / scale_mm
+        u2, uv, v2 = u * u, u * v, v * v
+        for axis in range(2):
+            c = coefficients[axis]
+            off = c[0] + c[1] * u + c[2] * v + c[3] * u2 + c[4] * uv + c[5] * v2
+            off += c[6] * u2 * u + c[7] * u2 * v + c[8] * u * v2 + c[9] * v2 * v
+            out[n, axis] = belts[n, axis] + off / pitch_mm[axis]
