@@ -33,7 +33,7 @@ def worn(hull: str, play_steps: float, printer: Printer) -> MechanismModel:
 @pytest.mark.parametrize("c_max", [1, 3])
 def test_optimal_is_the_optimum(hull: str, play: float, c_max: int, ender5: Printer) -> None:
     """Zigzags of a few steps: the exhaustive search follows every reachable state."""
-    zigzag = layer_along(np.array([[530, 530], [538, 533], [529, 529], [533, 531], [520, 530]]))
+    zigzag = layer_along(np.array([[530, 530], [538, 533], [529, 529], [533, 531]]))
     targets, start = zigzag.nominal_steps[1:].astype(float), zigzag.start_steps
     model = worn(hull, play, ender5)
     tables = lattice_tables(model.mechanism, start)  # type: ignore[arg-type]
@@ -76,7 +76,7 @@ def test_deadlock_is_cured(hull: str, play: float, tie_break: float, best: float
 @pytest.mark.parametrize("family", ["pulley-loose", "set-screw", "everything", "pulley"])
 def test_planning_ahead_is_never_worse(family: str, seed: int, printer: Printer) -> None:
     model = MechanismModel(sample(family, np.random.default_rng(seed)).lower(printer))
-    targets = TARGETS[200 * seed : 200 * seed + 250]
+    targets = TARGETS[200 * seed : 200 * seed + 150]
     start = LAYER.nominal_steps[200 * seed]
     errors = {name: rmse(controller(name).plan(model, targets, start), targets) for name in
               ("greedy", "lookahead", "beam", "optimal")}  # fmt: skip

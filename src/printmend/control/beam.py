@@ -66,7 +66,7 @@ class Beam:
         ticks = len(targets)
         a, b = windows
         beam = np.empty((self.width, 4), np.int64)
-        beam[0] = a.start, motors[0], b.start, motors[1]
+        beam[0] = a.start, motors[0] - a.offset, b.start, motors[1] - b.offset
         costs = np.zeros(self.width)
         parents = np.empty((ticks, self.width), np.int32)
         choices = np.empty((ticks, self.width, 2), np.int8)

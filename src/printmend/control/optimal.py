@@ -67,16 +67,15 @@ def solve(
     and the targets, so its plan is never worse.
     """
     states = window(tables, axis, targets, float(start), known, c_max)
-    width = states.longest + 2 * c_max
-    block = max(64, _BLOCK_BYTES // (8 * width * states.height))
+    block = max(64, _BLOCK_BYTES // (8 * states.longest * states.height))
     motors = np.empty(len(targets) + 1, np.int64)
     kernels.search(
-        targets, states.start, motor, states.places, states.first, states.last, states.low, states.high,
-        states.left, states.right, c_max, block, width, motors,
+        targets, states.start, motor - states.offset, states.places, states.first, states.last, states.low, states.high,
+        states.left, states.right, c_max, block, states.longest, motors,
     )  # fmt: skip
     controls = np.diff(motors).astype(np.int8)
     positions = np.empty(len(motors))
-    kernels.follow(motors, float(start), tables.lower_steps[axis], tables.upper_steps[axis], positions)
+    kernels.follow(motors + states.offset, float(start), tables.lower_steps[axis], tables.upper_steps[axis], positions)
     return controls, positions
 
 

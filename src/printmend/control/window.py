@@ -12,11 +12,13 @@ from printmend.protocols import PlayTables
 class Window:
     """One motor's states as arrays for the kernels.
 
-    ``places`` [K]: the sorted distinct positions where the play can leave the belt. Motor indices first[k]…last[k] leave
-    it at place k; a motor at m pushes it to low[m] at least and high[m] at most. A plan for T targets stays at places
-    left[t] ≤ k < right[t] at ticks t = 0…T; it begins at place ``start``.
+    Motor indices count from ``offset`` of the tables. ``places`` [K]: the sorted distinct positions where the play can
+    leave the belt. Motor indices first[k]…last[k]
+    leave it at place k; a motor at m pushes it to low[m] at least and high[m] at most. A plan for T targets stays at
+    places left[t] ≤ k < right[t] at ticks t = 0…T; it begins at place ``start``.
     """
 
+    offset: int
     places: np.ndarray
     first: np.ndarray
     last: np.ndarray
@@ -38,22 +40,40 @@ class Window:
         return int((self.right - self.left).max())
 
 
+# How far around a target, in motor steps, the room of its window is measured.
+_REACH = 10
+# Motor steps kept beyond the places that a plan and its targets reach.
+_MARGIN = 100
+
+
+def _highest(values: np.ndarray) -> np.ndarray:
+    """Return the greatest of the values about each."""
+    padded = np.pad(values, _REACH, mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(padded, 2 * _REACH + 1).max(axis=1)
+
+
 def window(tables: PlayTables, motor: int, targets: np.ndarray, start: float, known: np.ndarray, c_max: int) -> Window:
-    """Return the states about the targets [T] and about ``known`` [T + 1], the belt's positions in a plan that works."""
+    """Return the states about the targets [T] and about ``known`` [T + 1], the belt in a plan that works."""
+    wanted = np.concatenate([[start], targets])
     lower, upper = tables.lower_steps[motor], tables.upper_steps[motor]
+    # Only the part of the tables that the plan uses, with a margin beyond any room.
+    reach = (min(known.min(), wanted.min()), max(known.max(), wanted.max()))
+    offset = max(int(np.searchsorted(upper, reach[0])) - _MARGIN, 0)
+    part = slice(offset, int(np.searchsorted(lower, reach[1])) + _MARGIN)
+    lower, upper = lower[part], upper[part]
     places = np.unique(np.concatenate([lower, upper, [start]]))
     first, last = np.searchsorted(upper, places, "left"), np.searchsorted(lower, places, "right") - 1
     low, high = np.searchsorted(places, lower), np.searchsorted(places, upper)
-    used = slice(int(first[np.searchsorted(places, known.min())]), int(last[np.searchsorted(places, known.max())]) + 1)
-    # Room for the nearest places on either side, and for what a target moves while the play is crossed.
-    steepest = float(np.diff(lower[used]).max(initial=1.0))
-    room = 1.5 * steepest + float((upper - lower)[used].max()) / (2 * c_max)
-    wanted = np.concatenate([[start], targets])
+    # Room for the next place on either side, and for what a target moves while the play is crossed, both as they are
+    # near by. Where exhaustive searches were made, more room changed nothing.
+    slope = np.diff(lower, append=lower[-1] + 1.0)
+    rooms = _highest(slope) + _highest(upper - lower) / (2 * c_max)
+    room = rooms[np.minimum(np.searchsorted(lower, wanted), len(rooms) - 1)]
     # Far behind its targets no plan does much better than the known one.
     wanted = np.where(np.abs(wanted - known) > 4 * room, known, wanted)
     left = np.searchsorted(places, np.minimum(wanted, known) - room, "left")
     right = np.searchsorted(places, np.maximum(wanted, known) + room, "right")
-    return Window(places, first, last, low, high, left, right, int(np.searchsorted(places, start)))
+    return Window(offset, places, first, last, low, high, left, right, int(np.searchsorted(places, start)))
 
 
 def better(one: Plan, other: Plan, targets: np.ndarray) -> Plan:
