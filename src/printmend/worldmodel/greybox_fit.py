@@ -14,6 +14,7 @@ from printmend.worldmodel.greybox_design import Contacts, Design, Normal, Rows, 
 
 NOISE_FLOOR_MM = 2e-4
 HUBER = 2.0
+HUBER_SHARE = 0.9545  # E[w r²] of Gaussian residuals under Huber's weights at 2 σ: what the misfit keeps of σ²
 LOST = 6.0  # residuals beyond so many σ tell nothing
 LOST_MM = 0.02  # but smaller ones than this are the model's own fault: corners between its harmonics
 HARMONIC_MM = 0.8  # physics.md §4: c_k ~ N(0, (0.8 k^−1.5 mm)²), hence c_k/k in position
@@ -99,7 +100,7 @@ def solve(
             break
         spread = np.diag(inverse)  # C_ii/v_i
         known = len(v) - spread.sum()
-        sigma2 = max(misfit / max(normal.count - known, 1.0), NOISE_FLOOR_MM**2)
+        sigma2 = max(misfit / max(normal.count - known, 1.0) / HUBER_SHARE, NOISE_FLOOR_MM**2)
         prior = _rescaled(prior, masks, values, v, spread)
     log_det = 2 * np.log(np.diag(factor)).sum()
     evidence = -0.5 * (misfit / sigma2 + (values**2 / v).sum() + log_det + normal.count * np.log(sigma2))

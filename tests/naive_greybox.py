@@ -1,0 +1,41 @@
+"""The grey box's loops, slow and obvious."""
+
+import numpy as np
+
+from printmend.worldmodel.greybox_branches import Branches
+from printmend.worldmodel.greybox_design import Design, Rows
+
+
+def follow_play(rows: Rows, branches: Branches, start_mm: float) -> tuple[list[int], list[int], list[float]]:
+    """Return per row the row of the last contact, its side, and the belt's place."""
+    mean, play = branches.errors_mm(rows.motor_mm)
+    at, side, belt = [], [], []
+    row, branch, place = -1, 0, start_mm
+    for t, m in enumerate(rows.motor_mm):
+        if place < m + mean[t] - play[t] / 2:
+            row, branch, place = t, -1, m + mean[t] - play[t] / 2
+        if place > m + mean[t] + play[t] / 2:
+            row, branch, place = t, 1, m + mean[t] + play[t] / 2
+        at.append(row)
+        side.append(branch)
+        belt.append(place)
+    return at, side, belt
+
+
+def column_matrix(design: Design, rows: Rows, at: np.ndarray, side: np.ndarray) -> np.ndarray:
+    """Return every column of the linear model, row by row [N, P]."""
+    out = np.zeros((len(rows), design.size))
+    for t in range(len(rows)):
+        own, other = rows.own_mm[t] / 100.0, rows.other_mm[t] / 100.0
+        out[t, design.parts["cross"]] = [own**p * other**q for p, q in design.cross]
+        if at[t] < 0:
+            out[t, design.parts["start"]] = 1.0
+            continue
+        m, s = rows.motor_mm[at[t]], side[t] / 2
+        x, phase = (m - rows.origin_mm) / 100.0, 2 * np.pi * m / rows.period_mm
+        out[t, design.parts["mean_powers"]] = [x**p for p in range(design.mean_powers)]
+        out[t, design.parts["play_powers"]] = [s * x**p for p in range(design.play_powers)]
+        for name, factor in (("ripple", 1.0), ("mean", 1.0), ("play", s), ("elastic", x)):
+            out[t, design.parts[f"{name}_cos"]] = factor * np.cos(design.waves(name) * phase)
+            out[t, design.parts[f"{name}_sin"]] = factor * np.sin(design.waves(name) * phase)
+    return out

@@ -1,0 +1,99 @@
+"""The grey box's compiled loops and moments against slow versions."""
+
+import numpy as np
+import pytest
+
+from printmend.worldmodel.greybox_design import Contacts, Design, Rows, contacts, normal_equations
+from printmend.worldmodel.greybox_select import CROSS, Structure
+from printmend.worldmodel.kernels.greybox import turning_rows
+from tests.naive_greybox import column_matrix, follow_play
+
+DESIGN = Design(3, 2, CROSS, (50,), (1, 2, 3, 6), (1, 3), (1, 2))
+
+
+def rows(rng: np.random.Generator, count: int = 400) -> Rows:
+    motor = np.abs(np.cumsum(rng.normal(0, 4, count))) % 200
+    measured = motor + rng.normal(0, 0.2, count)
+    measured[rng.random(count) < 0.2] = np.nan
+    weight = np.where(np.isnan(measured), 0.0, rng.uniform(0.5, 1.0, count))
+    other = rng.uniform(-100, 100, count)
+    return Rows(motor, measured, weight, motor - 100, other, 40.0, 7.0, float(motor[0]), (100.0, 100.0))
+
+
+def values(rng: np.random.Generator) -> np.ndarray:
+    parameters = rng.normal(0, 0.05, DESIGN.size)
+    parameters[DESIGN.parts["play_powers"]] = 2.0, 0.3
+    return parameters
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_contacts_agree_with_the_slow_loop(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    row, parameters = rows(rng), values(rng)
+    touch = contacts(DESIGN, parameters, row)
+    branches = DESIGN.branches(parameters, period_mm=40.0, origin_mm=7.0, reach_mm=(-1e3, 1e3))
+    at, side, belt = follow_play(row, branches, row.start_mm + parameters[0])
+    np.testing.assert_array_equal(touch.at, at)
+    np.testing.assert_array_equal(touch.side, side)
+    np.testing.assert_allclose(touch.belt_mm, belt, atol=1e-4)  # the kernel interpolates a table of the turn
+    matrix = column_matrix(DESIGN, row, touch.at, touch.side)
+    frame = matrix[:, DESIGN.parts["cross"]] @ parameters[DESIGN.parts["cross"]]
+    np.testing.assert_allclose(touch.residual_mm, row.measured_mm - belt - frame, atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_moments_give_the_normal_equations(seed: int) -> None:
+    """Every product of two columns follows from the moments; the binning of the phase costs little."""
+    rng = np.random.default_rng(seed)
+    row, parameters = rows(rng), values(rng)
+    touch = contacts(DESIGN, parameters, row)
+    weight = row.weight * rng.uniform(0, 1, len(row))
+    normal = normal_equations(DESIGN, parameters, row, touch, weight)
+    matrix = column_matrix(DESIGN, row, touch.at, touch.side)
+    residual = np.nan_to_num(touch.residual_mm)
+    np.testing.assert_allclose(normal.matrix, (matrix * weight[:, None]).T @ matrix, atol=2e-2 * weight.sum())
+    low = DESIGN.harmonic < 4
+    exact = (matrix[:, low] * weight[:, None]).T @ matrix[:, low]
+    np.testing.assert_allclose(normal.matrix[np.ix_(low, low)], exact, atol=2e-4 * weight.sum())
+    np.testing.assert_allclose(normal.slope[low], matrix[:, low].T @ (weight * residual), atol=2e-4 * weight.sum())
+    assert normal.square == pytest.approx(float(weight @ residual**2))
+
+
+def test_long_traces_are_added_in_chunks(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+    from printmend.worldmodel import greybox_design
+
+    row, parameters = rows(rng), values(rng)
+    touch = contacts(DESIGN, parameters, row)
+    whole = normal_equations(DESIGN, parameters, row, touch, row.weight)
+    monkeypatch.setattr(greybox_design, "CHUNK", 37)
+    again: Contacts = contacts(DESIGN, parameters, row)
+    np.testing.assert_allclose(again.residual_mm, touch.residual_mm, atol=1e-12)
+    parts = normal_equations(DESIGN, parameters, row, again, row.weight)
+    np.testing.assert_allclose(parts.matrix, whole.matrix, atol=1e-9)
+    np.testing.assert_allclose(parts.slope, whole.slope, atol=1e-9)
+
+
+def test_turning_rows_keep_every_reversal(rng: np.random.Generator) -> None:
+    """The play ends at the same place when only turning points are followed: moves between them are monotone."""
+    motor = np.round(np.cumsum(rng.normal(0, 1, 300)), 1)
+    wanted = rng.random(300) < 0.1
+    keep = np.zeros(300, bool)
+    turning_rows(motor, wanted, keep)
+    assert keep[wanted].all()
+    assert keep[0]
+    assert keep[-1]
+    place, thin, kept = 0.0, 0.0, []
+    for t, m in enumerate(motor):
+        place = min(max(place, m - 0.7), m + 0.7)
+        if keep[t]:
+            thin = min(max(thin, m - 0.7), m + 0.7)
+            kept.append(abs(thin - place))
+    assert max(kept) == 0.0
+
+
+def test_designs_hand_parameters_over(rng: np.random.Generator) -> None:
+    small, large = Structure(play="constant").design(8, ()), Structure(play="free", drift=True).design(16, (50,))
+    parameters = rng.normal(size=small.size)
+    there = large.moved(parameters, small)
+    np.testing.assert_array_equal(small.moved(there, large), parameters)
+    assert np.count_nonzero(there) == small.size

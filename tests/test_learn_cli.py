@@ -1,0 +1,190 @@
+"""`printmend learn` and `printmend export`, as a user calls them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from printmend.cli.main import group
+from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, LooseBelt, Play, WrongRadius, sample
+from printmend.corruption.frame import CrookedFrame
+from printmend.errors import ConfigError, PrintmendError
+from printmend.measure import write_trace
+from printmend.mechanism import Mechanism
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.probe import design_probe
+from printmend.twin import Twin
+from printmend.worldmodel.firmware import EXPORTS, simple_part
+from printmend.worldmodel.greybox import Greybox
+from printmend.worldmodel.learned import learn
+from printmend.worldmodel.saved import exact_model, read_model, write_model
+
+ENDER3 = read_printer("ender3")
+PLAN = design_probe(ENDER3)
+
+
+def trace_file(folder: Path, corruption: Corruption, noise_mm: float = 0.05, seed: int = 0) -> Path:
+    marks = Twin.of(corruption, ENDER3).follow(PLAN.waypoints_mm)[PLAN.rows]
+    noise = np.random.default_rng(seed).normal(0, noise_mm, marks.shape)
+    write_trace(folder / "trace.csv", PLAN.trace(marks + noise))
+    return folder / "trace.csv"
+
+
+def run(*args: object) -> Result:
+    return CliRunner().invoke(group, [str(arg) for arg in args])
+
+
+def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:
+    fault = Corruption((Drive(pulley=EccentricBore(0.21, 1.0), belt=Play(0.35)), Drive()))
+    done = run("learn", trace_file(tmp_path, fault), "--printer", "ender3", "-o", tmp_path / "m.json")
+    assert done.exit_code == 0, done.output
+    first, second, last = done.output.strip().splitlines()
+    assert first.startswith("X pulley eccentric 0.2")
+    assert "±" in first
+    assert "belt play 0.3" in first
+    assert first.endswith("; Y healthy")
+    assert float(second.split("noise ")[1].split()[0]) == pytest.approx(0.05, rel=0.1)
+    assert last == f"written: {tmp_path / 'm.json'}"
+    model = read_model(tmp_path / "m.json")
+    assert not model.is_healthy
+    values = {fault["kind"]: fault for fault in model.document["diagnosis"]}
+    assert values["harmonic-1"]["value"] == pytest.approx(0.21, abs=4 * values["harmonic-1"]["sd"])
+    assert values["play"]["value"] == pytest.approx(0.35, abs=4 * values["play"]["sd"])
+
+
+def test_json_is_for_programs(tmp_path: Path) -> None:
+    path = trace_file(tmp_path, HEALTHY)
+    done = run("learn", path, "--printer", "ender3", "-o", tmp_path / "m.json", "--json")
+    value = json.loads(done.output)
+    assert value["healthy"] is True
+    assert value["digest"] == read_model(tmp_path / "m.json").digest
+    assert value["findings"] == ["X healthy; Y healthy"]
+    assert value["trace"]["measured"] == len(PLAN)
+
+
+def test_the_saved_machine_is_the_learned_one(tmp_path: Path, rng: np.random.Generator) -> None:
+    corruption = sample("everything", np.random.default_rng(3))
+    marks = Twin.of(corruption, ENDER3).follow(PLAN.waypoints_mm)[PLAN.rows]
+    trace = PLAN.trace(marks)
+    fit = Greybox().fit(trace, ENDER3, rng=np.random.default_rng(0))
+    saved = learn(trace, ENDER3, rng=np.random.default_rng(0)).mechanism
+    for a, b in zip(fit.mechanism.transmissions, saved.transmissions, strict=True):
+        np.testing.assert_allclose(a.lower_mm, b.lower_mm, atol=1e-7)
+        np.testing.assert_allclose(a.upper_mm, b.upper_mm, atol=1e-7)
+    np.testing.assert_allclose(fit.mechanism.frame.coefficients_mm, saved.frame.coefficients_mm, atol=1e-8)
+
+
+@pytest.mark.parametrize(("axis", "word"), [(0, "X"), (1, "Y")])
+def test_says_what_the_trace_could_not_tell(tmp_path: Path, axis: int, word: str) -> None:
+    way = np.tile([110.0, 110.0], (200, 1))
+    way[:, axis] = np.concatenate([[0.0], np.linspace(5, 215, 199)])
+    way[:, 1 - axis] = 110 + 8 * np.sin(np.arange(200))
+    way[0] = 0.0
+    printed = Twin.of(HEALTHY, ENDER3).follow(way)
+    trace = tmp_path / "trace.csv"
+    write_trace(trace, Trace(way, printed))
+    output = run("learn", trace, "--printer", "ender3", "-o", tmp_path / "m.json").output
+    other = "Y" if word == "X" else "X"
+    assert f"{word} was measured moving forwards only" in output
+    assert f"{other} was seen on" in output
+    assert "printmend probe" in output
+
+
+def test_other_learners(tmp_path: Path) -> None:
+    path = trace_file(tmp_path, sample("eccentric", np.random.default_rng(1)), 0.0)
+    assert run("learn", path, "--printer", "ender3", "--model", "naive", "-o", tmp_path / "n.json").exit_code == 0
+    assert read_model(tmp_path / "n.json").is_healthy
+    done = run("learn", path, "--printer", "ender3", "--model", "crystal-ball")
+    assert isinstance(done.exception, ConfigError)
+    assert not (tmp_path / "printer.mend.json").exists()
+
+
+def test_bad_traces_write_nothing(tmp_path: Path) -> None:
+    (tmp_path / "trace.csv").write_text("x_mm,y_mm,x_measured_mm,y_measured_mm\n0,0,0,0\n")
+    done = run("learn", tmp_path / "trace.csv", "--printer", "ender3", "-o", tmp_path / "m.json")
+    assert isinstance(done.exception, PrintmendError)
+    assert "\n" not in str(done.exception)
+    assert not (tmp_path / "m.json").exists()
+
+
+@pytest.fixture(scope="module")
+def simple(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of a machine with nothing but scale, play and skew, known exactly."""
+    mechanism = SIMPLE.lower(ENDER3)
+    assert isinstance(mechanism, Mechanism)
+    path = tmp_path_factory.mktemp("model") / "m.json"
+    write_model(path, exact_model(mechanism))
+    return path
+
+
+SIMPLE = Corruption(
+    (Drive(pulley=WrongRadius(6.3), belt=Play(0.4)), Drive(belt=LooseBelt(0.1, 0.2))), CrookedFrame(skew_deg=0.5)
+)
+
+
+def test_the_simple_part_is_found() -> None:
+    mechanism = SIMPLE.lower(ENDER3)
+    assert isinstance(mechanism, Mechanism)
+    part = simple_part(mechanism)
+    assert part.gain[0] == pytest.approx(6.3 / ENDER3.x.radius_mm, abs=1e-6)
+    assert part.gain[1] == pytest.approx(1.0, abs=1e-6)
+    assert part.play_mm == pytest.approx((0.4, 0.3), abs=1e-6)
+    assert part.skew == pytest.approx(np.tan(np.radians(0.5)), abs=1e-6)
+
+
+@pytest.mark.parametrize(("firmware", "limit_mm"), [("klipper", 0.4), ("marlin", 0.005), ("rrf", 0.005)])
+def test_firmware_takes_what_it_can(firmware: str, limit_mm: float) -> None:
+    """With scale, skew and play only, a firmware that knows all three leaves nothing; Klipper leaves the play."""
+    mechanism = SIMPLE.lower(ENDER3)
+    assert isinstance(mechanism, Mechanism)
+    export = EXPORTS[firmware](mechanism.homed())
+    assert export.before_mm > 0.5
+    assert export.after_mm < limit_mm
+    assert export.after_mm > 0.1 or firmware != "klipper"
+
+
+def test_linuxcnc_tables_hold_pulleys_and_play() -> None:
+    mechanism = sample("pulley-loose", np.random.default_rng(4)).lower(ENDER3)
+    assert isinstance(mechanism, Mechanism)
+    export = EXPORTS["linuxcnc"](mechanism.homed())
+    files = dict(export.files)
+    rows = np.array([line.split() for line in files["joint0.comp"].splitlines()], float)
+    assert rows.shape == (256, 3)
+    assert (np.diff(rows[:, 0]) > 0).all()
+    assert export.after_mm < 0.02 < export.before_mm
+
+
+@pytest.mark.parametrize(
+    ("firmware", "words"),
+    [
+        ("klipper", ["[stepper_x]", "rotation_distance: 39.58", "SET_SKEW XY="]),
+        ("marlin", ["M92 X80.8", "M852 I0.0087", "M425 F1 X0.4000 Y0.3000", "M500"]),
+        ("rrf", ["M92 X80.8", "M556 S100 X0.87", "M425 X0.4000 Y0.3000"]),
+        ("linuxcnc", ["COMP_FILE = joint0.comp", "COMP_FILE_TYPE = 0"]),
+    ],
+)
+def test_export_prints_lines_and_what_remains(simple: Path, firmware: str, words: list[str]) -> None:
+    done = run("export", "-m", simple, "--to", firmware)
+    assert done.exit_code == 0, done.output
+    for word in words:
+        assert word in done.stdout
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert "printmend mend" in done.stderr
+
+
+def test_export_writes_files(simple: Path, tmp_path: Path) -> None:
+    done = run("export", "-m", simple, "--to", "linuxcnc", "-o", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["joint0.comp", "joint1.comp", "joints.ini"]
+
+
+def test_klipper_reads_back_its_own_skew(simple: Path) -> None:
+    """Klipper's formula for the three lengths gives the tangent that x loses with y."""
+    text = run("export", "-m", simple, "--to", "klipper").stdout
+    ac, bd, ad = (float(v) for v in text.split("SET_SKEW XY=")[1].split()[0].split(","))
+    side = np.sqrt(2 * ac**2 + 2 * bd**2 - 4 * ad**2) / 2
+    tangent = np.tan(np.pi / 2 - np.arccos((ac**2 - side**2 - ad**2) / (2 * side * ad)))
+    assert tangent == pytest.approx(np.tan(np.radians(0.5)), abs=2e-6)
