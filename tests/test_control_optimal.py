@@ -72,7 +72,7 @@ def test_deadlock_is_cured(hull: str, play: float, tie_break: float, best: float
     assert rmse(optimum) < min(best, rmse(lookahead))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("family", ["pulley-loose", "set-screw", "everything", "pulley"])
 def test_planning_ahead_is_never_worse(family: str, seed: int, printer: Printer) -> None:
     model = MechanismModel(sample(family, np.random.default_rng(seed)).lower(printer))

@@ -15,7 +15,7 @@ from printmend.worldmodel.registry import fit
 from printmend.worldmodel.transitions import layer_trace
 from tests.shapes import ring_layer
 
-LAYER = ring_layer((530.0, 530.0), 40.0, turn=0.7)
+LAYER = ring_layer((530.0, 530.0), 25.0, turn=0.7, gap=9.0)
 TARGETS, START = LAYER.nominal_steps[1:], LAYER.start_steps
 
 

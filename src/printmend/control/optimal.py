@@ -71,7 +71,7 @@ def solve(
     motors = np.empty(len(targets) + 1, np.int64)
     kernels.search(
         targets, states.start, motor - states.offset, states.places, states.first, states.last, states.low, states.high,
-        states.left, states.right, c_max, block, states.longest, motors,
+        states.left, states.right, c_max, block, states.longest, states.height, motors,
     )  # fmt: skip
     controls = np.diff(motors).astype(np.int8)
     positions = np.empty(len(motors))

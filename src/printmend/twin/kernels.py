@@ -40,6 +40,7 @@ def gain_displacement(nominal, control, gains):
         index = int(np.rint(x)) - 1  # rint rounds half to even; −1 is the last column, as in the published code
         if index < 0:
             index += size
+        index = min(index, size - 1)  # a bed longer than the table: its last gain goes on
         x = min(max(x + sign * gains[index], 0.0), size - 1.0)
     return x - nominal
 
