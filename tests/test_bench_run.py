@@ -1,7 +1,6 @@
 """The bench: what is drawn, what is kept, what happens when things go wrong."""
 
 import json
-import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from printmend.bench.run import read_results, run
 from printmend.bench.table1 import table1
 from printmend.errors import ConfigError, InputError
 from tests.bodies import write_vase
+from tests.mortal import dies_on_two
 
 TIMES = {"learn_s": None, "plan_s": None}
 
@@ -127,12 +127,6 @@ def test_processes_give_what_serial_gives(vases: list[Path], tmp_path: Path) -> 
     here = run(cases, ("naive", "lightgbm-axis"), tmp_path / "a.jsonl", Serial())
     there = run(cases, ("naive", "lightgbm-axis"), tmp_path / "b.jsonl", Processes(2))
     assert [replace(result, **TIMES) for result in here] == [replace(result, **TIMES) for result in there]
-
-
-def dies_on_two(item: int) -> int:
-    if item == 2:
-        os._exit(1)
-    return item * int(os.environ["OMP_NUM_THREADS"])
 
 
 def test_a_killed_worker_costs_its_own_item_only() -> None:
