@@ -103,7 +103,7 @@ def test_every_angle_is_seen_in_both_directions_at_several_places(probed):
             turn = np.floor(motors[rows, motor] / turn_mm)
             for value in range(40):
                 seen = turn[angle == value]
-                assert len(seen) >= (5 if printer.name == "small" else 15)
+                assert len(seen) >= (3 if printer.name == "small" else 15)
                 assert len(np.unique(seen)) >= min(3, int(turns))
 
 
@@ -146,7 +146,7 @@ def test_reversals_shrink_from_eight_millimetres_to_a_tenth(probed):
     for motor in range(2):
         runs = run[plan.rows, motor]
         for low, high in ((0.1, 0.3), (0.3, 0.7), (0.7, 1.3), (1.3, 2.2), (2.2, 4), (4, 7), (7, 9)):
-            assert ((runs > low) & (runs < high)).sum() >= 3
+            assert ((runs > low) & (runs < high)).sum() >= 2
 
 
 def test_the_code_of_large_dots_fits_in_one_place_only(probed):

@@ -15,6 +15,7 @@ from printmend.measure.sheet import DICTIONARY, tag_corners_mm
 
 SEARCH_PX = 2200  # tags are looked for in a picture of this size, their corners refined at full size
 LEAST_TAGS = 4
+NODE_PX = 16  # the lens is computed at every 16th pixel: it bends nothing in between
 FLAT = 0.004  # perspective and lens distortion below this share of the picture: a flatbed
 
 
@@ -130,14 +131,26 @@ def rectify(image: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray, floa
         (np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / [*(high - low)[[0, 0]], (high - low)[1]]).max()
     )
     size = np.ceil((high - low) * px_per_mm).astype(int)
+    nodes_x, nodes_y = np.arange(size[0] // NODE_PX + 2), np.arange(size[1] // NODE_PX + 2)
+    grid = np.stack(np.meshgrid(nodes_x, nodes_y), axis=-1) * NODE_PX
+    nodes = lens.to_px(low + (grid + 0.5) / px_per_mm)
     out = np.empty((size[1], size[0], 3), np.uint8)
-    xs = low[0] + (np.arange(size[0]) + 0.5) / px_per_mm
-    for first in range(0, int(size[1]), 256):
-        ys = low[1] + (np.arange(first, min(first + 256, size[1])) + 0.5) / px_per_mm
-        grid = np.stack(np.meshgrid(xs, ys), axis=-1)
-        px = lens.to_px(grid).astype(np.float32)
-        out[first : first + 256] = cv2.remap(image, px, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    strip = 16 * NODE_PX
+    for first in range(0, int(size[1]), strip):
+        rows = slice(first // NODE_PX, (first + strip) // NODE_PX + 1)
+        px = between_nodes(nodes[rows])[: size[1] - first, : size[0]]
+        out[first : first + strip] = cv2.remap(image, px, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     return out, low, px_per_mm
+
+
+def between_nodes(nodes: np.ndarray) -> np.ndarray:
+    """Interpolate a smooth map known at every NODE_PX-th pixel [h, w, 2] to all pixels between, float32."""
+    share = (np.arange(NODE_PX) / NODE_PX)[:, None, None]
+    rows = nodes[:-1, None] * (1 - share[None]) + nodes[1:, None] * share[None]
+    rows = rows.reshape(-1, *nodes.shape[1:])
+    share = share[:, 0][None, None]
+    columns = rows[:, :-1, None] * (1 - share) + rows[:, 1:, None] * share
+    return columns.reshape(len(rows), -1, 2).astype(np.float32)
 
 
 def _projected(points: np.ndarray, homography: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from printmend.measure.fiducials import Lens
+from printmend.measure.fiducials import NODE_PX, Lens, between_nodes
 from printmend.measure.plan import ProbePlan
 from printmend.measure.render import A4_MM, DEFAULT, Degradations, render_scan
 from printmend.measure.sheet import TAG_MM, tag_cells, tag_centres_mm
@@ -28,16 +28,13 @@ def render_photo(
     lens = _camera(rng)
     height, width = PHOTO_PX[1], PHOTO_PX[0]
     photo = np.empty((height, width, 3), np.uint8)
-    for first in range(0, height, 250):
-        grid = np.stack(np.meshgrid(np.arange(width), np.arange(first, min(first + 250, height))), axis=-1)
-        at = lens.to_mm(grid.astype(float)) * (FLAT_DPI / MM_PER_INCH) - 0.5
-        photo[first : first + 250] = cv2.remap(
-            flat,
-            at.astype(np.float32),
-            None,
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=(90, 80, 70),
+    grid = np.stack(np.meshgrid(np.arange(width // NODE_PX + 2), np.arange(height // NODE_PX + 2)), axis=-1)
+    nodes = lens.to_mm(grid.astype(float) * NODE_PX) * (FLAT_DPI / MM_PER_INCH) - 0.5
+    strip = 16 * NODE_PX
+    for first in range(0, height, strip):
+        at = between_nodes(nodes[first // NODE_PX : (first + strip) // NODE_PX + 1])[: height - first, :width]
+        photo[first : first + strip] = cv2.remap(
+            flat, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(90, 80, 70)
         )
     photo = cv2.GaussianBlur(photo, (0, 0), 0.7)
     noisy = photo + rng.standard_normal(photo.shape, np.float32) * np.float32(NOISE)

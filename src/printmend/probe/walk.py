@@ -17,7 +17,7 @@ from printmend.probe.layout import EDGE_MM, MARKS, RUN_IN_MM, Layout
 REVERSALS_MM = (8.0, 6.0, 4.6, 3.4, 2.6, 2.0, 1.5, 1.1, 0.8, 0.6, 0.4, 0.25, 0.15)
 REVERSAL_EVERY = 3
 STAIRCASE_EVERY = 45
-WAYPOINT_MM, SHORTEST_WAYPOINT_MM = 3.0, 1.0
+WAYPOINT_MM, SHORTEST_WAYPOINT_MM = 2.4, 1.0
 DOT_MM, BIG_DOT_MM = 1.0, 1.6
 PURGE_MM = 100.0
 
@@ -34,10 +34,11 @@ def walk(printer: Printer, layout: Layout) -> ProbePlan:
         if index == 0 or layout.row[index] != layout.row[index - 1]:
             points.append(np.clip(mark - RUN_IN_MM * heading, low, high))
         ahead = np.sign(printer.to_motor(heading))
-        overshoot = printer.from_motor(ahead * [ladders[0][index], ladders[1][index]])
         if index % STAIRCASE_EVERY == 1:
             points += [np.clip(mark + step, low, high) for step in _staircase(printer, ahead)]
         elif index % REVERSAL_EVERY == 1:
+            rung = index // REVERSAL_EVERY
+            overshoot = printer.from_motor(ahead * [ladders[0][rung], ladders[1][rung]])
             points.append(np.clip(mark + overshoot, low, high))
         points.append(mark)
         rows[index] = len(points) - 1

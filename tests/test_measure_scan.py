@@ -1,0 +1,210 @@
+"""Scans of a probe: drawn with known truth, read back, whatever the pose and the dirt."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.measure import command
+from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
+from printmend.errors import ScanError
+from printmend.measure import write_plan
+from printmend.measure.image import read_image, write_image
+from printmend.measure.measurement import measure_scans
+from printmend.measure.plan import ProbePlan
+from printmend.measure.render import CLEAN, DEFAULT, HEAVY, render_scan
+from printmend.measure.render_photo import render_photo
+from printmend.measure.sheet import write_sheet
+from printmend.printer import read_printer
+from printmend.probe import design_probe
+from printmend.twin import Twin
+from tests.naive_measure import best_similarity
+
+PRINTER = read_printer("ender3")
+
+
+@pytest.fixture(scope="module")
+def plan() -> ProbePlan:
+    return design_probe(PRINTER, size_mm=80)
+
+
+@pytest.fixture(scope="module")
+def printed(plan) -> np.ndarray:
+    corruption = Corruption(
+        (Drive(pulley=EccentricBore(0.8, 0.3), belt=Play(0.7)), Drive(pulley=Ellipse(7.0, 5.9), belt=Play(0.4)))
+    )
+    return Twin.of(corruption, PRINTER).follow(plan.waypoints_mm)[plan.rows]
+
+
+def saved(path: Path, image: np.ndarray, dpi: float = 600) -> Path:
+    write_image(path, image, dpi=dpi)
+    return path
+
+
+def error_mm(measured: np.ndarray, printed: np.ndarray, *, scale: bool) -> np.ndarray:
+    """Differences left when the measured marks are laid on the printed ones."""
+    found = np.isfinite(measured).all(axis=1)
+    return best_similarity(measured[found], printed[found], scale=scale) - printed[found]
+
+
+def rms(error: np.ndarray) -> float:
+    return float(np.sqrt((error**2).mean()))
+
+
+@pytest.mark.parametrize("quarter_turns", [0, 1, 2, 3])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_clean_scan_is_read_to_a_micrometre_in_any_pose(tmp_path, plan, printed, quarter_turns, mirrored):
+    scan = render_scan(
+        printed, plan, dpi=300, degradations=CLEAN, rng=np.random.default_rng(1),
+        quarter_turns=quarter_turns, mirrored=mirrored,
+    )  # fmt: skip
+    measurement = measure_scans([saved(tmp_path / "scan.png", scan.image, dpi=300)], plan)
+    assert not len(measurement.missing)
+    assert rms(error_mm(measurement.measured_mm, printed, scale=False)) < 0.001
+    assert ("seen from below" in measurement.notes[0]) == mirrored
+
+
+@pytest.mark.parametrize(("degradations", "most_um", "least_found"), [(DEFAULT, 15, 0.98), (HEAVY, 40, 0.95)])
+def test_a_dirty_scan_is_read_within_its_bounds(tmp_path, plan, printed, degradations, most_um, least_found):
+    still = replace(degradations, stretch=0.0)
+    scan = render_scan(printed, plan, degradations=still, rng=np.random.default_rng(2))
+    measurement = measure_scans([saved(tmp_path / "scan.jpg", scan.image)], plan)
+    error = error_mm(measurement.measured_mm, printed, scale=False)
+    assert rms(error) * 1000 < most_um
+    assert np.abs(error).max() < 0.3  # a mark taken for another would be off by millimetres
+    found = np.isfinite(measurement.measured_mm).all(axis=1)
+    assert found.mean() > least_found - (~scan.present).mean()
+    assert not found[~scan.present].any()
+    claimed = measurement.sigma_mm[found]
+    assert 0.4 < np.median(np.abs(error) / claimed[:, None]) / 0.6745 < 1.6
+
+
+def test_a_quarter_turn_removes_the_scanners_own_axes(tmp_path, plan, printed):
+    stretch = (0.002, -0.002)
+    paths = []
+    for turns in (0, 1):
+        scan = render_scan(
+            printed, plan, degradations=CLEAN, rng=np.random.default_rng(3), quarter_turns=turns, stretch=stretch
+        )
+        paths.append(saved(tmp_path / f"scan{turns}.png", scan.image))
+    single = measure_scans(paths[:1], plan)
+    double = measure_scans(paths, plan)
+    assert rms(error_mm(single.measured_mm, printed, scale=True)) > 0.03
+    assert rms(error_mm(double.measured_mm, printed, scale=True)) < 0.002
+    assert any("removed" in note for note in double.notes)
+
+
+def test_a_half_turn_says_that_it_cannot_tell_the_axes(tmp_path, plan, printed):
+    paths = [
+        saved(
+            tmp_path / f"scan{turns}.png",
+            render_scan(
+                printed, plan, dpi=300, degradations=CLEAN, rng=np.random.default_rng(3), quarter_turns=turns
+            ).image,
+            dpi=300,
+        )
+        for turns in (0, 2)
+    ]
+    assert any("quarter" in note for note in measure_scans(paths, plan).notes)
+
+
+def test_another_colour_and_resolution_are_read_too(tmp_path, plan, printed):
+    colours = replace(DEFAULT, filament=(200, 90, 60), background=(60, 60, 60), stretch=0.0)
+    scan = render_scan(printed, plan, dpi=400, degradations=colours, rng=np.random.default_rng(5))
+    measurement = measure_scans([saved(tmp_path / "scan.tif", scan.image, dpi=400)], plan)
+    assert rms(error_mm(measurement.measured_mm, printed, scale=False)) < 0.015
+
+
+def test_a_photo_with_the_sheet_is_read_to_a_hundredth(tmp_path, plan, printed):
+    photo = render_photo(printed, plan, rng=np.random.default_rng(6))
+    measurement = measure_scans([saved(tmp_path / "photo.jpg", photo, dpi=72)], plan)
+    assert rms(error_mm(measurement.measured_mm, printed, scale=False)) < 0.05
+    assert "tags" in measurement.notes[0]
+
+
+def test_the_frame_is_that_of_the_bed(tmp_path, plan):
+    skewed = plan.marks_mm + 0.01 * (plan.marks_mm[:, 1:] - 110) * [1.0, 0.0]
+    scan = render_scan(skewed, plan, degradations=CLEAN, rng=np.random.default_rng(7), quarter_turns=1)
+    measurement = measure_scans([saved(tmp_path / "scan.png", scan.image)], plan)
+    error = measurement.measured_mm - skewed
+    assert np.abs(error - np.median(error, axis=0)).max() < 0.005
+    assert np.abs(np.median(measurement.measured_mm - plan.marks_mm, axis=0)).max() < 1e-6
+
+
+def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
+    scan = render_scan(printed, plan, dpi=300, rng=np.random.default_rng(8))
+    path = saved(tmp_path / "scan.png", scan.image, dpi=300)
+    write_plan(tmp_path / "probe.json", plan)
+    arguments = [str(path), "--probe", str(tmp_path / "probe.json"), "-o", str(tmp_path / "trace.csv")]
+    result = CliRunner().invoke(command, [*arguments, "--overlay", str(tmp_path / "seen.png")], catch_exceptions=False)
+    assert "300 dpi" in result.output
+    rows = (tmp_path / "trace.csv").read_text().splitlines()
+    assert rows[0] == "x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm"
+    assert len(rows) == len(plan.waypoints_mm) + 1
+    assert cv2.imread(str(tmp_path / "seen.png")) is not None
+
+
+def grey(height: int, width: int, value: int = 200) -> np.ndarray:
+    return np.full((height, width, 3), value, np.uint8)
+
+
+def test_bad_images_end_in_one_line(tmp_path, plan, printed):
+    (tmp_path / "text.png").write_text("no image")
+    saved(tmp_path / "small.png", grey(100, 2000))
+    saved(tmp_path / "blank.png", grey(1500, 1500))
+    noise = np.random.default_rng(9).integers(0, 255, (1200, 1200, 3), dtype=np.uint8)
+    saved(tmp_path / "noise.png", noise)
+    scan = render_scan(printed, plan, dpi=300, degradations=CLEAN, rng=np.random.default_rng(1))
+    whole = saved(tmp_path / "whole.png", scan.image, dpi=300).read_bytes()
+    (tmp_path / "truncated.png").write_bytes(whole[: len(whole) // 2])
+    saved(tmp_path / "cropped.png", scan.image[:, : scan.image.shape[1] // 2], dpi=300)
+    for name, named in (
+        ("none.png", "no such file"),
+        ("text.png", "no image"),
+        ("small.png", "300 pixels"),
+        ("blank.png", "without any"),
+        ("noise.png", "dots"),
+        ("truncated.png", "image"),
+        ("cropped.png", "most missing at the right"),
+    ):
+        with pytest.raises(ScanError, match=named) as caught:
+            measure_scans([tmp_path / name], plan)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("true_dpi", "said_dpi"), [(300, 600), (600, 300), (600, 400)])
+def test_a_wrong_resolution_is_named(tmp_path, plan, printed, true_dpi, said_dpi):
+    scan = render_scan(printed, plan, dpi=true_dpi, degradations=CLEAN, rng=np.random.default_rng(1))
+    path = saved(tmp_path / "scan.png", scan.image, dpi=said_dpi)
+    with pytest.raises(ScanError, match=rf"--dpi {true_dpi}"):
+        measure_scans([path], plan)
+
+
+def test_another_plate_is_refused(tmp_path, plan, printed):
+    other = design_probe(PRINTER, size_mm=60)
+    shuffled = replace(other, big=np.random.default_rng(1).permutation(other.big))
+    scan = render_scan(other.marks_mm, shuffled, dpi=300, degradations=CLEAN, rng=np.random.default_rng(1))
+    path = saved(tmp_path / "scan.png", scan.image, dpi=300)
+    with pytest.raises(ScanError, match="not they"):
+        measure_scans([path], plan)
+
+
+def test_images_too_large_for_the_memory_are_refused_unread(tmp_path):
+    header = bytearray(saved(tmp_path / "one.png", grey(400, 400)).read_bytes())
+    header[16:24] = (20_000).to_bytes(4, "big") * 2
+    crc = __import__("zlib").crc32(bytes(header[12:29])).to_bytes(4, "big")
+    header[29:33] = crc
+    (tmp_path / "bomb.png").write_bytes(bytes(header))
+    with pytest.raises(ScanError, match="150 million pixels"):
+        read_image(tmp_path / "bomb.png")
+
+
+def test_the_sheet_is_a_pdf_with_every_tag(tmp_path):
+    write_sheet(tmp_path / "sheet.pdf")
+    data = (tmp_path / "sheet.pdf").read_bytes()
+    assert data.startswith(b"%PDF-1.4")
+    assert data.rstrip().endswith(b"%%EOF")
+    assert data.count(b" re f") > 14 * 20
