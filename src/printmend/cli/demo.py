@@ -13,8 +13,9 @@ import click
     "--body", "file", type=click.Path(path_type=Path), help="A G-code file or mesh; without it, a timing pulley."
 )
 @click.option("--out", type=click.Path(path_type=Path), default="printmend-demo", show_default=True)
+@click.option("--scan", is_flag=True, help="The owner's way instead: print a probe, scan it, learn, mend G-code.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
-def command(seed: int, broken: Path | None, file: Path | None, out: Path, as_json: bool) -> None:
+def command(seed: int, broken: Path | None, file: Path | None, out: Path, scan: bool, as_json: bool) -> None:
     """Break a twin of an Ender-5, print one test layer, learn from it, plan all layers, print again.
 
     No printer, slicer or network is needed. Pictures go to the folder --out.
@@ -29,6 +30,11 @@ def command(seed: int, broken: Path | None, file: Path | None, out: Path, as_jso
     from printmend.printer import read_printer
 
     demo.check_out(out)
+    if scan:
+        from printmend.cli.demo_scan import show_scan
+
+        show_scan(seed, broken, file, out, as_json=as_json)
+        return
     printer = read_printer("ender5")
     corruption = read_corruption(broken) if broken else demo.demo_corruption(np.random.default_rng(seed))
     body = load_body(file, printer) if file else body_of(demo_body_gcode(), printer, name="timing pulley")

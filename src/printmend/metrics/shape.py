@@ -81,6 +81,17 @@ def _beads(strokes: Sequence[np.ndarray], width: float) -> shapely.Geometry:
     return shapely.unary_union([shapely.buffer(line, width / 2) for line in lines])
 
 
+def stroke_distances(strokes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far points [N, 2] lie from the nearest of separate strokes [K, 2, 2]: the distances [N], and the steps
+    [N, 2] that would bring them there."""
+    lines = shapely.linestrings(strokes)
+    places = shapely.points(points)
+    nearest = lines[shapely.STRtree(lines).nearest(places)]
+    on_line = shapely.line_interpolate_point(nearest, shapely.line_locate_point(nearest, places))
+    steps = shapely.get_coordinates(on_line) - points
+    return np.hypot(*steps.T), steps
+
+
 def _distances(points: np.ndarray, line: np.ndarray) -> np.ndarray:
     """Return the distance [N] of each point [N, 2] from a polyline [M, 2]."""
     ends = np.stack([line[:-1], line[1:]], axis=1)
