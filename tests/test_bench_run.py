@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from printmend.bench import run as run_module
 from printmend.bench.case import Case, Result, draw_cases, evaluate
 from printmend.bench.executor import Processes, Serial, WorkerDied
 from printmend.bench.report import body_table, cells, failure_texts, lines, text_table
 from printmend.bench.rows import PAPER_ROWS, row
-from printmend.bench.run import read_results, run
+from printmend.bench.run import TABLE1, read_results, run
 from printmend.bench.table1 import table1
 from printmend.errors import ConfigError, InputError
 from tests.bodies import write_vase
@@ -86,9 +85,7 @@ def test_a_seed_repeats_every_row(vases: list[Path]) -> None:
     assert first[0].rmse_mm == pytest.approx(0.2 * first[0].rmse_steps)
 
 
-def test_a_second_run_evaluates_nothing_and_an_interrupted_one_goes_on(
-    vases: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_run_evaluates_nothing_and_an_interrupted_one_goes_on(vases: list[Path], tmp_path: Path) -> None:
     path, cases = tmp_path / "results.jsonl", drawn(vases)
     whole = run(cases, ("naive", "oracle"), path, Serial())
     assert len(whole) == 6
@@ -99,13 +96,13 @@ def test_a_second_run_evaluates_nothing_and_an_interrupted_one_goes_on(
         evaluated.append((case.source, rows))
         return evaluate(case, rows)
 
-    monkeypatch.setattr(run_module, "evaluate", counted)
-    assert run(cases, ("naive", "oracle"), path, Serial()) == whole
+    table = replace(TABLE1, evaluate=counted)
+    assert run(cases, ("naive", "oracle"), path, Serial(), table=table) == whole
     assert not evaluated
     # The machine went down in the middle of the fourth line.
     kept = text.splitlines(keepends=True)
     path.write_text("".join(kept[:3]) + kept[3][:40])
-    again = run(cases, ("naive", "oracle"), path, Serial())
+    again = run(cases, ("naive", "oracle"), path, Serial(), table=table)
     assert [replace(result, **TIMES) for result in again] == [replace(result, **TIMES) for result in whole]
     assert evaluated == [(cases[1].source, ("oracle",)), (cases[2].source, ("naive", "oracle"))]
     assert len(read_results(path)) == 6

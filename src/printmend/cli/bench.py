@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from printmend.cli.bench_families import families
 from printmend.cli.bench_real import real
 
 
@@ -16,6 +17,7 @@ def command() -> None:
 
 
 command.add_command(real)
+command.add_command(families)
 
 
 @command.command(epilog="Example: printmend bench table1 --bodies models/ --protocol heldout --limit 60 --workers 2")

@@ -1,0 +1,186 @@
+"""One random fault of a family, one body: what a learner makes of a test print with noise, and how well it prints then.
+
+A row is LEARNER+CONTROLLER@SIGMA, SIGMA being the noise of the measurement in mm: `greybox+optimal@0.05`.
+"""
+
+import hashlib
+import json
+import time
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from printmend.errors import InputError, PrintmendError
+from printmend.path import Body
+from printmend.printer import Printer
+from printmend.protocols import WorldModel
+
+if TYPE_CHECKING:  # the twin needs numba, which workers import only after they are told to use one thread
+    from printmend.twin import Twin
+
+RULES = 1  # part of every key: raise it when the way a case is evaluated changes
+TURN_MM = 40.0
+
+# The purposes for which a case's generator is seeded; part of the meaning of a seed.
+_CORRUPTION, _BODY, _NOISE, _LEARNER = 1, 2, 3, 4
+
+
+@dataclass(frozen=True)
+class FamilyCase:
+    """The ``sample``-th fault of a family on a preset, and a body ``coverage`` turns of a motor across.
+
+    The fault does not depend on the coverage, nor the body on the family.
+    """
+
+    family: str
+    severity: Literal["damaged", "realistic"]
+    printer: str
+    coverage: float
+    sample: int
+    seed: int
+
+    @property
+    def source(self) -> str:
+        """What a progress bar shows."""
+        return f"{self.family} {self.severity} {self.printer} {self.coverage:g} #{self.sample}"
+
+    def key(self, row: str) -> str:
+        """Return the key of this case's result for a row: 16 hex digits over everything that decides it."""
+        text = json.dumps({**asdict(self), "row": row, "rules": RULES}, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def rng(self, purpose: int, *more: object) -> np.random.Generator:
+        """Return a generator of its own for a purpose, whatever else is drawn."""
+        words = json.dumps([self.seed, self.sample, purpose, *more])
+        return np.random.default_rng(int.from_bytes(hashlib.sha256(words.encode()).digest()[:8], "big"))
+
+
+@dataclass(frozen=True)
+class FamilyResult:
+    """A row's result on a case; where it failed, ``error`` says why and the numbers are None."""
+
+    key: str
+    family: str
+    severity: str
+    printer: str
+    coverage: float
+    sample: int
+    seed: int
+    row: str
+    noise_mm: float
+    rmse_steps: float | None = None
+    targets: int = 0
+    learn_s: float | None = None
+    plan_s: float | None = None
+    error: str | None = None
+
+
+def evaluate_family(case: FamilyCase, rows: tuple[str, ...]) -> list[FamilyResult]:
+    """Print the first layer, learn from its noisy measurement, plan and print the other layers, for each row.
+
+    Jumps spoil the test print only: nobody can foresee them in the next.
+    """
+    from printmend.printer import read_printer
+    from printmend.twin import Twin
+
+    try:
+        printer = read_printer(case.printer)
+        twin = Twin.of(corruption_of(case), printer)
+        body = body_of(case, printer)
+        layer = body.layers[0]
+        printed = twin.run(layer.controls, layer.start_steps)
+    except PrintmendError as error:
+        return [failed_family(case, name, str(error)) for name in rows]
+    prepared = _Prepared(printer, Twin(twin.mechanism), body, printed, {})
+    return [_row(prepared, case, name) for name in rows]
+
+
+def corruption_of(case: FamilyCase) -> Any:
+    """Draw the case's fault."""
+    from printmend.corruption import sample
+
+    return sample(case.family, case.rng(_CORRUPTION, case.family, case.severity), case.severity)
+
+
+def body_of(case: FamilyCase, printer: Printer) -> Body:
+    """Draw the case's body."""
+    from printmend.bench.drawn_body import drawn_body
+
+    return drawn_body(case.rng(_BODY, case.coverage), printer, size_mm=case.coverage * TURN_MM)
+
+
+def failed_family(case: FamilyCase, row: str, reason: str) -> FamilyResult:
+    """Return the result of a case that could not be evaluated."""
+    return replace(_blank(case, row), error=reason)
+
+
+def row_parts(name: str) -> tuple[str, float]:
+    """Split LEARNER+CONTROLLER@SIGMA. Raise `InputError` for a noise that is no length."""
+    row, _, noise = name.partition("@")
+    try:
+        noise_mm = float(noise or 0.0)
+    except ValueError:
+        noise_mm = -1.0
+    if not 0.0 <= noise_mm <= 10.0:
+        raise InputError("noise", wanted="0 to 10 mm", came=repr(noise), todo="correct it")
+    return row, noise_mm
+
+
+@dataclass(frozen=True, eq=False)
+class _Prepared:
+    printer: Printer
+    twin: "Twin"
+    body: Body
+    printed: np.ndarray
+    learned: dict[tuple[str, float], tuple[WorldModel, float]]
+
+    def model(self, label: str, noise_mm: float, case: FamilyCase) -> tuple[WorldModel, float]:
+        """Return the model of a row and the seconds it took to learn; rows of one learner share it."""
+        from printmend.bench.rows import row
+        from printmend.worldmodel.transitions import layer_trace
+
+        chosen = row(label)
+        if (chosen.learner, noise_mm) not in self.learned:
+            trace = layer_trace(self.body.layers[0], self.printed, self.printer)
+            noise = case.rng(_NOISE, noise_mm).normal(0.0, 1.0, trace.measured_mm.shape) * noise_mm
+            trace = replace(trace, measured_mm=trace.measured_mm + noise)
+            begun = time.perf_counter()
+            model = chosen.model(trace, self.printer, self.twin, case.rng(_LEARNER))
+            self.learned[chosen.learner, noise_mm] = model, time.perf_counter() - begun
+        return self.learned[chosen.learner, noise_mm]
+
+
+def _row(prepared: _Prepared, case: FamilyCase, name: str) -> FamilyResult:
+    from printmend.bench.rows import row
+    from printmend.metrics import rmse
+
+    label, noise_mm = row_parts(name)
+    controller, layers = row(label).controller, prepared.body.layers[1:]
+    try:
+        model, learn_s = prepared.model(label, noise_mm, case)
+        begun = time.perf_counter()
+        plans = [controller.plan(model, layer.nominal_steps[1:], layer.start_steps) for layer in layers]
+        plan_s = time.perf_counter() - begun
+        prints = [
+            prepared.twin.run(plan.controls, layer.start_steps) for plan, layer in zip(plans, layers, strict=True)
+        ]
+    except (PrintmendError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+        # One learner's trouble with one fault must not end the run; the reason goes into the results.
+        reason = str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"
+        return failed_family(case, name, reason)
+    targets = np.concatenate([layer.nominal_steps for layer in layers])
+    return replace(
+        _blank(case, name),
+        rmse_steps=rmse(targets, np.concatenate(prints)),
+        targets=sum(layer.transitions for layer in layers),
+        learn_s=learn_s,
+        plan_s=plan_s,
+    )
+
+
+def _blank(case: FamilyCase, row: str) -> FamilyResult:
+    return FamilyResult(
+        key=case.key(row), family=case.family, severity=case.severity, printer=case.printer, coverage=case.coverage,
+        sample=case.sample, seed=case.seed, row=row_parts(row)[0], noise_mm=row_parts(row)[1],
+    )  # fmt: skip

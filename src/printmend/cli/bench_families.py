@@ -1,0 +1,66 @@
+"""`printmend bench families`: every learner and controller on every family of faults."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise click.BadParameter(f"wanted numbers with commas, got {text!r}") from None
+
+
+@click.command(epilog="Example: printmend bench families --families pulley-loose,smooth --samples 3 --out families")
+@click.option("--families", help="FAMILY or FAMILY@PRINTER, with commas. Default: all.")
+@click.option("--severity", type=click.Choice(["both", "damaged", "realistic"]), default="both", show_default=True)
+@click.option("--rows", help="LEARNER+CONTROLLER, with commas; the optimum comes with them.")
+@click.option("--noise", default="0,0.05,0.1", show_default=True, help="Of the measurement, mm a coordinate.")
+@click.option("--coverage", default="0.5,1,2.5", show_default=True, help="Turns of a motor that the body is across.")
+@click.option("--samples", type=click.IntRange(1), default=3, show_default=True, help="Faults drawn a family.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--test", is_flag=True, help="The seed kept for the published tables, instead of --seed.")
+@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@click.option("--out", type=click.Path(path_type=Path), default="printmend-families", show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="The cells as JSON on stdout.")
+def families(
+    families: str | None, severity: str, rows: str | None, noise: str, coverage: str, samples: int, seed: int,
+    test: bool, workers: int, out: Path, as_json: bool,
+) -> None:  # fmt: skip
+    """Print bodies on random faults of every family: learn from the first layer's noisy scan, print the others.
+
+    A cell is the mean RMSE in full steps, with its ratio to the optimum: the optimal controller on the true machine.
+    Results go to OUT/families.jsonl; an interrupted run goes on where it was.
+    """
+    from printmend.bench.families import (
+        FAMILIES,
+        ROWS,
+        SEVERITIES,
+        TEST_SEED,
+        draw_family_cases,
+        families_table,
+        family_cells,
+        family_tables,
+    )
+    from printmend.cli.progress import progress
+    from printmend.cli.table import show_table
+
+    noises, coverages = _numbers(noise), _numbers(coverage)
+    cases = draw_family_cases(
+        families.split(",") if families else FAMILIES, coverages=coverages, samples=samples,
+        severities=[name for name in SEVERITIES if severity in ("both", name)], seed=TEST_SEED if test else seed,
+    )  # fmt: skip
+    with progress("cases", len(cases)) as tick:
+        chosen = rows.split(",") if rows else ROWS
+        results = families_table(cases, chosen, noises, out, workers=workers, tick=tick)
+    cells = family_cells(results, noises)
+    if as_json:
+        click.echo(json.dumps({"cells": [asdict(cell) for cell in cells]}))
+        return
+    for title, header, lines in family_tables(cells, coverages, noises):
+        show_table(title, header, lines)
+    for reason in sorted({f"{item.row}: {item.error}" for item in results if item.error}):
+        click.echo(f"failed: {reason}", err=True)
