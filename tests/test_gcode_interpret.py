@@ -203,3 +203,20 @@ def test_records_are_filled_only_as_far_as_they_fit():
     count, after = k.interpret(buffer, 0, len(buffer), state.numbers, state.counts, records)
     assert 0 < count <= 10
     assert after == 3 * count
+
+
+@given(
+    st.lists(joined("G1", "XYZEF"), max_size=20),
+    st.sampled_from(["G90\nM82", "G91", "M83", "G92 X3 E1", "M221 S80", "G20"]),
+)
+@settings(deadline=None)
+def test_the_short_way_does_what_the_general_way_does(lines, mode):
+    # A blank before the command sends a line the general way.
+    short, general = (
+        records_of("\n".join(["G28 X Y", mode, *(blank + line + " ; c" for line in lines)])) for blank in ("", " ")
+    )
+    for name in set(k.RECORD.names) - {"begin", "end", "next", "flags"}:
+        np.testing.assert_array_equal(short[name], general[name])
+    np.testing.assert_array_equal(
+        short["flags"] & ~np.uint32(k.FLAG_PLAIN | k.FLAG_SPACED), general["flags"] & ~np.uint32(k.FLAG_SPACED)
+    )

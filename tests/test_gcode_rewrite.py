@@ -287,3 +287,16 @@ def test_long_lines_and_many_pieces_outgrow_the_buffers():
     many = pieces_for(*[(i * 1e-3 + 1, (i % 2) * 1e-2, 0) for i in range(60_000)])
     output = rewritten(text, replace_last(many))
     assert output.count(b"\n") >= text.count(b"\n") + len(many) - 1  # the plan is asked once a batch
+
+
+@given(
+    st.lists(st.sampled_from(["G1 X5 Y6 E.1", "G0 X1", "G1 Y9 F900", "G1 X2 Y2 ; c", "G1 Z4", "G92 X1"]), max_size=12)
+)
+@settings(deadline=None)
+def test_plain_lines_are_written_as_others_are(lines):
+    text, seeds = ["G28", "G1 X9 Y9 Z1 F600", *lines], (3, 3)
+    outputs = []
+    for blank, seed in zip(("", "\t"), seeds, strict=True):
+        output = rewritten("\n".join(blank + line for line in text).encode(), Bend(seed, parts=1))
+        outputs.append(output.replace(b"\t", b""))
+    assert outputs[0] == outputs[1]

@@ -17,6 +17,7 @@ from printmend.gcode.kernels.commands import (
     set_mode,
 )
 from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.plain import plain_move
 from printmend.gcode.kernels.text import (
     CAPITAL,
     CLOSE,
@@ -36,6 +37,8 @@ from printmend.gcode.kernels.text import (
     starts_with,
     upper,
 )
+
+COMPILED_WITH = "20b622195275"  # digest of the kernels imported here: numba's cache watches this file only
 
 _EXTENDED, _FILLED_IN = 1, 2  # stand in for a command letter
 _LAYER_CHANGE = np.frombuffer(b"LAYER_CHANGE", np.uint8)
@@ -228,6 +231,13 @@ def interpret(buf, begin, end, numbers, counts, records):
     capacity = len(records)
     p = begin
     while p < end:
+        if n < capacity:
+            after = plain_move(buf, p, end, numbers, counts, records, n)
+            if after >= 0:
+                n += 1
+                counts[C_LINE] += 1
+                p = after
+                continue
         stop = p
         while stop < end and buf[stop] != LF and buf[stop] != CR:
             stop += 1

@@ -69,6 +69,7 @@ FLAG_EXPONENT = 1 << 17  # a number is written with an exponent
 FLAG_OPAQUE = 1 << 18  # not every word is a plain number, or its code is too long: do not write it again
 FLAG_SPACED = 1 << 19  # words are separated by blanks
 FLAG_ARC_ABSOLUTE = 1 << 20  # G90.1: I J K are coordinates
+FLAG_PLAIN = 1 << 21  # written `G1 X… Y…`: upper case, one blank before each word, no word twice, millimetres
 
 # What the firmware is: the cases in which firmwares differ.
 FLAVOUR_UNKNOWN, FLAVOUR_MARLIN2, FLAVOUR_MARLIN1, FLAVOUR_KLIPPER, FLAVOUR_RRF, FLAVOUR_PRUSA = 0, 1, 2, 3, 4, 5

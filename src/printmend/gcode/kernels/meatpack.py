@@ -9,6 +9,8 @@ from numba import njit
 
 from printmend.gcode.kernels.text import LF, SEMICOLON, SPACE
 
+COMPILED_WITH = "54af5ff00cf5"  # digest of the kernels imported here: numba's cache watches this file only
+
 _TABLE = np.frombuffer(b"0123456789. \nGX", np.uint8)
 _INDEX = np.full(256, 15, np.uint8)
 _INDEX[_TABLE] = np.arange(15)

@@ -4,6 +4,8 @@ from numba import njit
 
 from printmend.gcode.kernels.text import CR, LF, SEMICOLON, STAR, digit_of, is_blank, is_digit, upper
 
+COMPILED_WITH = "54af5ff00cf5"  # digest of the kernels imported here: numba's cache watches this file only
+
 _ROOM = 32  # what one line can gain: a number of 20 digits and a checksum of 4 bytes
 
 
