@@ -108,7 +108,7 @@ def test_a_second_run_evaluates_nothing_and_an_interrupted_one_goes_on(vases: li
     assert len(read_results(path)) == 6
     # More rows on the same bodies: only the new row runs.
     evaluated.clear()
-    run(cases, ("naive", "greybox", "oracle"), path, Serial())
+    run(cases, ("naive", "greybox", "oracle"), path, Serial(), table=table)
     assert [rows for _, rows in evaluated] == [("greybox",)] * 3
 
 
