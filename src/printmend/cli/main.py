@@ -16,6 +16,7 @@ COMMANDS: dict[str, str] = {
     "body": "Show what a mesh or G-code file becomes: layers and steps.",
     "check": "Predict how far a print will be off, as it is and mended.",
     "dataset": "Exchange bodies and corruptions with the paper's published code.",
+    "diagnose": "Say what is wrong with a printer, and what to do, in one report.",
     "export": "Write the part of a fault that a firmware can hold.",
     "learn": "Learn what is wrong with a printer from one measured print.",
     "measure": "Find the marks of a scanned test print: the trace that `learn` needs.",

@@ -1,0 +1,30 @@
+"""`printmend diagnose`: what is wrong with a printer, as a document for its owner."""
+
+from pathlib import Path
+
+import click
+
+
+@click.command(epilog="Example: printmend diagnose trace.csv --printer ender3 --report report.html --for part.gcode")
+@click.argument("trace", metavar="TRACE.csv", type=click.Path(path_type=Path))
+@click.option(
+    "--printer", "printer_name", required=True, metavar="NAME|FILE.toml", help="A preset or your own printer."
+)
+@click.option("--report", metavar="FILE.html|pdf", type=click.Path(path_type=Path, dir_okay=False),
+              default=Path("report.html"), show_default=True)  # fmt: skip
+@click.option("--for", "part", metavar="PART.gcode", type=click.Path(path_type=Path, dir_okay=False),
+              help="Also predict the error of this part.")  # fmt: skip
+@click.option("--seed", type=int, default=0, show_default=True, help="Picks the rows looked at first in a long trace.")
+def command(trace: Path, printer_name: str, report: Path, part: Path | None, seed: int) -> None:
+    """Say what is wrong with a printer, how sure that is, what to replace or tighten, what software can carry."""
+    import numpy as np
+
+    from printmend.measure import read_trace
+    from printmend.printer import read_printer
+    from printmend.repair.diagnosis import check_name, examine, summary, write_examination
+
+    check_name(report)
+    printer = read_printer(printer_name)
+    examination = examine(read_trace(trace, printer), printer, part=part, rng=np.random.default_rng(seed))
+    write_examination(report, examination)
+    click.echo(summary(examination) + f"\nwritten: {report}")

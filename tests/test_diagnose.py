@@ -1,0 +1,141 @@
+"""The diagnosis as a document: the right faults, the right advice, a true picture of the pulley, one whole file."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.main import group
+from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, Ellipse, Play
+from printmend.errors import GcodeError, InputError, TraceError
+from printmend.measure.table import write_trace
+from printmend.path import Trace
+from printmend.printer import Printer, read_printer
+from printmend.probe import design_probe
+from printmend.repair.diagnosis import examine, write_examination
+from printmend.twin import Twin
+from printmend.units import radius_mm
+from printmend.worldmodel.advice import advise
+from printmend.worldmodel.diagnosis import Fault
+from tests.mending import SQUARE
+
+ENDER3 = read_printer("ender3")
+BROKEN = Corruption(
+    (Drive(pulley=EccentricBore(0.8, 1.0), belt=Play(0.6)), Drive(pulley=Ellipse(6.6, 6.1, 0.4))),
+)
+
+
+def probe_trace(corruption: Corruption, printer: Printer, noise_mm: float = 0.02, seed: int = 1) -> Trace:
+    plan = design_probe(printer)
+    marks = Twin.of(corruption, printer).follow(plan.waypoints_mm)[plan.rows]
+    noise = np.random.default_rng(seed).normal(0, noise_mm, marks.shape)
+    return plan.trace(marks + noise)
+
+
+@pytest.fixture(scope="module")
+def broken() -> Trace:
+    return probe_trace(BROKEN, ENDER3)
+
+
+def run(*args: object):
+    return CliRunner().invoke(group, [str(arg) for arg in args])
+
+
+def test_names_what_is_broken_and_what_to_do(broken: Trace, rng: np.random.Generator) -> None:
+    examination = examine(broken, ENDER3, rng=rng)
+    found = {one.title: one for one in examination.advice}
+    assert found["X pulley is off its centre"].urgency == "repair"
+    assert found["X belt has play"].effect_mm == pytest.approx(0.6, abs=0.02)
+    assert "Tighten the belt" in found["X belt has play"].repair
+    assert found["Y pulley is oval"].effect_mm == pytest.approx(0.25 / 2, abs=0.02)
+    assert not any(title.startswith("Y belt") for title in found)
+
+
+def test_the_pulley_in_the_picture_is_the_pulley_in_the_machine(broken: Trace, rng: np.random.Generator) -> None:
+    x, y = examine(broken, ENDER3, rng=rng).portraits
+    r0 = radius_mm(40.0)
+    # about its own centre the eccentric pulley is round; that centre lies 0.8 mm from the shaft
+    centre = (x.outline_mm.max(axis=0) + x.outline_mm.min(axis=0)) / 2
+    assert np.hypot(*centre) == pytest.approx(0.8, abs=0.02)
+    assert np.abs(np.hypot(*(x.outline_mm - centre).T) - r0).max() < 0.05
+    reach = np.hypot(*y.outline_mm.T)
+    assert (reach.max(), reach.min()) == (pytest.approx(6.6, abs=0.03), pytest.approx(6.1, abs=0.03))
+
+
+@pytest.mark.parametrize("name", ["ender3", "corexy"])
+def test_most_points_lie_in_the_band(name: str, rng: np.random.Generator) -> None:
+    printer = read_printer(name)
+    for one in examine(probe_trace(BROKEN, printer), printer, rng=rng).portraits:
+        band = 2 * np.hypot(one.sd_mm, one.noise_mm)
+        off = np.empty(len(one.point_side))
+        for side in (0, 1):
+            at = one.point_side == side
+            curve, half = (np.interp(one.point_motor_mm[at], one.motor_mm, row[side]) for row in (one.error_mm, band))
+            off[at] = np.abs(one.point_error_mm[at] - curve) / half
+        assert len(off) > 400
+        assert 0.92 < np.mean(off < 1) < 0.99
+
+
+def test_a_healthy_printer_needs_nothing(rng: np.random.Generator) -> None:
+    examination = examine(probe_trace(HEALTHY, ENDER3), ENDER3, rng=rng)
+    assert examination.advice == ()
+    assert "healthy" in examination.headline
+
+
+def test_one_self_contained_file(broken: Trace, tmp_path: Path) -> None:
+    write_trace(tmp_path / "trace.csv", broken)
+    (tmp_path / "part <1>.gcode").write_bytes(SQUARE)
+    for name in ("report.html", "report.pdf"):
+        # a name with what a page must escape
+        result = run(
+            "diagnose", tmp_path / "trace.csv", "--printer", "ender3", "--report", tmp_path / name,
+            "--for", tmp_path / "part <1>.gcode",
+        )  # fmt: skip
+        assert result.exit_code == 0, result.output
+    assert "repair: X pulley is off its centre" in result.output
+    assert "mended" in result.output
+    page = (tmp_path / "report.html").read_text()
+    assert page.count("data:image/svg+xml;base64,") == 4
+    assert "<script" not in page
+    assert "http" not in page
+    assert "part &lt;1&gt;.gcode" in page
+    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_equal_traces_give_equal_pages(broken: Trace, tmp_path: Path) -> None:
+    pages = []
+    for _ in range(2):
+        write_examination(tmp_path / "r.html", examine(broken, ENDER3, rng=np.random.default_rng(0)))
+        pages.append((tmp_path / "r.html").read_bytes())
+    assert pages[0] == pages[1]
+
+
+def test_bad_input_ends_in_one_line(broken: Trace, tmp_path: Path) -> None:
+    write_trace(tmp_path / "trace.csv", broken)
+    (tmp_path / "empty.gcode").write_bytes(b"")
+    asked = ["diagnose", tmp_path / "trace.csv", "--printer", "ender3", "--report"]
+    cases: list[tuple[type[Exception], list[object]]] = [
+        (InputError, [*asked, tmp_path / "report.txt"]),
+        (GcodeError, [*asked, tmp_path / "r.html", "--for", tmp_path / "empty.gcode"]),
+        (TraceError, ["diagnose", tmp_path / "none.csv", "--printer", "ender3", "--report", tmp_path / "r.html"]),
+    ]
+    for kind, arguments in cases:
+        error = run(*arguments).exception
+        assert isinstance(error, kind)
+        assert "\n" not in str(error)
+    assert not (tmp_path / "r.html").exists()
+
+
+KINDS = (
+    "scale harmonic-1 harmonic-7 play loose-belt play-by-angle friction elastic ripple drift offset skew bow jump new"
+)
+
+
+@pytest.mark.parametrize("kind", KINDS.split())
+def test_every_kind_of_fault_has_words(kind: str) -> None:
+    advice = advise(Fault("x", kind, -0.7, 0.01, "mm", "words"))
+    assert advice.title
+    assert advice.repair.endswith(".")
+    assert advice.sure.startswith("certain")
+    assert advise(Fault("x", kind, 0.7, 0.0, "mm", "words"), corexy=True).sure.startswith("seen")
