@@ -85,9 +85,7 @@ def test_how_much_filament_runs(text, flavour, wanted):
     assert records["advance"][records["kind"] == k.KIND_LINEAR] == pytest.approx(wanted)
 
 
-@pytest.mark.parametrize(
-    ("flavour", "wanted"), [(Flavour.KLIPPER, 12.0), (Flavour.MARLIN2, 2.0), (Flavour.RRF, 2.0)]
-)
+@pytest.mark.parametrize(("flavour", "wanted"), [(Flavour.KLIPPER, 12.0), (Flavour.MARLIN2, 2.0), (Flavour.RRF, 2.0)])
 def test_a_bare_g92_is_the_firmwares_own(flavour, wanted):
     assert place("G1 X10\nG92\nG1 X2", flavour=flavour)[0] == wanted
 
@@ -117,6 +115,7 @@ def test_homing_goes_to_the_printers_home_and_makes_the_place_certain():
         ("M486 S1", k.EVENT_EXCLUDE, True),
         ("G29", k.EVENT_PROBE, False),
         ("G12", k.EVENT_UNKNOWN, False),
+        ("G1 H1 X-200 F600", k.EVENT_UNKNOWN, False),  # RRF: until the end stop
         ("G81 X5 Y5 Z-2 R2", k.EVENT_UNKNOWN, False),
         ("{if layer == 3}G1 X5{endif}", k.EVENT_PLACEHOLDER, False),
         ("M84", k.EVENT_MOTORS_OFF, False),

@@ -138,6 +138,10 @@ def move(r, numbers, counts, words, unclear, values, motion):
             r.turns = np.int64(values[15]) - 1
     if moves and r.advance > 0:
         r.flags = r.flags | FLAG_EXTRUDING
+    if words & WORD_H and values[7] > 0:  # RRF: towards an end stop, or of one motor
+        r.flags = r.flags | FLAG_OPAQUE
+        r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
+        counts[C_KNOWN] &= ~(words >> 23) & 7
     if unclear:
         r.flags = r.flags | FLAG_OPAQUE
         if unclear & (WORDS_XYZ | WORDS_IJK | WORD_R):

@@ -28,7 +28,7 @@ from printmend.gcode.kernels.text import (
     upper,
 )
 
-COMPILED_WITH = "00763470f630"  # digest of the kernels imported here: numba's cache watches this file only
+COMPILED_WITH = "0c7d0efd3b43"  # digest of the kernels imported here: numba's cache watches this file only
 
 _PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | 1 << 6 | 1 << 13  # G and N too
 _ROOM = 224  # more than a generated line or an edit adds: eight words of at most 22 bytes, starts and ends

@@ -38,7 +38,7 @@ from printmend.gcode.kernels.text import (
     upper,
 )
 
-COMPILED_WITH = "20b622195275"  # digest of the kernels imported here: numba's cache watches this file only
+COMPILED_WITH = "ea1eb6325522"  # digest of the kernels imported here: numba's cache watches this file only
 
 _EXTENDED, _FILLED_IN = 1, 2  # stand in for a command letter
 _LAYER_CHANGE = np.frombuffer(b"LAYER_CHANGE", np.uint8)

@@ -90,7 +90,16 @@ TOOLS = 16
 MAX_CODE_BYTES = 512  # of a statement without its comment
 
 # Bits of a record's words: 1 << (letter − A).
-WORD_D, WORD_E, WORD_F, WORD_I, WORD_J, WORD_K, WORD_L = 1 << 3, 1 << 4, 1 << 5, 1 << 8, 1 << 9, 1 << 10, 1 << 11
+WORD_D, WORD_E, WORD_F, WORD_H, WORD_I, WORD_J, WORD_K, WORD_L = (
+    1 << 3,
+    1 << 4,
+    1 << 5,
+    1 << 7,
+    1 << 8,
+    1 << 9,
+    1 << 10,
+    1 << 11,
+)
 WORD_P, WORD_R, WORD_S, WORD_T, WORD_X, WORD_Y, WORD_Z = 1 << 15, 1 << 17, 1 << 18, 1 << 19, 1 << 23, 1 << 24, 1 << 25
 WORDS_XYZ, WORDS_IJK = WORD_X | WORD_Y | WORD_Z, WORD_I | WORD_J | WORD_K
 
