@@ -16,6 +16,8 @@ COARSE_HARMONICS = 8
 TRIAL_HARMONICS = 16
 HARMONICS = 32
 WORTH = 6.0  # nats of evidence that a part must bring
+SURE_PLAY = 3.0  # play above so many standard deviations of one point cannot be adapted noise
+WORTH_PLAY = 10.0  # play also adapts the contacts to the noise, which the evidence does not see
 STARTS_MM = (0.3, 3.0)
 CROSS = ((0, 1), (0, 2), (1, 1), (0, 3), (1, 2), (2, 1))
 ELASTIC = (1, 3, 5)
@@ -75,6 +77,7 @@ class Structure:
 
 NOTHING = Structure(offset=False, scale=False, cross=0, pulley="none", play="none")
 EVERYTHING = Structure(drift=True, cross=3, ripple=True, play="free", friction=True, elastic=True)
+TAUT = replace(EVERYTHING, play="none", friction=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,14 +119,38 @@ def refined(rows: Rows, found: Choice) -> Choice:
 
 
 def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
-    """Fit everything at once, then drop, part by part, what does not pay."""
+    """Fit everything at once, then drop, part by part, what does not pay.
+
+    Contacts adapt to the play that a model has, so a taut machine is fitted with contacts of its own before play is
+    preferred to it: at the other's contacts it would look worse than it is.
+    """
     design = EVERYTHING.design(TRIAL_HARMONICS, ripple)
     values = design.moved(found.fit.posterior.values, found.design)
-    active = EVERYTHING.active(design)
-    full = refine(design, rows, values, active, prior=found.fit.posterior.prior, passes=5, rounds=2)
+    played, full = _pruned(rows, design, EVERYTHING, values, found.fit.posterior.prior)
+    play_mm = full.posterior.values[design.parts["play_powers"]][0]
+    if played.play == "none" or play_mm > SURE_PLAY * full.posterior.sigma_mm:
+        return played
+    values = full.posterior.values * TAUT.active(design)
+    taut, loser = _pruned(rows, design, TAUT, values, full.posterior.prior)
+    share = full.share
+    ours, theirs = (
+        _evidence(rows, design, structure, fit, share) for structure, fit in ((played, full), (taut, loser))
+    )
+    return played if ours > theirs + WORTH_PLAY else taut
+
+
+def _evidence(rows: Rows, design: Design, structure: Structure, start: Fit, share: float) -> float:
+    """Return the log evidence of a structure with contacts of its own."""
+    active, post = structure.active(design), start.posterior
+    fit = refine(design, rows, post.values * active, active, prior=post.prior, passes=3, rounds=2)
+    return _posterior(design, fit.normal.tempered(share), structure, fit.posterior).log_evidence
+
+
+def _pruned(rows: Rows, design: Design, base: Structure, values: np.ndarray, prior: Prior) -> tuple[Structure, Fit]:
+    """Return what remains of ``base``, and the fit of all of it."""
+    full = refine(design, rows, values, base.active(design), prior=prior, passes=5, rounds=2)
     normal = full.normal.tempered(full.share)
-    best = EVERYTHING
-    post = _posterior(design, normal, best, full.posterior)
+    best, post = base, _posterior(design, normal, base, full.posterior)
     choices: tuple[tuple[dict[str, Any], ...], ...] = (
         ({"elastic": False},),
         ({"drift": False},),
@@ -147,7 +174,7 @@ def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
             candidate, structure = max(tried, key=lambda pair: pair[0].log_evidence)
             if candidate.log_evidence > post.log_evidence - WORTH:
                 best, post, changed = structure, candidate, True
-    return best
+    return best, full
 
 
 def _posterior(design: Design, normal: Normal, structure: Structure, start: Posterior) -> Posterior:
