@@ -17,6 +17,7 @@ import numpy as np
 from printmend.body import body_of, demo_body_gcode
 from printmend.control.registry import controller, controller_names
 from printmend.corruption import sample
+from printmend.errors import InputError
 from printmend.path import Layer
 from printmend.printer import read_printer
 from printmend.protocols import State, WorldModel
@@ -46,7 +47,10 @@ class Untabulated:
 
 
 def rmse(twin: Twin, controls: np.ndarray, layer: Layer) -> float:
-    missed = twin.run(controls, layer.start_steps) - layer.nominal_steps
+    try:
+        missed = twin.run(controls, layer.start_steps) - layer.nominal_steps
+    except InputError:  # the plan drifts off the machine
+        return float("inf")
     return float(np.sqrt((missed**2).sum(axis=1).mean()))
 
 

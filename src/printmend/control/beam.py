@@ -36,6 +36,9 @@ class Beam:
         tables = model.tabulate(start, c_max=c_max)
         if not isinstance(tables, PlayTables) or len(targets) == 0:
             return greedy
+        if _is_taut(tables) and np.abs(greedy.controls).max() < c_max:
+            # Every target had the choice of all its neighbours, and nothing is remembered: nothing can be better.
+            return greedy
         known = better(greedy, Lookahead().plan(model, targets, start, c_max=c_max), targets)
         motors = first_motors(model.printer, tables, start)
         origin = model.printer.to_motor(start).astype(float)
@@ -92,6 +95,10 @@ class Beam:
         controls = np.empty((ticks, 2), np.int8)
         kernels.way_back(parents, choices, int(np.argmin(costs[:count])), controls)
         return controls
+
+
+def _is_taut(tables: PlayTables) -> bool:
+    return all(map(np.array_equal, tables.lower_steps, tables.upper_steps))
 
 
 def _followed(controls: np.ndarray, motor: int, first: int, origin: float, tables: PlayTables) -> np.ndarray:

@@ -39,17 +39,29 @@ class Optimal:
         tables = model.tabulate(start, c_max=c_max)
         if not isinstance(tables, PlayTables) or len(targets) == 0:
             return greedy
-        known = better(greedy, Lookahead().plan(model, targets, start, c_max=c_max), targets)
         if tables.corexy:
             return Beam().plan(model, targets, start, c_max=c_max)
+        known = better(greedy, Lookahead().plan(model, targets, start, c_max=c_max), targets)
         motors = first_motors(model.printer, tables, start)
         if tables.frame is None:
-            solved = [
-                solve(targets[:, axis], start[axis], motors[axis], tables, axis, known.imagined_steps[:, axis], c_max)
-                for axis in range(2)
-            ]
-            return Plan(*(np.stack(pair, axis=1) for pair in zip(*solved, strict=True)))
+            controls, imagined = known.controls.copy(), known.imagined_steps.copy()
+            for axis in range(2):
+                wanted, belt = targets[:, axis], known.imagined_steps[:, axis]
+                if not always_nearest(tables, axis, wanted, belt):
+                    controls[:, axis], imagined[:, axis] = solve(
+                        wanted, int(start[axis]), motors[axis], tables, axis, belt, c_max
+                    )
+            return Plan(controls, imagined)
         return _plan_framed(tables, tables.frame, targets, start, motors, known, c_max)
+
+
+def always_nearest(tables: PlayTables, axis: int, targets: np.ndarray, belt: np.ndarray) -> bool:
+    """Say whether a plan's belt [T + 1] is, at every tick, at a place nearest to its target: then no plan is better."""
+    least = np.abs(belt[0] - targets)
+    for branch in (tables.lower_steps[axis], tables.upper_steps[axis]):
+        at = np.clip(np.searchsorted(branch, targets), 1, len(branch) - 1)
+        np.minimum(least, np.minimum(np.abs(branch[at] - targets), np.abs(branch[at - 1] - targets)), out=least)
+    return bool((np.abs(belt[1:] - targets) <= least).all())
 
 
 def solve(

@@ -175,14 +175,19 @@ def plan_joint(targets, start, cells_x, cells_y, unit, rolled, c_max, controls, 
 
 
 @njit(cache=True, inline="always")
+def polynomial(u, v, coefficients, axis):
+    """Return the cubic of one axis, its terms in the order of `Frame.exponents`."""
+    by_u = coefficients[axis, 1] + u * (coefficients[axis, 3] + u * coefficients[axis, 6])
+    by_uv = coefficients[axis, 4] + u * coefficients[axis, 7] + v * coefficients[axis, 8]
+    by_v = coefficients[axis, 2] + v * (coefficients[axis, 5] + v * coefficients[axis, 9])
+    return coefficients[axis, 0] + u * by_u + u * v * by_uv + v * by_v
+
+
+@njit(cache=True, inline="always")
 def bend(x, y, coefficients, origin, scale):
     """Return the bed position of belts at (x, y) through a crooked frame (`LatticeFrame`)."""
     u, v = (x + origin[0]) / scale[0], (y + origin[1]) / scale[1]
-    terms = (1.0, u, v, u * u, u * v, v * v, u * u * u, u * u * v, u * v * v, v * v * v)
-    for i in range(10):
-        x += coefficients[0, i] * terms[i]
-        y += coefficients[1, i] * terms[i]
-    return x, y
+    return x + polynomial(u, v, coefficients, 0), y + polynomial(u, v, coefficients, 1)
 
 
 @njit(cache=True, inline="always")

@@ -43,17 +43,20 @@ def plan_axis(targets, following, motor, position, lower, upper, c_max, controls
     size = lower.shape[0]
     for t in range(targets.shape[0]):
         target = targets[t]
-        least, nearest = np.inf, position
+        least, second, best, best_q = np.inf, np.inf, 0, position
         for c in range(-c_max, c_max + 1):
             m = motor + c
             if 0 <= m < size:
                 q = min(max(position, lower[m]), upper[m])
                 error = (target - q) * (target - q)
                 if error < least:
-                    least, nearest = error, q
-        ahead = direction(targets, following, t, nearest)
-        best, best_value, best_q = 0, np.inf, position
-        for step in range(2 * c_max + 1):
+                    least, second, best, best_q = error, least, c, q
+                else:
+                    second = min(second, error)
+        tied = second <= least + _TIE
+        best_value = np.inf
+        ahead = direction(targets, following, t, best_q) if tied else 0
+        for step in range(2 * c_max + 1 if tied else 0):
             c = (step + 1) // 2 if step % 2 else -(step // 2)  # 0, 1, −1, 2, …: rest where nothing is gained
             m = motor + c
             if 0 <= m < size:
