@@ -110,7 +110,7 @@ def test_single_axes(mechanism) -> None:
 
 @MODELS
 def test_tiny_segments(mechanism) -> None:
-    t = np.linspace(0, 4 * np.pi, 900)
+    t = np.linspace(0, 4 * np.pi, 300)
     rows = [f"G1 X{60 + 4 * a:.3f} Y{60 + 3 * math.sin(a):.3f} E0.002" for a in t]
     judged = judge(START + b"G1 F1800\n" + "\n".join(rows).encode() + b"\n", mechanism)
     right(judged)

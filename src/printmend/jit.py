@@ -36,7 +36,7 @@ def _digest(function: Callable, options: dict[str, Any]) -> str:
         for name in code.co_names:
             value = names.get(name)
             called = getattr(value, "py_func", None)
-            if called is not None and called not in seen:
+            if value is not None and called is not None and called not in seen:
                 seen.add(called)
                 waiting.append(called)
                 digest.update(repr(sorted(value.targetoptions.items())).encode())
