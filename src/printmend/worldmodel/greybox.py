@@ -125,26 +125,26 @@ class Greybox:
 
 def _learned(trace: Trace, printer: Printer, rng: np.random.Generator) -> GreyboxModel:
     _check(trace)
-    full = _motor_rows(trace, printer)
+    full = motor_rows(trace, printer)
     keep, use = _trial(full, rng)
     rows = full if keep.all() and use.all() else _subset(full, keep, use)
     found = [search(row) for row in rows]
     rows, found, rounded = _rounded(rows, found, printer)
-    rows = _with_belts(rows, found)
-    ripples = [_ripple(printer, motor) for motor in range(2)]
+    rows = with_belts(rows, found)
+    ripples = [ripple_harmonics(printer, motor) for motor in range(2)]
     chosen = [
         fitted(row, prune(row, start, ripple), ripple, start, passes=6)
         for row, start, ripple in zip(rows, found, ripples, strict=True)
     ]
     for _ in range(2 if any(choice.design.cross for choice in chosen) else 0):
-        rows = _with_belts(rows, chosen)
+        rows = with_belts(rows, chosen)
         chosen = [_again(row, choice, ripple, 2) for row, choice, ripple in zip(rows, chosen, ripples, strict=True)]
     if not (keep.all() and use.all()):
         full = _quantised(full, printer) if rounded else full
-        full = _with_belts(full, chosen)
+        full = with_belts(full, chosen)
         chosen = [_again(row, choice, ripple, 2) for row, choice, ripple in zip(full, chosen, ripples, strict=True)]
         rows = full
-    return _model_of(trace, printer, rows, chosen)
+    return model_of(trace, printer, rows, chosen)
 
 
 def _again(rows: Rows, choice: Choice, ripple: tuple[int, ...], passes: int) -> Choice:
@@ -166,7 +166,7 @@ def _check(trace: Trace) -> None:
         )
 
 
-def _motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
+def motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
     """Return the trace as seen by each motor."""
     measured = np.where(np.isfinite(trace.measured_mm), trace.measured_mm, np.nan)
     motor, belt = printer.to_motor(trace.commanded_mm), printer.to_motor(measured)
@@ -175,7 +175,7 @@ def _motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
         sigma = np.where(known, trace.sigma_mm, np.median(trace.sigma_mm[known]))
         sigma = np.clip(sigma, *SIGMA_RANGE_MM)
         weight = np.square(np.median(sigma) / sigma)
-    middle = _middle(printer)
+    middle = bed_middle(printer)
     where = np.where(np.isfinite(belt), belt, motor) - middle
     rows = []
     for i in range(2):
@@ -201,12 +201,12 @@ def _motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
     return rows
 
 
-def _middle(printer: Printer) -> np.ndarray:
+def bed_middle(printer: Printer) -> np.ndarray:
     x, y = printer.x, printer.y
     return printer.to_motor(np.array([(x.min_mm + x.max_mm) / 2, (y.min_mm + y.max_mm) / 2]))
 
 
-def _ripple(printer: Printer, motor: int) -> tuple[int, ...]:
+def ripple_harmonics(printer: Printer, motor: int) -> tuple[int, ...]:
     """Return the harmonics of micro-step ripple, of periods of 4, 2 and 1 full steps (physics.md eq. 16)."""
     steps = printer.axes[motor].steps_per_turn
     return tuple(k for k in (steps // 4, steps // 2, steps) if HARMONICS < k <= TABLE // 8)
@@ -255,7 +255,7 @@ def _rounded(rows: list[Rows], found: list[Choice], printer: Printer) -> tuple[l
     return (stopped, again, True) if after < 0.97 * before else (rows, found, False)
 
 
-def _with_belts(rows: list[Rows], choices: list[Choice]) -> list[Rows]:
+def with_belts(rows: list[Rows], choices: list[Choice]) -> list[Rows]:
     """Put the belts where the models say, for the frame's terms; the measurement was only a first guess."""
     if not any(choice.design.cross for choice in choices):
         return rows
@@ -273,7 +273,7 @@ def _with_belts(rows: list[Rows], choices: list[Choice]) -> list[Rows]:
     return updated
 
 
-def _model_of(trace: Trace, printer: Printer, rows: list[Rows], chosen: list[Choice]) -> GreyboxModel:
+def model_of(trace: Trace, printer: Printer, rows: list[Rows], chosen: list[Choice]) -> GreyboxModel:
     drives = []
     for i, (row, choice) in enumerate(zip(rows, chosen, strict=True)):
         branches = choice.design.branches(
@@ -298,7 +298,7 @@ def _frame(printer: Printer, chosen: list[Choice]) -> Frame:
     x = np.linspace(printer.x.min_mm, printer.x.max_mm, 5)
     y = np.linspace(printer.y.min_mm, printer.y.max_mm, 5)
     bed = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    motor = printer.to_motor(bed) - _middle(printer)
+    motor = printer.to_motor(bed) - bed_middle(printer)
     moved = np.zeros_like(motor)
     for i, choice in enumerate(chosen):
         values = choice.fit.posterior.values[choice.design.parts["cross"]]
