@@ -24,6 +24,7 @@ from printmend.control.kernels.inverse_curve import (
     place,
     set_arc,
     set_line,
+    stays_near,
 )
 from printmend.control.kernels.inverse_layout import (
     HOLD_MM,
@@ -319,12 +320,11 @@ def mend(model, records, begin, count, state, counts, curve, first, pieces, laye
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
         extruding = r.flags & FLAG_EXTRUDING != 0
         counts[N_MOVES] += 1
-        counts[N_EXTRUDING] += extruding
-        if not known or r.flags & FLAG_OPAQUE:
-            counts[N_UNKNOWN] += extruding
-            _follow_copied(model, state, counts, r, known)
-            continue
-        if still and counts[N_KNOWN] != 0:
+        if extruding and known:
+            counts[N_EXTRUDING] += 1
+            state[S_LOW], state[S_LOW + 1] = min(state[S_LOW], r.x1), min(state[S_LOW + 1], r.y1)
+            state[S_HIGH], state[S_HIGH + 1] = max(state[S_HIGH], r.x1), max(state[S_HIGH + 1], r.y1)
+        if still and known and counts[N_KNOWN] != 0 and not r.flags & FLAG_OPAQUE:
             n = _stand(model, state, pieces, n, r, quantum)
             continue
         curve[ARC] = curve[PLANE] = 0.0
@@ -332,13 +332,15 @@ def mend(model, records, begin, count, state, counts, curve, first, pieces, laye
             set_arc(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1, r.c0, r.c1, r.plane, r.kind == KIND_CW, r.turns)
         else:
             set_line(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1)
+        if not known or r.flags & FLAG_OPAQUE or not stays_near(model, curve):
+            counts[N_UNKNOWN] += extruding
+            _follow_copied(model, state, counts, r, known)
+            continue
         sure = counts[N_KNOWN] != 0
         drawn = extruding and sure
         row = 0
         if extruding:
             row = layer_of(state, counts, layers, r)
-            state[S_LOW], state[S_LOW + 1] = min(state[S_LOW], r.x0, r.x1), min(state[S_LOW + 1], r.y0, r.y1)
-            state[S_HIGH], state[S_HIGH + 1] = max(state[S_HIGH], r.x0, r.x1), max(state[S_HIGH + 1], r.y0, r.y1)
         elif r.feed > 0:
             state[S_TRAVEL] = r.feed
         predict_raw(model, curve, state, records, count, i - 1, drawn, row, layers, errors)

@@ -40,7 +40,7 @@ def ends(model, curve, state, mode0, mode1, t):
 @njit(error_model="numpy", _nrt=False)
 def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
     """Return the largest error of a chord as a multiple of what is allowed."""
-    samples = max(3, np.int64(np.ceil((end - t) * curve[LENGTH] / model[M_SAMPLE])))
+    samples = max(3, np.int64(np.ceil(min((end - t) * curve[LENGTH], 4096.0) / model[M_SAMPLE])))
     from0, from1 = state[S_M], state[S_M + 1]
     now0, now1 = middle(state, 0), middle(state, 1)
     held = (1 if mode0 == 0 else 0) + (1 if mode1 == 0 else 0)

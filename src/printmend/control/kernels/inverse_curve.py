@@ -3,13 +3,14 @@
 import numpy as np
 from numba import njit
 
-from printmend.control.kernels.inverse_lookup import M_COREXY, M_FRAMED, wanted
+from printmend.control.kernels.inverse_lookup import M_COREXY, M_FRAMED, is_near, wanted
 
 # Fields of a curve, an array [CURVE] of float64.
 ARC, X0, Y0, Z0, X1, Y1, Z1, CA, CB, PHI, SWEEP, R0, R1, PLANE, LENGTH = range(15)
 CURVE = 15
 _TURN = 2.0 * np.pi
 _SAME = 1e-9
+_LOOKS = 24
 
 
 @njit(error_model="numpy", _nrt=False)
@@ -63,6 +64,18 @@ def place(curve, t):
     if curve[PLANE] == 1.0:
         return b, y, a
     return x, a, b
+
+
+@njit(error_model="numpy", _nrt=False)
+def stays_near(model, curve):
+    """Say whether all of a curve lies where the model knows the machine."""
+    if curve[ARC] == 0.0:
+        return is_near(model, curve[X0], curve[Y0]) and is_near(model, curve[X1], curve[Y1])
+    for i in range(_LOOKS + 1):
+        x, y, _ = place(curve, i / _LOOKS)
+        if not is_near(model, x, y):
+            return False
+    return True
 
 
 @njit(error_model="numpy", _nrt=False)

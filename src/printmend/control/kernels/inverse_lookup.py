@@ -42,7 +42,7 @@ def forward(model, motor, branch, m):
     table = np.int64(model[M_BRANCH + BRANCH_FIELDS * (2 * motor + branch) + TABLE])
     place = (m - model[at + FIRST]) * model[at + RATE]
     last = model[at + LAST]
-    if place <= 0.0:
+    if not place > 0.0:
         return model[table] + (m - model[at + FIRST])
     if place >= last:
         return model[table + np.int64(last)] + (place - last) / model[at + RATE]
@@ -58,7 +58,7 @@ def backward(model, motor, branch, u):
     side = M_BRANCH + BRANCH_FIELDS * (2 * motor + branch)
     table, last = np.int64(model[side + TABLE]), np.int64(model[at + LAST])
     first, rate = model[at + FIRST], model[at + RATE]
-    if u <= model[table]:
+    if not u > model[table]:
         return first + (u - model[table])
     if u >= model[table + last]:
         return first + last / rate + (u - model[table + last])
@@ -125,6 +125,14 @@ def off_bed(model, x, y):
         u += (yy * ex - xy * ey) / area
         v += (xx * ey - yx * ex) / area
     return u, v
+
+
+@njit(error_model="numpy", _nrt=False)
+def is_near(model, x, y):
+    """Say whether a place is on the bed or within a bed's length of it: further out nothing is known."""
+    wide, deep = model[M_BED + 1] - model[M_BED], model[M_BED + 3] - model[M_BED + 2]
+    across = model[M_BED] - wide <= x <= model[M_BED + 1] + wide
+    return across and model[M_BED + 2] - deep <= y <= model[M_BED + 3] + deep
 
 
 @njit(error_model="numpy", _nrt=False)

@@ -26,13 +26,14 @@ from printmend.gcode.kernels.layout import FLAG_EXTRUDING, KIND_CCW, KIND_CW, KI
 
 @njit(error_model="numpy", _nrt=False)
 def samples_of(length):
-    """Return at how many places a path of that length is looked at."""
-    return 1 if length <= SAMPLE_MM else np.int64(np.ceil(length / SAMPLE_MM))
+    """Return at how many places a path of that length is looked at; no bed is longer than 4096 mm."""
+    return 1 if length <= SAMPLE_MM else np.int64(np.ceil(min(length, 4096.0) / SAMPLE_MM))
 
 
 @njit(error_model="numpy", _nrt=False)
 def note(layers, row, errors, which, error, weight):
     """Add one sample of the contour error, before (0) or after (1) mending."""
+    error = min(error, 1e6)
     layers[row, L_SQUARE + which] += weight * error * error
     layers[row, L_MOST + which] = max(layers[row, L_MOST + which], error)
     errors[which, min(np.int64(error * (1.0 / ERROR_BIN_MM)), ERROR_BINS - 1)] += weight
