@@ -11,11 +11,11 @@ from printmend.gcode.kernels.commands import (
     event,
     finish_record,
     g_command,
-    long_command,
     m_command,
     move,
     set_mode,
 )
+from printmend.gcode.kernels.klipper import long_command
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.plain import plain_move
 from printmend.gcode.kernels.text import (
@@ -38,7 +38,7 @@ from printmend.gcode.kernels.text import (
     upper,
 )
 
-COMPILED_WITH = "ea1eb6325522"  # digest of the kernels imported here: numba's cache watches this file only
+COMPILED_WITH = "9d412def9b2f"  # digest of the kernels imported here: numba's cache watches this file only
 
 _EXTENDED, _FILLED_IN = 1, 2  # stand in for a command letter
 _LAYER_CHANGE = np.frombuffer(b"LAYER_CHANGE", np.uint8)

@@ -1,0 +1,249 @@
+# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
+"""A statement written again with other numbers: its words, their order and its comment stay."""
+
+import numpy as np
+from numba import njit
+
+from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.text import (
+    CLOSE,
+    OPEN,
+    QUOTE,
+    SEMICOLON,
+    SPACE,
+    STAR,
+    digit_of,
+    is_blank,
+    is_digit,
+    is_letter,
+    upper,
+)
+from printmend.gcode.kernels.words import (
+    FIRST,
+    FIVE,
+    LETTER_G,
+    SECOND,
+    THREE,
+    axis_end,
+    axis_value,
+    cased,
+    centre_axis,
+    copy_bytes,
+    decimals,
+    e_rest,
+    keeps_centre,
+    keeps_place,
+    own_motion,
+    piece_motion,
+    put_command,
+    put_feed,
+    put_fixed,
+    put_word,
+    reached,
+    scaled_axis,
+    scaled_centre,
+    to_fixed,
+    wants_axis,
+)
+
+
+@njit
+def edit_statement(buf, r, piece, before, writer, out, at):
+    """Write the statement itself with the last piece's numbers: its words, their order and its comment stay."""
+    motion = piece_motion(r, piece)
+    own = own_motion(r)
+    bent = piece.kind == PIECE_ARC and not keeps_centre(r, piece, writer)
+    drop = 0
+    if r.kind != KIND_LINEAR and piece.kind != PIECE_ARC:
+        drop = WORDS_IJK | WORD_R | WORD_P
+    elif bent:
+        drop = WORD_R
+    centre0, centre1 = np.int64(0), np.int64(0)
+    if bent:
+        centre0, centre1 = scaled_centre(r, piece, writer, FIRST), scaled_centre(r, piece, writer, SECOND)
+    bit0, bit1 = WORD_I << centre_axis(r, FIRST), WORD_I << centre_axis(r, SECOND)
+    feed = piece.feed if piece.feed > 0 else r.feed
+    keep_feed = feed == r.feed
+    p, start = r.begin, at
+    if r.flags & FLAG_MODAL and (motion != own or writer[W_MODAL] != own):
+        out[at], out[at + 1] = cased(LETTER_G, r), 48 + motion
+        at += 2
+        if r.flags & FLAG_SPACED:
+            out[at] = 32
+            at += 1
+    done = 0
+    added = False
+    gap = p  # what lies between here and the next word is copied with it
+    while True:
+        while p < r.end and (is_blank(buf[p]) or buf[p] == OPEN or buf[p] == QUOTE):
+            if buf[p] == OPEN or buf[p] == QUOTE:
+                closing = CLOSE if buf[p] == OPEN else QUOTE
+                p += 1
+                while p < r.end and buf[p] != closing:
+                    p += 1
+            p = min(p + 1, r.end)
+        if p >= r.end or not is_letter(buf[p]):
+            break
+        letter = digit_of(upper(buf[p])) + 48
+        bit = 1 << (letter - 65)
+        q = p + 1
+        while q < r.end and is_blank(buf[q]):
+            q += 1
+        if q == r.end or not (is_digit(buf[q]) or buf[q] == 46 or buf[q] == 43 or buf[q] == 45):
+            q = p + 1
+        while q < r.end and (is_digit(buf[q]) or buf[q] == 46 or buf[q] == 43 or buf[q] == 45):
+            q += 1
+        if q + 1 < r.end and r.flags & FLAG_EXPONENT and upper(buf[q]) == 69 and letter != 69:
+            k = q + 1
+            if buf[k] == 43 or buf[k] == 45:
+                k += 1
+            if k < r.end and is_digit(buf[k]):
+                while k < r.end and is_digit(buf[k]):
+                    k += 1
+                if buf[q] == 101 or k == r.end or is_blank(buf[k]):
+                    q = k
+        if letter == 71:
+            at = copy_bytes(buf, gap, p, out, at)
+            at = put_command(buf, r, motion, out, at)
+        elif bit & (drop | done):  # of a word that comes twice the first stays
+            gap, p = q, q
+            continue
+        elif 88 <= letter <= 90 and r.words & bit:
+            axis = letter - 88
+            target = axis_value(r, piece, axis)
+            at = copy_bytes(buf, gap, p + 1, out, at)
+            if keeps_place(r, writer, target, axis):
+                at = copy_bytes(buf, p + 1, q, out, at)
+                writer[W_PLACE + axis] = target
+            else:
+                scaled = scaled_axis(r, writer, target, axis)
+                at = put_fixed(out, at, scaled, decimals(r))
+                writer[W_PLACE + axis] = reached(r, writer, scaled, axis)
+        elif bent and bit & (bit0 | bit1):
+            at = copy_bytes(buf, gap, p + 1, out, at)
+            at = put_fixed(out, at, centre0 if bit == bit0 else centre1, decimals(r) + 1)
+        else:
+            if not added and not r.words & WORDS_XYZ and (letter == 69 or letter == 70):
+                at = add_axes(r, piece, writer, out, at)
+                added = True
+            if letter == 69 and r.words & WORD_E:
+                if piece.kind == PIECE_TRAVEL:
+                    gap, p = q, q
+                    continue
+                at = copy_bytes(buf, gap, p + 1, out, at)
+                if before > 0 and r.flags & FLAG_E_RELATIVE:
+                    at = put_fixed(out, at, e_rest(r, before, writer), FIVE)
+                else:
+                    at = copy_bytes(buf, p + 1, q, out, at)
+            elif letter == 70 and r.words & WORD_F:
+                at = copy_bytes(buf, gap, p + 1, out, at)
+                if keep_feed:
+                    at = copy_bytes(buf, p + 1, q, out, at)
+                else:
+                    at = put_fixed(out, at, to_fixed(feed / (25.4 if r.flags & FLAG_INCH else 1.0), THREE), THREE)
+                writer[W_FEED] = feed
+            else:
+                at = copy_bytes(buf, gap, q, out, at)
+        gap, p = q, q
+        if letter != 71:
+            done |= bit
+        # The axes that the statement does not name follow the last one it does.
+        if not added and r.words & WORDS_XYZ and done & WORDS_XYZ == r.words & WORDS_XYZ:
+            at = add_axes(r, piece, writer, out, at)
+            added = True
+    if not added:
+        at = add_axes(r, piece, writer, out, at)
+    if bent and not done & bit0:
+        at = put_word(out, at, r, 73 + centre_axis(r, FIRST), centre0, decimals(r) + 1)
+    if bent and not done & bit1:
+        at = put_word(out, at, r, 73 + centre_axis(r, SECOND), centre1, decimals(r) + 1)
+    if not r.words & WORD_F:
+        at = put_feed(out, at, r, feed, writer)
+    writer[W_MODAL] = motion
+    return copy_tail(buf, r, gap, start, writer, out, at)
+
+
+@njit
+def is_plain_edit(r, piece, writer):
+    """Is `edit_plain` enough: a plain line, absolute, whose unnamed axes stay and whose feed holds?"""
+    if not r.flags & FLAG_PLAIN or r.flags & (FLAG_RELATIVE | FLAG_CHECKSUM) or piece.kind != PIECE_LINE:
+        return False
+    if (piece.feed > 0 and piece.feed != r.feed) or (not r.words & WORD_F and r.feed != writer[W_FEED]):
+        return False
+    for axis in range(3):
+        still = abs(axis_value(r, piece, axis) - writer[W_PLACE + axis]) <= 0.0005
+        if not (still or r.words & (WORD_X << axis)):
+            return False
+    return True
+
+
+@njit
+def edit_plain(buf, r, piece, writer, out, at):
+    """Do what `edit_statement` does to a plain line, in half the time."""
+    p, end = r.begin, r.end
+    out[at], out[at + 1] = buf[p], buf[p + 1]
+    at, p = at + 2, p + 2
+    while p + 1 < end and buf[p] == SPACE and buf[p + 1] != SEMICOLON:
+        letter = buf[p + 1]
+        out[at], out[at + 1] = SPACE, letter
+        at, p = at + 2, p + 2
+        if letter >= 88:
+            axis = np.int64(letter) - 88
+            target = axis_value(r, piece, axis)
+            place = W_PLACE + axis
+            if target != axis_end(r, axis) or writer[W_SHIFT + axis] != 0.0:
+                offset = (r.ox if axis == 0 else (r.oy if axis == 1 else r.oz)) + writer[W_SHIFT + axis]
+                scaled = to_fixed(target - offset, THREE)
+                at = put_fixed(out, at, scaled, THREE)
+                writer[place] = float(scaled) / 1000.0 + offset
+                while p < end and buf[p] != SPACE and buf[p] != SEMICOLON:
+                    p += 1
+                continue
+            writer[place] = target
+        while p < end and buf[p] != SPACE and buf[p] != SEMICOLON:
+            out[at] = buf[p]
+            at, p = at + 1, p + 1
+    if r.words & WORD_F:
+        writer[W_FEED] = r.feed
+    writer[W_MODAL] = 0 if r.flags & FLAG_RAPID else 1
+    return copy_bytes(buf, p, end, out, at)
+
+
+@njit
+def copy_tail(buf, r, gap, start, writer, out, at):
+    """Copy what follows the words: blanks, comment, checksum."""
+    if writer[W_NUMBERED] != 0 and r.flags & FLAG_CHECKSUM:
+        star = r.end - 1
+        while star > gap and buf[star] != STAR:
+            star -= 1
+        at = copy_bytes(buf, gap, star + 1, out, at)
+        if at - start == star + 1 - r.begin:
+            same = True
+            for k in range(at - start):
+                same = same and out[start + k] == buf[r.begin + k]
+            if same:
+                return copy_bytes(buf, star + 1, r.end, out, at)
+        out[at] = 43
+        at += 1
+        p = star + 1
+        while p < r.end and is_digit(buf[p]):
+            p += 1
+        gap = p
+    return copy_bytes(buf, gap, r.end, out, at)
+
+
+@njit
+def add_axes(r, piece, writer, out, at):
+    """Write the words of axes that move although the statement does not name them."""
+    for axis in range(3):
+        if r.words & (WORD_X << axis):
+            continue
+        target = axis_value(r, piece, axis)
+        if np.isnan(writer[W_PLACE + axis]) and not r.flags & (FLAG_KNOWN_X1 << axis):
+            writer[W_PLACE + axis] = target  # nobody knows where it is: leave it there
+            continue
+        scaled = scaled_axis(r, writer, target, axis)
+        if wants_axis(r, writer, target, scaled, axis):
+            at = put_word(out, at, r, 88 + axis, scaled, decimals(r))
+            writer[W_PLACE + axis] = reached(r, writer, scaled, axis)
+    return at

@@ -1,0 +1,130 @@
+# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
+"""Commands with long names: Klipper's state, offsets, objects and pauses; any other is a macro."""
+
+import numpy as np
+from numba import njit
+
+from printmend.gcode.kernels.commands import ALL_LOST
+from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.text import SEMICOLON, among, is_letter, name_hash, parse_number, word_hash
+
+_SAVE, _RESTORE, _OFFSET = (
+    name_hash("SAVE_GCODE_STATE"),
+    name_hash("RESTORE_GCODE_STATE"),
+    name_hash("SET_GCODE_OFFSET"),
+)
+_KEY_NAME, _KEY_MOVE, _DEFAULT = name_hash("NAME"), name_hash("MOVE"), name_hash("DEFAULT")
+_KEY_AXIS = np.array([name_hash("X"), name_hash("Y"), name_hash("Z")])
+_KEY_ADJUST = np.array([name_hash("X_ADJUST"), name_hash("Y_ADJUST"), name_hash("Z_ADJUST")])
+_EXCLUDING = np.array(
+    [name_hash(name) for name in ("EXCLUDE_OBJECT", "EXCLUDE_OBJECT_START", "EXCLUDE_OBJECT_END",
+        "START_CURRENT_OBJECT", "END_CURRENT_OBJECT", "CANCEL_OBJECT")]
+)  # fmt: skip
+_PAUSING = np.array([name_hash(name) for name in ("PAUSE", "RESUME", "CANCEL_PRINT")])
+_TOOLING = np.array([name_hash("ACTIVATE_EXTRUDER")])
+# Extended commands that neither move the carriage nor shift its coordinates.
+_STILL = np.array(
+    [name_hash(name) for name in (
+        "SET_PRESSURE_ADVANCE", "SET_VELOCITY_LIMIT", "EXCLUDE_OBJECT_DEFINE", "DEFINE_OBJECT", "SET_FAN_SPEED",
+        "SET_LED", "SET_PRINT_STATS_INFO", "SET_RETRACTION", "TEMPERATURE_WAIT", "SET_HEATER_TEMPERATURE", "RESPOND",
+        "GET_POSITION", "SET_INPUT_SHAPER", "UPDATE_DELAYED_GCODE", "SET_GCODE_VARIABLE", "SAVE_VARIABLE",
+        "SDCARD_LOOP_BEGIN", "SDCARD_LOOP_END", "SDCARD_LOOP_DESIST", "SET_PIN", "SET_TEMPERATURE_FAN_TARGET",
+        "TURN_OFF_HEATERS", "SET_DISPLAY_TEXT", "QUERY_ENDSTOPS", "STATUS",
+        "TIMELAPSE_RENDER", "SET_SERVO", "SET_FILAMENT_SENSOR", "M117", "EXCLUDE_OBJECT_RESET", "SET_TMC_CURRENT",
+    )]
+)  # fmt: skip
+
+
+@njit
+def long_command(r, buf, p, stop, numbers, counts):
+    """Obey a long name (Klipper): state, offsets, objects, pauses; any other is a macro. Return as `m_command`."""
+    name, p = word_hash(buf, p, stop)
+    if name != _SAVE and name != _RESTORE and name != _OFFSET:
+        if among(name, _EXCLUDING):
+            return EVENT_EXCLUDE
+        elif among(name, _PAUSING):
+            return EVENT_PAUSE
+        elif among(name, _TOOLING):
+            return EVENT_TOOL + ALL_LOST
+        elif not among(name, _STILL):
+            return EVENT_MACRO + ALL_LOST
+        return 0
+    label, move, given, adjusted = _DEFAULT, False, 0, 0
+    offsets = np.zeros(3)
+    while p < stop and buf[p] != SEMICOLON:
+        if not is_letter(buf[p]):
+            p += 1
+            continue
+        key, p = word_hash(buf, p, stop)
+        if p >= stop or buf[p] != 61:
+            continue
+        if key == _KEY_NAME:
+            label, p = word_hash(buf, p + 1, stop)
+            continue
+        value, p, found = parse_number(buf, p + 1, stop, np.int64(3))
+        move = move or (key == _KEY_MOVE and value == 1)
+        for axis in range(3):
+            if found and key == _KEY_AXIS[axis]:
+                offsets[axis], given = value, given | 1 << axis
+            elif found and key == _KEY_ADJUST[axis]:
+                offsets[axis], adjusted = value, adjusted | 1 << axis
+    if name == _SAVE:
+        _save(numbers, counts, label)
+        return 0
+    r.flags = r.flags | FLAG_OPAQUE
+    what = EVENT_RESTORE if move else EVENT_OFFSET
+    if name == _RESTORE:
+        if not _restore(numbers, counts, label, move):
+            counts[C_OFFSET_KNOWN] = 0
+            what += ALL_LOST
+        return what
+    for axis in range(3):
+        old = numbers[N_GCODE_OFFSET + axis]
+        if given & (1 << axis):
+            numbers[N_GCODE_OFFSET + axis] = offsets[axis]
+        elif adjusted & (1 << axis):
+            numbers[N_GCODE_OFFSET + axis] += offsets[axis]
+        if move:
+            numbers[N_POS + axis] += numbers[N_GCODE_OFFSET + axis] - old
+    return what
+
+
+@njit
+def _save(numbers, counts, label):
+    """SAVE_GCODE_STATE: into the slot of that name, a free one, or the first."""
+    key = np.int64(label)
+    slot = 0
+    for k in range(SAVED_SLOTS - 1, -1, -1):
+        if counts[C_SAVED + k * SAVED_COUNTS] == 0:
+            slot = k
+    for k in range(SAVED_SLOTS):
+        if counts[C_SAVED + k * SAVED_COUNTS] == key:
+            slot = k
+    c, f = C_SAVED + slot * SAVED_COUNTS, N_SAVED + slot * SAVED_NUMBERS
+    counts[c], counts[c + 1], counts[c + 2] = key, counts[C_RELATIVE], counts[C_M83]
+    counts[c + 3], counts[c + 4] = counts[C_KNOWN], counts[C_OFFSET_KNOWN]
+    for axis in range(3):
+        numbers[f + axis] = numbers[N_POS + axis]
+        numbers[f + 3 + axis] = numbers[N_G92 + axis]
+        numbers[f + 6 + axis] = numbers[N_GCODE_OFFSET + axis]
+    numbers[f + 9], numbers[f + 10], numbers[f + 11] = numbers[N_E], numbers[N_FEED], numbers[N_FLOW]
+
+
+@njit
+def _restore(numbers, counts, label, move):
+    """RESTORE_GCODE_STATE; False when nothing was saved under that name."""
+    key = np.int64(label)
+    for slot in range(SAVED_SLOTS):
+        c, f = C_SAVED + slot * SAVED_COUNTS, N_SAVED + slot * SAVED_NUMBERS
+        if counts[c] == key:
+            counts[C_RELATIVE], counts[C_M83], counts[C_OFFSET_KNOWN] = counts[c + 1], counts[c + 2], counts[c + 4]
+            for axis in range(3):
+                numbers[N_G92 + axis] = numbers[f + 3 + axis]
+                numbers[N_GCODE_OFFSET + axis] = numbers[f + 6 + axis]
+                if move:
+                    numbers[N_POS + axis] = numbers[f + axis]
+            if move:
+                counts[C_KNOWN] = counts[c + 3]
+            numbers[N_E], numbers[N_FEED], numbers[N_FLOW] = numbers[f + 9], numbers[f + 10], numbers[f + 11]
+            return True
+    return False

@@ -1,0 +1,114 @@
+# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
+"""New lines: what a statement needs before its last piece."""
+
+import numpy as np
+from numba import njit
+
+from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.text import OPEN, SEMICOLON, STAR, is_blank, is_letter, upper
+from printmend.gcode.kernels.words import (
+    FIVE,
+    LETTER_E,
+    LETTER_G,
+    axis_value,
+    cased,
+    centre_axis,
+    copy_bytes,
+    decimals,
+    e_scaled,
+    piece_motion,
+    put_command,
+    put_feed,
+    put_word,
+    reached,
+    scaled_axis,
+    scaled_centre,
+    wants_axis,
+)
+
+PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | 1 << 6 | 1 << 13  # G and N too
+
+
+@njit
+def put_extra(buf, r, out, at):
+    """Copy the words that are neither place, E nor feed (laser power, probing switches)."""
+    if not r.words & ~np.uint32(PLAIN_WORDS):
+        return at
+    p = r.begin
+    while p < r.end and buf[p] != SEMICOLON and buf[p] != STAR and buf[p] != OPEN:
+        if not is_letter(buf[p]):
+            p += 1
+            continue
+        start = p
+        p += 1
+        while p < r.end and not is_letter(buf[p]) and buf[p] != SEMICOLON and buf[p] != STAR and buf[p] != OPEN:
+            p += 1
+        if not (PLAIN_WORDS >> (upper(buf[start]) - 65)) & 1:
+            stop = p
+            while stop > start and is_blank(buf[stop - 1]):
+                stop -= 1
+            if r.flags & FLAG_SPACED:
+                out[at] = 32
+                at += 1
+            at = copy_bytes(buf, start, stop, out, at)
+    return at
+
+
+@njit
+def put_eol(buf, r, writer, out, at):
+    if r.next > r.end:
+        return copy_bytes(buf, r.end, r.next, out, at)
+    if writer[W_CRLF] != 0:
+        out[at] = 13
+        at += 1
+    out[at] = 10
+    return at + 1
+
+
+@njit
+def put_row(buf, r, piece, cumulated, before, writer, out, at):
+    """Write a whole new line for one piece; ``before`` and ``cumulated`` are the shares of E around it."""
+    start = at
+    motion = piece_motion(r, piece)
+    at = put_command(buf, r, motion, out, at)
+    body = at
+    if piece.kind == PIECE_ARC:
+        for second in range(2):
+            scaled = scaled_centre(r, piece, writer, second)
+            at = put_word(out, at, r, 73 + centre_axis(r, second), scaled, decimals(r) + 1)
+    for axis in range(3):
+        target = axis_value(r, piece, axis)
+        sure = r.words & (WORD_X << axis) or r.flags & (FLAG_KNOWN_X1 << axis)
+        if np.isnan(writer[W_PLACE + axis]) and not sure:
+            continue  # nobody knows where it is: leave it there
+        scaled = scaled_axis(r, writer, target, axis)
+        if wants_axis(r, writer, target, scaled, axis) or (piece.kind == PIECE_ARC and r.words & (WORD_X << axis)):
+            at = put_word(out, at, r, 88 + axis, scaled, decimals(r))
+            writer[W_PLACE + axis] = reached(r, writer, scaled, axis)
+    if r.words & WORD_E and piece.kind != PIECE_TRAVEL:
+        step = e_scaled(r, cumulated)
+        if r.flags & FLAG_E_RELATIVE:
+            step -= e_scaled(r, before)
+        if step != 0 or not r.flags & FLAG_E_RELATIVE:
+            at = put_word(out, at, r, LETTER_E, step, FIVE)
+    if at == body:
+        return start  # shorter than the resolution: nothing to write
+    at = put_feed(out, at, r, piece.feed if piece.feed > 0 else r.feed, writer)
+    at = put_extra(buf, r, out, at)
+    if writer[W_NUMBERED] != 0 and r.flags & FLAG_CHECKSUM:
+        out[at], out[at + 1] = STAR, 43
+        at += 2
+    writer[W_MODAL] = motion
+    return put_eol(buf, r, writer, out, at)
+
+
+@njit
+def put_line_start(r, writer, out, at):
+    """Begin a line that the file did not have; G53 holds for one line only."""
+    if writer[W_NUMBERED] != 0 and r.flags & FLAG_NUMBERED:
+        out[at], out[at + 1], out[at + 2] = 78, 43, 32
+        at += 3
+    if r.flags & FLAG_G53:
+        out[at], out[at + 1], out[at + 2], out[at + 3] = cased(LETTER_G, r), 53, 51, 32
+        at += 4
+    return at
