@@ -4,7 +4,7 @@ Harmonic k of a branch has the amplitude c_k/k in position, where c_k is that of
 (physics.md eq. 2): c_1 is the eccentricity of the bore, c_2 makes an oval, larger k corners.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -154,6 +154,11 @@ def _rest(drive: Drive) -> list[Fault]:
         bend = branches.mean.polynomial_mm(x) - np.polyval(np.polyfit(x, branches.mean.polynomial_mm(x), 1), x)
         size = float(np.abs(bend).max())
         faults.append(_fault(drive, "drift", size, 0.0, f"scale that changes along the axis, up to {size:.2f} mm"))
+    if structure.warp_mm:
+        bare = replace(branches, warp_mm=np.zeros(0))
+        size = float(np.abs(branches.errors_mm(motor)[0] - bare.errors_mm(motor)[0]).max())
+        words = f"uneven belt or guide that repeats nothing, up to {size:.2f} mm"
+        faults.append(_fault(drive, "warp", size, 0.0, words))
     if structure.offset and not (structure.scale or structure.pulley != "none" or structure.play != "none" or faults):
         part = drive.choice.design.parts["mean_powers"]
         value, sd = float(branches.mean.powers_mm[0]), float(_sds(drive)[part][0])

@@ -9,7 +9,8 @@ With the motor at m, x = (m − middle)/100 mm and φ = 2πm/turn, the branches 
 
 The harmonics of ``mean`` are the pulley (physics.md eq. 2), those of ``play`` the two spans of a loose belt (eq. 7)
 or slack on the shaft (eq. 10), the powers in ``play`` lost motion by friction (eq. 9), and the third sum of ``mean``
-a taut elastic belt, whose odd harmonics fade with the distance (eq. 8).
+a taut elastic belt, whose odd harmonics fade with the distance (eq. 8). What repeats nothing (a belt of uneven pitch)
+is a sum of cosines over the span that was seen, added to the mean.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,6 +23,12 @@ from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
 SCALE_MM = 100.0
+
+
+def warp_columns(count: int, span_mm: tuple[float, float], motor_mm: np.ndarray) -> np.ndarray:
+    """Return cos(πk t) [N, count] for k = 1…count, t the place within ``span_mm``; beyond it the ends hold."""
+    place = np.clip((motor_mm - span_mm[0]) / (span_mm[1] - span_mm[0]), 0.0, 1.0)
+    return np.cos(np.pi * place[:, None] * np.arange(1, count + 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +81,15 @@ class Branches:
     mean: Wave = field(default_factory=Wave)
     play: Wave = field(default_factory=Wave)
     elastic: Wave = field(default_factory=Wave)
+    warp_mm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    warp_span_mm: tuple[float, float] = (0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "warp_mm", frozen(np.asarray(self.warp_mm, float)))
 
     @property
     def is_healthy(self) -> bool:
-        return self.mean.is_zero and self.play.is_zero and self.elastic.is_zero
+        return self.mean.is_zero and self.play.is_zero and self.elastic.is_zero and not self.warp_mm.any()
 
     def errors_mm(self, motor_mm: np.ndarray, *, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Return (mean, play) [mm] at motor positions [N]: what the drive adds to a healthy motor, and its play ≥ 0.
@@ -94,6 +106,8 @@ class Branches:
         mean = self._powers_mm(self.mean, motor_mm) + series(self.mean)
         if not self.elastic.is_zero:
             mean = mean + x * series(self.elastic)
+        if self.warp_mm.any():
+            mean = mean + warp_columns(len(self.warp_mm), self.warp_span_mm, motor_mm) @ self.warp_mm
         play = self._powers_mm(self.play, motor_mm) + series(self.play)
         return mean, np.maximum(play, 0.0)
 

@@ -14,11 +14,12 @@ from functools import cached_property
 import numpy as np
 
 from printmend.units import TURN_RAD
-from printmend.worldmodel.greybox_branches import SCALE_MM, Branches, Wave
+from printmend.worldmodel.greybox_branches import SCALE_MM, Branches, Wave, warp_columns
 from printmend.worldmodel.kernels import greybox as kernels
 
 CHUNK = 1 << 17
 CELLS = 1024  # phases of the moments: products of two harmonics up to 32 are seen to 2 %, of residuals
+WARP_TABLE = 2049
 TABLE = 4096  # phases of the tables that the play is simulated with
 
 
@@ -29,7 +30,8 @@ class Design:
     Order of parameters: where the belt was at the start (counted from the first measurement), mean powers, play
     powers, cross terms, cos and sin of the ripple, then cos and sin of the harmonics of mean, play and elastic.
     ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1; ``ripple`` the high harmonics of
-    micro-step ripple.
+    micro-step ripple; ``warp`` the number of cosines over ``warp_span_mm`` that make the part of the mean that repeats
+    nothing (they come after the cross terms).
     """
 
     mean_powers: int = 0
@@ -39,6 +41,8 @@ class Design:
     mean_harmonics: tuple[int, ...] = ()
     play_harmonics: tuple[int, ...] = ()
     elastic_harmonics: tuple[int, ...] = ()
+    warp: int = 0
+    warp_span_mm: tuple[float, float] = (0.0, 1.0)
 
     @cached_property
     def parts(self) -> dict[str, slice]:
@@ -48,6 +52,7 @@ class Design:
             "mean_powers": self.mean_powers,
             "play_powers": self.play_powers,
             "cross": len(self.cross),
+            "warp": self.warp,
             "ripple_cos": len(self.ripple),
             "ripple_sin": len(self.ripple),
             "mean_cos": len(self.mean_harmonics),
@@ -70,7 +75,7 @@ class Design:
     @cached_property
     def extras(self) -> int:
         """The number of columns that are not harmonics."""
-        return 1 + self.mean_powers + self.play_powers + len(self.cross) + 2 * len(self.ripple)
+        return 1 + self.mean_powers + self.play_powers + len(self.cross) + self.warp + 2 * len(self.ripple)
 
     @cached_property
     def harmonic(self) -> np.ndarray:
@@ -107,6 +112,8 @@ class Design:
     def _keys(self, name: str) -> list:
         if name in ("cross", "start"):
             return list(self.cross) if name == "cross" else [0]
+        if name == "warp":
+            return [(k, *self.warp_span_mm) for k in range(1, self.warp + 1)]
         return list(range(getattr(self, name)) if name.endswith("_powers") else self.waves(name))
 
     def branches(
@@ -126,6 +133,8 @@ class Design:
             ),
             Wave(at["play_powers"], self.waves("play"), at["play_cos"], at["play_sin"]),
             Wave(np.zeros(0), self.waves("elastic"), at["elastic_cos"], at["elastic_sin"]),
+            at["warp"],
+            self.warp_span_mm,
         )
 
     def columns(self, motor_mm: np.ndarray, period_mm: float, origin_mm: float) -> tuple[np.ndarray, np.ndarray]:
@@ -134,6 +143,7 @@ class Design:
         phase = TURN_RAD * np.mod(motor_mm / period_mm, 1.0)[:, None]
         mean, play = np.zeros((len(x), self.size)), np.zeros((len(x), self.size))
         mean[:, self.parts["mean_powers"]] = x[:, None] ** np.arange(self.mean_powers)
+        mean[:, self.parts["warp"]] = warp_columns(self.warp, self.warp_span_mm, motor_mm)
         play[:, self.parts["play_powers"]] = x[:, None] ** np.arange(self.play_powers)
         for name, part in self.parts.items():
             if name.endswith(("_cos", "_sin")):
@@ -154,6 +164,13 @@ class Design:
                 tables[row, :-1] = np.fft.irfft(spectrum, TABLE) * (TABLE / 2)
         tables[:, -1] = tables[:, 0]
         return tables
+
+
+def warp_table(cos_mm: np.ndarray) -> np.ndarray:
+    """Return Σ_k c_k cos(πk t) at 2049 even places t of its span [0, 1]; nothing where there are no cosines."""
+    if not len(cos_mm):
+        return np.zeros(0)
+    return warp_columns(len(cos_mm), (0.0, 1.0), np.linspace(0.0, 1.0, WARP_TABLE)) @ cos_mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,6 +242,8 @@ def contacts(design: Design, values: np.ndarray, rows: Rows) -> Contacts:
         design.tables(values),
         part["mean_powers"],
         part["play_powers"],
+        warp_table(part["warp"]),
+        np.array(design.warp_span_mm),
         rows.start_mm + part["start"][0],
         at,
         side,
@@ -270,6 +289,8 @@ def normal_equations(design: Design, values: np.ndarray, rows: Rows, touch: Cont
         columns[:, design.parts["mean_powers"]] = x[:, None] ** np.arange(design.mean_powers)
         columns[:, design.parts["play_powers"]] = side[:, None] / 2 * x[:, None] ** np.arange(design.play_powers)
         columns[:, design.parts["cross"]] = cross_columns(design, rows, row)
+        if design.warp:
+            columns[:, design.parts["warp"]] = warp_columns(design.warp, design.warp_span_mm, motor)
         for part, wave in (("ripple_cos", np.cos), ("ripple_sin", np.sin)):
             columns[:, design.parts[part]] = wave(TURN_RAD * turns[:, None] * design.waves("ripple"))
         columns[:, -1] = touch.residual_mm[row]

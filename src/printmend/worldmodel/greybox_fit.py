@@ -26,13 +26,16 @@ START_MM = 2.0
 
 @dataclass(frozen=True)
 class Prior:
-    """The scale τ of each group of harmonics; 1 is the prior of physics.md §4."""
+    """The scale τ of each group of harmonics; 1 is the prior of physics.md §4. The part that repeats nothing is a
+    Gaussian process of standard deviation ``warp`` mm with the length ``warp_mm``."""
 
     mean_odd: float = 1.0
     mean_even: float = 1.0
     play_odd: float = 1.0
     play_even: float = 0.3
     elastic: float = 0.3
+    warp: float = 0.3
+    warp_mm: float = 20.0
 
 
 def groups(design: Design) -> dict[str, np.ndarray]:
@@ -45,6 +48,7 @@ def groups(design: Design) -> dict[str, np.ndarray]:
         "play_odd": play & odd,
         "play_even": play & ~odd,
         "elastic": design.mask("elastic"),
+        "warp": design.mask("warp"),
     }
 
 
@@ -59,9 +63,18 @@ def variances(design: Design, prior: Prior) -> np.ndarray:
     wave = k > 0
     v[wave] = (HARMONIC_MM * k[wave] ** -2.5) ** 2
     v[design.mask("ripple")] = RIPPLE_MM**2
+    v[design.parts["warp"]] = _warp_variances(design, prior.warp_mm)
     for name, mask in groups(design).items():
         v[mask] *= getattr(prior, name) ** 2
     return v
+
+
+def _warp_variances(design: Design, length_mm: float) -> np.ndarray:
+    """Return the variances of the cosines of a Gaussian process with the kernel exp(−d²/2ℓ²): its spectrum, sampled."""
+    span_mm = design.warp_span_mm[1] - design.warp_span_mm[0]
+    waves = np.pi * np.arange(1, design.warp + 1) / span_mm
+    power = 2 * length_mm * np.sqrt(2 * np.pi) / span_mm * np.exp(-((waves * length_mm) ** 2) / 2)
+    return np.maximum(power, 1e-12)
 
 
 @dataclass(frozen=True, eq=False)

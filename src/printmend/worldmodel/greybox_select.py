@@ -4,6 +4,7 @@
 < {+ odd harmonics × position, ripple, bent guides}: every part must pay for itself, else it is switched off.
 """
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +22,10 @@ WORTH_PLAY = 10.0  # play also adapts the contacts to the noise, which the evide
 STARTS_MM = (0.3, 3.0)
 CROSS = ((0, 1), (0, 2), (1, 1), (0, 3), (1, 2), (2, 1))
 ELASTIC = (1, 3, 5)
+WARPS_MM = (10.0, 20.0, 40.0)
+WARP_MARGIN_MM = 20.0
+LOOKS_WRONG_MM = 0.02  # a mean residual above this, with a pattern, is more than the corners of a pulley
+PATTERN = 0.8  # a smaller share of independent rows says that the model lacks something smooth
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,8 @@ class Structure:
     """Which parts of a drive there are.
 
     ``cross`` is the highest order of the frame's terms, ``pulley`` the harmonics of the mean (none, even, all),
-    ``play`` none, constant, loose (odd harmonics on top) or free (all harmonics).
+    ``play`` none, constant, loose (odd harmonics on top) or free (all harmonics), ``warp_mm`` the length of what
+    repeats nothing, 0 for none.
     """
 
     offset: bool = True
@@ -40,6 +46,7 @@ class Structure:
     play: str = "constant"
     friction: bool = False
     elastic: bool = False
+    warp_mm: float = 0.0
 
     @property
     def is_healthy(self) -> bool:
@@ -58,10 +65,17 @@ class Structure:
         on |= design.mask("mean") & {"none": False, "even": ~odd, "all": True}[self.pulley]
         on |= design.mask("play") & {"none": False, "constant": False, "loose": odd, "free": True}[self.play]
         on |= design.mask("elastic") & self.elastic
+        warp = np.arange(design.warp) < self._cosines(design.warp_span_mm)
+        on[parts["warp"]] = warp
         return on
 
-    def design(self, harmonics: int, ripple: tuple[int, ...]) -> Design:
-        """Return the columns of these parts only, with that many harmonics."""
+    def _cosines(self, span_mm: tuple[float, float]) -> int:
+        """Return how many cosines over a span a Gaussian process of length ``warp_mm`` needs, to 3e-4 of its size."""
+        return math.ceil(4.0 * (span_mm[1] - span_mm[0]) / (np.pi * self.warp_mm)) if self.warp_mm else 0
+
+    def design(self, harmonics: int, ripple: tuple[int, ...], reach_mm: tuple[float, float] = (0.0, 1.0)) -> Design:
+        """Return the columns of these parts only, with that many harmonics, for motor positions within ``reach_mm``."""
+        span_mm = (reach_mm[0] - WARP_MARGIN_MM, reach_mm[1] + WARP_MARGIN_MM)
         waves = tuple(range(1, harmonics + 1))
         even, odd = waves[1::2], waves[::2]
         return Design(
@@ -72,12 +86,13 @@ class Structure:
             mean_harmonics={"none": (), "even": even, "all": waves}[self.pulley],
             play_harmonics={"none": (), "constant": (), "loose": odd, "free": waves}[self.play],
             elastic_harmonics=ELASTIC if self.elastic else (),
+            warp=self._cosines(span_mm),
+            warp_span_mm=span_mm if self.warp_mm else (0.0, 1.0),
         )
 
 
 NOTHING = Structure(offset=False, scale=False, cross=0, pulley="none", play="none")
 EVERYTHING = Structure(drift=True, cross=3, ripple=True, play="free", friction=True, elastic=True)
-TAUT = replace(EVERYTHING, play="none", friction=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +106,23 @@ class Choice:
 
 def search(rows: Rows) -> Choice:
     """Find the contacts with few harmonics from several starts; return the best of the drive's main structures."""
-    design = Structure(play="free").design(COARSE_HARMONICS, ())
+    best = _searched(rows, Structure(play="free"))
+    if best.fit.share > PATTERN / 2 or best.fit.loss_mm < LOOKS_WRONG_MM:
+        return best
+    warped = _searched(rows, Structure(play="free", warp_mm=WARPS_MM[1]))
+    return warped if warped.fit.loss_mm < 0.7 * best.fit.loss_mm else best
+
+
+def _searched(rows: Rows, base: Structure) -> Choice:
+    design = base.design(COARSE_HARMONICS, (), rows.reach_mm)
     place = design.parts["play_powers"]
 
     def tried(play: str, pulley: str, start_mm: float) -> Choice:
-        structure, values = Structure(pulley=pulley, play=play), np.zeros(design.size)
+        structure, values = replace(base, pulley=pulley, play=play), np.zeros(design.size)
         values[place] = start_mm
         active = structure.active(design)
-        fit = refine(design, rows, values, active, prior=Prior(), passes=12, rounds=1, patience=2, drop=False)
+        prior = _prior(Prior(), structure)
+        fit = refine(design, rows, values, active, prior=prior, passes=12, rounds=1, patience=2, drop=False)
         return Choice(structure, design, fit)
 
     played = min((tried("constant", "all", start_mm) for start_mm in STARTS_MM), key=lambda choice: choice.fit.loss_mm)
@@ -121,37 +145,49 @@ def refined(rows: Rows, found: Choice) -> Choice:
 def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
     """Fit everything at once, then drop, part by part, what does not pay.
 
+    What repeats nothing can imitate all else where a trace is short, so it is offered only to residuals with a pattern.
+    """
+    structure, share = _chosen(rows, found, ripple, EVERYTHING)
+    if share >= PATTERN:
+        return structure
+    return _chosen(rows, found, ripple, replace(EVERYTHING, warp_mm=WARPS_MM[0]))[0]
+
+
+def _chosen(rows: Rows, found: Choice, ripple: tuple[int, ...], base: Structure) -> tuple[Structure, float]:
+    """Return what remains of ``base``, and the share of independent residuals when all of it is fitted.
+
     Contacts adapt to the play that a model has, so a taut machine is fitted with contacts of its own before play is
     preferred to it: at the other's contacts it would look worse than it is.
     """
-    design = EVERYTHING.design(TRIAL_HARMONICS, ripple)
+    design = base.design(TRIAL_HARMONICS, ripple, rows.reach_mm)
     values = design.moved(found.fit.posterior.values, found.design)
-    played, full = _pruned(rows, design, EVERYTHING, values, found.fit.posterior.prior)
+    played, full = _pruned(rows, design, base, values, found.fit.posterior.prior)
     play_mm = full.posterior.values[design.parts["play_powers"]][0]
     if played.play == "none" or play_mm > SURE_PLAY * full.posterior.sigma_mm:
-        return played
-    values = full.posterior.values * TAUT.active(design)
-    taut, loser = _pruned(rows, design, TAUT, values, full.posterior.prior)
-    share = full.share
+        return played, full.share
+    without = replace(base, play="none", friction=False)
+    values = full.posterior.values * without.active(design)
+    taut, loser = _pruned(rows, design, without, values, full.posterior.prior)
     ours, theirs = (
-        _evidence(rows, design, structure, fit, share) for structure, fit in ((played, full), (taut, loser))
+        _evidence(rows, design, structure, fit, full.share) for structure, fit in ((played, full), (taut, loser))
     )
-    return played if ours > theirs + WORTH_PLAY else taut
+    return played if ours > theirs + WORTH_PLAY else taut, full.share
 
 
 def _evidence(rows: Rows, design: Design, structure: Structure, start: Fit, share: float) -> float:
     """Return the log evidence of a structure with contacts of its own."""
     active, post = structure.active(design), start.posterior
-    fit = refine(design, rows, post.values * active, active, prior=post.prior, passes=3, rounds=2)
+    fit = refine(design, rows, post.values * active, active, prior=_prior(post.prior, structure), passes=3, rounds=2)
     return _posterior(design, fit.normal.tempered(share), structure, fit.posterior).log_evidence
 
 
 def _pruned(rows: Rows, design: Design, base: Structure, values: np.ndarray, prior: Prior) -> tuple[Structure, Fit]:
     """Return what remains of ``base``, and the fit of all of it."""
-    full = refine(design, rows, values, base.active(design), prior=prior, passes=5, rounds=2)
+    full = refine(design, rows, values, base.active(design), prior=_prior(prior, base), passes=5, rounds=2)
     normal = full.normal.tempered(full.share)
     best, post = base, _posterior(design, normal, base, full.posterior)
     choices: tuple[tuple[dict[str, Any], ...], ...] = (
+        tuple({"warp_mm": length} for length in (0.0, *WARPS_MM[1:])),
         ({"elastic": False},),
         ({"drift": False},),
         ({"ripple": False},),
@@ -178,14 +214,18 @@ def _pruned(rows: Rows, design: Design, base: Structure, values: np.ndarray, pri
 
 
 def _posterior(design: Design, normal: Normal, structure: Structure, start: Posterior) -> Posterior:
-    return solve(design, normal, structure.active(design), start.prior, start.sigma_mm, rounds=3)
+    prior = _prior(start.prior, structure)
+    return solve(design, normal, structure.active(design), prior, start.sigma_mm, rounds=3)
+
+
+def _prior(prior: Prior, structure: Structure) -> Prior:
+    return replace(prior, warp_mm=structure.warp_mm) if structure.warp_mm else prior
 
 
 def fitted(rows: Rows, structure: Structure, ripple: tuple[int, ...], start: Choice, *, passes: int) -> Choice:
     """Fit the chosen structure with all harmonics, from the values of another fit."""
-    design = structure.design(HARMONICS, ripple)
+    design = structure.design(HARMONICS, ripple, rows.reach_mm)
     values = design.moved(start.fit.posterior.values, start.design)
-    fit = refine(
-        design, rows, values, structure.active(design), prior=start.fit.posterior.prior, passes=passes, rounds=3
-    )
+    prior = _prior(start.fit.posterior.prior, structure)
+    fit = refine(design, rows, values, structure.active(design), prior=prior, passes=passes, rounds=3)
     return Choice(structure, design, fit)

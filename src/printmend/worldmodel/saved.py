@@ -238,6 +238,12 @@ def _series_section(branches: Branches) -> dict[str, Any]:
                 "cos_mm": _rounded(wave.cos_mm),
                 "sin_mm": _rounded(wave.sin_mm),
             }
+    if branches.warp_mm.any():
+        section["warp"] = {
+            "first_mm": branches.warp_span_mm[0],
+            "last_mm": branches.warp_span_mm[1],
+            "cos_mm": _rounded(branches.warp_mm),
+        }
     return section
 
 
@@ -290,7 +296,23 @@ def _branches(section: dict[str, Any], printer: Printer, motor: int, subject: st
     if len(reach) != 2 or reach[0] > reach[1] or period_mm <= 0:
         _refuse(subject, "a positive period_mm and two reach_mm that rise", "something else")
     waves = {name: _wave(section[name], f"{subject} {name}") for name in ("mean", "play", "elastic") if name in section}
-    return Branches(period_mm, _number(section, "middle_mm", subject), (float(reach[0]), float(reach[1])), **waves)
+    middle_mm, seen_mm = _number(section, "middle_mm", subject), (float(reach[0]), float(reach[1]))
+    plain = Branches(
+        period_mm,
+        middle_mm,
+        seen_mm,
+        waves.get("mean", Wave()),
+        waves.get("play", Wave()),
+        waves.get("elastic", Wave()),
+    )
+    if "warp" not in section:
+        return plain
+    warp = _get(section, "warp", dict, subject)
+    span_mm = (_number(warp, "first_mm", subject), _number(warp, "last_mm", subject))
+    cos_mm = _numbers(warp, "cos_mm", subject, MAX_HARMONICS)
+    if span_mm[0] >= span_mm[1]:
+        _refuse(subject, "a warp with first_mm below last_mm", f"{span_mm[0]:g} and {span_mm[1]:g}")
+    return replace(plain, warp_mm=cos_mm, warp_span_mm=span_mm)
 
 
 def _wave(section: Any, subject: str) -> Wave:

@@ -9,15 +9,19 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def follow_play(motor_mm, origin_mm, period_mm, tables, mean_powers, play_powers, start_mm, at, side, belt_mm):
+def follow_play(
+    motor_mm, origin_mm, period_mm, tables, mean_powers, play_powers, warp, warp_span, start_mm, at, side, belt_mm
+):
     """Follow motor positions [N] through generalised play; say at every row which contact gave the belt its place.
 
-    ``tables`` [3, B + 1] are the periodic parts of mean, play and elastic; the powers are of x = (motor − origin)/100.
+    ``tables`` [3, B + 1] are the periodic parts of mean, play and elastic; the powers are of x = (motor − origin)/100;
+    ``warp`` [W] is the part of the mean that repeats nothing, at even places of ``warp_span`` [2] (none where W < 2).
     The belt starts at ``start_mm``. Fills, for each row, ``at`` (the row of the last contact, −1 where the belt still
     is where it started), ``side`` (−1: the lower branch, +1: the upper one, 0: none yet) and ``belt_mm``.
     """
     size = tables.shape[1] - 1
     per_mm = size / period_mm
+    knots = warp.shape[0] - 1
     value = start_mm
     row, branch = -1, 0
     for t in range(motor_mm.shape[0]):
@@ -35,6 +39,11 @@ def follow_play(motor_mm, origin_mm, period_mm, tables, mean_powers, play_powers
         mean += tables[0, cell] + share * (tables[0, cell + 1] - tables[0, cell])
         play += tables[1, cell] + share * (tables[1, cell + 1] - tables[1, cell])
         mean += x * (tables[2, cell] + share * (tables[2, cell + 1] - tables[2, cell]))
+        if knots > 0:
+            place = (motor_mm[t] - warp_span[0]) * (knots / (warp_span[1] - warp_span[0]))
+            place = min(max(place, 0.0), float(knots))
+            cell = min(int(place), knots - 1)
+            mean += warp[cell] + (place - cell) * (warp[cell + 1] - warp[cell])
         play = max(play, 0.0)
         lower = motor_mm[t] + mean - play / 2
         upper = motor_mm[t] + mean + play / 2
