@@ -27,10 +27,12 @@ ROOM = 224  # more than a generated line or an edit adds: eight words of at most
 def _follow(r, writer):
     """Move the writer's machine through a statement that is written as it was."""
     relative = r.flags & FLAG_RELATIVE and not r.flags & FLAG_G53
+    moves = r.kind <= KIND_CCW or (r.kind == KIND_EVENT and r.event == EVENT_UNKNOWN)
     for axis in range(3):
         start = r.x0 if axis == 0 else (r.y0 if axis == 1 else r.z0)
         end = axis_end(r, axis)
         place = W_PLACE + axis
+        named = moves and r.words & (WORD_X << axis)
         if r.kind == KIND_HOME:
             if r.axes & (1 << axis):
                 writer[place], writer[W_SHIFT + axis] = end, 0.0
@@ -38,9 +40,9 @@ def _follow(r, writer):
             # The new zero counts from where the mended machine is, not from where the file thinks it is.
             if r.axes & (1 << axis) and not np.isnan(writer[place]):
                 writer[W_SHIFT + axis] = writer[place] - start
-        elif r.kind == KIND_EVENT and (not r.flags & (FLAG_KNOWN_X1 << axis) or start != end):
+        elif r.kind == KIND_EVENT and (not r.flags & (FLAG_KNOWN_X1 << axis) or (start != end and not named)):
             writer[place] = np.nan
-        elif r.words & (WORD_X << axis) and r.kind != KIND_RETRACT:
+        elif named:
             if relative:
                 writer[place] += end - start
             else:
