@@ -122,3 +122,15 @@ def test_real_pulleys(corpus: Path) -> None:
     (line,) = real_lines([t for t in items if (t.shape, t.speed_mm_s) == ("line", 40.0)], "first")
     assert line.floor_aligned_mm < line.aligned_mm < 0.25 * line.raw_mm
     assert line.turn_mm == pytest.approx(42, abs=0.5)  # 21 teeth
+
+
+def test_slips_of_every_turn_are_half_expected_and_accidents_not(rng: np.random.Generator) -> None:
+    """Four slips of 0.8 mm, one a turn, and one of 2 mm: only the former are predicted, at even odds."""
+    forth, back = traverse(rng, 1), traverse(rng, -1)
+    slips = sum(0.8 * (forth.travel_mm >= place) for place in (20.0, 63.0, 104.5, 147.0))
+    model = fit(forth.travel_mm, detrended(forth.travel_mm, forth.error_mm + slips), back.travel_mm,
+                detrended(back.travel_mm, back.error_mm + 2.0 * (back.travel_mm >= 90.0)))  # fmt: skip
+    assert model.turn_mm == pytest.approx(TURN_MM, abs=0.4)
+    np.testing.assert_allclose([place for place, _ in model.steps[0]], [20.0, 63.0, 104.5, 147.0], atol=0.6)
+    np.testing.assert_allclose([height for _, height in model.steps[0]], 0.4, atol=0.08)
+    assert model.steps[1] == ()

@@ -2,14 +2,17 @@
 
 The two traverses [+, −] are modelled as
 
-    error₊(s) = Σ_k (u_k + v_k) · (cos, sin)(2πks/P) + drift₊(s)
-    error₋(s) = −Σ_k (u_k − v_k) · (cos, sin)(2πk(θ − s)/P) + drift₋(s)
+    error₊(s) = Σ_k (u_k + v_k) · (cos, sin)(2πks/P) + steps₊(s) + drift₊(s)
+    error₋(s) = −Σ_k (u_k − v_k) · (cos, sin)(2πk(θ − s)/P) + steps₋(s) + drift₋(s)
 
 P is the travel of one turn of the pulley as it is, θ the angle (as travel) at which the return starts: what belongs
 to the pulley's angle is undone on the way back. The coefficients of harmonic k have the prior variance A² k^−2p; u is
 common to both directions (share (1 + r)/2 of it), v is hysteresis. Each drift is a line, a random walk of q² a 100 mm
-(motion capture integrates its noise) and white noise of s². P, θ, A, p, r, q and s maximise the marginal likelihood
-of the training traverses: nothing else is looked at.
+(motion capture integrates its noise) and white noise of s². Steps are sudden slips, where the evidence asks for them.
+P, θ, A, p, r, q and s maximise the marginal likelihood of the training traverses: nothing else is looked at.
+
+A step that comes at the same angle of most turns belongs to the pulley, the others are accidents. But from one
+traverse nobody can tell whether it comes at the same places again: at even odds, half of it is the best prediction.
 """
 
 from collections.abc import Callable
@@ -19,23 +22,28 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 from threadpoolctl import threadpool_limits
 
+from printmend.bench.periodic_evidence import HARMONICS, Settings, Trace1d, harmonics, likeliest_step, system
 from printmend.path import frozen
 
-HARMONICS = 16
-_LINE_VARIANCE_MM2 = 100.0
-_K = np.arange(1, HARMONICS + 1)
+_STEP_GAIN = 2.0  # of log evidence, beyond the choice of the place
+_STEPS_A_ROUND, _ROUNDS = 7, 3
+_NEAR_MM = 3.0  # steps this close are one
+_SMALLEST_MM = 0.1
+_ODDS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Periodic:
     """What repeats: the harmonics' coefficients a direction [2, 2·HARMONICS] mm (cosines, then sines), and why.
 
-    ``turn_mm`` is P, ``return_mm`` θ, ``shared`` r; ``walk_mm`` q and ``white_mm`` s say how much does not repeat.
+    ``steps`` holds, for + and −, the (place, height) mm of the steps that are predicted. ``turn_mm`` is P,
+    ``return_mm`` θ, ``shared`` r; ``walk_mm`` q and ``white_mm`` s say how much does not repeat.
     """
 
     turn_mm: float
     return_mm: float
     coefficients_mm: np.ndarray
+    steps: tuple[tuple[tuple[float, float], ...], tuple[tuple[float, float], ...]]
     shared: float
     walk_mm: float
     white_mm: float
@@ -47,27 +55,42 @@ class Periodic:
     def error_mm(self, direction: int, travel_mm: np.ndarray) -> np.ndarray:
         """Predict the error [N] along a traverse in ``direction`` (+1, −1), but for a line."""
         if direction > 0:
-            return _harmonics(travel_mm, self.turn_mm) @ self.coefficients_mm[0]
-        return -_harmonics(self.return_mm - travel_mm, self.turn_mm) @ self.coefficients_mm[1]
+            error = harmonics(travel_mm, self.turn_mm) @ self.coefficients_mm[0]
+        else:
+            error = -harmonics(self.return_mm - travel_mm, self.turn_mm) @ self.coefficients_mm[1]
+        for place, height in self.steps[0 if direction > 0 else 1]:
+            error = error + height * (travel_mm >= place)
+        return error
 
 
 def fit(plus_travel_mm: np.ndarray, plus_mm: np.ndarray, minus_travel_mm: np.ndarray, minus_mm: np.ndarray) -> Periodic:
     """Learn from a traverse in each direction: travel [N] and error [N] of each, mm."""
-    # Systems of 68 unknowns: a second thread only waits.
+    # Systems of some 70 unknowns: a second thread only waits.
     with threadpool_limits(1, user_api="blas"):
-        traces = (_Whitener(plus_travel_mm, plus_mm), _Whitener(minus_travel_mm, minus_mm))
+        traces = (Trace1d(plus_travel_mm, plus_mm), Trace1d(minus_travel_mm, minus_mm))
 
         def loss(values: np.ndarray) -> float:
-            settings = _Settings(*map(float, values))
-            return 1e9 if settings.outside() else -_posterior(traces, settings)[1] + settings.penalty()
+            settings = Settings(*map(float, values))
+            return 1e9 if settings.outside() else -system(traces, settings).posterior()[1] + settings.penalty()
 
-        settings = _best(loss)
-        weights, evidence = _posterior(traces, settings)
+        values = _descend(loss, _start(loss), passes=2)
+        for _ in range(_ROUNDS):
+            if not _add_steps(traces, Settings(*map(float, values))):
+                break
+            values = _descend(loss, values, passes=1)
+        settings = Settings(*map(float, values))
+        weights, evidence = system(traces, settings).posterior()
     shared, hysteresis = weights[: 2 * HARMONICS], weights[2 * HARMONICS : 4 * HARMONICS]
+    heights = weights[4 * HARMONICS :]
+    first = len(traces[0].steps_mm)
     return Periodic(
         turn_mm=settings.turn_mm,
         return_mm=settings.return_mm,
         coefficients_mm=np.stack([shared + hysteresis, shared - hysteresis]),
+        steps=(
+            recurring(traces[0], heights[2 : 2 + first], settings.turn_mm),
+            recurring(traces[1], heights[4 + first :], settings.turn_mm),
+        ),
         shared=settings.share,
         walk_mm=float(np.exp(settings.log_walk)),
         white_mm=float(np.exp(settings.log_white)),
@@ -75,34 +98,43 @@ def fit(plus_travel_mm: np.ndarray, plus_mm: np.ndarray, minus_travel_mm: np.nda
     )
 
 
-@dataclass(frozen=True)
-class _Settings:
-    turn_mm: float
-    return_mm: float
-    log_size: float
-    decay: float
-    logit_share: float
-    log_walk: float
-    log_white: float
+def recurring(trace: Trace1d, heights_mm: np.ndarray, turn_mm: float) -> tuple[tuple[float, float], ...]:
+    """Return (place, height) of the steps to predict: of those at one angle, the median height over all the turns.
 
-    @property
-    def share(self) -> float:
-        return float(1 / (1 + np.exp(-self.logit_share)))
+    A turn without a step at that angle counts as zero, so that what happened in a minority of turns is an accident.
+    """
+    merged: list[tuple[float, float]] = []
+    for place, height in sorted(zip(trace.steps_mm, heights_mm, strict=True)):
+        if merged and place - merged[-1][0] < _NEAR_MM:
+            merged[-1] = (merged[-1][0], merged[-1][1] + height)
+        else:
+            merged.append((place, height))
+    merged = [(place, height) for place, height in merged if abs(height) > _SMALLEST_MM]
+    found = []
+    for place, _ in merged:
+        off = np.array([(other - place + turn_mm / 2) % turn_mm - turn_mm / 2 for other, _ in merged])
+        same = [height for (_, height), away in zip(merged, off, strict=True) if abs(away) < turn_mm / 8]
+        turns = int(np.ceil((trace.travel_mm[-1] - place % turn_mm) / turn_mm))
+        height = float(np.median((same + [0.0] * turns)[: max(turns, 1)]))
+        if height != 0.0:
+            found.append((place, _ODDS * height))
+    return tuple(found)
 
-    def outside(self) -> bool:
-        sizes = -8 < self.log_walk < 3 and -6 < self.log_white < 1 and self.log_size < 3
-        return not (25 < self.turn_mm < 60 and 0 <= self.decay < 6 and abs(self.logit_share) < 9 and sizes)
 
-    def penalty(self) -> float:
-        """The negative log prior of the size (half a millimetre, wide) and the decay (1.5 ± 1)."""
-        return ((self.log_size - np.log(0.5)) / 2) ** 2 / 2 + (self.decay - 1.5) ** 2 / 2
+def _add_steps(traces: tuple[Trace1d, Trace1d], settings: Settings) -> int:
+    """Add the likeliest steps to the traces one by one; return how many."""
+    for added in range(_STEPS_A_ROUND):
+        gain, side, place = likeliest_step(traces, settings)
+        if gain < _STEP_GAIN:
+            return added
+        traces[side].steps_mm.append(place)
+    return _STEPS_A_ROUND
 
 
-def _best(loss: Callable[[np.ndarray], float]) -> _Settings:
+def _descend(loss: Callable[[np.ndarray], float], values: np.ndarray, *, passes: int) -> np.ndarray:
     """Minimise in turns: the turn by itself, for changing it is what costs time, then the others."""
-    values = _start(loss)
     simplex = np.vstack([np.zeros(6), np.diag([1.0, 0.4, 0.3, 1.0, 0.4, 0.3])])
-    for _ in range(2):
+    for _ in range(passes):
 
         def turn_loss(turn: float, others: np.ndarray = values[1:]) -> float:
             return loss(np.concatenate([[turn], others]))
@@ -116,7 +148,7 @@ def _best(loss: Callable[[np.ndarray], float]) -> _Settings:
         options = {"maxiter": 200, "xatol": 1e-3, "fatol": 0.05, "initial_simplex": values[1:] + simplex}
         others = minimize(others_loss, values[1:], method="Nelder-Mead", options=options).x
         values = np.concatenate([[turn], others])
-    return _Settings(*map(float, values))
+    return values
 
 
 def _start(loss: Callable[[np.ndarray], float]) -> np.ndarray:
@@ -128,54 +160,3 @@ def _start(loss: Callable[[np.ndarray], float]) -> np.ndarray:
     angles = np.arange(0.0, turn, 1.0)
     losses = [loss(np.array([turn, angle, *common, 2.0, *noise])) for angle in angles]
     return np.array([turn, angles[np.argmin(losses)], *common, 1.0, *noise])
-
-
-class _Whitener:
-    """A traverse in the eigenvectors of the random walk, where every drift's covariance is diagonal."""
-
-    def __init__(self, travel_mm: np.ndarray, error_mm: np.ndarray) -> None:
-        self.travel_mm = np.asarray(travel_mm, float)
-        walk = np.minimum.outer(self.travel_mm, self.travel_mm) / 100.0
-        values, self.vectors = np.linalg.eigh(walk)
-        self.values = np.maximum(values, 0.0)
-        self.error = self.vectors.T @ np.asarray(error_mm, float)
-        middle = (self.travel_mm - self.travel_mm.mean()) / 100.0
-        self.line = self.vectors.T @ np.stack([np.ones_like(middle), middle], axis=1)
-        self._turn_mm, self._waves = np.nan, np.empty((0, 0))
-
-    def waves(self, turn_mm: float) -> np.ndarray:
-        """Return the harmonics over this traverse [N, 2·HARMONICS]; the last turn's are remembered."""
-        if turn_mm != self._turn_mm:
-            self._turn_mm, self._waves = turn_mm, self.vectors.T @ _harmonics(self.travel_mm, turn_mm)
-        return self._waves
-
-
-def _harmonics(travel_mm: np.ndarray, turn_mm: float) -> np.ndarray:
-    angle = np.outer(travel_mm, _K) * (2 * np.pi / turn_mm)
-    return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def _posterior(traces: tuple[_Whitener, _Whitener], settings: _Settings) -> tuple[np.ndarray, float]:
-    """Return the mean weights (shared, hysteresis, lines) and the log marginal likelihood, up to a constant."""
-    plus, minus = traces
-    forth = plus.waves(settings.turn_mm)
-    # −(cos, sin)(kθ − ks) from (cos, sin)(ks), by the addition theorems
-    cosine, sine = minus.waves(settings.turn_mm)[:, :HARMONICS], minus.waves(settings.turn_mm)[:, HARMONICS:]
-    angle = 2 * np.pi * _K * settings.return_mm / settings.turn_mm
-    c, s = np.cos(angle), np.sin(angle)
-    back = -np.concatenate([c * cosine + s * sine, s * cosine - c * sine], axis=1)
-    lines = np.zeros((len(forth) + len(back), 4))
-    lines[: len(forth), :2], lines[len(forth) :, 2:] = plus.line, minus.line
-    design = np.concatenate([np.vstack([forth, back]), np.vstack([forth, -back]), lines], axis=1)
-    size = np.exp(2 * settings.log_size) * np.tile(_K.astype(float), 2) ** (-2 * settings.decay)
-    prior = np.concatenate(
-        [size * (1 + settings.share) / 2, size * (1 - settings.share) / 2, np.full(4, _LINE_VARIANCE_MM2)]
-    )
-    variance = np.exp(2 * settings.log_walk) * np.concatenate([plus.values, minus.values])
-    noise = np.sqrt(variance + np.exp(2 * settings.log_white))
-    scaled = design * np.sqrt(prior) / noise[:, None]
-    target = np.concatenate([plus.error, minus.error]) / noise
-    lower = np.linalg.cholesky(np.eye(scaled.shape[1]) + scaled.T @ scaled)
-    projected = np.linalg.solve(lower, scaled.T @ target)
-    evidence = -(target @ target - projected @ projected) / 2 - np.log(np.diag(lower)).sum() - np.log(noise).sum()
-    return np.sqrt(prior) * np.linalg.solve(lower.T, projected), float(evidence)
