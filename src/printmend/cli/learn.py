@@ -9,7 +9,7 @@ import click
 @click.command(epilog="Example: printmend learn trace.csv --printer ender3 -o printer.mend.json")
 @click.argument("trace", metavar="TRACE.csv", type=click.Path(path_type=Path))
 @click.option(
-    "--printer", "printer_name", required=True, metavar="NAME|FILE.toml", help="A preset or your own printer."
+    "--printer", "printer_name", metavar="NAME|FILE.toml", help="A preset or your own printer [with --update: the old]"
 )
 @click.option("--model", "name", default="auto", show_default=True, metavar="auto|greybox|lightgbm-axis|…",
               help="auto is the simplest machine that the trace supports.")  # fmt: skip
@@ -17,19 +17,36 @@ import click
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("printer.mend.json"),
     show_default=True,
 )  # fmt: skip
+@click.option("--update", "old", metavar="OLD.mend.json", type=click.Path(path_type=Path),
+              help="Bring this model up to date with a second, smaller print, and say what changed.")  # fmt: skip
 @click.option("--seed", type=int, default=0, show_default=True, help="Picks the rows looked at first in a long trace.")
 @click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as JSON.")
-def command(trace: Path, printer_name: str, name: str, output: Path, seed: int, as_json: bool) -> None:
+def command(
+    trace: Path, printer_name: str | None, name: str, output: Path, old: Path | None, seed: int, as_json: bool
+) -> None:
     """Learn what is wrong with a printer from one measured print, and say so in plain words."""
     import numpy as np
 
     from printmend.measure import read_trace
     from printmend.printer import read_printer
     from printmend.worldmodel.learned import learn, report
-    from printmend.worldmodel.saved import write_model
+    from printmend.worldmodel.saved import read_model, write_model
 
-    printer = read_printer(printer_name)
-    model = learn(read_trace(trace, printer), printer, model=name, rng=np.random.default_rng(seed))
+    if printer_name is None and old is None:
+        raise click.UsageError("--printer says which machine the trace is from")
+    rng = np.random.default_rng(seed)
+    if old is None:
+        printer = read_printer(printer_name or "")
+        model = learn(read_trace(trace, printer), printer, model=name, rng=rng)
+    else:
+        from printmend.worldmodel.update import same_machine, update
+
+        past = read_model(old)
+        if printer_name is not None:
+            same_machine(past, read_printer(printer_name))
+        updated = update(past, read_trace(trace, past.printer), rng=rng)
+        model = updated.model
+        click.echo(updated.words, err=as_json)
     write_model(output, model)
     if as_json:
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))

@@ -1,5 +1,7 @@
 """From a trace to the saved model of a machine: what `printmend learn` does."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -47,9 +49,23 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
     return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
 
 
-def greybox_model(fit: GreyboxModel, trace: Trace) -> SavedModel:
-    """Return a grey box as a saved model, its diagnosis and uncertainties included."""
+def greybox_model(
+    fit: GreyboxModel,
+    trace: Trace,
+    *,
+    known_gaps: tuple[str, ...] | None = None,
+    anew: tuple[str, ...] = (),
+    more: Mapping[str, Any] | None = None,
+) -> SavedModel:
+    """Return a grey box as a saved model, its diagnosis and uncertainties included.
+
+    An update passes the ``known_gaps`` of the old model, whose print saw more: new ones count for motors learned
+    ``anew`` only. ``more`` goes into the document.
+    """
     diagnosis = diagnose(fit)
+    if known_gaps is not None:
+        new = tuple(gap for gap in diagnosis.gaps if gap.startswith(tuple(f"{name} " for name in anew)))
+        diagnosis = replace(diagnosis, gaps=(*known_gaps, *new))
     branches = tuple(drive.branches for drive in fit.drives)
     details: dict[str, Any] = {
         "diagnosis": [
@@ -63,6 +79,7 @@ def greybox_model(fit: GreyboxModel, trace: Trace) -> SavedModel:
             "residual_after_mm": round(fit.residual_after_mm, 6),
         },
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
+        **(more or {}),
     }
     return saved_model(
         fit.mechanism,

@@ -1,0 +1,169 @@
+"""A model brought up to date: what changed is found, what did not stays, and nothing is ever lost by it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.main import group
+from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon
+from printmend.errors import ModelError
+from printmend.measure.table import write_trace
+from printmend.path import Trace
+from printmend.printer import Printer, read_printer
+from printmend.twin import Twin
+from printmend.worldmodel.greybox_prior import remember
+from printmend.worldmodel.learned import learn
+from printmend.worldmodel.saved import SavedModel, model_text, parse_model, read_model, write_model
+from printmend.worldmodel.update import update
+from tests.test_greybox_learning import stairs
+
+ENDER3 = read_printer("ender3")
+NOISE_MM = 0.03
+
+
+def machine(play_x: float = 0.2, play_y: float = 0.3, phase: float = 1.0) -> Corruption:
+    return Corruption(
+        (
+            Drive(pulley=EccentricBore(0.5, phase), belt=Play(play_x)),
+            Drive(pulley=Ellipse(6.6, 6.1, 0.4), belt=Play(play_y)),
+        )
+    )
+
+
+def printed(
+    corruption: Corruption,
+    points: int,
+    seed: int,
+    *,
+    small: bool = True,
+    printer: Printer = ENDER3,
+    shift_mm: float = 0.0,
+) -> Trace:
+    way = stairs(points, 60, 130) if small else stairs(points)
+    measured = Twin.of(corruption, printer).follow(way) + shift_mm
+    return Trace(way, measured + np.random.default_rng(seed).normal(0, NOISE_MM, way.shape), homed=True)
+
+
+def error_mm(model: SavedModel, corruption: Corruption, *, placed: bool = True) -> float:
+    """Return the RMS error of all branches; without ``placed`` a shift of each axis is taken off."""
+    motor, errors = np.linspace(10, 210, 801), []
+    truth = corruption.lower(model.printer).homed()
+    for have, want in zip(model.mechanism.transmissions, truth.transmissions, strict=True):
+        off = np.stack(have.branches_mm(motor)) - np.stack(want.branches_mm(motor))
+        errors.append(off if placed else off - off.mean())
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+@pytest.fixture(scope="module")
+def old() -> SavedModel:
+    return learn(printed(machine(), 900, 0, small=False), ENDER3, rng=np.random.default_rng(0))
+
+
+def test_a_saved_model_is_remembered_as_it_was(old: SavedModel) -> None:
+    for motor in range(2):
+        past = remember(parse_model(model_text(old), subject="text"), motor)
+        again = past.design.branches(past.values, period_mm=40.0, origin_mm=past.branches.middle_mm, reach_mm=(0, 220))
+        at = np.linspace(0, 220, 500)
+        for have, want in zip(again.errors_mm(at), past.branches.errors_mm(at), strict=True):
+            assert np.abs(have - want).max() < 1e-8
+        # a turn of 2π is none, and two half turns are one
+        assert np.abs(past.turned(2 * np.pi) - past.values).max() < 1e-9
+        assert np.abs(replace(past, values=past.turned(1.0)).turned(-1.0) - past.values).max() < 1e-9
+
+
+@pytest.mark.parametrize(("points", "seed"), [(200, 1), (200, 2), (60, 3)])
+def test_the_same_machine_stays(old: SavedModel, points: int, seed: int) -> None:
+    updated = update(old, printed(machine(), points, seed), rng=np.random.default_rng(0))
+    assert updated.changes == ()
+    assert updated.anew == ()
+    assert error_mm(updated.model, machine()) < error_mm(old, machine()) + 0.1 * NOISE_MM
+
+
+@pytest.mark.parametrize("shift_mm", [0.0, 3.0])
+def test_play_that_grew_is_found(old: SavedModel, shift_mm: float) -> None:
+    now = machine(play_x=0.35)
+    trace = printed(now, 200, 5, shift_mm=shift_mm)
+    updated = update(old, trace, rng=np.random.default_rng(0))
+    (change,) = updated.changes
+    assert change.kind == "play"
+    assert abs(change.now - 0.35) < 4 * change.sd < 0.04
+    assert updated.words.startswith("X belt play grew from 0.20 to 0.35 mm")
+    fresh = learn(trace, ENDER3, rng=np.random.default_rng(0))
+    errors = [error_mm(model, now, placed=shift_mm == 0) for model in (updated.model, fresh, old)]
+    assert errors[0] <= 1.02 * min(errors)
+
+
+CHANGES = {
+    "pulley turned": machine(phase=2.5),
+    "new pulley": Corruption((Drive(pulley=Polygon((6.9, 6.2, 7.1, 6.5), 0.3), belt=Play(0.2)), machine().drives[1])),
+    "repaired": Corruption(),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_never_worse_than_the_new_trace_alone(old: SavedModel, name: str) -> None:
+    now = CHANGES[name]
+    trace = printed(now, 200, 6)
+    updated = update(old, trace, rng=np.random.default_rng(0))
+    fresh = learn(trace, ENDER3, rng=np.random.default_rng(0))
+    assert error_mm(updated.model, now) <= error_mm(fresh, now) + 0.1 * NOISE_MM
+    assert updated.changes or updated.anew
+
+
+def test_an_update_can_be_updated(old: SavedModel, tmp_path: Path) -> None:
+    first = update(old, printed(machine(0.3), 200, 7), rng=np.random.default_rng(0))
+    write_model(tmp_path / "first.mend.json", first.model)
+    second = update(
+        read_model(tmp_path / "first.mend.json"), printed(machine(0.45), 200, 8), rng=np.random.default_rng(0)
+    )
+    (change,) = second.changes
+    assert change.before == pytest.approx(0.3, abs=0.02)
+    assert change.now == pytest.approx(0.45, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["corexy", "ender3"])
+def test_frames_are_remembered(name: str) -> None:
+    printer = read_printer(name)
+    crooked = Corruption(machine().drives, CrookedFrame(0.5))
+    old = learn(printed(crooked, 900, 0, small=False, printer=printer), printer, rng=np.random.default_rng(0))
+    updated = update(old, printed(crooked, 200, 1, printer=printer), rng=np.random.default_rng(0))
+    assert updated.changes == ()
+    bed = np.array([[20.0, 20.0], [20.0, 200.0], [200.0, 20.0], [200.0, 200.0]])
+    frames = [model.mechanism.frame.apply(bed) for model in (old, updated.model)]
+    assert np.abs(frames[0] - frames[1] - (frames[0] - frames[1]).mean(axis=0)).max() < 0.05
+
+
+def run(*args: object):
+    return CliRunner().invoke(group, [str(arg) for arg in args])
+
+
+def test_the_command_says_what_changed(old: SavedModel, tmp_path: Path) -> None:
+    write_model(tmp_path / "old.mend.json", old)
+    write_trace(tmp_path / "trace2.csv", printed(machine(0.35), 200, 9))
+    new = tmp_path / "new.mend.json"
+    result = run("learn", "--update", tmp_path / "old.mend.json", tmp_path / "trace2.csv", "-o", new)
+    assert result.exit_code == 0, result.output
+    assert "X belt play grew from 0.20 to 0.3" in result.output
+    assert json.loads(new.read_text())["update"]["from"] == old.digest
+    assert read_model(new).findings[0].startswith("X pulley eccentric")
+
+
+def test_bad_input_ends_in_one_line(old: SavedModel, tmp_path: Path) -> None:
+    trace = printed(machine(), 200, 9)
+    write_trace(tmp_path / "trace2.csv", trace)
+    write_model(tmp_path / "naive.mend.json", learn(trace, ENDER3, model="naive", rng=np.random.default_rng(0)))
+    write_model(tmp_path / "old.mend.json", old)
+    for arguments in (
+        ["--update", tmp_path / "naive.mend.json"],
+        ["--update", tmp_path / "none.mend.json"],
+        ["--update", tmp_path / "old.mend.json", "--printer", "ender5"],
+    ):
+        result = run("learn", tmp_path / "trace2.csv", *arguments, "-o", tmp_path / "new.mend.json")
+        assert isinstance(result.exception, ModelError)
+        assert "\n" not in str(result.exception)
+    assert run("learn", tmp_path / "trace2.csv").exit_code == 2
+    assert not (tmp_path / "new.mend.json").exists()
