@@ -214,7 +214,7 @@ def _extrude(model, curve, state, counts, pieces, n, record, row, layers, errors
                 n, t = done, stop
                 continue
         while t < stop:
-            end, m0, m1 = chord(model, curve, state, mode0, mode1, t, stop, record.advance)
+            end, m0, m1 = chord(model, curve, state, mode0, mode1, t, stop, e0, e1, record.advance)
             x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
             if clamp > quantum:
                 counts[N_CLAMPED] += 1

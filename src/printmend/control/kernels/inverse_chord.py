@@ -88,13 +88,17 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound):
 
 
 @njit(error_model="numpy", _nrt=False)
-def chord(model, curve, state, mode0, mode1, t, stop, advance):
-    """Return (end, m0, m1): where the longest admissible chord from t ends, and the motors there."""
+def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
+    """Return (end, m0, m1): where the longest admissible chord from t ends, and the motors there.
+
+    It ends at ``stop``, where the belts are wanted at (u0, u1), or before.
+    """
     length = curve[LENGTH]
+    m0, m1 = motor_at(model, state, 0, mode0, u0), motor_at(model, state, 1, mode1, u1)
     if curve[ARC] != 0.0 and not is_flat_arc(curve):  # what is looked at below is only seen from above
         stop = min(stop, t + np.sqrt(8.0 * CHORD_MM / max(curve[R0], CHORD_MM)) / abs(curve[SWEEP]))
+        m0, m1 = ends(model, curve, state, mode0, mode1, stop)
     whole = stop - t
-    m0, m1 = ends(model, curve, state, mode0, mode1, stop)
     from0, from1 = state[S_M], state[S_M + 1]
     d0, d1 = abs(m0 - from0), abs(m1 - from1)
     far0, far1 = min(d0, _FAR_MM) * np.sign(m0 - from0), min(d1, _FAR_MM) * np.sign(m1 - from1)

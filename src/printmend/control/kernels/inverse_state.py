@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from printmend.control.kernels.inverse_layout import HOLD_MM, S_HI, S_LO, S_M
+from printmend.control.kernels.inverse_layout import HOLD_MM, S_HI, S_LO, S_M, S_SIDE
 from printmend.control.kernels.inverse_lookup import (
     LOWER,
     M_BED,
@@ -11,6 +11,7 @@ from printmend.control.kernels.inverse_lookup import (
     backward,
     forward,
     from_motors,
+    is_taut,
     to_motors,
 )
 
@@ -19,6 +20,8 @@ from printmend.control.kernels.inverse_lookup import (
 def open_interval(model, state, m, lo, hi):
     """The belts may be anywhere in their play: the interval from ``lo`` to ``hi`` becomes all of it."""
     for k in range(2):
+        if m == S_M:
+            state[S_SIDE + k] = 0.0
         state[lo + k] = forward(model, k, LOWER, state[m + k])
         state[hi + k] = forward(model, k, UPPER, state[m + k])
 
@@ -37,25 +40,32 @@ def is_sure(state, k):
 def pull(model, state, m, lo, hi, k, to):
     """Move motor k to ``to`` and its belt with it; ``m``, ``lo`` and ``hi`` name the state's fields.
 
+    Returns 1 or −1 where the motor now pushes the belt forwards or backwards, 0 where it does not touch it.
     u ← min(max(u, lower), upper) (physics.md eq. 7): going forwards only the lower branch can touch, because
     both rise; going backwards only the upper one.
     """
+    side = 0.0
     if to > state[m + k]:
         push = forward(model, k, LOWER, to)
         state[lo + k] = max(state[lo + k], push)
         state[hi + k] = max(state[hi + k], push)
+        side = 1.0 if state[hi + k] == push else 0.0
     elif to < state[m + k]:
         push = forward(model, k, UPPER, to)
         state[lo + k] = min(state[lo + k], push)
         state[hi + k] = min(state[hi + k], push)
+        side = -1.0 if state[lo + k] == push else 0.0
     state[m + k] = to
+    return side
 
 
 @njit(error_model="numpy", _nrt=False)
 def arrive(model, state, m0, m1):
     """Move both motors, and what they pull."""
-    pull(model, state, S_M, S_LO, S_HI, 0, m0)
-    pull(model, state, S_M, S_LO, S_HI, 1, m1)
+    if m0 != state[S_M]:
+        state[S_SIDE] = pull(model, state, S_M, S_LO, S_HI, 0, m0)
+    if m1 != state[S_M + 1]:
+        state[S_SIDE + 1] = pull(model, state, S_M, S_LO, S_HI, 1, m1)
 
 
 @njit(error_model="numpy", _nrt=False)
@@ -88,6 +98,8 @@ def prepare(model, state, k, start, end, anywhere):
             if abs(way) < 1e-9:
                 return 0, m, m
             mode = 1 if way > 0 else -1
+            if state[S_SIDE + k] == mode or is_taut(model, k):
+                return mode, m, m
             engaged = backward(model, k, LOWER if way > 0 else UPPER, now)
             if abs(engaged - m) <= HOLD_MM:
                 return mode, m, m
