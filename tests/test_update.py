@@ -83,6 +83,12 @@ def test_the_same_machine_stays(old: SavedModel, points: int, seed: int) -> None
     assert error_mm(updated.model, machine()) < error_mm(old, machine()) + 0.1 * NOISE_MM
 
 
+@pytest.mark.parametrize("seed", [2001, 2003])
+def test_an_oval_pulley_did_not_turn_by_half(old: SavedModel, seed: int) -> None:
+    updated = update(old, printed(machine(0.15), 200, seed), rng=np.random.default_rng(0))
+    assert [change.kind for change in updated.changes] == ["play"]
+
+
 @pytest.mark.parametrize("shift_mm", [0.0, 3.0])
 def test_play_that_grew_is_found(old: SavedModel, shift_mm: float) -> None:
     now = machine(play_x=0.35)

@@ -25,7 +25,7 @@ class Advice:
 
 def advise(fault: Fault, *, corexy: bool = False) -> Advice:
     """Return the advice for one fault."""
-    where = f"motor {fault.part.upper()}" if corexy and fault.part != "frame" else fault.part.upper()
+    where = f"Motor {fault.part.upper()}" if corexy and fault.part != "frame" else fault.part.upper()
     size = abs(fault.value)
     kind = "harmonic" if fault.kind.startswith("harmonic-") else fault.kind
     say = _SAY.get(kind, _other)

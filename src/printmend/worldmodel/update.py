@@ -38,6 +38,7 @@ PHASES = 48  # tried turns of the pulley on its shaft
 DRIFTS = (
     Drift(0.02, 0.02, 0.1), Drift(1, 0.02, 0.1), Drift(1, 1, 0.1), Drift(1, 1, 1), Drift(3, 3, 5), Drift(5, 5, 25),
 )  # fmt: skip
+SYMMETRIC = 0.98  # of the best match of a turned pulley: as good
 SAME_PLACE = 0.002  # homing repeats to hundredths of a millimetre; a plate on a scanner does not
 PASSES = 8
 REPLACED = 0.85  # of the noise: where learning anew leaves less than this, the old model was of another part
@@ -313,7 +314,7 @@ def _changes(name: str, past: Remembered, now: Choice) -> list[Change]:
     at = design.parts["mean_powers"].start + 1
     compare("scale", "scale error", past.values[at], post.values[at], float(np.hypot(past.sds[at], sds[at])), "%", 0.02)
     turn, turn_sd = _turned(past, post, sds)
-    if _keeps_shape(past, post) and abs(turn) > max(SURE * turn_sd, 0.5):
+    if _keeps_shape(past, post) and abs(turn) > max(SURE * turn_sd, _least_turn_deg(past)):
         words = f"{name} pulley turned on its shaft by {amount(turn, turn_sd, '°')}"
         found.append(Change(name, "phase", 0.0, turn, turn_sd, "°", words))
     for i, k in enumerate(design.waves("mean")[:4]):
@@ -332,6 +333,12 @@ def _keeps_shape(past: Remembered, post: Posterior) -> bool:
     return new > 0.5 * old
 
 
+def _least_turn_deg(past: Remembered) -> float:
+    """Return the turn [°] of the pulley that moves a print by twice the least change worth a word."""
+    size_mm = float(np.linalg.norm(past.values[past.design.mask("mean")]))
+    return float(np.degrees(2 * CHANGED_MM / max(size_mm, CHANGED_MM)))
+
+
 def _turned(past: Remembered, post: Posterior, sds: np.ndarray) -> tuple[float, float]:
     """Return by how many degrees the pulley turned: the largest correlation of old and new harmonics; and its sd."""
     cos_at, sin_at = past.design.parts["mean_cos"], past.design.parts["mean_sin"]
@@ -345,4 +352,7 @@ def _turned(past: Remembered, post: Posterior, sds: np.ndarray) -> tuple[float, 
     match = (np.exp(-1j * np.outer(turns, k)) @ (np.conj(old) * new)).real
     noise = past.sds[cos_at] ** 2 + sds[cos_at] ** 2
     sd = np.sqrt((k**2 * np.abs(old) ** 2 * noise).sum()) / weight
-    return float(-np.degrees(turns[np.argmax(match)])), float(np.degrees(sd))
+    # An oval pulley looks the same after half a turn: of equal peaks, the smallest turn.
+    peak = (match >= np.roll(match, 1)) & (match >= np.roll(match, -1)) & (match > SYMMETRIC * match.max())
+    turn = turns[peak][np.argmin(np.abs(turns[peak]))]
+    return float(-np.degrees(turn)), float(np.degrees(sd))
