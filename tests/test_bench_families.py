@@ -104,6 +104,15 @@ def test_what_failed_is_left_out_and_marked() -> None:
     assert lines == [("play damaged", "1.000 (2.00)*", "1.000 (2.00)*", "–", "–")]
 
 
+def test_an_optimum_of_no_error_has_no_ratio_but_its_equal_has() -> None:
+    best = [result(OPTIMUM, sample, 0.0) for sample in range(2)]
+    equal = family_cells([*best, result("naive+greedy", 0, 0.0), result("naive+greedy", 1, 0.0)], (0.0,))[1]
+    assert (equal.ratio, equal.worst_ratio) == (1.0, 1.0)
+    worse = family_cells([*best, result("naive+greedy", 0, 0.0), result("naive+greedy", 1, 3.0)], (0.0,))
+    assert (worse[1].rmse_steps, worse[1].ratio) == (1.5, None)
+    assert family_tables(worse, (1.0,), (0.0,))[1][2] == [("play damaged", "1.500 (–)")]
+
+
 def test_a_run_resumes(tmp_path: Path) -> None:
     cases = draw_family_cases(["play", "ripple@corexy"], severities=["damaged"], coverages=[0.5], samples=1, seed=3)
     first = families_table(cases[:1], ["naive+greedy"], (0.0,), tmp_path)

@@ -25,6 +25,7 @@ TEST_SEED = 61803
 NOISES_MM = (0.0, 0.05, 0.1)
 COVERAGES = (0.5, 1.0, 2.5)
 ROWS = ("naive+greedy", "greybox+greedy", "greybox+optimal", "oracle+greedy", OPTIMUM)
+_NOTHING_STEPS = 1e-9
 SEVERITIES: tuple[Literal["damaged", "realistic"], ...] = ("damaged", "realistic")
 
 # Everything that two axes show: a gain table is the published simulator's own world, and a Z screw needs heights.
@@ -115,7 +116,8 @@ def measures(label: str) -> bool:
 @dataclass(frozen=True)
 class Cell:
     """A row's errors over a family's samples: the mean RMSE [steps] and its ratio to the optimum's mean; the median
-    and the worst of the samples' own ratios. None where nothing succeeded."""
+    and the worst of the samples' own ratios. None where nothing succeeded, or the optimum is no error at all.
+    """
 
     label: str
     family: str
@@ -153,16 +155,21 @@ def _filled(cell: Cell, items: list[FamilyResult], best: dict) -> Cell:
     if not both:
         return replace(cell, samples=len(items), failures=len(items))
     mine, optimum = np.array(both).T
-    ratios = mine / optimum
+    # A machine that only jumps is healthy when it does not: there the optimum is no error at all.
+    perfect = optimum < _NOTHING_STEPS
+    matched = perfect & (mine < _NOTHING_STEPS)
+    ratios = np.where(matched, 1.0, mine / np.where(perfect, 1.0, optimum))[matched | ~perfect]
+    together = float(optimum.mean())
+    ratio = float(mine.mean()) / together if together >= _NOTHING_STEPS else (1.0 if matched.all() else None)
     return replace(
         cell,
         samples=len(items),
         failures=len(items) - len(both),
         rmse_steps=float(mine.mean()),
         optimum_steps=float(optimum.mean()),
-        ratio=float(mine.mean() / optimum.mean()),
-        median_ratio=float(np.median(ratios)),
-        worst_ratio=float(ratios.max()),
+        ratio=ratio,
+        median_ratio=float(np.median(ratios)) if len(ratios) else None,
+        worst_ratio=float(ratios.max()) if len(ratios) else None,
     )
 
 
@@ -191,6 +198,7 @@ def family_tables(
 
 
 def _text(cell: Cell | None) -> str:
-    if cell is None or cell.rmse_steps is None or cell.ratio is None:
+    if cell is None or cell.rmse_steps is None:
         return "–"
-    return f"{cell.rmse_steps:.3f} ({cell.ratio:.2f})" + ("*" if cell.failures else "")
+    ratio = "–" if cell.ratio is None else f"{cell.ratio:.2f}"
+    return f"{cell.rmse_steps:.3f} ({ratio})" + ("*" if cell.failures else "")
