@@ -8,7 +8,6 @@ import numpy as np
 from printmend.control.inverse import Planner
 from printmend.control.kernels import inverse_layout as k
 
-
 _GAIN_MM = 0.0005
 
 
