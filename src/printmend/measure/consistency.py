@@ -14,8 +14,12 @@ from printmend.measure.plan import ProbePlan
 WAVES = 10
 ROUNDS = 3
 SURE_OF_SIDE_MM = 2.5  # having moved this far, a belt is on the side it pushes, in the first round
-RUNNING = 9  # marks whose common error is a jump, not a mistake
+NEIGHBOURS = 5  # marks whose common error is a jump, not a mistake
 DOUBT_MM = 0.15
+# What damaged printers do (physics.md §3), in the order of `_columns`: origin, scale over half a bed, bends, fading
+# waves, the pulley's waves; then the cross terms.
+PRIOR = np.array([5.0, 40.0, 5.0, 5.0, 3.0, 3.0, *np.repeat(3.0 / np.arange(1, WAVES + 1) ** 1.5, 2)])
+CROSS_PRIOR = np.array([5.0, 2.0, 2.0, 2.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,34 +38,39 @@ class Expectation:
             plan, motors, (_columns(motors[:, 0], plan.mm_per_turn[0]), _columns(motors[:, 1], plan.mm_per_turn[1]))
         )
 
-    def marks_mm(self, measured_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return where each mark should be [M, 2] mm and the spread [2] around that.
+    def marks_mm(self, measured_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return where each mark should be [M, 2] mm, how unsure the model is of it [M, 2], and the usual spread [2].
 
         ``measured_mm`` [M, 2] is NaN where a mark was not found.
         """
         marks = self.plan.to_motor(measured_mm)
-        expected, spread = np.empty_like(marks), np.empty(2)
+        expected, unsure, spread = np.empty_like(marks), np.empty_like(marks), np.empty(2)
         for motor in range(2):
             across = self.motors_mm[self.plan.rows, 1 - motor]
-            expected[:, motor], spread[motor] = _expected(
+            expected[:, motor], unsure[:, motor], spread[motor] = _expected(
                 self.motors_mm[:, motor], self.columns[motor], self.plan.rows, marks[:, motor], across
             )
         if self.plan.kinematics == "corexy":
             spread = np.full(2, np.hypot(*spread) / 2)
-        return self.plan.from_motor(expected), spread
+            unsure = np.repeat(np.hypot(unsure[:, :1], unsure[:, 1:]) / 2, 2, axis=1)
+        return self.plan.from_motor(expected), unsure, spread
 
 
 def _expected(
     motor: np.ndarray, columns: np.ndarray, rows: np.ndarray, measured: np.ndarray, across: np.ndarray
-) -> tuple[np.ndarray, float]:
+) -> tuple[np.ndarray, np.ndarray, float]:
     known = np.isfinite(measured)
     over = (across - across.mean()) / (np.ptp(across) / 2 + 1e-9)
     cross = np.stack([over, over**2, over**3, over * columns[rows, 1]], axis=1)
     contact, side, sure = _contacts_by_run(motor)
     use = known & sure[rows]
+    prior = np.concatenate([PRIOR, PRIOR, CROSS_PRIOR])
+    shared = np.zeros(len(rows))
     for _ in range(ROUNDS):
         design = np.hstack([_sided(columns[contact[rows]], side[rows]), cross])
-        fit = _robust_fit(design[use], (measured - motor[contact[rows]])[use])
+        error = measured - motor[contact[rows]]
+        fit, covariance = _robust_fit(design[use], (error - shared)[use], prior)
+        shared = _shared_error(np.where(known, error - design @ fit, np.nan))
         # contacts under these branches: where the belt was last pushed, and from which side
         width = 2 * columns.shape[1]
         lower = motor + _sided(columns, np.ones(len(motor))) @ fit[:width]
@@ -70,8 +79,9 @@ def _expected(
         use = known
     design = np.hstack([_sided(columns[contact[rows]], side[rows]), cross])
     prediction = motor[contact[rows]] + design @ fit
-    prediction = prediction + _running_median(np.where(known, measured - prediction, np.nan))
-    return prediction, 1.4826 * float(np.median(np.abs((measured - prediction)[known])))
+    unsure = np.sqrt(np.einsum("mi,ij,mj->m", design, covariance, design, optimize=True))
+    prediction = prediction + _shared_error(np.where(known, measured - prediction, np.nan))
+    return prediction, unsure, 1.4826 * float(np.median(np.abs((measured - prediction)[known])))
 
 
 def _columns(motor: np.ndarray, turn_mm: float) -> np.ndarray:
@@ -89,15 +99,18 @@ def _sided(columns: np.ndarray, side: np.ndarray) -> np.ndarray:
     return np.hstack([columns, side[:, None] * columns])
 
 
-def _robust_fit(design: np.ndarray, target: np.ndarray) -> np.ndarray:
+def _robust_fit(design: np.ndarray, target: np.ndarray, prior_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fit with Cauchy weights and a prior standard deviation for each coefficient; return fit and covariance."""
     weight = np.ones(len(target))
-    ridge = 1e-3 * np.eye(design.shape[1])
+    scale = 0.5
     for _ in range(5):
-        fit = np.linalg.solve(design.T @ (weight[:, None] * design) + ridge, design.T @ (weight * target))
+        normal = design.T @ (weight[:, None] * design) / scale**2 + np.diag(prior_mm**-2)
+        covariance = np.linalg.inv(normal)
+        fit = covariance @ (design.T @ (weight * target)) / scale**2
         residual = target - design @ fit
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 0.01)
+        scale = max(1.4826 * float(np.median(np.abs(residual))), 0.02)
         weight = 1.0 / (1.0 + (residual / (2 * scale)) ** 2)
-    return fit
+    return fit, covariance
 
 
 def _contacts_by_run(motor: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -123,13 +136,25 @@ def _contacts_by_play(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray,
     return np.array(contact), np.array(side)
 
 
-def _running_median(residual: np.ndarray) -> np.ndarray:
-    """Return the median of the RUNNING neighbours in order of printing, the mark itself left out."""
-    half = RUNNING // 2
-    padded = np.concatenate([np.full(half, np.nan), residual, np.full(half, np.nan)])
-    around = np.stack([padded[k : k + len(residual)] for k in range(RUNNING) if k != half], axis=1)
+def _shared_error(residual: np.ndarray) -> np.ndarray:
+    """Return the error [M] that each mark shares with the NEIGHBOURS printed before it or after it, the likelier.
+
+    A skipped tooth shifts all that is printed afterwards: the marks at such a jump agree with one side only. A mark
+    that was not found takes the side before it.
+    """
+    before, after = _median_before(residual), _median_before(residual[::-1])[::-1]
+    before, after = np.where(np.isnan(before), after, before), np.where(np.isnan(after), before, after)
+    with np.errstate(invalid="ignore"):
+        nearer_after = np.abs(residual - after) < np.abs(residual - before)
+    return np.nan_to_num(np.where(nearer_after, after, before))
+
+
+def _median_before(residual: np.ndarray) -> np.ndarray:
+    """Return the median of the NEIGHBOURS known values printed before each mark, NaN where fewer than three are."""
+    padded = np.concatenate([np.full(NEIGHBOURS, np.nan), residual])
+    around = np.stack([padded[k : k + len(residual)] for k in range(NEIGHBOURS)], axis=1)
     count = np.isfinite(around).sum(axis=1)
     ordered = np.sort(around, axis=1)  # NaN sorts last
     last, rows = np.maximum(count, 1), np.arange(len(residual))
     median = (ordered[rows, (last - 1) // 2] + ordered[rows, last // 2]) / 2
-    return np.where(count > 2, median, 0.0)
+    return np.where(count > 2, median, np.nan)

@@ -16,7 +16,7 @@ from printmend.measure.sheet import DICTIONARY, tag_corners_mm
 SEARCH_PX = 2200  # tags are looked for in a picture of this size, their corners refined at full size
 LEAST_TAGS = 4
 NODE_PX = 16  # the lens is computed at every 16th pixel: it bends nothing in between
-FLAT = 0.004  # perspective and lens distortion below this share of the picture: a flatbed
+FLAT_MM, FLAT_RATIO = 0.03, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +58,20 @@ class Lens:
             px = px + (wanted - self.undistort(px))
         return px
 
-    @property
-    def is_flat(self) -> bool:
-        """Whether there is neither perspective nor distortion to speak of, as in a flatbed's picture."""
-        bend = np.abs(self.homography[2, :2] / self.homography[2, 2]).sum() * self.radius_px
-        return bool(bend < FLAT and abs(self.k1) + abs(self.k2) < FLAT)
+
+def is_flat(tags: Tags, lens_error_mm: float) -> bool:
+    """Tell a flatbed's picture from a photo: an affine map fits the tags as well as perspective and a lens do."""
+    _, error_mm = fit_affine(tags)
+    return error_mm < max(FLAT_MM, FLAT_RATIO * lens_error_mm)
+
+
+def fit_affine(tags: Tags) -> tuple[np.ndarray, float]:
+    """Fit the affine map [3, 2] from pixels (x, y, 1) to the sheet; return it and the RMS error of the corners [mm]."""
+    px = tags.corners_px.reshape(-1, 2)
+    mm = tag_corners_mm()[tags.ids].reshape(-1, 2)
+    design = np.hstack([px, np.ones((len(px), 1))])
+    fit, *_ = np.linalg.lstsq(design, mm, rcond=None)
+    return fit, float(np.sqrt(((design @ fit - mm) ** 2).sum(axis=1).mean()))
 
 
 def find_tags(image: np.ndarray) -> Tags:

@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.errors import ScanError
 from printmend.measure.dots import Dots, find_dots
-from printmend.measure.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_lens, rectify
+from printmend.measure.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_affine, fit_lens, is_flat, rectify
 from printmend.measure.identity import lattice_pitch
 from printmend.measure.image import read_image
 from printmend.measure.marks import Marks, read_marks
@@ -57,7 +57,7 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) ->
     tags = find_tags(image)
     if len(tags) >= LEAST_TAGS:
         lens, error_mm = fit_lens(tags, image.shape)
-        if not lens.is_flat:
+        if not is_flat(tags, error_mm):
             return _read_photo(path, image, lens, _tags_said(tags, error_mm), plan)
     dpi = dpi or stated or USUAL_DPI
     dots = find_dots(image, dpi / MM_PER_INCH, plan.dot_mm, plan.big_dot_mm, subject=str(path))
@@ -97,11 +97,8 @@ def _scaled(dots: Dots, tags: Tags, dpi: float) -> tuple[np.ndarray, str]:
     plain = dots.centre_px * (MM_PER_INCH / dpi)
     if len(tags) < LEAST_TAGS:
         return plain, f"scale from {dpi:g} dpi"
-    px = tags.corners_px.reshape(-1, 2)
-    mm = tag_corners_mm()[tags.ids].reshape(-1, 2)
-    design = np.hstack([px, np.ones((len(px), 1))])
-    fit, *_ = np.linalg.lstsq(design, mm, rcond=None)
-    if np.ptp(mm, axis=0).min() >= LEAST_TAG_SPREAD_MM:
+    fit, _ = fit_affine(tags)
+    if np.ptp(tag_corners_mm()[tags.ids].reshape(-1, 2), axis=0).min() >= LEAST_TAG_SPREAD_MM:
         return np.hstack([dots.centre_px, np.ones((len(dots), 1))]) @ fit, f"scale and axes from {len(tags)} tags"
     return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), f"scale from {len(tags)} tags"
 
