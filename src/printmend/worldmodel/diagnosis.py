@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.worldmodel.greybox import Drive, GreyboxModel
+from printmend.worldmodel.greybox_sight import SEEN
 
 SURE = 3.0  # standard deviations that a fault must have to be named
 LEAST_MM = 0.002  # smaller faults are not named
-SEEN = 0.95
 NAMED_HARMONICS = 3
 _WORD = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
 

@@ -18,8 +18,8 @@ from printmend.printer import Printer
 from printmend.protocols import State, Tables
 from printmend.worldmodel.greybox_branches import Branches
 from printmend.worldmodel.greybox_design import TABLE, Rows, contacts, cross_columns
-from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, prune, refined, search
-from printmend.worldmodel.greybox_sight import Sight, sight
+from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, folded, prune, refined, search
+from printmend.worldmodel.greybox_sight import SEEN, Sight, sight
 from printmend.worldmodel.kernels import greybox as kernels
 from printmend.worldmodel.mechanism_model import MechanismModel
 
@@ -135,6 +135,10 @@ def _learned(trace: Trace, printer: Printer, rng: np.random.Generator) -> Greybo
     chosen = [
         fitted(row, prune(row, start, ripple), ripple, start, passes=6)
         for row, start, ripple in zip(rows, found, ripples, strict=True)
+    ]
+    chosen = [
+        folded(row, choice, ripple) if sight(row, choice.fit.touch).angles < SEEN else choice
+        for row, choice, ripple in zip(rows, chosen, ripples, strict=True)
     ]
     for _ in range(2 if any(choice.design.cross for choice in chosen) else 0):
         rows = with_belts(rows, chosen)

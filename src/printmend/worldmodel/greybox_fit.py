@@ -6,6 +6,7 @@ C = (ΦᵀWΦ/σ² + V⁻¹)⁻¹. The scale of the priors of each group of harm
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri
@@ -21,13 +22,16 @@ HARMONIC_MM = 0.8  # physics.md §4: c_k ~ N(0, (0.8 k^−1.5 mm)²), hence c_k/
 POWER_MM = {"mean": (5.0, 25.0, 2.0, 1.0), "play": (1.5, 0.2, 0.2, 0.1)}
 CROSS_MM = {1: 3.0, 2: 0.3, 3: 0.1}
 RIPPLE_MM = 0.02
+OFF_FOLD = 0.15  # a symmetric pulley whose other harmonics are larger is not symmetric
 START_MM = 2.0
 
 
 @dataclass(frozen=True)
 class Prior:
     """The scale τ of each group of harmonics; 1 is the prior of physics.md §4. The part that repeats nothing is a
-    Gaussian process of standard deviation ``warp`` mm with the length ``warp_mm``."""
+    Gaussian process of standard deviation ``warp`` mm with the length ``warp_mm``. With a ``fold``, the pulley is
+    thought to be symmetric: the multiples of ``fold`` (for 1, the eccentricity alone) are ``mean_on``, others
+    ``mean_off``. σ is thought to be no smaller than ``floor_mm``."""
 
     mean_odd: float = 1.0
     mean_even: float = 1.0
@@ -36,15 +40,22 @@ class Prior:
     elastic: float = 0.3
     warp: float = 0.3
     warp_mm: float = 20.0
+    fold: int = 0
+    mean_on: float = 1.0
+    mean_off: float = 0.1
+    floor_mm: float = NOISE_FLOOR_MM
 
 
-def groups(design: Design) -> dict[str, np.ndarray]:
-    """Return the masks [P] of the groups whose prior scale is learned."""
+def groups(design: Design, fold: int) -> dict[str, np.ndarray]:
+    """Return the masks [P] of the groups whose prior scale is learned; ``fold`` as in `Prior`."""
     odd = design.harmonic % 2 == 1
     mean, play = design.mask("mean"), design.mask("play")
+    on = design.harmonic % fold == 0 if fold > 1 else design.harmonic == fold
+    names = ("mean_on", "mean_off") if fold else ("mean_odd", "mean_even")
+    first = on if fold else odd
     return {
-        "mean_odd": mean & odd,
-        "mean_even": mean & ~odd,
+        names[0]: mean & first,
+        names[1]: mean & ~first,
         "play_odd": play & odd,
         "play_even": play & ~odd,
         "elastic": design.mask("elastic"),
@@ -64,7 +75,7 @@ def variances(design: Design, prior: Prior) -> np.ndarray:
     v[wave] = (HARMONIC_MM * k[wave] ** -2.5) ** 2
     v[design.mask("ripple")] = RIPPLE_MM**2
     v[design.parts["warp"]] = _warp_variances(design, prior.warp_mm)
-    for name, mask in groups(design).items():
+    for name, mask in groups(design, prior.fold).items():
         v[mask] *= getattr(prior, name) ** 2
     return v
 
@@ -96,8 +107,8 @@ def solve(
     matrix = normal.matrix[np.ix_(active, active)]
     # about 0 instead of about normal.values; inactive parameters leave the model, so their share returns to the data
     slope = (normal.slope + normal.matrix @ normal.values)[active]
-    masks = {name: mask[active] for name, mask in groups(design).items()}
-    sigma2 = sigma_mm**2
+    masks = {name: mask[active] for name, mask in groups(design, prior.fold).items()}
+    sigma2 = max(sigma_mm, prior.floor_mm) ** 2
     for last in range(rounds + 1):
         v = variances(design, prior)[active]
         root = np.sqrt(v)
@@ -113,7 +124,7 @@ def solve(
             break
         spread = np.diag(inverse)  # C_ii/v_i
         known = len(v) - spread.sum()
-        sigma2 = max(misfit / max(normal.count - known, 1.0) / HUBER_SHARE, NOISE_FLOOR_MM**2)
+        sigma2 = max(misfit / max(normal.count - known, 1.0) / HUBER_SHARE, prior.floor_mm**2)
         prior = _rescaled(prior, masks, values, v, spread)
     log_det = 2 * np.log(np.diag(factor)).sum()
     evidence = -0.5 * (misfit / sigma2 + (values**2 / v).sum() + log_det + normal.count * np.log(sigma2))
@@ -132,13 +143,14 @@ def _rescaled(
     prior: Prior, masks: dict[str, np.ndarray], values: np.ndarray, v: np.ndarray, spread: np.ndarray
 ) -> Prior:
     """MacKay's update: τ² ← τ² Σ w²/v / γ with γ = Σ (1 − C_ii/v_i), the number of parameters that the data settle."""
-    scales = {}
+    scales: dict[str, Any] = {}
     for name, mask in masks.items():
         if not mask.any():
             continue
         settled = (1 - spread[mask]).sum()
         ratio = ((values[mask] ** 2 / v[mask]).sum() + 0.1) / (settled + 0.1)
-        scales[name] = float(np.clip(getattr(prior, name) * np.sqrt(np.clip(ratio, 0.01, 100.0)), 1e-3, 10.0))
+        largest = OFF_FOLD if name == "mean_off" else 10.0
+        scales[name] = float(np.clip(getattr(prior, name) * np.sqrt(np.clip(ratio, 0.01, 100.0)), 1e-3, largest))
     return replace(prior, **scales)
 
 

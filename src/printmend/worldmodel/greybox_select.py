@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from printmend.worldmodel.greybox_design import Design, Normal, Rows
-from printmend.worldmodel.greybox_fit import Fit, Posterior, Prior, refine, solve
+from printmend.worldmodel.greybox_fit import Fit, Posterior, Prior, refine, solve, variances
 
 COARSE_HARMONICS = 8
 TRIAL_HARMONICS = 16
@@ -24,6 +24,9 @@ CROSS = ((0, 1), (0, 2), (1, 1), (0, 3), (1, 2), (2, 1))
 ELASTIC = (1, 3, 5)
 WARPS_MM = (10.0, 20.0, 40.0)
 WARP_MARGIN_MM = 20.0
+SETTLED = 12
+FOLD_FLOOR_MM = 0.02
+FOLDS = (0, 1, 2, 3, 4, 5, 6, 7, 8)
 LOOKS_WRONG_MM = 0.02  # a mean residual above this, with a pattern, is more than the corners of a pulley
 PATTERN = 0.8  # a smaller share of independent rows says that the model lacks something smooth
 
@@ -220,6 +223,40 @@ def _posterior(design: Design, normal: Normal, structure: Structure, start: Post
 
 def _prior(prior: Prior, structure: Structure) -> Prior:
     return replace(prior, warp_mm=structure.warp_mm) if structure.warp_mm else prior
+
+
+def folded(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> Choice:
+    """Let a pulley that was seen in part be symmetric, where the evidence says so: then the rest of it is known.
+
+    Half a turn shows all of an oval, a third all of a triangle. The folds are compared with the plain prior on the
+    same parts, which a short trace cannot tell from stranger ones. No pulley is symmetric to the micrometre: its
+    deviations count as noise, lest they speak against the symmetry that they hardly disturb.
+    """
+    simple = replace(choice.structure, pulley="all", drift=False, elastic=False, warp_mm=0.0, offset=True, scale=True)
+    if simple.play in ("loose", "free"):
+        simple = replace(simple, play="constant")
+    found: list[Choice] = []
+    taut = replace(simple, play="none", friction=False)
+    offered = {choice.structure: FOLDS[:1], simple: FOLDS, taut: FOLDS}
+    for structure, folds in offered.items():
+        design = structure.design(HARMONICS, ripple, rows.reach_mm)
+        start = design.moved(choice.fit.posterior.values, choice.design)
+        for fold in folds:
+            prior = Prior(fold=fold, floor_mm=FOLD_FLOOR_MM)
+            on = ~design.mask("mean") | (variances(design, prior) >= variances(design, Prior()) * 0.99)
+            fit = refine(design, rows, start * on, structure.active(design), prior=prior, passes=5, rounds=6)
+            found.append(Choice(structure, design, fit))
+    share = max(each.fit.share for each in found)
+    return max(found, key=lambda each: _settled(each, share) - (0.0 if each.structure in (simple, taut) else WORTH))
+
+
+def _settled(choice: Choice, share: float) -> float:
+    """Return the log evidence of a fit at its own contacts, its prior's scales settled."""
+    fit = choice.fit
+    active, post = choice.structure.active(choice.design), fit.posterior
+    return solve(
+        choice.design, fit.normal.tempered(share), active, post.prior, post.sigma_mm, rounds=SETTLED
+    ).log_evidence
 
 
 def fitted(rows: Rows, structure: Structure, ripple: tuple[int, ...], start: Choice, *, passes: int) -> Choice:

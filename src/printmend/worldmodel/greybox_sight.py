@@ -7,6 +7,7 @@ import numpy as np
 from printmend.worldmodel.greybox_design import Contacts, Rows
 
 SECTORS = 40
+SEEN = 0.95  # a larger share of the turn counts as all of it
 
 
 @dataclass(frozen=True)
