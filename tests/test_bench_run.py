@@ -187,7 +187,7 @@ def test_every_result_is_one_line_of_json(vases: list[Path], tmp_path: Path) -> 
     table1(drawn(vases[:1]), ("naive",), tmp_path / "out")
     (line,) = (tmp_path / "out" / "table1.jsonl").read_text().splitlines()
     assert json.loads(line)["row"] == "naive"
-    assert (tmp_path / "out" / "figure6-paper.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "out" / "figure6-pulley-paper.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="PrusaSlicer is not on PATH")

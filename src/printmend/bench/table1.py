@@ -40,8 +40,9 @@ def table1(
         raise InputError(out, wanted="a folder for the results", came=f"{error}", todo="name another --out") from None
     executor: Executor = Serial() if workers == 1 else Processes(workers or os.cpu_count() or 1)
     results = run(list(cases), rows, out / RESULTS, executor, tick=tick)
-    protocol = cases[0].protocol
-    draw_figure6(results, rows, out / f"figure6-{protocol}.png")
+    drawn = sorted({case.family for case in cases})
+    world = drawn[0] if len(drawn) == 1 else "mixed"
+    draw_figure6(results, rows, out / f"figure6-{world}-{cases[0].protocol}.png")
     return lines(results, rows), results
 
 
@@ -60,5 +61,5 @@ def draw_figure6(results: Sequence[Result], rows: Sequence[str], path: Path) -> 
     figure, axes = new_figure(2, width_in=6.0, height_in=4.2)
     draw_histogram(axes[0], values[shown], name=f"{shown}: {len(values[shown])} bodies")
     draw_log_histogram(axes[1], values)
-    figure.subplots_adjust(left=0.06, right=0.98, top=0.82, bottom=0.13, wspace=0.16)
+    figure.subplots_adjust(left=0.06, right=0.95, top=0.92, bottom=0.13, wspace=0.22)
     save(figure, path, dpi=110)

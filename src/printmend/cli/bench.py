@@ -41,7 +41,7 @@ def table1(
     bodies: tuple[Path, ...], reference: Path | None, protocol: Any, families: str, severity: Any, models: str | None,
     seed: int, limit: int | None, workers: int, out: Path, per_body: bool, as_json: bool,
 ) -> None:  # fmt: skip
-    """Print the paper's Table I. Results go to OUT/table1.jsonl, Fig. 6 to OUT/figure6-PROTOCOL.png.
+    """Print the paper's Table I. Results go to OUT/table1.jsonl, Fig. 6 to OUT/figure6-*.png.
 
     Each body is printed on a broken printer, a model learns from its largest layer, and up to three random layers are
     planned and printed: any layers with --protocol paper, never the training layer with heldout. An interrupted run

@@ -26,28 +26,26 @@ def draw_histogram(axes: Axes, rmse_steps: np.ndarray, *, name: str, clip: float
 
 
 def draw_log_histogram(axes: Axes, rmse_steps: Mapping[str, np.ndarray], *, bins: int = 40) -> Axes:
-    """Draw every model's RMSE [steps] unclipped over a logarithmic axis, as outlines."""
+    """Draw every model's RMSE [steps] unclipped over one logarithmic axis, a strip a model, its median marked.
+
+    Each strip is scaled to its own height; the numbers on the right are the medians."""
     everything = np.concatenate([np.asarray(values, float) for values in rmse_steps.values()])
     positive = everything[everything > 0]
     low, high = (positive.min(), positive.max()) if len(positive) else (0.1, 1.0)
-    edges = np.geomspace(low / 1.05, high * 1.05, bins + 1).tolist()
-    for (name, values), colour in zip(
-        rmse_steps.items(), PALETTE * (1 + len(rmse_steps) // len(PALETTE)), strict=False
-    ):
-        shown = np.clip(values, edges[0], edges[-1])
-        axes.hist(shown, bins=edges, histtype="stepfilled", color=colour, alpha=0.12)
-        axes.hist(
-            shown,
-            bins=edges,
-            histtype="step",
-            color=colour,
-            linewidth=1.4,
-            label=f"{name} (median {np.median(values):.3g})",
-        )
+    edges = np.geomspace(low / 1.05, high * 1.05, bins + 1)
+    counts = [np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0] for values in rmse_steps.values()]
+    strips = np.arange(len(counts))[::-1]
+    for strip, count, values, i in zip(strips, counts, rmse_steps.values(), range(len(counts)), strict=True):
+        colour, median = PALETTE[i % len(PALETTE)], max(float(np.median(values)), edges[0])
+        axes.stairs(strip + 0.8 * count / count.max(), edges, baseline=strip, fill=True, color=colour, alpha=0.75)
+        axes.plot([median, median], [strip, strip + 0.8], color=INK, linewidth=1.2)
+        axes.text(1.01, strip + 0.3, f"{np.median(values):.3g}", transform=axes.get_yaxis_transform(), fontsize=8)
     axes.set_xscale("log")
-    axes.set_xlabel("RMSE of a body [full steps], not clipped")
-    axes.set_ylabel("bodies")
-    axes.legend(fontsize=8, frameon=False, loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+    axes.set_xlim(edges[0], edges[-1])
+    axes.set_yticks(strips + 0.3, list(rmse_steps))
+    axes.set_ylim(-0.05, len(counts) + 0.15)
+    axes.set_xlabel("RMSE of a body [full steps], not clipped; line and number: median")
+    axes.set_title("all models", color=INK, fontsize=11)
     return _quiet(axes)
 
 
