@@ -1,7 +1,7 @@
 """The rows of Table I: how each makes its world model, and which controller plans with it.
 
 A row is named LEARNER or LEARNER+CONTROLLER: `lightgbm`, `greybox+lookahead`. The learner `oracle` is given the true
-mechanism. Without a controller it is the paper's greedy Algorithm 1.
+mechanism. Without a controller it is the paper's greedy Algorithm 1. `optimum` is `oracle+optimal`: the lower bound.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class Row:
 
 def row(name: str) -> Row:
     """Return the row of that name. Raise `InputError` where its learner or its controller does not exist."""
-    model, _, planner = name.partition("+")
+    model, _, planner = ("oracle+optimal" if name == "optimum" else name).partition("+")
     if model not in model_names():
         wanted = f"names out of {', '.join(model_names())}"
         raise InputError("--models", wanted=wanted, came=repr(model), todo="correct it")
