@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from printmend.errors import ConfigError, InputError
-from printmend.measure.plan import read_plan, write_plan
+from printmend.measure.plan import approaches, read_plan, write_plan
 from printmend.printer import Printer, read_printer
 from printmend.probe import cost, design_probe, probe_gcode, turns_covered, write_probe
-from printmend.probe.walk import approaches
 
 
 def beds() -> list[Printer]:

@@ -1,33 +1,93 @@
-"""`printmend measure`: scans of the probe become a trace."""
+"""`printmend measure`: scans of the probe become a trace; or callipers, for those who have no scanner."""
 
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+if TYPE_CHECKING:
+    from printmend.measure import ProbePlan
+
 
 @click.command(
-    epilog="Example: printmend measure scan.png turned.png --probe probe.json -o trace.csv --overlay seen.png"
+    epilog="Examples: printmend measure scan.png turned.png --probe probe.json -o trace.csv --overlay seen.png; "
+    "printmend measure --callipers --probe probe.json --overlay map.png --printer ender3 -o printer.mend.json"
 )
-@click.argument("scans", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="SCAN...")
+@click.argument("scans", nargs=-1, type=click.Path(path_type=Path), metavar="SCAN...")
 @click.option(
     "--probe", "plan_path", required=True, type=click.Path(path_type=Path), help="The plan that `probe` wrote."
 )
-@click.option("--dpi", type=click.FloatRange(min=50, max=9600), help="Resolution; default what the file says, or 600.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), default=Path("trace.csv"), show_default=True)
-@click.option("--overlay", type=click.Path(path_type=Path), help="Draw what was found over the first scan.")
-def command(scans: tuple[Path, ...], plan_path: Path, dpi: float | None, output: Path, overlay: Path | None) -> None:
+@click.option("--dpi", type=click.FloatRange(min=50, max=9600), help="Resolution [default: what the file says, or 600]")
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="[default: trace.csv]")
+@click.option(
+    "--overlay", type=click.Path(path_type=Path, dir_okay=False), help="Draw what was found over the first scan."
+)
+@click.option("--callipers", is_flag=True, help="Ask for a few distances instead; SCAN may be a list of them.")
+@click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="With --callipers: learn a model of it.")
+def command(
+    scans: tuple[Path, ...], plan_path: Path, dpi: float | None, output: Path | None, overlay: Path | None,
+    callipers: bool, printer_name: str | None,
+) -> None:  # fmt: skip
     """Find the marks of the printed probe in SCANs and write where they are.
 
     A second scan of the same plate, turned by a quarter, removes the errors of the scanner itself. A photo needs
     the reference sheet (`printmend probe --sheet sheet.pdf`) around the print.
     """
-    from printmend.measure import read_plan, write_trace
+    from printmend.measure import read_plan
+
+    plan = read_plan(plan_path)
+    if callipers:
+        _measure_by_hand(scans, plan, overlay, printer_name, output or Path("printer.mend.json"))
+        return
+    if not scans:
+        raise click.UsageError("SCAN is an image of the printed probe; without a scanner, say --callipers")
+    from printmend.measure import write_trace
     from printmend.measure.measurement import measure_scans
 
-    measurement = measure_scans(scans, read_plan(plan_path), dpi=dpi, overlay=overlay)
+    measurement = measure_scans(scans, plan, dpi=dpi, overlay=overlay)
+    output = output or Path("trace.csv")
     write_trace(output, measurement.trace)
     for note in measurement.notes:
         click.echo(note)
     if len(missing := measurement.missing):
         click.echo(f"not found: {', '.join(map(str, missing.tolist()))} (numbers of the marks in {plan_path})")
-    click.echo(f"{output}: {len(measurement.plan) - len(missing)} measured marks")
+    click.echo(f"{output}: {len(plan) - len(missing)} measured marks")
+
+
+def _measure_by_hand(
+    files: tuple[Path, ...], plan: "ProbePlan", overlay: Path | None, printer_name: str | None, output: Path
+) -> None:
+    from printmend.measure.calliper_map import draw_map
+    from printmend.measure.callipers import (
+        choose_distances,
+        describe,
+        estimate,
+        mechanism,
+        parse_readings,
+        read_readings,
+    )
+    from printmend.printer import read_printer
+    from printmend.worldmodel.saved import saved_model, write_model
+
+    distances = choose_distances(plan)
+    if overlay is not None:
+        draw_map(overlay, distances)
+    for line in describe(distances):
+        click.echo(line, err=True)
+    if files:
+        readings = read_readings(files[0], distances)
+    else:
+        click.echo("Outer edge to outer edge, in mm, one a line; an empty line skips one.", err=True)
+        text = sys.stdin.read()
+        if not text.strip():
+            return
+        readings = parse_readings(text, distances, subject="the distances")
+    estimates = estimate(distances, readings)
+    for item in estimates:
+        click.echo(str(item))
+    if printer_name is not None:
+        model = mechanism(estimates, read_printer(printer_name))
+        findings = tuple(str(item) for item in estimates)
+        write_model(output, saved_model(model, learner="callipers", findings=findings))
+        click.echo(f"{output}: only what is known well is corrected")

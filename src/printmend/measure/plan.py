@@ -70,6 +70,12 @@ class ProbePlan:
         return self.to_motor(motor_mm) / 2.0 if self.kinematics == "corexy" else np.asarray(motor_mm)
 
     @property
+    def motor_approaches(self) -> tuple[np.ndarray, np.ndarray]:
+        """The sign of each motor's last move before each mark [M, 2], and how far it had turned that way [M, 2] mm."""
+        direction, run = approaches(self.to_motor(self.waypoints_mm))
+        return direction[self.rows], run[self.rows]
+
+    @property
     def diameter_mm(self) -> np.ndarray:
         """Intended diameters of the marks [M]."""
         return np.where(self.big, self.big_dot_mm, self.dot_mm)
@@ -83,6 +89,18 @@ class ProbePlan:
             sigma = np.full(len(self.waypoints_mm), np.nan)
             sigma[self.rows] = sigma_mm
         return Trace(self.waypoints_mm, measured, sigma_mm=sigma, homed=True)
+
+
+def approaches(waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return for each way-point [N, 2] the sign of each axis' last move and the distance since it turned [mm]."""
+    direction = np.zeros(waypoints_mm.shape, np.int64)
+    reversal = np.zeros(waypoints_mm.shape)
+    for row, move in enumerate(np.diff(waypoints_mm, axis=0), start=1):
+        sign = np.sign(np.round(move, 6)).astype(np.int64)
+        turned = (sign != 0) & (sign != direction[row - 1])
+        direction[row] = np.where(sign != 0, sign, direction[row - 1])
+        reversal[row] = np.where(turned, 0.0, reversal[row - 1]) + np.abs(move)
+    return direction, reversal
 
 
 def write_plan(path: str | Path, plan: ProbePlan) -> None:

@@ -71,7 +71,7 @@ def _linear(plan: ProbePlan, placed: np.ndarray, known: np.ndarray) -> np.ndarra
     """Return the slopes [2, 2] of the errors of ``placed`` [K, 2] (the known marks), freed of play and of waves."""
     xy = plan.marks_mm[known]
     motor = plan.to_motor(xy)
-    columns = [np.ones(len(xy)), *(xy - xy.mean(axis=0)).T, *np.sign(plan.to_motor(plan.direction[known])).T]
+    columns = [np.ones(len(xy)), *(xy - xy.mean(axis=0)).T, *plan.motor_approaches[0][known].T.astype(float)]
     for axis in range(2):
         phase = 2 * np.pi * motor[:, axis] / plan.mm_per_turn[axis]
         columns += [wave(k * phase) for k in range(1, 5) for wave in (np.cos, np.sin)]

@@ -9,7 +9,7 @@ import itertools
 
 import numpy as np
 
-from printmend.measure.plan import ProbePlan
+from printmend.measure.plan import ProbePlan, approaches
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.probe.layout import EDGE_MM, MARKS, RUN_IN_MM, Layout
@@ -77,18 +77,6 @@ def snapped(printer: Printer, points_mm: np.ndarray) -> np.ndarray:
     motors = printer.to_motor(points_mm)
     pitch = np.array([axis.mm_per_step / axis.microsteps for axis in (printer.x, printer.y)])
     return np.round(printer.from_motor(np.rint(motors / pitch) * pitch), 5)
-
-
-def approaches(waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each way-point [N, 2] the sign of each axis' last move and the distance since it turned [mm]."""
-    direction = np.zeros(waypoints_mm.shape, np.int64)
-    reversal = np.zeros(waypoints_mm.shape)
-    for row, move in enumerate(np.diff(waypoints_mm, axis=0), start=1):
-        sign = np.sign(np.round(move, 6)).astype(np.int64)
-        turned = (sign != 0) & (sign != direction[row - 1])
-        direction[row] = np.where(sign != 0, sign, direction[row - 1])
-        reversal[row] = np.where(turned, 0.0, reversal[row - 1]) + np.abs(move)
-    return direction, reversal
 
 
 def _ladder(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -1,0 +1,141 @@
+"""Callipers: few distances, honest about what they can tell."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.measure import command
+from printmend.errors import TraceError
+from printmend.measure import write_plan
+from printmend.measure.callipers import (
+    LONGEST_MM,
+    READING_MM,
+    choose_distances,
+    describe,
+    estimate,
+    mechanism,
+    parse_readings,
+)
+from printmend.mechanism import Frame, Mechanism, Transmission, healthy_transmission
+from printmend.printer import read_printer
+from printmend.probe import design_probe
+from printmend.twin import Twin
+from printmend.worldmodel.saved import read_model
+
+
+def broken(printer, *, scale=0.0, play=0.0, sine=0.0, skew=0.0) -> Mechanism:
+    sides = []
+    for motor in range(2):
+        grid = healthy_transmission(printer, motor).motor_mm
+        middle = grid * (1 + scale) + sine * np.sin(2 * np.pi * grid / printer.axes[motor].mm_per_turn)
+        sides.append(Transmission(grid[0], grid[1] - grid[0], middle - play / 2, middle + play / 2))
+    coefficients = np.zeros((2, 10))
+    coefficients[0, Frame.exponents.index((0, 1))] = skew * Frame().scale_mm
+    return Mechanism(printer, tuple(sides), Frame(coefficients))
+
+
+def read_off(distances, machine, rng=None, width=0.05) -> np.ndarray:
+    marks = Twin(machine).follow(distances.plan.waypoints_mm)[distances.plan.rows]
+    across = np.hypot(*(marks[distances.pairs[:, 1]] - marks[distances.pairs[:, 0]]).T)
+    noise = 0.0 if rng is None else rng.normal(0, READING_MM, len(across))
+    return across + distances.plan.big_dot_mm + width + noise
+
+
+@pytest.fixture(scope="module", params=["ender3", "corexy"])
+def case(request):
+    printer = read_printer(request.param)
+    return printer, choose_distances(design_probe(printer))
+
+
+def test_the_list_is_short_and_fits_the_callipers(case):
+    _, distances = case
+    assert len(distances.pairs) <= 12
+    assert distances.across_mm.max() < LONGEST_MM + 2
+    assert distances.plan.big[distances.pairs].all()
+    assert len(describe(distances)) == len(distances.pairs)
+
+
+def test_noise_free_distances_give_the_fault_back(case):
+    printer, distances = case
+    machine = broken(printer, scale=0.01, play=0.4, sine=0.2, skew=0.005)
+    values = {item.name: item for item in estimate(distances, read_off(distances, machine))}
+    motors = ("A", "B") if printer.kinematics == "corexy" else ("X", "Y")
+    for motor in motors:
+        for name, truth in (("scale", 0.01), ("play", 0.4), ("sine", 0.2), ("cosine", 0.0)):
+            item = values[f"{motor} {name}"]
+            assert abs(item.value - truth) < max(1.5 * item.sd, 1e-3)
+    assert abs(values["skew"].value - 0.005) < 1.5 * values["skew"].sd
+
+
+def test_the_uncertainties_are_honest(case):
+    printer, distances = case
+    rng = np.random.default_rng(1)
+    scores = []
+    for _ in range(40):
+        truth = {"scale": rng.normal(0, 0.01), "play": abs(rng.normal(0, 0.4)), "sine": rng.normal(0, 0.3)}
+        machine = broken(printer, **truth)
+        for item in estimate(distances, read_off(distances, machine, rng)):
+            name = item.name.split()[-1]
+            if name in truth:
+                scores.append((item.value - truth[name]) / item.sd)
+    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.3
+
+
+def test_a_healthy_printer_is_left_alone(case):
+    printer, distances = case
+    rng = np.random.default_rng(2)
+    corrected = [
+        sum(item.corrected for item in estimate(distances, read_off(distances, broken(printer), rng))[:9])
+        for _ in range(20)
+    ]
+    assert np.mean(corrected) < 1.5  # nine quantities, each wrongly seen in one of twenty
+
+
+def test_few_distances_say_what_they_cannot_tell(case):
+    printer, distances = case
+    readings = read_off(distances, broken(printer))
+    readings[2:] = np.nan
+    assert not all(item.supported for item in estimate(distances, readings))
+
+
+def test_the_machine_has_the_corrected_faults_only(case):
+    printer, distances = case
+    estimates = estimate(distances, read_off(distances, broken(printer, scale=0.02)))
+    learned = mechanism(estimates, printer)
+    truth = broken(printer, scale=0.02).homed()
+    way = distances.plan.waypoints_mm
+    assert np.abs(Twin(learned).follow(way) - Twin(truth).follow(way)).max() < 0.3
+    assert np.abs(way - Twin(truth).follow(way)).max() > 3
+
+
+def test_odd_readings_end_in_one_line(case):
+    _, distances = case
+    good = [f"{value:.2f}" for value in distances.across_mm]
+    assert np.isfinite(parse_readings("mm\n" + "\n".join(good), distances, subject="list")).all()
+    assert np.isnan(parse_readings("\n" + "\n".join(good[1:]), distances, subject="list")[0])
+    for text, named in (
+        ("\n".join([*good, "5"]), "12 distances"),
+        ("\n".join([good[0], "long"]), "distance 2"),
+        (f"{distances.across_mm[0] / 25.4:.3f}", "25.4"),
+        ("3", "distance 1"),
+    ):
+        with pytest.raises(TraceError, match=named):
+            parse_readings(text, distances, subject="list")
+
+
+def test_the_command_lists_reads_and_learns(tmp_path):
+    printer = read_printer("ender3")
+    plan = design_probe(printer)
+    distances = choose_distances(plan)
+    write_plan(tmp_path / "probe.json", plan)
+    arguments = ["--callipers", "--probe", str(tmp_path / "probe.json"), "--overlay", str(tmp_path / "map.png")]
+    arguments += ["--printer", "ender3", "-o", str(tmp_path / "printer.mend.json")]
+    listed = CliRunner().invoke(command, arguments, input="", catch_exceptions=False)
+    assert "12." in listed.output
+    assert (tmp_path / "map.png").exists()
+    assert not (tmp_path / "printer.mend.json").exists()
+    readings = read_off(distances, broken(printer, scale=0.01))
+    typed = "\n".join(f"{value:.2f}" for value in readings)
+    CliRunner().invoke(command, arguments, input=typed, catch_exceptions=False)
+    model = read_model(tmp_path / "printer.mend.json")
+    assert not model.is_healthy
