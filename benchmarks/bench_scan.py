@@ -106,7 +106,11 @@ def bench_photos(count: int, rng: np.random.Generator, folder: Path) -> None:
     for _ in range(count):
         printed = plan.marks_mm + 0.3 * np.sin(plan.marks_mm / 6 + rng.uniform(0, 6, 2))
         write_image(folder / "photo.jpg", render_photo(printed, plan, rng=rng), dpi=72)
-        measured = read_scan(folder / "photo.jpg", plan).marks.measured_mm
+        try:
+            measured = read_scan(folder / "photo.jpg", plan).marks.measured_mm
+        except PrintmendError as error:
+            print(f"  refused: {error}")
+            continue
         have = np.isfinite(measured).all(axis=1)
         off = (measured - printed)[have]
         # the turn of the plate is not known: take out what one rotation explains

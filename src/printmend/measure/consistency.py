@@ -11,14 +11,20 @@ import numpy as np
 
 from printmend.measure.plan import ProbePlan
 
-WAVES = 10
+WAVES, BENDS = 10, 14
 ROUNDS = 3
 SURE_OF_SIDE_MM = 2.5  # having moved this far, a belt is on the side it pushes, in the first round
 NEIGHBOURS = 5  # marks whose common error is a jump, not a mistake
 DOUBT_MM = 0.15
-# What damaged printers do (physics.md §3), in the order of `_columns`: origin, scale over half a bed, bends, fading
-# waves, the pulley's waves; then the cross terms.
-PRIOR = np.array([5.0, 40.0, 5.0, 5.0, 3.0, 3.0, *np.repeat(3.0 / np.arange(1, WAVES + 1) ** 1.5, 2)])
+# What damaged printers do (physics.md §3), in the order of `_columns`: origin, scale over half a bed, fading waves,
+# the pulley's waves, bends without a period; then the cross terms.
+PRIOR = np.array(
+    [
+        *(5.0, 40.0, 3.0, 3.0),
+        *np.repeat(3.0 / np.arange(1, WAVES + 1) ** 1.5, 2),
+        *(5.0 / np.arange(1, BENDS + 1)),
+    ]
+)
 CROSS_PRIOR = np.array([5.0, 2.0, 2.0, 2.0])
 
 
@@ -85,13 +91,12 @@ def _expected(
 
 
 def _columns(motor: np.ndarray, turn_mm: float) -> np.ndarray:
-    """Return polynomials and waves [N, C] at motor positions; the second column is the place from −1 to 1."""
+    """Return a line, waves and bends [N, C] at motor positions; the second column is the place from −1 to 1."""
     place = (motor - (motor.min() + motor.max()) / 2) / (np.ptp(motor) / 2 + 1e-9)
     phase = 2 * np.pi * motor / turn_mm
     waves = [wave(k * phase) for k in range(1, WAVES + 1) for wave in (np.cos, np.sin)]
-    return np.stack(
-        [np.ones_like(place), place, place**2, place**3, place * waves[0], place * waves[1], *waves], axis=1
-    )
+    bends = [np.cos(k * np.pi / 2 * (place + 1)) for k in range(1, BENDS + 1)]
+    return np.stack([np.ones_like(place), place, place * waves[0], place * waves[1], *waves, *bends], axis=1)
 
 
 def _sided(columns: np.ndarray, side: np.ndarray) -> np.ndarray:

@@ -105,10 +105,10 @@ def _after_jumps(
     """Find runs of marks that are missing together because the printer jumped: the shift that explains most of them."""
     dot = dot.copy()
     free = np.setdiff1d(np.arange(len(placed_mm)), dot[dot >= 0])
-    if len(free) < LEAST_RUN:
+    missing = np.flatnonzero(dot < 0)
+    if min(len(free), len(missing)) < LEAST_RUN:
         return dot
     tree = cKDTree(placed_mm[free])
-    missing = np.flatnonzero(dot < 0)
     for run in np.split(missing, np.flatnonzero(np.diff(missing) > 3) + 1):
         for part in np.array_split(run, -(-len(run) // LONGEST_RUN)):
             if len(part) < LEAST_RUN:

@@ -1,0 +1,82 @@
+"""Which dot is which mark: points instead of pixels, for every family of faults, any pose, dirt and loss."""
+
+import numpy as np
+import pytest
+
+from printmend.corruption import families, sample
+from printmend.errors import ConfigError
+from printmend.measure.marks import Marks, read_marks
+from printmend.measure.plan import ProbePlan
+from printmend.printer import read_printer
+from printmend.probe import design_probe
+from printmend.twin import Twin
+
+PRINTER = read_printer("ender3")
+# these can throw neighbouring rows apart by more than the marks' distance: a refusal is right, a mistake never
+VIOLENT = ("jumps", "everything", "pulley-loose")
+
+
+@pytest.fixture(scope="module")
+def plan() -> ProbePlan:
+    return design_probe(PRINTER)
+
+
+def seen(
+    plan: ProbePlan, printed: np.ndarray, rng: np.random.Generator, *, lost: float, dust: int, mirrored: bool
+) -> tuple[Marks | None, np.ndarray]:
+    """Lay the print on the glass at any angle; return what is read and which dot each mark really is (−1: lost)."""
+    angle = rng.uniform(0, 2 * np.pi)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    kept = np.flatnonzero(rng.random(len(plan)) >= lost)
+    dots = (printed * [-1.0 if mirrored else 1.0, -1.0] @ turn)[kept] + rng.normal(0, 0.02, (len(kept), 2))
+    specks = rng.uniform(dots.min(axis=0), dots.max(axis=0), (dust, 2))
+    sizes = np.concatenate([plan.diameter_mm[kept] * (1 + rng.normal(0, 0.06, len(kept))), rng.uniform(0.6, 1.6, dust)])
+    order = rng.permutation(len(sizes))
+    truth = np.full(len(plan), -1)
+    truth[kept] = np.argsort(order)[: len(kept)]
+    return read_marks(np.vstack([dots, specks])[order], sizes[order], plan), truth
+
+
+@pytest.mark.parametrize("family", [name for name in families() if name != "gain-table"])
+@pytest.mark.parametrize("severity", ["realistic", "damaged"])
+def test_no_mark_is_taken_for_another(plan, family, severity):
+    rng = np.random.default_rng(list(families()).index(family))
+    try:
+        corruption = sample(family, rng, severity=severity)
+    except ConfigError:
+        pytest.skip("this draw is no machine")
+    printed = Twin.of(corruption, PRINTER).follow(plan.waypoints_mm)[plan.rows]
+    mirrored = bool(rng.random() < 0.5)
+    marks, truth = seen(plan, printed, rng, lost=0.02, dust=10, mirrored=mirrored)
+    if marks is None:
+        assert severity == "damaged"
+        assert family in VIOLENT
+        return
+    claimed = marks.found & (marks.match.dot != truth)
+    assert not np.isin(marks.match.dot[claimed], truth[truth >= 0]).any()
+    if family not in VIOLENT:
+        assert marks.found.sum() >= 0.98 * (truth >= 0).sum()
+        assert marks.match.mirrored == mirrored
+
+
+def test_spare_dots_beside_a_whole_print_do_no_harm(plan):
+    marks, truth = seen(plan, plan.marks_mm, np.random.default_rng(1), lost=0.0, dust=12, mirrored=False)
+    assert marks is not None
+    np.testing.assert_array_equal(marks.match.dot, truth)
+
+
+def test_marks_after_one_skipped_tooth_are_kept(plan):
+    printed = plan.marks_mm.copy()
+    printed[250:, 0] += 2.0
+    marks, truth = seen(plan, printed, np.random.default_rng(2), lost=0.0, dust=0, mirrored=False)
+    assert marks is not None
+    assert (marks.match.dot == truth).mean() > 0.98
+
+
+def test_a_random_page_is_no_probe(plan):
+    rng = np.random.default_rng(3)
+    assert read_marks(rng.uniform(0, 200, (600, 2)), rng.uniform(0.8, 1.7, 600), plan) is None
+
+
+def test_too_few_dots_are_no_probe(plan):
+    assert read_marks(plan.marks_mm[:5], plan.diameter_mm[:5], plan) is None
