@@ -203,6 +203,31 @@ def test_half_a_turn_does_not_explode(name: str) -> None:
         assert model.drives[i].sight.angles < 0.95
 
 
+def test_jumps_within_the_print_are_taken_out() -> None:
+    """A skipped tooth and a loss of steps in the middle of the print are no part of the machine."""
+    rng = np.random.default_rng(4)
+    drives = machine("eccentric + play")
+    way = stairs(800)
+    path = way.copy()
+    path[500:, 1] += 0.8  # the motor ran ahead by four full steps
+    printed = walk(drives, path, home=HOME)
+    printed[300:, 0] -= 2.0  # the belt skipped a tooth
+    model = learn(Trace(way, printed + rng.normal(0, 0.05, printed.shape), homed=True))
+    assert [(jump.belt, jump.size_mm) for jump in model.jumps[0]] == [(True, -2.0)]
+    assert [(jump.belt, jump.size_mm) for jump in model.jumps[1]] == [(False, 0.8)]
+    assert abs(model.jumps[0][0].row - 300) <= 3
+    assert abs(model.jumps[1][0].row - 500) <= 15  # a loss of steps shows when the play is taken up
+    assert branch_error_mm(model, drives) < 0.03
+
+
+@pytest.mark.parametrize("family", ["pulley-loose", "smooth", "frame", "elastic"])
+def test_no_jumps_are_seen_where_there_are_none(family: str) -> None:
+    rng = np.random.default_rng(8)
+    plan, twin = design_probe(ENDER3), Twin.of(sample(family, rng), ENDER3)
+    marks = twin.follow(plan.waypoints_mm)[plan.rows]
+    assert learn(plan.trace(marks + rng.normal(0, 0.05, marks.shape))).jumps == ((), ())
+
+
 def test_equal_seeds_give_equal_models() -> None:
     trace = naive_trace(machine("eccentric + play"), 6000, 0.05, np.random.default_rng(0))
     one, two = learn(trace, seed=5), learn(trace, seed=5)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.worldmodel.greybox import Drive, GreyboxModel
+from printmend.worldmodel.greybox_jumps import Jump
 from printmend.worldmodel.greybox_sight import SEEN
 
 SURE = 3.0  # standard deviations that a fault must have to be named
@@ -43,8 +44,8 @@ def diagnose(model: GreyboxModel) -> Diagnosis:
     parts: list[str] = []
     faults: list[Fault] = []
     gaps: list[str] = []
-    for drive in model.drives:
-        found = drive_faults(drive)
+    for drive, jumps in zip(model.drives, model.jumps, strict=True):
+        found = [*drive_faults(drive), *_jumps(drive, jumps)]
         faults += found
         words = ", ".join(fault.words for fault in found)
         parts.append(f"{drive.name.upper()} {words or 'healthy'}")
@@ -163,6 +164,20 @@ def _rest(drive: Drive) -> list[Fault]:
         part = drive.choice.design.parts["mean_powers"]
         value, sd = float(branches.mean.powers_mm[0]), float(_sds(drive)[part][0])
         faults.append(_fault(drive, "offset", value, sd, f"shifted by {amount(value, sd)}"))
+    return faults
+
+
+def _jumps(drive: Drive, jumps: tuple[Jump, ...]) -> list[Fault]:
+    """Name what happened while the trace was printed; the model cannot mend it."""
+    faults = []
+    for belt, what in ((True, "skipped tooth"), (False, "loss of steps")):
+        these = [jump for jump in jumps if jump.belt == belt]
+        if not these:
+            continue
+        rows = ", ".join(str(jump.row) for jump in these[:4]) + (", …" if len(these) > 4 else "")
+        total = sum(jump.size_mm for jump in these)
+        words = f"{len(these)} × {what} of {abs(these[0].size_mm):.1f} mm in this print (at row {rows})"
+        faults.append(_fault(drive, "jump", total if total else these[0].size_mm, 0.0, words))
     return faults
 
 

@@ -18,6 +18,7 @@ from printmend.printer import Printer
 from printmend.protocols import State, Tables
 from printmend.worldmodel.greybox_branches import Branches
 from printmend.worldmodel.greybox_design import TABLE, Rows, contacts, cross_columns
+from printmend.worldmodel.greybox_jumps import Jump, find_jumps, jumped
 from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, folded, prune, refined, search
 from printmend.worldmodel.greybox_sight import SEEN, Sight, sight
 from printmend.worldmodel.kernels import greybox as kernels
@@ -67,6 +68,7 @@ class GreyboxModel:
 
     ``mechanism`` is absolute: its tables give positions in the frame of the measurement. Residuals are the RMS distance
     of the measured points from where a healthy machine (``before``) and the learned one (``after``) would put them.
+    ``jumps`` happened during the print, a motor each: taken out before the fit, they are no part of the machine.
     """
 
     mechanism: Mechanism
@@ -74,6 +76,7 @@ class GreyboxModel:
     measured: int
     residual_before_mm: float
     residual_after_mm: float
+    jumps: tuple[tuple[Jump, ...], tuple[Jump, ...]] = ((), ())
 
     @property
     def printer(self) -> Printer:
@@ -130,6 +133,8 @@ def _learned(trace: Trace, printer: Printer, rng: np.random.Generator) -> Greybo
     rows = full if keep.all() and use.all() else _subset(full, keep, use)
     found = [search(row) for row in rows]
     rows, found, rounded = _rounded(rows, found, printer)
+    jumps, found = _jumps(rows, found, printer)
+    rows = [jumped(row, taken) for row, taken in zip(rows, jumps, strict=True)]
     rows = with_belts(rows, found)
     ripples = [ripple_harmonics(printer, motor) for motor in range(2)]
     chosen = [
@@ -145,10 +150,18 @@ def _learned(trace: Trace, printer: Printer, rng: np.random.Generator) -> Greybo
         chosen = [_again(row, choice, ripple, 2) for row, choice, ripple in zip(rows, chosen, ripples, strict=True)]
     if not (keep.all() and use.all()):
         full = _quantised(full, printer) if rounded else full
+        places = np.flatnonzero(keep)
+        jumps = [tuple(replace(jump, row=int(places[jump.row])) for jump in taken) for taken in jumps]
+        full = [jumped(row, taken) for row, taken in zip(full, jumps, strict=True)]
         full = with_belts(full, chosen)
         chosen = [_again(row, choice, ripple, 2) for row, choice, ripple in zip(full, chosen, ripples, strict=True)]
         rows = full
-    return model_of(trace, printer, rows, chosen)
+    return replace(model_of(trace, printer, rows, chosen), jumps=(jumps[0], jumps[1]))
+
+
+def _jumps(rows: list[Rows], found: list[Choice], printer: Printer) -> tuple[list[tuple[Jump, ...]], list[Choice]]:
+    pairs = [find_jumps(row, start, printer.axes[i]) for i, (row, start) in enumerate(zip(rows, found, strict=True))]
+    return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
 
 
 def _again(rows: Rows, choice: Choice, ripple: tuple[int, ...], passes: int) -> Choice:
