@@ -98,6 +98,13 @@ def remember(model: SavedModel, motor: int) -> Remembered:
             came=f"one made by {model.learner}",
             todo="learn anew from the trace, without --update",
         )
+    if branches.warp_mm.any():
+        raise ModelError(
+            "--update",
+            wanted="a machine whose faults repeat with the motor's turn",
+            came=f"an uneven belt or guide on {name.upper()}, which a small print cannot update",
+            todo="learn anew from a whole probe, without --update",
+        )
     old = _design(branches, section["sd_mm"], model)
     design = Design(
         mean_powers=max(old.mean_powers, 2),
