@@ -165,6 +165,7 @@ def _shaft(rng: np.random.Generator, severity: Severity) -> SetScrew:
 
 def _ripple(rng: np.random.Generator, severity: Severity) -> Ripple:
     amplitude = rng.uniform(0.02, 0.1, 3)
+    amplitude *= min(1.0, 0.95 / float(2 * np.pi * (amplitude / (4.0, 2.0, 1.0)).sum()))  # never turns the motor back
     return Ripple(tuple(map(float, amplitude)), (4.0, 2.0, 1.0), tuple(float(_phase(rng)) for _ in range(3)))
 
 
