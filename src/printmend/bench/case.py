@@ -226,10 +226,10 @@ def _evaluate_row(prepared: _Prepared, name: str, case: Case) -> Result:
 
 def _gcode(case: Case, printer: Printer) -> Path:
     """Return the case's G-code: the source itself, or what it was sliced into."""
-    from printmend.body.load import MESH_SUFFIXES
+    from printmend.body.load import is_mesh
 
     path = Path(case.source)
-    if case.sliced is None or path.suffix.lower() not in MESH_SUFFIXES:
+    if case.sliced is None or not is_mesh(path):
         return path
     from printmend.body.mesh import read_solid
     from printmend.body.slicer import slice_to

@@ -37,7 +37,11 @@ def command(seed: int, broken: Path | None, file: Path | None, out: Path, scan: 
         return
     printer = read_printer("ender5")
     corruption = read_corruption(broken) if broken else demo.demo_corruption(np.random.default_rng(seed))
-    body = load_body(file, printer) if file else body_of(demo_body_gcode(), printer, name="timing pulley")
+    body = (
+        load_body(file, printer, note=lambda text: click.echo(text, err=True))
+        if file
+        else body_of(demo_body_gcode(), printer, name="timing pulley")
+    )
     with progress("demo", demo.ticks(body)) as tick:
         done = demo.run_demo(body, corruption, printer, seed=seed, tick=tick)
         written = demo.write_demo(done, out, tick=tick)
