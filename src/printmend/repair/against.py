@@ -20,7 +20,8 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
     """Return ``prediction`` with what the file ``output`` does in place of what mending would do.
 
     Shares nothing with the planner: the files are read whole, layer by layer the distance of every printed place to
-    the nearest wanted one is measured. Raises `GcodeError` where the layers do not correspond.
+    the nearest wanted one is measured. Where lines lie side by side that is less than the distance from its own line.
+    Raises `GcodeError` where the layers do not correspond.
     """
     wanted = straightened(read_gcode(source, printer=mechanism.printer).moves, _CHORD_MM)
     given = straightened(read_gcode(output, printer=mechanism.printer).moves, _CHORD_MM)
@@ -41,8 +42,9 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
                 row[f"{name}_max_mm"] = float(distance[mine].max())
         layers.append(row)
     return replace(
-        prediction, before=_errors(*before[1:]), after=_errors(*after[1:]), layers=tuple(layers), commands=len(given)
-    )
+        prediction, before=_errors(*before[1:]), after=_errors(*after[1:]), layers=tuple(layers), commands=len(given),
+        distance_to="the nearest wanted line of its layer",
+    )  # fmt: skip
 
 
 def _errors(distance: np.ndarray, weight: np.ndarray) -> Errors:

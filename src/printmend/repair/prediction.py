@@ -28,7 +28,8 @@ class Prediction:
     ``moves`` and ``commands`` count what moves the head before and after; ``takeups`` the reversals at which slack was
     taken up, ``anchors`` the places where the engaged side had to be made certain again. ``clamped`` counts commands
     that had to be held back at the edge of the bed, ``clamped_extruding`` those that extrude; ``unknown`` the
-    extruding moves that were left as they are, because the file does not say where the head is.
+    extruding moves that were left as they are, because the file does not say where the head is. ``distance_to`` says
+    what the errors are distances to.
     """
 
     length_mm: float
@@ -45,6 +46,7 @@ class Prediction:
     extruding: int
     low_mm: tuple[float, float]
     high_mm: tuple[float, float]
+    distance_to: str = "the wanted path"
 
     @property
     def is_better(self) -> bool:
@@ -62,7 +64,7 @@ class Prediction:
     def summary(self) -> str:
         """Say it in a few lines for a terminal."""
         rows = [
-            f"predicted distance from the wanted path, over {self.length_mm / 1000:.1f} m of extruded path [mm]:",
+            f"predicted distance from {self.distance_to}, over {self.length_mm / 1000:.1f} m of extruded path [mm]:",
             "             RMS      p95      max",
         ]
         for name, errors in (("as it is", self.before), ("mended", self.after)):
