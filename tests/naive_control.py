@@ -15,12 +15,12 @@ def greedy(model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int
     controls, imagined = [], [state.position_steps[0]]
     for target in targets:
         after = model.advance(state, candidates)
-        best, best_distance = 0, np.inf
+        best, least = 0, np.inf
         for k in range(len(candidates)):
             dx, dy = target - after.position_steps[k]
-            distance = np.sqrt(dx * dx + dy * dy)
-            if distance < best_distance:
-                best, best_distance = k, distance
+            squared = dx * dx + dy * dy
+            if squared < least:
+                best, least = k, squared
         controls.append(candidates[best])
         state = after[best]
         imagined.append(state.position_steps[0])

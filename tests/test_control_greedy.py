@@ -75,7 +75,7 @@ class Toy:
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**31), st.sampled_from([0.5, 0.1, 1 / 3]))
 def test_ties_fall_as_published(seed: int, unit: float) -> None:
-    """Equal sums, and sums that differ by a rounding but have equal roots, go to the first control of the product."""
+    """Equal sums of squares go to the first control of the product; sums that differ by a rounding are not equal."""
     rng, ender5 = np.random.default_rng(seed), read_printer("ender5")
     tables = IncrementTables(tuple(rng.integers(-2, 3, (bed + 1, 7)) * unit for bed in ender5.bed_steps), 3)
     targets = 530 + rng.integers(-8, 9, (12, 2)) * unit

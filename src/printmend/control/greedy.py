@@ -91,7 +91,7 @@ def _plan_batched(
     for t, target in enumerate(targets):
         after = model.advance(state, candidates)
         error = target - after.position_steps
-        best = int(np.argmin(np.sqrt(error[:, 0] * error[:, 0] + error[:, 1] * error[:, 1])))
+        best = int(np.argmin(error[:, 0] * error[:, 0] + error[:, 1] * error[:, 1]))
         controls[t] = candidates[best]
         state = after[best]
         imagined[t + 1] = state.position_steps[0]

@@ -1,8 +1,8 @@
 """Algorithm 1's loops: for each target the control whose imagined position is nearest, the first of equals.
 
 Arrays and scalars in, arrays out; checks happen in greedy.py. Controls are taken in the order of the product
-(−c_max…c_max) × (−c_max…c_max) and distances are sqrt(dx² + dy²), as published: two sums that differ by a rounding can
-have the same root, and then the first wins. All kernels fill controls [T, 2] and imagined [T + 1, 2].
+(−c_max…c_max) × (−c_max…c_max) and what is compared is dx² + dy², as published: a root would make ties of sums that
+differ by a rounding. All kernels fill controls [T, 2] and imagined [T + 1, 2].
 """
 
 import numpy as np
@@ -11,10 +11,10 @@ from numba import njit
 
 @njit(cache=True, inline="always")
 def first_nearest(ex, ey):
-    """Return the first pair (i, j), i before j, with the least sqrt(ex[i] + ey[j]).
+    """Return the first pair (i, j), i before j, with the least ex[i] + ey[j].
 
-    Rounded sums and roots never decrease when a term grows. So the least root is that of min ex + min ey, and i can
-    reach it with some j exactly when it does so with the least ey: two short searches instead of one over all pairs.
+    Rounded sums never decrease when a term grows. So the least is min ex + min ey, and i can reach it with some j exactly
+    when it does so with the least ey: two short searches instead of one over all pairs.
     """
     least_x, least_y = ex[0], ey[0]
     for i in range(1, ex.shape[0]):
@@ -22,19 +22,11 @@ def first_nearest(ex, ey):
     for j in range(1, ey.shape[0]):
         least_y = min(least_y, ey[j])
     least = least_x + least_y
-    root = np.sqrt(least)
-    bound = least + least * 2e-15  # sums with an equal root are within 9e-16
     i = 0
-    while True:
-        value = ex[i] + least_y
-        if value == least or (value <= bound and np.sqrt(value) == root):
-            break
+    while ex[i] + least_y != least:
         i += 1
     j = 0
-    while True:
-        value = ex[i] + ey[j]
-        if value == least or (value <= bound and np.sqrt(value) == root):
-            break
+    while ex[i] + ey[j] != least:
         j += 1
     return i, j
 
@@ -110,15 +102,15 @@ def plan_corexy(targets, start, ma, mb, lower_a, upper_a, lower_b, upper_b, c_ma
         reach(pa, ma, 2 * c_max, lower_a, upper_a, qa)
         reach(pb, mb, 2 * c_max, lower_b, upper_b, qb)
         tx, ty = targets[t, 0], targets[t, 1]
-        least, root = np.inf, np.inf
+        least = np.inf
         best_x, best_y = 0, 0
         for cx in range(-c_max, c_max + 1):
             for cy in range(-c_max, c_max + 1):
                 a, b = qa[cx + cy + 2 * c_max], qb[cx - cy + 2 * c_max]
                 dx, dy = tx - (a + b) / 2, ty - (a - b) / 2
                 value = dx * dx + dy * dy
-                if value < least and np.sqrt(value) < root:
-                    least, root, best_x, best_y = value, np.sqrt(value), cx, cy
+                if value < least:
+                    least, best_x, best_y = value, cx, cy
         pa, pb = qa[best_x + best_y + 2 * c_max], qb[best_x - best_y + 2 * c_max]
         ma += best_x + best_y
         mb += best_x - best_y
@@ -157,15 +149,15 @@ def plan_joint(targets, start, cells_x, cells_y, unit, rolled, c_max, controls, 
     imagined[0, 0], imagined[0, 1] = px, py
     for t in range(targets.shape[0]):
         tx, ty = targets[t, 0], targets[t, 1]
-        least, root = np.inf, np.inf
+        least = np.inf
         best_x, best_y, best_dx, best_dy = 0, 0, 0.0, 0.0
         for cx in range(-c_max, c_max + 1):
             for cy in range(-c_max, c_max + 1):
                 dx, dy = joint_displacement(nx, ny, cx, cy, cells_x, cells_y, unit, rolled)
                 rx, ry = tx - (px + dx), ty - (py + dy)
                 value = rx * rx + ry * ry
-                if value < least and np.sqrt(value) < root:
-                    least, root, best_x, best_y, best_dx, best_dy = value, np.sqrt(value), cx, cy, dx, dy
+                if value < least:
+                    least, best_x, best_y, best_dx, best_dy = value, cx, cy, dx, dy
         px += best_dx
         py += best_dy
         nx = min(max(nx + best_x, 0), cells_x.shape[0] - 1)
@@ -215,7 +207,7 @@ def plan_framed(
         reach(pa, ma, span, lower_a, upper_a, qa)
         reach(pb, mb, span, lower_b, upper_b, qb)
         tx, ty = targets[t, 0], targets[t, 1]
-        least, root = np.inf, np.inf
+        least = np.inf
         best_a, best_b = 0, 0
         for cx in range(-c_max, c_max + 1):
             for cy in range(-c_max, c_max + 1):
@@ -223,8 +215,8 @@ def plan_framed(
                 x, y = bed_position(qa[ca + span], qb[cb + span], corexy, coefficients, origin, scale)
                 dx, dy = tx - x, ty - y
                 value = dx * dx + dy * dy
-                if value < least and np.sqrt(value) < root:
-                    least, root, best_a, best_b = value, np.sqrt(value), ca, cb
+                if value < least:
+                    least, best_a, best_b = value, ca, cb
                     controls[t, 0], controls[t, 1] = cx, cy
         pa, pb = qa[best_a + span], qb[best_b + span]
         ma += best_a
