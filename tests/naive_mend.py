@@ -24,7 +24,7 @@ class Move:
     filament: float
     feed: float
     line: int
-    homing: bool = False
+    homing: tuple[int, ...] = ()  # the axes
 
     @property
     def length(self) -> float:
@@ -93,7 +93,7 @@ class Machine:
             start = tuple(self.position)
             for a in axes:
                 self.position[a], self.shift[a] = self.home[a], 0.0
-            self.moves.append(Move(start, tuple(self.position), 0.0, self.feed, line, homing=True))
+            self.moves.append(Move(start, tuple(self.position), 0.0, self.feed, line, homing=tuple(axes)))
         elif code == "G92":
             for a in range(3):
                 if "XYZ"[a] in values:
@@ -169,9 +169,12 @@ def print_moves(moves: list[Move], mechanism: Mechanism, *, pitch_mm: float = 0.
     for move in moves:
         if move.homing:
             motors = np.asarray(printer.to_motor(np.array(move.end[:2])), float)
-            belts = _rested(
+            at_home = _rested(
                 mechanism, motors, np.asarray(printer.to_motor(mechanism.frame.invert(np.array(move.end[:2]))), float)
             )
+            for motor in range(2):
+                if printer.kinematics == "corexy" or motor in move.homing:
+                    belts[motor] = at_home[motor]
             printed.append(np.array([move.end[:2]]))
             continue
         to = np.asarray(printer.to_motor(np.array(move.end[:2])), float)

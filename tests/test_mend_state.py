@@ -1,6 +1,7 @@
 """Every state of a machine that a rewriter must follow: modes, units, offsets, homing, and what makes it uncertain."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -86,12 +87,30 @@ def test_homing_one_axis(mechanism) -> None:
     right(judge(SQUARE + b"G28 X\nG0 X100 Y70 F6000\nG1 X120 Y90 E1 F1800\nG1 X100 Y80 E1\n", mechanism))
 
 
-def test_homing_tells_where_the_belts_may_be() -> None:
-    """Straight after homing, before any travel: the side is not known, and made certain without extruding."""
+def test_homing_says_which_side_the_belts_rest_on() -> None:
+    """The switch stopped the carriage on its way towards it: the first reversal takes up the slack, nothing more."""
     text = b"G90\nM83\nG28\nG1 X20 Y15 E1 F1800\nG1 X5 Y5 E1\n"
     judged = judge(text, PLAY)
+    assert judged.prediction.anchors == 0
+    assert judged.prediction.takeups == 2
+    assert judged.rms_mm <= 0.006
+    assert judged.after.max() <= 0.012
+
+
+def test_a_model_with_another_origin_is_anchored_after_homing() -> None:
+    """A printer that backs off from its switch, or a trace that began with the belt loose: the side is not known."""
+    loose = replace(PLAY, transmissions=(PLAY.transmissions[0].shifted(-0.1), PLAY.transmissions[1].shifted(0.2)))
+    text = b"G90\nM83\nG28\nG1 X20 Y15 E1 F1800\nG1 X5 Y5 E1\n"
+    judged = judge(text, loose)
     assert judged.prediction.anchors == 1
     assert judged.rms_mm <= 0.006
+
+
+@MODELS
+def test_homing_one_axis_keeps_the_other_belt(mechanism) -> None:
+    """After G28 X the mended Y is another number than the file's, and its belt rests where it was."""
+    text = START + b"G1 X80 Y80 E1 F1800\nG28 X\nG1 X30 Y60 E1\nG1 X50 E1\nG28 Y\nG91\nG1 X-10 Y30 E1\nG1 X10 Y-10 E1\n"
+    right(judge(text, mechanism))
 
 
 @MODELS

@@ -107,3 +107,17 @@ def test_way_points_agree_with_a_fine_walk(printer: Printer, rng: np.random.Gene
 def test_impossible_controls_are_refused(controls: np.ndarray, start: np.ndarray, ender5: Printer) -> None:
     with pytest.raises(InputError, match="wanted"):
         Twin.of(HEALTHY, ender5).run(controls, start)
+
+
+def test_homing_one_axis_is_a_way_point() -> None:
+    """The head comes back from its switch, so the next move pushes the other way than the file's places say."""
+    from printmend.gcode.read import read_gcode
+    from printmend.printer import read_printer
+    from printmend.twin.gcode import print_gcode
+
+    printer = read_printer("ender3")
+    twin = Twin.of(Corruption((Drive(belt=Play(0.4)), Drive())), printer)
+    program = read_gcode(b"G90\nG28\nG1 X80 Y50 F3000\nG28 X\nG1 X60\n", printer=printer)
+    trace = print_gcode(program, twin, noise_mm=0.0, rng=np.random.default_rng(1))
+    assert trace.commanded_mm.tolist() == [[0, 0], [80, 50], [0, 50], [60, 50]]
+    assert trace.measured_mm[:, 0] == pytest.approx([0, 79.6, 0, 59.6])

@@ -30,6 +30,8 @@ def lookup(mechanism: Mechanism) -> np.ndarray:
     head[look.M_FRAME_BEND] = _frame_bend(mechanism)
     head[look.M_FRAME_SCALE] = frame.scale_mm
     head[look.M_FRAME : look.M_FRAME + 20] = frame.coefficients_mm.ravel()
+    head[look.M_HOME : look.M_HOME + 2] = printer.home_mm
+    head[look.M_HOME_SIDE : look.M_HOME_SIDE + 2] = printer.x.home_direction, printer.y.home_direction
     parts, size, sharpest = [head], len(head), 0.0
     for motor, t in enumerate(mechanism.transmissions):
         bend = _bend(t)

@@ -26,22 +26,28 @@ def print_gcode(program: Program, twin: Twin, *, noise_mm: float, rng: np.random
         if axes[:2].any() and np.array_equal(at, home):
             start = int(index)
     known = np.asarray(moves.known[:, :2].all(axis=1) & (np.arange(len(moves)) >= start))
-    ends, z_mm, layer = moves.end_mm[known], moves.end_mm[known, 2], moves.layer[known]
+    begins, ends, layers = moves.start_mm[known], moves.end_mm[known], moves.layer[known]
     path = np.concatenate([home[None], ends[:, :2]])
+    # Where a move does not begin at the last one's end, the head went there by itself: one axis homed, a macro.
+    jumped = (path[:-1] != begins[:, :2]).any(axis=1)
+    rows = np.sort(np.concatenate([np.flatnonzero(jumped) - 0.5, np.arange(len(ends))]))
+    at = np.ceil(rows).astype(np.int64)
+    places = np.where((rows == at)[:, None], ends[at], begins[at])
+    path = np.concatenate([home[None], places[:, :2]])
     moved = np.concatenate([[True], (np.diff(path, axis=0) != 0).any(axis=1)])
     if moved.sum() < 2:
         raise GcodeError(
             program.name, wanted="moves in X and Y from a known place", came="none", todo="home with G28 first"
         )
-    rows = np.flatnonzero(moved)[1:] - 1
-    waypoints = path[moved]
+    waypoints, places, at = path[moved], places[moved[1:]], at[moved[1:]]
+    z_mm, layer = places[:, 2], layers[at]
     home_z_mm = twin.printer.z.home_mm
-    heights_mm = np.concatenate([[home_z_mm], np.where(np.isnan(z_mm[rows]), home_z_mm, z_mm[rows])])
+    heights_mm = np.concatenate([[home_z_mm], np.where(np.isnan(z_mm), home_z_mm, z_mm)])
     printed = twin.follow(np.column_stack([waypoints, heights_mm]))[:, :2]
     return Trace(
         commanded_mm=waypoints,
         measured_mm=printed + rng.normal(0.0, noise_mm, printed.shape) if noise_mm > 0 else printed,
-        z_mm=np.concatenate([[z_mm[rows[0]]], z_mm[rows]]),
-        layer=np.concatenate([[-1], layer[rows]]),
+        z_mm=np.concatenate([z_mm[:1], z_mm]),
+        layer=np.concatenate([[-1], layer]),
         homed=True,
     )

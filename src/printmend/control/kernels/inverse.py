@@ -73,6 +73,7 @@ from printmend.control.kernels.inverse_state import (
     motor_at,
     open_interval,
     prepare,
+    settle_home,
     travel_motor,
 )
 from printmend.gcode.kernels.layout import (
@@ -262,12 +263,11 @@ def _event(model, state, counts, r):
     if r.kind == KIND_HOME:
         if r.axes & 3 == 0:
             return
-        state[S_M], state[S_M + 1] = to_motors(model, r.x1, r.y1)
-        state[S_RAW_M], state[S_RAW_M + 1] = state[S_M], state[S_M + 1]
-        # The end stop tells where the carriage is, not on which side of the play the belt rests.
-        open_interval(model, state, S_M, S_LO, S_HI)
-        open_interval(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI)
-        counts[N_KNOWN], counts[N_ANYWHERE] = known, 0
+        settle_home(model, state, S_M, S_LO, S_HI, r.axes, r.x1, r.y1)
+        settle_home(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, r.axes, r.x1, r.y1)
+        counts[N_KNOWN] = known
+        if r.axes & 3 == 3:
+            counts[N_ANYWHERE] = 0
     elif r.kind == KIND_SET:
         counts[N_KNOWN] = counts[N_KNOWN] and known
     elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:

@@ -3,6 +3,7 @@
 CHORD_MM = 0.005  # how far a chord may lie from the wanted path
 ALONG = 10.0  # times that: how far it may be ahead or behind, so that the extrusion keeps its density
 HOLD_MM = 0.005  # a reversal shorter than this is not worth taking slack up for
+HOME_MM = 0.05  # a learned origin this near to the end stop's is the same
 MIN_PIECE_MM = 0.05  # firmwares drop or merge shorter moves
 SAME_FEED = 0.005  # a change of speed below half a percent is not worth a word
 PIECES_A_RECORD = 16384

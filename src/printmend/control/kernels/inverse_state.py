@@ -3,16 +3,20 @@
 import numpy as np
 from numba import njit
 
-from printmend.control.kernels.inverse_layout import HOLD_MM, S_HI, S_LO, S_M, S_SIDE
+from printmend.control.kernels.inverse_layout import HOLD_MM, HOME_MM, S_HI, S_LO, S_M, S_SIDE
 from printmend.control.kernels.inverse_lookup import (
     LOWER,
     M_BED,
+    M_COREXY,
+    M_HOME,
+    M_HOME_SIDE,
     UPPER,
     backward,
     forward,
     from_motors,
     is_taut,
     to_motors,
+    wanted,
 )
 
 
@@ -24,6 +28,37 @@ def open_interval(model, state, m, lo, hi):
             state[S_SIDE + k] = 0.0
         state[lo + k] = forward(model, k, LOWER, state[m + k])
         state[hi + k] = forward(model, k, UPPER, state[m + k])
+
+
+@njit(error_model="numpy", _nrt=False)
+def settle_home(model, state, m, lo, hi, axes, x, y):
+    """Put the motors that homed ``axes`` (bits) to (x, y), and their belts on the side that homing pressed them to.
+
+    The switch stops the carriage on its way towards it, so the branch of that direction is engaged. That holds where
+    this branch passes through the home position, as it does in `printmend.mechanism.Mechanism.homed`. A model whose
+    origin lies elsewhere (a printer that backs off from its switch; a trace that began with the belt loose) says
+    otherwise: then the belt may be anywhere in its play.
+    """
+    at_x, at_y = from_motors(model, state[m], state[m + 1])
+    corexy = model[M_COREXY] != 0.0
+    to = to_motors(model, x if axes & 1 else at_x, y if axes & 2 else at_y)
+    motors = to_motors(model, model[M_HOME], model[M_HOME + 1])
+    belts = wanted(model, model[M_HOME], model[M_HOME + 1])
+    for k in range(2):
+        if not corexy and not axes & (1 << k):
+            continue
+        side = model[M_HOME_SIDE + k]
+        if corexy:  # the axis that homes last moves both motors: +y turns A forwards and B backwards
+            side = model[M_HOME_SIDE + 1] * (1.0 - 2.0 * k)
+        at_home = abs(forward(model, k, LOWER if side > 0 else UPPER, motors[k]) - belts[k]) <= HOME_MM
+        if corexy and axes & 3 == 1:
+            side = model[M_HOME_SIDE]
+        state[m + k] = to[k]
+        engaged = forward(model, k, LOWER if side > 0 else UPPER, to[k])
+        state[lo + k] = engaged if at_home else forward(model, k, LOWER, to[k])
+        state[hi + k] = engaged if at_home else forward(model, k, UPPER, to[k])
+        if m == S_M:
+            state[S_SIDE + k] = side if at_home else 0.0
 
 
 @njit(error_model="numpy", _nrt=False)
