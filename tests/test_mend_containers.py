@@ -8,11 +8,13 @@ import pytest
 
 from printmend.corruption import HEALTHY
 from printmend.errors import GcodeError, ModelError, RefusedError
+from printmend.gcode.container import open_gcode
+from printmend.gcode.machine import Flavour
 from printmend.gcode.read import read_gcode
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judged
 from printmend.worldmodel.saved import exact_model
-from tests.mending import BENT, ENDER3, PLAY, SQUARE, START
+from tests.mending import BENT, ENDER3, PLAY, SQUARE, START, mended
 from tests.test_mend_text import HEAD, TAIL
 
 HEALTHY_MODEL, BENT_MODEL, PLAY_MODEL = exact_model(HEALTHY.lower(ENDER3)), exact_model(BENT), exact_model(PLAY)
@@ -118,6 +120,47 @@ def test_3mf_keeps_everything_else(tmp_path: Path) -> None:
     assert b"; mended by printmend" in plate
     assert digest.decode().lower() == hashlib.md5(plate, usedforsecurity=False).hexdigest()
     with pytest.raises(GcodeError, match="mended"):
+        mend_gcode(output, BENT_MODEL, output)
+
+
+def test_plates_of_a_project_are_prints_of_their_own(tmp_path: Path) -> None:
+    """Each plate is mended as if it were alone, with its own checksum, by the firmware that the settings name."""
+    source, output = tmp_path / "part.gcode.3mf", tmp_path / "out.gcode.3mf"
+    plates = {1: START + b"G1 X80 Y80 E1 F1800\n", 2: SQUARE + b"G91\nG1 X5 E1\nG1 Y5 E1\nG90\nG1 X60 E2\n"}
+    settings = b'{"from": "project", "gcode_flavor": "reprapfirmware"}'
+    with zipfile.ZipFile(source, "w", zipfile.ZIP_DEFLATED) as archive:
+        for number, text in plates.items():
+            archive.writestr(f"Metadata/plate_{number}.gcode", b";" + b"x" * 2_000_000 + b"\n" + text)
+            archive.writestr(f"Metadata/plate_{number}.gcode.md5", "0" * 32)
+        archive.writestr("Metadata/project_settings.config", settings)
+    with open_gcode(source) as file:
+        assert [part.flavour() for part in file.parts] == [Flavour.RRF, Flavour.RRF]
+    done = mend_gcode(source, BENT_MODEL, output)
+    assert len(done.prediction.layers) == 2
+    with zipfile.ZipFile(output) as archive:
+        for number, text in plates.items():
+            plate = archive.read(f"Metadata/plate_{number}.gcode")
+            assert plate.count(b"; mended by printmend") == 1
+            assert plate.endswith(b"\n" + mended(text, BENT_MODEL.mechanism, Flavour.RRF)[0])
+            digest = archive.read(f"Metadata/plate_{number}.gcode.md5").decode()
+            assert digest == hashlib.md5(plate, usedforsecurity=False).hexdigest()
+
+
+def test_a_mended_file_is_not_checked_as_an_original(tmp_path: Path) -> None:
+    source, output = plain(tmp_path), tmp_path / "out.gcode"
+    mend_gcode(source, BENT_MODEL, output)
+    for model in (BENT_MODEL, HEALTHY_MODEL):
+        with pytest.raises(GcodeError, match="mended with model"):
+            check_gcode(output, model)
+    with pytest.raises(GcodeError, match="mended with model"):
+        mend_gcode(output, HEALTHY_MODEL, output)
+
+
+def test_the_mark_is_found_behind_a_long_header(tmp_path: Path) -> None:
+    head = b"; HEADER_BLOCK_START\n" + b"; x\n" * 700_000 + b"; HEADER_BLOCK_END\n"
+    source, output = plain(tmp_path, head + SQUARE), tmp_path / "out.gcode"
+    mend_gcode(source, BENT_MODEL, output)
+    with pytest.raises(GcodeError, match="mended with model"):
         mend_gcode(output, BENT_MODEL, output)
 
 

@@ -100,7 +100,7 @@ def is_identity(mechanism: Mechanism) -> bool:
 class Planner:
     """A planner on its way through one file: what it knows of the belts, and what it has added up so far.
 
-    Mutable, because a file of any length streams through it; `Planner.plan` is the only thing that changes it.
+    Mutable, because a file of any length streams through it; only `Planner.begin` and `Planner.plan` change it.
     """
 
     model: np.ndarray
@@ -112,6 +112,12 @@ class Planner:
     _ring: list[tuple[np.ndarray, np.ndarray]]
     _curve: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
     _turn: int = 0
+
+    def begin(self) -> None:
+        """Begin a program: nothing is known of where the machine is. What was added up so far is kept."""
+        self.counts[k.N_KNOWN] = self.counts[k.N_ANYWHERE] = 0
+        self.counts[k.N_MARK] = -1
+        self.state[k.S_Z] = np.inf  # whatever comes first begins a layer
 
     def plan(self, records: np.ndarray, begin: int = 0) -> tuple[int, np.ndarray, np.ndarray]:
         """Plan records[begin:]: return (end, first, pieces).
@@ -141,7 +147,7 @@ def start(mechanism: Mechanism, *, quantum_mm: float = 0.001) -> Planner:
     """
     state, counts = np.zeros(k.STATE), np.zeros(k.COUNTS, np.int64)
     state[k.S_LOW : k.S_LOW + 2], state[k.S_HIGH : k.S_HIGH + 2] = np.inf, -np.inf
-    counts[k.N_LAYER] = -1
+    counts[k.N_LAYER] = counts[k.N_MARK] = -1
     return Planner(
         lookup(mechanism), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)), np.zeros((256, k.LAYER)),
         [(np.zeros(1 << 14, np.int64), np.empty(4 * k.PIECES_A_RECORD, PIECE)) for _ in range(PLANS_AT_ONCE + 1)],

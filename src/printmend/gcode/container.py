@@ -39,7 +39,10 @@ class Part:
         return _whole_lines(self._pieces(), self.name)
 
     def hints(self) -> tuple[bytes, ...]:
-        """Return the pieces of text where slicers write what they are: the first and last MiB, and the metadata."""
+        """Return the pieces of text where slicers write what they are: the first and last MiB, and the metadata.
+
+        Of a plate it is the first MiB and the project's settings, and the last MiB where neither names a firmware.
+        """
         path = self.source.path
         if self.source.container == "plain":
             with path.open("rb") as handle:
@@ -48,8 +51,15 @@ class Part:
                 return head, handle.read()
         if self.source.container == "bgcode":
             return tuple(_bgcode_hints(path, self.name))
-        first = next(self._pieces(), b"")  # the end of a compressed plate costs all of it
-        return (first[:HINT_BYTES],)
+        with path.open("rb") as handle, threemf.open_zip(handle, self.name) as archive:
+            settings = threemf.settings(archive)
+        hints = (next(self._pieces(), b"")[:HINT_BYTES], settings)
+        if detect_flavour(*hints) != Flavour.UNKNOWN:
+            return hints
+        last = b""  # the end of a compressed plate costs reading all of it
+        for piece in self._pieces():
+            last = (last + piece)[-HINT_BYTES:]
+        return (*hints, last)
 
     def flavour(self) -> Flavour:
         return detect_flavour(*self.hints())
@@ -173,10 +183,14 @@ def _bgcode_texts(path: Path, name: str) -> Iterator[bytes]:
 
 
 def _bgcode_hints(path: Path, name: str) -> Iterator[bytes]:
+    text = b""
     with path.open("rb") as handle:
         _, checked = bgcode.read_header(handle, name)
         for block in bgcode.read_blocks(handle, name, checked=checked):
-            if block.kind != bgcode.THUMBNAIL:
+            if block.kind == bgcode.GCODE:
+                text += bgcode.block_text(block, name)
+                if len(text) >= HINT_BYTES:
+                    break
+            elif block.kind != bgcode.THUMBNAIL:
                 yield bgcode.block_text(block, name)
-            if block.kind == bgcode.GCODE:  # what slicers say of themselves stands before it
-                return
+    yield text

@@ -65,7 +65,7 @@ def initial_state(printer: Printer | None = None, flavour: Flavour = Flavour.UNK
     return MachineState(numbers, counts)
 
 
-_CONFIG = re.compile(rb"gcode_flavor[ \t]*=[ \t]*([A-Za-z0-9_-]+)", re.IGNORECASE)
+_CONFIG = re.compile(rb"gcode_flavor\"?[ \t]*[=:][ \t]*\"?([A-Za-z0-9_-]+)", re.IGNORECASE)  # a comment, or JSON
 _CURA = re.compile(rb"^;FLAVOR:[ \t]*([A-Za-z0-9_ ()-]+)", re.MULTILINE)
 _NAMES = {
     b"marlin2": Flavour.MARLIN2,

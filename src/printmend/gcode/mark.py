@@ -14,6 +14,7 @@ _HEADERS = (
     (b";START_OF_HEADER", b";END_OF_HEADER"),  # UltiMaker
     (b";Header Start", b";Header End"),  # Snapmaker
 )
+_FAR_BYTES = 1 << 19
 
 
 def find_mark(*texts: bytes) -> str | None:
@@ -48,7 +49,8 @@ def _line_end(text: bytes) -> bytes:
 def _place(text: bytes) -> int:
     start = 3 if text.startswith(b"\xef\xbb\xbf") else 0
     for opening, ending in _HEADERS:
-        if text.startswith(opening, start) and (end := text.find(ending, start)) >= 0:
+        # Where the header is endless the mark stands above its end: `find_mark` looks no further than a MiB.
+        if text.startswith(opening, start) and (end := text.find(ending, start, _FAR_BYTES)) >= 0:
             return _next_line(text, end)
     line = text[start : _next_line(text, start)].strip()
     plain_comment = line.startswith(b";") and not line.lstrip(b"; ").startswith(b"thumbnail")

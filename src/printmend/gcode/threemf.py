@@ -16,6 +16,7 @@ _MAX_RATIO = 300  # deflate cannot reach 1100; real G-code stays below 20
 _RATIO_MATTERS_BYTES = 32 << 20
 _TODO = "export the plate again"
 _COPY_BYTES = 1 << 20
+_SETTINGS_BYTES = 4 << 20
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError)
 """What reading a damaged archive can raise."""
 
@@ -55,6 +56,15 @@ def plates(archive: zipfile.ZipFile, name: str) -> tuple[str, ...]:
         came = "no Metadata/plate_N.gcode"
         raise GcodeError(name, wanted="a sliced .gcode.3mf", came=came, todo="slice the plate before exporting it")
     return tuple(sorted(found, key=lambda path: int(re.findall(r"\d+", path)[-1])))
+
+
+def settings(archive: zipfile.ZipFile) -> bytes:
+    """Return the slicer's settings of the whole project (JSON), empty where there are none that can be read."""
+    try:
+        with archive.open("Metadata/project_settings.config") as member:
+            return member.read(_SETTINGS_BYTES)
+    except (KeyError, *BROKEN):
+        return b""
 
 
 def write_like(

@@ -39,17 +39,19 @@ def mend_gcode(
     """Write ``source`` (`-` for the standard input) as the printer of ``model`` must read it to print it right.
 
     ``output`` may be the source itself; None is the standard output. Nothing is written unless all went well. A model
-    without a fault returns the file byte for byte. Raises `GcodeError` for what cannot be read or was mended before,
-    `ModelError` where the file is not for this printer, `RefusedError` where mending would not help and not ``force``.
+    without a fault returns the file byte for byte. The plates of a project are prints of their own.
+
+    Raises `GcodeError` for what cannot be read or was mended before, `ModelError` where the file is not for this
+    printer, `RefusedError` where mending would not help and not ``force``.
     """
     with open_gcode(source) as file:
+        refuse_mended(file)
         planner = start(model.mechanism)
         if is_healthy(model):
             _plan(file, planner, model, progress)
             with _destination(output) as handle, file.path.open("rb") as whole:
                 shutil.copyfileobj(whole, handle, 1 << 20)
             return Mended(output, prediction_of(planner))
-        refuse_mended(file)
         with _destination(output) as handle:
             file.write(handle, lambda part: _texts(part, planner, model, progress))
             prediction = prediction_of(planner)
@@ -60,6 +62,7 @@ def mend_gcode(
 def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | None = None) -> Prediction:
     """Predict what mending would do, and write nothing. Raises like `mend_gcode`, except where it would not help."""
     with open_gcode(source) as file:
+        refuse_mended(file)
         planner = start(model.mechanism)
         _plan(file, planner, model, progress)
         prediction = prediction_of(planner)
@@ -78,18 +81,20 @@ def refuse_mended(file: GcodeFile) -> None:
         if (digest := find_mark(*part.hints())) is not None:
             raise GcodeError(
                 part.name, wanted="a file as the slicer wrote it", came=f"one that was mended with model {digest}",
-                todo="mend the original",
+                todo="give the original (for `check`, the mended one with --against)",
             )  # fmt: skip
 
 
 def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progress | None) -> None:
     for part in file.parts:
         state = starting_state(part, printer=model.printer)
+        planner.begin()
         planned(_counted(part.chunks(), progress), state, planner)
 
 
 def _texts(part: Part, planner: Planner, model: SavedModel, progress: Progress | None) -> Iterator[memoryview]:
     state = starting_state(part, printer=model.printer)
+    planner.begin()
     chunks = marked(_counted(part.chunks(), progress), model.digest)
     return rewritten(chunks, state, planner)
 
