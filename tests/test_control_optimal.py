@@ -97,7 +97,7 @@ def test_without_play_one_step_greedy_is_optimal(ender5: Printer) -> None:
 def test_long_layers_in_blocks_are_planned_alike(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
     model = worn("egg", 5.0, read_printer(preset))
     whole = controller("optimal").plan(model, TARGETS, START)
-    monkeypatch.setattr(optimal, "_BLOCK_BYTES", 1)
+    monkeypatch.setattr(optimal, "_ROOM", 1)
     blocks = controller("optimal").plan(model, TARGETS, START)
     np.testing.assert_array_equal(whole.controls, blocks.controls)
 

@@ -13,8 +13,8 @@ from printmend.control.window import better, window
 from printmend.path import Plan
 from printmend.protocols import LatticeFrame, PlayTables, WorldModel
 
-# Costs kept at a time: the bound of the memory, whatever the layer's length.
-_BLOCK_BYTES = 32_000_000
+# Costs kept at a time: about a megabyte, which stays in the processor's cache, whatever the layer's length.
+_ROOM = 1 << 17
 # Passes over the two axes of a crooked frame, each with the other's plan known.
 _PASSES = 3
 
@@ -79,11 +79,10 @@ def solve(
     and the targets, so its plan is never worse.
     """
     states = window(tables, axis, targets, float(start), known, c_max)
-    block = max(64, _BLOCK_BYTES // (8 * states.longest * states.height))
     motors = np.empty(len(targets) + 1, np.int64)
     kernels.search(
         targets, states.start, motor - states.offset, states.places, states.first, states.last, states.low, states.high,
-        states.left, states.right, c_max, block, states.longest, states.height, motors,
+        states.left, states.right, c_max, _ROOM, motors,
     )  # fmt: skip
     controls = np.diff(motors).astype(np.int8)
     positions = np.empty(len(motors))

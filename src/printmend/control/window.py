@@ -34,11 +34,6 @@ class Window:
         used = slice(int(self.left.min()), int(self.right.max()))
         return int((self.last - self.first)[used].max()) + 1
 
-    @property
-    def height(self) -> int:
-        """The most places of any tick."""
-        return int((self.right - self.left).max())
-
 
 # How far around a target, in motor steps, the room of its window is measured.
 _REACH = 10

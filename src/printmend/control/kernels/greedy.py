@@ -13,8 +13,8 @@ from numba import njit
 def first_nearest(ex, ey):
     """Return the first pair (i, j), i before j, with the least ex[i] + ey[j].
 
-    Rounded sums never decrease when a term grows. So the least is min ex + min ey, and i can reach it with some j exactly
-    when it does so with the least ey: two short searches instead of one over all pairs.
+    Rounded sums never decrease when a term grows. So the least is min ex + min ey, and i can reach it with some j
+    exactly when it does so with the least ey: two short searches instead of one over all pairs.
     """
     least_x, least_y = ex[0], ey[0]
     for i in range(1, ex.shape[0]):

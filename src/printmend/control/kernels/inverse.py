@@ -51,6 +51,7 @@ from printmend.control.kernels.inverse_layout import (
     S_RAW_HI,
     S_RAW_LO,
     S_RAW_M,
+    S_SAVED,
     S_TRAVEL,
     SAME_FEED,
 )
@@ -64,7 +65,7 @@ from printmend.control.kernels.inverse_lookup import (
     to_motors,
     wanted,
 )
-from printmend.control.kernels.inverse_predict import layer_of, note, predict_raw, samples_of
+from printmend.control.kernels.inverse_predict import follow_raw, layer_of, note, predict_raw, samples_of
 from printmend.control.kernels.inverse_state import (
     arrive,
     command,
@@ -79,6 +80,8 @@ from printmend.control.kernels.inverse_state import (
 from printmend.gcode.kernels.layout import (
     EVENT_EXCLUDE,
     EVENT_OFFSET,
+    EVENT_RESTORE,
+    EVENT_SAVE,
     FLAG_EXTRUDING,
     FLAG_KNOWN_X1,
     FLAG_KNOWN_Y1,
@@ -93,6 +96,7 @@ from printmend.gcode.kernels.layout import (
     PIECE_ARC,
     PIECE_LINE,
     PIECE_TRAVEL,
+    SAVED_SLOTS,
     WORD_X,
     WORD_Y,
 )
@@ -270,6 +274,18 @@ def _event(model, state, counts, r):
             counts[N_ANYWHERE] = 0
     elif r.kind == KIND_SET:
         counts[N_KNOWN] = counts[N_KNOWN] and known
+    elif r.kind == KIND_EVENT and r.event == EVENT_SAVE:
+        state[S_SAVED + 2 * r.axes] = state[S_M] if counts[N_KNOWN] else np.nan
+        state[S_SAVED + 2 * r.axes + 1] = state[S_M + 1]
+    elif r.kind == KIND_EVENT and r.event == EVENT_RESTORE:
+        m0, m1 = to_motors(model, r.x1 - r.x0, r.y1 - r.y0)
+        m0, m1 = state[S_M] + m0, state[S_M + 1] + m1
+        if r.axes < SAVED_SLOTS:
+            m0, m1 = state[S_SAVED + 2 * r.axes], state[S_SAVED + 2 * r.axes + 1]
+        counts[N_KNOWN] = counts[N_KNOWN] and known and not np.isnan(m0)
+        if counts[N_KNOWN]:
+            arrive(model, state, m0, m1)
+            follow_raw(model, state, r.x1, r.y1)
     elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
         if r.x0 != r.x1 or r.y0 != r.y1:
             known = False  # the firmware went back to a place of the file as it is written now

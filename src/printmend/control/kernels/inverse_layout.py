@@ -31,7 +31,8 @@ S_M, S_LO, S_HI, S_RAW_M, S_RAW_LO, S_RAW_HI, S_TRAVEL, S_FEED, S_Z, S_LOW, S_HI
     17,
 )
 S_SIDE = 19  # 1 or −1 where a motor pushes its belt forwards or backwards, 0 where the belt may hang loose
-STATE = 21
+S_SAVED = 21  # for each slot of SAVE_GCODE_STATE where the motors were, NaN for an unknown place
+STATE = S_SAVED + 2 * 8
 # counts [COUNTS] int64. N_KNOWN: the place is known; N_ANYWHERE: the firmware may have skipped what came before;
 # N_MARK and N_LAYER: the layer comments seen, the row of `layers`. The rest are sums for the prediction.
 N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)

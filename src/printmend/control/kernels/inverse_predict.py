@@ -63,7 +63,8 @@ def _nearest(records, count, i, curve, x, y):
 
 
 @njit(error_model="numpy", _nrt=False)
-def _follow_raw(model, state, x, y):
+def follow_raw(model, state, x, y):
+    """Move the machine that reads the file as it is."""
     m0, m1 = to_motors(model, x, y)
     pull(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, 0, m0)
     pull(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, 1, m1)
@@ -84,13 +85,13 @@ def predict_raw(model, curve, state, records, count, i, noted, row, layers, erro
             x, y = curve[X0] + s * (curve[X1] - curve[X0]), curve[Y0] + s * (curve[Y1] - curve[Y0])
         else:
             x, y, _ = place(curve, s)
-        _follow_raw(model, state, x, y)
+        follow_raw(model, state, x, y)
         if noted:
             a = (state[S_RAW_LO] + state[S_RAW_HI]) / 2
             b = (state[S_RAW_LO + 1] + state[S_RAW_HI + 1]) / 2
             x, y = printed(model, a, b)
             note(layers, row, errors, 0, _nearest(records, count, i, curve, x, y), curve[LENGTH] / samples)
-    _follow_raw(model, state, curve[X1], curve[Y1])
+    follow_raw(model, state, curve[X1], curve[Y1])
 
 
 @njit(error_model="numpy", _nrt=False)
