@@ -3,6 +3,7 @@
 They share no code with the program: words by a regular expression, one move after the other, belts by clipping.
 """
 
+import copy
 import itertools
 import math
 import re
@@ -48,11 +49,16 @@ class Machine:
     m83: bool = False
     unit: float = 1.0
     motion: str = "G0"
+    offset: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    saved: dict[str, dict] = field(default_factory=dict)
     moves: list[Move] = field(default_factory=list)
 
     def read(self, text: str) -> list[Move]:
         for number, line in enumerate(text.splitlines()):
             plain = re.sub(r"\(.*?\)", "", line.split(";")[0].split("*")[0]).strip()
+            if re.match(r"(SAVE|RESTORE|SET)_GCODE_", plain):
+                self.klipper(plain.split()[0], dict(re.findall(r"(\w+)=(\S+)", plain)), number)
+                continue
             if re.match(r"[A-Za-z_]{2}", plain) or plain.upper().startswith("M117"):
                 continue  # a macro, or text
             words = [(letter.upper(), float(value)) for letter, value in _WORD.findall(plain)]
@@ -75,6 +81,26 @@ class Machine:
         for code, values in groups:
             self.command(code, values, bare, line)
 
+    def klipper(self, name: str, values: dict[str, str], line: int) -> None:
+        start, place = tuple(self.position), list(self.position)
+        keep = ("position", "shift", "offset", "e", "feed", "relative", "m83")
+        if name == "SET_GCODE_OFFSET":
+            for a in range(3):
+                more = float(values.get("XYZ"[a], self.offset[a])) + float(values.get(f"{'XYZ'[a]}_ADJUST", 0.0))
+                self.shift[a] += more - self.offset[a]
+                place[a] += more - self.offset[a]
+                self.offset[a] = more
+        elif name == "SAVE_GCODE_STATE":
+            self.saved[values.get("NAME", "")] = {k: copy.copy(getattr(self, k)) for k in keep}
+        else:
+            for key, value in self.saved[values.get("NAME", "")].items():
+                place = value if key == "position" else place
+                if key != "position":
+                    setattr(self, key, copy.copy(value))
+        if values.get("MOVE") == "1":
+            self.position = list(place)
+            self.moves.append(Move(start, tuple(self.position), 0.0, self.feed, line))
+
     def command(self, code: str, values: dict[str, float], bare: set[str], line: int) -> None:
         if code in ("G0", "G1", "G2", "G3"):
             self.motion = code
@@ -95,7 +121,7 @@ class Machine:
                 self.position[a], self.shift[a] = self.home[a], 0.0
             self.moves.append(Move(start, tuple(self.position), 0.0, self.feed, line, homing=tuple(axes)))
         elif code == "G92":
-            for a in range(3):
+            for a in range(3) if code == "G92" else ():
                 if "XYZ"[a] in values:
                     self.shift[a] = self.position[a] - values["XYZ"[a]] * self.unit
             if "E" in values:

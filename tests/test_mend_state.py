@@ -8,6 +8,7 @@ import pytest
 
 from printmend.control.inverse import start
 from printmend.gcode.machine import Flavour, initial_state
+from printmend.gcode.read import interpret_text
 from printmend.repair.stream import rewritten
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, SQUARE, START, Judged, judge, mended
@@ -64,8 +65,6 @@ def test_every_firmware_rule_for_e(flavour: Flavour) -> None:
     written, _ = mended(text, BENT, flavour)
     again = initial_state(ENDER3, flavour)
     first = initial_state(ENDER3, flavour)
-    from printmend.gcode.read import interpret_text
-
     ends = [interpret_text(np.frombuffer(t, np.uint8), s) for t, s in ((text, first), (written, again))]
     assert ends[0]["advance"].sum() == pytest.approx(ends[1]["advance"].sum(), abs=1e-4)
 
@@ -211,6 +210,42 @@ def test_saved_state(mechanism) -> None:
     assert b"RESTORE_GCODE_STATE NAME=a\n" in written
 
 
+STATES = {
+    "zero": b"SAVE_GCODE_STATE NAME=a\nG92 X10 Y10\nG1 X30 Y12 E1\nRESTORE_GCODE_STATE NAME=a\n",
+    "back": b"SAVE_GCODE_STATE NAME=a\nG0 X120 Y90 F6000\nRESTORE_GCODE_STATE NAME=a MOVE=1\n",
+    "zero and back": b"SAVE_GCODE_STATE NAME=a\nG92 X0 Y0\nG0 X30 Y-12\nRESTORE_GCODE_STATE NAME=a MOVE=1\n",
+    "zero before": b"G92 X0 Y0\nSAVE_GCODE_STATE\nG92 X5\nG1 X9 Y9 E1\nRESTORE_GCODE_STATE\nG1 X3 Y3 E1\nG92 X63 Y83\n",
+    "relative": b"SAVE_GCODE_STATE NAME=a\nG91\nG1 X5 Y3 E1\nRESTORE_GCODE_STATE NAME=a MOVE=1\n",
+    "two": b"SAVE_GCODE_STATE NAME=a\nG0 X90 Y60\nSAVE_GCODE_STATE NAME=b\nG0 X70 Y90\n"
+    b"RESTORE_GCODE_STATE NAME=b MOVE=1\nG1 X85 Y64 E1\nRESTORE_GCODE_STATE NAME=a MOVE=1\n",
+    "offset": b"SET_GCODE_OFFSET X=3 Y_ADJUST=-2 MOVE=1\nG1 X70 Y75 E1\nSET_GCODE_OFFSET X=0 Y=0\n",
+    "macro": b"SAVE_GCODE_STATE NAME=a\nCLEAN_NOZZLE\nRESTORE_GCODE_STATE NAME=a MOVE=1\n",
+}
+
+
+@MODELS
+@pytest.mark.parametrize("name", STATES)
+def test_states_are_restored_on_mended_places(mechanism, name: str) -> None:
+    """What is saved and restored is the mended machine's place and zero; the line after it extrudes at once."""
+    after = b"G1 F1800\nG91\nG1 X-6 Y-9 E1\nG90\n" + AGAIN
+    judged = judge(START + SURE + STATES[name] + after, mechanism)
+    assert judged.prediction.unknown == 0
+    assert judged.prediction.anchors == (name == "macro")
+    right(judged)
+
+
+def test_a_forgotten_zero_is_forgotten() -> None:
+    """G92.1 after a zero that was set on a mended place."""
+    text = START + SURE + b"G92 X0 Y0\nG1 X5 Y-9 E1\nG92.1\n" + AGAIN
+    written, _ = mended(text, BENT)
+    ends = []
+    for source in (text, written):
+        rows = interpret_text(np.frombuffer(source, np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
+        ends.append((rows[-1]["x1"], rows[-1]["y1"]))
+    assert ends[1] == pytest.approx(judge(START + SURE + AGAIN, BENT).given[-1].end[:2], abs=0.02)
+    assert ends[0] == (64, 60)
+
+
 def test_corexy_is_mended_in_motor_space() -> None:
     """A play of motor A alone: a move along x reverses both motors, one along the diagonal only one."""
 
@@ -232,7 +267,5 @@ def test_offsets_are_followed() -> None:
     text = START + SURE + b"SET_GCODE_OFFSET X=1 Y=2\n" + b"G1 X60 Y70 E1\nG1 X64 Y60 E1\n"
     planner, state = start(PLAY), initial_state(ENDER3, Flavour.KLIPPER)
     written = b"".join(bytes(v) for v in rewritten([np.frombuffer(text, np.uint8)], state, planner))
-    from printmend.gcode.read import interpret_text
-
     rows = interpret_text(np.frombuffer(written, np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
     assert math.dist((rows[-1]["x1"], rows[-1]["y1"]), (65, 62)) < 1.0

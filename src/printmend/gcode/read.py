@@ -174,6 +174,7 @@ def moves_of(records: np.ndarray) -> Moves:
     rows = records[keep]
     before = np.concatenate([[0], np.cumsum(keep)])[:-1]
     homes, events = records["kind"] == k.KIND_HOME, records["kind"] == k.KIND_EVENT
+    events &= records["event"] != k.EVENT_SAVE
     flags = rows["flags"]
     known = np.stack([(flags & k.FLAG_KNOWN_X0 << a != 0) & (flags & k.FLAG_KNOWN_X1 << a != 0) for a in range(3)], 1)
     moves = Moves(

@@ -280,12 +280,17 @@ def _event(model, state, counts, r):
     elif r.kind == KIND_EVENT and r.event == EVENT_RESTORE:
         m0, m1 = to_motors(model, r.x1 - r.x0, r.y1 - r.y0)
         m0, m1 = state[S_M] + m0, state[S_M + 1] + m1
+        sure = counts[N_KNOWN] != 0
         if r.axes < SAVED_SLOTS:
             m0, m1 = state[S_SAVED + 2 * r.axes], state[S_SAVED + 2 * r.axes + 1]
-        counts[N_KNOWN] = counts[N_KNOWN] and known and not np.isnan(m0)
+            counts[N_KNOWN] = not np.isnan(m0)
+        counts[N_KNOWN] = counts[N_KNOWN] and known
         if counts[N_KNOWN]:
             arrive(model, state, m0, m1)
             follow_raw(model, state, r.x1, r.y1)
+        if counts[N_KNOWN] and not sure:
+            open_interval(model, state, S_M, S_LO, S_HI)
+            open_interval(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI)
     elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
         if r.x0 != r.x1 or r.y0 != r.y1:
             known = False  # the firmware went back to a place of the file as it is written now

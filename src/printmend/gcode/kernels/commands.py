@@ -181,6 +181,8 @@ def _set_position(r, numbers, counts, words, values, code):
     for axis in range(3):
         if code != 920:  # G92.1, G92.2: LinuxCNC forgets the shift
             numbers[N_G92 + axis] = 0.0
+            counts[C_OFFSET_KNOWN] |= 1 << axis
+            axes |= 16 | 1 << axis
         elif zero or words & (WORD_X << axis):
             value = 0.0 if zero else values[23 + axis] * unit
             numbers[N_G92 + axis] += numbers[N_POS + axis] - value - numbers[N_OFFSET + axis]
@@ -227,7 +229,10 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
         _set_position(r, numbers, counts, words, values, code)
     elif code == 100 or code == 110:
         return _g10(r, numbers, counts, words, values, code)
-    elif code == 40 or code == 430 or code == 923 or (code == 290 and words & WORD_S):
+    elif code == 923:  # LinuxCNC remembers a shift that may be another file's
+        counts[C_OFFSET_KNOWN] = 0
+        return EVENT_OFFSET + ALL_LOST
+    elif code == 40 or code == 430 or (code == 290 and words & WORD_S):
         pass  # dwell, tool length from the table, RRF's `G29 S1` (load a map)
     elif code in (281, 301, 291, 292, 294, 220, 230):
         pass  # stored places; Bambu's and Marlin's switches

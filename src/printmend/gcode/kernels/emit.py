@@ -17,8 +17,7 @@ from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.row import PLAIN_WORDS, put_eol, put_line_start, put_row
 from printmend.gcode.kernels.text import STAR
 from printmend.gcode.kernels.words import LETTER_G, axis_end, cased, copy_bytes, own_motion, put_feed
-
-COMPILED_WITH = "f2815edfc4d9"  # digest of the kernels imported here: numba's cache watches this file only
+from printmend.jit import entry
 
 ROOM = 224  # more than a generated line or an edit adds: eight words of at most 22 bytes, starts and ends
 
@@ -38,8 +37,19 @@ def _follow(r, writer):
                 writer[place], writer[W_SHIFT + axis] = end, 0.0
         elif r.kind == KIND_SET:
             # The new zero counts from where the mended machine is, not from where the file thinks it is.
-            if r.axes & (1 << axis) and not np.isnan(writer[place]):
+            if r.axes & 16:
+                writer[W_SHIFT + axis] = 0.0
+            elif r.axes & (1 << axis) and not np.isnan(writer[place]):
                 writer[W_SHIFT + axis] = writer[place] - start
+        elif r.kind == KIND_EVENT and r.event == EVENT_SAVE:
+            writer[W_SAVED + 6 * r.axes + axis] = writer[place]
+            writer[W_SAVED + 6 * r.axes + 3 + axis] = writer[W_SHIFT + axis]
+        elif r.kind == KIND_EVENT and (r.event == EVENT_RESTORE or r.event == EVENT_OFFSET) and r.axes < SAVED_SLOTS:
+            writer[W_SHIFT + axis] = writer[W_SAVED + 6 * r.axes + 3 + axis]
+            if r.event == EVENT_RESTORE:
+                writer[place] = writer[W_SAVED + 6 * r.axes + axis]
+        elif r.kind == KIND_EVENT and r.event == EVENT_RESTORE and r.flags & (FLAG_KNOWN_X1 << axis):
+            writer[place] += end - start
         elif r.kind == KIND_EVENT and (not r.flags & (FLAG_KNOWN_X1 << axis) or (start != end and not named)):
             writer[place] = np.nan
         elif named:
@@ -51,7 +61,7 @@ def _follow(r, writer):
         writer[W_FEED] = r.feed
 
 
-@njit(cache=True, nogil=True)
+@entry()
 def emit(buf, begin, records, n, first, pieces, writer, out):
     """Write buf[begin:] up to the end of record n − 1, with the pieces in place; return (records done, read, written).
 

@@ -37,8 +37,7 @@ from printmend.gcode.kernels.text import (
     starts_with,
     upper,
 )
-
-COMPILED_WITH = "9d412def9b2f"  # digest of the kernels imported here: numba's cache watches this file only
+from printmend.jit import entry
 
 _EXTENDED, _FILLED_IN = 1, 2  # stand in for a command letter
 _LAYER_CHANGE = np.frombuffer(b"LAYER_CHANGE", np.uint8)
@@ -218,7 +217,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
     return n
 
 
-@njit(cache=True, nogil=True)
+@entry()
 def interpret(buf, begin, end, numbers, counts, records):
     """Interpret the whole lines buf[begin:end]; return (records filled, where it stopped).
 

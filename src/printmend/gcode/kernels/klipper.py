@@ -69,14 +69,17 @@ def long_command(r, buf, p, stop, numbers, counts):
             elif found and key == _KEY_ADJUST[axis]:
                 offsets[axis], adjusted = value, adjusted | 1 << axis
     if name == _SAVE:
-        _save(numbers, counts, label)
-        return 0
+        r.axes = _save(numbers, counts, label)
+        return EVENT_SAVE
     r.flags = r.flags | FLAG_OPAQUE
+    r.axes = NO_SLOT
     what = EVENT_RESTORE if move else EVENT_OFFSET
     if name == _RESTORE:
-        if not _restore(numbers, counts, label, move):
+        slot = _restore(numbers, counts, label, move)
+        if slot < 0:
             counts[C_OFFSET_KNOWN] = 0
-            what += ALL_LOST
+            return what + ALL_LOST
+        r.axes = slot
         return what
     for axis in range(3):
         old = numbers[N_GCODE_OFFSET + axis]
@@ -91,7 +94,7 @@ def long_command(r, buf, p, stop, numbers, counts):
 
 @njit
 def _save(numbers, counts, label):
-    """SAVE_GCODE_STATE: into the slot of that name, a free one, or the first."""
+    """SAVE_GCODE_STATE: into the slot of that name, a free one, or the first. Return which."""
     key = np.int64(label)
     slot = 0
     for k in range(SAVED_SLOTS - 1, -1, -1):
@@ -108,11 +111,12 @@ def _save(numbers, counts, label):
         numbers[f + 3 + axis] = numbers[N_G92 + axis]
         numbers[f + 6 + axis] = numbers[N_GCODE_OFFSET + axis]
     numbers[f + 9], numbers[f + 10], numbers[f + 11] = numbers[N_E], numbers[N_FEED], numbers[N_FLOW]
+    return slot
 
 
 @njit
 def _restore(numbers, counts, label, move):
-    """RESTORE_GCODE_STATE; False when nothing was saved under that name."""
+    """RESTORE_GCODE_STATE; return the slot, −1 when nothing was saved under that name."""
     key = np.int64(label)
     for slot in range(SAVED_SLOTS):
         c, f = C_SAVED + slot * SAVED_COUNTS, N_SAVED + slot * SAVED_NUMBERS
@@ -126,5 +130,5 @@ def _restore(numbers, counts, label, move):
             if move:
                 counts[C_KNOWN] = counts[c + 3]
             numbers[N_E], numbers[N_FEED], numbers[N_FLOW] = numbers[f + 9], numbers[f + 10], numbers[f + 11]
-            return True
-    return False
+            return slot
+    return -1

@@ -34,7 +34,8 @@ RECORD = np.dtype(
         ("kind", "u1"),  # KIND_*
         ("event", "u1"),  # EVENT_*, 0 unless kind is KIND_EVENT, KIND_HOME or KIND_RETRACT
         ("plane", "u1"),  # 0 XY, 1 ZX, 2 YZ
-        ("axes", "u1"),  # axes homed or set: bit 0 X, 1 Y, 2 Z, 3 E
+        # axes homed or set: bit 0 X, 1 Y, 2 Z, 3 E, 4 forgotten (G92.1); of a saved or restored state its slot
+        ("axes", "u1"),
     ]
 )
 
@@ -49,8 +50,9 @@ EVENT_PROBE = 5  # G29, G30, G80: probing moves
 EVENT_UNKNOWN = 6  # a motion command that is not followed: G5, G12, G27, canned cycles
 EVENT_PLACEHOLDER = 7  # {…} or […] that someone else fills in
 EVENT_MOTORS_OFF = 8  # M84
-EVENT_RESTORE = 9  # RESTORE_GCODE_STATE MOVE=1
+EVENT_RESTORE = 9  # RESTORE_GCODE_STATE MOVE=1, SET_GCODE_OFFSET MOVE=1: the carriage goes there by itself
 EVENT_OFFSET = 10  # offsets changed; the carriage has not moved
+EVENT_SAVE = 11  # SAVE_GCODE_STATE: nothing is uncertain, but a restore comes back to here
 
 FLAG_RELATIVE = 1 << 0  # X Y Z words are increments
 FLAG_E_RELATIVE = 1 << 1
@@ -79,6 +81,7 @@ E_EITHER, E_FOLLOWS, E_APART = 0, 1, 2  # how G90/G91 act on E: relative if G91 
 N_POS, N_E, N_FEED, N_HOME, N_G92, N_GCODE_OFFSET, N_M206 = 0, 3, 4, 5, 8, 11, 14
 N_FLOW, N_AREA, N_WCS, N_TOOLS, N_SAVED = 17, 18, 20, 47, 96
 SAVED_SLOTS, SAVED_NUMBERS = 8, 12
+NO_SLOT = 255
 N_OFFSET = N_SAVED + SAVED_SLOTS * SAVED_NUMBERS  # machine − logical [mm], the sum of all shifts
 NUMBERS = N_OFFSET + 3
 # counts: int64 state
@@ -119,5 +122,5 @@ PIECE = np.dtype(
 PIECE_LINE, PIECE_ARC, PIECE_TRAVEL = 0, 1, 2  # travel: no E, before or after the statement's own motion
 
 # writer: float64 state of the machine that reads the output.
-W_PLACE, W_SHIFT, W_FEED, W_MODAL, W_CRLF, W_NUMBERED, W_E_DEBT = 0, 3, 6, 7, 8, 9, 10
-WRITER = 11
+W_PLACE, W_SHIFT, W_FEED, W_MODAL, W_CRLF, W_NUMBERED, W_E_DEBT, W_SAVED = 0, 3, 6, 7, 8, 9, 10, 11
+WRITER = W_SAVED + 6 * SAVED_SLOTS  # for each slot the place and the shift when it was saved

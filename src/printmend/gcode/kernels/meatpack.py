@@ -8,8 +8,7 @@ import numpy as np
 from numba import njit
 
 from printmend.gcode.kernels.text import LF, SEMICOLON, SPACE
-
-COMPILED_WITH = "54af5ff00cf5"  # digest of the kernels imported here: numba's cache watches this file only
+from printmend.jit import entry
 
 _TABLE = np.frombuffer(b"0123456789. \nGX", np.uint8)
 _INDEX = np.full(256, 15, np.uint8)
@@ -18,7 +17,7 @@ _SIGNAL, _PACK, _PLAIN, _RESET, _NO_SPACES, _SPACES = 255, 251, 250, 249, 247, 2
 _E = 69
 
 
-@njit(cache=True, nogil=True)
+@entry()
 def unpack(packed, out):
     """Decode ``packed`` into ``out``, which has room for twice its length and two more; return the bytes written."""
     at = 0
@@ -79,7 +78,7 @@ def unpack(packed, out):
     return at
 
 
-@njit(cache=True, nogil=True)
+@entry()
 def pack(text, no_spaces, out):
     """Encode whole lines into ``out``, which has room for twice the length and 16 more; return the bytes written.
 

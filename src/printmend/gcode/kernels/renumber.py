@@ -3,8 +3,7 @@
 from numba import njit
 
 from printmend.gcode.kernels.text import CR, LF, SEMICOLON, STAR, digit_of, is_blank, is_digit, upper
-
-COMPILED_WITH = "54af5ff00cf5"  # digest of the kernels imported here: numba's cache watches this file only
+from printmend.jit import entry
 
 _ROOM = 32  # what one line can gain: a number of 20 digits and a checksum of 4 bytes
 
@@ -18,7 +17,7 @@ def _says_m110(buf, p, stop):
     return False
 
 
-@njit(cache=True, nogil=True)
+@entry()
 def renumber(buf, begin, end, lines, out):
     """Finish the intermediate text of `emit`; return (read, written).
 
