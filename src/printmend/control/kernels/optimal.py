@@ -5,9 +5,9 @@ the states of a tick are pairs (k, m): ``places[k]``, the sorted distinct positi
 m that leaves the carriage there, first[k] ≤ m ≤ last[k]. A control moves m by at most c_max, and then the play clips:
 k ← clip(k, low[m], high[m]).
 
-A tick's window is the places left[t] ≤ k < right[t]; its motor indices are m0 = first[left[t]] … last[right[t] − 1]. The
-least cost of being in state (k, m) at tick t is ``costs[base[t] + (m − m0)·rows + k − left[t]]``, rows = right − left,
-infinite where the two do not go together. Flat and dense: moving the motor is then a running minimum over the whole
+A tick's window is the places left[t] ≤ k < right[t]; its motor indices are m0 = first[left[t]] … last[right[t] − 1].
+The least cost of being in state (k, m) at tick t is ``costs[base[t] + (m − m0)·rows + k − left[t]]``, rows = right −
+left, infinite where the two do not go together. Flat and dense: moving the motor is then a running minimum over the whole
 tick, which the compiler turns into vector instructions, and the clip folds what sticks out of each column into its
 ends.
 """
