@@ -7,9 +7,9 @@ k ← clip(k, low[m], high[m]).
 
 A tick's window is the places left[t] ≤ k < right[t]; its motor indices are m0 = first[left[t]] … last[right[t] − 1].
 The least cost of being in state (k, m) at tick t is ``costs[base[t] + (m − m0)·rows + k − left[t]]``, rows = right −
-left, infinite where the two do not go together. Flat and dense: moving the motor is then a running minimum over the whole
-tick, which the compiler turns into vector instructions, and the clip folds what sticks out of each column into its
-ends.
+left, infinite where the two do not go together. Flat and dense: moving the motor is then a running minimum over the
+whole tick, which the compiler turns into vector instructions, and the clip folds what sticks out of each column into
+its ends.
 """
 
 import numpy as np
