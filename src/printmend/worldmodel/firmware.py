@@ -27,8 +27,8 @@ _NEGLIGIBLE = 1e-5
 
 @dataclass(frozen=True)
 class Simple:
-    """The simple part of a fault: per motor the ``gain`` (mm moved a commanded mm) and the mean ``play_mm``; the
-    tangent of the frame's skew, x′ = x + skew·y."""
+    """The simple part of a fault: per motor the ``gain`` (mm moved a commanded mm) and the mean ``play_mm``, with the
+    frame's stretch in both; the tangent of the frame's skew, x′ = x + skew·y."""
 
     gain: tuple[float, float]
     play_mm: tuple[float, float]
@@ -53,13 +53,18 @@ def simple_part(mechanism: Mechanism) -> Simple:
         at = _whole_turns_mm(printer, motor)
         lower, upper = table.branches_mm(at)
         middle = (lower + upper) / 2
-        gain = float(np.polyfit(at - at.mean(), middle, 1)[0])
-        gains.append(1.0 if abs(gain - 1) < _NEGLIGIBLE else gain)
+        gains.append(float(np.polyfit(at - at.mean(), middle, 1)[0]))
         play = float((upper - lower).mean())
         plays.append(play if play > 1e-4 else 0.0)
     middle_mm = np.array([(printer.x.min_mm + printer.x.max_mm) / 2, (printer.y.min_mm + printer.y.max_mm) / 2])
-    right, up = (mechanism.frame.apply(middle_mm + e) - mechanism.frame.apply(middle_mm - e) for e in np.eye(2))
+    half_mm = 0.4 * np.diag([printer.x.length_mm, printer.y.length_mm])  # of a bent frame the secant counts
+    right, up = (mechanism.frame.apply(middle_mm + e) - mechanism.frame.apply(middle_mm - e) for e in half_mm)
     skew = math.tan(math.atan2(up[0], up[1]) + math.atan2(right[1], right[0]))
+    stretch = np.array([right[0] / (2 * half_mm[0, 0]), up[1] / (2 * half_mm[1, 1])])
+    if printer.kinematics == "corexy":  # both motors move both axes: they can only take what the axes share
+        stretch[:] = stretch.mean()
+    gains = [1.0 if abs(gain - 1) < _NEGLIGIBLE else float(gain) for gain in np.array(gains) * stretch]
+    plays = [float(play) for play in np.array(plays) * stretch]
     return Simple((gains[0], gains[1]), (plays[0], plays[1]), skew if abs(skew) > _NEGLIGIBLE else 0.0)
 
 
@@ -108,14 +113,18 @@ def export_marlin(mechanism: Mechanism) -> Export:
 
 
 def export_rrf(mechanism: Mechanism) -> Export:
-    """Return config.g lines for RepRapFirmware: M92, M556 and M425; backlash only where motors are axes."""
+    """Return config.g lines for RepRapFirmware: M92, M556 and M425; backlash only where motors are axes.
+
+    M556 is added, x + tan·y, where Marlin subtracts: an acute angle between the axes is negative. M425 spreads the
+    backlash over S times itself, ten times by default; S1 takes it up at once.
+    """
     simple, printer = simple_part(mechanism), mechanism.printer
     play = printer.kinematics == "cartesian" and any(simple.play_mm)
     lines = [_steps_line(printer, simple)]
     if simple.skew:
-        lines.append(f"M556 S{SKEW_SIDE_MM:.0f} X{SKEW_SIDE_MM * simple.skew:.4f} ; skew")
+        lines.append(f"M556 S{SKEW_SIDE_MM:.0f} X{-SKEW_SIDE_MM * simple.skew:.4f} ; skew")
     if play:
-        lines.append(f"M425 X{simple.play_mm[0]:.4f} Y{simple.play_mm[1]:.4f} ; backlash")
+        lines.append(f"M425 X{simple.play_mm[0]:.4f} Y{simple.play_mm[1]:.4f} S1 ; backlash")
     return _export(mechanism, (("config.g", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=play))
 
 

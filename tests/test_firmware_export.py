@@ -1,0 +1,165 @@
+"""What `export` writes, read and obeyed as the firmwares document it, on a printer with the fault."""
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from printmend.corruption import Corruption, Drive, EccentricBore, Play, WrongRadius
+from printmend.corruption.frame import CrookedFrame
+from printmend.mechanism import Frame, Mechanism
+from printmend.printer import Printer, read_printer
+from printmend.worldmodel.firmware import EXPORTS
+from tests import naive_mend
+
+ENDER3, COREXY = read_printer("ender3"), read_printer("corexy")
+RADIUS_MM = ENDER3.x.radius_mm
+SCALE = Corruption((Drive(pulley=WrongRadius(0.99 * RADIUS_MM)), Drive(pulley=WrongRadius(1.02 * RADIUS_MM))))
+SKEW = Corruption(frame=CrookedFrame(skew_deg=0.7))
+PLAY = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.7))))
+ALL = Corruption(
+    (Drive(pulley=WrongRadius(0.99 * RADIUS_MM), belt=Play(0.4)), Drive(belt=Play(0.7))), CrookedFrame(skew_deg=-0.7)
+)
+Files = dict[str, str]
+Firmware = Callable[[Files, Printer, np.ndarray], np.ndarray]
+
+
+def words(text: str, command: str) -> dict[str, float]:
+    """Return the letters of a command's line; empty without such a line."""
+    found = re.search(rf"^{command} (.*?)(;.*)?$", text, re.MULTILINE)
+    return {w[0]: float(w[1:]) for w in found[1].split()} if found else {}
+
+
+def steps_moved(text: str, printer: Printer, bed: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """Steps a millimetre, then the backlash's steps while a motor's last move was forwards: in healthy mm."""
+    new, lash = words(text, "M92"), words(text, "M425")
+    motors = printer.to_motor(bed + offset)
+    healthy = np.array([axis.steps_per_turn * axis.microsteps / axis.mm_per_turn for axis in printer.axes[:2]])
+    steps = np.empty_like(motors)
+    for i, letter in enumerate("XY"):
+        forward, last = False, motors[0, i]
+        for n, to in enumerate(motors[:, i]):
+            forward, last = to > last if to != last else forward, to
+            steps[n, i] = (to + (lash.get(letter, 0.0) if forward else 0.0)) * new[letter]
+    return steps / healthy
+
+
+def marlin(files: Files, printer: Printer, bed: np.ndarray) -> np.ndarray:
+    """M852 I is subtracted: x − I·y."""
+    text = files["marlin.gcode"]
+    return steps_moved(text, printer, bed, np.outer(-words(text, "M852").get("I", 0.0) * bed[:, 1], [1, 0]))
+
+
+def rrf(files: Files, printer: Printer, bed: np.ndarray) -> np.ndarray:
+    """M556 is added: x + X/S·y."""
+    text = files["config.g"]
+    skew = words(text, "M556")
+    tangent = skew["X"] / skew["S"] if skew else 0.0
+    return steps_moved(text, printer, bed, np.outer(tangent * bed[:, 1], [1, 0]))
+
+
+def klipper(files: Files, printer: Printer, bed: np.ndarray) -> np.ndarray:
+    """SET_SKEW's three lengths are AC, BD and AD of a printed parallelogram; x − tangent·y."""
+    text, tangent = files["klipper.cfg"], 0.0
+    if found := re.search(r"SET_SKEW XY=([\d.]+),([\d.]+),([\d.]+)", text):
+        ac, bd, ad = map(float, found.groups())
+        side = np.sqrt(2 * ac**2 + 2 * bd**2 - 4 * ad**2) / 2
+        tangent = np.tan(np.pi / 2 - np.arccos((ac**2 - side**2 - ad**2) / (2 * side * ad)))
+    motors = printer.to_motor(bed - np.outer(tangent * bed[:, 1], [1, 0]))
+    distances = [float(re.search(rf"\[stepper_{a}\]\nrotation_distance: ([\d.]+)", text)[1]) for a in "xy"]
+    return motors * [axis.mm_per_turn / d for axis, d in zip(printer.axes[:2], distances, strict=True)]
+
+
+def linuxcnc(files: Files, printer: Printer, bed: np.ndarray) -> np.ndarray:
+    """A file of type 0: nominal − forward (or − reverse), interpolated at the joint's place, is added to it."""
+    motors = printer.to_motor(bed)
+    places = np.empty_like(motors)
+    for i in range(2):
+        section = files["joints.ini"].split(f"[JOINT_{i}]")[1]
+        assert re.search(r"COMP_FILE_TYPE = (\d)", section)[1] == "0"
+        rows = np.array([line.split() for line in files[f"joint{i}.comp"].splitlines()], float)
+        assert len(rows) <= 256
+        forward = np.diff(motors[:, i], prepend=motors[0, i]) > 0
+        trims = [np.interp(motors[:, i], rows[:, 0], rows[:, 0] - rows[:, 1 + k]) for k in range(2)]
+        places[:, i] = motors[:, i] + np.where(forward, *trims)
+    return places
+
+
+FIRMWARES: dict[str, Firmware] = {"marlin": marlin, "rrf": rrf, "klipper": klipper, "linuxcnc": linuxcnc}
+
+
+def error_mm(mechanism: Mechanism, bed: np.ndarray, motors: np.ndarray) -> float:
+    """Drive the printer to motor positions one after the other; the RMS error, the mean shift taken off."""
+    belts = np.empty_like(motors)
+    for i, transmission in enumerate(mechanism.transmissions):
+        lower, upper = transmission.branches_mm(motors[:, i])
+        belt = upper[0]  # homed against the lower end
+        for n in range(len(motors)):
+            belt = belts[n, i] = min(max(belt, lower[n]), upper[n])
+    error = mechanism.frame.apply(mechanism.printer.from_motor(belts)) - bed
+    return naive_mend.rms(np.linalg.norm(error - error.mean(axis=0), axis=1))
+
+
+def walk(printer: Printer) -> np.ndarray:
+    rng = np.random.default_rng(2)
+    size = np.array([printer.x.length_mm, printer.y.length_mm])
+    return np.array([printer.x.min_mm, printer.y.min_mm]) + size * rng.uniform(0.1, 0.9, (800, 2))
+
+
+def judged(corruption: Corruption, printer: Printer, firmware: str) -> tuple[float, float, float]:
+    """Return the error before, the error with what was exported, and what the export said it would be."""
+    mechanism = corruption.lower(printer).homed()
+    assert isinstance(mechanism, Mechanism)
+    export, bed = EXPORTS[firmware](mechanism), walk(printer)
+    motors = FIRMWARES[firmware](dict(export.files), printer, bed)
+    return error_mm(mechanism, bed, printer.to_motor(bed)), error_mm(mechanism, bed, motors), export.after_mm
+
+
+@pytest.mark.parametrize("printer", [ENDER3, COREXY], ids=lambda printer: printer.name)
+@pytest.mark.parametrize("firmware", ["marlin", "rrf", "klipper"])
+@pytest.mark.parametrize("fault", ["scale", "skew"])
+def test_scale_and_skew_go(firmware: str, fault: str, printer: Printer) -> None:
+    before, after, said = judged({"scale": SCALE, "skew": SKEW}[fault], printer, firmware)
+    assert before > 0.3
+    assert after < 0.003
+    assert said == pytest.approx(after, abs=0.003)
+
+
+@pytest.mark.parametrize("firmware", ["marlin", "rrf", "linuxcnc"])
+def test_play_goes(firmware: str) -> None:
+    before, after, said = judged(PLAY, ENDER3, firmware)
+    assert before > 0.3
+    assert after < 0.002
+    assert said == pytest.approx(after, abs=0.002)
+
+
+@pytest.mark.parametrize(("firmware", "left_mm"), [("marlin", 0.003), ("rrf", 0.003), ("klipper", 0.41)])
+def test_all_together(firmware: str, left_mm: float) -> None:
+    before, after, said = judged(ALL, ENDER3, firmware)
+    assert before > 0.8
+    assert after < left_mm
+    assert said == pytest.approx(after, rel=0.15, abs=0.003)
+
+
+@pytest.mark.parametrize("printer", [ENDER3, COREXY], ids=lambda printer: printer.name)
+def test_linuxcnc_takes_pulleys_too(printer: Printer) -> None:
+    bent = Corruption(
+        (Drive(pulley=EccentricBore(0.5, 1.0), belt=Play(0.4)), Drive(pulley=EccentricBore(0.3), belt=Play(0.6)))
+    )
+    before, after, said = judged(bent, printer, "linuxcnc")
+    assert before > 0.3
+    assert after < 0.005
+    assert said == pytest.approx(after, abs=0.003)
+
+
+@pytest.mark.parametrize("firmware", ["marlin", "rrf", "klipper"])
+def test_a_stretched_frame_is_scale(firmware: str) -> None:
+    """Calliper measurements give the axes' scales as a frame."""
+    coefficients = np.zeros((2, 10))
+    coefficients[0, 1], coefficients[1, 2] = 0.3, -0.2
+    mechanism = Mechanism(ENDER3, PLAY.lower(ENDER3).transmissions, Frame(coefficients)).homed()
+    export, bed = EXPORTS[firmware](mechanism), walk(ENDER3)
+    motors = FIRMWARES[firmware](dict(export.files), ENDER3, bed)
+    left = 0.41 if firmware == "klipper" else 0.003
+    assert error_mm(mechanism, bed, motors) < left < error_mm(mechanism, bed, ENDER3.to_motor(bed))
