@@ -39,3 +39,20 @@ def column_matrix(design: Design, rows: Rows, at: np.ndarray, side: np.ndarray) 
             out[t, design.parts[f"{name}_cos"]] = factor * np.cos(design.waves(name) * phase)
             out[t, design.parts[f"{name}_sin"]] = factor * np.sin(design.waves(name) * phase)
     return out
+
+
+def cheapest_history(cost: np.ndarray, price: float) -> tuple[float, list[tuple[int, int]]]:
+    """Return the least sum of ``cost`` [N, A, B] and ``price`` for each rung climbed, and the levels (a, b) of it."""
+    _, across, along = cost.shape
+    levels = [(a, b) for a in range(across) for b in range(along)]
+    best = {
+        (a, b): (cost[0, a, b] + price / 2 * (abs(a - across // 2) + abs(b - along // 2)), [(a, b)]) for a, b in levels
+    }
+    for row in cost[1:]:
+        after = {}
+        for c, d in levels:
+            ways = [(best[a, b][0] + price * (abs(c - a) + abs(d - b)), best[a, b][1]) for a, b in levels]
+            least, history = min(ways, key=lambda way: way[0])
+            after[c, d] = least + row[c, d], [*history, (c, d)]
+        best = after
+    return min(best.values(), key=lambda way: way[0])

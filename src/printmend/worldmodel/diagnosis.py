@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.worldmodel.greybox import Drive, GreyboxModel
-from printmend.worldmodel.greybox_jumps import Jump
+from printmend.worldmodel.greybox_ladder import Jump
 from printmend.worldmodel.greybox_sight import SEEN
 
 SURE = 3.0  # standard deviations that a fault must have to be named

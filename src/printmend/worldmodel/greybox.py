@@ -18,7 +18,8 @@ from printmend.printer import Printer
 from printmend.protocols import State, Tables
 from printmend.worldmodel.greybox_branches import Branches
 from printmend.worldmodel.greybox_design import TABLE, Rows, contacts, cross_columns
-from printmend.worldmodel.greybox_jumps import Jump, find_jumps, jumped
+from printmend.worldmodel.greybox_jumps import find_jumps
+from printmend.worldmodel.greybox_ladder import Jump, jumped
 from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, folded, prune, refined, search
 from printmend.worldmodel.greybox_sight import SEEN, Sight, sight
 from printmend.worldmodel.kernels import greybox as kernels

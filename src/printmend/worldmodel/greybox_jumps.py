@@ -1,10 +1,12 @@
-"""Teeth skipped and steps missed within a trace: found as wild increments, snapped, taken out.
+"""Teeth skipped and steps missed within a trace: models that jumps hardly bend, and what each makes of the jumps.
 
 A skipped tooth moves the belt by 10 full steps from then on, a missed electrical turn the motor by 4 (physics.md
 eq. 11). They say nothing of the next print, but would bend every part of a model that is fitted across them. The
 increments from one measured row to the next feel a jump once only: fitted to them, robustly, a model is hardly bent.
+From there the jumps follow (`greybox_ladder`), from them a better model, and so on.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,9 +14,9 @@ import numpy as np
 from printmend.printer import Axis
 from printmend.worldmodel.greybox_design import Design, Rows, contacts
 from printmend.worldmodel.greybox_fit import Prior, variances
-from printmend.worldmodel.greybox_select import COARSE_HARMONICS, Choice, Structure, search
+from printmend.worldmodel.greybox_ladder import MISSED_STEPS, TOOTH_STEPS, Jump, climbed, jumped
+from printmend.worldmodel.greybox_select import COARSE_HARMONICS, WARPS_MM, Choice, Structure, search
 
-TOOTH_STEPS, MISSED_STEPS = 10, 4
 STARTS_MM = (0.0, 0.5, 2.0)
 PASSES, FEW_PASSES = 10, 3
 SUSPECTS = 10
@@ -29,42 +31,70 @@ COMBINATIONS = sorted(
 NEAR_TOOTH, NEAR_STEP = 0.2, 0.35  # how far from its size a jump may seem, of a missed turn
 BETTER = 0.6  # the whole trace must fit that much better without the jumps
 MOST = 64
+ROUNDS = 4
+WHITE = 0.4  # a larger share of independent residuals leaves no room for jumps
 SOFT_MM = 0.05  # a finer sieve would throw out what the contacts, not yet known, still put in the wrong place
 WORTH_A_LOOK_MM = 0.05
 
 
-@dataclass(frozen=True)
-class Jump:
-    """From ``row`` on, the ``belt`` (a skipped tooth) or the motor (missed steps) is off by ``size_mm``."""
-
-    row: int
-    belt: bool
-    size_mm: float
-
-
-def jumped(rows: Rows, jumps: tuple[Jump, ...]) -> Rows:
-    """Return the rows as they would be without the jumps."""
-    motor, measured = rows.motor_mm.copy(), rows.measured_mm.copy()
-    for jump in jumps:
-        if jump.belt:
-            measured[jump.row :] -= jump.size_mm
-        else:
-            motor[jump.row :] += jump.size_mm
-    return replace(rows, motor_mm=motor, measured_mm=measured) if jumps else rows
-
-
 def find_jumps(rows: Rows, found: Choice, axis: Axis) -> tuple[tuple[Jump, ...], Choice]:
-    """Return the jumps of one motor's rows and the search's fit without them; none where they explain too little.
-
-    One at a time, the one that calms the increments most: a loss of steps turns the pulley for all that follows, so
-    what comes later is seen clearly only once it is taken out.
-    """
-    if found.fit.loss_mm < WORTH_A_LOOK_MM or int((rows.weight > 0).sum()) < 4 * COARSE_HARMONICS:
+    """Return the jumps of one motor's rows and the search's fit without them; none where they explain too little."""
+    calm = found.fit.loss_mm < WORTH_A_LOOK_MM or found.fit.share > WHITE
+    if calm or int((rows.weight > 0).sum()) < 4 * COARSE_HARMONICS:
         return (), found
-    design = Structure(play="free").design(COARSE_HARMONICS, ())
+    best: tuple[tuple[Jump, ...], Choice] = (), found
+    for model in _beliefs(rows, found, axis):
+        best = _climbed(rows, model, best, axis)
+        if best[1].fit.loss_mm < WORTH_A_LOOK_MM or (best[0] and best[1].fit.share > WHITE):
+            break
+    return best if best[1].fit.loss_mm < BETTER * found.fit.loss_mm else ((), found)
+
+
+def _beliefs(rows: Rows, found: Choice, axis: Axis) -> Iterator[Choice]:
+    """Return models to start from, the likeliest first: fitted to increments, healthy, with jumps taken out one by
+    one, uneven."""
     least_mm = WILD * MISSED_STEPS * axis.mm_per_step
+    plain, uneven = Structure(play="free"), Structure(play="free", warp_mm=WARPS_MM[1])
+    design = plain.design(COARSE_HARMONICS, ())
+    calm = _calm(rows, design, least_mm)
+    yield _believed(found, plain, design, calm.values)
+    yield _believed(found, plain, design, np.zeros(design.size))
+    if jumps := _calmed(rows, design, calm, axis):
+        yield search(jumped(rows, jumps))
+    design = uneven.design(COARSE_HARMONICS, (), rows.reach_mm)
+    yield _believed(found, uneven, design, _calm(rows, design, least_mm).values)
+
+
+def _believed(found: Choice, structure: Structure, design: Design, values: np.ndarray) -> Choice:
+    """Return a model of given parameters [P]."""
+    posterior = replace(found.fit.posterior, values=values)
+    return Choice(structure, design, replace(found.fit, posterior=posterior))
+
+
+def _climbed(
+    rows: Rows, model: Choice, best: tuple[tuple[Jump, ...], Choice], axis: Axis
+) -> tuple[tuple[Jump, ...], Choice]:
+    """Find the jumps under a model, then the model without them, and so on while it fits better; return the best."""
+    taken: tuple[Jump, ...] = ()
+    for _ in range(ROUNDS):
+        more = climbed(rows, model, axis)
+        if not more or more == taken:
+            break
+        taken, model = more, search(jumped(rows, more))
+        if model.fit.loss_mm < best[1].fit.loss_mm:
+            best = taken, model
+    return best
+
+
+def _calm(rows: Rows, design: Design, least_mm: float) -> "Increments":
     starts = [_increments(rows, design, _started(design, play_mm), least_mm, PASSES) for play_mm in STARTS_MM]
-    best = min(starts, key=lambda fit: fit.loss_mm)
+    return min(starts, key=lambda fit: fit.loss_mm)
+
+
+def _calmed(rows: Rows, design: Design, best: "Increments", axis: Axis) -> tuple[Jump, ...]:
+    """Return the jumps that calm the increments most, taken out one at a time: a loss of steps turns the pulley for
+    all that follows, so what comes later is seen clearly only once it is taken out."""
+    least_mm = WILD * MISSED_STEPS * axis.mm_per_step
     jumps: tuple[Jump, ...] = ()
     while len(jumps) < MOST:
         tried = [
@@ -77,11 +107,7 @@ def find_jumps(rows: Rows, found: Choice, axis: Axis) -> tuple[tuple[Jump, ...],
         if fit.loss_mm > best.loss_mm - CALMER * least_mm / len(best.left_mm):
             break
         jumps, best = more, fit
-    if not jumps:
-        return (), found
-    jumps = tuple(sorted(jumps, key=lambda jump: jump.row))
-    again = search(jumped(rows, jumps))
-    return (jumps, again) if again.fit.loss_mm < BETTER * found.fit.loss_mm else ((), found)
+    return tuple(sorted(jumps, key=lambda jump: jump.row))
 
 
 @dataclass(frozen=True, eq=False)
