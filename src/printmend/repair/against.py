@@ -75,23 +75,32 @@ def _distances(wanted: Moves, given: Moves, mechanism: Mechanism) -> tuple[np.nd
 
 
 def _sampled(moves: Moves) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return commanded places [S, 2] along all moves, the move of each and the length it stands for."""
-    length = np.linalg.norm(moves.end_mm[:, :2] - moves.start_mm[:, :2], axis=1)
+    """Return commanded places [S, 2] along all moves, the move of each and the length it stands for.
+
+    Where a move does not begin at the last one's end the head went there by itself, homing for example: its start is a
+    place of length 0.
+    """
+    start, end = moves.start_mm[:, :2], moves.end_mm[:, :2]
+    length = np.linalg.norm(end - start, axis=1)
     count = np.where(moves.extruding, np.maximum(np.ceil(length / _SAMPLE_MM), 1), 1).astype(np.int64)
-    move = np.repeat(np.arange(len(moves)), count)
-    place = np.arange(len(move)) - np.repeat(np.cumsum(count) - count, count) + 1
-    share = (place / count[move])[:, None]
-    xy = moves.start_mm[move, :2] + share * (moves.end_mm[move, :2] - moves.start_mm[move, :2])
-    return xy, move, length[move] / count[move]
+    jumped = np.concatenate([[True], (start[1:] != end[:-1]).any(axis=1)])[: len(moves)]
+    rows = count + jumped
+    move = np.repeat(np.arange(len(moves)), rows)
+    place = np.arange(len(move)) - np.repeat(np.cumsum(rows) - rows, rows) + 1 - jumped[move]
+    xy = start[move] + (place / count[move])[:, None] * (end - start)[move]
+    return xy, move, np.where(place > 0, length[move] / count[move], 0.0)
 
 
 def _printed(commanded_mm: np.ndarray, mechanism: Mechanism) -> np.ndarray:
-    """Print places [S, 2] one after the other; at the first, each belt is in the middle of its play."""
-    motors = mechanism.printer.to_motor(commanded_mm)
+    """Print places [S, 2] one after the other, from the home position."""
+    printer = mechanism.printer
+    home_mm = np.array(printer.home_mm)
+    motors = printer.to_motor(np.concatenate([home_mm[None], commanded_mm]))
+    at_home = printer.to_motor(mechanism.frame.invert(home_mm))
     belts = np.empty_like(motors)
     for motor, transmission in enumerate(mechanism.transmissions):
         lower, upper = transmission.branches_mm(motors[:, motor])
         column = np.empty(len(motors))
-        run_play(np.arange(len(motors)), (lower[0] + upper[0]) / 2, lower, upper, column)
+        run_play(np.arange(len(motors)), at_home[motor], lower, upper, column)
         belts[:, motor] = column
-    return mechanism.frame.apply(mechanism.printer.from_motor(belts))
+    return mechanism.frame.apply(printer.from_motor(belts))[1:]

@@ -130,6 +130,11 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
     if force:
         return
     todo = "print the original, or use --force"
+    if prediction.extruding + prediction.unknown == 0:
+        raise RefusedError(
+            file.name, wanted="a print", came=f"{prediction.moves} moves that extrude nothing",
+            todo="use --force to mend them as travels",
+        )  # fmt: skip
     if prediction.length_mm == 0:
         raise RefusedError(
             file.name, wanted="extruding moves from a known place", came="none", todo="home with G28 before printing"
