@@ -13,19 +13,31 @@ import click
 @click.option(
     "--for", "part_path", type=click.Path(path_type=Path), metavar="PART.gcode", help="Cover what this part needs."
 )
+@click.option("--design", type=click.Choice(["fixed", "layer", "optimal", "active"]), default="fixed",
+              show_default=True, help="How the marks are chosen, see above.")  # fmt: skip
+@click.option("--after", type=click.Path(path_type=Path), metavar="TRACE.csv", help="A first print's measurement, "
+              "which optimal and active complete.")  # fmt: skip
+@click.option("--marks", type=click.IntRange(16, 1000), default=600, show_default=True, help="At most.")
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("probe.gcode"), show_default=True
 )
 @click.option("--sheet", type=click.Path(path_type=Path, dir_okay=False), metavar="SHEET.pdf",
               help="Also write the A4 reference sheet, for photos or to check a scanner's scale.")  # fmt: skip
 def command(
-    printer_name: str | None, size_mm: float | None, part_path: Path | None, output: Path, sheet: Path | None
-) -> None:
-    """Write a test print that shows every fault, and its plan (probe.json beside it), which `measure` needs."""
+    printer_name: str | None, size_mm: float | None, part_path: Path | None, design: str, after: Path | None,
+    marks: int, output: Path, sheet: Path | None,
+) -> None:  # fmt: skip
+    """Write a test print that shows every fault, and its plan (probe.json beside it), which `measure` needs.
+
+    Designs: fixed fills an area evenly, along both diagonals. layer follows the longest layer of the part, in the air,
+    with dots beside its path. optimal chooses the marks after which the part's expected error is least, active those
+    that teach most; without --for they consider the whole bed. All are measured in the same way.
+    """
     from printmend.gcode.read import read_gcode
     from printmend.measure.sheet import write_sheet
+    from printmend.measure.table import read_trace
     from printmend.printer import read_printer
-    from printmend.probe import cost, design_probe, turns_covered, write_probe
+    from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
 
     if printer_name is None and sheet is None:
         raise click.UsageError("--printer says which bed the test print is for")
@@ -36,12 +48,15 @@ def command(
         return
     printer = read_printer(printer_name)
     part = read_gcode(part_path, printer=printer) if part_path else None
-    plan = design_probe(printer, size_mm=size_mm, part=part)
+    trace = read_trace(after, printer=printer) if after else None
+    plan = design_probe(printer, design=design, size_mm=size_mm, part=part, after=trace, marks=marks)
     plan_path = write_probe(output, plan)
     minutes, grams = cost(plan)
     click.echo(
         f"{output}: {len(plan)} marks, {len(plan.waypoints_mm)} way-points, {minutes:.0f} min, {grams:.1f} g of PLA"
     )
+    error_mm = expected_error_mm(printer, plan, part=part, after=trace)
+    click.echo(f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm RMS")
     click.echo(f"{plan_path}: the plan; keep it for `printmend measure`")
     for motor, turns in zip(printer.motors, turns_covered(printer, plan), strict=True):
         if turns < 1:

@@ -74,20 +74,24 @@ def probe_gcode(plan: ProbePlan) -> str:
 def cost(plan: ProbePlan) -> tuple[float, float]:
     """Return the estimated printing time [min] after heating, and the mass of plastic [g]."""
     points = plan.waypoints_mm
-    moves = np.diff(points, axis=0)
-    length = np.hypot(moves[:, 0], moves[:, 1])
-    moves, length = moves[length > 0], length[length > 0]
-    # Collinear moves run through; the nozzle stops at marks and turns.
-    unit = moves / length[:, None]
-    stops = np.flatnonzero((unit[1:] * unit[:-1]).sum(axis=1) < 0.999) + 1
-    runs = np.add.reduceat(length, np.concatenate([[0], stops]))
-    seconds = sum(move_s(run, TRAVEL_MM_S, ACCELERATION_MM_S2) for run in runs)
+    seconds = travel_s(points)
     volumes = [dot_mm3(diameter) for diameter in plan.diameter_mm]
     dot_s = 2 * move_s(HOP_MM, LIFT_MM_S, LIFT_ACCELERATION_MM_S2) + 2 * RETRACT_MM / RETRACT_MM_S
     seconds += len(plan) * dot_s + sum(filament_mm(volume) / EXTRUDE_MM_S for volume in volumes)
     purge = float(np.hypot(*(points[2] - points[1])))
     seconds += purge / PURGE_MM_S
     return seconds / 60, (sum(volumes) + purge * BEAD_MM * LAYER_MM) * PLA_G_PER_MM3
+
+
+def travel_s(points_mm: np.ndarray) -> float:
+    """Return the time of the moves through way-points [N, 2]. Collinear moves run through; turns are stops."""
+    moves = np.diff(points_mm, axis=0)
+    length = np.hypot(moves[:, 0], moves[:, 1])
+    moves, length = moves[length > 0], length[length > 0]
+    unit = moves / length[:, None]
+    stops = np.flatnonzero((unit[1:] * unit[:-1]).sum(axis=1) < 0.999) + 1
+    runs = np.add.reduceat(length, np.concatenate([[0], stops]))
+    return sum(move_s(run, TRAVEL_MM_S, ACCELERATION_MM_S2) for run in runs)
 
 
 def move_s(length_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:

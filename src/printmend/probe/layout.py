@@ -79,36 +79,65 @@ def area_around_mm(printer: Printer, points_mm: np.ndarray) -> tuple[np.ndarray,
     return np.maximum(wanted_low + shift, low), np.minimum(wanted_high + shift, high)
 
 
-def lay_out(printer: Printer, low_mm: np.ndarray, high_mm: np.ndarray, *, marks: int = MARKS) -> Layout:
-    """Fill the area between two corners with about ``marks`` marks and order them into rows."""
-    area = float(np.prod(high_mm - low_mm))
-    pitch = max(float(np.sqrt(area / marks)), MIN_PITCH_MM)
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The square lattice of an area, and what of it lies inside.
+
+    ``site`` [S, 2] lattice indices, ``place_mm`` [S, 2] where they are on the bed, ``big`` [S] the code of large dots,
+    ``first`` [2] the direction of the cells' first diagonal, along which sites with i + j even are visited.
+    """
+
+    pitch_mm: float
+    angle_rad: float
+    site: np.ndarray
+    place_mm: np.ndarray
+    big: np.ndarray
+    first: np.ndarray
+
+
+def grid_of(printer: Printer, low_mm: np.ndarray, high_mm: np.ndarray, pitch_mm: float) -> Grid:
+    """Return the lattice of a pitch between two corners."""
     # On a CoreXY the motors' axes are the diagonals of the bed: turn everything by another 45°.
     heading_rad = ROW_ANGLE_RAD - (np.pi / 4 if printer.kinematics == "corexy" else 0.0)
     angle = heading_rad - np.pi / 4
-    basis = pitch * np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    reach = int(np.ceil(np.hypot(*(high_mm - low_mm)) / pitch)) + 2
+    basis = pitch_mm * np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    reach = int(np.ceil(np.hypot(*(high_mm - low_mm)) / pitch_mm)) + 2
     i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1), indexing="ij")
     site = np.stack([i.ravel(), j.ravel()], axis=1)
     place = site @ basis + (low_mm + high_mm) / 2
     inside = ((place >= low_mm) & (place <= high_mm)).all(axis=1)
-    site, place = site[inside], place[inside]
     big = np.random.default_rng(CODE_SEED).random((2 * reach + 1, 2 * reach + 1)) < BIG_SHARE
-    big = big[site[:, 0] + reach, site[:, 1] + reach]
-    order, heading, row = _rows(site, heading_rad)
-    return Layout(pitch, angle, place[order], site[order], big[order], heading, row)
-
-
-def _rows(site: np.ndarray, heading_rad: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the order [M] of printing, the headings [M, 2] and the numbers of the rows [M]."""
-    along, across = site[:, 0] + site[:, 1], site[:, 1] - site[:, 0]
     first = np.array([np.cos(heading_rad), np.sin(heading_rad)])
+    return Grid(pitch_mm, angle, site[inside], place[inside], big.ravel()[inside], first)
+
+
+def pitch_for(low_mm: np.ndarray, high_mm: np.ndarray, marks: int) -> float:
+    """Return the pitch at which about ``marks`` marks fill the area between two corners."""
+    return max(float(np.sqrt(np.prod(high_mm - low_mm) / marks)), MIN_PITCH_MM)
+
+
+def lay_out(printer: Printer, low_mm: np.ndarray, high_mm: np.ndarray, *, marks: int = MARKS) -> Layout:
+    """Fill the area between two corners with about ``marks`` marks and order them into rows."""
+    grid = grid_of(printer, low_mm, high_mm, pitch_for(low_mm, high_mm, marks))
+    order, heading, row = rows_of(grid.site, grid.first)
+    return Layout(grid.pitch_mm, grid.angle_rad, grid.place_mm[order], grid.site[order], grid.big[order], heading, row)
+
+
+def rows_of(
+    site: np.ndarray, first: np.ndarray, *, origin: int | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the order [M] of printing, the headings [M, 2] and the numbers of the rows [M].
+
+    Rows are printed to and fro; the first runs along its diagonal, or the one numbered ``origin`` of the whole lattice.
+    """
+    along, across = site[:, 0] + site[:, 1], site[:, 1] - site[:, 0]
     second = np.array([-first[1], first[0]])
     order, headings, rows, count = [], [], [], 0
     for parity, line, position, unit in ((0, across, along, first), (1, along, across, second)):
-        for index, value in enumerate(np.unique(line[along % 2 == parity])):
+        values = np.unique(line[along % 2 == parity])
+        for value in values:
             members = np.flatnonzero((along % 2 == parity) & (line == value))
-            sign = 1 if index % 2 == 0 else -1
+            sign = 1 if (value - (values[0] if origin is None else origin)) // 2 % 2 == 0 else -1
             members = members[np.argsort(sign * position[members])]
             order.append(members)
             headings.append(np.tile(sign * unit, (len(members), 1)))

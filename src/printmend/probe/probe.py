@@ -4,29 +4,83 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.errors import GcodeError
+from printmend.errors import GcodeError, InputError
 from printmend.files import replacing
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan, write_plan
+from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.probe.gcode import probe_gcode
-from printmend.probe.layout import area_around_mm, lay_out, mark_area_mm, square_mm
+from printmend.probe.information import belief_after, fall_of, information, prior_belief, still_unknown
+from printmend.probe.layout import MARKS, area_around_mm, lay_out, mark_area_mm, square_mm
+from printmend.probe.part_layer import layer_plan, longest_layer_mm
+from printmend.probe.tiles import chosen_plans
 from printmend.probe.walk import walk
 
+DESIGNS = ("fixed", "layer", "optimal", "active")
+TARGETS = 2000
 
-def design_probe(printer: Printer, *, size_mm: float | None = None, part: Program | None = None) -> ProbePlan:
-    """Lay the marks out over the whole bed, a square of ``size_mm`` in its middle, or where ``part`` is printed.
 
-    The pattern is that of physics.md §5. Raises `ConfigError` where the bed is too small for marks, `GcodeError` for a
-    part that extrudes nothing.
+def design_probe(
+    printer: Printer,
+    *,
+    design: str = "fixed",
+    size_mm: float | None = None,
+    part: Program | None = None,
+    after: Trace | None = None,
+    marks: int = MARKS,
+) -> ProbePlan:
+    """Lay out about ``marks`` marks over the whole bed, a square of ``size_mm`` in its middle, or for ``part``.
+
+    ``fixed`` is the pattern of physics.md §5 where the part is printed; ``layer`` follows the part's longest layer;
+    ``optimal`` chooses the marks that let the part's expected error fall most, ``active`` those that bring most
+    information; both may start from what the trace ``after`` told. Raises `ConfigError` where the bed is too small,
+    `GcodeError` for a part that extrudes nothing or whose layer is too small.
     """
-    if part is not None:
-        low, high = area_around_mm(printer, _printed_mm(part))
-    elif size_mm is not None:
-        low, high = square_mm(printer, size_mm)
-    else:
+    if design == "layer":
+        if part is None:
+            raise InputError("--design layer", wanted="a part", came="none", todo="name it: --for part.gcode")
+        return layer_plan(printer, longest_layer_mm(part), marks=marks)
+    if design == "fixed":
+        return walk(printer, lay_out(printer, *_area_mm(printer, size_mm, part), marks=marks))
+    belief = prior_belief(printer) if after is None else belief_after(printer, after)
+    area = mark_area_mm(printer) if size_mm is None else square_mm(printer, size_mm)
+    wanted = belief.wanted(targets_mm(printer, part))
+    worth = information if design == "active" else fall_of(wanted)
+    # The drawn patterns compete: with few marks their evenness is hard to beat.
+    drawn = [area] if part is None else [area, _area_mm(printer, size_mm, part)]
+    plans = [walk(printer, lay_out(printer, *corners, marks=marks)) for corners in drawn]
+    plans += chosen_plans(printer, area, belief, worth, marks=marks)
+    known = [belief.told(belief.columns(plan.waypoints_mm, plan.rows)) for plan in plans]
+    scores = [still_unknown(one) if design == "active" else one.expected_mm(wanted) for one in known]
+    return plans[int(np.argmin(scores))]
+
+
+def expected_error_mm(
+    printer: Printer, plan: ProbePlan, *, part: Program | None = None, after: Trace | None = None
+) -> float:
+    """Return the RMS error of a part (of any place on the bed without one) to expect after measuring the marks."""
+    belief = prior_belief(printer) if after is None else belief_after(printer, after)
+    wanted = belief.wanted(targets_mm(printer, part))
+    return belief.told(belief.columns(plan.waypoints_mm, plan.rows)).expected_mm(wanted)
+
+
+def targets_mm(printer: Printer, part: Program | None) -> np.ndarray:
+    """Return way-points [N, 2] where the printer must be right: on the part's moves, or all over the bed."""
+    if part is None:
         low, high = mark_area_mm(printer)
-    return walk(printer, lay_out(printer, low, high))
+        return low + np.random.default_rng(0).random((TARGETS, 2)) * (high - low)
+    ends = _printed_mm(part).reshape(2, -1, 2)
+    ends = ends[:, :: max(1, ends.shape[1] // TARGETS)]
+    # long lines are predicted all along, not at their ends alone
+    share = np.linspace(0.0, 1.0, 5)[:, None, None]
+    return np.swapaxes(ends[0] + share * (ends[1] - ends[0]), 0, 1).reshape(-1, 2)
+
+
+def _area_mm(printer: Printer, size_mm: float | None, part: Program | None) -> tuple[np.ndarray, np.ndarray]:
+    if part is not None:
+        return area_around_mm(printer, _printed_mm(part))
+    return mark_area_mm(printer) if size_mm is None else square_mm(printer, size_mm)
 
 
 def _printed_mm(part: Program) -> np.ndarray:

@@ -6,6 +6,7 @@ reversals. Long moves have way-points in between, which a simulator or a camera 
 """
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -20,33 +21,56 @@ STAIRCASE_EVERY = 45
 WAYPOINT_MM, SHORTEST_WAYPOINT_MM = 2.4, 1.0
 DOT_MM, BIG_DOT_MM = 1.0, 1.6
 PURGE_MM = 100.0
+STRAIGHT = np.empty((0, 2))
+# Swings around a mark by ever shorter reversals, starting ahead of it.
+STAIRCASE = np.outer([reversal / 2 * (-1) ** k for k, reversal in enumerate(REVERSALS_MM)], [1.0, 1.0])
 
 
 def walk(printer: Printer, layout: Layout) -> ProbePlan:
     """Return the plan: home, purge line, then every row of the layout."""
+    order = np.random.default_rng(1)
+    ladders = [_ladder(order, len(layout.marks_mm)) for _ in range(2)]
+    swings = []
+    for index in range(len(layout.marks_mm)):
+        rung = index // REVERSAL_EVERY
+        if index % STAIRCASE_EVERY == 1:
+            swings.append(STAIRCASE)
+        elif index % REVERSAL_EVERY == 1:
+            swings.append(np.array([[ladders[0][rung], ladders[1][rung]]]))
+        else:
+            swings.append(STRAIGHT)
+    points, rows = passes(printer, layout, swings)
+    # A small bed holds few marks and short rows: way-points lie closer there.
+    spacing = max(SHORTEST_WAYPOINT_MM, WAYPOINT_MM * min(1.0, len(rows) / MARKS))
+    return plan_of(printer, layout, points, rows, spacing_mm=spacing)
+
+
+def passes(printer: Printer, layout: Layout, swings: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the way-points [N, 2] of the rows, each with its run-in, and the way-point [M] of every mark.
+
+    ``swings`` [M] of [K, 2] are way-points before each mark: how far beyond it, in mm of each motor.
+    """
     low = np.array([printer.x.min_mm, printer.y.min_mm]) + EDGE_MM
     high = np.array([printer.x.max_mm, printer.y.max_mm]) - EDGE_MM
-    points = [np.array(printer.home_mm), *purge_mm(printer)]
-    rows = np.empty(len(layout.marks_mm), np.int64)
-    order = np.random.default_rng(1)
-    ladders = [_ladder(order, len(rows)) for _ in range(2)]
+    points, rows = [], np.empty(len(layout.marks_mm), np.int64)
     for index, (mark, heading) in enumerate(zip(layout.marks_mm, layout.heading, strict=True)):
         if index == 0 or layout.row[index] != layout.row[index - 1]:
             points.append(np.clip(mark - RUN_IN_MM * heading, low, high))
         ahead = np.sign(printer.to_motor(heading))
-        if index % STAIRCASE_EVERY == 1:
-            points += [np.clip(mark + step, low, high) for step in _staircase(printer, ahead)]
-        elif index % REVERSAL_EVERY == 1:
-            rung = index // REVERSAL_EVERY
-            overshoot = printer.from_motor(ahead * [ladders[0][rung], ladders[1][rung]])
-            points.append(np.clip(mark + overshoot, low, high))
+        points += [np.clip(mark + printer.from_motor(ahead * swing), low, high) for swing in swings[index]]
         points.append(mark)
         rows[index] = len(points) - 1
-    waypoints = snapped(printer, np.array(points))
-    # A small bed holds few marks and short rows: way-points lie closer there.
-    spacing = max(SHORTEST_WAYPOINT_MM, WAYPOINT_MM * min(1.0, len(rows) / MARKS))
-    waypoints, kept = _subdivided(printer, waypoints, spacing, first=len(purge_mm(printer)) + 1)
-    rows = kept[rows]
+    return np.array(points), rows
+
+
+def plan_of(
+    printer: Printer, layout: Layout, points_mm: np.ndarray, rows: np.ndarray, *, spacing_mm: float = WAYPOINT_MM
+) -> ProbePlan:
+    """Return the plan of a path: home and purge line, the way-points [N, 2], of which ``rows`` [M] are the marks."""
+    lead = [np.array(printer.home_mm), *purge_mm(printer)]
+    waypoints = snapped(printer, np.concatenate([lead, points_mm]))
+    waypoints, kept = _subdivided(printer, waypoints, spacing_mm, first=len(lead))
+    rows = kept[rows + len(lead)]
     direction, reversal = approaches(waypoints)
     return ProbePlan(
         printer=printer.name,
@@ -83,12 +107,6 @@ def _ladder(rng: np.random.Generator, count: int) -> np.ndarray:
     """Return reversal distances [count]: the whole ladder in shuffled order, again and again."""
     repeats = -(-count // len(REVERSALS_MM))
     return np.concatenate([rng.permutation(REVERSALS_MM) for _ in range(repeats)])[:count]
-
-
-def _staircase(printer: Printer, ahead: np.ndarray) -> list[np.ndarray]:
-    """Return offsets from a mark that swing around it by ever shorter reversals, starting ahead of it."""
-    swings = [reversal / 2 * (-1) ** k for k, reversal in enumerate(REVERSALS_MM)]
-    return [printer.from_motor(ahead * swing) for swing in swings]
 
 
 def _subdivided(

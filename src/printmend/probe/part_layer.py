@@ -1,0 +1,103 @@
+"""The paper's test print: the longest layer of a part, with marks along its way.
+
+The nozzle follows the layer's path without extruding. Marks lie on a lattice as in every probe, or a scanner could not
+tell them apart; where the path passes a site, the nozzle goes there, leaves the dot, comes back and goes on.
+"""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from printmend.errors import GcodeError
+from printmend.gcode.arcs import straightened
+from printmend.gcode.read import Program
+from printmend.measure.plan import ProbePlan
+from printmend.printer import Printer
+from printmend.probe.gcode import cost
+from printmend.probe.layout import EDGE_MM, MARKS, Layout, grid_of, mark_area_mm, pitch_for
+from printmend.probe.walk import plan_of
+
+CHORD_MM = 0.1
+SAMPLE_MM = 0.5
+MOST_MINUTES = 15.0
+SHORTER = 0.85
+LEAST_MARKS = 16  # fewer do not tell a scanner which is which
+
+
+def longest_layer_mm(part: Program) -> np.ndarray:
+    """Return the way-points [N, 2] of the layer whose extruded path is the longest, its travels included.
+
+    Raises `GcodeError` for a part that extrudes nothing.
+    """
+    moves = straightened(part.moves, CHORD_MM)
+    known = moves.known[:, :2].all(axis=1)
+    length = np.where(known & moves.extruding, np.hypot(*(moves.end_mm - moves.start_mm)[:, :2].T), 0.0)
+    printed = (moves.layer >= 0) & (length > 0)
+    if not printed.any():
+        raise GcodeError(part.name, wanted="a part that is printed", came="no extruding move", todo="check the file")
+    layer = int(np.argmax(np.bincount(moves.layer[printed], weights=length[printed])))
+    rows = np.flatnonzero(known & (moves.layer == layer))
+    inside = rows[(rows >= np.flatnonzero(printed & (moves.layer == layer))[0])]
+    points = np.vstack([moves.start_mm[inside[0], :2], moves.end_mm[inside, :2]])
+    moved = np.concatenate([[True], (np.diff(points, axis=0) != 0).any(axis=1)])
+    return points[moved]
+
+
+def layer_plan(printer: Printer, path_mm: np.ndarray, *, marks: int = MARKS) -> ProbePlan:
+    """Return the plan that follows a layer's way-points [N, 2], cut short where it would take more than 15 minutes.
+
+    Raises `GcodeError` where the layer is too small for marks.
+    """
+    low, high = np.array([printer.x.min_mm, printer.y.min_mm]), np.array([printer.x.max_mm, printer.y.max_mm])
+    path_mm = np.clip(path_mm, low + EDGE_MM, high - EDGE_MM)
+    plan = _marked(printer, path_mm, marks)
+    while cost(plan)[0] > MOST_MINUTES:
+        path_mm = path_mm[: int(SHORTER * len(path_mm))]
+        plan = _marked(printer, path_mm, marks)
+    return plan
+
+
+def _marked(printer: Printer, path_mm: np.ndarray, marks: int) -> ProbePlan:
+    bed_low, bed_high = mark_area_mm(printer)
+    low, high = np.maximum(path_mm.min(axis=0), bed_low), np.minimum(path_mm.max(axis=0), bed_high)
+    if (high - low <= 0).any():
+        raise _too_small(0)
+    grid = grid_of(printer, low, high, pitch_for(low, high, marks))
+    samples, segment = _sampled(path_mm)
+    distance, nearest = cKDTree(samples).query(grid.place_mm)
+    near = np.flatnonzero(distance <= grid.pitch_mm / np.sqrt(2))
+    if len(near) < LEAST_MARKS:
+        raise _too_small(len(near))
+    near = near[np.argsort(nearest[near], kind="stable")]
+    points, rows, heading, done = [], [], [], 0
+    for site in near:
+        at = int(nearest[site])
+        points += [path_mm[k] for k in range(done, segment[at] + 1)]
+        done = int(segment[at]) + 1
+        points += [samples[at], grid.place_mm[site]]
+        rows.append(len(points) - 1)
+        heading.append(path_mm[done] - path_mm[done - 1])
+        points.append(samples[at])
+    points += list(path_mm[done:])
+    layout = Layout(
+        grid.pitch_mm, grid.angle_rad, grid.place_mm[near], grid.site[near], grid.big[near], np.array(heading),
+        np.arange(len(near)),
+    )  # fmt: skip
+    return plan_of(printer, layout, np.array(points), np.array(rows))
+
+
+def _too_small(marks: int) -> GcodeError:
+    return GcodeError(
+        "the longest layer",
+        wanted=f"room for {LEAST_MARKS} marks along it",
+        came=f"room for {marks}",
+        todo="use --design optimal or fixed, which go beyond the part",
+    )
+
+
+def _sampled(path_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return points [S, 2] on the path, at most half a millimetre apart, and the move [S] that each is on."""
+    moves = np.diff(path_mm, axis=0)
+    count = np.maximum(np.ceil(np.hypot(*moves.T) / SAMPLE_MM), 1).astype(np.int64)
+    segment = np.repeat(np.arange(len(moves)), count)
+    share = (np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)) / count[segment]
+    return path_mm[segment] + share[:, None] * moves[segment], segment
