@@ -87,7 +87,7 @@ from printmend.gcode.container import open_gcode
 from printmend.gcode.kernels import PIECE
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import rewrite
-keep = lambda records: (np.zeros(len(records) + 1, np.int64), np.empty(0, PIECE))
+keep = lambda records, begin: (len(records), np.zeros(len(records) + 1, np.int64), np.empty(0, PIECE))
 with open_gcode(sys.argv[1]) as file:
     part = file.parts[0]
     for view in rewrite(part.chunks(), starting_state(part), keep):
@@ -112,7 +112,9 @@ def main() -> None:
             start = time.perf_counter()
             kept = subprocess.run(command, capture_output=True, check=True).stdout  # noqa: S603 (our own words)
             process.append(time.perf_counter() - start)
-    output = b"".join(bytes(view) for view in rewrite([text], initial_state(), plan))
+    output = b"".join(
+        bytes(view) for view in rewrite([text], initial_state(), lambda records, _: (len(records), *plan(records)))
+    )
     after = interpret_text(np.frombuffer(output, np.uint8), initial_state())
     before = interpret_text(text, initial_state())
     megabytes = len(data) / 1e6

@@ -9,10 +9,10 @@ from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
 from printmend.gcode.machine import Flavour, initial_state
+from printmend.gcode.write import rewrite
 from printmend.mechanism import Mechanism
 from printmend.printer import read_printer
 from printmend.repair.prediction import Prediction, prediction_of
-from printmend.repair.stream import rewritten
 from tests import naive_mend
 
 ENDER3, ENDER5, COREXY = read_printer("ender3"), read_printer("ender5"), read_printer("corexy")
@@ -33,7 +33,7 @@ def mended(text: bytes, mechanism: Mechanism, flavour: Flavour = Flavour.KLIPPER
     planner = start(mechanism)
     state = initial_state(mechanism.printer, flavour)
     chunk = np.frombuffer(text, np.uint8)
-    written = b"".join(bytes(view) for view in rewritten([chunk], state, planner))
+    written = b"".join(bytes(view) for view in rewrite([chunk], state, planner.plan))
     return written, prediction_of(planner)
 
 

@@ -22,7 +22,12 @@ def rewritten(text: bytes, plan, flavour: Flavour = Flavour.UNKNOWN, *, cut: int
         stop = text.find(b"\n", min(start + cut, len(text) - 1)) + 1 or len(text)
         chunks.append(np.frombuffer(text[start:stop], np.uint8))
         start = stop
-    return b"".join(bytes(view) for view in rewrite(chunks, initial_state(flavour=flavour), plan))
+
+    def whole(records: np.ndarray, begin: int) -> tuple[int, np.ndarray, np.ndarray]:
+        assert begin == 0
+        return len(records), *plan(records)
+
+    return b"".join(bytes(view) for view in rewrite(chunks, initial_state(flavour=flavour), whole))
 
 
 def keep(records: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

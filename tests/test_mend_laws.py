@@ -165,11 +165,11 @@ def test_klipper_takes_every_move() -> None:
 def test_plan_is_the_same_in_chunks_of_any_size() -> None:
     from printmend.control.inverse import start
     from printmend.gcode.machine import Flavour, initial_state
-    from printmend.repair.stream import rewritten
+    from printmend.gcode.write import rewrite
 
     text = part(ENDER3)
     lines = text.splitlines(keepends=True)
     chunks = [np.frombuffer(b"".join(lines[i : i + 7]), np.uint8) for i in range(0, len(lines), 7)]
     state = initial_state(ENDER3, Flavour.KLIPPER)
-    written = b"".join(bytes(view) for view in rewritten(chunks, state, start(BENT)))
+    written = b"".join(bytes(view) for view in rewrite(chunks, state, start(BENT).plan))
     assert written == mended(text, BENT)[0]

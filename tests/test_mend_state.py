@@ -9,7 +9,7 @@ import pytest
 from printmend.control.inverse import start
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.read import interpret_text
-from printmend.repair.stream import rewritten
+from printmend.gcode.write import rewrite
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, SQUARE, START, Judged, judge, mended
 
@@ -266,6 +266,6 @@ def test_corexy_is_mended_in_motor_space() -> None:
 def test_offsets_are_followed() -> None:
     text = START + SURE + b"SET_GCODE_OFFSET X=1 Y=2\n" + b"G1 X60 Y70 E1\nG1 X64 Y60 E1\n"
     planner, state = start(PLAY), initial_state(ENDER3, Flavour.KLIPPER)
-    written = b"".join(bytes(v) for v in rewritten([np.frombuffer(text, np.uint8)], state, planner))
+    written = b"".join(bytes(v) for v in rewrite([np.frombuffer(text, np.uint8)], state, planner.plan))
     rows = interpret_text(np.frombuffer(written, np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
     assert math.dist((rows[-1]["x1"], rows[-1]["y1"]), (65, 62)) < 1.0

@@ -9,9 +9,9 @@ from printmend.control.kernels import inverse_lookup as look
 from printmend.control.kernels.inverse import mend
 from printmend.control.kernels.inverse_curve import CURVE
 from printmend.gcode.kernels import PIECE
+from printmend.gcode.write import PLANS_AT_ONCE
 from printmend.mechanism import Mechanism, Transmission
 
-PLANS_AT_ONCE = 5
 _SAME_MM = 1e-7
 _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
 

@@ -1,22 +1,58 @@
-"""Write G-code again with other motion: one loop for every rewriter, every line that need not change byte for byte."""
+"""Write G-code again with other motion: one loop for every rewriter, every line that need not change byte for byte.
 
+Reading and interpreting run in one thread, planning in another, writing in the caller's.
+"""
+
+import queue
+import threading
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from printmend.gcode import kernels as k
 from printmend.gcode.machine import MachineState
-from printmend.gcode.read import RECORDS, larger
+from printmend.gcode.read import larger
 
-Plan = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""records [n] of RECORD → (first int64 [n + 1], pieces of PIECE): record i becomes pieces[first[i]:first[i + 1]].
+Plan = Callable[[np.ndarray, int], tuple[int, np.ndarray, np.ndarray]]
+"""(records [n] of RECORD, begin) → (end, first int64 [n + 1], pieces of PIECE).
 
-No pieces: the statement stays as it is. The last piece is written into the statement itself (its words, their order,
-its comment), the pieces before it become new lines. Called once for each batch of records, in the order of the file:
-what the plan carries from one to the next (the engaged side of a belt) is its own.
+Record i of records[begin:end] becomes pieces[first[i]:first[i + 1]]. No pieces: the statement stays as it is. The last
+piece is written into the statement itself (its words, their order, its comment), the pieces before it become new lines.
+Called for each batch of records in the order of the file, again with begin = end until end = n: what the plan carries
+from one call to the next (the engaged side of a belt) is its own. What it returns may be used again after
+`PLANS_AT_ONCE` further calls.
 """
 
-_OUT_BYTES = 4 << 20
+PLANS_AT_ONCE = 5
+_RECORDS = 8192  # a batch: small enough to stay in the cache on its way through the threads
+_OUT_BYTES = 1 << 20
+_AHEAD = 2
+_Item = TypeVar("_Item")
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """Interpreted text: ``records`` of ``chunk[begin:end]``; ``numbered`` says whether lines have N words so far."""
+
+    chunk: np.ndarray
+    begin: int
+    end: int
+    records: np.ndarray
+    numbered: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Planned records[begin:end] of a batch; ``last`` says that no more of it follows."""
+
+    batch: _Batch
+    begin: int
+    end: int
+    first: np.ndarray
+    pieces: np.ndarray
+    last: bool
 
 
 def rewrite(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> Iterator[memoryview]:
@@ -26,21 +62,35 @@ def rewrite(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> It
     """
     writer = initial_writer(state)
     lines = np.zeros(2, np.int64)
-    records = np.empty(RECORDS, k.RECORD)
     out = np.empty(_OUT_BYTES, np.uint8)
-    for chunk in chunks:
-        position = 0
-        while position < len(chunk):
-            count, after = k.interpret(chunk, position, len(chunk), state.numbers, state.counts, records)
-            if after == position:  # one line may hold more statements than fit
-                records = np.empty(larger(len(records)), k.RECORD)
-                continue
-            first, pieces = plan(records[:count])
-            numbered = state.counts[k.C_NUMBERED] + state.counts[k.C_CHECKSUMS] > 0
-            writer[k.W_NUMBERED] = numbered
-            texts = _emit(chunk, position, after, records[:count], first, pieces, writer, out)
-            yield from _renumbered(b"".join(texts), lines) if numbered else texts
-            position = after
+    at = 0
+    for part in _ahead(_planned(_ahead(_interpreted(chunks, state)), plan)):
+        batch = part.batch
+        if part.begin == 0:
+            at = batch.begin
+        writer[k.W_NUMBERED] = batch.numbered
+        texts: list[memoryview] = []
+        start = part.begin
+        while start < part.end:
+            done, at, written = k.emit(
+                batch.chunk, at, batch.records[start:], part.end - start, part.first[start:], part.pieces, writer, out
+            )
+            start += done
+            if done == 0 and written == 0:  # one record larger than the buffer
+                out = np.empty(2 * len(out), np.uint8)
+            elif batch.numbered:
+                texts.append(memoryview(out[:written].tobytes()))
+            elif written:
+                yield out[:written].data
+        if part.last and at < batch.end:
+            texts.append(batch.chunk[at : batch.end].data)
+        yield from _renumbered(b"".join(texts), lines) if batch.numbered else texts
+
+
+def follow(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> None:
+    """Show ``plan`` the text of ``chunks`` and write nothing."""
+    for _ in _planned(_ahead(_interpreted(chunks, state)), plan):
+        pass
 
 
 def initial_writer(state: MachineState) -> np.ndarray:
@@ -52,28 +102,76 @@ def initial_writer(state: MachineState) -> np.ndarray:
     return writer
 
 
-def _emit(
-    chunk: np.ndarray, begin: int, end: int, records: np.ndarray, first: np.ndarray, pieces: np.ndarray,
-    writer: np.ndarray, out: np.ndarray,
-) -> Iterator[memoryview]:  # fmt: skip
-    """Yield the text of one batch of records and of what stands between and after them."""
-    start = 0
-    while start < len(records):
-        rest = len(records) - start
-        done, begin, written = k.emit(chunk, begin, records[start:], rest, first[start:], pieces, writer, out)
-        if done == 0 and written == 0:  # one record larger than the buffer
-            out = np.empty(2 * len(out), np.uint8)
-        start += done
-        if written:
-            yield out[:written].data
-    if begin < end:
-        yield chunk[begin:end].data
+def _interpreted(chunks: Iterable[np.ndarray], state: MachineState) -> Iterator[_Batch]:
+    # A batch is in use here, in two queues, in the planner and in the writer.
+    ring = [np.empty(_RECORDS, k.RECORD) for _ in range(2 * _AHEAD + 4)]
+    turn = 0
+    for chunk in chunks:
+        position = 0
+        while position < len(chunk):
+            records = ring[turn]
+            count, after = k.interpret(chunk, position, len(chunk), state.numbers, state.counts, records)
+            if after == position:  # one line with more statements than fit
+                ring[turn] = np.empty(larger(len(records)), k.RECORD)
+                continue
+            numbered = bool(state.counts[k.C_NUMBERED] + state.counts[k.C_CHECKSUMS] > 0)
+            yield _Batch(chunk, position, after, records[:count], numbered)
+            turn = (turn + 1) % len(ring)
+            position = after
+
+
+def _planned(batches: Iterable[_Batch], plan: Plan) -> Iterator[_Part]:
+    for batch in batches:
+        begin, last = 0, False
+        while not last:
+            end, first, pieces = plan(batch.records, begin)
+            last = end == len(batch.records)
+            yield _Part(batch, begin, end, first, pieces, last)
+            begin = end
 
 
 def _renumbered(text: bytes, lines: np.ndarray) -> Iterator[memoryview]:
     buffer = np.frombuffer(text, np.uint8)
-    out = np.empty(max(_OUT_BYTES, 2 * len(buffer)), np.uint8)
+    out = np.empty(2 * len(buffer) + 4096, np.uint8)
     position = 0
     while position < len(buffer):
         position, written = k.renumber(buffer, position, len(buffer), lines, out)
         yield out[:written].data
+
+
+def _ahead(items: Iterable[_Item]) -> Iterator[_Item]:
+    """Iterate over ``items`` in a thread of their own, a few ahead; errors come out here."""
+    ready: queue.Queue = queue.Queue(_AHEAD)
+    stop = threading.Event()
+
+    def put(item: object) -> bool:
+        while not stop.is_set():
+            try:
+                ready.put(item, timeout=0.1)
+            except queue.Full:
+                continue
+            return True
+        return False
+
+    def work() -> None:
+        try:
+            for item in items:
+                if not put((item, None)):
+                    return
+            put((None, StopIteration()))
+        except BaseException as error:
+            put((None, error))
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    try:
+        while True:
+            item, error = ready.get()
+            if isinstance(error, StopIteration):
+                return
+            if error is not None:
+                raise error
+            yield item
+    finally:
+        stop.set()
+        thread.join()

@@ -17,8 +17,8 @@ from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
 from printmend.gcode.mark import find_mark, marked
 from printmend.gcode.read import starting_state
+from printmend.gcode.write import follow, rewrite
 from printmend.repair.prediction import Prediction, prediction_of
-from printmend.repair.stream import planned, rewritten
 from printmend.worldmodel.saved import SavedModel
 
 _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
@@ -66,6 +66,7 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
         planner = start(model.mechanism)
         _plan(file, planner, model, progress)
         prediction = prediction_of(planner)
+        _refuse_motionless(file, prediction)
         _refuse_other_printer(file, model, prediction)
         return prediction
 
@@ -89,14 +90,14 @@ def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progre
     for part in file.parts:
         state = starting_state(part, printer=model.printer)
         planner.begin()
-        planned(_counted(part.chunks(), progress), state, planner)
+        follow(_counted(part.chunks(), progress), state, planner.plan)
 
 
 def _texts(part: Part, planner: Planner, model: SavedModel, progress: Progress | None) -> Iterator[memoryview]:
     state = starting_state(part, printer=model.printer)
     planner.begin()
     chunks = marked(_counted(part.chunks(), progress), model.digest)
-    return rewritten(chunks, state, planner)
+    return rewrite(chunks, state, planner.plan)
 
 
 def _counted(chunks: Iterator[np.ndarray], progress: Progress | None) -> Iterator[np.ndarray]:
@@ -122,10 +123,7 @@ def _destination(output: Path | None) -> Iterator[IO[bytes]]:
 
 def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force: bool) -> None:
     """Raise where the file should not be written."""
-    if prediction.moves == 0:
-        raise GcodeError(
-            file.name, wanted="G-code with motion", came="no G0–G3 move in X or Y", todo="give a sliced file"
-        )
+    _refuse_motionless(file, prediction)
     _refuse_other_printer(file, model, prediction)
     if force:
         return
@@ -150,6 +148,13 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
             file.name, wanted="a smaller error after mending",
             came=f"{prediction.after.rms_mm:.4f} mm instead of {prediction.before.rms_mm:.4f} mm", todo=todo,
         )  # fmt: skip
+
+
+def _refuse_motionless(file: GcodeFile, prediction: Prediction) -> None:
+    if prediction.moves == 0:
+        raise GcodeError(
+            file.name, wanted="G-code with motion", came="no G0–G3 move in X or Y", todo="give a sliced file"
+        )
 
 
 def _refuse_other_printer(file: GcodeFile, model: SavedModel, prediction: Prediction) -> None:
