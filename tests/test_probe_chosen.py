@@ -48,6 +48,7 @@ def test_it_is_small_quick_and_on_the_bed(planned, design):
     low, high = np.array([[axis.min_mm, axis.max_mm] for axis in (printer.x, printer.y)]).T
     assert (plan.waypoints_mm[1:] >= low + 3.9).all()
     assert (plan.waypoints_mm[1:] <= high - 3.9).all()
+    assert (np.diff(plan.waypoints_mm, axis=0) != 0).any(axis=1).all()
     assert len(np.unique(plan.site, axis=0)) == len(plan)
     c, s = np.cos(plan.angle_rad), np.sin(plan.angle_rad)
     offset = plan.marks_mm - plan.site @ (plan.pitch_mm * np.array([[c, s], [-s, c]]))

@@ -69,8 +69,9 @@ def plan_of(
     """Return the plan of a path: home and purge line, the way-points [N, 2], of which ``rows`` [M] are the marks."""
     lead = [np.array(printer.home_mm), *purge_mm(printer)]
     waypoints = snapped(printer, np.concatenate([lead, points_mm]))
-    waypoints, kept = _subdivided(printer, waypoints, spacing_mm, first=len(lead))
-    rows = kept[rows + len(lead)]
+    moved = np.concatenate([[True], (np.diff(waypoints, axis=0) != 0).any(axis=1)])
+    waypoints, kept = _subdivided(printer, waypoints[moved], spacing_mm, first=len(lead))
+    rows = kept[np.cumsum(moved)[rows + len(lead)] - 1]
     direction, reversal = approaches(waypoints)
     return ProbePlan(
         printer=printer.name,
