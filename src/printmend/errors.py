@@ -12,6 +12,8 @@ PrintmendError                   exit code 2: the input or the machine's set-up 
 └── RefusedError                 exit code 3: the work is possible, but would not help
 """
 
+_LONGEST = 300  # characters of each part of a message
+
 
 class PrintmendError(Exception):
     """Say in one line what was wanted, what came and what to do.
@@ -24,8 +26,13 @@ class PrintmendError(Exception):
 
     def __init__(self, subject: object, *, wanted: str, came: str, todo: str) -> None:
         self.subject, self.wanted, self.came, self.todo = str(subject), wanted, came, todo
-        text = f"{subject}: wanted {wanted}, got {came}; {todo}"
-        super().__init__(" ".join(text.split()))
+        super().__init__(f"{_line(str(subject))}: wanted {_line(wanted)}, got {_line(came)}; {_line(todo)}")
+
+
+def _line(text: str) -> str:
+    """Return one line that a terminal can show: came may quote a foreign file, with anything in it."""
+    plain = " ".join("".join(c if c.isprintable() or c.isspace() else "�" for c in text).split())
+    return plain if len(plain) <= _LONGEST else plain[: _LONGEST - 1] + "…"
 
 
 class InputError(PrintmendError):

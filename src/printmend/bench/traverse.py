@@ -60,8 +60,9 @@ def read_traverses(path: str | Path) -> list[Traverse]:
                     raise TraceError(
                         f"{path} line {reader.line_num}", wanted="numbers, and + or -", came=str(error), todo=todo
                     ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise TraceError(path, wanted="a CSV of traverses", came=str(error), todo="check the path") from None
+    except (OSError, ValueError, csv.Error) as error:
+        came = getattr(error, "strerror", None) or str(error)
+        raise TraceError(path, wanted="a CSV of traverses", came=came, todo="check the file") from None
     if not rows:
         raise TraceError(path, wanted="traverses", came="no rows", todo=todo)
     return [_traverse(path, key, np.array(points)) for key, points in rows.items()]

@@ -19,11 +19,13 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, see
     """Say what is wrong with a printer, how sure that is, what to replace or tighten, what software can carry."""
     import numpy as np
 
+    from printmend.cli.outputs import spare
     from printmend.measure import read_trace
     from printmend.printer import read_printer
     from printmend.repair.diagnosis import check_name, examine, summary, write_examination
 
     check_name(report)
+    spare((report,), (trace, part))
     printer = read_printer(printer_name)
     examination = examine(read_trace(trace, printer), printer, part=part, rng=np.random.default_rng(seed))
     write_examination(report, examination)

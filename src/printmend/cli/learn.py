@@ -27,6 +27,7 @@ def command(
     """Learn what is wrong with a printer from one measured print, and say so in plain words."""
     import numpy as np
 
+    from printmend.cli.outputs import spare
     from printmend.measure import read_trace
     from printmend.printer import read_printer
     from printmend.worldmodel.learned import learn, report
@@ -34,6 +35,7 @@ def command(
 
     if printer_name is None and old is None:
         raise click.UsageError("--printer says which machine the trace is from")
+    spare((output,), (trace, Path(printer_name or "-")))
     rng = np.random.default_rng(seed)
     if old is None:
         printer = read_printer(printer_name or "")

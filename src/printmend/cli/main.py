@@ -1,7 +1,11 @@
 """The command line: names, help and errors. Each command is a few lines over a library function."""
 
+import contextlib
 import importlib
+import os
+import signal
 import sys
+from typing import NoReturn
 
 import click
 
@@ -55,9 +59,51 @@ def group() -> None:
 
 
 def main() -> None:
-    """Run the command line; turn an expected error into one line on stderr and its exit code."""
+    """Run the command line; turn an error into one line on stderr and its exit code.
+
+    What the user or the machine did ends with 2 or 3 (`errors.py`), a fault of the program itself with 1; the
+    environment variable PRINTMEND_TRACEBACK=1 shows where that was.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError):  # closed, or not a terminal's
+            stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    signal.signal(signal.SIGTERM, _terminated)
     try:
-        group(standalone_mode=True)
+        try:
+            group(standalone_mode=True)
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()  # a full disk shows here at the latest
     except PrintmendError as error:
-        print(f"printmend: {error}", file=sys.stderr)
-        sys.exit(error.exit_code)
+        _end(str(error), error.exit_code)
+    except BrokenPipeError:
+        _silence()
+        sys.exit(1)
+    except OSError as error:
+        _silence()
+        place = f"{error.filename}: " if error.filename else ""
+        _end(f"{place}wanted to read or write, got {error.strerror or error}; check the place and its free space", 2)
+    except MemoryError:
+        _end("wanted more memory than there is; give a smaller file, or close other programs", 2)
+    except Exception as error:
+        if os.environ.get("PRINTMEND_TRACEBACK"):
+            raise
+        reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        _end(f"a fault of printmend itself ({reason}); report it with the command and PRINTMEND_TRACEBACK=1", 1)
+
+
+def _end(message: str, code: int) -> NoReturn:
+    if sys.stderr is not None:
+        print(f"printmend: {message}", file=sys.stderr)
+    sys.exit(code)
+
+
+def _silence() -> None:
+    """Send what is still in the buffer nowhere, so that the interpreter does not trip over it again at its end."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _terminated(number: int, frame: object) -> NoReturn:
+    """Leave through the blocks that remove temporary files."""
+    sys.exit(128 + number)

@@ -34,11 +34,14 @@ def command(
     A second scan of the same plate, turned by a quarter, removes the errors of the scanner itself. A photo needs
     the reference sheet (`printmend probe --sheet sheet.pdf`) around the print.
     """
+    from printmend.cli.outputs import spare
     from printmend.measure import read_plan
 
+    output = output or Path("printer.mend.json" if callipers else "trace.csv")
+    spare((output, overlay), (plan_path, *scans))
     plan = read_plan(plan_path)
     if callipers:
-        _measure_by_hand(scans, plan, overlay, printer_name, output or Path("printer.mend.json"))
+        _measure_by_hand(scans, plan, overlay, printer_name, output)
         return
     if not scans:
         raise click.UsageError("SCAN is an image of the printed probe; without a scanner, say --callipers")
@@ -46,7 +49,6 @@ def command(
     from printmend.measure.measurement import measure_scans
 
     measurement = measure_scans(scans, plan, dpi=dpi, overlay=overlay)
-    output = output or Path("trace.csv")
     write_trace(output, measurement.trace)
     for note in measurement.notes:
         click.echo(note)

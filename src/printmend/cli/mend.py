@@ -24,12 +24,14 @@ def command(
     .bgcode and .gcode.3mf work too. Writes nothing and ends with 3 where the prediction is not better.
     """
     from printmend.cli.mend_output import output_path, progress
+    from printmend.cli.outputs import spare
     from printmend.repair import mend_gcode
     from printmend.repair.report import check_report_name, write_report
     from printmend.worldmodel.saved import read_model
 
     check_report_name(report)
     target = output_path(source, output, in_place=in_place)
+    spare((target, report), (model_path, None if in_place else source))
     model = read_model(model_path)
     with progress(source) as tick:
         done = mend_gcode(source, model, target, force=force, progress=tick)

@@ -32,27 +32,30 @@ def command(
     """Print FILE.gcode on a twin with this fault, measure what came out, write it as a trace.csv."""
     import numpy as np
 
+    from printmend.cli.outputs import spare
     from printmend.corruption import read_corruption
     from printmend.gcode.read import read_gcode
+    from printmend.measure import read_plan
     from printmend.measure.table import write_trace
     from printmend.printer import read_printer
     from printmend.twin import Twin
     from printmend.twin.gcode import print_gcode
 
+    spare((output, scan), (source, corruption_path, plan_path, Path(printer_name)))
+    plan = read_plan(plan_path or source.with_suffix(".json")) if scan is not None else None
     printer = read_printer(printer_name)
     twin = Twin.of(read_corruption(corruption_path), printer)
     program = read_gcode(source, printer=printer)
     trace = print_gcode(program, twin, noise_mm=noise_mm, rng=np.random.default_rng(seed))
     write_trace(output, trace)
     click.echo(f"{output}: {len(trace)} way-points, measured with {noise_mm:g} mm of noise")
-    if scan is not None:
-        from printmend.measure import read_plan
+    if plan is not None and scan is not None:
         from printmend.measure.image import write_image
         from printmend.measure.render import DEGRADATIONS, scan_trace
 
         exact = print_gcode(program, twin, noise_mm=0.0, rng=np.random.default_rng(seed))
         drawn = scan_trace(
-            exact, read_plan(plan_path or source.with_suffix(".json")), dpi=dpi, degradations=DEGRADATIONS[dirt],
+            exact, plan, dpi=dpi, degradations=DEGRADATIONS[dirt],
             rng=np.random.default_rng(seed), quarter_turns=int(turn) // 90,
         )  # fmt: skip
         write_image(scan, drawn.image, dpi=dpi)

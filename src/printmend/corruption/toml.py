@@ -30,6 +30,7 @@ from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.warp import Warp
 from printmend.errors import ConfigError
+from printmend.files import read_text
 
 SECTIONS: dict[str, tuple[type, ...]] = {
     "pulley": PULLEYS,
@@ -48,10 +49,7 @@ _TODO = "see docs/corruptions.md for every section and key"
 
 def read_corruption(path: str | Path) -> Corruption:
     """Read a corruption from a TOML file."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(path, wanted="a corruption in TOML", came=str(error), todo="check the path") from None
+    text = read_text(path, wanted="a corruption in TOML", todo=_TODO, error=ConfigError)
     return parse_corruption(text, subject=str(path))
 
 
@@ -59,7 +57,7 @@ def parse_corruption(text: str, *, subject: str) -> Corruption:
     """Build a corruption from TOML text; ``subject`` names the source in errors."""
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(subject, wanted="a corruption in TOML", came=f"broken TOML ({error})", todo=_TODO) from None
     _refuse_unknown(table, {*_MOTORS, "frame", "z"}, subject, "the top level")
     drives = [Drive(), Drive()]

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from printmend.errors import TraceError
+from printmend.files import read_text
 from printmend.measure.plan import ProbePlan
 from printmend.mechanism import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.path import frozen
@@ -130,15 +131,14 @@ def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarr
             )
         readings[row] = float(cell)
         _check_reading(subject, row + 1, readings[row], float(distances.across_mm[row]))
+    if not np.isfinite(readings).any():
+        raise TraceError(subject, wanted="at least one distance", came="none", todo="measure a few of the list")
     return readings
 
 
 def read_readings(path: str | Path, distances: Distances) -> np.ndarray:
     """Read distances [K] from a file, as `parse_readings` does."""
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError):
-        raise TraceError(path, wanted="a list of distances", came="no readable text file", todo="check it") from None
+    text = read_text(path, wanted="a list of distances", todo="write them one a line", error=TraceError)
     return parse_readings(text, distances, subject=str(path))
 
 

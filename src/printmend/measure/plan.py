@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from printmend.errors import InputError
-from printmend.files import replacing
+from printmend.files import read_text, replacing
 from printmend.path import Trace, frozen
 
 FORMAT, VERSION = "printmend probe", 1
@@ -139,11 +139,8 @@ def write_plan(path: str | Path, plan: ProbePlan) -> None:
 def read_plan(path: str | Path) -> ProbePlan:
     """Read probe.json. Raises `InputError` when it is none."""
     try:
-        table = json.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        came = (error.strerror or "no file").lower()
-        raise InputError(path, wanted="a probe.json", came=came, todo="check the path") from None
-    except ValueError:
+        table = json.loads(read_text(path, wanted="a probe.json", todo=_TODO))
+    except (ValueError, RecursionError):
         raise InputError(path, wanted="a probe.json", came="a file that is not JSON", todo=_TODO) from None
     if not isinstance(table, dict) or table.get("format") != FORMAT:
         raise InputError(path, wanted="a probe.json", came="another JSON file", todo=_TODO)

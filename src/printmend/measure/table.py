@@ -83,10 +83,9 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
     """Return the header's names and the known columns [N], NaN where a cell is empty."""
     try:
         data = path.read_bytes()
-    except OSError as error:
-        raise TraceError(
-            path, wanted="a trace.csv", came=(error.strerror or "no file").lower(), todo="check the path"
-        ) from None
+    except (OSError, ValueError) as error:
+        came = (getattr(error, "strerror", None) or str(error)).lower()
+        raise TraceError(path, wanted="a trace.csv", came=came, todo="check the path") from None
     try:
         data.decode("utf-8")
     except UnicodeDecodeError:
@@ -158,6 +157,8 @@ def _parse_fast(text: bytes, places: list[int]) -> np.ndarray | None:
 def _parse_slowly(path: Path, text: str, names: list[str], places: list[int]) -> np.ndarray:
     """Parse cell by cell, so that the first odd cell can be named."""
     rows = []
+    if max(map(len, text.split("\n"))) > csv.field_size_limit():
+        raise TraceError(path, wanted="a row a line", came="an endless line", todo=HEADER_TODO)
     reader = csv.reader(io.StringIO(text))
     for cells in reader:
         if not any(cell.strip() for cell in cells):

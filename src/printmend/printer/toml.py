@@ -1,12 +1,14 @@
 """Printers from TOML: the presets and a user's own file, through the same code."""
 
 import math
+import os
 import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from printmend.errors import ConfigError
+from printmend.files import read_text
 from printmend.printer.printer import Axis, Printer
 
 _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
@@ -31,26 +33,23 @@ def read_printer(source: str | Path) -> Printer:
     """Return the preset of that name, or the printer in that TOML file."""
     if str(source) in preset_names():
         return parse_printer(preset_text(str(source)), subject=str(source))
-    path = Path(source)
-    if not path.is_file():
+    if not os.path.isfile(source):
         raise ConfigError(
             source,
             wanted=f"a printer preset ({', '.join(preset_names())}) or a TOML file",
             came="neither",
             todo="check the name, or write a TOML file; " + _TODO,
         )
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError:
-        raise ConfigError(path, wanted="a TOML text file", came="bytes that are not UTF-8", todo=_TODO) from None
-    return parse_printer(text, subject=str(path))
+    return parse_printer(
+        read_text(source, wanted="a printer in TOML", todo=_TODO, error=ConfigError), subject=str(source)
+    )
 
 
 def parse_printer(text: str, *, subject: str) -> Printer:
     """Build a printer from TOML text; ``subject`` names the source in errors."""
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(subject, wanted="a printer in TOML", came=f"broken TOML ({error})", todo=_TODO) from None
     _refuse_unknown(table, _KEYS, subject, "the top level")
     name, kinematics = table.get("name", subject), table.get("kinematics")

@@ -18,7 +18,7 @@ import tomli_w
 
 from printmend import __version__
 from printmend.errors import ConfigError, ModelError
-from printmend.files import replacing
+from printmend.files import read_text, replacing
 from printmend.mechanism import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.printer import Printer
 from printmend.printer.toml import parse_printer
@@ -26,7 +26,6 @@ from printmend.worldmodel.greybox_branches import Branches, Wave
 
 FORMAT = "printmend model"
 VERSION = 1
-MAX_BYTES = 64_000_000
 MAX_ENTRIES = 1_000_000
 MAX_HARMONICS = 1024
 LARGEST = 1e5
@@ -125,16 +124,7 @@ def model_text(model: SavedModel) -> str:
 
 def read_model(path: str | Path) -> SavedModel:
     """Read a model. Raise `ModelError` for anything that is not one of ours, whole and unchanged."""
-    path = Path(path)
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ModelError(path, wanted="a model below 64 MB", came="a larger file", todo=_TODO)
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        came = (error.strerror or "no file").lower()
-        raise ModelError(path, wanted="a printer.mend.json", came=came, todo="check the path") from None
-    except UnicodeDecodeError:
-        raise ModelError(path, wanted="UTF-8 text", came="other bytes", todo=_TODO) from None
+    text = read_text(path, wanted="a printer.mend.json", todo=_TODO, error=ModelError)
     return parse_model(text, subject=str(path))
 
 
@@ -142,8 +132,8 @@ def parse_model(text: str, *, subject: str) -> SavedModel:
     """Build a model from JSON text; ``subject`` names the source in errors."""
     try:
         document = json.loads(text, parse_constant=lambda name: _refuse(subject, "finite numbers", name))
-    except (json.JSONDecodeError, RecursionError) as error:
-        came = f"broken JSON ({error})" if isinstance(error, json.JSONDecodeError) else "endless nesting"
+    except (ValueError, RecursionError) as error:
+        came = f"broken JSON ({error})" if isinstance(error, ValueError) else "endless nesting"
         raise ModelError(subject, wanted="a printer.mend.json", came=came, todo=_TODO) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ModelError(subject, wanted="a printer.mend.json", came="another kind of file", todo="check the path")

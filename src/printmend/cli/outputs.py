@@ -1,0 +1,25 @@
+"""Keep the files that a command reads from being written over."""
+
+import os
+from pathlib import Path
+
+from printmend.errors import InputError
+
+
+def spare(outputs: tuple[Path | None, ...], inputs: tuple[Path | None, ...]) -> None:
+    """Raise `InputError` where an output is one of the inputs, or another output; None and `-` are no files."""
+    wanted = [path for path in outputs if path is not None and str(path) != "-"]
+    for i, path in enumerate(wanted):
+        for other in (*wanted[:i], *(item for item in inputs if item is not None and str(item) != "-")):
+            if _same(path, other):
+                raise InputError(
+                    path, wanted="a file of its own to write", came="one that this command reads or writes already",
+                    todo="choose another name",
+                )  # fmt: skip
+
+
+def _same(one: Path, other: Path) -> bool:
+    try:
+        return os.path.samefile(one, other)
+    except (OSError, ValueError):
+        return os.path.abspath(one) == os.path.abspath(other)
