@@ -6,7 +6,7 @@ import stat
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from printmend.errors import InputError
 
@@ -40,7 +40,7 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
     A device or a pipe is written to directly. Raises `InputError` where ``path`` cannot be written.
     """
     # A name of a file that is not UTF-8 may be part of the text.
-    coding = {} if "b" in mode else {"encoding": "utf-8", "errors": "replace"}
+    coding: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "errors": "replace"}
     path = Path(path)
     if not _is_replaceable(path):
         with open(path, mode, **coding) as device:
