@@ -142,8 +142,9 @@ def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
         at = int(origin[motor]) - first
         shift = -(errors[0][at] + errors[1][at]) / 2
         lattice = first + np.arange(len(errors[0]))
-        lowers.append(lattice + (errors[0] + shift))
-        uppers.append(lattice + (errors[1] + shift))
+        # Where a table is flat, rounding could make it fall by 1e-13.
+        lowers.append(np.maximum.accumulate(lattice + (errors[0] + shift)))
+        uppers.append(np.maximum(np.maximum.accumulate(lattice + (errors[1] + shift)), lowers[-1]))
         firsts.append(first)
     return PlayTables(
         (lowers[0], lowers[1]),
