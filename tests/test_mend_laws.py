@@ -2,12 +2,16 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius, families, sample
 from printmend.printer import Printer
+from printmend.repair import mend_gcode
+from printmend.repair.against import judged
+from printmend.worldmodel.saved import exact_model
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, ENDER5, PLAY, SQUARE, START, judge, mended
 
@@ -39,27 +43,27 @@ def part(printer: Printer) -> bytes:
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_family(family: str) -> None:
     mechanism = sample(family, np.random.default_rng(5), "damaged").lower(ENDER3).homed()
-    judged = judge(part(ENDER3), mechanism)
-    assert judged.prediction.clamped_extruding == 0
-    assert judged.rms_mm <= 0.006
-    assert judged.after.max() <= 0.02
+    result = judge(part(ENDER3), mechanism)
+    assert result.prediction.clamped_extruding == 0
+    assert result.rms_mm <= 0.006
+    assert result.after.max() <= 0.02
     # what the program predicts is what happens
-    assert judged.prediction.after.rms_mm == pytest.approx(judged.rms_mm, abs=0.0015)
+    assert result.prediction.after.rms_mm == pytest.approx(result.rms_mm, abs=0.0015)
 
 
 @pytest.mark.parametrize("printer", [ENDER5, COREXY], ids=lambda printer: printer.name)
 @pytest.mark.parametrize("family", ["play", "pulley-loose", "pulley-set-screw", "frame"])
 def test_other_printers(printer: Printer, family: str) -> None:
     mechanism = sample(family, np.random.default_rng(3), "realistic").lower(printer).homed()
-    judged = judge(part(printer), mechanism)
-    assert judged.rms_mm <= 0.006
-    assert naive_mend.rms(judged.before) > judged.rms_mm
+    result = judge(part(printer), mechanism)
+    assert result.rms_mm <= 0.006
+    assert naive_mend.rms(result.before) > result.rms_mm
 
 
 def test_the_prediction_of_the_original_is_what_the_naive_printer_prints() -> None:
-    judged = judge(part(ENDER3), PLAY)
-    assert judged.prediction.before.rms_mm == pytest.approx(naive_mend.rms(judged.before), rel=0.1)
-    assert judged.prediction.before.max_mm == pytest.approx(judged.before.max(), rel=0.1)
+    result = judge(part(ENDER3), PLAY)
+    assert result.prediction.before.rms_mm == pytest.approx(naive_mend.rms(result.before), rel=0.1)
+    assert result.prediction.before.max_mm == pytest.approx(result.before.max(), rel=0.1)
 
 
 def test_a_healthy_machine_leaves_every_byte() -> None:
@@ -75,17 +79,17 @@ def test_a_healthy_axis_leaves_its_lines() -> None:
 
 
 def test_filament_is_kept() -> None:
-    judged = judge(part(ENDER3), BENT)
-    wanted = sum(move.filament for move in judged.wanted)
-    assert sum(move.filament for move in judged.given) == pytest.approx(wanted, abs=1e-4)
+    result = judge(part(ENDER3), BENT)
+    wanted = sum(move.filament for move in result.wanted)
+    assert sum(move.filament for move in result.given) == pytest.approx(wanted, abs=1e-4)
 
 
 def test_extrusion_follows_the_printed_length() -> None:
     """The filament a millimetre of printed path is the file's, within what the chords may run ahead or behind."""
-    judged = judge(SQUARE, BENT)
-    printed = naive_mend.print_moves(judged.given, BENT, pitch_mm=1000.0)
+    result = judge(SQUARE, BENT)
+    printed = naive_mend.print_moves(result.given, BENT, pitch_mm=1000.0)
     at, densities = None, []
-    for move, way in zip(judged.given, printed, strict=True):
+    for move, way in zip(result.given, printed, strict=True):
         if move.draws and at is not None:
             length = math.dist(at, way[-1])
             densities.append(move.filament / length)
@@ -94,10 +98,10 @@ def test_extrusion_follows_the_printed_length() -> None:
 
 
 def test_speed_along_the_path_is_kept() -> None:
-    judged = judge(SQUARE, BENT)
-    printed = naive_mend.print_moves(judged.given, BENT, pitch_mm=1000.0)
+    result = judge(SQUARE, BENT)
+    printed = naive_mend.print_moves(result.given, BENT, pitch_mm=1000.0)
     at = None
-    for move, way in zip(judged.given, printed, strict=True):
+    for move, way in zip(result.given, printed, strict=True):
         if move.draws and at is not None:
             seconds = move.length / move.feed
             assert math.dist(at, way[-1]) / seconds == pytest.approx(1800, rel=0.03)
@@ -105,15 +109,15 @@ def test_speed_along_the_path_is_kept() -> None:
 
 
 def test_take_ups_extrude_nothing_and_do_not_move_the_nozzle() -> None:
-    judged = judge(SQUARE, PLAY)
-    printed = naive_mend.print_moves(judged.given, PLAY)
+    result = judge(SQUARE, PLAY)
+    printed = naive_mend.print_moves(result.given, PLAY)
     seen, at = 0, None
-    for move, way in zip(judged.given, printed, strict=True):
+    for move, way in zip(result.given, printed, strict=True):
         if at is not None and move.filament == 0 and move.start[2] > 0 and seen_square(move):
             assert np.abs(way - at).max() < 0.0015
             seen += 1
         at = way[-1]
-    assert seen == judged.prediction.takeups > 0
+    assert seen == result.prediction.takeups > 0
 
 
 def seen_square(move: naive_mend.Move) -> bool:
@@ -123,41 +127,41 @@ def seen_square(move: naive_mend.Move) -> bool:
 def test_jitter_does_not_kick() -> None:
     """Reversals below the resolution take no slack up."""
     rows = [f"G1 X{60 + 0.2 * k:.3f} Y{60 + 0.001 * (k % 2):.3f} E0.01" for k in range(1, 100)]
-    judged = judge(START + b"G1 F1800\n" + "\n".join(rows).encode() + b"\n", PLAY)
-    assert judged.prediction.takeups <= 1
-    assert judged.after.max() < 0.006
+    result = judge(START + b"G1 F1800\n" + "\n".join(rows).encode() + b"\n", PLAY)
+    assert result.prediction.takeups <= 1
+    assert result.after.max() < 0.006
 
 
 def test_no_more_chords_than_needed() -> None:
     """The curvature of an eccentric bore of 0.5 mm asks for a chord each 1.2–4 mm."""
-    judged = judge(
+    result = judge(
         START + b"G1 X160 Y60 E5 F1800\n", replace(BENT, transmissions=(BENT.transmissions[0], PLAY.transmissions[1]))
     )
-    assert judged.after.max() < 0.006
-    assert judged.prediction.commands < 40
+    assert result.after.max() < 0.006
+    assert result.prediction.commands < 40
 
 
 def test_nothing_leaves_the_bed() -> None:
     text = START + b"G1 X219.9 Y60 E5 F1800\nG1 X219.9 Y219.8 E5\nG1 X0.1 Y219.8 E5\nG1 X0.1 Y0.1 E5\n"
-    judged = judge(text, PLAY)
-    for move in judged.given:
+    result = judge(text, PLAY)
+    for move in result.given:
         assert min(move.end[:2]) >= -1e-9
         assert max(move.end[:2]) <= 220 + 1e-9
-    assert judged.prediction.clamped_extruding > 0
+    assert result.prediction.clamped_extruding > 0
 
 
 def test_pieces_are_not_too_short() -> None:
     mechanism = sample("ripple", np.random.default_rng(1), "realistic").lower(ENDER3).homed()
-    judged = judge(SQUARE, mechanism)
-    lengths = [move.length for move in judged.given if move.draws]
+    result = judge(SQUARE, mechanism)
+    lengths = [move.length for move in result.given if move.draws]
     assert min(lengths) > 0.02
 
 
 def test_klipper_takes_every_move() -> None:
     """A wide bead on a gain of 1.4 would be refused as a move of more than 0.64 mm² were it not cut."""
     mechanism = Corruption((Drive(pulley=WrongRadius(1.4 * ENDER3.x.radius_mm)), Drive())).lower(ENDER3).homed()
-    judged = judge(START + b"G1 X100 Y60 E9.5 F1800\n", mechanism)
-    for move in judged.given:
+    result = judge(START + b"G1 X100 Y60 E9.5 F1800\n", mechanism)
+    for move in result.given:
         if move.draws:
             assert move.filament * 2.405 / move.length <= 0.64 or move.filament <= 0.106
 
@@ -173,3 +177,17 @@ def test_plan_is_the_same_in_chunks_of_any_size() -> None:
     state = initial_state(ENDER3, Flavour.KLIPPER)
     written = b"".join(bytes(view) for view in rewrite(chunks, state, start(BENT).plan))
     assert written == mended(text, BENT)[0]
+
+
+@pytest.mark.parametrize("family", ["ripple", "pulley-loose", "friction"])
+def test_what_is_reported_is_what_the_files_do(family: str, tmp_path: Path) -> None:
+    """RMS, 95 % and largest error, before and after, against both files read again and printed finely."""
+    model = exact_model(sample(family, np.random.default_rng(2), "realistic").lower(ENDER3))
+    source, output = tmp_path / "part.gcode", tmp_path / "out.gcode"
+    source.write_bytes(part(ENDER3))
+    said = mend_gcode(source, model, output).prediction
+    found = judged(said, str(source), str(output), model.mechanism)
+    for name in ("rms_mm", "p95_mm", "max_mm"):
+        before, after = (getattr(errors, name) for errors in (said.before, said.after))
+        assert before == pytest.approx(getattr(found.before, name), rel=0.1), name
+        assert after == pytest.approx(getattr(found.after, name), rel=0.1, abs=0.001), name

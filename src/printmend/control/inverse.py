@@ -50,6 +50,7 @@ def lookup(mechanism: Mechanism) -> np.ndarray:
     head[look.M_BENT] = sharpest > 0
     # A parabola of the sharpest curvature strays by a quarter of the tolerance between two looks.
     head[look.M_SAMPLE] = np.clip(np.sqrt(2.0 * k.CHORD_MM / max(sharpest, 1e-12)), 0.02, 2.0)
+    head[look.M_LOOK] = np.clip(5.0 * head[look.M_SAMPLE], k.FINEST_SAMPLE_MM, k.SAMPLE_MM)
     return np.concatenate(parts)
 
 

@@ -77,18 +77,21 @@ def _distances(wanted: Moves, given: Moves, mechanism: Mechanism) -> tuple[np.nd
 def _sampled(moves: Moves) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return commanded places [S, 2] along all moves, the move of each and the length it stands for.
 
-    Where a move does not begin at the last one's end the head went there by itself, homing for example: its start is a
-    place of length 0.
+    The places of an extruding move lie in the middle of equal parts of it, for at its end a chord is exact. Its end is
+    a place of length 0, and so is the start of one that does not begin where the last one ended (the head went there
+    by itself, homing for example).
     """
     start, end = moves.start_mm[:, :2], moves.end_mm[:, :2]
     length = np.linalg.norm(end - start, axis=1)
-    count = np.where(moves.extruding, np.maximum(np.ceil(length / _SAMPLE_MM), 1), 1).astype(np.int64)
+    count = np.where(moves.extruding & (length > 0), np.maximum(np.ceil(length / _SAMPLE_MM), 3), 0).astype(np.int64)
     jumped = np.concatenate([[True], (start[1:] != end[:-1]).any(axis=1)])[: len(moves)]
-    rows = count + jumped
+    rows = count + jumped + 1
     move = np.repeat(np.arange(len(moves)), rows)
-    place = np.arange(len(move)) - np.repeat(np.cumsum(rows) - rows, rows) + 1 - jumped[move]
-    xy = start[move] + (place / count[move])[:, None] * (end - start)[move]
-    return xy, move, np.where(place > 0, length[move] / count[move], 0.0)
+    place = np.arange(len(move)) - np.repeat(np.cumsum(rows) - rows, rows) - jumped[move]
+    inside = (place >= 0) & (place < count[move])
+    parts = np.maximum(count[move], 1)
+    share = np.where(inside, (place + 0.5) / parts, np.where(place < 0, 0.0, 1.0))
+    return start[move] + share[:, None] * (end - start)[move], move, np.where(inside, length[move] / parts, 0.0)
 
 
 def _printed(commanded_mm: np.ndarray, mechanism: Mechanism) -> np.ndarray:

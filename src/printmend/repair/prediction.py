@@ -111,12 +111,16 @@ def prediction_of(planner: Planner) -> Prediction:
 
 
 def _quantile(histogram: np.ndarray, most: float) -> float:
-    """Return the 95th percentile from a histogram of mm of path, to one bin; beyond its end it is the maximum."""
+    """Return the 95th percentile from a histogram of mm of path; beyond its end it is the maximum."""
     total = histogram.sum()
     if total == 0:
         return 0.0
-    at = int(np.searchsorted(np.cumsum(histogram), 0.95 * total))
-    return min((at + 1) * k.ERROR_BIN_MM, most) if at < len(histogram) - 1 else most
+    below = np.cumsum(histogram)
+    at = int(np.searchsorted(below, 0.95 * total))
+    if at == len(histogram) - 1:
+        return most
+    part = 1.0 - (below[at] - 0.95 * total) / histogram[at]
+    return float(min((at + part) * k.ERROR_BIN_MM, most))
 
 
 def _layer(row: np.ndarray) -> dict[str, float]:

@@ -10,7 +10,9 @@ PIECES_A_RECORD = 16384
 FILAMENT_AREA_MM2 = 2.405  # of 1.75 mm
 MAX_AREA_MM2 = 0.63  # Klipper's max_extrude_cross_section for a 0.4 mm nozzle is 0.64
 TINY_ADVANCE_MM = 0.1  # Klipper lets any shorter extrusion pass
-SAMPLE_MM = 2.0  # the prediction looks at the path at least this often, and at the middle of every command
+SAMPLE_MM = 2.0  # the prediction looks at the path at least this often, and at the middle of every command,
+FINEST_SAMPLE_MM = 0.1  # more often where the machine's map bends, but never more often than this,
+SEEN_MM = 0.001  # and at three places of a command where the last one was further off than this
 WALK_MM = 4.0  # and for the nearest place of the path this far around
 ERROR_BINS, ERROR_BIN_MM = 8192, 0.001
 
@@ -32,7 +34,8 @@ S_M, S_LO, S_HI, S_RAW_M, S_RAW_LO, S_RAW_HI, S_TRAVEL, S_FEED, S_Z, S_LOW, S_HI
 )
 S_SIDE = 19  # 1 or −1 where a motor pushes its belt forwards or backwards, 0 where the belt may hang loose
 S_SAVED = 21  # for each slot of SAVE_GCODE_STATE where the motors were, NaN for an unknown place
-STATE = S_SAVED + 2 * 8
+S_ERROR = S_SAVED + 2 * 8  # the largest error seen of the last command
+STATE = S_ERROR + 1
 # counts [COUNTS] int64. N_KNOWN: the place is known; N_ANYWHERE: the firmware may have skipped what came before;
 # N_MARK and N_LAYER: the layer comments seen, the row of `layers`. The rest are sums for the prediction.
 N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)

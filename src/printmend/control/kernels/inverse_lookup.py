@@ -12,7 +12,7 @@ LOWER, UPPER = 0, 1
 
 # x and y limits [4] · how densely a chord must be looked at [mm] · 1 or 0: CoreXY, a frame that is not the identity,
 # constant play and nothing else, curved branches · the frame's largest curvature [1/mm], scale and coefficients [2, 10]
-# · the home position [mm] and the signs of x's and y's last move while homing
+# · the home position [mm] and the signs of x's and y's last move while homing · how densely the prediction looks [mm]
 M_BED, M_SAMPLE, M_COREXY, M_FRAMED, M_SHIFTS_ONLY, M_BENT, M_FRAME_BEND, M_FRAME_SCALE, M_FRAME = (
     0,
     4,
@@ -24,7 +24,7 @@ M_BED, M_SAMPLE, M_COREXY, M_FRAMED, M_SHIFTS_ONLY, M_BENT, M_FRAME_BEND, M_FRAM
     10,
     11,
 )
-M_HOME, M_HOME_SIDE = 31, 33
+M_HOME, M_HOME_SIDE, M_LOOK = 31, 33, 35
 # For each motor: first motor position, 1/pitch, last index, where its curvatures begin, their last index,
 # 1 where both branches are the same
 M_MOTOR, MOTOR_FIELDS = 36, 8

@@ -16,18 +16,17 @@ from printmend.control.kernels.inverse_layout import (
     S_RAW_LO,
     S_RAW_M,
     S_Z,
-    SAMPLE_MM,
     WALK_MM,
 )
-from printmend.control.kernels.inverse_lookup import printed, to_motors
+from printmend.control.kernels.inverse_lookup import M_LOOK, printed, to_motors
 from printmend.control.kernels.inverse_state import pull
 from printmend.gcode.kernels.layout import FLAG_EXTRUDING, KIND_CCW, KIND_CW, KIND_LINEAR
 
 
 @njit(error_model="numpy", _nrt=False)
-def samples_of(length):
+def samples_of(model, length):
     """Return at how many places a path of that length is looked at; no bed is longer than 4096 mm."""
-    return 1 if length <= SAMPLE_MM else np.int64(np.ceil(min(length, 4096.0) / SAMPLE_MM))
+    return 1 if length <= model[M_LOOK] else np.int64(np.ceil(min(length, 4096.0) / model[M_LOOK]))
 
 
 @njit(error_model="numpy", _nrt=False)
@@ -76,7 +75,7 @@ def predict_raw(model, curve, state, records, count, i, noted, row, layers, erro
     straight = curve[ARC] == 0.0
     samples = 0
     if noted:
-        samples = samples_of(curve[LENGTH])
+        samples = samples_of(model, curve[LENGTH])
     elif not straight:
         samples = 16
     for j in range(samples):
