@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from printmend.cli.bench_families import families
+from printmend.cli.bench_objectives import objectives
 from printmend.cli.bench_real import real
 
 
@@ -18,6 +19,7 @@ def command() -> None:
 
 command.add_command(real)
 command.add_command(families)
+command.add_command(objectives)
 
 
 @command.command(epilog="Example: printmend bench table1 --bodies models/ --protocol heldout --limit 60 --workers 2")

@@ -14,6 +14,7 @@ _MODULES = {
     "lookahead": "printmend.control.lookahead",
     "beam": "printmend.control.beam",
     "optimal": "printmend.control.optimal",
+    **{f"optimal-{objective}": "printmend.control.objective" for objective in ("p95", "area", "frechet")},
 }
 
 
