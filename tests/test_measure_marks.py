@@ -73,6 +73,18 @@ def test_marks_after_one_skipped_tooth_are_kept(plan):
     assert (marks.match.dot == truth).mean() > 0.98
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_many_skipped_teeth_lose_marks_but_mix_none_up(plan, seed):
+    rng = np.random.default_rng(seed)
+    printed = plan.marks_mm.copy()
+    for row in rng.integers(20, len(plan) - 20, 5):
+        printed[row:] += 2.0 * rng.permutation([rng.choice([-1, 1]), 0])
+    marks, truth = seen(plan, printed, rng, lost=0.02, dust=10, mirrored=False)
+    if marks is not None:
+        claimed = marks.found & (marks.match.dot != truth)
+        assert not np.isin(marks.match.dot[claimed], truth[truth >= 0]).any()
+
+
 def test_a_random_page_is_no_probe(plan):
     rng = np.random.default_rng(3)
     assert read_marks(rng.uniform(0, 200, (600, 2)), rng.uniform(0.8, 1.7, 600), plan) is None

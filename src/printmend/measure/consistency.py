@@ -29,6 +29,22 @@ CROSS_PRIOR = np.array([5.0, 2.0, 2.0, 2.0])
 
 
 @dataclass(frozen=True, eq=False)
+class Expected:
+    """Where each mark should be: ``place_mm`` [M, 2], ``unsure_mm`` [M, 2] the model's own standard deviation.
+
+    ``left_out_mm`` [M, 2] is how far each mark would lie from its place had it no say in that itself (NaN where
+    missing); ``shared_mm`` [M, 2] the part of its place that only the marks printed next to it vouch for;
+    ``spread_mm`` [2] how far marks usually lie from their place.
+    """
+
+    place_mm: np.ndarray
+    unsure_mm: np.ndarray
+    left_out_mm: np.ndarray
+    shared_mm: np.ndarray
+    spread_mm: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Expectation:
     """What the rough model needs to know of a plan, computed once: for each motor its way-points and its columns."""
 
@@ -44,38 +60,38 @@ class Expectation:
             plan, motors, (_columns(motors[:, 0], plan.mm_per_turn[0]), _columns(motors[:, 1], plan.mm_per_turn[1]))
         )
 
-    def marks_mm(self, measured_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return where each mark should be [M, 2] mm, how unsure the model is of it [M, 2], and the usual spread [2].
-
-        ``measured_mm`` [M, 2] is NaN where a mark was not found.
-        """
+    def marks(self, measured_mm: np.ndarray) -> Expected:
+        """Return where each mark should be, given all measured ones [M, 2] mm (NaN where one was not found)."""
         marks = self.plan.to_motor(measured_mm)
-        expected, unsure, spread = np.empty_like(marks), np.empty_like(marks), np.empty(2)
+        place, unsure, left_out, shared = (np.empty_like(marks) for _ in range(4))
+        spread = np.empty(2)
         for motor in range(2):
             across = self.motors_mm[self.plan.rows, 1 - motor]
-            expected[:, motor], unsure[:, motor], spread[motor] = _expected(
+            place[:, motor], unsure[:, motor], left_out[:, motor], shared[:, motor], spread[motor] = _expected(
                 self.motors_mm[:, motor], self.columns[motor], self.plan.rows, marks[:, motor], across
             )
         if self.plan.kinematics == "corexy":
             spread = np.full(2, np.hypot(*spread) / 2)
             unsure = np.repeat(np.hypot(unsure[:, :1], unsure[:, 1:]) / 2, 2, axis=1)
-        return self.plan.from_motor(expected), unsure, spread
+        bed = self.plan.from_motor
+        return Expected(bed(place), unsure, bed(left_out), bed(shared), spread)
 
 
 def _expected(
     motor: np.ndarray, columns: np.ndarray, rows: np.ndarray, measured: np.ndarray, across: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+    """Return place, its standard deviation, the error left out, the shared error (each [M]) and the usual spread."""
     known = np.isfinite(measured)
     over = (across - across.mean()) / (np.ptp(across) / 2 + 1e-9)
     cross = np.stack([over, over**2, over**3, over * columns[rows, 1]], axis=1)
     contact, side, sure = _contacts_by_run(motor)
     use = known & sure[rows]
     prior = np.concatenate([PRIOR, PRIOR, CROSS_PRIOR])
-    shared = np.zeros(len(rows))
+    shared, left_out = np.zeros(len(rows)), np.full(len(rows), np.nan)
     for _ in range(ROUNDS):
         design = np.hstack([_sided(columns[contact[rows]], side[rows]), cross])
         error = measured - motor[contact[rows]]
-        fit, covariance = _robust_fit(design[use], (error - shared)[use], prior)
+        fit, covariance, left_out[use] = _robust_fit(design[use], (error - shared)[use], prior)
         shared = _shared_error(np.where(known, error - design @ fit, np.nan))
         # contacts under these branches: where the belt was last pushed, and from which side
         width = 2 * columns.shape[1]
@@ -86,8 +102,10 @@ def _expected(
     design = np.hstack([_sided(columns[contact[rows]], side[rows]), cross])
     prediction = motor[contact[rows]] + design @ fit
     unsure = np.sqrt(np.einsum("mi,ij,mj->m", design, covariance, design, optimize=True))
-    prediction = prediction + _shared_error(np.where(known, measured - prediction, np.nan))
-    return prediction, unsure, 1.4826 * float(np.median(np.abs((measured - prediction)[known])))
+    shared = _shared_error(np.where(known, measured - prediction, np.nan))
+    prediction = prediction + shared
+    spread = 1.4826 * float(np.median(np.abs((measured - prediction)[known])))
+    return prediction, unsure, left_out, shared, spread
 
 
 def _columns(motor: np.ndarray, turn_mm: float) -> np.ndarray:
@@ -104,8 +122,13 @@ def _sided(columns: np.ndarray, side: np.ndarray) -> np.ndarray:
     return np.hstack([columns, side[:, None] * columns])
 
 
-def _robust_fit(design: np.ndarray, target: np.ndarray, prior_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fit with Cauchy weights and a prior standard deviation for each coefficient; return fit and covariance."""
+def _robust_fit(
+    design: np.ndarray, target: np.ndarray, prior_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Fit with Cauchy weights and a prior standard deviation for each coefficient.
+
+    Returns fit, covariance, and what each row's residual would be in a fit without it: e / (1 − leverage).
+    """
     weight = np.ones(len(target))
     scale = 0.5
     for _ in range(5):
@@ -113,9 +136,11 @@ def _robust_fit(design: np.ndarray, target: np.ndarray, prior_mm: np.ndarray) ->
         covariance = np.linalg.inv(normal)
         fit = covariance @ (design.T @ (weight * target)) / scale**2
         residual = target - design @ fit
+        used, spread = weight, scale
         scale = max(1.4826 * float(np.median(np.abs(residual))), 0.02)
         weight = 1.0 / (1.0 + (residual / (2 * scale)) ** 2)
-    return fit, covariance
+    leverage = np.einsum("mi,ij,mj->m", design, covariance, design, optimize=True) * used / spread**2
+    return fit, covariance, residual / np.maximum(1.0 - leverage, 1e-6)
 
 
 def _contacts_by_run(motor: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,12 +1,11 @@
 """The marks of one scan: identified, placed in the bed's frame, and each held against the others."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from printmend.measure.consistency import DOUBT_MM, Expectation
+from printmend.measure.consistency import DOUBT_MM, Expectation, Expected
 from printmend.measure.identity import Match, identify
 from printmend.measure.plan import ProbePlan
 from printmend.measure.register import Pose, find_pose
@@ -14,8 +13,13 @@ from printmend.measure.register import Pose, find_pose
 LEAST_AGREEMENT = 0.85  # of the sizes with the code; a wrong placement reaches 0.75
 ROUNDS, STILL_ROUNDS = 12, 3
 FAR_MM = 1.2  # a mark expected no better than this is left until its neighbours are known
-LEAST_RUN, LONGEST_RUN, RUN_SHARE = 5, 16, 0.7
+LEAST_MARKS = 9
+SUPPORT_REACH, LEAST_SUPPORT = 5, 0.5  # marks printed before and after, and the share of them to be found
+LEAST_RUN, LONGEST_RUN, RUN_SHARE, RUN_REACH = 8, 20, 0.8, 12
 JUMP_MM, SAME_SHIFT_MM = 9.0, 0.35
+APART_MM = 0.7  # marks whose common error differs by more lie on two sides of a jump
+RUN_EVIDENCE, RUN_MARGIN = 5.0, 4.0  # log odds of the sizes for a run, and above the next best shift
+ODD_SIZE = -3.0  # log odds of one dot whose size does not fit: it may be smeared
 HOPELESS_MM = 0.6  # beyond this spread the rough model says nothing about single marks
 
 
@@ -40,7 +44,7 @@ class Marks:
 def read_marks(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> Marks | None:
     """Tell which of the dots [N, 2] (mm, image axes, y down) is which mark; None where no placement convinces."""
     match = identify(dots_mm, diameters_mm, plan)
-    if match is None or match.agreement < LEAST_AGREEMENT or match.found.sum() < 9:
+    if match is None or match.agreement < LEAST_AGREEMENT or match.found.sum() < LEAST_MARKS:
         return None
     dot, expectation = match.dot, Expectation.of(plan)
     for round_ in range(ROUNDS):
@@ -51,8 +55,69 @@ def read_marks(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -
         grown, dot = (revised >= 0).sum() > (dot >= 0).sum(), revised
         if not grown and round_ >= STILL_ROUNDS:
             break
+    sizes = Sizes.of(dot, diameters_mm, plan)
+    _, measured = _placed(dots_mm, dot, plan, mirrored=match.mirrored)
+    expected = expectation.marks(measured)
+    if expected.spread_mm.max() > HOPELESS_MM:
+        return None
+    dot = _vouched_for(dot, expected, sizes, plan.pitch_mm)
+    if (dot >= 0).sum() < LEAST_MARKS:
+        return None
     pose, measured = _placed(dots_mm, dot, plan, mirrored=match.mirrored)
-    return Marks(replace(match, dot=dot), pose, measured, expectation.marks_mm(measured)[0])
+    return Marks(replace(match, dot=dot), pose, measured, expectation.marks(measured).place_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class Sizes:
+    """``dots`` [N] and ``marks`` [M] logarithms of diameters, on one scale; their ``sd``; ``share`` of big marks."""
+
+    dots: np.ndarray
+    marks: np.ndarray
+    sd: float
+    share: float
+
+    @classmethod
+    def of(cls, dot: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> "Sizes":
+        """Learn how dots differ from their intended size from the marks found so far."""
+        ratio = np.log(diameters_mm[dot[dot >= 0]] / plan.diameter_mm[dot >= 0])
+        usual = float(np.median(ratio))
+        sd = max(1.4826 * float(np.median(np.abs(ratio - usual))), 0.03)
+        return cls(np.log(diameters_mm) - usual, np.log(plan.diameter_mm), sd, float(plan.big.mean()))
+
+    def fits(self, mark: int, candidate: int) -> bool:
+        """Say whether a dot could be a mark, all else being right."""
+        return bool(abs(self.dots[candidate] - self.marks[mark]) < max(5 * self.sd, 0.25))
+
+    def evidence(self, marks: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+        """Return the log odds [K] that dots are these marks rather than any others, by their size alone."""
+        observed, small, large = self.dots[candidates], self.marks.min(), self.marks.max()
+        of_mark = -(((observed - self.marks[marks]) / self.sd) ** 2) / 2
+        other = np.logaddexp(
+            np.log(self.share) - ((observed - large) / self.sd) ** 2 / 2,
+            np.log1p(-self.share) - ((observed - small) / self.sd) ** 2 / 2,
+        )
+        return np.maximum(of_mark - other, ODD_SIZE)
+
+
+def _vouched_for(dot: np.ndarray, expected: Expected, sizes: Sizes, pitch_mm: float) -> np.ndarray:
+    """Drop the marks that no others confirm.
+
+    These are marks among many that are missing, marks that would be elsewhere without their own say, and runs of marks
+    shifted together (a skipped tooth) whose sizes do not spell the code.
+    """
+    window = np.ones(2 * SUPPORT_REACH + 1)
+    beside = np.convolve(dot >= 0, window, "same") - (dot >= 0)
+    total = np.convolve(np.ones(len(dot)), window, "same") - 1
+    far = (np.abs(np.nan_to_num(expected.left_out_mm)) > pitch_mm / 4).any(axis=1)
+    dot = np.where(far | (beside < LEAST_SUPPORT * total), -1, dot)
+    found = np.flatnonzero(dot >= 0)
+    shared, evidence = expected.shared_mm[found], sizes.evidence(found, dot[found])
+    for at in np.flatnonzero(np.abs(shared).max(axis=1) > APART_MM):
+        near = slice(max(0, at - RUN_REACH), at + RUN_REACH + 1)
+        alike = np.abs(shared[near] - shared[at]).max(axis=1) < APART_MM
+        if evidence[near][alike].sum() < RUN_EVIDENCE:
+            dot[found[at]] = -1
+    return dot
 
 
 def _placed(dots_mm: np.ndarray, dot: np.ndarray, plan: ProbePlan, *, mirrored: bool) -> tuple[Pose, np.ndarray]:
@@ -71,38 +136,31 @@ def _revised(
 ) -> np.ndarray:
     """Drop the marks that lie where the others do not expect them; take up dots that lie where a mark is missing."""
     plan = expectation.plan
-    expected, unsure, spread = expectation.marks_mm(measured_mm)
-    if spread.max() > HOPELESS_MM:
+    known = expectation.marks(measured_mm)
+    expected = known.place_mm
+    if known.spread_mm.max() > HOPELESS_MM:
         return dot
-    tolerance = np.maximum(6.0 * spread, DOUBT_MM) + 3.0 * unsure
+    tolerance = np.maximum(6.0 * known.spread_mm, DOUBT_MM) + 3.0 * known.unsure_mm
     with np.errstate(invalid="ignore"):
         doubtful = (np.abs(measured_mm - expected) > tolerance).any(axis=1)
     dot = np.where(doubtful, -1, dot)
-    fits = _size_fits(dot, diameters_mm, plan)
+    sizes = Sizes.of(dot, diameters_mm, plan)
     _, near = cKDTree(placed_mm).query(expected[dot < 0])
     claimed = set(dot[dot >= 0].tolist())
     for mark, candidate in sorted(zip(np.flatnonzero(dot < 0).tolist(), near.tolist(), strict=True)):
         off = np.abs(placed_mm[candidate] - expected[mark])
         sure = (tolerance[mark] < FAR_MM).all()
-        if sure and candidate not in claimed and (off <= tolerance[mark]).all() and fits(mark, candidate):
+        if sure and candidate not in claimed and (off <= tolerance[mark]).all() and sizes.fits(mark, candidate):
             dot[mark] = candidate
             claimed.add(candidate)
-    return _after_jumps(dot, placed_mm, expected, fits)
+    return _after_jumps(dot, placed_mm, expected, sizes)
 
 
-def _size_fits(dot: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> Callable[[int, int], bool]:
-    """Return a test whether a dot has the size of a mark, by what the dots found so far differ from the plan."""
-    ratio = np.log(diameters_mm[dot[dot >= 0]] / plan.diameter_mm[dot >= 0])
-    usual = float(np.median(ratio))
-    spread = max(1.4826 * float(np.median(np.abs(ratio - usual))), 0.03)
-    sizes, wanted = np.log(diameters_mm) - usual, np.log(plan.diameter_mm)
-    return lambda mark, candidate: bool(abs(sizes[candidate] - wanted[mark]) < max(5 * spread, 0.25))
+def _after_jumps(dot: np.ndarray, placed_mm: np.ndarray, expected_mm: np.ndarray, sizes: Sizes) -> np.ndarray:
+    """Find runs of marks that are missing together because the printer jumped: the shift whose sizes spell the code.
 
-
-def _after_jumps(
-    dot: np.ndarray, placed_mm: np.ndarray, expected_mm: np.ndarray, fits: Callable[[int, int], bool]
-) -> np.ndarray:
-    """Find runs of marks that are missing together because the printer jumped: the shift that explains most of them."""
+    A lattice shifted by one of its steps fits as well in place; only the sizes tell, so a run must be long enough.
+    """
     dot = dot.copy()
     free = np.setdiff1d(np.arange(len(placed_mm)), dot[dot >= 0])
     missing = np.flatnonzero(dot < 0)
@@ -111,22 +169,33 @@ def _after_jumps(
     tree = cKDTree(placed_mm[free])
     for run in np.split(missing, np.flatnonzero(np.diff(missing) > 3) + 1):
         for part in np.array_split(run, -(-len(run) // LONGEST_RUN)):
-            if len(part) < LEAST_RUN:
-                continue
-            near = tree.query_ball_point(expected_mm[part], JUMP_MM)
-            shifts = [placed_mm[free[k]] - expected_mm[mark] for mark, ks in zip(part, near, strict=True) for k in ks]
-            best: list[tuple[int, int]] = []
-            for shift in shifts:
-                distance, k = tree.query(expected_mm[part] + shift)
-                hits = [
-                    (int(mark), int(free[i]))
-                    for mark, i, off in zip(part, k, distance, strict=True)
-                    if off < SAME_SHIFT_MM and fits(int(mark), int(free[i]))
-                ]
-                best = max(best, hits, key=len)
-            if len(best) >= max(LEAST_RUN, RUN_SHARE * len(part)) and len({k for _, k in best}) == len(best):
-                for mark, candidate in best:
-                    dot[mark] = candidate
+            if len(part) >= LEAST_RUN:
+                marks, found = _shifted_run(part, tree, free, placed_mm, expected_mm, sizes)
+                dot[marks] = found
     claimed, counts = np.unique(dot[dot >= 0], return_counts=True)
     dot[np.isin(dot, claimed[counts > 1])] = -1
     return dot
+
+
+def _shifted_run(
+    part: np.ndarray, tree: cKDTree, free: np.ndarray, placed_mm: np.ndarray, expected_mm: np.ndarray, sizes: Sizes
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return marks of a run and the free dots they are under the one shift that explains them, or none."""
+    nothing = np.empty(0, np.int64), np.empty(0, np.int64)
+    near = tree.query_ball_point(expected_mm[part], JUMP_MM)
+    found: list[tuple[float, np.ndarray, np.ndarray]] = []
+    for mark, ks in zip(part, near, strict=True):
+        for k in ks:
+            distance, at = tree.query(expected_mm[part] + (placed_mm[free[k]] - expected_mm[mark]))
+            hit = distance < SAME_SHIFT_MM
+            if hit.sum() >= max(LEAST_RUN, RUN_SHARE * len(part)) and len(set(at[hit].tolist())) == hit.sum():
+                marks, dots = part[hit], free[at[hit]]
+                found.append((float(sizes.evidence(marks, dots).sum()), marks, dots))
+    if not found:
+        return nothing
+    best, marks, dots = max(found, key=lambda one: one[0])
+    others = [score for score, _, other in found if len(np.intersect1d(dots, other)) * 2 < len(dots)]
+    if best < RUN_EVIDENCE or best - max(others, default=0.0) < RUN_MARGIN:
+        return nothing
+    fitting = np.array([sizes.fits(mark, dot) for mark, dot in zip(marks.tolist(), dots.tolist(), strict=True)])
+    return marks[fitting], dots[fitting]

@@ -146,7 +146,7 @@ def _stranger(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
         path,
         wanted=f"the {len(plan)} marks of this probe.json",
         came=f"{len(dots)} dots{spacing} that are not they",
-        todo="give the probe.json that was written with this print's G-code, and scan all of it",
+        todo="give this print's own probe.json and scan all of it; else the printer skipped steps: print again",
     )
 
 
