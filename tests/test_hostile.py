@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from printmend.cache import kernel_folder
 from printmend.cli.main import group
 from printmend.corruption import read_corruption
 from printmend.errors import InputError, PrintmendError
@@ -237,3 +238,17 @@ def test_any_locale_and_any_name(folder: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert (folder / name.replace(".gcode", ".mended.gcode")).exists()
     assert (folder / "r.html").exists()
+
+
+def test_kernels_are_kept_where_nobody_else_can_write(tmp_path: Path) -> None:
+    nowhere, temporary = Path("/dev/null/x"), tmp_path / "temporary"
+    temporary.mkdir()
+    assert kernel_folder(tmp_path, nowhere, temporary) is None
+    assert kernel_folder(nowhere, tmp_path / "cache", temporary) is None
+    own = kernel_folder(nowhere, nowhere, temporary)
+    assert own == kernel_folder(nowhere, nowhere, temporary) == temporary / f"printmend-{os.getuid()}"
+    assert own.stat().st_mode & 0o777 == 0o700
+    own.chmod(0o777)
+    other = kernel_folder(nowhere, nowhere, temporary)
+    assert other not in (None, own)
+    assert other.stat().st_mode & 0o777 == 0o700

@@ -6,13 +6,35 @@ another file's would go on running the old code. And before it loads kept code i
 """
 
 import hashlib
+import logging
 from collections.abc import Callable
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.core.event import Event, Listener, register
 from numba.core.runtime import rtsys
+
+log = logging.getLogger(__name__)
+
+
+class _FirstCompilation(Listener):
+    """Say why nothing happens for a while: kernels are compiled when they are first used on a machine."""
+
+    def __init__(self) -> None:
+        self.said = False
+
+    def on_start(self, event: Event) -> None:
+        if not self.said:
+            self.said = True
+            log.info("compiling for this machine, this one time: up to a minute")
+
+    def on_end(self, event: Event) -> None:
+        pass
+
+
+register("numba:compile", _FirstCompilation())
 
 
 def entry(**options: Any) -> Callable[[Callable], Callable]:

@@ -68,6 +68,11 @@ def main() -> None:
         with contextlib.suppress(AttributeError):  # closed, or not a terminal's
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     signal.signal(signal.SIGTERM, _terminated)
+    if sys.stderr is not None and sys.stderr.isatty():
+        import logging
+
+        logging.basicConfig(format="printmend: %(message)s")
+        logging.getLogger("printmend").setLevel(logging.INFO)
     try:
         try:
             group(standalone_mode=True)

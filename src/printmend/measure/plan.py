@@ -6,6 +6,7 @@ would be biased along its direction by the pressure in the nozzle, which looks l
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ class ProbePlan:
         """Invert `to_motor`."""
         return self.to_motor(motor_mm) / 2.0 if self.kinematics == "corexy" else np.asarray(motor_mm)
 
-    @property
+    @cached_property
     def motor_approaches(self) -> tuple[np.ndarray, np.ndarray]:
         """The sign of each motor's last move before each mark [M, 2], and how far it had turned that way [M, 2] mm."""
         direction, run = approaches(self.to_motor(self.waypoints_mm))
