@@ -63,7 +63,7 @@ def test_demo_tells_the_story(printmend, vase: Path, tmp_path: Path) -> None:
     assert [line.split("  ")[0] for line in out.splitlines()[2:7]] == [
         "Naive", "LightGBM", "LightGBM per axis", "Grey box", "Oracle",
     ]  # fmt: skip
-    assert "broken: X EccentricBore, X Play, Y Ellipse, Y Play" in out
+    assert "broken: X pulley eccentric, X belt play, Y pulley ellipse, Y belt play" in out
     written = ["above.png", "corruption.toml", "solid.png", "test-layer.png"]
     assert sorted(path.name for path in out_folder.iterdir()) == written
     # What was broken can be broken again.

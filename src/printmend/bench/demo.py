@@ -134,16 +134,17 @@ def closing(demo: Demo, written: list[Path]) -> str:
     """Return the last lines: what was broken, what it came to, what was written, what to do next."""
     naive, mended = (next(one for one in demo.attempts if one.row == name) for name in ("naive", SHOWN))
     faults = ", ".join(
-        f"{motor.upper()} {type(part).__name__}"
+        f"{motor.upper()} {section}" + ("" if part.kind == section else f" {part.kind}")
         for motor, drive in zip(demo.printer.motors, demo.corruption.drives, strict=True)
-        for part in vars(drive).values()
+        for section, part in vars(drive).items()
         if part is not None
     )
+    faults = faults or ("nothing" if demo.corruption.frame is None else "the frame")
     drifting = [NAMES[one.row] for one in demo.attempts if one.rmse_mm > naive.rmse_mm]
     slack = any(drive.belt is not None for drive in demo.corruption.drives)
     return "\n".join(
         [
-            f"broken: {faults or 'the frame'}; RMSE {naive.rmse_mm:.2f} mm as commanded, "
+            f"broken: {faults}; RMSE {naive.rmse_mm:.2f} mm as commanded, "
             f"{mended.rmse_mm:.2f} mm mended ({NAMES[SHOWN]})",
             *(
                 f"{name} as published has no memory: it takes slack for lost motion and drifts. Take the belts out of "

@@ -2,6 +2,7 @@
 
 import html
 import json
+import math
 from pathlib import Path
 
 import printmend
@@ -86,7 +87,8 @@ def _chart(prediction: Prediction) -> str:
     layers = prediction.layers
     if not layers:
         return "<p>No layers.</p>"
-    top = max(max(layer["before_rms_mm"], layer["after_rms_mm"]) for layer in layers) * 1.08 or 1.0
+    step = _round_up(max(max(layer["before_rms_mm"], layer["after_rms_mm"]) for layer in layers) / 4)
+    top = 4 * step
     wide, high = _WIDTH - _LEFT - 10, _HEIGHT - _BOTTOM - 10
 
     def x(i: float) -> float:
@@ -97,14 +99,15 @@ def _chart(prediction: Prediction) -> str:
 
     parts = [f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="RMS error of each layer">']
     for tick in range(5):
-        value = top * tick / 4
+        value = step * tick
         parts.append(
             f'<line x1="{_LEFT}" x2="{_WIDTH - 10}" y1="{y(value):.1f}" y2="{y(value):.1f}" stroke="#e7e5e4"/>'
             f'<text x="{_LEFT - 6}" y="{y(value) + 4:.1f}" text-anchor="end" font-size="12">{value:.3g}</text>'
         )
-    for i in sorted({0, len(layers) // 2, len(layers) - 1}):
+    places = {0: "start", len(layers) // 2: "middle", len(layers) - 1: "end"} if len(layers) > 2 else {0: "start"}
+    for i, anchor in places.items():
         parts.append(
-            f'<text x="{x(i):.1f}" y="{_HEIGHT - 12}" text-anchor="middle" font-size="12">'
+            f'<text x="{x(i):.1f}" y="{_HEIGHT - 12}" text-anchor="{anchor}" font-size="12">'
             f"layer {i + 1}, z {layers[i]['z_mm']:g}</text>"
         )
     for j, (name, label) in enumerate((("before", "as it is"), ("after", "mended"))):
@@ -117,6 +120,14 @@ def _chart(prediction: Prediction) -> str:
             f'<text x="{_WIDTH - 14}" y="{24 + 16 * j}" text-anchor="end" font-size="13" fill="{colour}">{label}</text>'
         )
     return "".join(parts) + "</svg><p><small>RMS distance from the wanted path [mm] over the layers.</small></p>"
+
+
+def _round_up(value: float) -> float:
+    """Return 1, 2, 2.5 or 5 times a power of ten, at least ``value``."""
+    if value <= 0:
+        return 0.25
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(factor * power for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= value * (1 - 1e-9))
 
 
 def _table(prediction: Prediction) -> str:

@@ -30,7 +30,10 @@ def advise(fault: Fault, *, corexy: bool = False) -> Advice:
     kind = "harmonic" if fault.kind.startswith("harmonic-") else fault.kind
     say = _SAY.get(kind, _other)
     title, meaning, effect, repair, software = say(where, fault, size)
-    urgency = "repair" if effect >= REPAIR_MM else "soon" if effect >= SOON_MM else "software"
+    nothing = repair.startswith("Nothing to repair")
+    urgency = (
+        "software" if nothing else "repair" if effect >= REPAIR_MM else "soon" if effect >= SOON_MM else "software"
+    )
     return Advice(title, meaning, _sure(fault), effect, urgency, repair, software)
 
 
@@ -42,7 +45,8 @@ def _sure(fault: Fault) -> str:
     word = "certain" if sigmas >= CERTAIN else "very likely" if sigmas >= VERY_LIKELY else "likely"
     low, high = sorted((abs(fault.value) - 2 * fault.sd, abs(fault.value) + 2 * fault.sd))
     digits = 3 if fault.sd < 0.01 else 2
-    return f"{word}: between {max(low, 0):.{digits}f} and {high:.{digits}f} {fault.unit}"
+    first, last = f"{max(low, 0):.{digits}f}", f"{high:.{digits}f}"
+    return f"{word}: {last} {fault.unit}" if first == last else f"{word}: between {first} and {last} {fault.unit}"
 
 
 Said = tuple[str, str, float, str, str]

@@ -305,7 +305,8 @@ def _changes(name: str, past: Remembered, now: Choice) -> list[Change]:
         if abs(after - before) > max(SURE * sd, least):
             verb = "grew" if abs(after) > abs(before) else "shrank"
             digits = 2 if abs(after - before) >= CLEAR else 3
-            words = f"{name} {what} {verb} from {before:.{digits}f} to {after:.{digits}f} {unit} (± {sd:.3f})"
+            old, new = (round(value, digits) + 0.0 for value in (before, after))  # never −0
+            words = f"{name} {what} {verb} from {old:.{digits}f} to {new:.{digits}f} {unit} (± {sd:.3f})"
             found.append(Change(name, kind, before, after, sd, unit, words))
 
     at = design.parts["play_powers"].start
