@@ -118,7 +118,7 @@ class Machine:
             axes = [a for a in range(3) if "XYZ"[a] in bare] or [0, 1, 2]
             start = tuple(self.position)
             for a in axes:
-                self.position[a], self.shift[a] = self.home[a], 0.0
+                self.position[a], self.shift[a] = self.home[a], self.offset[a]
             self.moves.append(Move(start, tuple(self.position), 0.0, self.feed, line, homing=tuple(axes)))
         elif code == "G92":
             for a in range(3) if code == "G92" else ():

@@ -85,6 +85,21 @@ def test_refuses_what_the_bed_does_not_hold(tmp_path: Path) -> None:
         mend_gcode(source, PLAY_MODEL, tmp_path / "out.gcode")
 
 
+@pytest.mark.parametrize("comment", [b";LAYER_CHANGE\n", b""], ids=["layers", "no layer comments"])
+def test_a_purge_line_at_the_edge_may_be_held_back(tmp_path: Path, comment: bytes) -> None:
+    """Before the first layer comment the edge of the bed is not the part's; without comments nobody can tell."""
+    purge = b"G0 X219.8 Y20 F6000\nG1 Y150 E10 F1500\nG0 X219.9\nG1 Y20 E10\n"
+    source, output = plain(tmp_path, START + purge + comment + SQUARE.removeprefix(START)), tmp_path / "out.gcode"
+    if not comment:
+        with pytest.raises(RefusedError, match="beyond the edge of the bed"):
+            mend_gcode(source, PLAY_MODEL, output)
+        return
+    done = mend_gcode(source, PLAY_MODEL, output)
+    assert done.prediction.clamped_extruding > 0
+    assert "held back" in done.prediction.summary()
+    assert max(read_gcode(output, printer=ENDER3).moves.end_mm[:, 0]) <= 220
+
+
 def test_refuses_another_printers_file(tmp_path: Path) -> None:
     source = plain(tmp_path, START + b"G1 X290 Y250 E9 F1800\nG1 X20 E9\n")
     with pytest.raises(ModelError, match="use the model of the printer"):

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from printmend.control.inverse import start
+from printmend.corruption import families, sample
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.read import interpret_text
 from printmend.gcode.write import rewrite
+from printmend.printer import Printer
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, SQUARE, START, Judged, judge, mended
 
@@ -269,3 +271,29 @@ def test_offsets_are_followed() -> None:
     written = b"".join(bytes(v) for v in rewrite([np.frombuffer(text, np.uint8)], state, planner.plan))
     rows = interpret_text(np.frombuffer(written, np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
     assert math.dist((rows[-1]["x1"], rows[-1]["y1"]), (65, 62)) < 1.0
+
+
+EVERYTHING = (
+    START + b"G1 X80 Y62 E1 F1800\nG91\nG1 X-7.3 Y9 E.5\nG1 Y3 E.2\nG90\nG92 X10 Y10\nG1 X25 Y12 E1\nG92 X87.7 Y76\n"
+    b"M82\nG92 E0\nG1 X70 Y80 E1\nG10\nG0 X64 Y70 F6000\nG11\nG1 Y60 E2 F1800\nM83\nG20\nG1 X3.1 Y2.5 E.04\nG21\n"
+    b"SAVE_GCODE_STATE NAME=a\nG92 X0 Y0\nG1 X5 Y9 E.4\nRESTORE_GCODE_STATE NAME=a MOVE=1\nG1 X70 E.3\nPAUSE\n"
+    b"G1 X60 Y66 E.5\nG28 X\nG0 X75 F6000\nG2 X85 Y70 I5 J1 E.9 F1800\nG1 E-1 F2400\nG1 Z.6\nG3 X70 Y60 I-9 J-2\n"
+    b"G1 Z.2\nG1 E1\nG3 X62 Y58 R9 E.6 F1800\nEXCLUDE_OBJECT_START NAME=b\nG1 X80 Y75 E1\n"
+    b"SET_GCODE_OFFSET X=1 Y=-1 MOVE=1\nG1 X60 E1\nG1 X60 E-.1\nG1 Y60 F1200\nG1 E.1\ng1x70y64e.4\nX60 Y70 E.4\n"
+    b"G28\nG0 X90 Y80 F6000\nG1 X70 Y90 E1 F1800\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("family", "printer"),
+    [(name, ENDER3) for name in families() if name != "gain-table"]
+    + [(name, COREXY) for name in ("play", "pulley-loose", "elastic", "frame")],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_every_family_with_every_state(family: str, printer: Printer) -> None:
+    mechanism = sample(family, np.random.default_rng(9), "realistic").lower(printer).homed()
+    judged = judge(EVERYTHING, mechanism)
+    assert judged.rms_mm <= 0.006
+    assert judged.after.max() <= 0.015
+    wanted = sum(move.filament for move in judged.wanted)
+    assert sum(move.filament for move in judged.given) == pytest.approx(wanted, abs=1e-4)

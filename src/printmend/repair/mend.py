@@ -22,6 +22,7 @@ from printmend.repair.prediction import Prediction, prediction_of
 from printmend.worldmodel.saved import SavedModel
 
 _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
+_HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print
 Progress = Callable[[int], None]
 
 
@@ -137,11 +138,13 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
         raise RefusedError(
             file.name, wanted="extruding moves from a known place", came="none", todo="home with G28 before printing"
         )
-    if prediction.clamped_extruding:
+    if prediction.held_mm > _HELD_SHARE * prediction.length_mm:
         raise RefusedError(
             file.name, wanted="a print that this printer can reach",
-            came=f"{prediction.clamped_extruding} extruding commands beyond the edge of the bed",
-            todo="move the object to the middle of the bed, or use --force",
+            came=f"{prediction.clamped_extruding} extruding commands "
+            f"{prediction.beyond_mm:.2f} mm beyond the edge of the bed",
+            todo="move the object that much away from it, give the scale to the firmware first (`printmend export`), "
+            "or use --force",
         )  # fmt: skip
     if not prediction.is_better:
         raise RefusedError(

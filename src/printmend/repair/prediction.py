@@ -27,7 +27,9 @@ class Prediction:
     ``layers`` [L] holds for each layer z_mm, length_mm and both errors (rms, max). ``length_mm`` is the extruded path.
     ``moves`` and ``commands`` count what moves the head before and after; ``takeups`` the reversals at which slack was
     taken up, ``anchors`` the places where the engaged side had to be made certain again. ``clamped`` counts commands
-    that had to be held back at the edge of the bed, ``clamped_extruding`` those that extrude; ``unknown`` the
+    that had to be held back at the edge of the bed, ``clamped_extruding`` those that extrude, ``beyond_mm`` how far out
+    they would have gone and ``held_mm`` how much extruded path that is, the start of the file left out where layer
+    comments tell what that is (purge lines lie at the edge of the bed and need not be right); ``unknown`` the
     extruding moves that were left as they are, because the file does not say where the head is. ``distance_to`` says
     what the errors are distances to.
     """
@@ -42,6 +44,8 @@ class Prediction:
     anchors: int
     clamped: int
     clamped_extruding: int
+    beyond_mm: float
+    held_mm: float
     unknown: int
     extruding: int
     low_mm: tuple[float, float]
@@ -78,6 +82,7 @@ class Prediction:
         if self.clamped:
             rows.append(
                 f"{self.clamped} commands held back at the edge of the bed, {self.clamped_extruding} of them extruding"
+                + (f", up to {self.beyond_mm:.2f} mm" if self.clamped_extruding else "")
             )
         return "\n".join(rows)
 
@@ -103,6 +108,8 @@ def prediction_of(planner: Planner) -> Prediction:
         anchors=int(counts[k.N_ANCHORS]),
         clamped=int(counts[k.N_CLAMPED]),
         clamped_extruding=int(counts[k.N_CLAMPED_EXTRUDING]),
+        beyond_mm=float(state[k.S_BEYOND]),
+        held_mm=float(state[k.S_HELD + 1] if counts[k.N_MARK] > 0 else state[k.S_HELD]),
         unknown=int(counts[k.N_UNKNOWN]),
         extruding=int(counts[k.N_EXTRUDING]),
         low_mm=(float(state[k.S_LOW]), float(state[k.S_LOW + 1])),

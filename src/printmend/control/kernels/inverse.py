@@ -27,6 +27,8 @@ from printmend.control.kernels.inverse_curve import (
     stays_near,
 )
 from printmend.control.kernels.inverse_layout import (
+    ASTRAY_MM,
+    CLAMP_MM,
     HOLD_MM,
     L_LENGTH,
     MIN_PIECE_MM,
@@ -42,8 +44,10 @@ from printmend.control.kernels.inverse_layout import (
     N_TAKEUPS,
     N_UNKNOWN,
     PIECES_A_RECORD,
+    S_BEYOND,
     S_ERROR,
     S_FEED,
+    S_HELD,
     S_HI,
     S_HIGH,
     S_LO,
@@ -237,10 +241,13 @@ def _extrude(model, curve, state, counts, pieces, n, record, row, layers, errors
         while t < stop:
             end, m0, m1 = chord(model, curve, state, mode0, mode1, t, stop, e0, e1, record.advance)
             x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
-            if clamp > quantum:
+            n = _draw(model, curve, state, pieces, n, record, PIECE_LINE, t, end, m0, m1, x, y, row, layers, errors)
+            # Where the way to its start was held back already, only the error tells.
+            if clamp > CLAMP_MM or state[S_ERROR] > ASTRAY_MM:
                 counts[N_CLAMPED] += 1
                 counts[N_CLAMPED_EXTRUDING] += 1
-            n = _draw(model, curve, state, pieces, n, record, PIECE_LINE, t, end, m0, m1, x, y, row, layers, errors)
+                state[S_BEYOND] = max(state[S_BEYOND], clamp, state[S_ERROR])
+                state[S_HELD + (record.layer > 0)] += (end - t) * length
             t = end
     return n
 
@@ -259,7 +266,7 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
         m0 = (backward(model, 0, LOWER, e0) + backward(model, 0, UPPER, e0)) / 2
         m1 = (backward(model, 1, LOWER, e1) + backward(model, 1, UPPER, e1)) / 2
     x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
-    counts[N_CLAMPED] += clamp > quantum
+    counts[N_CLAMPED] += clamp > CLAMP_MM
     arrive(model, state, m0, m1)
     if not known or counts[N_ANYWHERE] != 0:
         open_interval(model, state, S_M, S_LO, S_HI)

@@ -5,6 +5,8 @@ ALONG = 10.0  # times that: how far it may be ahead or behind, so that the extru
 HOLD_MM = 0.005  # a reversal shorter than this is not worth taking slack up for
 HOME_MM = 0.05  # a learned origin this near to the end stop's is the same
 MIN_PIECE_MM = 0.05  # firmwares drop or merge shorter moves
+CLAMP_MM = 0.02  # held back at the edge of the bed by less is not worth a word
+ASTRAY_MM = 0.05  # only the edge of the bed keeps an extruding command that far from its line
 SAME_FEED = 0.005  # a change of speed below half a percent is not worth a word
 PIECES_A_RECORD = 16384
 FILAMENT_AREA_MM2 = 2.405  # of 1.75 mm
@@ -35,7 +37,9 @@ S_M, S_LO, S_HI, S_RAW_M, S_RAW_LO, S_RAW_HI, S_TRAVEL, S_FEED, S_Z, S_LOW, S_HI
 S_SIDE = 19  # 1 or −1 where a motor pushes its belt forwards or backwards, 0 where the belt may hang loose
 S_SAVED = 21  # for each slot of SAVE_GCODE_STATE where the motors were, NaN for an unknown place
 S_ERROR = S_SAVED + 2 * 8  # the largest error seen of the last command
-STATE = S_ERROR + 1
+S_BEYOND = S_ERROR + 1  # how far the furthest extruding command would have left the bed
+S_HELD = S_BEYOND + 1  # the extruded length held back at the edge: before any layer comment, and after it
+STATE = S_HELD + 2
 # counts [COUNTS] int64. N_KNOWN: the place is known; N_ANYWHERE: the firmware may have skipped what came before;
 # N_MARK and N_LAYER: the layer comments seen, the row of `layers`. The rest are sums for the prediction.
 N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)
