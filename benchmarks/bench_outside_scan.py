@@ -1,0 +1,137 @@
+"""Judge the scan commands from outside: probe → a foreign printer → a foreign scan → measure → learn → mend.
+
+    .venv/bin/python benchmarks/bench_outside_scan.py --seed 1
+
+The printer is benchmarks/outside.py, the scan benchmarks/outside_scan.py; neither shares code with printmend, and only
+its command line is used. One line for each look of the scan: marks found, their error (place and turn taken off, the
+scale not), the contour error [mm] of a part before and after mending (its mean shift taken off).
+"""
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+import outside
+import outside_scan
+from bench_outside import PRESETS, contour_error_mm, part_gcode, run
+from outside_scan import Look
+
+DARK = {"filament": (210, 214, 216), "bed": (30, 30, 34)}
+RED = {"filament": (50, 60, 190), "bed": (235, 235, 235)}
+# file name, kind of pixels, whether the file states its resolution, look, preset, family
+CASES = (
+    ("scan.png", "rgb", True, Look(), "ender3", "pulley+play"),
+    ("scan.jpg", "rgb", True, Look(turn_deg=33, **DARK), "ender3", "pulley"),
+    ("scan.png", "grey", True, Look(turn_deg=180, mirrored=True), "ender5", "pulley+play"),
+    ("scan.tif", "grey16", True, Look(dpi=300, turn_deg=-90), "ender3", "play"),
+    ("scan.png", "alpha", False, Look(turn_deg=91, **RED), "ender5", "pulley+loose"),
+    ("scan.png", "palette", True, Look(dpi=300, turn_deg=217, mirrored=True, **DARK), "ender3", "pulley+play"),
+    ("scan.tif", "cmyk", True, Look(dpi=300, turn_deg=5, **RED), "ender3", "healthy"),
+    ("scan.jpg", "grey", True, Look(dpi=1200, turn_deg=2), "ender3", "pulley"),
+    ("scan.png", "rgb", True, Look(dpi=400, turn_deg=122, noise=8.0, shade=0.3, blur_mm=0.06), "corexy", "pulley+play"),
+)  # fmt: skip
+
+
+def judge(case: tuple, seed: int, folder: Path) -> str:
+    name, kind, stated, look, preset, family = case
+    rng = np.random.default_rng(seed)
+    home, sides, bed, corexy = PRESETS[preset]
+    starts = (home[0] + home[1], home[0] - home[1]) if corexy else home
+    named = [outside.random_drive(rng, family, h, s, bed) for h, s in zip(starts, sides, strict=True)]
+    drives = (named[0][1], named[1][1])
+    probe, scan, trace, saved = (folder / file for file in ("probe.gcode", name, "trace.csv", "printer.mend.json"))
+    run("probe", "--printer", preset, "-o", str(probe))
+    text = probe.read_text()
+    moves = outside.read_moves(text, home)
+    printed = outside.print_moves(moves, drives, home, corexy=corexy)
+    picture = outside_scan.draw(outside_scan.read_beads(text, moves, printed), look, rng)
+    outside_scan.save(scan, picture, kind, look.dpi if stated else None)
+    measured = run("measure", str(scan), "--probe", str(probe.with_suffix(".json")), "-o", str(trace), ok=(0, 2))
+    about = f"{name} {kind} {look.dpi:g} dpi {look.turn_deg:+g}°{' mirrored' * look.mirrored}, {preset} {family}"
+    if measured.returncode:
+        return f"{about}: refused: {measured.stderr.strip()}"
+    table = np.genfromtxt(trace, delimiter=",", skip_header=1)
+    error, found = mark_error_mm(table, moves, printed)
+    run("learn", str(trace), "--printer", preset, "-o", str(saved))
+    source, mended = folder / "part.gcode", folder / "out.gcode"
+    part = part_gcode(rng, bed)
+    source.write_text(part)
+    mended.unlink(missing_ok=True)
+    run("mend", str(source), "-m", str(saved), "-o", str(mended), ok=(0, 3))
+    ideal = outside.read_moves(part, home)
+    ways = [outside.print_moves(ideal, drives, home, corexy=corexy)]
+    after_moves = outside.read_moves(mended.read_text() if mended.exists() else part, home)
+    ways.append(outside.print_moves(after_moves, drives, home, corexy=corexy))
+    before, after = (
+        placed_error_mm(ideal, made, way) for made, way in zip((ideal, after_moves), ways, strict=True)
+    )  # fmt: skip
+    return (
+        f"{about} ({named[0][0]} | {named[1][0]}): {found} marks, {1000 * error:.1f} um RMS; "
+        f"part {before[0]:.3f} → {after[0]:.4f} mm RMS (p95 {after[1]:.4f}), place {after[2]:.2f} mm off"
+    )
+
+
+def mark_error_mm(table: np.ndarray, moves: list, printed: list[np.ndarray]) -> tuple[float, int]:
+    """Return the RMS difference along one axis of what was measured and printed, place and turn taken off."""
+    first = max(i for i, move in enumerate(moves) if move.z_mm == -1.0)
+    ends = [printed[first][-1]]
+    ends += [way[-1] for m, way in zip(moves[first + 1 :], printed[first + 1 :], strict=True) if m.start_mm != m.end_mm]
+    known = np.isfinite(table[:, 2])
+    truth, measured = np.array(ends)[known], table[known, 2:4]
+    a, b = measured - measured.mean(axis=0), truth - truth.mean(axis=0)
+    turn = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+    c, s = np.cos(turn), np.sin(turn)
+    return float(np.sqrt(((a @ np.array([[c, s], [-s, c]]) - b) ** 2).mean())), int(known.sum())
+
+
+def placed_error_mm(ideal: list, made: list, way: list[np.ndarray]) -> tuple[float, float, float]:
+    """Return RMS and p95 of the contour error with the part's place taken off, and by how much it was off."""
+    middles = [bounds_middle(made, way), bounds_middle(ideal, [np.array([m.end_mm]) for m in ideal])]
+    shift = middles[1] - middles[0]
+    total = np.zeros(2)
+    best = None
+    for _ in range(4):  # the middle of the bounds is a rough start; then the mean of what is left
+        error = contour_error_mm(ideal, made, [np.asarray(one) + shift + total for one in way])
+        rms = float(np.sqrt(np.mean(error**2)))
+        if best is None or rms < best[0]:
+            best = (rms, float(np.quantile(error, 0.95)), float(np.hypot(*(shift + total))))
+            kept = total.copy()
+        step = np.array([_slope(ideal, made, way, shift + kept, axis) for axis in range(2)])
+        total = kept + step
+    assert best is not None
+    return best
+
+
+def _slope(ideal: list, made: list, way: list[np.ndarray], shift: np.ndarray, axis: int) -> float:
+    """Return the step along an axis that lowers the squared error most, from three points of the parabola."""
+    reach = 0.02
+    steps = np.array([-reach, 0.0, reach])
+    values = []
+    for step in steps:
+        moved = shift + step * np.eye(2)[axis]
+        values.append(float(np.mean(contour_error_mm(ideal, made, [np.asarray(one) + moved for one in way]) ** 2)))
+    curve, slope, _ = np.polyfit(steps, values, 2)
+    return float(np.clip(-slope / (2 * curve), -0.5, 0.5)) if curve > 0 else 0.0
+
+
+def bounds_middle(moves: list, way: list[np.ndarray]) -> np.ndarray:
+    points = np.concatenate([one for m, one in zip(moves, way, strict=True) if m.extruding and m.start_mm != m.end_mm])
+    return (points.min(axis=0) + points.max(axis=0)) / 2
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--case", type=int, action="append", help="numbers of the looks; all without")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        for number in options.case or range(len(CASES)):
+            print(f"{number}. {judge(CASES[number], options.seed + number, Path(folder))}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
