@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from printmend.bench.run import read_results
 from printmend.cache import kernel_folder
 from printmend.cli.main import group
 from printmend.corruption import read_corruption
@@ -127,14 +128,30 @@ UNWRITABLE = [
 ]
 
 
-@pytest.mark.parametrize("line", [*OVERWRITING, *MOTIONLESS, *UNWRITABLE])
+NUMBERS = [
+    "twin part.gcode --printer ender3 --corruption broken.toml --noise-mm nan",
+    "twin part.gcode --printer ender3 --corruption broken.toml --noise-mm 1e308",
+    "twin part.gcode --printer ender3 --corruption broken.toml --seed -1",
+    "probe --printer ender3 --size nan",
+    "probe --printer ender3 --size inf",
+    "measure scan.png --probe probe.json --dpi nan",
+    "learn trace.csv --printer ender3 --seed -1",
+    "demo --seed -1 --out demo",
+    "bench families --coverage 0 --out bench",
+    "bench families --coverage nan --out bench",
+    "bench families --noise -1 --out bench",
+    "dataset export-reference data --bodies part.gcode --corruptions -1",
+]
+
+
+@pytest.mark.parametrize("line", [*OVERWRITING, *MOTIONLESS, *UNWRITABLE, *NUMBERS])
 def test_commands_leave_files_alone(line: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     before = {path: path.read_bytes() for path in folder.iterdir()}
     result = CliRunner().invoke(group, line.split())
     assert isinstance(result.exception, PrintmendError | OSError | SystemExit), result.exception
     assert result.exit_code != 0
-    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    assert {path: path.read_bytes() for path in folder.iterdir() if path.is_file()} == before
 
 
 def _program(*arguments: object, **options: object) -> subprocess.CompletedProcess:
@@ -252,3 +269,14 @@ def test_kernels_are_kept_where_nobody_else_can_write(tmp_path: Path) -> None:
     other = kernel_folder(nowhere, nowhere, temporary)
     assert other not in (None, own)
     assert other.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize(
+    "content", [b"null\n", b"[]\n", b"7\n", b'{"a": 1}\n', b"[" * 100_000 + b"\n", b"notes\nof mine"]
+)
+def test_foreign_results_are_left_alone(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "table1.jsonl"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="earlier run"):
+        read_results(path)
+    assert path.read_bytes() == content

@@ -70,6 +70,8 @@ def draw_family_cases(
                 came=repr(printer),
                 todo="correct it",
             )
+        if wrong := [value for value in coverages if not 0.1 <= value <= 100]:
+            raise InputError("--coverage", wanted="0.1 to 100 turns", came=f"{wrong[0]:g}", todo="correct it")
         cases += [
             FamilyCase(family, severity, printer or "ender5", float(coverage), sample, seed)
             for severity in severities

@@ -79,9 +79,10 @@ def read_results(path: Path, kind: type = Result) -> list:
         return []
     data = path.read_bytes()
     whole, cut = data.rpartition(b"\n")[0], data.rpartition(b"\n")[2]
-    if cut:
+    results = list(_parse(whole.decode("utf-8", "replace"), path, kind))
+    if cut:  # only now that the file is known to be ours
         path.write_bytes(whole + b"\n" if whole else b"")
-    return list(_parse(whole.decode("utf-8", "replace"), path, kind))
+    return results
 
 
 def _parse(text: str, path: Path, kind: type) -> Iterator:
@@ -89,7 +90,7 @@ def _parse(text: str, path: Path, kind: type) -> Iterator:
         try:
             values = json.loads(line)
             yield kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
-        except (ValueError, TypeError, KeyError) as error:
+        except (ValueError, TypeError, AttributeError, RecursionError) as error:
             raise InputError(
                 path, wanted="results of an earlier run", came=f"line {number}: {error}", todo="name another --out"
             ) from None

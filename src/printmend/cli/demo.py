@@ -7,7 +7,7 @@ import click
 
 
 @click.command(epilog="Example: printmend demo --seed 3 --out my-demo")
-@click.option("--seed", default=0, show_default=True, help="Draws what is broken.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws what is broken.")
 @click.option("--corruption", "broken", type=click.Path(path_type=Path), help="A TOML file that says what is broken.")
 @click.option(
     "--body", "file", type=click.Path(path_type=Path), help="A G-code file or mesh; without it, a timing pulley."

@@ -14,7 +14,8 @@ import click
               default=Path("report.html"), show_default=True)  # fmt: skip
 @click.option("--for", "part", metavar="PART.gcode", type=click.Path(path_type=Path, dir_okay=False),
               help="Also predict the error of this part.")  # fmt: skip
-@click.option("--seed", type=int, default=0, show_default=True, help="Picks the rows looked at first in a long trace.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
+              help="Picks the rows looked at first in a long trace.")  # fmt: skip
 def command(trace: Path, printer_name: str, report: Path, part: Path | None, seed: int) -> None:
     """Say what is wrong with a printer, how sure that is, what to replace or tighten, what software can carry."""
     import numpy as np

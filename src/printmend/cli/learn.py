@@ -19,7 +19,8 @@ import click
 )  # fmt: skip
 @click.option("--update", "old", metavar="OLD.mend.json", type=click.Path(path_type=Path),
               help="Bring this model up to date with a second, smaller print, and say what changed.")  # fmt: skip
-@click.option("--seed", type=int, default=0, show_default=True, help="Picks the rows looked at first in a long trace.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
+              help="Picks the rows looked at first in a long trace.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as JSON.")
 def command(
     trace: Path, printer_name: str | None, name: str, output: Path, old: Path | None, seed: int, as_json: bool

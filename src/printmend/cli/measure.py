@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from printmend.cli.number import Finite
+
 if TYPE_CHECKING:
     from printmend.measure import ProbePlan
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 @click.option(
     "--probe", "plan_path", required=True, type=click.Path(path_type=Path), help="The plan that `probe` wrote."
 )
-@click.option("--dpi", type=click.FloatRange(min=50, max=9600), help="Resolution [default: what the file says, or 600]")
+@click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution [default: what the file says, or 600]")
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="[default: trace.csv]")
 @click.option(
     "--overlay", type=click.Path(path_type=Path, dir_okay=False), help="Draw what was found over the first scan."

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import click
 
+from printmend.cli.number import Finite
+
 
 @click.command(epilog="Example: printmend probe --printer ender3 -o probe.gcode")
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="A preset or your own printer.")
-@click.option(
-    "--size", "size_mm", type=click.FloatRange(min=30), help="Side of the square of marks in mm [default: the bed]"
-)
+@click.option("--size", "size_mm", type=Finite(min=30), help="Side of the square of marks in mm [default: the bed]")
 @click.option(
     "--for", "part_path", type=click.Path(path_type=Path), metavar="PART.gcode", help="Cover what this part needs."
 )

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from printmend.cli.number import Finite
+
 
 @click.command(epilog="Example: printmend twin probe.gcode --printer ender3 --corruption broken.toml -o trace.csv")
 @click.argument("source", metavar="FILE.gcode", type=click.Path(path_type=Path))
@@ -11,7 +13,7 @@ import click
     "--printer", "printer_name", required=True, metavar="NAME|FILE.toml", help="A preset or your own printer."
 )
 @click.option("--corruption", "corruption_path", required=True, metavar="broken.toml", type=click.Path(path_type=Path))
-@click.option("--noise-mm", type=click.FloatRange(min=0), default=0.05, show_default=True,
+@click.option("--noise-mm", type=Finite(min=0, max=10), default=0.05, show_default=True,
               help="Standard deviation of each measured coordinate.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
 @click.option(
@@ -20,7 +22,7 @@ import click
 @click.option("--scan", type=click.Path(path_type=Path, dir_okay=False), metavar="SCAN.png",
               help="Also draw the scan of a printed probe.")  # fmt: skip
 @click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The probe's plan [default: FILE.json]")
-@click.option("--dpi", type=click.FloatRange(min=50, max=2400), default=600, show_default=True)
+@click.option("--dpi", type=Finite(min=50, max=2400), default=600, show_default=True)
 @click.option(
     "--turn", type=click.Choice(["0", "90", "180", "270"]), default="0", help="How the plate lies on the glass."
 )
