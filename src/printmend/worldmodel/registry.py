@@ -26,6 +26,8 @@ _MODULES = {
     "forest": _TREES,
     "forest-axis": _TREES,
     "greybox": "printmend.worldmodel.greybox",
+    "prior": "printmend.worldmodel.prior",
+    "hybrid": "printmend.worldmodel.hybrid",
 }
 
 

@@ -1,0 +1,157 @@
+"""The hybrid: the grey box, and what nobody wrote down.
+
+The grey box first. Where blocked cross-validation says that its residual can be predicted, a residual learner
+(`hybrid_residual`) is added to its tables; where the trace is a layer of the published simulator, whose steps do not
+come back to where they were, the gains of that world (`hybrid_gains`) are learned instead. Else it is the grey box.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from printmend.mechanism import GainMechanism, Mechanism, Transmission
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.protocols import State, Tables
+from printmend.worldmodel.greybox import Greybox, GreyboxModel, motor_rows
+from printmend.worldmodel.greybox_ladder import jumped
+from printmend.worldmodel.greybox_select import PATTERN
+from printmend.worldmodel.hybrid_gains import learned_gains
+from printmend.worldmodel.hybrid_residual import MARGIN_MM, PASSES, Residual, chosen, learned, points
+from printmend.worldmodel.mechanism_model import MechanismModel
+
+GRID_MM = 0.2
+STAGES = 3  # residual learners, each of what the ones before leave
+SURELY = 30.0  # nats by which the published world must fit better
+
+
+@dataclass(frozen=True, eq=False)
+class HybridModel:
+    """A learned machine; a world model.
+
+    ``box`` is the grey box, ``mechanism`` that and the ``residuals`` of the motors (None: nothing to add). In the
+    published simulator's ``world`` there is no machine that could say what steps do: it plans on the lattice, and
+    ``mechanism`` remains the best machine for what needs one.
+    """
+
+    box: GreyboxModel
+    mechanism: Mechanism
+    residuals: tuple[Residual | None, Residual | None] = (None, None)
+    world: GainMechanism | None = None
+
+    @property
+    def printer(self) -> Printer:
+        return self.mechanism.printer
+
+    @property
+    def is_plain(self) -> bool:
+        """True where the grey box says it all."""
+        return self.world is None and self.residuals == (None, None)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What was added to the grey box, a sentence each."""
+        if self.world is not None:
+            return ("the steps of this print do not come back to where they were: that is no machine, but the lattice "
+                    "simulator of the paper",)  # fmt: skip
+        found = []
+        for name, residual in zip(self.printer.motors, self.residuals, strict=True):
+            if residual is not None:
+                size = max(float(np.abs(part).max()) for part in (residual.common_mm, residual.play_mm))
+                found.append(f"{name.upper()} has an error that no known fault makes, up to {size:.3f} mm "
+                             f"(learned: {residual.words})")  # fmt: skip
+        return tuple(found)
+
+    @cached_property
+    def _model(self) -> MechanismModel:
+        return MechanismModel(self.mechanism if self.world is None else self.world)
+
+    def start(self, start_steps: np.ndarray) -> State:
+        """Return the state [1] of a layer that starts at the lattice point ``start_steps`` [2]."""
+        return self._model.start(start_steps)
+
+    def advance(self, state: State, controls: np.ndarray) -> State:
+        """Return the states [K] after the controls [K, 2]."""
+        return self._model.advance(state, controls)
+
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
+        """Return the model as play tables; as increments in the published world."""
+        return self._model.tabulate(start_steps, c_max=c_max)
+
+
+@dataclass(frozen=True)
+class Hybrid:
+    """The learner: physics.md §4, the last of its nested list."""
+
+    name: str = "hybrid"
+
+    def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> HybridModel:
+        """Learn from a trace. Raise `TraceError` where the grey box does."""
+        box = Greybox().fit(trace, printer, rng=rng)
+        with threadpool_limits(1, user_api="blas"):
+            return completed(box, trace, seed=int(rng.integers(2**31)))
+
+
+def completed(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
+    """Add to a grey box what its own trace shows beyond it."""
+    plain = HybridModel(box, box.mechanism)
+    patterned = [drive.choice.fit.share < PATTERN for drive in box.drives]
+    if any(patterned) and (world := _published(box, trace)) is not None:
+        return replace(plain, world=world)
+    tables, residuals = [], []
+    for motor in range(2):
+        table, residual = _residual(box, trace, motor, patterned=patterned[motor], seed=seed)
+        tables.append(table)
+        residuals.append(residual)
+    mechanism = replace(box.mechanism, transmissions=(tables[0], tables[1]))
+    return HybridModel(box, mechanism, (residuals[0], residuals[1]))
+
+
+def _published(box: GreyboxModel, trace: Trace) -> GainMechanism | None:
+    """Return the published world's gains where they explain the trace better than any machine."""
+    gains = learned_gains(trace, box.printer)
+    if gains is None:
+        return None
+    left = np.mean([np.nanmean(drive.choice.fit.touch.residual_mm**2) for drive in box.drives])
+    if box.printer.kinematics == "corexy":  # a motor of which is the sum of two coordinates
+        left /= 2
+    better = box.measured * np.log(left / gains.residual_mm**2)  # two coordinates, half a nat each
+    return gains.mechanism if better > SURELY else None
+
+
+def _residual(
+    box: GreyboxModel, trace: Trace, motor: int, *, patterned: bool, seed: int
+) -> tuple[Transmission, Residual | None]:
+    """Return a motor's tables with what blocked cross-validation adds to them."""
+    drive, table = box.drives[motor], box.mechanism.transmissions[motor]
+    rows = jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor])
+    touch = drive.choice.fit.touch
+    measured = touch.belt_mm + touch.residual_mm  # without what the frame adds
+    start_mm = float(touch.belt_mm[0])
+    data = points(table, rows.motor_mm, measured, rows.weight, start_mm, rows.period_mm)
+    if not len(data.motor_mm):
+        return table, None
+    low, high = float(data.motor_mm.min()), float(data.motor_mm.max())
+    reach = (low - MARGIN_MM, high + MARGIN_MM)
+    grid = np.arange(low, high + GRID_MM, GRID_MM)
+    found: Residual | None = None
+    for _ in range(STAGES):
+        kind = chosen(data, reach, patterned=patterned, seed=seed)
+        if kind is None:
+            break
+        before, bent, more = data, table, found
+        for _ in range(PASSES):
+            # what the tables so far leave, and what was learned in this stage, belong to it
+            stage = learned(kind, data, reach, grid, seed=seed)
+            more = stage if more is None else more.plus(stage)
+            bent = more.added(table)
+            data = points(bent, rows.motor_mm, measured, rows.weight, start_mm, rows.period_mm)
+        if np.mean(np.abs(data.residual_mm)) >= np.mean(np.abs(before.residual_mm)):
+            break
+        found = more
+    return (table, None) if found is None else (found.added(table), found)
+
+
+LEARNERS = {"hybrid": Hybrid()}
