@@ -104,10 +104,15 @@ class Branches:
             return np.resize(wave.series_mm(phase), len(motor_mm))
 
         mean = self._powers_mm(self.mean, motor_mm) + series(self.mean)
-        if not self.elastic.is_zero:
-            mean = mean + x * series(self.elastic)
         if self.warp_mm.any():
-            mean = mean + warp_columns(len(self.warp_mm), self.warp_span_mm, motor_mm) @ self.warp_mm
+            # What repeats nothing, and an elastic belt beside it (which may be none), are known where they were seen.
+            seen = np.clip(motor_mm, *self.reach_mm)
+            mean = mean + warp_columns(len(self.warp_mm), self.warp_span_mm, seen) @ self.warp_mm
+            if not self.elastic.is_zero:
+                wave = self.elastic.series_mm(np.mod(seen, self.period_mm) * (TURN_RAD / self.period_mm))
+                mean = mean + (seen - self.middle_mm) / SCALE_MM * wave
+        elif not self.elastic.is_zero:
+            mean = mean + x * series(self.elastic)
         play = self._powers_mm(self.play, motor_mm) + series(self.play)
         return mean, np.maximum(play, 0.0)
 
@@ -128,9 +133,16 @@ class Branches:
             return healthy
         grid = healthy.motor_mm
         mean, play = self.errors_mm(grid, turn=self.period_mm / healthy.pitch_mm)
-        lower = np.maximum.accumulate(grid + mean - play / 2)
+        first = int(np.searchsorted(grid, (self.reach_mm[0] + self.reach_mm[1]) / 2))
+        lower = rising(grid + mean - play / 2, first)
         if not play.any():
             return replace(healthy, lower_mm=lower, upper_mm=lower)
-        return replace(
-            healthy, lower_mm=lower, upper_mm=np.maximum(np.maximum.accumulate(grid + mean + play / 2), lower)
-        )
+        return replace(healthy, lower_mm=lower, upper_mm=np.maximum(rising(grid + mean + play / 2, first), lower))
+
+
+def rising(table_mm: np.ndarray, first: int) -> np.ndarray:
+    """Return a table [N] made non-decreasing from entry ``first`` outwards: what is wrong far away stays there."""
+    first = min(max(first, 0), len(table_mm))
+    below = np.minimum.accumulate(table_mm[:first][::-1])[::-1]
+    above = np.maximum.accumulate(table_mm[first:])
+    return np.concatenate([np.minimum(below, above[0]) if len(above) else below, above])
