@@ -36,5 +36,5 @@ def row(name: str) -> Row:
     model, _, planner = ("oracle+optimal" if name == "optimum" else name).partition("+")
     if model not in model_names():
         wanted = f"names out of {', '.join(model_names())}"
-        raise InputError("the row", wanted=wanted, came=repr(model), todo="correct it")
+        raise InputError("--models", wanted=wanted, came=repr(model), todo="correct it")
     return Row(model, controller(planner or "greedy"))
