@@ -238,3 +238,21 @@ def test_moves_carry_homing_and_events_between_them():
     assert moves_of(np.empty(0, k.RECORD)).line.shape == (0,)
     with pytest.raises(ValueError, match="read-only"):
         moves.end_mm[0] = 0
+
+
+@pytest.mark.parametrize(
+    ("line", "flavour", "known"),
+    [
+        ("G28 O", Flavour.MARLIN2, True),  # all is known: Marlin stays where it is
+        ("G28 O", Flavour.UNKNOWN, False),
+        ("G61 XY S1", Flavour.UNKNOWN, False),  # a stored place
+        ("G61", Flavour.UNKNOWN, True),  # LinuxCNC's exact path
+        ("G1 R2 X5 Y5", Flavour.RRF, False),
+        ("BED_MESH_PROFILE LOAD=a", Flavour.KLIPPER, True),
+    ],
+)
+def test_places_that_the_firmware_chooses(line: str, flavour: Flavour, known: bool) -> None:
+    state = initial_state(flavour=flavour)
+    rows = interpret_text(np.frombuffer(f"G28\nG1 X10 Y20\n{line}\nG92 E0\n".encode(), np.uint8), state)
+    assert bool(rows[-1]["flags"] & k.FLAG_KNOWN_X0) == known
+    assert not known or (rows[-1]["x0"], rows[-1]["y0"]) == (10, 20)

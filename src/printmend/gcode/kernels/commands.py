@@ -116,6 +116,10 @@ def move(r, numbers, counts, words, unclear, values, motion):
         r.flags = r.flags | FLAG_OPAQUE
         r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
         counts[C_KNOWN] &= ~(words >> 23) & 7
+    if motion < 2 and words & WORD_R and counts[C_FLAVOUR] in (FLAVOUR_UNKNOWN, FLAVOUR_RRF):
+        r.flags = r.flags | FLAG_OPAQUE  # RRF: from a stored place
+        r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
+        counts[C_KNOWN] &= ~(words >> 23) & 7
     if unclear:
         r.flags = r.flags | FLAG_OPAQUE
         if unclear & (WORDS_XYZ | WORDS_IJK | WORD_R):
@@ -214,7 +218,7 @@ def set_mode(numbers, counts, code):
     elif 591 <= code <= 593:
         counts[C_WCS] = code - 585
         add_offsets(numbers, counts)
-    elif not (code == 400 or code == 490 or code == 640 or code == 610 or 930 <= code <= 990 or code == 90):
+    elif not (code == 400 or code == 490 or code == 640 or 930 <= code <= 990 or code == 90):
         return False
     return True
 
@@ -224,6 +228,10 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
     """Obey a G command with its words, motion G0–G3 excepted; return what it makes uncertain, for `event`, or 0."""
     if code == 280:
         axes = ((words | bare | unclear) >> 23) & 7
+        flavour = counts[C_FLAVOUR]
+        if (words | bare) & WORD_O and flavour != FLAVOUR_KLIPPER and flavour != FLAVOUR_RRF:
+            # Marlin homes then only what is not known, and stays elsewhere.
+            return 0 if counts[C_KNOWN] == 7 and flavour != FLAVOUR_UNKNOWN else EVENT_PROBE + ALL_LOST
         _home(r, numbers, counts, axes if axes else 7)
     elif code == 920 or code == 921 or code == 922:
         _set_position(r, numbers, counts, words, values, code)
@@ -234,7 +242,10 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
         return EVENT_OFFSET + ALL_LOST
     elif code == 40 or code == 430 or (code == 290 and words & WORD_S):
         pass  # dwell, tool length from the table, RRF's `G29 S1` (load a map)
-    elif code in (281, 301, 291, 292, 294, 220, 230):
+    elif code == 610:  # back to a stored place, or LinuxCNC's exact path
+        if (words | bare) & ~np.int64(1 << 6) or counts[C_FLAVOUR] in (FLAVOUR_MARLIN2, FLAVOUR_RRF):
+            return EVENT_UNKNOWN + ALL_LOST
+    elif code in (600, 281, 301, 291, 292, 294, 220, 230):
         pass  # stored places; Bambu's and Marlin's switches
     elif code in (290, 300, 320, 330, 340, 800) or 380 <= code <= 385:
         if code == 800:

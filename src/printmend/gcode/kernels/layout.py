@@ -103,7 +103,16 @@ WORD_D, WORD_E, WORD_F, WORD_H, WORD_I, WORD_J, WORD_K, WORD_L = (
     1 << 10,
     1 << 11,
 )
-WORD_P, WORD_R, WORD_S, WORD_T, WORD_X, WORD_Y, WORD_Z = 1 << 15, 1 << 17, 1 << 18, 1 << 19, 1 << 23, 1 << 24, 1 << 25
+WORD_O, WORD_P, WORD_R, WORD_S, WORD_T, WORD_X, WORD_Y, WORD_Z = (
+    1 << 14,
+    1 << 15,
+    1 << 17,
+    1 << 18,
+    1 << 19,
+    1 << 23,
+    1 << 24,
+    1 << 25,
+)
 WORDS_XYZ, WORDS_IJK = WORD_X | WORD_Y | WORD_Z, WORD_I | WORD_J | WORD_K
 
 # One piece of what replaces a statement's motion, in order of motion; a statement without pieces stays as it is.
