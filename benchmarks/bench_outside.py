@@ -1,17 +1,21 @@
 """Judge the commands from outside: probe → a foreign broken printer → learn → mend → the same printer.
 
-    .venv/bin/python benchmarks/bench_outside.py --seed 1 --printers 3 --noise-mm 0.05 [--part part.gcode]
+    .venv/bin/python benchmarks/bench_outside.py --seed 1 --printers 3 --noise-mm 0.05 [--trace sparse]
 
 Only the command line of printmend is used; the printer is benchmarks/outside.py. Prints, for each family of faults, the
-contour error (distance of the extruded path to the ideal one, RMS and p95 in mm) before and after mending.
+contour error (distance of the extruded path to the ideal one, RMS and p95 in mm) before and after mending. What is
+learned from is the trace of our probe or, with --trace, one of another shape: 60 points of somebody's own print, a
+million points, one with four rows of ten unmeasured, one that does not begin at home.
 """
 
 import argparse
+import itertools
 import json
 import math
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +25,11 @@ sys.path.insert(0, str(Path(__file__).parent))
 import outside
 
 PRINTMEND = str(Path(sys.executable).parent / "printmend")
-FAMILIES = ("healthy", "pulley", "play", "loose", "pulley+play", "pulley+loose")
+FAMILIES = (
+    "healthy", "pulley", "play", "loose", "pulley+play", "pulley+loose",
+    "set-screw", "pulley+set-screw", "pulley+elastic", "friction", "frame", "frame+pulley+play",
+)  # fmt: skip
+TRACES = ("probe", "sparse", "dense", "holes", "no-home")
 PRESETS = {
     "ender3": ((0.0, 0.0), (-1, -1), 220.0, False),
     "ender5": ((220.0, 220.0), (1, 1), 220.0, False),
@@ -90,9 +98,27 @@ def run(*args: str, ok: tuple[int, ...] = (0,)) -> subprocess.CompletedProcess:
     return done
 
 
+def walk_of(
+    shape: str, moves: list[outside.Move], home: tuple[float, float], bed: float, rng: np.random.Generator
+) -> list:
+    """Return the moves that the trace follows, from home."""
+    if shape == "sparse":
+        places = [tuple(map(float, rng.uniform(0.1, 0.9, 2) * bed)) for _ in range(59)]
+    else:
+        first = max(i for i, m in enumerate(moves) if m.z_mm == -1.0)  # rows count from the last homing
+        places = [m.end_mm for m in moves[first + 1 :] if m.start_mm != m.end_mm]
+    if shape == "dense":
+        corners = np.array([home, *places])
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+        at = np.linspace(0, along[-1], 1_000_000)[1:]
+        places = list(zip(*(np.interp(at, along, corners[:, k]).tolist() for k in range(2)), strict=True))
+    return [outside.Move(a, b, 0.2, True) for a, b in itertools.pairwise([home, *places])]
+
+
 def judge(
-    preset: str, family: str, noise_mm: float, rng: np.random.Generator, folder: Path, part: str | None, model: str
-) -> dict:
+    preset: str, family: str, noise_mm: float, rng: np.random.Generator, folder: Path, part: str | None, model: str,
+    shape: str = "probe",
+) -> dict:  # fmt: skip
     """Break one printer, mend one part, return the figures."""
     home, sides, bed, corexy = PRESETS[preset]
     named = [
@@ -100,38 +126,45 @@ def judge(
         for h, s in zip((home[0] + home[1], home[0] - home[1]) if corexy else home, sides, strict=True)
     ]
     drives = (named[0][1], named[1][1])
+    frame, matrix, shift = outside.random_frame(rng, home) if "frame" in family else ("", np.eye(2), np.zeros(2))
+
+    def print_moves(moves: list[outside.Move], pitch_mm: float = 0.1) -> list[np.ndarray]:
+        ways = outside.print_moves(moves, drives, home, corexy=corexy, pitch_mm=pitch_mm)
+        return [way @ matrix.T + shift for way in ways]
+
     probe = folder / "probe.gcode"
     if not probe.exists():
         run("probe", "--printer", preset, "-o", str(probe))
-    moves = outside.read_moves(probe.read_text(), home)
-    printed = outside.print_moves(moves, drives, home, corexy=corexy, pitch_mm=1e9)
-    first = max(i for i, m in enumerate(moves) if m.z_mm == -1.0)  # rows count from the last homing
-    rows = [(*home, *home)]
-    rows += [
-        (*m.end_mm, *way[-1])
-        for m, way in zip(moves[first + 1 :], printed[first + 1 :], strict=True)
-        if m.start_mm != m.end_mm
-    ]
-    table = np.array(rows)
+    moves = walk_of(shape, outside.read_moves(probe.read_text(), home), home, bed, rng)
+    table = np.array(
+        [(*home, *home)] + [(*m.end_mm, *way[-1]) for m, way in zip(moves, print_moves(moves, 1e9), strict=True)]
+    )
     table[:, 2:] += rng.normal(0, noise_mm, (len(table), 2)) if noise_mm else 0.0
+    if shape == "holes":
+        table[rng.random(len(table)) < 0.4, 2:] = np.nan
+    if shape == "no-home":
+        table = table[len(table) // 5 :]
     trace, saved, source, mended = (
         folder / name for name in ("trace.csv", "printer.mend.json", "part.gcode", "out.gcode")
     )
-    np.savetxt(trace, table, delimiter=",", header="x_mm,y_mm,x_measured_mm,y_measured_mm", comments="", fmt="%.6f")
+    rows = "\n".join(",".join("" if v != v else f"{v:.6f}" for v in row) for row in table.tolist())
+    trace.write_text("x_mm,y_mm,x_measured_mm,y_measured_mm\n" + rows + "\n")
+    began = time.perf_counter()
     learned = run("learn", str(trace), "--printer", preset, "--model", model, "-o", str(saved))
+    seconds = time.perf_counter() - began
     text = part if part is not None else part_gcode(rng, bed)
     source.write_text(text)
     mended.unlink(missing_ok=True)
     done = run("mend", str(source), "-m", str(saved), "-o", str(mended), ok=(0, 3))
     ideal = outside.read_moves(text, home)
-    before = contour_error_mm(ideal, ideal, outside.print_moves(ideal, drives, home, corexy=corexy))
+    before = contour_error_mm(ideal, ideal, print_moves(ideal))
     after_moves = outside.read_moves(mended.read_text() if mended.exists() else text, home)
-    after = contour_error_mm(ideal, after_moves, outside.print_moves(after_moves, drives, home, corexy=corexy))
+    after = contour_error_mm(ideal, after_moves, print_moves(after_moves))
     return {
-        "printer": preset, "family": family, "fault": f"{named[0][0]} | {named[1][0]}", "noise_mm": noise_mm,
+        "printer": preset, "family": family, "fault": f"{named[0][0]} | {named[1][0]} {frame}", "noise_mm": noise_mm,
         "refused": done.returncode == 3, "rows": len(table),
         "before_rms_mm": float(np.sqrt(np.mean(before**2))), "after_rms_mm": float(np.sqrt(np.mean(after**2))),
-        "after_p95_mm": float(np.quantile(after, 0.95)), "growth": len(after_moves) / len(ideal),
+        "seconds": seconds, "after_p95_mm": float(np.quantile(after, 0.95)), "growth": len(after_moves) / len(ideal),
         "diagnosis": " / ".join(learned.stdout.strip().splitlines()[:3]),
     }  # fmt: skip
 
@@ -145,6 +178,7 @@ def main() -> None:
     parser.add_argument("--family", choices=FAMILIES, action="append")
     parser.add_argument("--part", type=Path, help="a plain G-code file for the preset's bed instead of the drawn part")
     parser.add_argument("--model", default="auto")
+    parser.add_argument("--trace", choices=TRACES, default="probe")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     part = options.part.read_text() if options.part else None
@@ -157,7 +191,7 @@ def main() -> None:
                     rng = np.random.default_rng(
                         [options.seed, sorted(PRESETS).index(preset), FAMILIES.index(family), number]
                     )
-                    row = judge(preset, family, options.noise_mm, rng, Path(name), part, options.model)
+                    row = judge(preset, family, options.noise_mm, rng, Path(name), part, options.model, options.trace)
                     if options.json:
                         print(json.dumps(row), flush=True)
                     else:

@@ -98,11 +98,25 @@ def _direction(rng: np.random.Generator) -> np.ndarray:
 def random_drive(
     rng: np.random.Generator, family: str, home_mm: float, home_direction: int, bed_mm: float
 ) -> tuple[str, Drive]:
-    """Draw one axis: family is healthy, pulley, play, loose, pulley+play or pulley+loose."""
+    """Draw one axis: family is healthy, frame, friction, or of pulley, play, loose, set-screw, elastic, joined by +."""
     name, points = ("round", healthy_circle()) if "pulley" not in family else random_hull(rng)
     pulley = Pulley(points, rng.uniform(0, 2 * math.pi), int(rng.choice([-1, 1])))
     motor, span1, span2 = pulley.tables((-bed_mm, 2 * bed_mm))
     lower = upper = span1
+    belt_mm = bed_mm + 80.0
+    to_carriage_mm = np.clip(motor + 40.0, 0.0, belt_mm)
+    if "elastic" in family:  # taut: the even part of both spans, and of the odd part what the nearer span takes
+        share = (belt_mm - 2 * to_carriage_mm) / belt_mm
+        odd = np.diff(span1 - span2, prepend=(span1 - span2)[0]) / 2
+        stretched = (span1 + span2) / 2 + np.cumsum(share * odd)
+        lower = upper = np.maximum.accumulate(stretched - np.interp(0.0, motor, stretched))
+    if "friction" in family:  # lost motion that grows towards the middle of the belt
+        lost = rng.uniform(0.05, 0.3) * 4 * to_carriage_mm * (belt_mm - to_carriage_mm) / belt_mm**2
+        lower, upper, name = lower - lost / 2, upper + lost / 2, f"{name}, friction {lost.max():.2f}"
+    if "set-screw" in family:  # slack on the shaft, before the pulley's map
+        slack = rng.uniform(0.2, 1.5)
+        lower, upper = np.interp(motor - slack / 2, motor, span1), np.interp(motor + slack / 2, motor, span1)
+        name = f"{name}, set screw {slack:.2f}"
     if "play" in family:
         play = rng.uniform(0.2, 2.0)
         lower, upper, name = span1 - play / 2, span1 + play / 2, f"{name}, play {play:.2f}"
@@ -117,6 +131,14 @@ def random_drive(
     engaged, other = (lower, upper) if home_direction > 0 else (upper, lower)
     shift = home_mm - ((1 - inside) * engaged[at] + inside * other[at])
     return name, Drive(motor, lower + shift, upper + shift)
+
+
+def random_frame(rng: np.random.Generator, home_mm: tuple[float, float]) -> tuple[str, np.ndarray, np.ndarray]:
+    """Draw skew and scale: the printed place is matrix·(x, y) + shift; the home position stays."""
+    skew_deg, scale = rng.uniform(-3, 3), 1 + rng.uniform(-0.02, 0.02, 2)
+    matrix = np.array([[scale[0], math.tan(math.radians(skew_deg))], [0.0, scale[1]]])
+    home = np.array(home_mm)
+    return f"skew {skew_deg:.2f}°, scale {scale[0]:.4f} {scale[1]:.4f}", matrix, home - matrix @ home
 
 
 @dataclass
