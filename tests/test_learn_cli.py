@@ -1,6 +1,7 @@
 """`printmend learn` and `printmend export`, as a user calls them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,17 @@ import pytest
 from click.testing import CliRunner, Result
 
 from printmend.cli.main import group
-from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, LooseBelt, Play, WrongRadius, sample
+from printmend.corruption import (
+    HEALTHY,
+    Corruption,
+    Drive,
+    EccentricBore,
+    Ellipse,
+    LooseBelt,
+    Play,
+    WrongRadius,
+    sample,
+)
 from printmend.corruption.frame import CrookedFrame
 from printmend.errors import ConfigError, PrintmendError
 from printmend.measure import write_trace
@@ -68,13 +79,23 @@ def test_json_is_for_programs(tmp_path: Path) -> None:
 def test_the_saved_machine_is_the_learned_one(tmp_path: Path, rng: np.random.Generator) -> None:
     corruption = sample("everything", np.random.default_rng(3))
     marks = Twin.of(corruption, ENDER3).follow(PLAN.waypoints_mm)[PLAN.rows]
-    trace = PLAN.trace(marks)
+    trace = replace(PLAN.trace(marks), homed=False)  # else the end stops say where it is
     fit = Greybox().fit(trace, ENDER3, rng=np.random.default_rng(0))
     saved = learn(trace, ENDER3, rng=np.random.default_rng(0)).mechanism
     for a, b in zip(fit.mechanism.transmissions, saved.transmissions, strict=True):
         np.testing.assert_allclose(a.lower_mm, b.lower_mm, atol=1e-7)
         np.testing.assert_allclose(a.upper_mm, b.upper_mm, atol=1e-7)
     np.testing.assert_allclose(fit.mechanism.frame.coefficients_mm, saved.frame.coefficients_mm, atol=1e-8)
+
+
+def test_a_scan_learns_its_place_from_the_end_stops() -> None:
+    fault = Corruption((Drive(pulley=EccentricBore(0.9, 1.0), belt=Play(0.6)), Drive(pulley=Ellipse(7.0, 5.9))))
+    twin = Twin.of(fault, ENDER3)
+    marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows]
+    middle = np.median(marks - PLAN.marks_mm, axis=0)  # what a scan cannot see
+    model = learn(PLAN.trace(marks - middle), ENDER3, rng=np.random.default_rng(0))
+    way = PLAN.waypoints_mm[::50]
+    np.testing.assert_allclose(Twin(model.mechanism).follow(way), twin.follow(way), atol=0.01)
 
 
 @pytest.mark.parametrize(("axis", "word"), [(0, "X"), (1, "Y")])

@@ -12,10 +12,13 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.worldmodel.diagnosis import Diagnosis, diagnose
 from printmend.worldmodel.greybox import Drive, GreyboxModel
+from printmend.worldmodel.greybox_branches import Branches
+from printmend.worldmodel.hybrid import HybridModel
 from printmend.worldmodel.registry import learner, learner_names
 from printmend.worldmodel.saved import SavedModel, saved_model
 
 AUTO = "auto"
+MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
 PROBE_TODO = "`printmend probe` writes a print that shows all of it."
 
 
@@ -27,13 +30,15 @@ def model_choices() -> tuple[str, ...]:
 def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator) -> SavedModel:
     """Learn a machine from a trace.
 
-    ``auto`` is the grey box, which chooses the simplest machine that the trace supports. Raises `TraceError` where the
-    trace cannot support any, `ConfigError` where the named learner has no machine to mend with.
+    ``auto`` is the hybrid: the simplest machine that the trace supports, and what cross-validation adds to it. Raises
+    `TraceError` where the trace cannot support any, `ConfigError` where the named learner has no machine to mend with.
     """
-    name = "greybox" if model == AUTO else model
+    name = "hybrid" if model == AUTO else model
     fit = learner(name).fit(trace, printer, rng=rng)
     if isinstance(fit, GreyboxModel):
         return greybox_model(fit, trace)
+    if isinstance(fit, HybridModel):
+        return greybox_model(fit.box, trace, hybrid=None if fit.is_plain else fit)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise ConfigError(
@@ -56,8 +61,11 @@ def greybox_model(
     known_gaps: tuple[str, ...] | None = None,
     anew: tuple[str, ...] = (),
     more: Mapping[str, Any] | None = None,
+    hybrid: HybridModel | None = None,
 ) -> SavedModel:
     """Return a grey box as a saved model, its diagnosis and uncertainties included.
+
+    A ``hybrid`` adds its residuals: a motor that has one is saved as tables.
 
     An update passes the ``known_gaps`` of the old model, whose print saw more: new ones count for motors learned
     ``anew`` only. ``more`` goes into the document.
@@ -66,7 +74,7 @@ def greybox_model(
     if known_gaps is not None:
         new = tuple(gap for gap in diagnosis.gaps if gap.startswith(tuple(f"{name} " for name in anew)))
         diagnosis = replace(diagnosis, gaps=(*known_gaps, *new))
-    branches = tuple(drive.branches for drive in fit.drives)
+    mechanism, branches = _anchored(fit, trace)
     details: dict[str, Any] = {
         "diagnosis": [
             {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
@@ -81,14 +89,47 @@ def greybox_model(
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
         **(more or {}),
     }
+    saved: list[Branches | None] = list(branches)
+    added = () if hybrid is None else hybrid.findings
+    if hybrid is not None:
+        tables = list(mechanism.transmissions)
+        for motor, residual in enumerate(hybrid.residuals):
+            if residual is not None:
+                tables[motor], saved[motor] = residual.added(tables[motor]), None
+        mechanism = replace(mechanism, transmissions=(tables[0], tables[1]))
     return saved_model(
-        fit.mechanism,
-        learner="greybox",
-        branches=(branches[0], branches[1]),
+        mechanism,
+        learner="greybox" if hybrid is None else "hybrid",
+        branches=(saved[0], saved[1]),
         noise_mm=fit.noise_mm,
-        findings=findings(diagnosis),
+        findings=("; ".join((diagnosis.summary, *added)), *diagnosis.gaps),
         details=details,
     )
+
+
+def _anchored(fit: GreyboxModel, trace: Trace) -> tuple[Mechanism, tuple[Branches, Branches]]:
+    """Return the machine with its origin where the end stops put it, if the trace does not say where that is.
+
+    A scan shows where marks lie to each other, not where on the bed: its trace leaves the home row empty. But the end
+    stop stops the carriage at the home position by definition, so there the learned error is zero. Where the marks end
+    too far from home to say what the error is there, the origin stays that of the trace.
+    """
+    branches = (fit.drives[0].branches, fit.drives[1].branches)
+    if not trace.homed or trace.measured_rows[0]:
+        return fit.mechanism, branches
+    home_mm = fit.printer.to_motor(np.array(fit.printer.home_mm))
+    doubt_mm = [float(np.max(drive.sd_mm(home_mm[[motor]]))) for motor, drive in enumerate(fit.drives)]
+    if max(doubt_mm) > MOST_DOUBT_MM:
+        return fit.mechanism, branches
+    homed = fit.mechanism.homed()
+    moved = []
+    for motor, one in enumerate(branches):
+        shift_mm = homed.transmissions[motor].lower_mm[0] - fit.mechanism.transmissions[motor].lower_mm[0]
+        powers = one.mean.powers_mm if len(one.mean.powers_mm) else np.zeros(1)
+        moved.append(
+            replace(one, mean=replace(one.mean, powers_mm=np.concatenate([powers[:1] + shift_mm, powers[1:]])))
+        )
+    return homed, (moved[0], moved[1])
 
 
 def findings(diagnosis: Diagnosis) -> tuple[str, ...]:
