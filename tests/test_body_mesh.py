@@ -174,7 +174,7 @@ def test_hostile_3mf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bomb = tmp_path / "bomb.3mf"
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("3D/3dmodel.model", bytes(2**21))
-    with pytest.raises(MeshError, match="unpacks to more"):
+    with pytest.raises(MeshError, match="would unpack"):
         read_solid(bomb)
 
 

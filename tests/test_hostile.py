@@ -6,8 +6,11 @@ import contextlib
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import sys
+import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,11 +18,13 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.bench.run import read_results
+from printmend.body.mesh import read_solid
 from printmend.cache import kernel_folder
 from printmend.cli.main import group
 from printmend.corruption import read_corruption
 from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
+from printmend.gcode.read import read_gcode
 from printmend.measure.callipers import choose_distances, estimate, read_readings
 from printmend.measure.plan import read_plan
 from printmend.measure.table import read_trace
@@ -280,3 +285,15 @@ def test_foreign_results_are_left_alone(content: bytes, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="earlier run"):
         read_results(path)
     assert path.read_bytes() == content
+
+
+def test_small_files_that_would_fill_the_disk_are_refused(tmp_path: Path) -> None:
+    packed = zlib.compress(bytes(1 << 20), 9)
+    head = struct.pack("<HHII", 1, 1, 1 << 20, len(packed)) + b"\0\0" + packed
+    block = head + struct.pack("<I", zlib.crc32(head))
+    (tmp_path / "bomb.bgcode").write_bytes(b"GCDE" + struct.pack("<IH", 1, 1) + block * 40)
+    with zipfile.ZipFile(tmp_path / "bomb.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", bytes(34 << 20))
+    for read, name in ((read_gcode, "bomb.bgcode"), (read_solid, "bomb.3mf")):
+        with pytest.raises(InputError, match="would unpack"):
+            read(tmp_path / name)

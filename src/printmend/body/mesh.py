@@ -22,6 +22,7 @@ _UNIT_NAMES = {
     **{"meters": "m", "inches": "inch", "feet": "foot", "microns": "micron"},
 }
 _MAX_BYTES = 256 * 2**20
+_MAX_RATIO, _RATIO_MATTERS_BYTES = 200, 32 << 20  # a mesh as XML packs to a tenth
 _MAX_FACES = 3_000_000
 _SMALL_MM = 10.0  # below this a body is named as one that may be in inches or metres
 _BRIDGED_MM = 2.0  # gaps that slicers close while they chain a contour
@@ -92,8 +93,9 @@ def _parse(path: Path) -> tuple[trimesh.Trimesh, str | None]:
 
 def _refuse_zip_bomb(data: bytes) -> None:
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        if sum(entry.file_size for entry in archive.infolist()) > 4 * _MAX_BYTES:
-            raise ValueError(f"unpacks to more than {4 * _MAX_BYTES >> 20} MiB")
+        size = sum(entry.file_size for entry in archive.infolist())
+    if size > 4 * _MAX_BYTES or size > max(_RATIO_MATTERS_BYTES, _MAX_RATIO * len(data)):
+        raise ValueError(f"would unpack to {size >> 20} MiB")
 
 
 def _refuse_places(vertices_mm: np.ndarray, faces: np.ndarray, path: Path) -> None:

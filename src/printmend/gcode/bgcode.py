@@ -24,6 +24,7 @@ _HEADER = struct.Struct("<4sIH")
 _BLOCK = struct.Struct("<HHI")
 _WINDOWS = {2: 11, 3: 12}  # heatshrink: compression → window bits; the look-ahead has 4
 _MAX_BLOCK_BYTES = 64 << 20  # thumbnails are the largest blocks, and far below
+_MAX_RATIO, _RATIO_MATTERS_BYTES = 300, 32 << 20  # deflate cannot reach 1100; real files stay below 20
 _TEXT_BYTES = 65535  # of G-code in a block, as slicers write it
 _TODO = "slice or copy the file again"
 
@@ -56,6 +57,7 @@ def read_header(handle: IO[bytes], name: str) -> tuple[bytes, bool]:
 
 def read_blocks(handle: IO[bytes], name: str, *, checked: bool) -> Iterator[Block]:
     """Yield the blocks that follow the header; raise `GcodeError` where one is cut off, wrong or too large."""
+    unpacked = packed = 0
     while head := handle.read(_BLOCK.size):
         if len(head) < _BLOCK.size:
             raise _cut_off(name)
@@ -70,6 +72,10 @@ def read_blocks(handle: IO[bytes], name: str, *, checked: bool) -> Iterator[Bloc
             length = int.from_bytes(more, "little") if len(more) == 4 else _MAX_BLOCK_BYTES + 1
             if len(more) == 4 and length > _MAX_BLOCK_BYTES:
                 raise GcodeError(name, wanted="a bgcode block", came=f"{length} compressed bytes", todo=_TODO)
+        unpacked, packed = unpacked + size, packed + _BLOCK.size + length
+        if unpacked > max(_RATIO_MATTERS_BYTES, _MAX_RATIO * packed):
+            came = f"{packed} bytes that would unpack to {unpacked}"
+            raise GcodeError(name, wanted="plain bgcode", came=came, todo=_TODO)
         parameters = handle.read(6 if kind == THUMBNAIL else 2)
         data = handle.read(length) if length <= _MAX_BLOCK_BYTES else b""
         crc = handle.read(4) if checked else b""
