@@ -33,8 +33,10 @@ def command(
     with dots beside its path. optimal chooses the marks after which the part's expected error is least, active those
     that teach most; without --for they consider the whole bed. All are measured in the same way.
     """
+    import numpy as np
+
     from printmend.gcode.read import read_gcode
-    from printmend.measure.sheet import write_sheet
+    from printmend.measure.sheet import window_mm, write_sheet
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
@@ -58,6 +60,9 @@ def command(
     error_mm = expected_error_mm(printer, plan, part=part, after=trace)
     click.echo(f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm RMS")
     click.echo(f"{plan_path}: the plan; keep it for `printmend measure`")
+    if sheet is not None and (np.ptp(plan.marks_mm, axis=0) > window_mm()).any():
+        click.echo(f"The sheet's window is {window_mm().min():.0f} mm wide: for a photo, say --size "
+                   f"{window_mm().min() - 10:.0f}; on a scanner, lay the sheet beside the print.", err=True)  # fmt: skip
     for motor, turns in zip(printer.motors, turns_covered(printer, plan), strict=True):
         if turns < 1:
             click.echo(f"The marks span {turns:.1f} turns of motor {motor.upper()}: its pulley needs one.", err=True)

@@ -38,6 +38,11 @@ def tag_cells(tag: int) -> np.ndarray:
     return cv2.aruco.generateImageMarker(dictionary, tag, 8) < 128
 
 
+def window_mm() -> np.ndarray:
+    """Return the width and height [2] mm of the window that is cut out for the print."""
+    return np.array(PAGE_MM) - 2 * BORDER_MM - TAG_MM - 8
+
+
 def write_sheet(path: str | Path) -> None:
     """Write the sheet as a one-page PDF of black rectangles."""
     drawing = ["0 g"]
@@ -45,8 +50,8 @@ def write_sheet(path: str | Path) -> None:
         cell = TAG_MM / 8
         for row, column in np.argwhere(tag_cells(tag)):
             drawing.append(_rectangle(centre - TAG_MM / 2 + cell * np.array([column, row]), (cell, cell)))
-    low, high = BORDER_MM + TAG_MM / 2 + 4, np.array(PAGE_MM) - BORDER_MM - TAG_MM / 2 - 4
-    size = high - low
+    low, size = BORDER_MM + TAG_MM / 2 + 4, window_mm()
+    high = low + size
     for corner, side in (
         ((low, low), (size[0], 0.15)), ((low, high[1]), (size[0], 0.15)),
         ((low, low), (0.15, size[1])), ((high[0], low), (0.15, size[1])),
