@@ -51,6 +51,11 @@ class HybridModel:
         return self.world is None and self.residuals == (None, None)
 
     @property
+    def noise_mm(self) -> float:
+        """Standard deviation of a measured coordinate about the model [mm]."""
+        return self.box.noise_mm
+
+    @property
     def findings(self) -> tuple[str, ...]:
         """What was added to the grey box, a sentence each."""
         if self.world is not None:
