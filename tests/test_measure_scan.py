@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from printmend.cli.measure import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
@@ -160,6 +161,10 @@ def test_bad_images_end_in_one_line(tmp_path, plan, printed):
     scan = render_scan(printed, plan, dpi=300, degradations=CLEAN, rng=np.random.default_rng(1))
     whole = saved(tmp_path / "whole.png", scan.image, dpi=300).read_bytes()
     (tmp_path / "truncated.png").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "empty.png").touch()
+    (tmp_path / "folder.png").mkdir()
+    saved(tmp_path / "whole.jpg", scan.image, dpi=300)
+    (tmp_path / "truncated.jpg").write_bytes((tmp_path / "whole.jpg").read_bytes()[:20_000])
     saved(tmp_path / "cropped.png", scan.image[:, : scan.image.shape[1] // 2], dpi=300)
     for name, named in (
         ("none.png", "no such file"),
@@ -167,7 +172,10 @@ def test_bad_images_end_in_one_line(tmp_path, plan, printed):
         ("small.png", "300 pixels"),
         ("blank.png", "without any"),
         ("noise.png", "dots"),
-        ("truncated.png", "image"),
+        ("truncated.png", "damaged"),
+        ("truncated.jpg", "damaged"),
+        ("empty.png", "no image"),
+        ("folder.png", "a folder"),
         ("cropped.png", "most missing at the right"),
     ):
         with pytest.raises(ScanError, match=named) as caught:
@@ -198,8 +206,19 @@ def test_images_too_large_for_the_memory_are_refused_unread(tmp_path):
     crc = __import__("zlib").crc32(bytes(header[12:29])).to_bytes(4, "big")
     header[29:33] = crc
     (tmp_path / "bomb.png").write_bytes(bytes(header))
-    with pytest.raises(ScanError, match="150 million pixels"):
+    with pytest.raises(ScanError, match="150 million pixels, got 400 million"):
         read_image(tmp_path / "bomb.png")
+
+
+@pytest.mark.parametrize("kind", ["L", "RGBA", "P", "CMYK", "I;16", "F"])
+def test_every_kind_of_pixels_is_read(tmp_path, kind):
+    ramp = np.tile(np.linspace(0, 255, 400).astype(np.uint8), (320, 1))
+    made = {"I;16": ramp.astype(np.uint16) * 257, "F": ramp.astype(np.float32) / 255}.get(kind)
+    image = Image.fromarray(ramp).convert("RGB").convert(kind) if made is None else Image.fromarray(made)
+    image.save(tmp_path / "scan.tif", dpi=(600, 600))
+    pixels, dpi = read_image(tmp_path / "scan.tif")
+    assert dpi == 600
+    assert np.abs(pixels.astype(int) - ramp[:, :, None]).max() <= (60 if kind == "P" else 2)
 
 
 def test_the_sheet_is_a_pdf_with_every_tag(tmp_path):

@@ -1,5 +1,6 @@
 """Images from files, looked at before they are unpacked."""
 
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -31,10 +32,14 @@ def read_image(path: str | Path) -> tuple[np.ndarray, float | None]:
                 _check_size(path, image.size)
                 stated = image.info.get("dpi")
                 pixels = _pixels(image)
-    except (Image.DecompressionBombError, MemoryError):
-        raise _too_large(path, "an image that would fill the memory") from None
+    except (Image.DecompressionBombError, MemoryError) as error:
+        said = re.search(r"\((\d+) pixels\)", str(error))
+        came = f"{int(said[1]) // 10**6} million" if said else "an image that would fill the memory"
+        raise _too_large(path, came) from None
     except FileNotFoundError:
         raise ScanError(path, wanted="a scan", came="no such file", todo="check the path") from None
+    except IsADirectoryError:
+        raise ScanError(path, wanted="a scan", came="a folder", todo="name the image in it") from None
     except (OSError, SyntaxError, ValueError, EOFError, IndexError, TypeError) as error:
         came = "a damaged image" if "truncated" in str(error).lower() else "no image that can be read"
         raise ScanError(path, wanted="a PNG, TIFF or JPEG scan", came=came, todo="scan it again") from None
@@ -73,6 +78,10 @@ def _pixels(image: Image.Image) -> np.ndarray:
     if image.mode.startswith("I"):  # 16 bit grey
         deep = np.asarray(image)
         grey = (deep >> 8).astype(np.uint8) if deep.max(initial=0) > 255 else deep.astype(np.uint8)
+        return np.repeat(grey[:, :, None], 3, axis=2)
+    if image.mode == "F":  # from 0 to 1, or as deep as a 16 bit scan
+        deep = np.nan_to_num(np.asarray(image))
+        grey = np.clip(deep * (255 / max(1.0, float(deep.max(initial=0)))), 0, 255).astype(np.uint8)
         return np.repeat(grey[:, :, None], 3, axis=2)
     return cv2.cvtColor(np.asarray(image if image.mode == "RGB" else image.convert("RGB")), cv2.COLOR_RGB2BGR)
 
