@@ -61,8 +61,8 @@ def command(
     click.echo(f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm RMS")
     click.echo(f"{plan_path}: the plan; keep it for `printmend measure`")
     if sheet is not None and (np.ptp(plan.marks_mm, axis=0) > window_mm()).any():
-        click.echo(f"The sheet's window is {window_mm().min():.0f} mm wide: for a photo, say --size "
-                   f"{window_mm().min() - 10:.0f}; on a scanner, lay the sheet beside the print.", err=True)  # fmt: skip
+        window = f"The sheet's window is {window_mm().min():.0f} mm wide"
+        click.echo(f"{window}: for a photo, make --size smaller; on a scanner, lay it beside the print.", err=True)
     for motor, turns in zip(printer.motors, turns_covered(printer, plan), strict=True):
         if turns < 1:
             click.echo(f"The marks span {turns:.1f} turns of motor {motor.upper()}: its pulley needs one.", err=True)
