@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from printmend.draw.figure import INK, PALETTE
+from printmend.draw.figure import INK, PALETTE, quiet
 
 WAYS = ("moving forwards", "moving backwards")
 ENLARGED = (1, 2, 5, 10, 20, 50, 100, 200)
@@ -44,7 +44,7 @@ def draw_fit(
     axes.set_ylabel("printed − commanded [mm]", fontsize=8)
     axes.set_title(f"{name}: dots measured, lines learned", color=INK, fontsize=10)
     axes.legend(fontsize=7, frameon=False, loc="best")
-    return _quiet(axes)
+    return quiet(axes)
 
 
 def draw_play(axes: Axes, motor_mm: np.ndarray, play_mm: np.ndarray, sd_mm: np.ndarray, *, name: str) -> Axes:
@@ -58,7 +58,7 @@ def draw_play(axes: Axes, motor_mm: np.ndarray, play_mm: np.ndarray, sd_mm: np.n
     axes.set_xlabel(f"position of {name} [mm]", fontsize=8)
     axes.set_ylabel("play [mm]", fontsize=8)
     axes.set_title(f"{name}: slack at each change of direction", color=INK, fontsize=10)
-    return _quiet(axes)
+    return quiet(axes)
 
 
 def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str) -> Axes:
@@ -82,11 +82,4 @@ def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str
     shown = "true to scale" if factor == 1 else f"differences enlarged {factor} times"
     axes.set_title(f"{name}: the pulley ({shown})", color=INK, fontsize=10)
     axes.set_xlabel(f"dashed: round, radius {radius_mm:.2f} mm; +: the shaft", fontsize=8)
-    return axes
-
-
-def _quiet(axes: Axes) -> Axes:
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    axes.tick_params(colors=INK, labelsize=8)
     return axes

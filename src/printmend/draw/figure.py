@@ -97,6 +97,14 @@ def draw_scale_bar(axes: Axes) -> Axes:
     return axes
 
 
+def quiet(axes: Axes) -> Axes:
+    """Take away the lines above and to the right, and keep the numbers small; return the axes."""
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.tick_params(colors=INK, labelsize=8)
+    return axes
+
+
 def save(figure: Figure, path: Path, *, dpi: int = 150) -> Path:
     """Write a PNG; the file appears when it is whole. Equal figures give equal bytes."""
     with replacing(path, "wb") as file:

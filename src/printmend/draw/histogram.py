@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 
-from printmend.draw.figure import INK, PALETTE
+from printmend.draw.figure import INK, PALETTE, quiet
 
 
 def draw_histogram(axes: Axes, rmse_steps: np.ndarray, *, name: str, clip: float = 100.0, bins: int = 50) -> Axes:
@@ -22,7 +22,7 @@ def draw_histogram(axes: Axes, rmse_steps: np.ndarray, *, name: str, clip: float
     axes.set_xlabel(f"RMSE of a body [full steps], clipped at {clip:g} ({beyond} of {len(values)} above)")
     axes.set_ylabel("bodies")
     axes.set_title(name, color=INK, fontsize=11)
-    return _quiet(axes)
+    return quiet(axes)
 
 
 def draw_log_histogram(axes: Axes, rmse_steps: Mapping[str, np.ndarray], *, bins: int = 40) -> Axes:
@@ -46,11 +46,4 @@ def draw_log_histogram(axes: Axes, rmse_steps: Mapping[str, np.ndarray], *, bins
     axes.set_ylim(-0.05, len(counts) + 0.15)
     axes.set_xlabel("RMSE of a body [full steps], not clipped; line and number: median")
     axes.set_title("all models", color=INK, fontsize=11)
-    return _quiet(axes)
-
-
-def _quiet(axes: Axes) -> Axes:
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    axes.tick_params(colors=INK, labelsize=8)
-    return axes
+    return quiet(axes)

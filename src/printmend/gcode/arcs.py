@@ -1,6 +1,5 @@
 """Arcs as chords."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -71,8 +70,3 @@ def arc_points(
     points = np.empty((size, 3))
     k.arc_chords(*start_mm, *end_mm, *center_mm, plane, clockwise, turns, tolerance_mm, points)
     return points
-
-
-def chord_angle_rad(radius_mm: float, tolerance_mm: float) -> float:
-    """The largest angle whose chord stays within the tolerance: r(1 − cos(φ/2)) ≤ tolerance."""
-    return 2.0 * math.acos(max(1.0 - tolerance_mm / max(radius_mm, 1e-9), 0.0))

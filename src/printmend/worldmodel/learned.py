@@ -10,21 +10,16 @@ from printmend.errors import ConfigError
 from printmend.mechanism import Mechanism, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.worldmodel.diagnosis import Diagnosis, diagnose
+from printmend.worldmodel.diagnosis import Diagnosis, diagnose, doubt_of
 from printmend.worldmodel.greybox import Drive, GreyboxModel
 from printmend.worldmodel.greybox_branches import Branches
 from printmend.worldmodel.hybrid import HybridModel
-from printmend.worldmodel.registry import learner, learner_names
+from printmend.worldmodel.registry import learner
 from printmend.worldmodel.saved import SavedModel, saved_model
 
 AUTO = "auto"
 MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
 PROBE_TODO = "`printmend probe` writes a print that shows all of it."
-
-
-def model_choices() -> tuple[str, ...]:
-    """Return the names that `learn` takes."""
-    return (AUTO, *learner_names())
 
 
 def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator) -> SavedModel:
@@ -70,7 +65,7 @@ def greybox_model(
     An update passes the ``known_gaps`` of the old model, whose print saw more: new ones count for motors learned
     ``anew`` only. ``more`` goes into the document.
     """
-    diagnosis = diagnose(fit)
+    diagnosis = diagnose(fit, doubt_of(trace))
     if known_gaps is not None:
         new = tuple(gap for gap in diagnosis.gaps if gap.startswith(tuple(f"{name} " for name in anew)))
         diagnosis = replace(diagnosis, gaps=(*known_gaps, *new))
