@@ -56,3 +56,18 @@ def cheapest_history(cost: np.ndarray, price: float) -> tuple[float, list[tuple[
             after[c, d] = least + row[c, d], [*history, (c, d)]
         best = after
     return min(best.values(), key=lambda way: way[0])
+
+
+def follow_tables_slowly(lower: np.ndarray, upper: np.ndarray, start: float) -> tuple[list, list, list]:
+    """Return per row the row of the last contact, its side, and the belt's place, between two branches [N]."""
+    at, side, belt = [], [], []
+    row, branch, place = -1, 0, start
+    for t in range(len(lower)):
+        clipped = min(max(place, lower[t]), upper[t])
+        if clipped != place:
+            row, branch = t, -1 if clipped > place else 1
+        place = clipped
+        at.append(row)
+        side.append(branch)
+        belt.append(place)
+    return at, side, belt

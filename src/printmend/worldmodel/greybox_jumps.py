@@ -32,6 +32,7 @@ NEAR_TOOTH, NEAR_STEP = 0.2, 0.35  # how far from its size a jump may seem, of a
 BETTER = 0.6  # the whole trace must fit that much better without the jumps
 MOST = 64
 ROUNDS = 4
+SPARSE = 25  # measured rows for each jump: more frequent ones imitate something else
 WHITE = 0.4  # a larger share of independent residuals leaves no room for jumps
 SOFT_MM = 0.05  # a finer sieve would throw out what the contacts, not yet known, still put in the wrong place
 WORTH_A_LOOK_MM = 0.05
@@ -78,11 +79,12 @@ def _climbed(
     taken: tuple[Jump, ...] = ()
     for _ in range(ROUNDS):
         more = climbed(rows, model, axis)
-        if not more or more == taken:
+        if not more or more == taken or len(more) * SPARSE > int((rows.weight > 0).sum()):
             break
         taken, model = more, search(jumped(rows, more))
-        if model.fit.loss_mm < best[1].fit.loss_mm:
-            best = taken, model
+        if model.fit.loss_mm >= best[1].fit.loss_mm:
+            break
+        best = taken, model
     return best
 
 

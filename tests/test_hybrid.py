@@ -1,0 +1,161 @@
+"""The hybrid: what nobody wrote down is learned, what is not there is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from printmend.corruption import HEALTHY, sample
+from printmend.mechanism import Mechanism, Transmission
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.twin import Twin
+from printmend.worldmodel.hybrid import Hybrid, HybridModel
+from printmend.worldmodel.hybrid_residual import Kind, Points, chosen, columns, learned, points, process, variances
+from printmend.worldmodel.kernels.hybrid import follow_branches
+from printmend.worldmodel.learned import learn
+from printmend.worldmodel.saved import model_text, parse_model
+from printmend.worldmodel.transitions import layer_trace
+from tests.naive_greybox import follow_tables_slowly
+from tests.shapes import ring_layer
+
+PRINTER = read_printer("ender5")
+
+
+def two_faced(family: str | None) -> Mechanism:
+    """A machine whose error forwards is another smooth function of the place than backwards."""
+    base = Twin.of(HEALTHY if family is None else sample(family, np.random.default_rng(3)), PRINTER).mechanism
+    assert isinstance(base, Mechanism)
+    tables = []
+    for table in base.transmissions:
+        m = table.motor_mm
+        lower = table.lower_mm + 0.25 * np.sin(m / 7.3) + 0.2 * np.sin(m / 11.0)
+        upper = table.upper_mm + 0.2 * np.cos(m / 9.1) + 0.9
+        low = np.maximum.accumulate(lower)
+        tables.append(Transmission(table.first_mm, table.pitch_mm, low, np.maximum(np.maximum.accumulate(upper), low)))
+    return replace(base, transmissions=(tables[0], tables[1]))
+
+
+def zigzag(count: int = 1500) -> np.ndarray:
+    """Way-points over the whole bed: both motors pass every place many times, in either direction."""
+    rng = np.random.default_rng(4)
+    corners = np.stack([np.where(np.arange(14) % 2, 15.0, 205.0), np.where(np.arange(14) % 2, 205.0, 15.0)], axis=1)
+    corners[1::2] += rng.uniform(0, 60, (7, 2)) * [1, -1]
+    corners = np.concatenate([[PRINTER.home_mm], corners])
+    along = np.linspace(0, len(corners) - 1, count)
+    return np.stack([np.interp(along, np.arange(len(corners)), corners[:, axis]) for axis in range(2)], axis=1)
+
+
+def traced(mechanism: Mechanism, noise_mm: float = 0.03) -> Trace:
+    points_mm = zigzag()
+    printed = Twin(mechanism).follow(points_mm)
+    return Trace(points_mm, printed + np.random.default_rng(6).normal(0, noise_mm, printed.shape), homed=True)
+
+
+def misfit_mm(model: Mechanism, truth: Mechanism) -> float:
+    """RMS error of both branches of both motors where the trace went, but for an offset."""
+    squares = []
+    for mine, wanted in zip(model.transmissions, truth.homed().transmissions, strict=True):
+        motor = np.linspace(75.0, 145.0, 300)
+        off = np.stack(mine.branches_mm(motor)) - np.stack(wanted.branches_mm(motor))
+        squares.append(np.mean((off - np.median(off)) ** 2))
+    return float(np.sqrt(np.mean(squares)))
+
+
+@pytest.fixture(scope="module")
+def odd() -> tuple[Mechanism, Trace, HybridModel]:
+    truth = two_faced(None)
+    trace = traced(truth)
+    return truth, trace, Hybrid().fit(trace, PRINTER, rng=np.random.default_rng(0))
+
+
+def test_an_error_that_nobody_wrote_down_is_learned(odd: tuple[Mechanism, Trace, HybridModel]) -> None:
+    truth, _, model = odd
+    assert not model.is_plain
+    assert misfit_mm(model.mechanism, truth) < 0.4 * misfit_mm(model.box.mechanism, truth)
+    assert misfit_mm(model.mechanism, truth) < 0.03
+    for table in model.mechanism.transmissions:
+        assert (np.diff(table.lower_mm) >= 0).all()
+        assert (np.diff(table.upper_mm) >= 0).all()
+        assert (table.lower_mm <= table.upper_mm).all()
+
+
+def test_auto_saves_what_was_added_and_reads_it_back(odd: tuple[Mechanism, Trace, HybridModel]) -> None:
+    _, trace, model = odd
+    saved = learn(trace, PRINTER, rng=np.random.default_rng(0))
+    assert saved.learner == "hybrid"
+    assert "no known fault" in saved.findings[0]
+    again = parse_model(model_text(saved), subject="the text")
+    for mine, wanted in zip(again.mechanism.transmissions, model.mechanism.transmissions, strict=True):
+        np.testing.assert_allclose(mine.lower_mm, wanted.lower_mm, atol=2e-9)
+        np.testing.assert_allclose(mine.upper_mm, wanted.upper_mm, atol=2e-9)
+
+
+@pytest.mark.parametrize("family", ["healthy", "pulley", "pulley-loose"])
+def test_known_faults_need_nothing_more(family: str) -> None:
+    truth = Twin.of(HEALTHY if family == "healthy" else sample(family, np.random.default_rng(3)), PRINTER).mechanism
+    assert isinstance(truth, Mechanism)
+    trace = traced(truth)
+    model = Hybrid().fit(trace, PRINTER, rng=np.random.default_rng(0))
+    assert misfit_mm(model.mechanism, truth) <= misfit_mm(model.box.mechanism, truth) * 1.02 + 0.002
+    if model.is_plain:
+        assert learn(trace, PRINTER, rng=np.random.default_rng(0)).learner == "greybox"
+
+
+@pytest.mark.parametrize("noise_steps", [0.0, 0.25])
+def test_the_published_world_is_recognised(noise_steps: float) -> None:
+    twin = Twin.of(sample("gain-table", np.random.default_rng(5)), PRINTER)
+    layer = ring_layer((520.0, 540.0), 110.0)
+    printed = twin.run(layer.controls, layer.start_steps)
+    printed = printed + np.random.default_rng(2).normal(0, noise_steps, printed.shape)
+    model = Hybrid().fit(layer_trace(layer, printed, PRINTER), PRINTER, rng=np.random.default_rng(0))
+    if noise_steps == 0.0:
+        assert model.world is not None
+    if model.world is not None:
+        seen = slice(layer.nominal_steps.min(), layer.nominal_steps.max() - 1)
+        for mine, wanted in zip(model.world.gains, twin.mechanism.gains, strict=True):
+            np.testing.assert_allclose(mine[seen], wanted[seen], atol=1e-3 + 0.08 * noise_steps)
+
+
+def test_single_points_of_noise_are_no_residual() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(10):
+        motor = np.concatenate([np.linspace(0, 160, 300), np.linspace(160, 0, 300)])
+        noise = rng.normal(0, 0.05, 600)
+        side = np.where(np.arange(600) < 300, -1.0, 1.0)
+        data = Points(motor, side, noise, np.ones(600), (np.arange(600) * 160 / 300 / 40).astype(int), 40.0, 0.05)
+        assert chosen(data, (-20.0, 180.0), patterned=False, seed=0) is None
+
+
+def test_a_process_is_the_ridge_solution_of_its_columns() -> None:
+    rng = np.random.default_rng(2)
+    motor, side = rng.uniform(0, 100, 400), rng.choice([-1.0, 1.0], 400)
+    truth = 0.1 * np.sin(motor / 6.0) + side * 0.05 * np.cos(motor / 9.0)
+    data = Points(motor, side, truth + rng.normal(0, 0.02, 400), np.ones(400), np.zeros(400, int), 40.0, 0.1)
+    kind, reach = Kind("smooth", 5.0, sides=True), (-20.0, 120.0)
+    design = columns(kind, motor, side, 40.0, reach)
+    weights = process(design, np.sqrt(variances(kind, reach)), data)
+    found = learned(kind, data, reach, np.arange(0.0, 100.1, 0.2), seed=0)
+    np.testing.assert_allclose(design @ weights, found.at_mm(motor, side), atol=2e-4)
+    assert np.sqrt(np.mean((found.at_mm(motor, side) - truth) ** 2)) < 0.012
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_contacts_agree_with_the_slow_loop(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    motor = np.cumsum(rng.normal(0, 1.0, 300))
+    lower, upper = motor - rng.uniform(0, 1, 300), motor + rng.uniform(0, 1, 300)
+    at, side, belt = np.empty(300, np.int64), np.empty(300, np.int8), np.empty(300)
+    follow_branches(lower, upper, 0.3, at, side, belt)
+    slow = follow_tables_slowly(lower, upper, 0.3)
+    np.testing.assert_array_equal(np.stack([at, side, belt]), np.array(slow))
+
+
+def test_points_are_the_rows_in_contact() -> None:
+    table = two_faced(None).transmissions[0]
+    motor = np.array([100.0, 100.1, 140.0, 139.9, 100.0])
+    lower, _ = table.branches_mm(motor)
+    start = float(lower[0]) + 0.01
+    found = points(table, motor, np.zeros(5), np.array([1.0, 1.0, 1.0, 1.0, 0.0]), start, 40.0)
+    assert found.motor_mm[-1] in (139.9, 140.0)
+    assert set(found.side) <= {-1.0, 1.0}
