@@ -8,7 +8,10 @@ from typing import Any
 import click
 
 
-@click.command(epilog="Example: printmend bench real position_error_by_travel.csv")
+@click.command(
+    short_help="Learn from real traverses, predict later ones.",
+    epilog="Example: printmend bench real position_error_by_travel.csv",
+)
 @click.argument("data", type=click.Path(path_type=Path))
 @click.option("--protocol", type=click.Choice(["first", "recording"]), default="first", show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), help="Also save the table as JSON to this file.")

@@ -8,8 +8,9 @@ import click
 @click.command(epilog="Example: printmend check part.gcode -m printer.mend.json --against part.mended.gcode")
 @click.argument("source", metavar="PART.gcode", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True))
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path)
-)
+    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path),
+    help="What `printmend learn` wrote about this printer.",
+)  # fmt: skip
 @click.option("--against", metavar="out.gcode", type=click.Path(path_type=Path, dir_okay=False),
               help="Judge this file, made from PART.gcode, instead of what mending would write.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")

@@ -21,7 +21,7 @@ def command() -> None:
 @click.option("--corruptions", default=50, show_default=True, help="How many gain tables to draw.")
 @click.option("--layers", type=click.IntRange(1), help="Evenly spaced layers a body; all without it.")
 @click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws the corruptions.")
 @click.option("--json", "as_json", is_flag=True, help="The summary as JSON on stdout.")
 def export_reference(
     folder: Path,

@@ -12,7 +12,8 @@ import click
 @click.option(
     "--body", "file", type=click.Path(path_type=Path), help="A G-code file or mesh; without it, a timing pulley."
 )
-@click.option("--out", type=click.Path(path_type=Path), default="printmend-demo", show_default=True)
+@click.option("--out", type=click.Path(path_type=Path), default="printmend-demo", show_default=True,
+              help="Folder for the pictures.")  # fmt: skip
 @click.option("--scan", is_flag=True, help="The owner's way instead: print a probe, scan it, learn, mend G-code.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def command(seed: int, broken: Path | None, file: Path | None, out: Path, scan: bool, as_json: bool) -> None:

@@ -7,9 +7,11 @@ import click
 
 @click.command(epilog="Example: printmend export -m printer.mend.json --to marlin")
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path)
-)
-@click.option("--to", "firmware", required=True, type=click.Choice(["klipper", "marlin", "rrf", "linuxcnc"]))
+    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path),
+    help="What `printmend learn` wrote about this printer.",
+)  # fmt: skip
+@click.option("--to", "firmware", required=True, type=click.Choice(["klipper", "marlin", "rrf", "linuxcnc"]),
+              help="The printer's firmware.")  # fmt: skip
 @click.option(
     "-o", "--output", "folder", type=click.Path(path_type=Path, file_okay=False),
     help="Write the files into this folder instead of printing them.",

@@ -8,8 +8,9 @@ import click
 @click.command(epilog="Example: printmend mend part.gcode -m printer.mend.json --report part.html")
 @click.argument("source", metavar="PART.gcode|-", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True))
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path)
-)
+    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path),
+    help="What `printmend learn` wrote about this printer.",
+)  # fmt: skip
 @click.option("-o", "--output", metavar="FILE|-", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True),
               help="Default PART.mended.gcode; - is the standard output.")  # fmt: skip
 @click.option("--in-place", is_flag=True, help="Replace PART.gcode: for slicers' post-processing.")

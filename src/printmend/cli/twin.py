@@ -12,21 +12,24 @@ from printmend.cli.number import Finite
 @click.option(
     "--printer", "printer_name", required=True, metavar="NAME|FILE.toml", help="A preset or your own printer."
 )
-@click.option("--corruption", "corruption_path", required=True, metavar="broken.toml", type=click.Path(path_type=Path))
+@click.option("--corruption", "corruption_path", required=True, metavar="broken.toml", type=click.Path(path_type=Path),
+              help="What is broken: docs/corruptions.md.")  # fmt: skip
 @click.option("--noise-mm", type=Finite(min=0, max=10), default=0.05, show_default=True,
               help="Standard deviation of each measured coordinate.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True)
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Draws the noise and the dirt.")
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("trace.csv"), show_default=True
 )
 @click.option("--scan", type=click.Path(path_type=Path, dir_okay=False), metavar="SCAN.png",
               help="Also draw the scan of a printed probe.")  # fmt: skip
 @click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The probe's plan [default: FILE.json]")
-@click.option("--dpi", type=Finite(min=50, max=2400), default=600, show_default=True)
+@click.option("--dpi", type=Finite(min=50, max=2400), default=600, show_default=True,
+              help="Resolution of the scan.")  # fmt: skip
 @click.option(
     "--turn", type=click.Choice(["0", "90", "180", "270"]), default="0", help="How the plate lies on the glass."
 )
-@click.option("--dirt", type=click.Choice(["clean", "default", "heavy"]), default="default", show_default=True)
+@click.option("--dirt", type=click.Choice(["clean", "default", "heavy"]), default="default", show_default=True,
+              help="What is wrong with the scan.")  # fmt: skip
 def command(
     source: Path, printer_name: str, corruption_path: Path, noise_mm: float, seed: int, output: Path,
     scan: Path | None, plan_path: Path | None, dpi: float, turn: str, dirt: str,
