@@ -18,6 +18,7 @@ from printmend.twin import Twin
 from printmend.units import radius_mm
 from printmend.worldmodel.advice import advise
 from printmend.worldmodel.diagnosis import Fault
+from printmend.worldmodel.learned import learn
 from tests.mending import SQUARE
 
 ENDER3 = read_printer("ender3")
@@ -139,3 +140,21 @@ def test_every_kind_of_fault_has_words(kind: str) -> None:
     assert advice.repair.endswith(".")
     assert advice.sure.startswith("certain")
     assert advise(Fault("x", kind, 0.7, 0.0, "mm", "words"), corexy=True).sure.startswith("seen")
+
+
+def test_a_scan_claims_nothing_that_the_scanner_may_have_done() -> None:
+    printer = read_printer("ender3")
+    plan = design_probe(printer)
+    way = plan.marks_mm
+    # the scanner's own: a tenth of a percent of stretch and a slow wave of its carriage
+    scanned = way * 1.001 + 0.003 * np.sin(way / 6)
+    scanned = scanned + np.random.default_rng(1).normal(0, 0.004, way.shape)
+    model = learn(plan.trace(scanned - scanned.mean(axis=0) + way.mean(axis=0)), printer, rng=np.random.default_rng(0))
+    assert model.findings[0].startswith("X healthy; Y healthy")
+
+
+def test_every_kind_of_fault_has_words_for_its_owner() -> None:
+    for kind in ("warp", "drift", "elastic", "bow", "friction", "ripple", "jump", "play-by-angle", "loose-belt"):
+        advice = advise(Fault("x", kind, 0.3, 0.01, "mm", "words"))
+        assert kind not in advice.title
+        assert advice.repair != "Have a look."

@@ -17,7 +17,7 @@ from printmend.printer import Printer
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Prediction
 from printmend.worldmodel.advice import Advice, advise
-from printmend.worldmodel.diagnosis import Diagnosis, diagnose
+from printmend.worldmodel.diagnosis import Diagnosis, diagnose, doubt_of
 from printmend.worldmodel.greybox import Greybox, GreyboxModel
 from printmend.worldmodel.learned import PROBE_TODO, greybox_model
 from printmend.worldmodel.portrait import Portrait, portrait
@@ -86,7 +86,7 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
     Raises `TraceError` like `learn`, `GcodeError` or `ModelError` for a part that cannot be printed here.
     """
     model = Greybox().fit(trace, printer, rng=rng)
-    saved, diagnosis = greybox_model(model, trace), diagnose(model)
+    saved, diagnosis = greybox_model(model, trace), diagnose(model, doubt_of(trace))
     corexy = printer.kinematics == "corexy"
     order = list(URGENCY)
     all_advice = [advise(fault, corexy=corexy) for fault in diagnosis.faults]

@@ -148,6 +148,18 @@ def _drift(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
+def _warp(where: str, fault: Fault, size: float) -> Said:
+    return (
+        f"{where} runs unevenly along its way",
+        f"Along {where} the print swings by up to {size:.2f} mm, at the same places each time but not once a turn of "
+        "the motor: the belt's teeth are uneven or stretched, or the guide is.",
+        size,
+        "Look along the belt for a worn or stretched stretch, and along the guide for a dent; replace what is worn."
+        if size >= SOON_MM else "Nothing to replace.",
+        _CARRIES,
+    )  # fmt: skip
+
+
 def _offset(where: str, fault: Fault, size: float) -> Said:
     return (
         f"{where} is shifted",
@@ -193,6 +205,6 @@ def _other(where: str, fault: Fault, size: float) -> Said:
 
 _SAY = {
     "scale": _scale, "harmonic": _harmonic, "play": _play, "loose-belt": _loose, "play-by-angle": _by_angle,
-    "friction": _friction, "elastic": _elastic, "ripple": _ripple, "drift": _drift, "offset": _offset, "skew": _skew,
-    "bow": _bow, "jump": _jump, "jumps": _jump,
+    "friction": _friction, "elastic": _elastic, "ripple": _ripple, "drift": _drift, "warp": _warp, "offset": _offset,
+    "skew": _skew, "bow": _bow, "jump": _jump, "jumps": _jump,
 }  # fmt: skip

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from printmend.path import Trace
 from printmend.worldmodel.greybox import Drive, GreyboxModel
 from printmend.worldmodel.greybox_ladder import Jump
 from printmend.worldmodel.greybox_sight import SEEN
@@ -15,6 +16,7 @@ from printmend.worldmodel.greybox_sight import SEEN
 SURE = 3.0  # standard deviations that a fault must have to be named
 LEAST_MM = 0.002  # smaller faults are not named
 NAMED_HARMONICS = 3
+LEAST_EFFECT_MM = 0.003  # on a print, for waves: no print shows less
 _WORD = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
 
 
@@ -31,6 +33,27 @@ class Fault:
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """What all points of a measurement share and no fit can see: standard deviations added to the fit's own.
+
+    ``scale_percent`` of the measured lengths, ``skew_deg`` of its axes, ``wave_mm`` of a slow unevenness.
+    """
+
+    scale_percent: float = 0.0
+    skew_deg: float = 0.0
+    wave_mm: float = 0.0
+
+
+# A flatbed states its resolution to a part in a thousand; its carriage runs uneven by micrometres (physics.md §4).
+SCANNED = Doubt(scale_percent=0.1, skew_deg=0.02, wave_mm=0.002)
+
+
+def doubt_of(trace: Trace) -> Doubt:
+    """Return the doubt about a trace: one that left the home row empty is a scan, which does not see home."""
+    return SCANNED if trace.homed and not trace.measured_rows[0] else Doubt()
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """What was learned: the faults, one sentence about them, and one for each thing that the trace could not tell."""
 
@@ -39,27 +62,27 @@ class Diagnosis:
     gaps: tuple[str, ...]
 
 
-def diagnose(model: GreyboxModel) -> Diagnosis:
+def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     """Name the faults of a learned machine."""
     parts: list[str] = []
     faults: list[Fault] = []
     gaps: list[str] = []
     for drive, jumps in zip(model.drives, model.jumps, strict=True):
-        found = [*drive_faults(drive), *_jumps(drive, jumps)]
+        found = [*drive_faults(drive, doubt), *_jumps(drive, jumps)]
         faults += found
         words = ", ".join(fault.words for fault in found)
         parts.append(f"{drive.name.upper()} {words or 'healthy'}")
         gaps += _gaps(drive)
-    crooked = _frame_faults(model)
+    crooked = _frame_faults(model, doubt)
     faults += crooked
     if crooked:
         parts.append("frame " + ", ".join(fault.words for fault in crooked))
     return Diagnosis(tuple(faults), "; ".join(parts), tuple(gaps))
 
 
-def drive_faults(drive: Drive) -> list[Fault]:
+def drive_faults(drive: Drive, doubt: Doubt) -> list[Fault]:
     """Name the faults of one motor's drive, the pulley first."""
-    return [*_scale(drive), *_pulley(drive), *_play(drive), *_rest(drive)]
+    return [*_scale(drive, doubt), *_pulley(drive, doubt), *_play(drive, doubt), *_rest(drive, doubt)]
 
 
 def _sds(drive: Drive) -> np.ndarray:
@@ -80,11 +103,11 @@ def amount(value: float, sd: float, unit: str = "mm") -> str:
     return f"{value:.{digits}f} ± {max(sd, 10.0**-digits):.{digits}f} {unit}"
 
 
-def _scale(drive: Drive) -> list[Fault]:
+def _scale(drive: Drive, doubt: Doubt) -> list[Fault]:
     powers, part = drive.branches.mean.powers_mm, drive.choice.design.parts["mean_powers"]
     if len(powers) < 2 or not powers[1]:
         return []
-    percent, sd = float(powers[1]), float(_sds(drive)[part][1])  # mm in 100 mm
+    percent, sd = float(powers[1]), float(np.hypot(_sds(drive)[part][1], doubt.scale_percent))  # mm in 100 mm
     if abs(percent) < SURE * sd or abs(percent) < 0.005:
         return []
     radius = drive.branches.period_mm / (2 * np.pi)
@@ -93,7 +116,7 @@ def _scale(drive: Drive) -> list[Fault]:
     return [_fault(drive, "scale", percent, sd, words, "%")]
 
 
-def _pulley(drive: Drive) -> list[Fault]:
+def _pulley(drive: Drive, doubt: Doubt) -> list[Fault]:
     """Name the largest harmonics of the pulley; those of a loose belt's play are twice the pulley's odd ones."""
     design, values, sds = drive.choice.design, drive.choice.fit.posterior.values, _sds(drive)
     loose = drive.structure.play == "loose"
@@ -102,8 +125,8 @@ def _pulley(drive: Drive) -> list[Fault]:
         for i, k in enumerate(design.waves(name)):
             at = [design.parts[f"{name}_{wave}"].start + i for wave in ("cos", "sin")]
             size = float(np.hypot(*values[at])) * share * k
-            sd = float(np.sqrt(np.mean(sds[at] ** 2))) * share * k
-            if share and size > max(SURE * sd, LEAST_MM):
+            sd = float(np.hypot(np.sqrt(np.mean(sds[at] ** 2)), doubt.wave_mm)) * share * k
+            if share and size > max(SURE * sd, LEAST_MM, LEAST_EFFECT_MM * k):
                 found[int(k)] = (size, sd)
     largest = sorted(found, key=lambda k: -found[k][0])
     faults: list[Fault] = []
@@ -118,14 +141,14 @@ def _pulley(drive: Drive) -> list[Fault]:
     return faults
 
 
-def _play(drive: Drive) -> list[Fault]:
+def _play(drive: Drive, doubt: Doubt) -> list[Fault]:
     if drive.structure.play == "none":
         return []
     low, high = drive.branches.reach_mm
     motor = np.linspace(low, high, 2001)
     _, play = drive.branches.errors_mm(motor)
     part = drive.choice.design.parts["play_powers"]
-    value, sd = float(play.mean()), float(_sds(drive)[part][0])
+    value, sd = float(play.mean()), float(np.hypot(_sds(drive)[part][0], doubt.wave_mm / 2))
     smallest, largest = float(play.min()), float(play.max())
     if drive.structure.play == "constant" and not drive.structure.friction:
         return [_fault(drive, "play", value, sd, f"belt play {amount(value, sd)}")]
@@ -140,7 +163,7 @@ def _play(drive: Drive) -> list[Fault]:
     return [_fault(drive, kind, value, sd, words)]
 
 
-def _rest(drive: Drive) -> list[Fault]:
+def _rest(drive: Drive, doubt: Doubt) -> list[Fault]:
     faults: list[Fault] = []
     structure, branches = drive.structure, drive.branches
     motor = np.linspace(*branches.reach_mm, 2001)
@@ -148,8 +171,7 @@ def _rest(drive: Drive) -> list[Fault]:
         size = max(branches.mean.amplitude_mm(int(k)) for k in drive.choice.design.ripple)
         faults.append(_fault(drive, "ripple", size, 0.0, f"micro-step ripple {size:.3f} mm"))
     if structure.elastic:
-        size = float(np.hypot(branches.elastic.cos_mm, branches.elastic.sin_mm).max(initial=0.0))
-        faults.append(_fault(drive, "elastic", size, 0.0, "elastic belt: odd errors of the pulley fade along the axis"))
+        faults += _elastic(drive, doubt)
     if structure.drift:
         x = (motor - branches.middle_mm) / 100.0
         bend = branches.mean.polynomial_mm(x) - np.polyval(np.polyfit(x, branches.mean.polynomial_mm(x), 1), x)
@@ -167,6 +189,23 @@ def _rest(drive: Drive) -> list[Fault]:
     return faults
 
 
+def _elastic(drive: Drive, doubt: Doubt) -> list[Fault]:
+    """Name the largest wave that changes along the axis: by how much it changes from one end to the other."""
+    branches, design = drive.branches, drive.choice.design
+    span = (branches.reach_mm[1] - branches.reach_mm[0]) / 100.0
+    sizes = np.hypot(branches.elastic.cos_mm, branches.elastic.sin_mm)
+    if not len(sizes):
+        return []
+    largest = int(np.argmax(sizes))
+    at = [design.parts[f"elastic_{part}"].start + largest for part in ("cos", "sin")]
+    size, sd = float(sizes[largest]) * span, float(np.sqrt(np.mean(_sds(drive)[at] ** 2))) * span
+    sd = float(np.hypot(sd, 2 * doubt.wave_mm))  # two ends, each with its own
+    if size < max(SURE * sd, LEAST_EFFECT_MM):
+        return []
+    words = f"elastic belt: odd errors of the pulley fade along the axis, by {amount(size, sd)}"
+    return [_fault(drive, "elastic", size, sd, words)]
+
+
 def _jumps(drive: Drive, jumps: tuple[Jump, ...]) -> list[Fault]:
     """Name what happened while the trace was printed; the model cannot mend it."""
     faults = []
@@ -181,7 +220,7 @@ def _jumps(drive: Drive, jumps: tuple[Jump, ...]) -> list[Fault]:
     return faults
 
 
-def _frame_faults(model: GreyboxModel) -> list[Fault]:
+def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[Fault]:
     frame, printer = model.mechanism.frame, model.printer
     if frame.is_identity:
         return []
@@ -190,6 +229,7 @@ def _frame_faults(model: GreyboxModel) -> list[Fault]:
     right, up = right / 2, up / 2
     skew = float(np.degrees(np.arctan2(up[0], up[1]) + np.arctan2(right[1], right[0])))
     sd = float(np.degrees(np.hypot(_skew_sd(model.drives[0]), _skew_sd(model.drives[1]))))
+    sd = float(np.hypot(sd, doubt.skew_deg))
     faults = []
     if abs(skew) > max(SURE * sd, 0.001):
         faults.append(Fault("frame", "skew", skew, sd, "°", f"skewed by {amount(skew, sd, '°')}"))
