@@ -1,6 +1,10 @@
 """Fixtures shared by all tests."""
 
+import os
 from pathlib import Path
+
+# One thread a worker: threads that share small matrices wait for each other on busy cores, four times as long.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
