@@ -74,8 +74,9 @@ class Trace:
 
     ``commanded_mm`` [N, 2]; between two rows the commanded motion is straight. ``measured_mm`` [N, 2], NaN
     where nothing was measured. ``sigma_mm`` [N] is the standard deviation of each measured coordinate, NaN
-    where unknown. ``z_mm`` [N] and ``layer`` [N] are optional. ``homed`` says that row 0 is the home position,
-    reached from the home side, so that the engaged side of the belt is known there.
+    where unknown. ``z_mm`` [N], the commanded height, ``z_measured_mm`` [N] and ``layer`` [N] are optional. ``homed``
+    says that row 0 is the home position, reached from the home side, so that the engaged side of the belt is known
+    there.
     """
 
     commanded_mm: np.ndarray
@@ -84,6 +85,7 @@ class Trace:
     z_mm: np.ndarray | None = None
     layer: np.ndarray | None = None
     homed: bool = False
+    z_measured_mm: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in (
@@ -91,6 +93,7 @@ class Trace:
             ("measured_mm", float),
             ("sigma_mm", float),
             ("z_mm", float),
+            ("z_measured_mm", float),
             ("layer", np.int64),
         ):
             value = getattr(self, name)

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from printmend.mechanism import Frame
+from printmend.mechanism import Frame, ScrewDrive
 from printmend.path import Plan, Trace, frozen
 from printmend.printer import Printer
 
@@ -136,6 +136,18 @@ class WorldModel(Protocol):
     def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
         """Return the model as arrays, anchored so that the layer starts at ``start_steps``; None where it cannot be."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class SpaceModel:
+    """A machine of three axes as a planner sees it; without a ``screw`` Z is as commanded and pushes nothing."""
+
+    planar: WorldModel
+    screw: ScrewDrive | None = None
+
+    @property
+    def printer(self) -> Printer:
+        return self.planar.printer
 
 
 class Learner(Protocol):

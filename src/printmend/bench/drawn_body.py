@@ -8,6 +8,7 @@ from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
 _BEAD_MM = 0.8
+_LAYER_MM = 0.2
 _LINES = 24
 
 
@@ -17,6 +18,37 @@ def drawn_body(rng: np.random.Generator, printer: Printer, *, size_mm: float, la
     The outline is a smooth star shape. The infill runs at 45° and 135° by turns, as slicers do, 24 lines a layer; so
     each layer goes both ways along both axes over the whole size, and small bodies have few points.
     """
+    centre, outline = _outline(rng, printer, size_mm)
+    drawn = []
+    for index in range(layers):
+        inner = outline * (1 - 2 * _BEAD_MM / size_mm)
+        infill = _zigzag(outline * (1 - 4 * _BEAD_MM / size_mm), 1 if index % 2 == 0 else -1)
+        points = centre + np.concatenate([outline, inner, infill])
+        steps = to_steps(points, printer)
+        start, controls, extruding = follow_polyline(steps, np.ones(len(steps) - 1, bool))
+        drawn.append(Layer(index, _LAYER_MM * (index + 1), start, controls, extruding))
+    return Body(f"drawn {size_mm:g} mm", tuple(drawn))
+
+
+def drawn_tower(rng: np.random.Generator, printer: Printer, *, size_mm: float, height_mm: float) -> Body:
+    """Draw a body about ``size_mm`` across and ``height_mm`` high, for prints of three axes: an outline a layer.
+
+    The outlines are those of `drawn_body`, each begun elsewhere and gone round the other way than the one before.
+    """
+    centre, outline = _outline(rng, printer, size_mm)
+    steps = np.rint(to_steps(centre + outline, printer))
+    start, controls, _ = follow_polyline(steps, np.ones(len(steps) - 1, bool))
+    loop = start + np.cumsum(controls, axis=0, dtype=np.int64)
+    drawn = []
+    for index in range(max(round(height_mm / _LAYER_MM), 2)):
+        begun = np.roll(loop, int(rng.integers(len(loop))), axis=0)[:: 1 if index % 2 == 0 else -1]
+        moves = np.diff(begun, axis=0)
+        drawn.append(Layer(index, _LAYER_MM * (index + 1), begun[0], moves, np.ones(len(moves), bool)))
+    return Body(f"drawn tower {size_mm:g} mm", tuple(drawn))
+
+
+def _outline(rng: np.random.Generator, printer: Printer, size_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Draw where a body stands [2] and its closed outline about that [N, 2], mm."""
     centre = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
     room = [axis.length_mm / 2 - 0.7 * size_mm for axis in (printer.x, printer.y)]
     centre = centre + np.array([rng.uniform(-1, 1) * max(0.0, min(0.25 * size_mm + 20.0, free)) for free in room])
@@ -26,15 +58,7 @@ def drawn_body(rng: np.random.Generator, printer: Printer, *, size_mm: float, la
     shape = 1 + np.cos(np.outer(angle, waves) + phase) @ amplitude
     outline = shape[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     outline *= size_mm / np.ptp(outline, axis=0).max()
-    drawn = []
-    for index in range(layers):
-        inner = outline * (1 - 2 * _BEAD_MM / size_mm)
-        infill = _zigzag(outline * (1 - 4 * _BEAD_MM / size_mm), 1 if index % 2 == 0 else -1)
-        points = centre + np.concatenate([outline, inner, infill])
-        steps = to_steps(points, printer)
-        start, controls, extruding = follow_polyline(steps, np.ones(len(steps) - 1, bool))
-        drawn.append(Layer(index, 0.2 * (index + 1), start, controls, extruding))
-    return Body(f"drawn {size_mm:g} mm", tuple(drawn))
+    return centre, outline
 
 
 def _zigzag(outline: np.ndarray, side: int) -> np.ndarray:

@@ -28,15 +28,17 @@ ROWS = ("naive+greedy", "greybox+greedy", "greybox+optimal", "oracle+greedy", OP
 _NOTHING_STEPS = 1e-9
 SEVERITIES: tuple[Literal["damaged", "realistic"], ...] = ("damaged", "realistic")
 
-# Everything that two axes show: a gain table is the published simulator's own world, and a Z screw needs heights.
+# Everything that two axes show; a gain table is the published simulator's own world.
 _ALONE = (
     "radius", "eccentric", "ellipse", "polygon", "flat", "fourier", "tabulated", "published",
     "play", "loose", "set-screw", "elastic", "friction", "ripple", "frame", "jumps", "smooth",
 )  # fmt: skip
 _COMPOSED = ("pulley-play", "pulley-loose", "pulley-set-screw", "everything")
 _COREXY = ("pulley", "pulley-play", "pulley-loose", "frame", "everything")
+# Of three axes.
+_SPACE = ("screw", "pulley-loose+screw", "everything+screw")
 # A name is FAMILY or FAMILY@PRINTER; without a printer it is the paper's.
-FAMILIES = (*_ALONE, *_COMPOSED, *(f"{name}@corexy" for name in _COREXY))
+FAMILIES = (*_ALONE, *_COMPOSED, *_SPACE, *(f"{name}@corexy" for name in (*_COREXY, "pulley-loose+screw")))
 
 TABLE = Table(evaluate_family, failed_family, FamilyResult)
 
@@ -59,7 +61,8 @@ def draw_family_cases(
     cases = []
     for name in names:
         family, _, printer = name.partition("@")
-        if family not in families() or family in ("gain-table", "screw"):
+        planar = family.removesuffix("+screw")
+        if planar not in families() or planar == "gain-table" or (planar == "screw" and family != planar):
             raise InputError(
                 "--families", wanted=f"names out of {', '.join(FAMILIES)}", came=repr(name), todo="correct it"
             )

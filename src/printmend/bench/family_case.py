@@ -14,9 +14,10 @@ import numpy as np
 from printmend.errors import InputError, PrintmendError
 from printmend.path import Body
 from printmend.printer import Printer
-from printmend.protocols import WorldModel
+from printmend.protocols import SpaceModel, WorldModel
 
 if TYPE_CHECKING:  # the twin needs numba, which workers import only after they are told to use one thread
+    from printmend.bench.space_case import SpacePrints
     from printmend.twin import Twin
 
 RULES = 1  # part of every key: raise it when the way a case is evaluated changes
@@ -24,6 +25,9 @@ TURN_MM = 40.0
 
 # The purposes for which a case's generator is seeded; part of the meaning of a seed.
 _CORRUPTION, _BODY, _NOISE, _LEARNER = 1, 2, 3, 4
+_SCREW = "screw"
+# One learner's trouble with one fault must not end the run; the reason goes into the results.
+_TROUBLE = (PrintmendError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,8 @@ class FamilyResult:
 def evaluate_family(case: FamilyCase, rows: tuple[str, ...]) -> list[FamilyResult]:
     """Print the first layer, learn from its noisy measurement, plan and print the other layers, for each row.
 
-    Jumps spoil the test print only: nobody can foresee them in the next.
+    With a Z screw these are two towers (`space_case`). Jumps spoil the test print only: nobody can foresee them in the
+    next.
     """
     from printmend.printer import read_printer
     from printmend.twin import Twin
@@ -87,6 +92,8 @@ def evaluate_family(case: FamilyCase, rows: tuple[str, ...]) -> list[FamilyResul
     try:
         printer = read_printer(case.printer)
         twin = Twin.of(corruption_of(case), printer)
+        if has_screw(case.family):
+            return _evaluate_space(twin, case, rows)
         body = body_of(case, printer)
         layer = body.layers[0]
         printed = twin.run(layer.controls, layer.start_steps)
@@ -96,11 +103,17 @@ def evaluate_family(case: FamilyCase, rows: tuple[str, ...]) -> list[FamilyResul
     return [_row(prepared, case, name) for name in rows]
 
 
+def has_screw(family: str) -> bool:
+    """Tell whether a family is one of three axes: ``screw``, or FAMILY+screw."""
+    return family == _SCREW or family.endswith("+" + _SCREW)
+
+
 def corruption_of(case: FamilyCase) -> Any:
-    """Draw the case's fault."""
+    """Draw the case's fault; FAMILY+screw has the faults of both."""
     from printmend.corruption import sample
 
-    return sample(case.family, case.rng(_CORRUPTION, case.family, case.severity), case.severity)
+    drawn = [sample(name, case.rng(_CORRUPTION, name, case.severity), case.severity) for name in case.family.split("+")]
+    return drawn[0] if len(drawn) == 1 else replace(drawn[0], screw=drawn[1].screw)
 
 
 def body_of(case: FamilyCase, printer: Printer) -> Body:
@@ -165,10 +178,8 @@ def _row(prepared: _Prepared, case: FamilyCase, name: str) -> FamilyResult:
         prints = [
             prepared.twin.run(plan.controls, layer.start_steps) for plan, layer in zip(plans, layers, strict=True)
         ]
-    except (PrintmendError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
-        # One learner's trouble with one fault must not end the run; the reason goes into the results.
-        reason = str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"
-        return failed_family(case, name, reason)
+    except _TROUBLE as error:
+        return failed_family(case, name, _reason(error))
     targets = np.concatenate([layer.nominal_steps for layer in layers])
     return replace(
         _blank(case, name),
@@ -177,6 +188,49 @@ def _row(prepared: _Prepared, case: FamilyCase, name: str) -> FamilyResult:
         learn_s=learn_s,
         plan_s=plan_s,
     )
+
+
+def _evaluate_space(twin: "Twin", case: FamilyCase, rows: tuple[str, ...]) -> list[FamilyResult]:
+    from printmend.bench.space_case import space_prints
+
+    towers = [case.rng(_BODY, case.coverage, place) for place in range(2)]
+    prints = space_prints(twin, case.coverage, TURN_MM, towers)
+    models: dict[tuple[str, float], tuple[SpaceModel, float]] = {}
+    return [_space_row(prints, models, case, name) for name in rows]
+
+
+def _space_row(
+    prints: "SpacePrints", models: dict[tuple[str, float], tuple[SpaceModel, float]], case: FamilyCase, name: str
+) -> FamilyResult:
+    from printmend.bench.rows import row
+    from printmend.bench.space_case import learned, space_rmse_steps
+    from printmend.control.space import plan_space
+
+    label, noise_mm = row_parts(name)
+    chosen, second = row(label), prints.second
+    key = chosen.learner, noise_mm
+    try:
+        if key not in models:
+            noise = case.rng(_NOISE, noise_mm).normal(0.0, 1.0, prints.printed.shape)
+            models[key] = learned(prints, chosen.learner, noise, noise_mm, case.rng(_LEARNER))
+        model, learn_s = models[key]
+        begun = time.perf_counter()
+        plan = plan_space(chosen.controller, model, second.nominal_steps[1:], second.start_steps)
+        plan_s = time.perf_counter() - begun
+        printed = prints.twin.run(plan.controls, second.start_steps)
+    except _TROUBLE as error:
+        return failed_family(case, name, _reason(error))
+    return replace(
+        _blank(case, name),
+        rmse_steps=space_rmse_steps(prints, printed),
+        targets=len(second.controls),
+        learn_s=learn_s,
+        plan_s=plan_s,
+    )
+
+
+def _reason(error: Exception) -> str:
+    return str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"
 
 
 def _blank(case: FamilyCase, row: str) -> FamilyResult:

@@ -1,0 +1,67 @@
+"""Plans of three axes: the paper's "direct next step".
+
+The screw is planned first: it does not feel the belts. Where it will push the nozzle is then known at every tick, and
+the planar targets are moved against it; any controller plans those.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from printmend.control.kernels import lookahead
+from printmend.control.optimal import always_nearest, solve
+from printmend.errors import InputError
+from printmend.protocols import Controller, PlayTables, SpaceModel
+from printmend.twin.height import height_tables
+
+
+@dataclass(frozen=True, eq=False)
+class SpacePlan:
+    """``controls`` [T, 3] int8 steps and the ``imagined`` positions [T + 1, 3] steps, z in its own steps."""
+
+    controls: np.ndarray
+    imagined_steps: np.ndarray = field(repr=False)
+
+
+def plan_space(
+    planner: Controller, model: SpaceModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3
+) -> SpacePlan:
+    """Choose controls [T, 3] for targets [T, 3] from ``start_steps`` [3].
+
+    ``planner`` plans x and y; Z is planned as `Optimal` does, whoever plans the rest. Raise `InputError` for arrays of
+    another shape, or off the machine.
+    """
+    targets, start = np.asarray(targets_steps, float), np.asarray(start_steps, np.int64)
+    if targets.ndim != 2 or targets.shape[1] != 3 or start.shape != (3,) or not np.isfinite(targets).all():
+        raise InputError(
+            "plan", wanted="finite targets [T, 3] and start [3]", came=f"{targets.shape} and {start.shape}",
+            todo="reshape them",
+        )  # fmt: skip
+    z_controls, height, push = _plan_height(model, targets[:, 2], int(start[2]), c_max)
+    plan = planner.plan(model.planar, targets[:, :2] - push[1:], start[:2], c_max=c_max)
+    return SpacePlan(
+        np.column_stack([plan.controls, z_controls]), np.column_stack([plan.imagined_steps + push, height])
+    )
+
+
+def _plan_height(
+    model: SpaceModel, targets: np.ndarray, start: int, c_max: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the controls [T], the heights [T + 1] and the push [T + 1, 2] of a cheapest plan for Z alone."""
+    ticks = len(targets)
+    controls, height = np.empty(ticks, np.int8), np.empty(ticks + 1)
+    if model.screw is None:
+        lattice = np.concatenate([[start], np.rint(targets).astype(np.int64)])
+        controls[:] = np.clip(np.diff(lattice), -c_max, c_max)
+        height[:] = start + np.concatenate([[0], np.cumsum(controls, dtype=np.int64)])
+        return controls, height, np.zeros((ticks + 1, 2))
+    screw = height_tables(model.screw, model.printer, start)
+    lower, upper, motor = screw.lower_steps, screw.upper_steps, start - screw.first_step
+    following = np.empty(ticks, np.int64)
+    lookahead.next_different(targets, following)
+    lookahead.plan_axis(targets, following, motor, float(start), lower, upper, c_max, controls, height)
+    tables = PlayTables((lower, lower), (upper, upper), (screw.first_step, screw.first_step))
+    if ticks and not always_nearest(tables, 0, targets, height):
+        controls, height = solve(np.ascontiguousarray(targets), start, motor, tables, 0, height, c_max)
+    moved = motor + np.concatenate([[0], np.cumsum(controls, dtype=np.int64)])
+    return controls, height, screw.push_steps[moved]

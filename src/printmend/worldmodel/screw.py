@@ -1,0 +1,153 @@
+"""Learn a Z screw from measured heights and from how it pushes the layers about (physics.md eq. 15).
+
+    z = z0 + (1 + ε) m + Σ_k (a_k sin kθ + b_k cos kθ) ± backlash/2        θ = 2πm/lead
+    push = Σ_k (p_k sin kθ + q_k cos kθ)                                    in x and in y
+
+Linear once it is known which flank of the thread carries the nut, and where it last moved it (physics.md §4): simulate
+the play with the current estimate, solve by ridge least squares, repeat.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.corruption.screw import z_grid_mm
+from printmend.errors import TraceError
+from printmend.mechanism import ScrewDrive, Transmission
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.units import TURN_RAD
+from printmend.worldmodel.kernels.screw import contacts
+
+HARMONICS = 2
+# Prior standard deviations: of the lead's relative error, of a harmonic's amplitude and of the backlash, mm.
+_LEAD, _AMPLITUDE_MM, _BACKLASH_MM = 0.1, 0.5, 1.0
+_BACKLASHES_MM = (0.0, 0.1, 0.4)
+_PASSES = 12
+_LEAST_SIGMA_MM = 1e-4
+# A backlash below so many standard deviations of its estimate is none.
+_SEEN = 3.0
+# Harmonics of the belts' pulleys that the first look at the push allows for.
+_PULLEY_HARMONICS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Height:
+    """What lifts the nozzle: ``terms`` are (ε, a_1, b_1, a_2, …); ``sigma_mm`` is the noise of the measured heights."""
+
+    terms: np.ndarray
+    backlash_mm: float
+    sigma_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """What pushes it aside: ``terms`` [2·HARMONICS, 2] are (p_1, q_1, p_2, …) for x and y."""
+
+    terms: np.ndarray
+    lead_mm: float
+
+    def at_mm(self, motor_mm: np.ndarray) -> np.ndarray:
+        """Return the push [N, 2] mm at commanded heights [N] mm."""
+        return _waves(motor_mm, self.lead_mm, HARMONICS) @ self.terms
+
+
+def fit_height(commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> Height:
+    """Learn z from commanded and measured heights [N] mm, NaN where nothing was measured.
+
+    The print starts with the play anywhere; a screw that never turns back shows no backlash. Raises `TraceError` where
+    fewer than three heights were measured.
+    """
+    seen = np.isfinite(measured_mm)
+    if seen.sum() < 3:
+        raise TraceError("trace", wanted="three measured heights", came=f"{int(seen.sum())}", todo="measure more")
+    columns = np.column_stack([commanded_mm, _waves(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
+    prior = np.array([_LEAD, *[_AMPLITUDE_MM] * (2 * HARMONICS), _BACKLASH_MM])
+    best: tuple[float, Height] | None = None
+    for guess_mm in _BACKLASHES_MM:
+        terms, backlash_mm, sigma_mm = np.zeros(columns.shape[1]), guess_mm, 0.1
+        for _ in range(_PASSES):
+            centre = commanded_mm + columns @ terms
+            at, side = np.empty(len(centre), np.int64), np.empty(len(centre))
+            contacts(centre, backlash_mm / 2, at, side)
+            # Until it first touches a flank the nut is where it was: a place of its own.
+            free = side == 0.0
+            rest = np.column_stack([~free, free])[seen]
+            rest = rest[:, rest.any(axis=0)].astype(float)
+            design = np.column_stack([columns[at][seen], side[seen] / 2, rest])
+            wanted = (measured_mm - commanded_mm[at])[seen]
+            solved, spread = _ridge(design, wanted, prior, sigma_mm)
+            terms, found_mm = solved[: columns.shape[1]], float(solved[columns.shape[1]])
+            sigma_mm = max(float(np.std(wanted - design @ solved)), _LEAST_SIGMA_MM)
+            moved = abs(max(found_mm, 0.0) - backlash_mm)
+            backlash_mm = max(found_mm, 0.0)
+            if moved < 1e-6:
+                break
+        if not (side[seen] > 0).any() or backlash_mm < _SEEN * spread[columns.shape[1]]:
+            backlash_mm = 0.0
+        if best is None or sigma_mm < best[0] * (1 - 1e-6):
+            best = sigma_mm, Height(terms, backlash_mm, sigma_mm)
+    assert best is not None
+    return best[1]
+
+
+def fit_push(commanded_mm: np.ndarray, residual_mm: np.ndarray, printer: Printer) -> Push:
+    """Learn the push from what a planar model leaves over [N, 2] at commanded heights [N], NaN where unmeasured."""
+    waves = _waves(commanded_mm, printer.z.mm_per_turn, HARMONICS)
+    return Push(_push_terms(waves, np.ones((len(waves), 1)), residual_mm), printer.z.mm_per_turn)
+
+
+def first_push_mm(trace: Trace, printer: Printer) -> np.ndarray:
+    """Return a first guess of the push [N, 2] mm, before any planar model: what goes with the height and not with the
+    place, beside a line and a few harmonics of each pulley, and the direction of motion."""
+    assert trace.z_mm is not None
+    nuisance = [np.ones((len(trace), 1)), trace.commanded_mm / 100.0]
+    for axis, column in zip((printer.x, printer.y), printer.to_motor(trace.commanded_mm).T, strict=True):
+        nuisance.append(_waves(column, axis.mm_per_turn, _PULLEY_HARMONICS))
+        moved = np.sign(np.diff(column, prepend=column[0]))
+        last = np.maximum.accumulate(np.where(moved != 0, np.arange(len(moved)), 0))
+        nuisance.append(moved[last][:, None])
+    waves = _waves(trace.z_mm, printer.z.mm_per_turn, HARMONICS)
+    residual = trace.measured_mm - trace.commanded_mm
+    return waves @ _push_terms(waves, np.column_stack(nuisance), residual)
+
+
+def screw_drive(height: Height, push: Push, printer: Printer) -> ScrewDrive:
+    """Return what was learned as tables."""
+    motor_mm, first_mm, pitch_mm = z_grid_mm(printer)
+    columns = np.column_stack([motor_mm, _waves(motor_mm, printer.z.mm_per_turn, HARMONICS)])
+    centre = np.maximum.accumulate(motor_mm + columns @ height.terms)
+    half_mm = height.backlash_mm / 2
+    return ScrewDrive(Transmission(first_mm, pitch_mm, centre - half_mm, centre + half_mm), push.at_mm(motor_mm))
+
+
+def _push_terms(waves: np.ndarray, nuisance: np.ndarray, residual_mm: np.ndarray) -> np.ndarray:
+    """Return the terms [2·HARMONICS, 2] of the waves in a residual, beside columns that do not matter."""
+    seen = np.isfinite(residual_mm).all(axis=1)
+    design = np.column_stack([waves, nuisance])[seen]
+    prior = np.full(waves.shape[1], _AMPLITUDE_MM)
+    terms = []
+    for column in residual_mm[seen].T:
+        sigma_mm = 0.1
+        for _ in range(2):
+            solved, _ = _ridge(design, column, prior, sigma_mm)
+            sigma_mm = max(float(np.std(column - design @ solved)), _LEAST_SIGMA_MM)
+        terms.append(solved[: waves.shape[1]])
+    return np.column_stack(terms)
+
+
+def _waves(place_mm: np.ndarray, period_mm: float, harmonics: int) -> np.ndarray:
+    """Return sin and cos [N, 2·harmonics] of the turns at places [N]."""
+    angle = np.asarray(place_mm, float)[:, None] * (TURN_RAD / period_mm) * np.arange(1, harmonics + 1)
+    return np.stack([np.sin(angle), np.cos(angle)], axis=2).reshape(len(angle), -1)
+
+
+def _ridge(design: np.ndarray, wanted: np.ndarray, prior: np.ndarray, sigma_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Solve least squares with normal priors on the first columns; return the solution and its standard deviations.
+
+    Neighbouring ticks of a print share their errors, so the standard deviations are lower bounds.
+    """
+    weight = np.zeros(design.shape[1])
+    weight[: len(prior)] = (sigma_mm / prior) ** 2
+    normal = design.T @ design + np.diag(weight + 1e-9)
+    return np.linalg.solve(normal, design.T @ wanted), sigma_mm * np.sqrt(np.diag(np.linalg.inv(normal)))

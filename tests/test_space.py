@@ -1,0 +1,165 @@
+"""Three axes: planning with a Z screw, learning one, and both together on a tower."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from printmend.bench.drawn_body import drawn_tower
+from printmend.bench.family_case import FamilyCase, corruption_of, evaluate_family
+from printmend.body.space import SpacePath, space_path
+from printmend.control.registry import controller
+from printmend.control.space import plan_space
+from printmend.corruption import HEALTHY, Corruption, sample
+from printmend.corruption.screw import Screw
+from printmend.errors import InputError, TraceError
+from printmend.mechanism import Mechanism
+from printmend.printer import Printer, read_printer
+from printmend.protocols import SpaceModel
+from printmend.twin import Twin
+from printmend.twin.height import height_tables
+from printmend.worldmodel.kernels.screw import contacts
+from printmend.worldmodel.mechanism_model import MechanismModel
+from printmend.worldmodel.naive import NaiveModel
+from printmend.worldmodel.screw import fit_height
+from printmend.worldmodel.space import fit_space, space_trace
+from tests import naive_control
+
+SCREW = Screw(0.03, 0.1, 1.0, 0.3, 2.0, 0.3)
+
+
+def tower(printer: Printer, seed: int = 1, size_mm: float = 12.0, height_mm: float = 9.0) -> SpacePath:
+    body = drawn_tower(np.random.default_rng(seed), printer, size_mm=size_mm, height_mm=height_mm)
+    return space_path(body, printer, hop_mm=0.4)
+
+
+def rmse_mm(printed: np.ndarray, path: SpacePath, printer: Printer) -> float:
+    pitch_mm = np.array([axis.mm_per_step for axis in printer.axes])
+    return float(np.sqrt((((printed - path.nominal_steps) * pitch_mm) ** 2).sum(axis=1).mean()))
+
+
+def truth(twin: Twin) -> SpaceModel:
+    assert isinstance(twin.mechanism, Mechanism)
+    return SpaceModel(MechanismModel(twin.mechanism), twin.mechanism.screw)
+
+
+def test_a_tower_is_closed_and_goes_both_ways(ender5: Printer) -> None:
+    body = drawn_tower(np.random.default_rng(0), ender5, size_mm=20.0, height_mm=4.0)
+    assert len(body.layers) == 20
+    visited = [set(map(tuple, layer.nominal_steps)) for layer in body.layers]
+    assert all(places == visited[0] for places in visited)
+    assert all(np.abs(layer.controls).max() == 1 for layer in body.layers)
+
+
+@pytest.mark.parametrize("preset", ["ender5", "corexy"])
+@pytest.mark.parametrize("family", ["screw", "pulley-loose", "everything"])
+def test_prints_what_it_imagines(family: str, preset: str) -> None:
+    printer = read_printer(preset)
+    twin = Twin.of(replace(sample(family, np.random.default_rng(2)), screw=SCREW), printer)
+    twin, path = Twin(twin.mechanism), tower(printer, height_mm=1.0)
+    plan = plan_space(controller("lookahead"), truth(twin), path.nominal_steps[1:], path.start_steps)
+    printed = twin.run(plan.controls, path.start_steps)
+    np.testing.assert_allclose(plan.imagined_steps, printed, rtol=0, atol=1e-9)
+    assert rmse_mm(printed, path, printer) < rmse_mm(twin.run(path.controls, path.start_steps), path, printer)
+
+
+@pytest.mark.parametrize("name", ["greedy", "lookahead", "optimal", "beam"])
+def test_leaves_a_healthy_printer_alone(name: str, ender5: Printer) -> None:
+    path = tower(ender5, height_mm=0.6)
+    healthy = HEALTHY.lower(ender5)
+    for model in (
+        SpaceModel(NaiveModel(ender5)),
+        truth(Twin(healthy)),
+        truth(Twin.of(Corruption(screw=Screw()), ender5)),
+    ):
+        plan = plan_space(controller(name), model, path.nominal_steps[1:], path.start_steps)
+        np.testing.assert_array_equal(plan.controls, path.controls)
+        np.testing.assert_array_equal(plan.imagined_steps, path.nominal_steps)
+
+
+def test_height_is_planned_optimally(ender5: Printer) -> None:
+    """Up and down by a few steps against an exhaustive search."""
+    heights = 100 + np.array([1, 2, 3, 4, 3, 2, 1, 0, -1, -2, -1, 0, 1, 2, 2, 2])
+    targets = np.column_stack([np.full((len(heights), 2), 500), heights]).astype(float)
+    twin = Twin.of(Corruption(screw=SCREW), ender5)
+    plan = plan_space(controller("optimal"), truth(twin), targets, np.array([500, 500, 100]))
+    tables = height_tables(truth(twin).screw, ender5, 100)  # type: ignore[arg-type]
+    least = naive_control.least_cost_axis(
+        targets[:, 2], 100.0, 100 - tables.first_step, tables.lower_steps, tables.upper_steps
+    )
+    assert ((plan.imagined_steps[1:, 2] - targets[:, 2]) ** 2).sum() == pytest.approx(least, abs=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 0.3, 2.0]))
+def test_contacts_are_the_slow_contacts(seed: int, half: float) -> None:
+    centre = np.cumsum(np.random.default_rng(seed).integers(-1, 2, 60)).astype(float)
+    at, side = np.empty(60, np.int64), np.empty(60)
+    contacts(centre, half, at, side)
+    u = centre[0]
+    for t in range(60):
+        before, u = u, float(np.clip(u, centre[t] - half, centre[t] + half))
+        if u != before:
+            assert at[t] == t
+        assert u == (centre[0] if side[t] == 0 else centre[at[t]] + side[t] * half)
+
+
+def test_a_screw_is_learned_exactly_from_exact_heights(ender5: Printer) -> None:
+    path = tower(ender5)
+    printed = Twin.of(Corruption(screw=SCREW), ender5).run(path.controls, path.start_steps)
+    step_mm = ender5.z.mm_per_step
+    found = fit_height(path.nominal_steps[:, 2] * step_mm, printed[:, 2] * step_mm, ender5)
+    assert found.backlash_mm == pytest.approx(0.3, abs=1e-3)
+    assert found.terms[0] == pytest.approx(0.03, abs=1e-3)
+    assert np.hypot(*found.terms[1:3]) == pytest.approx(0.1, abs=2e-3)
+    assert np.hypot(*found.terms[3:5]) < 2e-3
+
+
+def test_no_backlash_is_claimed_where_none_shows(ender5: Printer, rng: np.random.Generator) -> None:
+    """From noise alone, and from a screw that only goes up."""
+    up = np.repeat(np.arange(0.2, 9.0, 0.04), 20)
+    for screw_mm in (up, up - 0.15):
+        assert fit_height(up, screw_mm + rng.normal(0, 0.05, len(up)), ender5).backlash_mm == 0.0
+    hops = np.repeat(np.concatenate([[z, z + 0.2, z + 0.4, z + 0.2, z] for z in np.arange(0.2, 9.0, 0.2)]), 20)
+    assert fit_height(hops, hops + rng.normal(0, 0.05, len(hops)), ender5).backlash_mm < 0.01
+
+
+@pytest.mark.parametrize("family", ["screw", "play"])
+def test_learns_and_prints_three_axes(family: str, ender5: Printer, rng: np.random.Generator) -> None:
+    """Issue: Z included at ≤ 1.15 times the optimum of three axes, one turn seen with 0.05 mm of noise."""
+    twin = Twin.of(replace(sample(family, np.random.default_rng(3)), screw=SCREW), ender5)
+    seen, path = tower(ender5, 5, 20.0), tower(ender5, 6, 20.0, 4.0)
+    printed = twin.run(seen.controls, seen.start_steps)
+    pitch_mm = np.array([axis.mm_per_step for axis in ender5.axes])
+    trace = space_trace(seen.nominal_steps, printed + rng.normal(0, 0.05, printed.shape) / pitch_mm, ender5)
+    errors = {}
+    for name in ("naive", "greybox", "oracle"):
+        model = fit_space(name, trace, ender5, rng=rng, truth=twin.mechanism)
+        plan = plan_space(controller("optimal"), model, path.nominal_steps[1:], path.start_steps)
+        errors[name] = rmse_mm(twin.run(plan.controls, path.start_steps), path, ender5)
+    assert errors["greybox"] < 1.15 * errors["oracle"] < 0.5 * errors["naive"]
+
+
+def test_bad_input_is_refused(ender5: Printer) -> None:
+    path = tower(ender5, height_mm=0.6)
+    trace = replace(space_trace(path.nominal_steps, path.nominal_steps, ender5), z_measured_mm=None)
+    with pytest.raises(TraceError, match="heights"):
+        fit_space("greybox", trace, ender5, rng=np.random.default_rng(0))
+    with pytest.raises(TraceError, match="three measured"):
+        fit_height(np.arange(5.0), np.full(5, np.nan), ender5)
+    with pytest.raises(InputError, match=r"\[T, 3\]"):
+        plan_space(controller("greedy"), SpaceModel(NaiveModel(ender5)), path.nominal_steps[1:, :2], path.start_steps)
+
+
+def test_a_row_of_the_families_table() -> None:
+    case = FamilyCase("play+screw", "damaged", "ender5", 0.3, 0, 1)
+    assert corruption_of(case).screw is not None
+    naive, grey, best = evaluate_family(case, ("naive+greedy@0", "greybox+optimal@0", "oracle+optimal@0"))
+    for result in (naive, grey, best):
+        assert result.error is None
+        assert result.targets > 1000
+    assert best.rmse_steps <= grey.rmse_steps < naive.rmse_steps
+    (tree,) = evaluate_family(replace(case, family="screw"), ("lightgbm-axis+greedy@0",))
+    assert tree.error is None  # learns no screw, but prints
