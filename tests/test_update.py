@@ -11,9 +11,11 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon
 from printmend.errors import ModelError
+from printmend.measure import ProbePlan
 from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
+from printmend.probe import design_probe
 from printmend.twin import Twin
 from printmend.worldmodel.greybox_prior import remember
 from printmend.worldmodel.learned import learn
@@ -101,6 +103,26 @@ def test_play_that_grew_is_found(old: SavedModel, shift_mm: float) -> None:
     fresh = learn(trace, ENDER3, rng=np.random.default_rng(0))
     errors = [error_mm(model, now, placed=shift_mm == 0) for model in (updated.model, fresh, old)]
     assert errors[0] <= 1.02 * min(errors)
+
+
+def test_skew_that_grew_is_found(old: SavedModel) -> None:
+    trace = printed(replace(machine(), frame=CrookedFrame(skew_deg=0.3)), 300, 6)
+    (change,) = update(old, trace, rng=np.random.default_rng(0)).changes
+    assert change.kind == "skew"
+    assert abs(change.now - 0.3) < 4 * change.sd < 0.1
+    assert "skew grew from 0.00 to 0.3" in change.words
+
+
+def test_another_scan_of_another_scale_is_no_change() -> None:
+    plan, small = design_probe(ENDER3), design_probe(ENDER3, size_mm=90)
+    rng = np.random.default_rng(4)
+
+    def scanned(plan: ProbePlan, stretch: float) -> Trace:
+        marks = Twin.of(machine(), ENDER3).follow(plan.waypoints_mm)[plan.rows]
+        return plan.trace(marks * stretch + rng.normal(0, 0.006, marks.shape))
+
+    first = learn(scanned(plan, 1.001), ENDER3, rng=np.random.default_rng(0))
+    assert update(first, scanned(small, 0.999), rng=np.random.default_rng(0)).changes == ()
 
 
 CHANGES = {

@@ -25,6 +25,7 @@ from printmend.worldmodel.mechanism_model import MechanismModel
 GRID_MM = 0.2
 STAGES = 3  # residual learners, each of what the ones before leave
 SURELY = 30.0  # nats by which the published world must fit better
+LEAST_SAID_MM = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,8 @@ class HybridModel:
         for name, residual in zip(self.printer.motors, self.residuals, strict=True):
             if residual is not None:
                 size = max(float(np.abs(part).max()) for part in (residual.common_mm, residual.play_mm))
+                if size < LEAST_SAID_MM:  # a scanner makes as much
+                    continue
                 found.append(f"{name.upper()} has an error that no known fault makes, up to {size:.3f} mm "
                              f"(learned: {residual.words})")  # fmt: skip
         return tuple(found)

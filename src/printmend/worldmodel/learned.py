@@ -33,7 +33,8 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
     if isinstance(fit, GreyboxModel):
         return greybox_model(fit, trace)
     if isinstance(fit, HybridModel):
-        return greybox_model(fit.box, trace, hybrid=None if fit.is_plain else fit)
+        # what is too small to be said is not worth a model that a second print cannot bring up to date
+        return greybox_model(fit.box, trace, hybrid=fit if fit.findings else None)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise ConfigError(

@@ -16,7 +16,7 @@ from printmend.errors import ModelError, TraceError
 from printmend.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.worldmodel.diagnosis import LEAST_MM, SURE, amount
+from printmend.worldmodel.diagnosis import LEAST_MM, SURE, Doubt, amount, doubt_of
 from printmend.worldmodel.greybox import Greybox, GreyboxModel, model_of, motor_rows, with_belts
 from printmend.worldmodel.greybox_design import Rows, contacts, normal_equations
 from printmend.worldmodel.greybox_fit import (
@@ -44,6 +44,7 @@ PASSES = 8
 REPLACED = 0.85  # of the noise: where learning anew leaves less than this, the old model was of another part
 RESIZED_PERCENT = 1.0
 REFUTED = 1.3  # times the residual of a fresh fit: the old model is wrong
+LEAST_SKEW_DEG, BOTH = 0.02, 2**0.5  # two measurements, each with its own doubt
 CHANGED_MM, CLEAR = 0.01, 0.05  # changes below are not worth a word; changes above need two decimals
 
 
@@ -125,7 +126,7 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated
         change
         for motor, one in enumerate(past)
         if not anew[motor]
-        for change in _changes(printer.motors[motor].upper(), one, chosen[motor])
+        for change in _changes(printer.motors[motor].upper(), one, chosen[motor], doubt_of(trace))
     ]
     names = tuple(name.upper() for name, new in zip(printer.motors, anew, strict=True) if new)
     details: dict[str, Any] = {
@@ -294,8 +295,11 @@ def _structure(past: Remembered, active: np.ndarray) -> Structure:
     )
 
 
-def _changes(name: str, past: Remembered, now: Choice) -> list[Change]:
-    """Compare the motor's play, scale, pulley and its phase; a change must be SURE standard deviations."""
+def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Change]:
+    """Compare the motor's play, scale, skew, pulley and its phase; a change must be SURE standard deviations.
+
+    ``doubt`` is what the points of each of both measurements share: two scans differ by more than their marks do.
+    """
     design, post = past.design, now.fit.posterior
     sds = np.zeros(design.size)
     sds[post.active] = np.sqrt(np.diag(post.covariance))
@@ -304,24 +308,30 @@ def _changes(name: str, past: Remembered, now: Choice) -> list[Change]:
     def compare(kind: str, what: str, before: float, after: float, sd: float, unit: str, least: float) -> None:
         if abs(after - before) > max(SURE * sd, least):
             verb = "grew" if abs(after) > abs(before) else "shrank"
-            digits = 2 if abs(after - before) >= CLEAR else 3
+            digits, space = 2 if abs(after - before) >= CLEAR else 3, "" if unit == "°" else " "
             old, new = (round(value, digits) + 0.0 for value in (before, after))  # never −0
-            words = f"{name} {what} {verb} from {old:.{digits}f} to {new:.{digits}f} {unit} (± {sd:.3f})"
+            words = f"{name} {what} {verb} from {old:.{digits}f} to {new:.{digits}f}{space}{unit} (± {sd:.3f})"
             found.append(Change(name, kind, before, after, sd, unit, words))
 
     at = design.parts["play_powers"].start
     compare("play", "belt play", past.values[at], post.values[at], float(np.hypot(past.sds[at], sds[at])), "mm",
             CHANGED_MM)  # fmt: skip
     at = design.parts["mean_powers"].start + 1
-    compare("scale", "scale error", past.values[at], post.values[at], float(np.hypot(past.sds[at], sds[at])), "%", 0.02)
-    turn, turn_sd = _turned(past, post, sds)
+    sd = float(np.linalg.norm([past.sds[at], sds[at], BOTH * doubt.scale_percent]))
+    compare("scale", "scale error", past.values[at], post.values[at], sd, "%", 0.02)
+    if design.cross and design.cross[0] == (0, 1):  # mm in 100 mm
+        at = design.parts["cross"].start
+        before, after = (float(np.degrees(np.arctan(values[at] / 100))) for values in (past.values, post.values))
+        sd = float(np.hypot(np.degrees(np.hypot(past.sds[at], sds[at]) / 100), BOTH * doubt.skew_deg))
+        compare("skew", "axis' skew", before, after, sd, "°", LEAST_SKEW_DEG)
+    turn, turn_sd = _turned(past, post, sds, doubt.wave_mm)
     if _keeps_shape(past, post) and abs(turn) > max(SURE * turn_sd, _least_turn_deg(past)):
         words = f"{name} pulley turned on its shaft by {amount(turn, turn_sd, '°')}"
         found.append(Change(name, "phase", 0.0, turn, turn_sd, "°", words))
     for i, k in enumerate(design.waves("mean")[:4]):
         both = [design.parts[f"mean_{part}"].start + i for part in ("cos", "sin")]
         before, after = (float(np.hypot(*v[both])) * k for v in (past.values, post.values))
-        sd = float(np.sqrt(np.mean(past.sds[both] ** 2 + sds[both] ** 2))) * k
+        sd = float(np.sqrt(np.mean(past.sds[both] ** 2 + sds[both] ** 2) + 2 * doubt.wave_mm**2)) * k
         shape = {1: "eccentricity", 2: "ovalness", 3: "three corners", 4: "four corners"}[int(k)]
         compare(f"harmonic-{k}", f"pulley's {shape}", before, after, sd, "mm", max(CHANGED_MM, LEAST_MM * k))
     return found
@@ -340,7 +350,7 @@ def _least_turn_deg(past: Remembered) -> float:
     return float(np.degrees(2 * CHANGED_MM / max(size_mm, CHANGED_MM)))
 
 
-def _turned(past: Remembered, post: Posterior, sds: np.ndarray) -> tuple[float, float]:
+def _turned(past: Remembered, post: Posterior, sds: np.ndarray, wave_mm: float) -> tuple[float, float]:
     """Return by how many degrees the pulley turned: the largest correlation of old and new harmonics; and its sd."""
     cos_at, sin_at = past.design.parts["mean_cos"], past.design.parts["mean_sin"]
     k = past.design.waves("mean")
@@ -352,6 +362,7 @@ def _turned(past: Remembered, post: Posterior, sds: np.ndarray) -> tuple[float, 
     turns = np.linspace(-np.pi, np.pi, 14401)
     match = (np.exp(-1j * np.outer(turns, k)) @ (np.conj(old) * new)).real
     noise = past.sds[cos_at] ** 2 + sds[cos_at] ** 2
+    noise = noise + 2 * wave_mm**2
     sd = np.sqrt((k**2 * np.abs(old) ** 2 * noise).sum()) / weight
     # An oval pulley looks the same after half a turn: of equal peaks, the smallest turn.
     peak = (match >= np.roll(match, 1)) & (match >= np.roll(match, -1)) & (match > SYMMETRIC * match.max())
