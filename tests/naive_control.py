@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from printmend.path import Plan
-from printmend.protocols import WorldModel
+from printmend.protocols import PlayTables, WorldModel
 
 
 def greedy(model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int = 3) -> Plan:
@@ -60,3 +60,35 @@ def least_cost(model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max:
                     after[key] = (value, moved[k])
         states = after
     return min(cost for cost, _ in states.values())
+
+
+def least_cost_corexy(
+    targets: np.ndarray, start: np.ndarray, tables: PlayTables, bound: float, c_max: int = 3
+) -> float:
+    """The least sum of squared distances of two motors with play, a = x + y and b = x − y.
+
+    Follows every state that costs no more than ``bound``, the cost of a plan that is known. States in the same place
+    with the same motors are one; the cheapest stays.
+    """
+    controls = np.array(list(itertools.product(range(-c_max, c_max + 1), repeat=2)))
+    moves = np.column_stack([controls.sum(axis=1), controls[:, 0] - controls[:, 1]])
+    origin = np.array([start[0] + start[1], start[0] - start[1]])
+    motors, belts, costs = (origin - tables.first_steps)[None], origin[None].astype(float), np.zeros(1)
+    for target in targets:
+        motors = (motors[:, None] + moves).reshape(-1, 2)
+        belts, costs = np.repeat(belts, len(moves), axis=0), np.repeat(costs, len(moves))
+        belts = np.column_stack(
+            [
+                np.clip(belts[:, k], tables.lower_steps[k][motors[:, k]], tables.upper_steps[k][motors[:, k]])
+                for k in (0, 1)
+            ]
+        )
+        place = np.column_stack([belts.sum(axis=1), belts[:, 0] - belts[:, 1]]) / 2
+        costs = costs + ((place - target) ** 2).sum(axis=1)
+        kept = costs <= bound + 1e-9
+        motors, belts, costs = motors[kept], belts[kept], costs[kept]
+        order = np.lexsort((costs, *belts.T, *motors.T))
+        state = np.column_stack([motors, belts])[order]
+        first = np.concatenate([[True], (state[1:] != state[:-1]).any(axis=1)])
+        motors, belts, costs = motors[order][first], belts[order][first], costs[order][first]
+    return float(costs.min())

@@ -57,6 +57,18 @@ def test_a_wide_beam_is_the_optimum_of_coupled_axes(family: str, printer: Printe
     assert ((plan.imagined_steps[1:] - targets) ** 2).sum() == pytest.approx(least, abs=1e-9)
 
 
+@pytest.mark.parametrize("family", ["pulley-play", "pulley-loose", "play"])
+def test_the_beam_reaches_the_optimum_of_a_corexy(family: str) -> None:
+    """Forty targets against every state that could be better."""
+    model = MechanismModel(sample(family, np.random.default_rng(8)).lower(read_printer("corexy")))
+    at = 100
+    targets, start = TARGETS[at : at + 40], LAYER.nominal_steps[at]
+    plan = controller("optimal").plan(model, targets, start)
+    cost = float(((plan.imagined_steps[1:] - targets) ** 2).sum())
+    least = naive_control.least_cost_corexy(targets, start, model.tabulate(start), cost)  # type: ignore[arg-type]
+    assert cost <= least * 1.005
+
+
 @pytest.mark.parametrize(
     ("hull", "play", "tie_break", "best"),
     [("egg", 5.0, 0.55, 0.50), ("line", 5.0, 0.60, 0.40), ("small", 10.0, 1.30, 0.40)],

@@ -7,9 +7,8 @@ import numpy as np
 from printmend.control.check import check_plan
 from printmend.control.greedy import Greedy, first_motors, frame_arrays
 from printmend.control.kernels import beam as kernels
-from printmend.control.kernels.optimal import follow
 from printmend.control.lookahead import Lookahead
-from printmend.control.window import Window, better, window
+from printmend.control.window import Window, better, followed, window
 from printmend.path import Plan
 from printmend.protocols import PlayTables, WorldModel
 
@@ -44,13 +43,10 @@ class Beam:
         origin = model.printer.to_motor(start).astype(float)
         seen = model.printer.to_motor(targets if tables.frame is None else tables.frame.invert(targets))
         reach = 2 * c_max if tables.corexy else c_max
-        windows = []
-        for motor in range(2):
-            belt = _followed(known.controls, motor, motors[motor], origin[motor], tables)
-            windows.append(window(tables, motor, seen[:, motor], origin[motor], belt, reach))
+        belts = followed(tables, motors, origin, known.controls)[1]
+        windows = [window(tables, motor, seen[:, motor], origin[motor], belts[:, motor], reach) for motor in range(2)]
         found = self._search(tables, targets, seen, motors, windows, reach, c_max)
-        belts = np.stack([_followed(found, motor, motors[motor], origin[motor], tables) for motor in range(2)], axis=1)
-        imagined = model.printer.from_motor(belts)
+        imagined = model.printer.from_motor(followed(tables, motors, origin, found)[1])
         if tables.frame is not None:
             imagined = tables.frame.apply(imagined)
         return better(known, Plan(found, imagined), targets)
@@ -99,16 +95,6 @@ class Beam:
 
 def _is_taut(tables: PlayTables) -> bool:
     return all(map(np.array_equal, tables.lower_steps, tables.upper_steps))
-
-
-def _followed(controls: np.ndarray, motor: int, first: int, origin: float, tables: PlayTables) -> np.ndarray:
-    """Return the positions [T + 1] of one motor's belt under controls [T, 2]."""
-    x, y = controls.astype(np.int64).T
-    moves = (x, y)[motor] if not tables.corexy else (x + y, x - y)[motor]
-    belt = np.empty(len(controls) + 1)
-    index = first + np.concatenate([[0], np.cumsum(moves)])
-    follow(index, origin, tables.lower_steps[motor], tables.upper_steps[motor], belt)
-    return belt
 
 
 CONTROLLERS = {"beam": Beam()}

@@ -7,8 +7,8 @@ import numpy as np
 
 from printmend.control.greedy import first_motors, frame_arrays
 from printmend.control.kernels import refine as kernels
-from printmend.control.kernels.optimal import follow
 from printmend.control.optimal import Optimal
+from printmend.control.window import followed
 from printmend.path import Plan
 from printmend.protocols import PlayTables, WorldModel
 
@@ -85,17 +85,9 @@ class _Search:
 
     @classmethod
     def of(cls, model: WorldModel, tables: PlayTables, plan: Plan, start: np.ndarray) -> "_Search":
-        controls = np.concatenate([np.zeros((1, 2), np.int64), plan.controls.astype(np.int64)])
-        moves = controls if not tables.corexy else np.stack(
-            [controls[:, 0] + controls[:, 1], controls[:, 0] - controls[:, 1]], axis=1
-        )  # fmt: skip
-        motors = np.cumsum(moves, axis=0) + np.array(first_motors(model.printer, tables, start))
-        origin = model.printer.to_motor(start).astype(float)
-        belts = np.empty((len(controls), 2))
-        for motor in range(2):
-            column = np.empty(len(controls))
-            follow(motors[:, motor], origin[motor], tables.lower_steps[motor], tables.upper_steps[motor], column)
-            belts[:, motor] = column
+        controls = np.concatenate([np.zeros((1, 2), np.int64), plan.controls])
+        origin = model.printer.to_motor(start)
+        motors, belts = followed(tables, first_motors(model.printer, tables, start), origin, plan.controls)
         return cls(controls, motors, belts, plan.imagined_steps.copy())
 
     def go(self, kind: int, wanted: np.ndarray, tables: PlayTables, threshold: float, c_max: int) -> int:

@@ -9,7 +9,7 @@ from printmend.control.check import check_plan
 from printmend.control.greedy import Greedy, first_motors
 from printmend.control.kernels import optimal as kernels
 from printmend.control.lookahead import Lookahead
-from printmend.control.window import better, window
+from printmend.control.window import better, followed, window
 from printmend.path import Plan
 from printmend.protocols import LatticeFrame, PlayTables, WorldModel
 
@@ -107,13 +107,8 @@ def _plan_framed(
     seen = frame.invert(targets)
     slopes = frame.slopes(seen)
     weights = np.swapaxes(slopes, -1, -2) @ slopes
-    belts = np.empty((len(targets) + 1, 2))
     controls = known.controls.copy()
-    for axis in range(2):
-        moved = motors[axis] + np.concatenate([[0], np.cumsum(controls[:, axis], dtype=np.int64)])
-        column = np.empty(len(belts))
-        kernels.follow(moved, float(start[axis]), tables.lower_steps[axis], tables.upper_steps[axis], column)
-        belts[:, axis] = column
+    belts = followed(tables, motors, start, controls)[1]
     best = known
     for _ in range(_PASSES):
         for axis in range(2):

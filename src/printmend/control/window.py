@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from printmend.control.kernels.optimal import follow
 from printmend.path import Plan
 from printmend.protocols import PlayTables
 
@@ -69,6 +70,25 @@ def window(tables: PlayTables, motor: int, targets: np.ndarray, start: float, kn
     left = np.searchsorted(places, np.minimum(wanted, known) - room, "left")
     right = np.searchsorted(places, np.maximum(wanted, known) + room, "right")
     return Window(offset, places, first, last, low, high, left, right, int(np.searchsorted(places, start)))
+
+
+def followed(
+    tables: PlayTables, motors: tuple[int, int], origin: np.ndarray, controls: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the motors' indices in the tables and the belts' positions, each [T + 1, 2], under controls [T, 2].
+
+    ``motors`` are the first indices, ``origin`` [2] the first positions.
+    """
+    moves = np.concatenate([np.zeros((1, 2), np.int64), controls])
+    if tables.corexy:
+        moves = np.stack([moves[:, 0] + moves[:, 1], moves[:, 0] - moves[:, 1]], axis=1)
+    index = np.cumsum(moves, axis=0) + np.array(motors)
+    belts = np.empty(index.shape)
+    for motor in range(2):
+        column = np.empty(len(index))
+        follow(index[:, motor], float(origin[motor]), tables.lower_steps[motor], tables.upper_steps[motor], column)
+        belts[:, motor] = column
+    return index, belts
 
 
 def better(one: Plan, other: Plan, targets: np.ndarray) -> Plan:
