@@ -2,9 +2,12 @@
 
 import re
 
+import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY
+from printmend.gcode.machine import Flavour, initial_state
+from printmend.gcode.read import interpret_text
 from tests.mending import BENT, ENDER3, PLAY, SQUARE, START, judge, mended
 
 HEAD = (
@@ -133,3 +136,26 @@ def test_only_lines_that_must_change_do() -> None:
     text = START + b"G1 Y70 E1 F1800\nG1 Y80 E1\nG1 Y90.5 E1;up\nG0 Y20\nG1 Z1\nG1 E-1\n"
     tail = b"G1 Y70 E1 F1800\nG1 Y80 E1\nG1 Y90.5 E1;up\nG0 Y20\nG1 Z1\nG1 E-1\n"
     assert mended(text, one)[0].endswith(tail)
+
+
+@pytest.mark.parametrize("mechanism", [PLAY, BENT], ids=["play", "bent"])
+@pytest.mark.parametrize(
+    ("line", "filament"),
+    [
+        (b"G1 X80 Y80 E1.5e-01 F1800", 0.15),  # an exponent is written out
+        (b"G1 X8e1 Y80 E1.5E-01 F1.8e3", 0.15),
+        (b"G1 X80 Y80 E9 E0.25", 0.25),  # of a word that comes twice the last one counts
+    ],
+)
+def test_filament_in_odd_numbers(mechanism, line: bytes, filament: float) -> None:
+    written, _ = mended(START + line + b"\nG1 X70 Y60 E.5 F1800\n", mechanism)
+    assert not re.search(rb"E[\d.]+[eE]", written)
+    rows = interpret_text(np.frombuffer(written, np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
+    assert rows["advance"].sum() == pytest.approx(filament + 0.5, abs=2e-5)
+
+
+def test_garbled_moves_are_left_alone() -> None:
+    """What one firmware reads into such a line another one does not."""
+    garbled = b"G1 X80 Y77.847.295 E0.5\nG1 X70 Y60 E0.\xca51\n"
+    written, _ = mended(START + b"G1 X80 E1 F1800\n" + garbled + b"G0 X60 Y65\nG1 Y80 E1\n", PLAY)
+    assert garbled in written

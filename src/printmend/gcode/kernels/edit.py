@@ -6,16 +6,19 @@ from numba import njit
 
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import (
+    CAPITAL,
     CLOSE,
     OPEN,
     QUOTE,
     SEMICOLON,
     SPACE,
+    SPACED,
     STAR,
     digit_of,
     is_blank,
     is_digit,
     is_letter,
+    parse_number,
     upper,
 )
 from printmend.gcode.kernels.words import (
@@ -31,6 +34,7 @@ from printmend.gcode.kernels.words import (
     copy_bytes,
     decimals,
     e_rest,
+    e_scaled,
     keeps_centre,
     keeps_place,
     own_motion,
@@ -63,7 +67,8 @@ def edit_statement(buf, r, piece, before, writer, out, at):
         centre0, centre1 = scaled_centre(r, piece, writer, FIRST), scaled_centre(r, piece, writer, SECOND)
     bit0, bit1 = WORD_I << centre_axis(r, FIRST), WORD_I << centre_axis(r, SECOND)
     feed = piece.feed if piece.feed > 0 else r.feed
-    keep_feed = feed == r.feed
+    unsafe = r.flags & (FLAG_TWICE | FLAG_EXPONENT) != 0  # firmwares read the text in different ways
+    keep_feed = feed == r.feed and not r.flags & FLAG_TWICE
     p, start = r.begin, at
     if r.flags & FLAG_MODAL and (motion != own or writer[W_MODAL] != own):
         out[at], out[at + 1] = cased(LETTER_G, r), 48 + motion
@@ -73,9 +78,11 @@ def edit_statement(buf, r, piece, before, writer, out, at):
             at += 1
     done = 0
     added = False
+    spaced = r.flags & FLAG_MIXED and r.flags & FLAG_SPACED
     gap = p  # what lies between here and the next word is copied with it
     while True:
         while p < r.end and (is_blank(buf[p]) or buf[p] == OPEN or buf[p] == QUOTE):
+            spaced = spaced or is_blank(buf[p])
             if buf[p] == OPEN or buf[p] == QUOTE:
                 closing = CLOSE if buf[p] == OPEN else QUOTE
                 p += 1
@@ -89,19 +96,10 @@ def edit_statement(buf, r, piece, before, writer, out, at):
         q = p + 1
         while q < r.end and is_blank(buf[q]):
             q += 1
-        if q == r.end or not (is_digit(buf[q]) or buf[q] == 46 or buf[q] == 43 or buf[q] == 45):
+        style = (SPACED if spaced or q > p + 1 else 0) | (CAPITAL if buf[p] < 97 else 0)
+        _, q, found = parse_number(buf, q, r.end, style)
+        if not found:
             q = p + 1
-        while q < r.end and (is_digit(buf[q]) or buf[q] == 46 or buf[q] == 43 or buf[q] == 45):
-            q += 1
-        if q + 1 < r.end and r.flags & FLAG_EXPONENT and upper(buf[q]) == 69 and letter != 69:
-            k = q + 1
-            if buf[k] == 43 or buf[k] == 45:
-                k += 1
-            if k < r.end and is_digit(buf[k]):
-                while k < r.end and is_digit(buf[k]):
-                    k += 1
-                if buf[q] == 101 or k == r.end or is_blank(buf[k]):
-                    q = k
         if letter == 71:
             at = copy_bytes(buf, gap, p, out, at)
             at = put_command(buf, r, motion, out, at)
@@ -131,8 +129,10 @@ def edit_statement(buf, r, piece, before, writer, out, at):
                     gap, p = q, q
                     continue
                 at = copy_bytes(buf, gap, p + 1, out, at)
-                if before > 0 and r.flags & FLAG_E_RELATIVE:
+                if (before > 0 or unsafe) and r.flags & FLAG_E_RELATIVE:
                     at = put_fixed(out, at, e_rest(r, before, writer), FIVE)
+                elif unsafe:
+                    at = put_fixed(out, at, e_scaled(r, 1.0), FIVE)
                 else:
                     at = copy_bytes(buf, p + 1, q, out, at)
             elif letter == 70 and r.words & WORD_F:

@@ -95,6 +95,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
     while p < stop:  # one statement a turn
         start, letter, code = p, 0, 0
         words, bare, unclear = 0, 0, 0
+        twice, garbled = 0, False
         long = p + 1 < stop and (is_letter(buf[p]) or buf[p] == 95) and (is_letter(buf[p + 1]) or buf[p + 1] == 95)
         if long:
             letter, q = _EXTENDED, p
@@ -121,6 +122,8 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
                     unclear |= WORDS_XYZ
                     if letter == 0:
                         letter = _FILLED_IN
+                elif byte != SEMICOLON:
+                    garbled = True
                 break
             style = (SPACED if spaced else 0) | (CAPITAL if buf[p] < 97 else 0)
             value, q, found = parse_number(buf, p + 1, stop, style)
@@ -150,6 +153,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
                     letter, code, start = 84, -20, p
                     break
             bit = 1 << (byte - 65)
+            twice |= words & bit
             if found:
                 values[byte - 65] = value
                 words |= bit
@@ -181,6 +185,10 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
         r = records[n]
         begin_record(r, start, p if again else stop, p if again else after, numbers, counts, flags)
         r.words = words
+        if twice:
+            r.flags = r.flags | FLAG_TWICE
+        if garbled or twice & (WORDS_IJK | WORD_R):  # nobody knows what a firmware makes of that
+            r.flags = r.flags | FLAG_OPAQUE
         what = 0
         if (letter == 71 and code <= 30) or letter == 0:
             if letter == 71:

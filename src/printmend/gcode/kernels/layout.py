@@ -71,6 +71,7 @@ FLAG_EXPONENT = 1 << 17  # a number is written with an exponent
 FLAG_OPAQUE = 1 << 18  # not every word is a plain number, or its code is too long: do not write it again
 FLAG_SPACED = 1 << 19  # words are separated by blanks
 FLAG_ARC_ABSOLUTE = 1 << 20  # G90.1: I J K are coordinates
+FLAG_TWICE = 1 << 22  # a word comes twice: the last one counts
 FLAG_PLAIN = 1 << 21  # written `G1 X… Y…`: upper case, one blank before each word, no word twice, millimetres
 
 # What the firmware is: the cases in which firmwares differ.
