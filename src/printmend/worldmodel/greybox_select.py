@@ -26,6 +26,9 @@ WARPS_MM = (10.0, 20.0, 40.0)
 WARP_MARGIN_MM = 20.0
 SETTLED = 12
 FOLD_FLOOR_MM = 0.02
+REPEATS_TURNS = 1.6  # a shorter reach shows too little twice
+AS_GOOD, AS_GOOD_MM = 1.02, 0.002
+SELECT_FLOOR_MM = 0.003  # parts that explain less than a micro-step imitate the corners between the harmonics
 FOLDS = (0, 1, 2, 3, 4, 5, 6, 7, 8)
 LOOKS_WRONG_MM = 0.02  # a mean residual above this, with a pattern, is more than the corners of a pulley
 PATTERN = 0.8  # a smaller share of independent rows says that the model lacks something smooth
@@ -151,9 +154,26 @@ def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
     What repeats nothing can imitate all else where a trace is short, so it is offered only to residuals with a pattern.
     """
     structure, share = _chosen(rows, found, ripple, EVERYTHING)
-    if share >= PATTERN:
+    if share < PATTERN:
+        structure = _chosen(rows, found, ripple, replace(EVERYTHING, warp_mm=WARPS_MM[0]))[0]
+    return _repeating(rows, found, ripple, structure)
+
+
+def _repeating(rows: Rows, found: Choice, ripple: tuple[int, ...], structure: Structure) -> Structure:
+    """Prefer what repeats every turn where little more than a turn was seen and it explains as much.
+
+    Then nothing tells it from what grows or bends along the axis, but only it goes on beyond what was seen.
+    """
+    simple = replace(
+        structure, warp_mm=0.0, drift=False, elastic=False, offset=True, scale=True,
+        pulley="all" if structure.pulley == "none" or structure.warp_mm else structure.pulley,
+    )  # fmt: skip
+    low_mm, high_mm = rows.reach_mm
+    grows = structure.warp_mm or structure.drift or structure.elastic
+    if not grows or high_mm - low_mm > REPEATS_TURNS * rows.period_mm:
         return structure
-    return _chosen(rows, found, ripple, replace(EVERYTHING, warp_mm=WARPS_MM[0]))[0]
+    losses = [fitted(rows, each, ripple, found, passes=4).fit.loss_mm for each in (structure, simple)]
+    return simple if losses[1] <= AS_GOOD * losses[0] + AS_GOOD_MM else structure
 
 
 def _chosen(rows: Rows, found: Choice, ripple: tuple[int, ...], base: Structure) -> tuple[Structure, float]:
@@ -164,13 +184,14 @@ def _chosen(rows: Rows, found: Choice, ripple: tuple[int, ...], base: Structure)
     """
     design = base.design(TRIAL_HARMONICS, ripple, rows.reach_mm)
     values = design.moved(found.fit.posterior.values, found.design)
-    played, full = _pruned(rows, design, base, values, found.fit.posterior.prior)
+    prior = replace(found.fit.posterior.prior, floor_mm=SELECT_FLOOR_MM)
+    played, full = _pruned(rows, design, base, values, prior)
     play_mm = full.posterior.values[design.parts["play_powers"]][0]
     if played.play == "none" or play_mm > SURE_PLAY * full.posterior.sigma_mm:
         return played, full.share
     without = replace(base, play="none", friction=False)
     values = full.posterior.values * without.active(design)
-    taut, loser = _pruned(rows, design, without, values, full.posterior.prior)
+    taut, loser = _pruned(rows, design, without, values, replace(full.posterior.prior, floor_mm=SELECT_FLOOR_MM))
     ours, theirs = (
         _evidence(rows, design, structure, fit, full.share) for structure, fit in ((played, full), (taut, loser))
     )
