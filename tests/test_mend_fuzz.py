@@ -4,13 +4,15 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from printmend.errors import PrintmendError
 from printmend.repair import mend_gcode
 from printmend.worldmodel.saved import exact_model
-from tests.mending import BENT, PLAY, SQUARE, START, mended
+from tests.mending import BENT, PLAY, SQUARE, START, judge, mended
+from tests.programs import program
 from tests.test_mend_motion import ARCS
 from tests.test_mend_text import HEAD, TAIL
 
@@ -81,3 +83,14 @@ def test_files(content: bytes) -> None:
 def test_nothing_but_the_start() -> None:
     assert mended(START, BENT)[0].startswith(b"G21\n")
     assert mended(b"", BENT)[0] == b""
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_programs_land_where_they_should(seed: int) -> None:
+    """Modes, units, zeros, saved states, homing, pauses and arcs in any order, executed on the naive machine."""
+    text = program(seed)
+    judged = judge(text, PLAY if seed % 2 else BENT)
+    assert judged.prediction.unknown == 0
+    assert judged.after.max(initial=0.0) <= 0.0125
+    before, after = (sum(move.filament for move in moves) for moves in (judged.wanted, judged.given))
+    assert after == pytest.approx(before, abs=1e-4)

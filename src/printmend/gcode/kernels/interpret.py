@@ -187,7 +187,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
         r.words = words
         if twice:
             r.flags = r.flags | FLAG_TWICE
-        if garbled or twice & (WORDS_IJK | WORD_R):  # nobody knows what a firmware makes of that
+        if garbled or words & bare or twice & (WORDS_IJK | WORD_R):  # nobody knows what a firmware makes of that
             r.flags = r.flags | FLAG_OPAQUE
         what = 0
         if (letter == 71 and code <= 30) or letter == 0:
