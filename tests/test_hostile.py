@@ -3,6 +3,7 @@
 # ruff: noqa: S603, S607 — runs our own program and fixed words
 
 import contextlib
+import json
 import os
 import shutil
 import signal
@@ -297,3 +298,13 @@ def test_small_files_that_would_fill_the_disk_are_refused(tmp_path: Path) -> Non
     for read, name in ((read_gcode, "bomb.bgcode"), (read_solid, "bomb.3mf")):
         with pytest.raises(InputError, match="would unpack"):
             read(tmp_path / name)
+
+
+@pytest.mark.parametrize("value", ["1e999", "-1", "[]", "null", "true", '"x"', "1e308", "9" * 30])
+@pytest.mark.parametrize("key", ["row", "x_mm", "site", "direction", "reversal_mm", "big"])
+def test_a_plan_with_an_odd_mark_is_read_or_refused(key: str, value: str, files: Path, tmp_path: Path) -> None:
+    table = json.loads((files / "probe.json").read_text())
+    table["marks"][3][key] = "ODD"
+    (tmp_path / "probe.json").write_text(json.dumps(table).replace('"ODD"', value))
+    with contextlib.suppress(PrintmendError):
+        choose_distances(read_plan(tmp_path / "probe.json"))

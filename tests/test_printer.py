@@ -43,6 +43,8 @@ def test_own_file_reads_like_a_preset(tmp_path: Path) -> None:
         ("microsteps = 16", "microsteps = 0", "microsteps"),
         ("mm_per_turn = 40.0", "mm_per_turn = nan", "mm_per_turn"),
         ("mm_per_turn = 40.0", "mm_per_turn = -40.0", "mm_per_turn"),
+        ("mm_per_turn = 40.0", "mm_per_turn = 1e-9", "mm_per_turn"),
+        ("home_mm = 0.0", "home_mm = 1e300", "home_mm"),
         ("max_mm = 220.0", "max_mm = -5.0", "max_mm"),
         ('home_side = "min"', 'home_side = "left"', "home_side"),
         ('kinematics = "cartesian"', 'kinematics = "delta"', "kinematics"),

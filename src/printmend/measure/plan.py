@@ -150,7 +150,7 @@ def read_plan(path: str | Path) -> ProbePlan:
         raise InputError(path, wanted=f"version {VERSION} of probe.json", came=came, todo=_TODO)
     try:
         return _plan(table)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
         raise InputError(path, wanted="a whole probe.json", came=f"{error!r}", todo=_TODO) from None
 
 

@@ -15,6 +15,8 @@ _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
 _COUNTS = ("steps_per_turn", "microsteps")
 _AXIS_KEYS = {*_NUMBERS, *_COUNTS, "home_side"}
 _KEYS = {"name", "kinematics", "x", "y", "z"}
+_FAR_MM = 1000.0
+_MOST_PLACES = 5_000_000  # a machine is tabulated at its micro-steps; 300 mm at 256 a step are 400 000
 _TODO = "compare with `printmend printer ender3`, which prints a preset"
 
 
@@ -97,6 +99,17 @@ def _axis(table: Any, name: str, subject: str) -> Axis:
     if table["mm_per_turn"] <= 0 or table["mm_per_turn"] > 1000:
         raise ConfigError(
             subject, wanted=f"{section} mm_per_turn in 0–1000", came=repr(table["mm_per_turn"]), todo=_TODO
+        )
+    if not table["min_mm"] - _FAR_MM <= table["home_mm"] <= table["max_mm"] + _FAR_MM:
+        came = f"{table['home_mm']:g}"
+        raise ConfigError(subject, wanted=f"{section} home_mm within a metre of the axis", came=came, todo=_TODO)
+    places = (table["max_mm"] - table["min_mm"]) * table["steps_per_turn"] * table["microsteps"] / table["mm_per_turn"]
+    if name != "z" and places > _MOST_PLACES:
+        raise ConfigError(
+            subject,
+            wanted=f"{section} at most {_MOST_PLACES} micro-steps long",
+            came=f"{places:.3g}",
+            todo="check mm_per_turn, steps_per_turn and microsteps",
         )
     return Axis(name=name, **table)
 
