@@ -8,6 +8,10 @@ from numba import njit
 
 from printmend.control.kernels.greedy import bed_position
 
+# States that rank so far behind the best, in squared steps, hardly ever lead to the best plan; without them it is
+# found sooner, and where the beam is full a little better.
+_BEHIND = 0.7
+
 
 @njit(cache=True, inline="always")
 def moved(k, m, low, high):
@@ -118,6 +122,7 @@ def search(
         bar = np.inf
         if total > width:
             bar = np.partition(rank[:total], width - 1)[width - 1]
+        bar = min(bar, leader + _BEHIND)
         count, worst = 0, -np.inf
         for n in range(total):
             if rank[n] <= bar and count < width:
