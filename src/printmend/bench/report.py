@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from printmend.bench.case import Result
+from printmend.files import replacing
 from printmend.metrics import abrmse
 
 
@@ -77,6 +79,18 @@ def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         name, *numbers = (cell.rjust(width) for cell, width in zip(row, widths, strict=True))
         texts.append("  ".join([name.strip().ljust(widths[0]), *numbers]).rstrip())
     return "\n".join(texts)
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table: the first column to the left, numbers to the right."""
+    rule = ("---", *("---:" for _ in header[1:]))
+    return "\n".join("| " + " | ".join(row) + " |" for row in (header, rule, *rows)) + "\n"
+
+
+def write_markdown(path: Path, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Write a table as Markdown, for the docs."""
+    with replacing(path) as file:
+        file.write(markdown_table(header, rows))
 
 
 def body_table(results: Sequence[Result], rows: Sequence[str]) -> str:

@@ -9,6 +9,7 @@ import click
 
 from printmend.cli.bench_families import families
 from printmend.cli.bench_objectives import objectives
+from printmend.cli.bench_prints import prints
 from printmend.cli.bench_real import real
 
 
@@ -19,6 +20,7 @@ def command() -> None:
 
 command.add_command(real)
 command.add_command(families)
+command.add_command(prints)
 command.add_command(objectives)
 
 

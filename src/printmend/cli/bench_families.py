@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 
-def _numbers(text: str) -> tuple[float, ...]:
+def numbers(text: str) -> tuple[float, ...]:
+    """Read numbers with commas."""
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -48,7 +49,7 @@ def families(
     from printmend.cli.progress import progress
     from printmend.cli.table import show_table
 
-    noises, coverages = _numbers(noise), _numbers(coverage)
+    noises, coverages = numbers(noise), numbers(coverage)
     cases = draw_family_cases(
         families.split(",") if families else FAMILIES, coverages=coverages, samples=samples,
         severities=[name for name in SEVERITIES if severity in ("both", name)], seed=TEST_SEED if test else seed,

@@ -1,0 +1,51 @@
+"""`printmend bench prints`: which test print teaches most."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from printmend.cli.bench_families import numbers
+
+
+@click.command(
+    epilog="Example: printmend bench prints --prints fixed,layer,optimal --points 250 --samples 2 --out prints"
+)
+@click.option("--prints", help="Test prints, with commas. Default: the designs of `probe` and eight shapes.")
+@click.option("--families", help="Faults to draw from, with commas.")
+@click.option("--points", default="60,250,1000", show_default=True, help="Measured points.")
+@click.option("--noise", default="0,0.05,0.1", show_default=True, help="Of the measurement, mm a coordinate.")
+@click.option("--samples", type=click.IntRange(1), default=2, show_default=True, help="Faults drawn a family.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@click.option("--out", type=click.Path(path_type=Path), default="printmend-prints", show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="Every result as JSON on stdout.")
+def prints(
+    prints: str | None, families: str | None, points: str, noise: str, samples: int, seed: int, workers: int, out: Path,
+    as_json: bool,
+) -> None:  # fmt: skip
+    """Make test prints on randomly damaged printers, learn from each, and print a body with what was learned.
+
+    A cell is the bodies' mean RMSE in full steps, with its ratio to the optimum: the best plan on the true machine.
+    Results go to OUT/prints.jsonl and the table to OUT/prints.md; an interrupted run goes on where it was.
+    """
+    from printmend.bench import prints as bench
+    from printmend.bench.print_case import PRINTS
+    from printmend.bench.report import write_markdown
+    from printmend.cli.progress import progress
+    from printmend.cli.table import show_table
+
+    counts, noises = tuple(int(count) for count in numbers(points)), numbers(noise)
+    cases = bench.draw_print_cases(families.split(",") if families else bench.FAMILIES, samples=samples, seed=seed)
+    chosen = prints.split(",") if prints else PRINTS
+    with progress("cases", len(cases)) as tick:
+        results = bench.prints_table(cases, chosen, counts, noises, out, workers=workers, tick=tick)
+    if as_json:
+        click.echo(json.dumps([asdict(item) for item in results]))
+        return
+    header, lines = bench.print_lines(results, counts, noises)
+    write_markdown(out / bench.MARKDOWN, header, lines)
+    show_table(f"Test prints, {len(cases)} damaged printers", header, lines)
+    for reason in sorted({f"{item.test_print}: {item.error}" for item in results if item.error}):
+        click.echo(f"failed: {reason}", err=True)
