@@ -38,12 +38,12 @@ def draw_fit(
         axes.plot(motor_mm, error_mm[way], color=colour, linewidth=1.4, label=WAYS[way], zorder=4)
     low, high = float(error_mm.min()), float(error_mm.max())
     room = 0.15 * (high - low) + 2 * float(np.median(band_mm)) + LEAST_SPAN_MM / 2
-    axes.set_ylim(low - room, high + room)
+    axes.set_ylim(low - room, high + room + 0.12 * (high - low + 2 * room))  # above, the legend
     axes.set_xlim(motor_mm[0], motor_mm[-1])
     axes.set_xlabel(f"position of {name} [mm]; grey: whole turns of the motor", fontsize=8)
     axes.set_ylabel("printed − commanded [mm]", fontsize=8)
     axes.set_title(f"{name}: dots measured, lines learned", color=INK, fontsize=10)
-    axes.legend(fontsize=7, frameon=False, loc="best")
+    axes.legend(fontsize=7, frameon=False, loc="upper left", ncols=2)
     return quiet(axes)
 
 

@@ -18,7 +18,8 @@ from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Prediction
 from printmend.worldmodel.advice import Advice, advise
 from printmend.worldmodel.diagnosis import Diagnosis, diagnose, doubt_of
-from printmend.worldmodel.greybox import Greybox, GreyboxModel
+from printmend.worldmodel.greybox import GreyboxModel
+from printmend.worldmodel.hybrid import Hybrid
 from printmend.worldmodel.learned import PROBE_TODO, greybox_model
 from printmend.worldmodel.portrait import Portrait, portrait
 from printmend.worldmodel.saved import SavedModel
@@ -30,21 +31,39 @@ URGENCY = {
     "repair": "Repair", "soon": "Look at it when convenient", "software": "Leave it to the software",
 }  # fmt: skip
 _STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 960px; margin: 2em auto; padding: 0 1em; color: #1c1917; }
-h1 { margin-bottom: .2em; } h2 { margin-top: 1.8em; } img { width: 100%; height: auto; } small { color: #78716c; }
-.big { font-size: 1.25em; } .fault { border-left: 6px solid #86868b; padding: .1em 1em; margin: 1em 0; }
-.repair { border-color: #c2410c; } .soon { border-color: #eab308; } .software { border-color: #15803d; }
-.fault h3 { margin: .3em 0; } .tag { font-size: .8em; font-weight: 400; color: #57534e; } dt { font-weight: 600; }
-dl { display: grid; grid-template-columns: 11em 1fr; gap: .15em 1em; margin: .4em 0; } dd { margin: 0; }
-table { border-collapse: collapse; } td, th { padding: .15em .9em; text-align: right; }
-td:first-child { text-align: left; } td { border-bottom: 1px solid #e7e5e4; }
+:root { --ink: #1c1917; --soft: #57534e; --line: #e7e5e4; --paper: #ffffff; --card: #fafaf9; }
+* { box-sizing: border-box; }
+body { font: 16px/1.55 system-ui, "Segoe UI", Roboto, sans-serif; max-width: 1000px; margin: 0 auto;
+  padding: 2.2em 1.4em; color: var(--ink); background: var(--paper); }
+h1 { font-size: 1.9em; margin: 0 0 .2em; } h2 { margin: 2.2em 0 .6em; font-size: 1.3em; }
+.big { font-size: 1.15em; margin: .3em 0 1.2em; } small { color: #78716c; }
+.strip { display: grid; grid-template-columns: repeat(auto-fit, minmax(190px, 1fr)); gap: .8em; margin: 1.2em 0; }
+.strip div { background: var(--card); border: 1px solid var(--line); border-radius: 10px; padding: .8em 1em; }
+.strip b { display: block; font-size: 1.55em; line-height: 1.25; } .strip span { color: var(--soft); font-size: .9em; }
+.fault { border: 1px solid var(--line); border-left: 7px solid #86868b; border-radius: 10px; background: var(--card);
+  padding: .4em 1.2em .7em; margin: .9em 0; break-inside: avoid; }
+.fault h3 { margin: .4em 0 .2em; font-size: 1.1em; } .fault p { margin: .3em 0; }
+.tag { font-size: .72em; font-weight: 600; border-radius: 1em; padding: .2em .8em; margin-left: .5em; color: #fff;
+  white-space: nowrap; vertical-align: .12em; }
+.repair { border-left-color: #c2410c; } .soon { border-left-color: #ca8a04; } .software { border-left-color: #15803d; }
+.repair .tag { background: #c2410c; } .soon .tag { background: #a16207; } .software .tag { background: #15803d; }
+dt { font-weight: 600; color: var(--soft); } dd { margin: 0; }
+dl { display: grid; grid-template-columns: 8.5em 1fr; gap: .2em 1em; margin: .5em 0; }
+table { border-collapse: collapse; }
+td, th { padding: .3em 1em; text-align: right; border-bottom: 1px solid var(--line); }
+td:first-child, th:first-child { text-align: left; padding-left: 0; font-weight: 600; }
+figure { margin: 1.2em 0; padding: 1em; border: 1px solid var(--line); border-radius: 10px; break-inside: avoid; }
+figure img { width: 100%; height: auto; display: block; } figcaption { color: var(--soft); margin-bottom: .6em; }
+@media (max-width: 600px) { dl { grid-template-columns: 1fr; } dd { margin-bottom: .5em; } }
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Examination:
-    """A trace's fit with all that its report shows; ``part`` and ``prediction`` where a part was given; ``finer``
-    is the number of faults too small to be shown."""
+    """A trace's fit with all that its report shows; ``part`` and ``prediction`` where a part was given.
+
+    ``finer`` is the number of faults too small to be shown, ``beyond`` says what was learned that no known fault makes.
+    """
 
     model: GreyboxModel
     saved: SavedModel
@@ -57,6 +76,7 @@ class Examination:
     part: str | None
     prediction: Prediction | None
     finer: int
+    beyond: tuple[str, ...]
 
     @property
     def headline(self) -> str:
@@ -85,8 +105,9 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
 
     Raises `TraceError` like `learn`, `GcodeError` or `ModelError` for a part that cannot be printed here.
     """
-    model = Greybox().fit(trace, printer, rng=rng)
-    saved, diagnosis = greybox_model(model, trace), diagnose(model, doubt_of(trace))
+    fit = Hybrid().fit(trace, printer, rng=rng)
+    model, diagnosis = fit.box, diagnose(fit.box, doubt_of(trace))
+    saved = greybox_model(model, trace, hybrid=fit if fit.findings else None)
     corexy = printer.kinematics == "corexy"
     order = list(URGENCY)
     all_advice = [advise(fault, corexy=corexy) for fault in diagnosis.faults]
@@ -100,7 +121,7 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
         model, saved, diagnosis, tuple(advice), (portrait(model, 0, trace), portrait(model, 1, trace)),
         trace.commanded_mm[shown], (trace.measured_mm - trace.commanded_mm)[shown], after[shown],
         None if part is None else part.name, None if part is None else check_gcode(part, saved),
-        len(all_advice) - len(advice),
+        len(all_advice) - len(advice), fit.findings,
     )  # fmt: skip
 
 
@@ -120,6 +141,7 @@ def summary(examination: Examination) -> str:
     """Say it in a few lines for a terminal."""
     rows = [examination.headline]
     rows += [f"{URGENCY[one.urgency].lower()}: {one.title} ({one.sure})" for one in examination.advice]
+    rows += list(examination.beyond)
     if examination.prediction is not None:
         rows.append(_part_said(examination.part or "", examination.prediction))
     return "\n".join(rows + [f"not told by this trace: {gap}" for gap in examination.diagnosis.gaps])
@@ -176,11 +198,26 @@ def _figures(examination: Examination) -> list[tuple[str, Any]]:
     return figures
 
 
+def _strip(examination: Examination) -> list[tuple[str, str]]:
+    """Return the few numbers that matter, each with its words."""
+    model = examination.model
+    numbers = [
+        (f"{model.residual_before_mm:.2f} mm", "how far the test print lies from where it belongs (RMS)"),
+        (f"{model.residual_after_mm:.3f} mm", "of that nobody can explain: it cannot be mended"),
+    ]
+    if (prediction := examination.prediction) is not None:
+        before, after = prediction.before.rms_mm, prediction.after.rms_mm
+        numbers.append((f"{before:.2f} → {after:.3f} mm", f"your part {examination.part}, as it is → mended"))
+    return numbers
+
+
 def _facts(examination: Examination) -> list[str]:
     model = examination.model
     return [
         f"{model.printer.name}, {model.measured} measured points, noise {model.noise_mm:.3f} mm a coordinate",
-        f"in short: {examination.diagnosis.summary}",
+        f"in short: {'; '.join((examination.diagnosis.summary, *examination.beyond))}",
+        "the model is a machine of pulleys, belts and a frame"
+        + (", with tables learned for what none of these explains" if examination.beyond else ""),
         f"model {examination.saved.digest}, printmend {printmend.__version__}; learned, not looked at: check before "
         "you buy parts",
     ]
@@ -193,6 +230,7 @@ def _paragraphs(examination: Examination) -> list[tuple[str, str]]:
             ("heading", f"{one.title} – {URGENCY[one.urgency].lower()}"), ("text", one.meaning),
             ("text", f"How sure: {one.sure}."), ("text", f"To do: {one.repair}"), ("text", f"Software: {one.software}"),
         ]  # fmt: skip
+    rows += [("text", one) for one in examination.beyond]
     if examination.prediction is not None:
         rows += [("heading", "Your part"), ("text", _part_said(examination.part or "", examination.prediction))]
     if examination.diagnosis.gaps:
@@ -224,20 +262,31 @@ def _page(examination: Examination) -> str:
             f"<h2>Your part: {say(examination.part or '')}</h2><table><tr><th>predicted distance from the wanted path "
             f"[mm]</th><th>RMS</th><th>95 % below</th><th>largest</th></tr>{rows}</table>"
         )
+    beyond = "".join(
+        f'<div class="fault software"><h3>{say(one)}</h3>'
+        "<p>printmend carries it, as long as it stays as it is.</p></div>"
+        for one in examination.beyond
+    )
     gaps = "".join(f"<li>{say(gap)}</li>" for gap in examination.diagnosis.gaps)
     gaps = f"<h2>What this print could not tell</h2><ul>{gaps}</ul><p>{say(PROBE_TODO)}</p>" if gaps else ""
     pictures = ""
     for caption, figure in _figures(examination):
         # as an image of its own: the names inside two inline drawings would clash
         data = base64.b64encode(svg(figure).encode()).decode()
-        pictures += f'<p>{say(caption)}</p><img alt="{say(caption)}" src="data:image/svg+xml;base64,{data}">'
+        pictures += (
+            f'<figure><figcaption>{say(caption)}</figcaption><img alt="{say(caption)}" '
+            f'src="data:image/svg+xml;base64,{data}"></figure>'
+        )
+    strip = "".join(f"<div><b>{say(value)}</b><span>{say(about)}</span></div>" for value, about in _strip(examination))
     facts = "".join(f"<p><small>{say(fact)}</small></p>" for fact in _facts(examination))
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>What is wrong with this printer</title><style>{_STYLE}</style></head><body>
 <h1>What is wrong with this printer</h1>
 <p class="big">{say(examination.headline)}</p>
-{faults}{part}{gaps}
+<div class="strip">{strip}</div>
+<h2>{"What is wrong, and what to do" if examination.advice else "Nothing to do"}</h2>
+{faults}{beyond}{part}{gaps}
 <h2>How it looks</h2>
 {pictures}
 <h2>Small print</h2>{facts}
