@@ -5,6 +5,7 @@ contacts and robust ridge least squares (`greybox_fit`), with no more parts than
 (`greybox_select`); then the frame that couples the axes. Equations: physics.md §1–4.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -124,10 +125,17 @@ class Greybox:
         """
         # Threads of the linear algebra cost more than they bring on systems of a hundred unknowns.
         with threadpool_limits(1, user_api="blas"):
-            return _learned(trace, printer, rng)
+            return learned(trace, printer, rng)
 
 
-def _learned(trace: Trace, printer: Printer, rng: np.random.Generator) -> GreyboxModel:
+def learned(
+    trace: Trace,
+    printer: Printer,
+    rng: np.random.Generator,
+    *,
+    complete: Callable[[Rows, Choice], Choice] = lambda rows, choice: choice,
+) -> GreyboxModel:
+    """Learn from a trace; ``complete`` may say more of each motor than its rows did."""
     _check(trace)
     full = motor_rows(trace, printer)
     keep, use = _trial(full, rng)
@@ -157,6 +165,7 @@ def _learned(trace: Trace, printer: Printer, rng: np.random.Generator) -> Greybo
         full = with_belts(full, chosen)
         chosen = [_again(row, choice, ripple, 2) for row, choice, ripple in zip(full, chosen, ripples, strict=True)]
         rows = full
+    chosen = [complete(row, choice) for row, choice in zip(rows, chosen, strict=True)]
     return replace(model_of(trace, printer, rows, chosen), jumps=(jumps[0], jumps[1]))
 
 

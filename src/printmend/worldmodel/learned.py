@@ -13,6 +13,7 @@ from printmend.printer import Printer
 from printmend.worldmodel.diagnosis import Diagnosis, diagnose, doubt_of
 from printmend.worldmodel.greybox import Drive, GreyboxModel
 from printmend.worldmodel.greybox_branches import Branches
+from printmend.worldmodel.greybox_sight import SEEN
 from printmend.worldmodel.hybrid import HybridModel
 from printmend.worldmodel.registry import learner
 from printmend.worldmodel.saved import SavedModel, saved_model
@@ -25,11 +26,14 @@ PROBE_TODO = "`printmend probe` writes a print that shows all of it."
 def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator) -> SavedModel:
     """Learn a machine from a trace.
 
-    ``auto`` is the hybrid: the simplest machine that the trace supports, and what cross-validation adds to it. Raises
-    `TraceError` where the trace cannot support any, `ConfigError` where the named learner has no machine to mend with.
+    ``auto`` is the hybrid: the simplest machine that the trace supports, and what cross-validation adds to it; where a
+    motor was not seen over its whole turn, the prior over pulleys says what the rest is like. Raises `TraceError` where
+    the trace cannot support any, `ConfigError` where the named learner has no machine to mend with.
     """
     name = "hybrid" if model == AUTO else model
     fit = learner(name).fit(trace, printer, rng=rng)
+    if model == AUTO and isinstance(fit, HybridModel) and not fit.findings and _is_partial(fit.box):
+        fit = learner("prior").fit(trace, printer, rng=rng)
     if isinstance(fit, GreyboxModel):
         return greybox_model(fit, trace)
     if isinstance(fit, HybridModel):
@@ -48,6 +52,10 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
     details = {"model": fit.to_json()} if hasattr(fit, "to_json") else {}
     finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
     return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
+
+
+def _is_partial(fit: GreyboxModel) -> bool:
+    return any(drive.sight.angles < SEEN for drive in fit.drives)
 
 
 def greybox_model(
