@@ -26,9 +26,13 @@ SHORTEST_MM, LONGEST_MM = 20.0, 145.0  # the common callipers open 150 mm
 SURE_OF_SIDE_MM = 4.0
 FAR_OFF = 0.25  # share by which a reading may differ from the distance before it must be a slip
 NAMES = ("scale", "play", "sine", "cosine")
+OWNERS_WORDS = {
+    "scale": "scale error (+: prints too large)", "play": "belt's play",
+    "sine": "pulley off its centre, sine part", "cosine": "pulley off its centre, cosine part",
+}  # fmt: skip
 PRIOR_SD = (0.05, 0.6, 0.4, 0.4)
 SKEW_SD, WIDTH_SD_MM = 0.01, 0.2
-SUPPORTED, SEEN = 0.5, 2.0  # of the prior's spread; standard deviations away from none
+SUPPORTED, SEEN = 0.5, 3.0  # of the prior's spread; standard deviations away from none
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +65,9 @@ class Estimate:
 
     def __str__(self) -> str:
         factor, unit = {"": (100.0, "%"), "rad": (180 / math.pi, "°"), "mm": (1.0, "mm")}[self.unit]
-        said = f"{self.name}: {self.value * factor:+.3f} ± {self.sd * factor:.3f} {unit}"
+        part, _, what = self.name.rpartition(" ")
+        name = f"{part} {OWNERS_WORDS[what]}" if part and what in OWNERS_WORDS else self.name
+        said = f"{name}: {self.value * factor:+.3f} ± {self.sd * factor:.3f} {unit}"
         if not self.supported:
             return said + ", which these distances cannot tell"
         return said if self.corrected else said + ", none to be seen"
