@@ -5,6 +5,7 @@ import importlib
 import os
 import signal
 import sys
+import warnings
 from typing import NoReturn
 
 import click
@@ -67,6 +68,8 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):  # closed, or not a terminal's
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # for programmers; users get errors
     signal.signal(signal.SIGTERM, _terminated)
     if sys.stderr is not None and sys.stderr.isatty():
         import logging

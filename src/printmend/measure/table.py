@@ -24,6 +24,8 @@ OPTIONAL = ("sigma_mm", "z_mm", "layer")
 MIN_MEASURED = 10
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
 AT_HOME_MM = 0.05
+_LARGEST_MM = 1e9  # what is farther is wrong all the same, and its square is still a number
+_MOST_LAYERS = 1_000_000
 HEADER_TODO = f"start the file with the line {','.join(REQUIRED)}"
 
 # Stands for an empty cell while the table is parsed; no printer goes there, and a literal nan stays visible.
@@ -201,6 +203,8 @@ def _check_values(path: Path, names: list[str], columns: dict[str, np.ndarray]) 
                 came=f"an empty cell in row {empty[0] + 1} after the header",
                 todo="write every commanded way-point; only measured cells may be empty",
             )
+    if "layer" in columns and (np.abs(columns["layer"]) > _MOST_LAYERS).any():
+        raise TraceError(path, wanted=f"layers up to {_MOST_LAYERS}", came="a number beyond", todo="correct it")
     if "sigma_mm" in columns and (columns["sigma_mm"] < 0).any():
         raise TraceError(path, wanted="sigma_mm ≥ 0", came="a negative one", todo="correct it or leave it empty")
 
@@ -213,8 +217,8 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
     """
     rows = np.isfinite(measured).all(axis=1)
     x, y = (
-        commanded[rows] - np.median(commanded[rows], axis=0),
-        measured[rows] - np.median(measured[rows], axis=0),
+        np.clip(values[rows] - np.median(values[rows], axis=0), -_LARGEST_MM, _LARGEST_MM)
+        for values in (commanded, measured)
     )
     spread = np.sqrt((x**2).mean())
     slope = _slope(x.ravel(), y.ravel())
@@ -228,13 +232,14 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
                     came=f"{column} positions that look like {unit} (a factor of {factor:g})",
                     todo=f"multiply the {column} columns by {factor:g}",
                 )
-    if spread > 15.0 and not 0.3 < slope < 3.0:
-        raise TraceError(
-            path,
-            wanted="measured positions that follow the commanded ones",
-            came=f"a slope of {slope:.2f} between them",
-            todo="check the unit, the order of the rows, and whether x and y are swapped or mirrored",
-        )
+    for axis, given, found in zip("xy", x.T, y.T, strict=True):
+        if np.sqrt((given**2).mean()) > 15.0 and not 0.3 < (slope := _slope(given, found)) < 3.0:
+            raise TraceError(
+                path,
+                wanted="measured positions that follow the commanded ones",
+                came=f"a slope of {slope:.3g} between them in {axis}",
+                todo="check the unit, the order of the rows, and whether x and y are swapped or mirrored",
+            )
     for factor, unit in ((MM_PER_INCH, "inches"), (10.0, "centimetres")):
         if np.abs(home).max() > 20 and np.allclose(commanded[0] * factor, home, atol=0.02 * factor):
             raise TraceError(
