@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from printmend.corruption import HEALTHY, sample
+from printmend.corruption import HEALTHY, Corruption, Drive, PublishedHull, sample
 from printmend.errors import TraceError
 from printmend.mechanism import Mechanism
 from printmend.path import Trace
@@ -201,6 +201,22 @@ def test_half_a_turn_does_not_explode(name: str) -> None:
         seen = [table.branches_mm(m)[0] - drive.branches(m)[0] for m in np.linspace(112.0, 116.0, 9)]
         assert np.abs(seen).max() < 0.05
         assert model.drives[i].sight.angles < 0.95
+
+
+def test_nine_tenths_of_a_turn_show_a_triangle_whole() -> None:
+    """What a weak pulley needs beyond the turn that it was seen in follows from its symmetry."""
+    turn = 40.0
+    broken = Corruption((Drive(pulley=PublishedHull("triangle", 0.13)), Drive(pulley=PublishedHull("triangle", 5.4))))
+    mechanism = broken.lower(ENDER3)
+    way = np.array([100.0, 100.0]) + 0.905 * turn / 2 * (1 + np.outer(np.cos(np.linspace(0, 6 * np.pi, 900)), [1, 1]))
+    way[:, 1] += np.linspace(0, 0.02, 900)
+    trace = Trace(way, Twin(mechanism).follow(way) + np.random.default_rng(5).normal(0, 0.05, way.shape))
+    model = learn(trace)
+    for true, found, drive in zip(mechanism.transmissions, model.mechanism.transmissions, model.drives, strict=True):
+        assert drive.sight.angles == pytest.approx(0.905, abs=0.01)
+        beyond = np.linspace(100.0, 100.0 + turn, 81)
+        error = found.branches_mm(beyond)[0] - true.branches_mm(beyond)[0]
+        assert np.ptp(error) < 0.1
 
 
 def test_jumps_within_the_print_are_taken_out() -> None:

@@ -47,11 +47,13 @@ def sight(rows: Rows, touch: Contacts) -> Sight:
         counts.append(int(used.sum()))
     place = rows.motor_mm[touch.at[measured & (touch.side != 0)]]
     span = float(np.ptp(place)) if len(place) else 0.0
+    # neighbours or not, a span shorter than a turn leaves the rest of it unseen
+    turns_seen = span / rows.period_mm
     steps = np.diff(rows.motor_mm)
     steps = steps[steps != 0]
     reversals = int((np.sign(steps[1:]) != np.sign(steps[:-1])).sum())
     unsure = int((measured & (touch.at < 0)).sum())
     return Sight(
-        span / rows.period_mm, float(seen.mean()), shares[0], shares[1], counts[0], counts[1], reversals, unsure,
+        turns_seen, min(float(seen.mean()), turns_seen), shares[0], shares[1], counts[0], counts[1], reversals, unsure,
         rows.reach_mm,
     )  # fmt: skip
