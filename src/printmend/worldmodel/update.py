@@ -314,7 +314,8 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
             found.append(Change(name, kind, before, after, sd, unit, words))
 
     at = design.parts["play_powers"].start
-    compare("play", "belt play", past.values[at], post.values[at], float(np.hypot(past.sds[at], sds[at])), "mm",
+    known, seen = (max(float(values[at]), 0.0) for values in (past.values, post.values))  # as the tables have it
+    compare("play", "belt play", known, seen, float(np.hypot(past.sds[at], sds[at])), "mm",
             CHANGED_MM)  # fmt: skip
     at = design.parts["mean_powers"].start + 1
     sd = float(np.linalg.norm([past.sds[at], sds[at], BOTH * doubt.scale_percent]))
