@@ -21,6 +21,7 @@ from printmend.bench.families import (
     family_tables,
 )
 from printmend.bench.family_case import FamilyCase, FamilyResult, body_of, corruption_of, evaluate_family, row_parts
+from printmend.bench.family_report import family_markdown
 from printmend.bench.rows import row
 from printmend.corruption import families as corruption_families
 from printmend.errors import InputError
@@ -104,6 +105,18 @@ def test_what_failed_is_left_out_and_marked() -> None:
     assert lines == [("play damaged", "1.000 (2.00)*", "1.000 (2.00)*", "–", "–")]
 
 
+def test_the_docs_table_has_a_line_a_family_and_both_severities() -> None:
+    results = [result(OPTIMUM, 0, 0.5), result("naive+greedy", 0, 100.0), result("greybox+optimal", 0, 0.6)]
+    results += [replace(item, severity="realistic", rmse_steps=0.25) for item in results if item.row != "naive+greedy"]
+    text = family_markdown(family_cells(results, (0.0,)), (1.0,), (0.0,))
+    assert "**naive+greedy**" in text
+    assert text.splitlines()[-3:] == [
+        "| family | optimum | naive | 1 turn σ 0 |",
+        "| --- | ---: | ---: | ---: |",
+        "| play | 0.50 / 0.25 | 100 | 1.20 / 1.00 |",
+    ]
+
+
 def test_an_optimum_of_no_error_has_no_ratio_but_its_equal_has() -> None:
     best = [result(OPTIMUM, sample, 0.0) for sample in range(2)]
     equal = family_cells([*best, result("naive+greedy", 0, 0.0), result("naive+greedy", 1, 0.0)], (0.0,))[1]
@@ -137,6 +150,8 @@ def test_the_command_prints_cells(tmp_path: Path) -> None:
     assert all(cell["ratio"] >= 1 for cell in cells)
     shown = CliRunner().invoke(command, args[:-1])
     assert "play damaged" in shown.output
+    assert (tmp_path / "families.md").read_text().startswith("**naive+greedy**")
+    assert len((tmp_path / "families.csv").read_text().splitlines()) == 1 + len(cells)
 
 
 def test_every_family_has_a_row() -> None:

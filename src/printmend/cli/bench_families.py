@@ -34,7 +34,8 @@ def families(
     """Print bodies on random faults of every family: learn from the first layer's noisy scan, print the others.
 
     A cell is the mean RMSE in full steps, with its ratio to the optimum: the optimal controller on the true machine.
-    Results go to OUT/families.jsonl; an interrupted run goes on where it was.
+    Results go to OUT/families.jsonl, the tables to OUT/families.md and OUT/families.csv; an interrupted run goes on
+    where it was.
     """
     from printmend.bench.families import (
         FAMILIES,
@@ -46,6 +47,7 @@ def families(
         family_cells,
         family_tables,
     )
+    from printmend.bench.family_report import write_families
     from printmend.cli.progress import progress
     from printmend.cli.table import show_table
 
@@ -58,6 +60,7 @@ def families(
         chosen = rows.split(",") if rows else ROWS
         results = families_table(cases, chosen, noises, out, workers=workers, tick=tick)
     cells = family_cells(results, noises)
+    write_families(out, cells, coverages, noises)
     if as_json:
         click.echo(json.dumps({"cells": [asdict(cell) for cell in cells]}))
         return
