@@ -6,7 +6,7 @@ import numpy as np
 
 LEASH = 6
 REJOIN = 60
-ANCHOR = 0.02
+ANCHOR = {"p95": 0.02, "area": 0.3, "frechet": 0.02}
 
 
 def area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
@@ -27,7 +27,7 @@ def tick_cost(objective: str, wanted: np.ndarray, printed: np.ndarray, t: int, t
     else:
         near = wanted[max(t - LEASH, 0) : t + LEASH + 1]
         own = max(float(((near - printed[t]) ** 2).sum(axis=1).min()) - threshold**2, 0.0)
-    return own + ANCHOR * squared
+    return own + ANCHOR[objective] * squared
 
 
 def cost(objective: str, wanted: np.ndarray, printed: np.ndarray, threshold: float) -> float:

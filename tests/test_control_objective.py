@@ -54,7 +54,7 @@ def test_never_worse_by_its_objective(objective: Objective, preset: str) -> None
         values[name] = objective_value(objective, wanted, plan.imagined_steps)
     assert values[f"optimal-{objective}"] <= values["optimal"]
     if objective == "area":
-        assert values["optimal-area"] < 0.95 * values["optimal"]
+        assert values["optimal-area"] < 0.98 * values["optimal"]
 
 
 def test_no_small_edit_improves_the_optimum(ender5: Printer) -> None:
@@ -80,10 +80,10 @@ def test_the_leash(rng: np.random.Generator) -> None:
     assert kernels.leash(straight, late) == pytest.approx(np.hypot(2, 2))
 
 
-def test_area_forgives_what_is_early_or_late() -> None:
+def test_area_forgives_most_of_what_is_early_or_late() -> None:
     line = np.stack([np.arange(20.0), np.zeros(20)], axis=1)
-    assert objective_value("area", line, line + np.array([0.4, 0.0])) == pytest.approx(0.02 * 19 * 0.4**2)
-    assert objective_value("area", line, line + np.array([0.0, 0.5])) == pytest.approx(19 * (0.5 + 0.02 * 0.25))
+    assert objective_value("area", line, line + np.array([0.4, 0.0])) == pytest.approx(0.3 * 19 * 0.4**2)
+    assert objective_value("area", line, line + np.array([0.0, 0.5])) == pytest.approx(19 * (0.5 + 0.3 * 0.25))
 
 
 def test_the_table_measures_what_was_planned(ender5: Printer) -> None:

@@ -27,7 +27,7 @@ class Refined:
     """`Optimal`, then small edits that make an objective smaller on the model: a step earlier or later here and there.
 
     ``p95``: the 95th percentile of the distances from the targets. ``area``: what lies between the nozzle's way and
-    the target's; being early or late along the way costs nothing. ``frechet``: the longest leash of two walkers along
+    the target's; being early or late along the way costs little. ``frechet``: the longest leash of two walkers along
     both (discrete Fréchet). None of them is a sum that dynamic programming an axis could take. Never worse than
     `Optimal` by its objective. Models without play tables are left to `Optimal`.
     """
@@ -64,7 +64,8 @@ class Refined:
 def objective_value(objective: Objective, wanted: np.ndarray, printed: np.ndarray) -> float:
     """Return an objective of a print [T + 1, 2] that was to be at ``wanted`` [T + 1, 2], in the units of both.
 
-    ``area`` is counted tick by tick, so that a way gone twice counts twice; `metrics.shape` measures figures. The leash
+    ``area`` is counted tick by tick, so that a way gone twice counts twice, with a share of the squared distances;
+    `metrics.shape` measures figures. The leash
     of ``frechet`` may be a few ticks long at most.
     """
     if objective == "area":
