@@ -2,8 +2,8 @@
 
     .venv/bin/python benchmarks/bench_chain.py --seed 100 --printers 5 --dirt default --dirt heavy
 
-Prints for each printer the error of the read marks (the plate's place and turn taken off, so the scanner's scale is in
-it), the contour error of the part before and after mending (its place on the bed taken off) and the seconds it took.
+Prints for each printer the error of the read marks (the plate's place and turn and the scanner's scale taken off; that
+scale), the contour error of the part before and after mending (its place on the bed taken off) and the seconds it took.
 Targets: 0.03 mm RMS with default degradations of the scan, 0.05 mm with heavy ones.
 """
 
@@ -44,7 +44,8 @@ def main() -> None:
             rows.append(
                 {
                     "dirt": dirt, "family": family, "seed": seed, "missing": done.missing, "marks": done.marks,
-                    "mark_um": 1000 * done.mark_mm, "before_mm": done.before.rms, "after_mm": done.after.rms,
+                    "mark_um": 1000 * done.mark_mm,
+                    "scale_percent": done.scale_percent, "before_mm": done.before.rms, "after_mm": done.after.rms,
                     "after_p95_mm": done.after.p95, "seconds": time.perf_counter() - begun,
                 }
             )  # fmt: skip
@@ -59,7 +60,8 @@ def main() -> None:
 def show(row: dict) -> None:
     print(
         f"{row['dirt']:8} {row['family']:13} seed {row['seed']}: {row['missing']:2} of {row['marks']} marks missing, "
-        f"{row['mark_um']:5.1f} µm; contour error {row['before_mm']:.3f} → {row['after_mm']:.4f} mm RMS "
+        f"{row['mark_um']:5.1f} µm (scale {row['scale_percent']:+.2f} %); "
+        f"contour error {row['before_mm']:.3f} → {row['after_mm']:.4f} mm RMS "
         f"(p95 {row['after_p95_mm']:.4f}), {row['seconds']:.0f} s",
         flush=True,
     )

@@ -37,8 +37,10 @@ TICKS = 9
 class ScanDemo:
     """What came of it: how well the marks were read, what was learned, and the part's contour error on the twin.
 
-    ``mark_mm`` is the RMS error of the measured marks against where the twin put them, the plate's own place and turn
-    taken off. ``before`` and ``after`` are the part's contour errors, its place on the bed taken off (``shift_mm`` [2]
+    ``mark_mm`` is the RMS distance of the measured marks from where the twin put them, the plate's own place and turn
+    taken off, and the scanner's scale, which is ``scale_percent`` wrong.
+
+    ``before`` and ``after`` are the part's contour errors, its place on the bed taken off (``shift_mm`` [2]
     after mending): a scan does not show where on the bed the plate lay.
     """
 
@@ -46,6 +48,7 @@ class ScanDemo:
     marks: int
     missing: int
     mark_mm: float
+    scale_percent: float
     notes: tuple[str, ...]
     model: SavedModel
     before: ContourError
@@ -89,7 +92,7 @@ def run_chain(
     measurement = measure_scans(paths, plan, overlay=folder / "overlay.png" if overlay else None)
     write_trace(folder / "trace.csv", measurement.trace)
     found = np.isfinite(measurement.measured_mm).all(axis=1)
-    mark_mm = aligned_rmse(printed[plan.rows][found], measurement.measured_mm[found])
+    scale, mark_mm = _mark_errors(printed[plan.rows][found], measurement.measured_mm[found])
     tick("marks measured")
     model = learn(measurement.trace, printer, rng=np.random.default_rng(seed))
     write_model(folder / "printer.mend.json", model)
@@ -114,15 +117,24 @@ def run_chain(
         toml.write(corruption_toml(corruption))
     tick("judged")
     return ScanDemo(
-        corruption, len(plan), len(measurement.missing), mark_mm, measurement.notes, model, before, after,
+        corruption, len(plan), len(measurement.missing), mark_mm, 100 * (scale - 1), measurement.notes, model,
+        before, after,
         shift_before_mm, shift_mm, refused, ideal, mended,
     )  # fmt: skip
+
+
+def _mark_errors(printed_mm: np.ndarray, measured_mm: np.ndarray) -> tuple[float, float]:
+    """Return the scale of measured marks [M, 2] against the printed ones, and their RMS distance without it [mm]."""
+    middle = measured_mm.mean(axis=0)
+    scale = float(np.linalg.norm(measured_mm - middle) / np.linalg.norm(printed_mm - printed_mm.mean(axis=0)))
+    return scale, aligned_rmse(printed_mm, middle + (measured_mm - middle) / scale)
 
 
 def figures(done: ScanDemo) -> dict[str, Any]:
     """Return the figures as plain values."""
     return {
-        "marks": done.marks, "missing": done.missing, "mark_mm": done.mark_mm, "findings": done.model.findings,
+        "marks": done.marks, "missing": done.missing, "mark_mm": done.mark_mm, "scale_percent": done.scale_percent,
+        "findings": done.model.findings,
         "before": asdict(done.before), "after": asdict(done.after), "shift_mm": done.shift_mm.tolist(),
         "refused": done.refused,
     }  # fmt: skip
@@ -132,9 +144,10 @@ def lines(done: ScanDemo, written: list[Path]) -> list[str]:
     """Say what came of it."""
     rows = [
         f"{done.marks - done.missing} of {done.marks} marks read from two scans, {1000 * done.mark_mm:.0f} µm (RMS) "
-        "from where they are",
+        f"from where they are, the scanner's scale ({done.scale_percent:+.2f} %) taken off",
         f"learned: {done.model.findings[0]}",
-        "distance from the wanted outline of another part on the same broken printer [mm]:",
+        "distance from the wanted outline of another part on the same broken printer, its place on the bed taken off "
+        f"({np.hypot(*done.shift_before_mm):.2f} mm as it is, {np.hypot(*done.shift_mm):.2f} mm mended) [mm]:",
         "             RMS      p95      max",
     ]
     rows += [
