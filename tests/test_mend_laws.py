@@ -46,7 +46,8 @@ def test_every_family(family: str) -> None:
     result = judge(part(ENDER3), mechanism)
     assert result.prediction.clamped_extruding == 0
     assert result.rms_mm <= 0.006
-    assert result.after.max() <= 0.02
+    # a ripple's crests lie closer together than the shortest moves that firmwares take
+    assert result.after.max() <= (0.03 if family in ("ripple", "everything") else 0.02)
     # what the program predicts is what happens
     assert result.prediction.after.rms_mm == pytest.approx(result.rms_mm, abs=0.0015)
 
@@ -154,7 +155,8 @@ def test_pieces_are_not_too_short() -> None:
     mechanism = sample("ripple", np.random.default_rng(1), "realistic").lower(ENDER3).homed()
     result = judge(SQUARE, mechanism)
     lengths = [move.length for move in result.given if move.draws]
-    assert min(lengths) > 0.02
+    assert min(lengths) > 0.04
+    assert np.median(lengths) > 0.08
 
 
 def test_klipper_takes_every_move() -> None:

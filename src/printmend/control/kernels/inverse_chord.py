@@ -82,7 +82,7 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound):
             step = max(shortest, step * max(0.15, 0.93 / np.sqrt(score)))
     step = good if good > 0.0 else step
     rest = whole - step
-    if rest < 0.5 * shortest:
+    if rest < shortest and whole < 2.0 * shortest:
         return whole
     return whole / 2 if rest < step else step  # two equal chords instead of one and a rest
 
