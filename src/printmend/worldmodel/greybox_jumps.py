@@ -58,6 +58,8 @@ def _beliefs(rows: Rows, found: Choice, axis: Axis) -> Iterator[Choice]:
     plain, uneven = Structure(play="free"), Structure(play="free", warp_mm=WARPS_MM[1])
     design = plain.design(COARSE_HARMONICS, ())
     calm = _calm(rows, design, least_mm)
+    if np.abs(calm.left_mm).max(initial=0.0) < least_mm:  # a jump shows in an increment, whatever else a model lacks
+        return
     yield _believed(found, plain, design, calm.values)
     yield _believed(found, plain, design, np.zeros(design.size))
     if jumps := _calmed(rows, design, calm, axis):
