@@ -63,7 +63,7 @@ def _bend(t: Transmission) -> np.ndarray:
             second = table[2 * reach :] - 2 * table[reach:-reach] + table[: -2 * reach]
             inner = np.abs(second) / (reach * t.pitch_mm) ** 2
             curvature[reach:-reach] = np.maximum(curvature[reach:-reach], inner)
-    curvature[curvature < 1e-9] = 0.0  # rounding
+    curvature[curvature < 1e-6] = 0.0  # saved tables are rounded to a nanometre
     blocks = -(-len(curvature) // look.BEND_BLOCK)
     padded = np.zeros(blocks * look.BEND_BLOCK)
     padded[: len(curvature)] = curvature
