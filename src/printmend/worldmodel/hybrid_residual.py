@@ -11,7 +11,7 @@ or by nothing. Cross-validation chooses, in blocks of at least one turn of trave
 and their slack, so folds of single points would praise whatever remembers them (physics.md §4).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -69,8 +69,10 @@ class Points:
     sigma_mm: float
 
     def where(self, mask: np.ndarray) -> "Points":
-        parts = (self.motor_mm, self.side, self.residual_mm, self.weight, self.block)
-        return Points(*(part[mask] for part in parts), self.turn_mm, self.sigma_mm)
+        return replace(
+            self, motor_mm=self.motor_mm[mask], side=self.side[mask], residual_mm=self.residual_mm[mask],
+            weight=self.weight[mask], block=self.block[mask],
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +282,8 @@ def learned(kind: Kind, data: Points, reach_mm: tuple[float, float], grid_mm: np
     """Fit a kind to all points; tabulate it at motor positions ``grid_mm`` [G]."""
     branches = []
     for side in (-1.0, 1.0):
-        where = Points(grid_mm, np.full(len(grid_mm), side), *([np.zeros(0)] * 3), data.turn_mm, data.sigma_mm)
+        none, sides = np.zeros(0), np.full(len(grid_mm), side)
+        where = Points(grid_mm, sides, none, none, none, data.turn_mm, data.sigma_mm)
         branches.append(where)
     if kind.name == "trees":
         model = trees(data, seed)
