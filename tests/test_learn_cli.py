@@ -79,7 +79,7 @@ def test_json_is_for_programs(tmp_path: Path) -> None:
 def test_the_saved_machine_is_the_learned_one(tmp_path: Path, rng: np.random.Generator) -> None:
     corruption = sample("everything", np.random.default_rng(3))
     marks = Twin.of(corruption, ENDER3).follow(PLAN.waypoints_mm)[PLAN.rows]
-    trace = replace(PLAN.trace(marks), homed=False)  # else the end stops say where it is
+    trace = replace(PLAN.trace(marks), placed=True)  # else the end stops say where it is
     fit = Greybox().fit(trace, ENDER3, rng=np.random.default_rng(0))
     saved = learn(trace, ENDER3, rng=np.random.default_rng(0)).mechanism
     for a, b in zip(fit.mechanism.transmissions, saved.transmissions, strict=True):
@@ -96,6 +96,18 @@ def test_a_scan_learns_its_place_from_the_end_stops() -> None:
     model = learn(PLAN.trace(marks - middle), ENDER3, rng=np.random.default_rng(0))
     way = PLAN.waypoints_mm[::50]
     np.testing.assert_allclose(Twin(model.mechanism).follow(way), twin.follow(way), atol=0.01)
+
+
+def test_a_table_says_its_place_itself_even_where_home_was_not_measured() -> None:
+    fault = Corruption((Drive(belt=Play(0.9)), Drive()))
+    twin = Twin.of(fault, ENDER3)
+    aside = np.array([0.3, -0.2])  # of the end stops: nothing but the table can tell
+    marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows] + aside
+    model = learn(replace(PLAN.trace(marks), placed=True), ENDER3, rng=np.random.default_rng(0))
+    motor = np.linspace(30, 190, 9)
+    for axis in range(2):
+        true, learnt = (m.transmissions[axis].branches_mm(motor) for m in (twin.mechanism.homed(), model.mechanism))
+        np.testing.assert_allclose(np.array(learnt), np.array(true) + aside[axis], atol=0.01)
 
 
 @pytest.mark.parametrize(("axis", "word"), [(0, "X"), (1, "Y")])

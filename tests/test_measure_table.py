@@ -52,6 +52,7 @@ def test_written_traces_are_read_back(tmp_path_factory, count, seed, sigma, z, l
         z_mm=rng.uniform(0, 9, count) if z else None,
         layer=rng.integers(0, 9, count) if layer else None,
         homed=True,
+        placed=not sigma,
     )
     path = tmp_path_factory.mktemp("table") / "trace.csv"
     write_trace(path, trace)
@@ -61,6 +62,7 @@ def test_written_traces_are_read_back(tmp_path_factory, count, seed, sigma, z, l
         return
     back = read_trace(path, PRINTER)
     assert back.homed
+    assert back.placed == trace.placed
     for name in ("commanded_mm", "measured_mm", "sigma_mm", "z_mm", "layer"):
         ours, theirs = getattr(trace, name), getattr(back, name)
         if ours is None:

@@ -76,7 +76,7 @@ class Trace:
     where nothing was measured. ``sigma_mm`` [N] is the standard deviation of each measured coordinate, NaN
     where unknown. ``z_mm`` [N], the commanded height, ``z_measured_mm`` [N] and ``layer`` [N] are optional. ``homed``
     says that row 0 is the home position, reached from the home side, so that the engaged side of the belt is known
-    there.
+    there. ``placed`` says that measured positions are the bed's own; those of a scan have an origin of their own.
     """
 
     commanded_mm: np.ndarray
@@ -86,6 +86,7 @@ class Trace:
     layer: np.ndarray | None = None
     homed: bool = False
     z_measured_mm: np.ndarray | None = None
+    placed: bool = True
 
     def __post_init__(self) -> None:
         for name, dtype in (

@@ -82,14 +82,14 @@ class ProbePlan:
         return np.where(self.big, self.big_dot_mm, self.dot_mm)
 
     def trace(self, measured_mm: np.ndarray, sigma_mm: np.ndarray | None = None) -> Trace:
-        """Return the trace of the whole motion from the measured marks [M, 2], NaN where one was not found."""
+        """Return the trace of the whole motion from the marks of a scan [M, 2], NaN where one was not found."""
         measured = np.full(self.waypoints_mm.shape, np.nan)
         measured[self.rows] = measured_mm
         sigma = None
         if sigma_mm is not None:
             sigma = np.full(len(self.waypoints_mm), np.nan)
             sigma[self.rows] = sigma_mm
-        return Trace(self.waypoints_mm, measured, sigma_mm=sigma, homed=True)
+        return Trace(self.waypoints_mm, measured, sigma_mm=sigma, homed=True, placed=False)
 
 
 def approaches(waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,8 @@
 The format is fixed: UTF-8, a header with at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``, one row for each
 commanded way-point in the order of motion since homing, the first row the home position, straight moves between
 rows, the measured cells empty where nothing was measured. ``z_mm``, ``layer`` and ``sigma_mm`` are used where
-present; other columns are ignored.
+present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's; other columns are
+ignored.
 """
 
 import csv
@@ -21,6 +22,7 @@ from printmend.units import MM_PER_INCH
 
 REQUIRED = ("x_mm", "y_mm", "x_measured_mm", "y_measured_mm")
 OPTIONAL = ("sigma_mm", "z_mm", "layer")
+PLACED = "placed"
 MIN_MEASURED = 10
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
 AT_HOME_MM = 0.05
@@ -63,6 +65,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
         z_mm=columns.get("z_mm"),
         layer=None if layer is None else np.where(np.isnan(layer), -1, layer).astype(np.int64),
         homed=bool(np.abs(commanded[0] - home).max() <= AT_HOME_MM),
+        placed=PLACED not in columns or bool((columns[PLACED] != 0).any()),
     )
 
 
@@ -73,7 +76,10 @@ def write_trace(path: str | Path, trace: Trace) -> None:
         if (values := getattr(trace, name)) is not None:
             names.append(name)
             columns.append(values)
-    row = ",".join("%d" if name == "layer" else "%.6f" for name in names) + "\n"
+    if not trace.placed:
+        names.append(PLACED)
+        columns.append(np.zeros(len(trace)))
+    row = ",".join("%d" if name in ("layer", PLACED) else "%.6f" for name in names) + "\n"
     with replacing(Path(path)) as file:
         file.write(",".join(names) + "\n")
         for first in range(0, len(trace), 100_000):
@@ -96,7 +102,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
     first, _, rest = data.partition(b"\n")
     names = [name.strip().strip('"') for name in first.decode().split(",")]
     _check_header(path, names, first.decode())
-    wanted = [name for name in (*REQUIRED, *OPTIONAL) if name in names]
+    wanted = [name for name in (*REQUIRED, *OPTIONAL, PLACED) if name in names]
     places = [names.index(name) for name in wanted]
     values = _parse_fast(rest, places)
     if values is None:
@@ -125,7 +131,7 @@ def _check_header(path: Path, names: list[str], line: str) -> None:
     if missing:
         came = f"the header {line[:80]!r}" if line.strip() else "an empty first line"
         raise TraceError(path, wanted=f"a column {missing[0]}", came=came, todo=HEADER_TODO)
-    known = [name for name in names if name in REQUIRED or name in OPTIONAL]
+    known = [name for name in names if name in (*REQUIRED, *OPTIONAL, PLACED)]
     if twice := sorted({name for name in known if known.count(name) > 1}):
         raise TraceError(path, wanted=f"one column {twice[0]}", came="two", todo="remove one of them")
 

@@ -49,8 +49,8 @@ SCANNED = Doubt(scale_percent=0.1, skew_deg=0.02, wave_mm=0.002)
 
 
 def doubt_of(trace: Trace) -> Doubt:
-    """Return the doubt about a trace: one that left the home row empty is a scan, which does not see home."""
-    return SCANNED if trace.homed and not trace.measured_rows[0] else Doubt()
+    """Return the doubt about a trace: one whose positions have an origin of their own is a scan."""
+    return Doubt() if trace.placed else SCANNED
 
 
 @dataclass(frozen=True)

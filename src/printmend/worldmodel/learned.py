@@ -114,12 +114,12 @@ def greybox_model(
 def _anchored(fit: GreyboxModel, trace: Trace) -> tuple[Mechanism, tuple[Branches, Branches]]:
     """Return the machine with its origin where the end stops put it, if the trace does not say where that is.
 
-    A scan shows where marks lie to each other, not where on the bed: its trace leaves the home row empty. But the end
-    stop stops the carriage at the home position by definition, so there the learned error is zero. Where the marks end
-    too far from home to say what the error is there, the origin stays that of the trace.
+    A scan shows where marks lie to each other, not where on the bed. But the end stop stops the carriage at the
+    home position by definition, so there the learned error is zero. Where the marks end too far from home to say what
+    the error is there, the origin stays that of the trace.
     """
     branches = (fit.drives[0].branches, fit.drives[1].branches)
-    if not trace.homed or trace.measured_rows[0]:
+    if trace.placed or not trace.homed:
         return fit.mechanism, branches
     home_mm = fit.printer.to_motor(np.array(fit.printer.home_mm))
     doubt_mm = [float(np.max(drive.sd_mm(home_mm[[motor]]))) for motor, drive in enumerate(fit.drives)]
