@@ -70,7 +70,9 @@ def test_marks_after_one_skipped_tooth_are_kept(plan):
     printed[250:, 0] += 2.0
     marks, truth = seen(plan, printed, np.random.default_rng(2), lost=0.0, dust=0, mirrored=False)
     assert marks is not None
-    assert (marks.match.dot == truth).mean() > 0.98
+    # after a skipped tooth a mark beside its place may be another one: it is left out, never taken for one
+    assert (marks.match.dot == truth)[marks.found].all()
+    assert marks.found.mean() > 0.92
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -18,6 +18,7 @@ SUPPORT_REACH, LEAST_SUPPORT = 5, 0.5  # marks printed before and after, and the
 LEAST_RUN, LONGEST_RUN, RUN_SHARE, RUN_REACH = 8, 20, 0.8, 12
 JUMP_MM, SAME_SHIFT_MM = 9.0, 0.35
 APART_MM = 0.7  # marks whose common error differs by more lie on two sides of a jump
+ODD_PLACE, ODD_MM = 2.5, 0.15  # spreads, and at least mm, from its place: after a jump that may be another mark
 RUN_EVIDENCE, RUN_MARGIN = 5.0, 4.0  # log odds of the sizes for a run, and above the next best shift
 ODD_SIZE = -3.0  # log odds of one dot whose size does not fit: it may be smeared
 HOPELESS_MM = 0.6  # beyond this spread the rough model says nothing about single marks
@@ -60,7 +61,7 @@ def read_marks(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -
     expected = expectation.marks(measured)
     if expected.spread_mm.max() > HOPELESS_MM:
         return None
-    dot = _vouched_for(dot, expected, sizes, plan.pitch_mm)
+    dot = _vouched_for(dot, measured, expected, sizes, plan.pitch_mm)
     if (dot >= 0).sum() < LEAST_MARKS:
         return None
     pose, measured = _placed(dots_mm, dot, plan, mirrored=match.mirrored)
@@ -99,17 +100,22 @@ class Sizes:
         return np.maximum(of_mark - other, ODD_SIZE)
 
 
-def _vouched_for(dot: np.ndarray, expected: Expected, sizes: Sizes, pitch_mm: float) -> np.ndarray:
+def _vouched_for(
+    dot: np.ndarray, measured_mm: np.ndarray, expected: Expected, sizes: Sizes, pitch_mm: float
+) -> np.ndarray:
     """Drop the marks that no others confirm.
 
-    These are marks among many that are missing, marks that would be elsewhere without their own say, and runs of marks
-    shifted together (a skipped tooth) whose sizes do not spell the code.
+    These are marks among many that are missing, marks that would be elsewhere without their own say, and, of runs of
+    marks shifted together (a skipped tooth), those beside their place and all whose sizes do not spell the code.
     """
     window = np.ones(2 * SUPPORT_REACH + 1)
     beside = np.convolve(dot >= 0, window, "same") - (dot >= 0)
     total = np.convolve(np.ones(len(dot)), window, "same") - 1
     far = (np.abs(np.nan_to_num(expected.left_out_mm)) > pitch_mm / 4).any(axis=1)
-    dot = np.where(far | (beside < LEAST_SUPPORT * total), -1, dot)
+    shifted = (np.abs(expected.shared_mm) > APART_MM).any(axis=1)
+    with np.errstate(invalid="ignore"):
+        odd = (np.abs(measured_mm - expected.place_mm) > np.maximum(ODD_PLACE * expected.spread_mm, ODD_MM)).any(axis=1)
+    dot = np.where(far | (beside < LEAST_SUPPORT * total) | (shifted & odd), -1, dot)
     found = np.flatnonzero(dot >= 0)
     shared, evidence = expected.shared_mm[found], sizes.evidence(found, dot[found])
     for at in np.flatnonzero(np.abs(shared).max(axis=1) > APART_MM):
