@@ -92,6 +92,11 @@ class Processes:
         return [], []
 
 
+def executor(workers: int) -> Executor:
+    """Return what runs on so many processes: 1 is this one, 0 one a core."""
+    return Serial() if workers == 1 else Processes(workers or os.cpu_count() or 1)
+
+
 def _one_thread() -> None:
     """Keep the libraries of a worker to one thread; runs before any of them is imported."""
     for name in _ONE_THREAD:

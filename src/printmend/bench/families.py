@@ -5,7 +5,6 @@ the noise of its measurement. A cell is the mean RMSE in full steps and its rati
 on the true machine.
 """
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from printmend.bench.executor import Executor, Processes, Serial
+from printmend.bench.executor import executor
 from printmend.bench.family_case import FamilyCase, FamilyResult, evaluate_family, failed_family, row_parts
-from printmend.bench.run import Table, run
+from printmend.bench.run import Table, results_folder, run
 from printmend.errors import InputError
 
 RESULTS = "families.jsonl"
@@ -105,12 +104,8 @@ def families_table(
     names = tuple(f"{label}@{noise:g}" for label in labels for noise in (noises_mm if measures(label) else (0.0,)))
     for name in names:
         row_parts(name)
-    try:
-        Path(out).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(out, wanted="a folder for the results", came=f"{error}", todo="name another --out") from None
-    executor: Executor = Serial() if workers == 1 else Processes(workers or os.cpu_count() or 1)
-    return run(list(cases), names, Path(out) / RESULTS, executor, tick=tick, table=TABLE)
+    results = results_folder(out) / RESULTS
+    return run(list(cases), names, results, executor(workers), tick=tick, table=TABLE)
 
 
 def measures(label: str) -> bool:

@@ -4,16 +4,15 @@ Rows: test prints. Columns: measured points and the noise of their measurement. 
 bodies printed with what the grey box learned, over random damaged faults, and its ratio to the optimum.
 """
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from printmend.bench.executor import Executor, Processes, Serial
+from printmend.bench.executor import executor
 from printmend.bench.family_case import FamilyCase
 from printmend.bench.print_case import OPTIMUM, PrintResult, evaluate_prints, failed_print, print_row
-from printmend.bench.run import Table, run
+from printmend.bench.run import Table, results_folder, run
 from printmend.errors import InputError
 
 RESULTS, MARKDOWN = "prints.jsonl", "prints.md"
@@ -61,12 +60,8 @@ def prints_table(
     rows = [OPTIMUM, *(f"{label}@{count}@{noise:g}" for label in prints for count in points for noise in noises_mm)]
     for name in rows:
         print_row(name)
-    try:
-        Path(out).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(out, wanted="a folder for the results", came=f"{error}", todo="name another --out") from None
-    executor: Executor = Serial() if workers == 1 else Processes(workers or os.cpu_count() or 1)
-    return run(list(cases), tuple(rows), Path(out) / RESULTS, executor, tick=tick, table=TABLE)
+    results = results_folder(out) / RESULTS
+    return run(list(cases), tuple(rows), results, executor(workers), tick=tick, table=TABLE)
 
 
 def print_lines(

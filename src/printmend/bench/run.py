@@ -34,6 +34,16 @@ class Table:
 TABLE1 = Table(evaluate, failed, Result)
 
 
+def results_folder(out: Path) -> Path:
+    """Return the folder for results, made where it was absent. Raise `InputError` where it cannot be."""
+    out = Path(out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(out, wanted="a folder for the results", came=f"{error}", todo="name another --out") from None
+    return out
+
+
 def run(
     cases: list,
     rows: tuple[str, ...],

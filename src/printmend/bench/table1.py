@@ -1,16 +1,15 @@
 """The paper's Table I and Fig. 6 over real bodies: draw the cases, run them, report them."""
 
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from printmend.bench.case import Case, Result
-from printmend.bench.executor import Executor, Processes, Serial
+from printmend.bench.executor import executor
 from printmend.bench.report import Line, lines
 from printmend.bench.rows import row
-from printmend.bench.run import run
+from printmend.bench.run import results_folder, run
 from printmend.errors import InputError
 
 RESULTS = "table1.jsonl"
@@ -33,13 +32,8 @@ def table1(
         row(name)
     if not cases:
         raise InputError("bodies", wanted="at least one", came="none", todo="check --bodies, --reference and --limit")
-    out = Path(out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(out, wanted="a folder for the results", came=f"{error}", todo="name another --out") from None
-    executor: Executor = Serial() if workers == 1 else Processes(workers or os.cpu_count() or 1)
-    results = run(list(cases), rows, out / RESULTS, executor, tick=tick)
+    out = results_folder(out)
+    results = run(list(cases), rows, out / RESULTS, executor(workers), tick=tick)
     drawn = sorted({case.family for case in cases})
     world = drawn[0] if len(drawn) == 1 else "mixed"
     draw_figure6(results, rows, out / f"figure6-{world}-{cases[0].protocol}.png")

@@ -7,7 +7,6 @@ contacts and robust ridge least squares (`greybox_fit`), with no more parts than
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -16,7 +15,6 @@ from printmend.errors import TraceError
 from printmend.mechanism import Frame, Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.protocols import State, Tables
 from printmend.worldmodel.greybox_branches import Branches
 from printmend.worldmodel.greybox_design import TABLE, Rows, contacts, cross_columns
 from printmend.worldmodel.greybox_jumps import find_jumps
@@ -24,7 +22,7 @@ from printmend.worldmodel.greybox_ladder import Jump, jumped
 from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, folded, prune, refined, search
 from printmend.worldmodel.greybox_sight import SEEN, Sight, sight
 from printmend.worldmodel.kernels import greybox as kernels
-from printmend.worldmodel.mechanism_model import MechanismModel
+from printmend.worldmodel.mechanism_model import MachineLearned
 
 MIN_MEASURED = 10
 TRIAL_ROWS = 4000  # measured rows that the search for contacts and parts looks at
@@ -65,7 +63,7 @@ class Drive:
 
 
 @dataclass(frozen=True, eq=False)
-class GreyboxModel:
+class GreyboxModel(MachineLearned):
     """A learned machine; a world model.
 
     ``mechanism`` is absolute: its tables give positions in the frame of the measurement. Residuals are the RMS distance
@@ -81,10 +79,6 @@ class GreyboxModel:
     jumps: tuple[tuple[Jump, ...], tuple[Jump, ...]] = ((), ())
 
     @property
-    def printer(self) -> Printer:
-        return self.mechanism.printer
-
-    @property
     def is_healthy(self) -> bool:
         return self.mechanism.frame.is_identity and all(drive.branches.is_healthy for drive in self.drives)
 
@@ -95,21 +89,9 @@ class GreyboxModel:
         # a motor of a CoreXY is the sum of two coordinates
         return float(np.sqrt(variance / (2 if self.printer.kinematics == "corexy" else 1)))
 
-    @cached_property
-    def _model(self) -> MechanismModel:
-        return MechanismModel(self.mechanism)
-
-    def start(self, start_steps: np.ndarray) -> State:
-        """Return the state [1] of a layer that starts at the lattice point ``start_steps`` [2]."""
-        return self._model.start(start_steps)
-
-    def advance(self, state: State, controls: np.ndarray) -> State:
-        """Return the states [K] after the controls [K, 2]."""
-        return self._model.advance(state, controls)
-
-    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
-        """Return the model as play tables, None with a crooked frame."""
-        return self._model.tabulate(start_steps, c_max=c_max)
+    @property
+    def imagined(self) -> Mechanism:
+        return self.mechanism
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ come back to where they were, the gains of that world (`hybrid_gains`) are learn
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -14,13 +13,12 @@ from threadpoolctl import threadpool_limits
 from printmend.mechanism import GainMechanism, Mechanism, Transmission
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.protocols import State, Tables
 from printmend.worldmodel.greybox import Greybox, GreyboxModel, motor_rows
 from printmend.worldmodel.greybox_ladder import jumped
 from printmend.worldmodel.greybox_select import PATTERN
 from printmend.worldmodel.hybrid_gains import learned_gains
 from printmend.worldmodel.hybrid_residual import MARGIN_MM, PASSES, Residual, chosen, learned, points
-from printmend.worldmodel.mechanism_model import MechanismModel
+from printmend.worldmodel.mechanism_model import MachineLearned
 
 GRID_MM = 0.2
 STAGES = 3  # residual learners, each of what the ones before leave
@@ -29,7 +27,7 @@ LEAST_SAID_MM = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class HybridModel:
+class HybridModel(MachineLearned):
     """A learned machine; a world model.
 
     ``box`` is the grey box, ``mechanism`` that and the ``residuals`` of the motors (None: nothing to add). In the
@@ -41,10 +39,6 @@ class HybridModel:
     mechanism: Mechanism
     residuals: tuple[Residual | None, Residual | None] = (None, None)
     world: GainMechanism | None = None
-
-    @property
-    def printer(self) -> Printer:
-        return self.mechanism.printer
 
     @property
     def is_plain(self) -> bool:
@@ -72,21 +66,9 @@ class HybridModel:
                              f"(learned: {residual.words})")  # fmt: skip
         return tuple(found)
 
-    @cached_property
-    def _model(self) -> MechanismModel:
-        return MechanismModel(self.mechanism if self.world is None else self.world)
-
-    def start(self, start_steps: np.ndarray) -> State:
-        """Return the state [1] of a layer that starts at the lattice point ``start_steps`` [2]."""
-        return self._model.start(start_steps)
-
-    def advance(self, state: State, controls: np.ndarray) -> State:
-        """Return the states [K] after the controls [K, 2]."""
-        return self._model.advance(state, controls)
-
-    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
-        """Return the model as play tables; as increments in the published world."""
-        return self._model.tabulate(start_steps, c_max=c_max)
+    @property
+    def imagined(self) -> Mechanism | GainMechanism:
+        return self.mechanism if self.world is None else self.world
 
 
 @dataclass(frozen=True)
