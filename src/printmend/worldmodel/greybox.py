@@ -15,10 +15,12 @@ from printmend.errors import TraceError
 from printmend.mechanism import Frame, Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.units import TURN_RAD
 from printmend.worldmodel.greybox_branches import Branches
 from printmend.worldmodel.greybox_design import TABLE, Rows, contacts, cross_columns
 from printmend.worldmodel.greybox_jumps import find_jumps
 from printmend.worldmodel.greybox_ladder import Jump, jumped
+from printmend.worldmodel.greybox_rest import CENTRED, rest_share
 from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, folded, prune, refined, search
 from printmend.worldmodel.greybox_sight import SEEN, Sight, sight
 from printmend.worldmodel.kernels import greybox as kernels
@@ -27,6 +29,7 @@ from printmend.worldmodel.mechanism_model import MachineLearned
 MIN_MEASURED = 10
 TRIAL_ROWS = 4000  # measured rows that the search for contacts and parts looks at
 SIGMA_RANGE_MM = (1e-3, 10.0)
+ONE_PHASE = 0.99  # the mean of unit vectors at the phases of a wave that is met at one of them only
 ROUNDING_SHOWS = 2.0  # stops on micro-steps are looked for where the mean residual is below so many of them
 
 
@@ -127,7 +130,7 @@ def learned(
     jumps, found = _jumps(rows, found, printer)
     rows = [jumped(row, taken) for row, taken in zip(rows, jumps, strict=True)]
     rows = with_belts(rows, found)
-    ripples = [ripple_harmonics(printer, motor) for motor in range(2)]
+    ripples = [_ripple_seen(row, ripple_harmonics(printer, motor)) for motor, row in enumerate(rows)]
     chosen = [
         fitted(row, prune(row, start, ripple), ripple, start, passes=6)
         for row, start, ripple in zip(rows, found, ripples, strict=True)
@@ -221,6 +224,13 @@ def ripple_harmonics(printer: Printer, motor: int) -> tuple[int, ...]:
     return tuple(k for k in (steps // 4, steps // 2, steps) if HARMONICS < k <= TABLE // 8)
 
 
+def _ripple_seen(rows: Rows, harmonics: tuple[int, ...]) -> tuple[int, ...]:
+    """Leave out a harmonic that the rows meet at one phase only, as whole steps do that of one step: there it is an
+    offset, and taken for a ripple it would tear the tables between the steps."""
+    turns = rows.motor_mm[rows.weight > 0] / rows.period_mm
+    return tuple(k for k in harmonics if abs(np.exp(1j * TURN_RAD * k * turns).mean()) < ONE_PHASE)
+
+
 def _trial(rows: list[Rows], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return the rows [N] that the search keeps, and those whose measurement it uses; both motors keep the same."""
     count = len(rows[0])
@@ -295,9 +305,10 @@ def model_of(trace: Trace, printer: Printer, rows: list[Rows], chosen: list[Choi
     before = np.sqrt(np.mean(np.sum((trace.measured_mm - trace.commanded_mm)[known] ** 2, axis=1)))
     residual = np.stack([choice.fit.touch.residual_mm for choice in chosen], axis=1)
     after = np.sqrt(np.nanmean(np.sum(printer.from_motor(residual)[known] ** 2, axis=1)))
-    return GreyboxModel(
-        Mechanism(printer, tables, frame), (drives[0], drives[1]), int(known.sum()), float(before), float(after)
-    )
+    # After homing the engaged side is known; no layer starts there.
+    rests = [CENTRED if trace.homed else rest_share(row, choice) for row, choice in zip(rows, chosen, strict=True)]
+    mechanism = Mechanism(printer, tables, frame, rest_share=(rests[0], rests[1]))
+    return GreyboxModel(mechanism, (drives[0], drives[1]), int(known.sum()), float(before), float(after))
 
 
 def _frame(printer: Printer, chosen: list[Choice]) -> Frame:
