@@ -20,6 +20,7 @@ from printmend.printer import Printer, read_printer
 from printmend.protocols import SpaceModel
 from printmend.twin import Twin
 from printmend.twin.height import height_tables
+from printmend.worldmodel.hybrid import HybridModel
 from printmend.worldmodel.kernels.screw import contacts
 from printmend.worldmodel.mechanism_model import MechanismModel
 from printmend.worldmodel.naive import NaiveModel
@@ -124,6 +125,16 @@ def test_no_backlash_is_claimed_where_none_shows(ender5: Printer, rng: np.random
         assert fit_height(up, screw_mm + rng.normal(0, 0.05, len(up)), ender5).backlash_mm == 0.0
     hops = np.repeat(np.concatenate([[z, z + 0.2, z + 0.4, z + 0.2, z] for z in np.arange(0.2, 9.0, 0.2)]), 20)
     assert fit_height(hops, hops + rng.normal(0, 0.05, len(hops)), ender5).backlash_mm < 0.01
+
+
+def test_a_screw_measured_without_noise_is_a_machine(ender5: Printer, rng: np.random.Generator) -> None:
+    """What remains of its push is no noise, but nothing that anybody could see."""
+    path, twin = tower(ender5, height_mm=2.0), Twin.of(Corruption(screw=SCREW), ender5)
+    trace = space_trace(path.nominal_steps, twin.run(path.controls, path.start_steps), ender5)
+    model = fit_space("hybrid", trace, ender5, rng=rng)
+    assert model.screw is not None
+    assert isinstance(model.planar, HybridModel)
+    assert model.planar.world is None
 
 
 @pytest.mark.parametrize("family", ["screw", "play"])

@@ -13,9 +13,9 @@ from threadpoolctl import threadpool_limits
 from printmend.mechanism import GainMechanism, Mechanism, Transmission
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.worldmodel.greybox import Greybox, GreyboxModel, motor_rows
+from printmend.worldmodel.greybox import Drive, Greybox, GreyboxModel, motor_rows
 from printmend.worldmodel.greybox_ladder import jumped
-from printmend.worldmodel.greybox_select import PATTERN
+from printmend.worldmodel.greybox_select import PATTERN, SELECT_FLOOR_MM
 from printmend.worldmodel.hybrid_gains import learned_gains
 from printmend.worldmodel.hybrid_residual import MARGIN_MM, PASSES, Residual, chosen, learned, points
 from printmend.worldmodel.mechanism_model import MachineLearned
@@ -23,6 +23,8 @@ from printmend.worldmodel.mechanism_model import MachineLearned
 GRID_MM = 0.2
 STAGES = 3  # residual learners, each of what the ones before leave
 SURELY = 30.0  # nats by which the published world must fit better
+NOTHING_LEFT = 0.1  # of the machine's residual
+SEEN_MM = SELECT_FLOOR_MM  # a machine that leaves no more than this, or on top of the noise, is good enough
 LEAST_SAID_MM = 0.01
 
 
@@ -87,7 +89,7 @@ class Hybrid:
 def completed(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
     """Add to a grey box what its own trace shows beyond it."""
     plain = HybridModel(box, box.mechanism)
-    patterned = [drive.choice.fit.share < PATTERN for drive in box.drives]
+    patterned = [drive.choice.fit.share < PATTERN and _left_mm2(drive) > SEEN_MM**2 for drive in box.drives]
     if any(patterned) and (world := _published(box, trace)) is not None:
         return replace(plain, world=world)
     tables, residuals = [], []
@@ -104,11 +106,19 @@ def _published(box: GreyboxModel, trace: Trace) -> GainMechanism | None:
     gains = learned_gains(trace, box.printer)
     if gains is None:
         return None
-    left = np.mean([np.nanmean(drive.choice.fit.touch.residual_mm**2) for drive in box.drives])
+    left = float(np.mean([_left_mm2(drive) for drive in box.drives]))
     if box.printer.kinematics == "corexy":  # a motor of which is the sum of two coordinates
         left /= 2
-    better = box.measured * np.log(left / gains.residual_mm**2)  # two coordinates, half a nat each
-    return gains.mechanism if better > SURELY else None
+    right = gains.residual_mm**2
+    better = box.measured * np.log(left / right) - gains.known  # two coordinates, half a nat each; half a nat a number
+    # that world has gains and nothing else: what they leave is noise, or next to nothing
+    whole = gains.share > PATTERN or right < NOTHING_LEFT**2 * left
+    return gains.mechanism if better > SURELY and whole and left > right + SEEN_MM**2 else None
+
+
+def _left_mm2(drive: Drive) -> float:
+    """Return the mean square of what the grey box leaves of a motor."""
+    return float(np.nanmean(np.square(drive.choice.fit.touch.residual_mm)))
 
 
 def _residual(
@@ -116,6 +126,8 @@ def _residual(
 ) -> tuple[Transmission, Residual | None]:
     """Return a motor's tables with what blocked cross-validation adds to them."""
     drive, table = box.drives[motor], box.mechanism.transmissions[motor]
+    if _left_mm2(drive) <= SEEN_MM**2:
+        return table, None
     rows = jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor])
     touch = drive.choice.fit.touch
     measured = touch.belt_mm + touch.residual_mm  # without what the frame adds

@@ -13,6 +13,7 @@ from printmend.mechanism import GainMechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
+from printmend.worldmodel.greybox_fit import independent_share, robust_sigma_mm
 
 HARMONICS = (5, 16, 50)
 SMOOTH_MM = (0.0, 40.0, 10.0)  # 0: none
@@ -26,10 +27,15 @@ ON_LATTICE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class LearnedGains:
-    """The gains of both axes and the root mean square of what they leave of the whole trace [mm a coordinate]."""
+    """The gains of both axes and the root mean square of what they leave of the whole trace [mm a coordinate].
+
+    ``share`` is which share of that is independent, 1 for noise; ``known`` how many numbers the trace settled.
+    """
 
     mechanism: GainMechanism
     residual_mm: float
+    share: float
+    known: float
 
 
 def learned_gains(trace: Trace, printer: Printer) -> LearnedGains | None:
@@ -43,9 +49,9 @@ def learned_gains(trace: Trace, printer: Printer) -> LearnedGains | None:
     if len(controls) < LEAST_TICKS or np.abs(place - nominal).max() > ON_LATTICE or np.abs(controls).max() > 1:
         return None
     measured = (trace.measured_mm - low_mm) / pitch_mm
-    gains, squares = [], []
+    found = []
     for axis, bed in enumerate(printer.bed_steps):
-        found = _axis(
+        one = _axis(
             nominal[:, axis],
             controls[:, axis],
             measured[:, axis],
@@ -53,17 +59,20 @@ def learned_gains(trace: Trace, printer: Printer) -> LearnedGains | None:
             printer.axes[axis].steps_per_turn,
             pitch_mm[axis],
         )
-        if found is None:
+        if one is None:
             return None
-        gains.append(found[0])
-        squares.append(np.mean(np.square(found[1] * pitch_mm[axis])))
-    return LearnedGains(GainMechanism(printer, (gains[0], gains[1])), float(np.sqrt(np.mean(squares))))
+        found.append(one)
+    x, y = found
+    square = np.mean([np.mean(np.square(one[1] * pitch)) for one, pitch in zip(found, pitch_mm, strict=True)])
+    share = min(independent_share(left, robust_sigma_mm(left)) for _, left, _ in found)
+    return LearnedGains(GainMechanism(printer, (x[0], y[0])), float(np.sqrt(square)), share, x[2] + y[2])
 
 
 def _axis(
     nominal: np.ndarray, controls: np.ndarray, measured: np.ndarray, bed: int, turn: int, pitch_mm: float
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return an axis's gains [bed], entry n − 1 for position n, and what is left [M] steps; None if it hardly moved."""
+) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """Return an axis's gains [bed], entry n − 1 for position n, what is left [M] steps and how many numbers were
+    settled; None if it hardly moved."""
     travel = np.concatenate([[0.0], np.cumsum(np.abs(controls))])
     block = (travel / (BLOCK_TURNS * turn)).astype(np.int64)
     if block[-1] < 2:
@@ -85,10 +94,10 @@ def _axis(
     variance = _variances(bed, turn, harmonics, smooth_mm / pitch_mm)
     columns = _columns(nominal[:-1], bed, turn, HARMONICS[-1], smooth_mm / pitch_mm)
     moved = np.concatenate([np.zeros((1, columns.shape[1])), np.cumsum(columns * controls[:, None], axis=0)])[known]
-    weights = _solved(_grams(moved, error, np.zeros(len(known), np.int64)), variance)
+    weights, settled = _solved(_grams(moved, error, np.zeros(len(known), np.int64)), variance)
     left = error - moved @ weights
     gains = 1.0 + _columns(lattice, bed, turn, HARMONICS[-1], smooth_mm / pitch_mm) @ weights
-    return gains, left - left.mean()
+    return gains, left - left.mean(), settled
 
 
 def _columns(place: np.ndarray, bed: int, turn: int, harmonics: int, smooth: float) -> np.ndarray:
@@ -136,18 +145,22 @@ def _grams(moved: np.ndarray, error: np.ndarray, block: np.ndarray) -> _Grams:
     return _Grams(*(np.array(part) for part in zip(*parts, strict=True)))
 
 
-def _solved(grams: _Grams, variance: np.ndarray) -> np.ndarray:
-    """Return the weights [P] of ridge least squares; the noise is what the last round left."""
+def _solved(grams: _Grams, variance: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the weights [P] of ridge least squares and how many of them the rows settle.
+
+    The noise is what the last round left."""
     total, root = grams.of(np.arange(len(grams.count))), np.sqrt(variance)
     matrix, slope = total.matrix[0] * np.outer(root, root), total.slope[0] * root
     noise = max(float(total.square[0] / max(total.count[0], 1.0)), FLOOR_STEPS**2)
-    weights = np.zeros(len(root))
+    values, vectors = np.linalg.eigh(matrix)
+    values, slope = np.maximum(values, 0.0), vectors.T @ slope
+    weights, settled = np.zeros(len(root)), 0.0
     for _ in range(ROUNDS):
-        scaled = np.linalg.solve(matrix + noise * np.eye(len(root)), slope)
-        weights = root * scaled
+        weights = root * (vectors @ (slope / (values + noise)))
+        settled = float((values / (values + noise)).sum())
         left = total.square[0] - 2 * total.slope[0] @ weights + weights @ total.matrix[0] @ weights
         noise = max(float(left / max(total.count[0], 1.0)), FLOOR_STEPS**2)
-    return weights
+    return weights, settled
 
 
 def _cross_validated(grams: _Grams, variance: np.ndarray) -> float:
@@ -155,7 +168,7 @@ def _cross_validated(grams: _Grams, variance: np.ndarray) -> float:
     fold = np.arange(len(grams.count)) % min(FOLDS, len(grams.count))
     left = 0.0
     for number in np.unique(fold):
-        weights = _solved(grams.of(np.flatnonzero(fold != number)), variance)
+        weights, _ = _solved(grams.of(np.flatnonzero(fold != number)), variance)
         held = grams.of(np.flatnonzero(fold == number))
         left += float(held.square[0] - 2 * held.slope[0] @ weights + weights @ held.matrix[0] @ weights)
     return left / float(grams.count.sum())
