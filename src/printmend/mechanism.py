@@ -10,7 +10,7 @@ monotone map (eq. 10), play after it, and friction that grows with the distance 
 because a clip passes through a monotone map. A `Frame` then maps the two belt positions to the bed.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -137,13 +137,15 @@ class ScrewDrive:
 class Mechanism:
     """A whole machine, true or learned: a transmission for each planar motor, then the frame; and Z, where it matters.
 
-    Without a ``screw`` Z is as commanded and pushes nothing.
+    Without a ``screw`` Z is as commanded and pushes nothing. ``rest_share`` says where in its play each belt rests when
+    a layer starts: 0 where the motor would push it forwards at once, 1 where back, and in the middle of the two.
     """
 
     printer: Printer
     transmissions: tuple[Transmission, Transmission]
     frame: Frame = field(default_factory=Frame)
     screw: ScrewDrive | None = None
+    rest_share: tuple[float, float] = (0.5, 0.5)
 
     def homed(self) -> "Mechanism":
         """Return this machine with the origin that homing gives it.
@@ -160,7 +162,7 @@ class Mechanism:
             engaged = lower if self.printer.motor_home_direction(motor) > 0 else upper
             shifted.append(transmission.shifted(float(belts_mm[motor] - engaged)))
         screw = None if self.screw is None else self._homed_screw(self.screw)
-        return Mechanism(self.printer, (shifted[0], shifted[1]), self.frame, screw)
+        return replace(self, transmissions=(shifted[0], shifted[1]), screw=screw)
 
     def _homed_screw(self, screw: ScrewDrive) -> ScrewDrive:
         z = self.printer.z

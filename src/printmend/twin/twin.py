@@ -125,7 +125,8 @@ class Twin:
 def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
     """Return a mechanism on the full-step lattice, in full steps, anchored at a layer's start.
 
-    At the start the play is centred: (lower + upper)/2 = the nominal motor position.
+    At the start each belt rests where the mechanism says: with the play centred, (lower + upper)/2 is the nominal
+    motor position.
     """
     printer = mechanism.printer
     origin = printer.to_motor(np.asarray(start_steps, np.int64))
@@ -140,7 +141,8 @@ def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
         corner_mm = printer.to_motor(np.array([printer.x.min_mm, printer.y.min_mm]))[motor]
         first = round((table.first_mm - corner_mm) / axis.mm_per_step)
         at = int(origin[motor]) - first
-        shift = -(errors[0][at] + errors[1][at]) / 2
+        share = mechanism.rest_share[motor]
+        shift = -((1 - share) * errors[0][at] + share * errors[1][at])
         lattice = first + np.arange(len(errors[0]))
         # Where a table is flat, rounding could make it fall by 1e-13.
         lowers.append(np.maximum.accumulate(lattice + (errors[0] + shift)))

@@ -20,7 +20,7 @@ from printmend.worldmodel.greybox_branches import Branches
 from printmend.worldmodel.greybox_design import TABLE, Rows, contacts, cross_columns
 from printmend.worldmodel.greybox_jumps import find_jumps
 from printmend.worldmodel.greybox_ladder import Jump, jumped
-from printmend.worldmodel.greybox_rest import CENTRED, rest_share
+from printmend.worldmodel.greybox_rest import CENTRED, rest_shares
 from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, folded, prune, refined, search
 from printmend.worldmodel.greybox_sight import SEEN, Sight, sight
 from printmend.worldmodel.kernels import greybox as kernels
@@ -306,8 +306,8 @@ def model_of(trace: Trace, printer: Printer, rows: list[Rows], chosen: list[Choi
     residual = np.stack([choice.fit.touch.residual_mm for choice in chosen], axis=1)
     after = np.sqrt(np.nanmean(np.sum(printer.from_motor(residual)[known] ** 2, axis=1)))
     # After homing the engaged side is known; no layer starts there.
-    rests = [CENTRED if trace.homed else rest_share(row, choice) for row, choice in zip(rows, chosen, strict=True)]
-    mechanism = Mechanism(printer, tables, frame, rest_share=(rests[0], rests[1]))
+    rests = CENTRED if trace.homed else rest_shares(rows, chosen)
+    mechanism = Mechanism(printer, tables, frame, rest_share=rests)
     return GreyboxModel(mechanism, (drives[0], drives[1]), int(known.sum()), float(before), float(after))
 
 
