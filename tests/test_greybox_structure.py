@@ -1,16 +1,27 @@
 """The grey box chooses parts that a trace can tell apart, and its tables say what its fit says."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from printmend.bench.drawn_body import drawn_body
-from printmend.corruption import sample
+from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, sample
+from printmend.mechanism import Mechanism
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend.worldmodel.greybox import Greybox
+from printmend.worldmodel.greybox import Greybox, GreyboxModel
 from printmend.worldmodel.transitions import layer_trace
 
 ENDER5 = read_printer("ender5")
+
+
+def learned_layer(corruption: Corruption, rng: np.random.Generator, noise_mm: float = 0.0) -> GreyboxModel:
+    """Return what is learned from a layer two and a half turns across."""
+    layer = drawn_body(rng, ENDER5, size_mm=100.0).layers[0]
+    trace = layer_trace(layer, Twin.of(corruption, ENDER5).run(layer.controls, layer.start_steps), ENDER5)
+    noisy = trace.measured_mm + rng.normal(0, noise_mm, trace.measured_mm.shape)
+    return Greybox().fit(dataclasses.replace(trace, measured_mm=noisy), ENDER5, rng=rng)
 
 
 @pytest.mark.parametrize("seed", [2, 4, 6])
@@ -24,3 +35,26 @@ def test_a_learned_machine_prints_its_own_layer_again(seed: int) -> None:
     again = Twin(model.mechanism).run(layer.controls, layer.start_steps)
     off_um = 200 * (again - printed)
     assert np.sqrt(np.mean(off_um**2)) < 5.0
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_an_elastic_belt_is_learned_as_one_without_noise(seed: int) -> None:
+    """A warp beside it explains the print no better, and holds only where the print went."""
+    worn = FourierHull(5.94, (-0.229, -0.036, -0.006, 0.147), (0.504, -0.315, 0.413, -0.0004))
+    drive = Drive(pulley=worn, belt=ElasticBelt(600.0))
+    model = learned_layer(Corruption((drive, drive)), np.random.default_rng(seed))
+    assert [drive.structure.warp_mm for drive in model.drives] == [0.0, 0.0]
+    assert [drive.structure.elastic for drive in model.drives] == [True, True]
+
+
+def test_what_repeats_nothing_is_no_elastic_belt_in_noise() -> None:
+    """White residuals do not prove that a fit is right: noise hides the pattern of what it lacks."""
+    rng = np.random.default_rng(0)
+    corruption = sample("smooth", rng)
+    model = learned_layer(corruption, rng, noise_mm=0.1)
+    true = corruption.lower(ENDER5)
+    assert isinstance(true, Mechanism)
+    for drive, table, truth in zip(model.drives, model.mechanism.transmissions, true.transmissions, strict=True):
+        motor_mm = np.linspace(*drive.branches.reach_mm, 200)
+        off = table.branches_mm(motor_mm)[0] - truth.branches_mm(motor_mm)[0]
+        assert np.std(off) < 0.008

@@ -151,12 +151,26 @@ def refined(rows: Rows, found: Choice) -> Choice:
 def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
     """Fit everything at once, then drop, part by part, what does not pay.
 
-    What repeats nothing can imitate all else where a trace is short, so it is offered only to residuals with a pattern.
+    What repeats nothing can imitate all else where a trace is short, so it is offered only to residuals with a pattern,
+    and instead of what grows along the axis, which imitates it where noise hides the pattern.
     """
     structure, share = _chosen(rows, found, ripple, EVERYTHING)
-    if share < PATTERN:
-        structure = _chosen(rows, found, ripple, replace(EVERYTHING, warp_mm=WARPS_MM[0]))[0]
+    if share < PATTERN or structure.drift or structure.elastic:
+        warped = _chosen(rows, found, ripple, replace(EVERYTHING, warp_mm=WARPS_MM[0]))[0]
+        if warped.warp_mm:
+            structure = _likelier(rows, found, ripple, structure, warped)
     return _repeating(rows, found, ripple, structure)
+
+
+def _likelier(rows: Rows, found: Choice, ripple: tuple[int, ...], plain: Structure, warped: Structure) -> Structure:
+    """Return the likelier of two structures, each fitted until its own contacts and outliers are settled.
+
+    Those of the fit that they were pruned from may be those of another machine, which only the larger one can follow.
+    """
+    choices = [fitted(rows, structure, ripple, found, passes=SETTLED) for structure in (plain, warped)]
+    share = max(choice.fit.share for choice in choices)
+    ours, theirs = (_settled(choice, share, SELECT_FLOOR_MM) for choice in choices)
+    return warped if theirs > ours + WORTH else plain
 
 
 def _repeating(rows: Rows, found: Choice, ripple: tuple[int, ...], structure: Structure) -> Structure:
@@ -268,16 +282,18 @@ def folded(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> Choice:
             fit = refine(design, rows, start * on, structure.active(design), prior=prior, passes=5, rounds=6)
             found.append(Choice(structure, design, fit))
     share = max(each.fit.share for each in found)
-    return max(found, key=lambda each: _settled(each, share) - (0.0 if each.structure in (simple, taut) else WORTH))
+    return max(
+        found,
+        key=lambda each: _settled(each, share, FOLD_FLOOR_MM) - (0.0 if each.structure in (simple, taut) else WORTH),
+    )
 
 
-def _settled(choice: Choice, share: float) -> float:
+def _settled(choice: Choice, share: float, floor_mm: float) -> float:
     """Return the log evidence of a fit at its own contacts, its prior's scales settled."""
     fit = choice.fit
     active, post = choice.structure.active(choice.design), fit.posterior
-    return solve(
-        choice.design, fit.normal.tempered(share), active, post.prior, post.sigma_mm, rounds=SETTLED
-    ).log_evidence
+    prior = replace(post.prior, floor_mm=floor_mm)
+    return solve(choice.design, fit.normal.tempered(share), active, prior, post.sigma_mm, rounds=SETTLED).log_evidence
 
 
 def fitted(rows: Rows, structure: Structure, ripple: tuple[int, ...], start: Choice, *, passes: int) -> Choice:
