@@ -59,5 +59,7 @@ def judge(text: bytes, mechanism: Mechanism) -> Judged:
     home = tuple(axis.home_mm for axis in mechanism.printer.axes)
     wanted, given = naive_mend.read_moves(text, home), naive_mend.read_moves(written, home)
     before = naive_mend.contour_errors_mm(wanted, wanted, naive_mend.print_moves(wanted, mechanism))
-    after = naive_mend.contour_errors_mm(wanted, given, naive_mend.print_moves(given, mechanism))
+    # where the screw is bad the file's own heights are not where the mended nozzle is
+    lifted = None if mechanism.screw is None else naive_mend.lift_moves(given, mechanism)
+    after = naive_mend.contour_errors_mm(wanted, given, naive_mend.print_moves(given, mechanism), lifted)
     return Judged(written, prediction, before, after, wanted, given)

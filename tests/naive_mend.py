@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from printmend.mechanism import Mechanism
+from printmend.mechanism import Mechanism, ScrewDrive
 
 _WORD = re.compile(r"([A-Za-z])\s*([-+]?\d*\.?\d+)")
 
@@ -216,7 +216,33 @@ def print_moves(moves: list[Move], mechanism: Mechanism, *, pitch_mm: float = 0.
             belts[motor] = belt
         motors = to
         printed.append(mechanism.frame.apply(printer.from_motor(way)))
+        if mechanism.screw is not None:
+            z = move.start[2] + np.arange(1, count + 1) / count * (move.end[2] - move.start[2])
+            grid = mechanism.screw.transmission.motor_mm
+            for axis in range(2):
+                printed[-1][:, axis] += np.interp(z, grid, mechanism.screw.wobble_mm[:, axis])
     return printed
+
+
+def lift_moves(moves: list[Move], mechanism: Mechanism) -> list[float]:
+    """Return how high the nozzle is after each move: the nut follows its screw by clipping, homing puts it to rest."""
+    screw, z = mechanism.screw, mechanism.printer.z
+    if screw is None:
+        return [move.end[2] for move in moves]
+    heights = []
+    nut = _branch_mm(screw, z.home_mm, z.home_direction > 0)
+    for move in moves:
+        if 2 in move.homing:
+            nut = _branch_mm(screw, move.end[2], z.home_direction > 0)
+        elif not move.homing:
+            nut = min(max(nut, _branch_mm(screw, move.end[2], True)), _branch_mm(screw, move.end[2], False))
+        heights.append(nut)
+    return heights
+
+
+def _branch_mm(screw: ScrewDrive, z_mm: float, forwards: bool) -> float:
+    lower, upper = screw.transmission.branches_mm(np.array(z_mm))
+    return float(lower if forwards else upper)
 
 
 def _rested(mechanism: Mechanism, motors: np.ndarray, belts: np.ndarray) -> np.ndarray:
@@ -227,16 +253,22 @@ def _rested(mechanism: Mechanism, motors: np.ndarray, belts: np.ndarray) -> np.n
     return rested
 
 
-def contour_errors_mm(wanted: list[Move], given: list[Move], printed: list[np.ndarray]) -> np.ndarray:
-    """Return the distance of every printed place of a drawing move to the nearest wanted line at its height."""
+def contour_errors_mm(
+    wanted: list[Move], given: list[Move], printed: list[np.ndarray], heights: list[float] | None = None
+) -> np.ndarray:
+    """Return the distance of every printed place of a drawing move to the nearest wanted line at its height.
+
+    ``heights`` are those after each given move, by default the commanded ones.
+    """
     errors = []
-    for move, way in zip(given, printed, strict=True):
+    for number, (move, way) in enumerate(zip(given, printed, strict=True)):
         if not move.draws:
             continue
+        height = move.end[2] if heights is None else heights[number]
         lines = [
             w
             for w in wanted
-            if w.draws and min(w.start[2], w.end[2]) - 0.06 <= move.end[2] <= max(w.start[2], w.end[2]) + 0.06
+            if w.draws and min(w.start[2], w.end[2]) - 0.06 <= height <= max(w.start[2], w.end[2]) + 0.06
         ]
         a = np.array([w.start[:2] for w in lines])
         d = np.array([w.end[:2] for w in lines]) - a

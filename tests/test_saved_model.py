@@ -82,7 +82,7 @@ def edited(**changes: object) -> str:
         ("[" * 100_000, "JSON|nesting"),
         ("[]", "another kind"),
         ("{}", "another kind"),
-        (edited(version=2), "version 2"),
+        (edited(version=3), "version 3"),
         (edited(version="1"), "version"),
         (edited(printer=None), "printer"),
         (edited(printer={"name": "x"}), "kinematics"),

@@ -10,9 +10,10 @@ from printmend.control.kernels.inverse import mend
 from printmend.control.kernels.inverse_curve import CURVE
 from printmend.gcode.kernels import PIECE
 from printmend.gcode.write import PLANS_AT_ONCE
-from printmend.mechanism import Mechanism, Transmission
+from printmend.mechanism import Mechanism, ScrewDrive, Transmission
 
 _SAME_MM = 1e-7
+_RISE_LOOK_MM = 0.05  # a screw's curvature is measured over this distance
 _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
 
 
@@ -33,9 +34,10 @@ def lookup(mechanism: Mechanism) -> np.ndarray:
     head[look.M_HOME : look.M_HOME + 2] = printer.home_mm
     head[look.M_HOME_SIDE : look.M_HOME_SIDE + 2] = printer.x.home_direction, printer.y.home_direction
     parts, size, sharpest = [head], len(head), 0.0
-    for motor, t in enumerate(mechanism.transmissions):
+    screw = None if mechanism.screw is None or _is_straight(mechanism.screw) else mechanism.screw
+    for motor, t in enumerate((*mechanism.transmissions, *([] if screw is None else [screw.transmission]))):
         bend = _bend(t)
-        sharpest = max(sharpest, bend.max())
+        sharpest = max(sharpest, bend.max() if motor < 2 else 0.0)
         at = look.M_MOTOR + look.MOTOR_FIELDS * motor
         head[at : at + 6] = t.first_mm, 1.0 / t.pitch_mm, len(t.lower_mm) - 1, size, len(bend) - 1, t.is_taut
         parts.append(bend)
@@ -47,6 +49,13 @@ def lookup(mechanism: Mechanism) -> np.ndarray:
             head[at : at + 3] = size, table[0], size + len(table)
             parts += [table, np.minimum(guide, len(table) - 1)]
             size += len(table) + len(guide)
+    if screw is not None:
+        z = printer.z
+        head[look.M_SCREW], head[look.M_RISE] = 1.0, _rise_mm(screw)
+        head[look.M_Z_LIMITS : look.M_Z_LIMITS + 2] = z.min_mm, z.max_mm
+        head[look.M_Z_HOME], head[look.M_Z_HOME_SIDE] = z.home_mm, z.home_direction
+        head[look.M_PUSH : look.M_PUSH + 2] = size, size + len(screw.wobble_mm)
+        parts += [*screw.wobble_mm.T]
     head[look.M_BENT] = sharpest > 0
     # A parabola of the sharpest curvature strays by a quarter of the tolerance between two looks.
     head[look.M_SAMPLE] = np.clip(np.sqrt(2.0 * k.CHORD_MM / max(sharpest, 1e-12)), 0.02, 2.0)
@@ -88,13 +97,31 @@ def _shifts_only(t: Transmission) -> bool:
     return all(np.ptp(table - t.motor_mm) < _SAME_MM for table in (t.lower_mm, t.upper_mm))
 
 
+def _rise_mm(screw: ScrewDrive) -> float:
+    """Return over how much height a straight command keeps the nozzle within half a chord's tolerance."""
+    t, most = screw.transmission, 0.0
+    for table in (t.lower_mm, t.upper_mm):
+        height = np.arange(table[0], table[-1], _RISE_LOOK_MM)
+        motor = np.interp(height, table, t.motor_mm)
+        bent = np.column_stack([motor, screw.wobble_at_mm(motor)])
+        if len(bent) > 2:
+            second = np.linalg.norm(bent[2:] - 2 * bent[1:-1] + bent[:-2], axis=1)
+            most = max(most, float(second.max()) / _RISE_LOOK_MM**2)
+    return float(np.clip(np.sqrt(4.0 * k.CHORD_MM / max(most, 1e-12)), _RISE_LOOK_MM, 1e3))
+
+
+def _is_straight(screw: ScrewDrive) -> bool:
+    return _is_same(screw.transmission) and bool(np.abs(screw.wobble_mm).max() < _SAME_MM)
+
+
+def _is_same(t: Transmission) -> bool:
+    return all(np.abs(table - t.motor_mm).max() < _SAME_MM for table in (t.lower_mm, t.upper_mm))
+
+
 def is_identity(mechanism: Mechanism) -> bool:
     """Say whether a machine does what it is told: nothing is to be mended."""
-    return mechanism.frame.is_identity and all(
-        np.abs(table - t.motor_mm).max() < _SAME_MM
-        for t in mechanism.transmissions
-        for table in (t.lower_mm, t.upper_mm)
-    )
+    straight = mechanism.screw is None or _is_straight(mechanism.screw)
+    return straight and mechanism.frame.is_identity and all(map(_is_same, mechanism.transmissions))
 
 
 @dataclass(eq=False)
@@ -112,11 +139,17 @@ class Planner:
     layers: np.ndarray
     _ring: list[tuple[np.ndarray, np.ndarray]]
     _curve: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
+    _moved: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
     _turn: int = 0
+
+    @property
+    def has_screw(self) -> bool:
+        """Say whether the machine has a Z screw that is not perfect."""
+        return bool(self.model[look.M_SCREW])
 
     def begin(self) -> None:
         """Begin a program: nothing is known of where the machine is. What was added up so far is kept."""
-        self.counts[k.N_KNOWN] = self.counts[k.N_ANYWHERE] = 0
+        self.counts[k.N_KNOWN] = self.counts[k.N_ANYWHERE] = self.counts[k.N_HEIGHT] = 0
         self.counts[k.N_MARK] = -1
         self.state[k.S_Z] = np.inf  # whatever comes first begins a layer
 
@@ -135,8 +168,8 @@ class Planner:
             first = np.zeros(len(records) + 1, np.int64)
             self._ring[self._turn] = (first, pieces)
         end = mend(
-            self.model, records, begin, len(records), self.state, self.counts, self._curve, first, pieces, self.layers,
-            self.errors, self.quantum_mm,
+            self.model, records, begin, len(records), self.state, self.counts, self._curve, self._moved, first, pieces,
+            self.layers, self.errors, self.quantum_mm,
         )  # fmt: skip
         return end, first, pieces
 

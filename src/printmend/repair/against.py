@@ -9,11 +9,12 @@ from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
 from printmend.mechanism import Mechanism
-from printmend.repair.prediction import Errors, Prediction
+from printmend.repair.prediction import Errors, Heights, Prediction
 from printmend.twin.kernels import run_play
 
 _CHORD_MM = 0.002
 _SAMPLE_MM = 0.5
+_NEAR_MM = 5.0  # of path before and after a stretch of filament
 
 
 def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanism) -> Prediction:
@@ -25,7 +26,8 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
     """
     wanted = straightened(read_gcode(source, printer=mechanism.printer).moves, _CHORD_MM)
     given = straightened(read_gcode(output, printer=mechanism.printer).moves, _CHORD_MM)
-    if wanted.layer.max(initial=-1) != given.layer.max(initial=-1):
+    # Where the screw is bad, a layer's commands have heights of their own: filament says which layer they are of.
+    if mechanism.screw is None and wanted.layer.max(initial=-1) != given.layer.max(initial=-1):
         raise GcodeError(
             output, wanted=f"the {wanted.layer.max(initial=-1) + 1} layers of {source}",
             came=f"{given.layer.max(initial=-1) + 1}", todo="give the file that was made from it",
@@ -35,16 +37,33 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
     layers = []
     for number, old in enumerate(prediction.layers):
         row = dict(old)
-        for name, (layer, distance, weight) in (("before", before), ("after", after)):
+        for name, (layer, distance, weight, rise) in (("before", before), ("after", after)):
             mine = layer == number
             if mine.any():
-                row[f"{name}_rms_mm"] = float(np.sqrt(np.average(distance[mine] ** 2, weights=weight[mine])))
+                row[f"{name}_rms_mm"] = _rms(distance[mine], weight[mine])
                 row[f"{name}_max_mm"] = float(distance[mine].max())
+                if mechanism.screw is not None:
+                    row[f"{name}_height_rms_mm"] = _rms(rise[mine], weight[mine])
         layers.append(row)
+    heights = None
+    if mechanism.screw is not None:
+        heights = (_heights(*before[2:]), _heights(*after[2:]))
     return replace(
-        prediction, before=_errors(*before[1:]), after=_errors(*after[1:]), layers=tuple(layers), commands=len(given),
-        distance_to="the nearest wanted line of its layer",
+        prediction, before=_errors(*before[1:3]), after=_errors(*after[1:3]), layers=tuple(layers), commands=len(given),
+        distance_to="the nearest wanted line of its layer", heights=heights,
     )  # fmt: skip
+
+
+def _is_sloped(moves: Moves) -> bool:
+    return bool((moves.start_mm[moves.extruding, 2] != moves.end_mm[moves.extruding, 2]).any())
+
+
+def _rms(error: np.ndarray, weight: np.ndarray) -> float:
+    return float(np.sqrt(np.average(error**2, weights=weight)))
+
+
+def _heights(weight: np.ndarray, rise: np.ndarray) -> Heights:
+    return Heights(_rms(rise, weight), float(np.abs(rise).max())) if len(rise) else Heights(0.0, 0.0)
 
 
 def _errors(distance: np.ndarray, weight: np.ndarray) -> Errors:
@@ -54,35 +73,65 @@ def _errors(distance: np.ndarray, weight: np.ndarray) -> Errors:
     share = np.cumsum(weight[order]) / weight.sum()
     at_p95 = min(int(np.searchsorted(share, 0.95)), len(order) - 1)
     p95 = float(distance[order[at_p95]])
-    return Errors(float(np.sqrt(np.average(distance**2, weights=weight))), p95, float(distance.max()))
+    return Errors(_rms(distance, weight), p95, float(distance.max()))
 
 
-def _distances(wanted: Moves, given: Moves, mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (layer, distance to the wanted path, weight) [S] of places along the extruded path of ``given``."""
-    commanded, move, weight = _sampled(given)
+def _distances(
+    wanted: Moves, given: Moves, mechanism: Mechanism
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return (layer, distance to the wanted path, weight, error in height) [S] along the extruded path of ``given``.
+
+    With a bad screw what is printed after so much filament belongs to what the wanted path has there, whatever the
+    heights in the two files are; on a rising path, which has no layers, to a stretch of it.
+    """
+    commanded, move, weight, share = _sampled(given)
     printed = _printed(commanded, mechanism)
     drawn = given.extruding[move] & given.known[move, :2].all(axis=1) & (weight > 0)
     layer, weight, printed = given.layer[move][drawn], weight[drawn], printed[drawn]
-    distance = np.zeros(len(layer))
+    used, fed = _fed(wanted), None
+    if mechanism.screw is not None:
+        fed = ((_fed(given) - _advance(given))[move] + share * _advance(given)[move])[drawn]
+        order = np.flatnonzero(wanted.extruding)
+        layer = wanted.layer[order[np.minimum(np.searchsorted(used[order], fed), len(order) - 1)]]
+    sloped = _is_sloped(wanted)
+    distance, rise = np.zeros(len(layer)), np.zeros(len(layer))
     for number in np.unique(layer):
         lines = wanted.extruding & (wanted.layer == number)
-        ends = np.stack([wanted.start_mm[lines, :2], wanted.end_mm[lines, :2]], axis=1)
-        tree = shapely.STRtree(shapely.linestrings(ends[(ends[:, 0] != ends[:, 1]).any(axis=1)]))
         mine = np.flatnonzero(layer == number)
-        (at, _), found = tree.query_nearest(shapely.points(printed[mine]), return_distance=True, all_matches=False)
+        if fed is not None and sloped:
+            near = _NEAR_MM * used[-1] / max(weight.sum(), _NEAR_MM)
+            since = used - _advance(wanted)
+            lines = wanted.extruding & (used >= fed[mine].min() - near) & (since <= fed[mine].max() + near)
+        lines &= (wanted.start_mm[:, :2] != wanted.end_mm[:, :2]).any(axis=1)
+        strings = shapely.linestrings(np.stack([wanted.start_mm[lines, :2], wanted.end_mm[lines, :2]], axis=1))
+        points = shapely.points(printed[mine, :2])
+        (at, line), found = shapely.STRtree(strings).query_nearest(points, return_distance=True, all_matches=False)
         distance[mine[at]] = found
-    return layer, distance, weight
+        foot = shapely.line_locate_point(strings[line], points[at], normalized=True)
+        low, high = wanted.start_mm[lines, 2][line], wanted.end_mm[lines, 2][line]
+        rise[mine[at]] = printed[mine[at], 2] - (low + foot * (high - low))
+    return layer, distance, weight, rise
 
 
-def _sampled(moves: Moves) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return commanded places [S, 2] along all moves, the move of each and the length it stands for.
+def _advance(moves: Moves) -> np.ndarray:
+    """Return the filament [M] of each extruding move."""
+    return np.where(moves.extruding, moves.extrusion_mm, 0.0)
+
+
+def _fed(moves: Moves) -> np.ndarray:
+    """Return how much filament [M] was fed at the end of each move, retractions left out."""
+    return np.cumsum(_advance(moves))
+
+
+def _sampled(moves: Moves) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return commanded places [S, 3] along all moves, the move of each, the length it stands for, and its share of it.
 
     The places of an extruding move lie in the middle of equal parts of it, for at its end a chord is exact. Its end is
     a place of length 0, and so is the start of one that does not begin where the last one ended (the head went there
     by itself, homing for example).
     """
-    start, end = moves.start_mm[:, :2], moves.end_mm[:, :2]
-    length = np.linalg.norm(end - start, axis=1)
+    start, end = moves.start_mm, moves.end_mm
+    length = np.linalg.norm((end - start)[:, :2], axis=1)
     count = np.where(moves.extruding & (length > 0), np.maximum(np.ceil(length / _SAMPLE_MM), 3), 0).astype(np.int64)
     jumped = np.concatenate([[True], (start[1:] != end[:-1]).any(axis=1)])[: len(moves)]
     rows = count + jumped + 1
@@ -91,14 +140,15 @@ def _sampled(moves: Moves) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     inside = (place >= 0) & (place < count[move])
     parts = np.maximum(count[move], 1)
     share = np.where(inside, (place + 0.5) / parts, np.where(place < 0, 0.0, 1.0))
-    return start[move] + share[:, None] * (end - start)[move], move, np.where(inside, length[move] / parts, 0.0)
+    weight = np.where(inside, length[move] / parts, 0.0)
+    return start[move] + share[:, None] * (end - start)[move], move, weight, share
 
 
 def _printed(commanded_mm: np.ndarray, mechanism: Mechanism) -> np.ndarray:
-    """Print places [S, 2] one after the other, from the home position."""
+    """Print places [S, 3] one after the other, from the home position; return where and how high [S, 3]."""
     printer = mechanism.printer
     home_mm = np.array(printer.home_mm)
-    motors = printer.to_motor(np.concatenate([home_mm[None], commanded_mm]))
+    motors = printer.to_motor(np.concatenate([home_mm[None], commanded_mm[:, :2]]))
     at_home = printer.to_motor(mechanism.frame.invert(home_mm))
     belts = np.empty_like(motors)
     for motor, transmission in enumerate(mechanism.transmissions):
@@ -106,4 +156,11 @@ def _printed(commanded_mm: np.ndarray, mechanism: Mechanism) -> np.ndarray:
         column = np.empty(len(motors))
         run_play(np.arange(len(motors)), at_home[motor], lower, upper, column)
         belts[:, motor] = column
-    return mechanism.frame.apply(printer.from_motor(belts))[1:]
+    bed = mechanism.frame.apply(printer.from_motor(belts))[1:]
+    if mechanism.screw is None:
+        return np.column_stack([bed, commanded_mm[:, 2]])
+    z_mm = np.concatenate([[printer.z.home_mm], commanded_mm[:, 2]])
+    lower, upper = mechanism.screw.transmission.branches_mm(z_mm)
+    height = np.empty(len(z_mm))
+    run_play(np.arange(len(z_mm)), printer.z.home_mm, lower, upper, height)
+    return np.column_stack([bed + mechanism.screw.wobble_at_mm(commanded_mm[:, 2]), height[1:]])

@@ -147,10 +147,11 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
             "or use --force",
         )  # fmt: skip
     if not prediction.is_better:
-        raise RefusedError(
-            file.name, wanted="a smaller error after mending",
-            came=f"{prediction.after.rms_mm:.4f} mm instead of {prediction.before.rms_mm:.4f} mm", todo=todo,
-        )  # fmt: skip
+        came = f"{prediction.after.rms_mm:.4f} mm instead of {prediction.before.rms_mm:.4f} mm"
+        if prediction.heights is not None:
+            before, after = prediction.heights
+            came += f", in height {after.rms_mm:.4f} mm instead of {before.rms_mm:.4f} mm"
+        raise RefusedError(file.name, wanted="a smaller error after mending", came=came, todo=todo)
 
 
 def _refuse_motionless(file: GcodeFile, prediction: Prediction) -> None:

@@ -1,5 +1,6 @@
 """What the model says about a file before and after mending."""
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -20,6 +21,14 @@ class Errors:
     max_mm: float
 
 
+@dataclass(frozen=True)
+class Heights:
+    """Error of the nozzle's height, over the length of the extruded path [mm]."""
+
+    rms_mm: float
+    max_mm: float
+
+
 @dataclass(frozen=True, eq=False)
 class Prediction:
     """The predicted contour error of a file as it is (``before``) and as mended (``after``).
@@ -31,7 +40,8 @@ class Prediction:
     they would have gone and ``held_mm`` how much extruded path that is, the start of the file left out where layer
     comments tell what that is (purge lines lie at the edge of the bed and need not be right); ``unknown`` the
     extruding moves that were left as they are, because the file does not say where the head is. ``distance_to`` says
-    what the errors are distances to.
+    what the errors are distances to, from above. ``heights`` are the errors in height before and after, where the model
+    has a Z screw.
     """
 
     length_mm: float
@@ -51,11 +61,15 @@ class Prediction:
     low_mm: tuple[float, float]
     high_mm: tuple[float, float]
     distance_to: str = "the wanted path"
+    heights: tuple[Heights, Heights] | None = None
 
     @property
     def is_better(self) -> bool:
         """Say whether mending gains more than the resolution of the numbers in the file."""
-        return self.before.rms_mm - self.after.rms_mm > _GAIN_MM
+        before, after = self.before.rms_mm, self.after.rms_mm
+        if self.heights is not None:
+            before, after = math.hypot(before, self.heights[0].rms_mm), math.hypot(after, self.heights[1].rms_mm)
+        return before - after > _GAIN_MM
 
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""
@@ -73,6 +87,8 @@ class Prediction:
         ]
         for name, errors in (("as it is", self.before), ("mended", self.after)):
             rows.append(f"  {name:8} {errors.rms_mm:7.3f}  {errors.p95_mm:7.3f}  {errors.max_mm:7.3f}")
+        for name, height in zip(("as it is", "mended"), self.heights or (), strict=False):
+            rows.append(f"  {name:8} {height.rms_mm:7.3f}           {height.max_mm:7.3f}  in height")
         rows.append(
             f"moves {self.moves} → {self.commands}, slack taken up at {self.takeups} reversals"
             + (f", made certain again {self.anchors} times" if self.anchors else "")
@@ -92,16 +108,21 @@ def prediction_of(planner: Planner) -> Prediction:
     counts, state = planner.counts, planner.state
     layers = planner.layers[: int(counts[k.N_LAYER]) + 1]
     length = float(layers[:, k.L_LENGTH].sum())
-    errors = []
+    errors, heights = [], []
     for which in (0, 1):
         square = float(layers[:, k.L_SQUARE + which].sum())
         most = float(layers[:, k.L_MOST + which].max(initial=0.0))
         errors.append(Errors((square / length) ** 0.5 if length else 0.0, _quantile(planner.errors[which], most), most))
+        square, most = (
+            float(layers[:, k.L_RISE + which].sum()),
+            float(layers[:, k.L_RISE_MOST + which].max(initial=0.0)),
+        )
+        heights.append(Heights((square / length) ** 0.5 if length else 0.0, most))
     return Prediction(
         length_mm=length,
         before=errors[0],
         after=errors[1],
-        layers=tuple(_layer(row) for row in layers),
+        layers=tuple(_layer(row, planner.has_screw) for row in layers),
         moves=int(counts[k.N_MOVES]),
         commands=int(counts[k.N_PIECES] + counts[k.N_COPIED]),
         takeups=int(counts[k.N_TAKEUPS]),
@@ -114,6 +135,7 @@ def prediction_of(planner: Planner) -> Prediction:
         extruding=int(counts[k.N_EXTRUDING]),
         low_mm=(float(state[k.S_LOW]), float(state[k.S_LOW + 1])),
         high_mm=(float(state[k.S_HIGH]), float(state[k.S_HIGH + 1])),
+        heights=(heights[0], heights[1]) if planner.has_screw else None,
     )
 
 
@@ -130,10 +152,10 @@ def _quantile(histogram: np.ndarray, most: float) -> float:
     return float(min((at + part) * k.ERROR_BIN_MM, most))
 
 
-def _layer(row: np.ndarray) -> dict[str, float]:
+def _layer(row: np.ndarray, has_screw: bool) -> dict[str, float]:
     length = row[k.L_LENGTH]
     squares = row[k.L_SQUARE : k.L_SQUARE + 2] / length if length else np.zeros(2)
-    return {
+    layer = {
         "z_mm": round(float(row[k.L_Z]), 4),
         "length_mm": round(float(length), 3),
         "before_rms_mm": float(squares[0] ** 0.5),
@@ -141,3 +163,7 @@ def _layer(row: np.ndarray) -> dict[str, float]:
         "after_rms_mm": float(squares[1] ** 0.5),
         "after_max_mm": float(row[k.L_MOST + 1]),
     }
+    if has_screw:
+        rises = row[k.L_RISE : k.L_RISE + 2] / length if length else np.zeros(2)
+        layer["before_height_rms_mm"], layer["after_height_rms_mm"] = np.sqrt(rises).tolist()
+    return layer

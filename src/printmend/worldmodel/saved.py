@@ -7,11 +7,10 @@ a `ModelError`; nothing in the file is ever executed.
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -23,13 +22,15 @@ from printmend.mechanism import Frame, Mechanism, Transmission, healthy_transmis
 from printmend.printer import Printer
 from printmend.printer.toml import parse_printer
 from printmend.worldmodel.greybox_branches import Branches, Wave
+from printmend.worldmodel.saved_screw import parse_screw, screw_section
+from printmend.worldmodel.saved_values import TODO, number, numbers, refuse, rising, rounded, section_of
+from printmend.worldmodel.screw import ScrewSeries
 
 FORMAT = "printmend model"
-VERSION = 1
+VERSION = 2
+_WITHOUT_SCREW = 1  # what is written for a machine whose Z is as designed: every printmend reads it
 MAX_ENTRIES = 1_000_000
 MAX_HARMONICS = 1024
-LARGEST = 1e5
-_TODO = "learn it again: `printmend learn trace.csv --printer P`"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +52,9 @@ class SavedModel:
 
     @property
     def is_healthy(self) -> bool:
-        """True where the model changes nothing: both motors and the frame are as designed."""
-        motors = self.document["motors"].values()
-        return self.mechanism.frame.is_identity and all(section["kind"] == "healthy" for section in motors)
+        """True where the model changes nothing: both motors, the frame and Z are as designed."""
+        motors, level = self.document["motors"].values(), self.mechanism.frame.is_identity
+        return level and self.mechanism.screw is None and all(section["kind"] == "healthy" for section in motors)
 
     @property
     def noise_mm(self) -> float:
@@ -77,14 +78,15 @@ def saved_model(
     *,
     learner: str,
     branches: tuple[Branches | None, Branches | None] = (None, None),
+    screw: ScrewSeries | None = None,
     noise_mm: float = 0.0,
     findings: tuple[str, ...] = (),
     details: Mapping[str, Any] | None = None,
 ) -> SavedModel:
     """Make the document of a machine.
 
-    A motor with ``branches`` is saved as its series, another as its tables. ``details`` are further keys for the
-    reader (uncertainties, the trace, trees); they are kept and digested, not interpreted.
+    A motor with ``branches`` is saved as its series, another as its tables; so is Z with ``screw``. ``details`` are
+    further keys for the reader (uncertainties, the trace, trees); they are kept and digested, not interpreted.
     """
     motors = {}
     for motor, name in enumerate(mechanism.printer.motors):
@@ -92,13 +94,14 @@ def saved_model(
         motors[name] = _table_section(mechanism, motor) if series is None else _series_section(series)
     document: dict[str, Any] = {
         "format": FORMAT,
-        "version": VERSION,
+        "version": _WITHOUT_SCREW if mechanism.screw is None else VERSION,
         "program": __version__,
         "learner": learner,
         "printer": printer_section(mechanism.printer),
         "motors": motors,
         "frame": None if mechanism.frame.is_identity else _frame_section(mechanism.frame),
-        "noise_mm": _rounded(noise_mm),
+        **({} if mechanism.screw is None else {"screw": screw_section(mechanism.screw, screw)}),
+        "noise_mm": rounded(noise_mm),
         "findings": list(findings),
         **(details or {}),
     }
@@ -124,22 +127,22 @@ def model_text(model: SavedModel) -> str:
 
 def read_model(path: str | Path) -> SavedModel:
     """Read a model. Raise `ModelError` for anything that is not one of ours, whole and unchanged."""
-    text = read_text(path, wanted="a printer.mend.json", todo=_TODO, error=ModelError)
+    text = read_text(path, wanted="a printer.mend.json", todo=TODO, error=ModelError)
     return parse_model(text, subject=str(path))
 
 
 def parse_model(text: str, *, subject: str) -> SavedModel:
     """Build a model from JSON text; ``subject`` names the source in errors."""
     try:
-        document = json.loads(text, parse_constant=lambda name: _refuse(subject, "finite numbers", name))
+        document = json.loads(text, parse_constant=lambda name: refuse(subject, "finite numbers", name))
     except (ValueError, RecursionError) as error:
         came = f"broken JSON ({error})" if isinstance(error, ValueError) else "endless nesting"
-        raise ModelError(subject, wanted="a printer.mend.json", came=came, todo=_TODO) from None
+        raise ModelError(subject, wanted="a printer.mend.json", came=came, todo=TODO) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ModelError(subject, wanted="a printer.mend.json", came="another kind of file", todo="check the path")
     version = document.get("version")
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
-        _refuse(subject, "a version", repr(version))
+        refuse(subject, "a version", repr(version))
     if version > VERSION:
         raise ModelError(
             subject,
@@ -149,19 +152,20 @@ def parse_model(text: str, *, subject: str) -> SavedModel:
         )
     digest = document.pop("digest", None)
     if digest != _digest(document):
-        _refuse(subject, "a digest that fits the content", "a file that was changed or damaged")
-    printer = _printer(_get(document, "printer", dict, subject), subject)
-    sections = _get(document, "motors", dict, subject)
+        refuse(subject, "a digest that fits the content", "a file that was changed or damaged")
+    printer = _printer(section_of(document, "printer", dict, subject), subject)
+    sections = section_of(document, "motors", dict, subject)
     if sorted(sections) != sorted(printer.motors):
-        _refuse(subject, f"motors {' and '.join(printer.motors)}", ", ".join(map(str, sections)) or "none")
+        refuse(subject, f"motors {' and '.join(printer.motors)}", ", ".join(map(str, sections)) or "none")
     tables = [_transmission(sections[name], printer, i, f"{subject} [{name}]") for i, name in enumerate(printer.motors)]
     frame = document.get("frame")
-    mechanism = Mechanism(printer, (tables[0], tables[1]), Frame() if frame is None else _frame(frame, subject))
-    learner = _get(document, "learner", str, subject)
-    noise_mm = _number(document, "noise_mm", subject)
-    findings = _get(document, "findings", list, subject)
+    screw = None if document.get("screw") is None else parse_screw(document["screw"], printer, f"{subject} [screw]")
+    mechanism = Mechanism(printer, (tables[0], tables[1]), Frame() if frame is None else _frame(frame, subject), screw)
+    learner = section_of(document, "learner", str, subject)
+    noise_mm = number(document, "noise_mm", subject)
+    findings = section_of(document, "findings", list, subject)
     if noise_mm < 0 or not all(isinstance(line, str) for line in findings):
-        _refuse(subject, "noise_mm ≥ 0 and findings as text", "something else")
+        refuse(subject, "noise_mm ≥ 0 and findings as text", "something else")
     return SavedModel(mechanism, learner, digest, document)
 
 
@@ -190,11 +194,6 @@ def _digest(document: Mapping[str, Any]) -> str:
     return hashlib.sha256(plain.encode()).hexdigest()[:16]
 
 
-def _rounded(value: Any) -> Any:
-    """Round to 1e-9 mm: a thousand times finer than anything a machine does."""
-    return np.round(value, 9).tolist() if isinstance(value, np.ndarray) else round(float(value), 9)
-
-
 def _table_section(mechanism: Mechanism, motor: int) -> dict[str, Any]:
     table = mechanism.transmissions[motor]
     healthy = healthy_transmission(mechanism.printer, motor)
@@ -204,9 +203,9 @@ def _table_section(mechanism: Mechanism, motor: int) -> dict[str, Any]:
     section: dict[str, Any] = {"kind": "table", "first_mm": table.first_mm, "pitch_mm": table.pitch_mm}
     if table.first_mm == healthy.first_mm and table.pitch_mm == healthy.pitch_mm:
         grid = healthy.motor_mm
-    section["lower_error_mm"] = _rounded(table.lower_mm - grid)
+    section["lower_error_mm"] = rounded(table.lower_mm - grid)
     if not table.is_taut:
-        section["upper_error_mm"] = _rounded(table.upper_mm - grid)
+        section["upper_error_mm"] = rounded(table.upper_mm - grid)
     return section
 
 
@@ -217,60 +216,55 @@ def _series_section(branches: Branches) -> dict[str, Any]:
         "kind": "series",
         "period_mm": branches.period_mm,
         "middle_mm": branches.middle_mm,
-        "reach_mm": [_rounded(value) for value in branches.reach_mm],
+        "reach_mm": [rounded(value) for value in branches.reach_mm],
     }
     for name in ("mean", "play", "elastic"):
         wave: Wave = getattr(branches, name)
         if not wave.is_zero:
             section[name] = {
-                "powers_mm": _rounded(wave.powers_mm),
+                "powers_mm": rounded(wave.powers_mm),
                 "harmonics": wave.harmonics.tolist(),
-                "cos_mm": _rounded(wave.cos_mm),
-                "sin_mm": _rounded(wave.sin_mm),
+                "cos_mm": rounded(wave.cos_mm),
+                "sin_mm": rounded(wave.sin_mm),
             }
     if branches.warp_mm.any():
         section["warp"] = {
             "first_mm": branches.warp_span_mm[0],
             "last_mm": branches.warp_span_mm[1],
-            "cos_mm": _rounded(branches.warp_mm),
+            "cos_mm": rounded(branches.warp_mm),
         }
     return section
 
 
 def _frame_section(frame: Frame) -> dict[str, Any]:
     x_mm, y_mm = frame.coefficients_mm
-    return {"scale_mm": frame.scale_mm, "x_mm": _rounded(x_mm), "y_mm": _rounded(y_mm)}
+    return {"scale_mm": frame.scale_mm, "x_mm": rounded(x_mm), "y_mm": rounded(y_mm)}
 
 
 def _printer(table: dict[str, Any], subject: str) -> Printer:
     try:
         return parse_printer(tomli_w.dumps(table), subject=f"{subject} [printer]")
     except ConfigError as error:
-        raise ModelError(error.subject, wanted=error.wanted, came=error.came, todo=_TODO) from None
+        raise ModelError(error.subject, wanted=error.wanted, came=error.came, todo=TODO) from None
     except (TypeError, ValueError):
-        _refuse(f"{subject} [printer]", "a printer", "values of no known kind")
+        refuse(f"{subject} [printer]", "a printer", "values of no known kind")
 
 
 def _transmission(section: Any, printer: Printer, motor: int, subject: str) -> Transmission:
     if not isinstance(section, dict):
-        _refuse(subject, "a section", repr(section)[:40])
+        refuse(subject, "a section", repr(section)[:40])
     if section.get("kind") != "table":
         return _branches(section, printer, motor, subject).lower(printer, motor)
-    lower = _numbers(section, "lower_error_mm", subject, MAX_ENTRIES)
-    upper = lower if "upper_error_mm" not in section else _numbers(section, "upper_error_mm", subject, MAX_ENTRIES)
-    first_mm, pitch_mm = _number(section, "first_mm", subject), _number(section, "pitch_mm", subject)
+    lower = numbers(section, "lower_error_mm", subject, MAX_ENTRIES)
+    upper = lower if "upper_error_mm" not in section else numbers(section, "upper_error_mm", subject, MAX_ENTRIES)
+    first_mm, pitch_mm = number(section, "first_mm", subject), number(section, "pitch_mm", subject)
     if pitch_mm <= 0 or len(lower) != len(upper) or len(lower) < 2:
-        _refuse(subject, "a positive pitch_mm and tables of one length", "something else")
+        refuse(subject, "a positive pitch_mm and tables of one length", "something else")
     healthy = healthy_transmission(printer, motor)
     same = len(lower) == len(healthy.lower_mm) and (first_mm, pitch_mm) == (healthy.first_mm, healthy.pitch_mm)
     grid = healthy.motor_mm if same else first_mm + pitch_mm * np.arange(len(lower))
     table = Transmission(first_mm, pitch_mm, grid + lower, grid + upper)
-    # The tables were rounded to 1e-9 mm, so a flat stretch may go back by that much.
-    falling = min(np.diff(table.lower_mm).min(), np.diff(table.upper_mm).min()) < -3e-9
-    if falling or (table.upper_mm - table.lower_mm).min() < -3e-9:
-        _refuse(subject, "tables that never fall, lower ≤ upper", "others")
-    lower_mm = np.maximum.accumulate(table.lower_mm)
-    upper_mm = lower_mm if upper is lower else np.maximum(np.maximum.accumulate(table.upper_mm), lower_mm)
+    lower_mm, upper_mm = rising(table.lower_mm, table.upper_mm, subject)
     return replace(table, lower_mm=lower_mm, upper_mm=upper_mm)
 
 
@@ -280,13 +274,13 @@ def _branches(section: dict[str, Any], printer: Printer, motor: int, subject: st
     if kind == "healthy":
         return Branches(printer.axes[motor].mm_per_turn, (low_mm + high_mm) / 2, (low_mm, high_mm))
     if kind != "series":
-        _refuse(subject, "kind healthy, series or table", repr(kind)[:40])
-    reach = _numbers(section, "reach_mm", subject, 2)
-    period_mm = _number(section, "period_mm", subject)
+        refuse(subject, "kind healthy, series or table", repr(kind)[:40])
+    reach = numbers(section, "reach_mm", subject, 2)
+    period_mm = number(section, "period_mm", subject)
     if len(reach) != 2 or reach[0] > reach[1] or period_mm <= 0:
-        _refuse(subject, "a positive period_mm and two reach_mm that rise", "something else")
+        refuse(subject, "a positive period_mm and two reach_mm that rise", "something else")
     waves = {name: _wave(section[name], f"{subject} {name}") for name in ("mean", "play", "elastic") if name in section}
-    middle_mm, seen_mm = _number(section, "middle_mm", subject), (float(reach[0]), float(reach[1]))
+    middle_mm, seen_mm = number(section, "middle_mm", subject), (float(reach[0]), float(reach[1]))
     plain = Branches(
         period_mm,
         middle_mm,
@@ -297,62 +291,30 @@ def _branches(section: dict[str, Any], printer: Printer, motor: int, subject: st
     )
     if "warp" not in section:
         return plain
-    warp = _get(section, "warp", dict, subject)
-    span_mm = (_number(warp, "first_mm", subject), _number(warp, "last_mm", subject))
-    cos_mm = _numbers(warp, "cos_mm", subject, MAX_HARMONICS)
+    warp = section_of(section, "warp", dict, subject)
+    span_mm = (number(warp, "first_mm", subject), number(warp, "last_mm", subject))
+    cos_mm = numbers(warp, "cos_mm", subject, MAX_HARMONICS)
     if span_mm[0] >= span_mm[1]:
-        _refuse(subject, "a warp with first_mm below last_mm", f"{span_mm[0]:g} and {span_mm[1]:g}")
+        refuse(subject, "a warp with first_mm below last_mm", f"{span_mm[0]:g} and {span_mm[1]:g}")
     return replace(plain, warp_mm=cos_mm, warp_span_mm=span_mm)
 
 
 def _wave(section: Any, subject: str) -> Wave:
     if not isinstance(section, dict):
-        _refuse(subject, "a section", repr(section)[:40])
-    harmonics = _numbers(section, "harmonics", subject, MAX_HARMONICS)
-    cos_mm, sin_mm = (_numbers(section, name, subject, MAX_HARMONICS) for name in ("cos_mm", "sin_mm"))
+        refuse(subject, "a section", repr(section)[:40])
+    harmonics = numbers(section, "harmonics", subject, MAX_HARMONICS)
+    cos_mm, sin_mm = (numbers(section, name, subject, MAX_HARMONICS) for name in ("cos_mm", "sin_mm"))
     whole = (harmonics == np.rint(harmonics)).all() and (harmonics >= 1).all()
     if not len(harmonics) == len(cos_mm) == len(sin_mm) or not whole:
-        _refuse(subject, "positive whole harmonics, as many as cos_mm and sin_mm", "something else")
-    return Wave(_numbers(section, "powers_mm", subject, 8), harmonics.astype(np.int64), cos_mm, sin_mm)
+        refuse(subject, "positive whole harmonics, as many as cos_mm and sin_mm", "something else")
+    return Wave(numbers(section, "powers_mm", subject, 8), harmonics.astype(np.int64), cos_mm, sin_mm)
 
 
 def _frame(section: Any, subject: str) -> Frame:
     if not isinstance(section, dict):
-        _refuse(f"{subject} [frame]", "a section", repr(section)[:40])
-    rows = [_numbers(section, name, f"{subject} [frame]", 10) for name in ("x_mm", "y_mm")]
-    scale_mm = _number(section, "scale_mm", f"{subject} [frame]")
+        refuse(f"{subject} [frame]", "a section", repr(section)[:40])
+    rows = [numbers(section, name, f"{subject} [frame]", 10) for name in ("x_mm", "y_mm")]
+    scale_mm = number(section, "scale_mm", f"{subject} [frame]")
     if len(rows[0]) != 10 or len(rows[1]) != 10 or scale_mm <= 0:
-        _refuse(f"{subject} [frame]", "ten coefficients a row and a positive scale_mm", "something else")
+        refuse(f"{subject} [frame]", "ten coefficients a row and a positive scale_mm", "something else")
     return Frame(np.array(rows), scale_mm)
-
-
-def _get(document: Mapping[str, Any], key: str, kind: type, subject: str) -> Any:
-    if not isinstance(value := document.get(key), kind):
-        _refuse(subject, f"{key} as {kind.__name__}", "none" if value is None else repr(value)[:40])
-    return value
-
-
-def _number(section: Mapping[str, Any], key: str, subject: str) -> float:
-    value = section.get(key)
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not math.isfinite(value) or abs(value) > LARGEST:  # type: ignore[arg-type]
-        _refuse(subject, f"a number for {key}", "none" if value is None else repr(value)[:40])
-    return float(value)  # type: ignore[arg-type]
-
-
-def _numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np.ndarray:
-    values = section.get(key)
-    if not isinstance(values, list) or len(values) > most:
-        _refuse(
-            subject, f"a list of {most} numbers at the most for {key}", "none" if values is None else "something else"
-        )
-    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
-        _refuse(subject, f"numbers in {key}", "something else")
-    array = np.array(values, float)
-    if not np.isfinite(array).all() or (np.abs(array) > LARGEST).any():
-        _refuse(subject, f"numbers below {LARGEST:g} in {key}", "others")
-    return array
-
-
-def _refuse(subject: str, wanted: str, came: str) -> NoReturn:
-    raise ModelError(subject, wanted=wanted, came=came, todo=_TODO)

@@ -7,19 +7,20 @@ Linear once it is known which flank of the thread carries the nut, and where it 
 the play with the current estimate, solve by ridge least squares, repeat.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from printmend.corruption.screw import z_grid_mm
 from printmend.errors import TraceError
-from printmend.mechanism import ScrewDrive, Transmission
+from printmend.mechanism import ScrewDrive, Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 from printmend.worldmodel.kernels.screw import contacts
 
 HARMONICS = 2
+MOST_HARMONICS = 64  # of a saved screw
 # Prior standard deviations: of the lead's relative error, of a harmonic's amplitude and of the backlash, mm.
 _LEAD, _AMPLITUDE_MM, _BACKLASH_MM = 0.1, 0.5, 1.0
 _BACKLASHES_MM = (0.0, 0.1, 0.4)
@@ -50,6 +51,33 @@ class Push:
     def at_mm(self, motor_mm: np.ndarray) -> np.ndarray:
         """Return the push [N, 2] mm at commanded heights [N] mm."""
         return _waves(motor_mm, self.lead_mm, HARMONICS) @ self.terms
+
+
+@dataclass(frozen=True, eq=False)
+class ScrewSeries:
+    """A screw in few numbers: ``height_mm`` [2H] = (a_1, b_1, a_2, …), ``push_mm`` [2H, 2] = (p_1, q_1, …) for x, y."""
+
+    lead_mm: float
+    lead_error: float
+    backlash_mm: float
+    height_mm: np.ndarray
+    push_mm: np.ndarray
+
+    def tables(self, printer: Printer) -> ScrewDrive:
+        """Return it as tables on the micro-steps of Z, without an origin."""
+        motor_mm, first_mm, pitch_mm = z_grid_mm(printer)
+        waves = _waves(motor_mm, self.lead_mm, max(len(self.height_mm), len(self.push_mm)) // 2)
+        error_mm = self.lead_error * motor_mm + waves[:, : len(self.height_mm)] @ self.height_mm
+        centre = np.maximum.accumulate(motor_mm + error_mm)
+        half_mm = self.backlash_mm / 2
+        push_mm = waves[:, : len(self.push_mm)] @ self.push_mm
+        return ScrewDrive(Transmission(first_mm, pitch_mm, centre - half_mm, centre + half_mm), push_mm)
+
+    def lower(self, printer: Printer) -> ScrewDrive:
+        """Return it as tables, its origin where the end stop of Z puts it."""
+        homed = replace(healthy_mechanism(printer), screw=self.tables(printer)).homed().screw
+        assert homed is not None
+        return homed
 
 
 def fit_height(commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> Height:
@@ -113,12 +141,10 @@ def first_push_mm(trace: Trace, printer: Printer) -> np.ndarray:
 
 
 def screw_drive(height: Height, push: Push, printer: Printer) -> ScrewDrive:
-    """Return what was learned as tables."""
-    motor_mm, first_mm, pitch_mm = z_grid_mm(printer)
-    columns = np.column_stack([motor_mm, _waves(motor_mm, printer.z.mm_per_turn, HARMONICS)])
-    centre = np.maximum.accumulate(motor_mm + columns @ height.terms)
-    half_mm = height.backlash_mm / 2
-    return ScrewDrive(Transmission(first_mm, pitch_mm, centre - half_mm, centre + half_mm), push.at_mm(motor_mm))
+    """Return what was learned as tables; where its origin lies, homing or the start of a layer says."""
+    return ScrewSeries(push.lead_mm, float(height.terms[0]), height.backlash_mm, height.terms[1:], push.terms).tables(
+        printer
+    )
 
 
 def _push_terms(waves: np.ndarray, nuisance: np.ndarray, residual_mm: np.ndarray) -> np.ndarray:

@@ -3,14 +3,22 @@
 import numpy as np
 from numba import njit
 
-from printmend.control.kernels.inverse_curve import ARC, LENGTH, R0, SWEEP, aside_and_along, is_flat_arc, norm, place
+from printmend.control.kernels.inverse_curve import (
+    ARC,
+    LEAST,
+    LENGTH,
+    R0,
+    SWEEP,
+    aside_and_along,
+    is_flat_arc,
+    norm,
+    place,
+)
 from printmend.control.kernels.inverse_layout import (
     ALONG,
     CHORD_MM,
     FILAMENT_AREA_MM2,
     MAX_AREA_MM2,
-    MIN_PIECE_MM,
-    PIECES_A_RECORD,
     S_M,
     TINY_ADVANCE_MM,
 )
@@ -61,7 +69,7 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
 def _longest(model, curve, state, mode0, mode1, t, whole, bound):
     """Return the length, in t, of the longest admissible chord, by growing and shrinking a guess from the curvature."""
     length = curve[LENGTH]
-    shortest = max(MIN_PIECE_MM, length / (PIECES_A_RECORD // 2)) / length
+    shortest = curve[LEAST] / length
     x, y = printed(model, middle(state, 0), middle(state, 1))
     aside, along = aside_and_along(curve, x, y, t)
     step = whole

@@ -3,11 +3,13 @@
 import numpy as np
 from numba import njit
 
+from printmend.control.kernels.inverse_layout import MIN_PIECE_MM, PIECES_A_RECORD
 from printmend.control.kernels.inverse_lookup import M_COREXY, M_FRAMED, is_near, wanted
 
 # Fields of a curve, an array [CURVE] of float64.
-ARC, X0, Y0, Z0, X1, Y1, Z1, CA, CB, PHI, SWEEP, R0, R1, PLANE, LENGTH = range(15)
-CURVE = 15
+# SHARE is the part of its statement's E that it stands for, LEAST the shortest piece that it may be cut into [mm].
+ARC, X0, Y0, Z0, X1, Y1, Z1, CA, CB, PHI, SWEEP, R0, R1, PLANE, LENGTH, SHARE, LEAST = range(17)
+CURVE = 17
 _TURN = 2.0 * np.pi
 _SAME = 1e-9
 _LOOKS = 24
@@ -24,6 +26,7 @@ def set_line(curve, x0, y0, z0, x1, y1, z1):
     curve[ARC] = 0.0
     curve[X0], curve[Y0], curve[Z0], curve[X1], curve[Y1], curve[Z1] = x0, y0, z0, x1, y1, z1
     curve[LENGTH] = np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2)
+    curve[SHARE], curve[LEAST] = 1.0, max(MIN_PIECE_MM, curve[LENGTH] / (PIECES_A_RECORD // 2))
 
 
 @njit(error_model="numpy", _nrt=False)
@@ -45,6 +48,7 @@ def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     curve[ARC], curve[PLANE], curve[CA], curve[CB], curve[PHI], curve[SWEEP] = 1.0, plane, ca, cb, phi0, sweep
     curve[R0], curve[R1] = norm(a0 - ca, b0 - cb), norm(a1 - ca, b1 - cb)
     curve[LENGTH] = norm((curve[R0] + curve[R1]) / 2 * abs(sweep), rise)
+    curve[LEAST] = max(MIN_PIECE_MM, curve[LENGTH] / (PIECES_A_RECORD // 2))
 
 
 @njit(error_model="numpy", _nrt=False)

@@ -18,33 +18,23 @@ SEEN_MM = 0.001  # and at three places of a command where the last one was furth
 WALK_MM = 4.0  # and for the nearest place of the path this far around
 ERROR_BINS, ERROR_BIN_MM = 8192, 0.001
 
-# state [STATE] float64. Pairs, one a motor: S_M where the motor is; S_LO and S_HI between which the belt is; the same
-# with RAW for the file as it is. S_TRAVEL the last F of a travel, S_FEED the last F written, S_Z the height at which
-# the layer began, S_LOW and S_HIGH the corners of all that is extruded.
-S_M, S_LO, S_HI, S_RAW_M, S_RAW_LO, S_RAW_HI, S_TRAVEL, S_FEED, S_Z, S_LOW, S_HIGH = (
-    0,
-    2,
-    4,
-    6,
-    8,
-    10,
-    12,
-    13,
-    14,
-    15,
-    17,
-)
-S_SIDE = 19  # 1 or −1 where a motor pushes its belt forwards or backwards, 0 where the belt may hang loose
-S_SAVED = 21  # for each slot of SAVE_GCODE_STATE where the motors were, NaN for an unknown place
-S_ERROR = S_SAVED + 2 * 8  # the largest error seen of the last command
+# state [STATE] float64. Triples, one a motor, Z the third: S_M where the motor is; S_LO and S_HI between which the belt
+# (or the nozzle, on its screw) is; the same with RAW for the file as it is. S_TRAVEL the last F of a travel, S_FEED the
+# last F written, S_Z the height at which the layer began, S_LOW and S_HIGH the corners of all that is extruded.
+S_M, S_LO, S_HI, S_RAW_M, S_RAW_LO, S_RAW_HI = 0, 3, 6, 9, 12, 15
+S_TRAVEL, S_FEED, S_Z, S_LOW, S_HIGH = 18, 19, 20, 21, 23
+S_SIDE = 25  # 1 or −1 where a motor pushes its belt forwards or backwards, 0 where the belt may hang loose
+S_SAVED = 28  # for each slot of SAVE_GCODE_STATE where the three motors were, NaN for an unknown place
+S_ERROR = S_SAVED + 3 * 8  # the largest error seen of the last command
 S_BEYOND = S_ERROR + 1  # how far the furthest extruding command would have left the bed
 S_HELD = S_BEYOND + 1  # the extruded length held back at the edge: before any layer comment, and after it
 STATE = S_HELD + 2
 # counts [COUNTS] int64. N_KNOWN: the place is known; N_ANYWHERE: the firmware may have skipped what came before;
-# N_MARK and N_LAYER: the layer comments seen, the row of `layers`. The rest are sums for the prediction.
+# N_MARK and N_LAYER: the layer comments seen, the row of `layers`; N_HEIGHT: where Z is, is known. The rest are sums
+# for the prediction.
 N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)
-N_CLAMPED, N_CLAMPED_EXTRUDING, N_UNKNOWN, N_COPIED, N_EXTRUDING = range(8, 13)
-COUNTS = 13
-# layers [?, LAYER] float64: sums over a layer, before (0) and after (1)
-L_Z, L_LENGTH, L_SQUARE, L_MOST = 0, 1, 2, 4
-LAYER = 6
+N_CLAMPED, N_CLAMPED_EXTRUDING, N_UNKNOWN, N_COPIED, N_EXTRUDING, N_HEIGHT = range(8, 14)
+COUNTS = 14
+# layers [?, LAYER] float64: sums over a layer, before (0) and after (1); L_RISE are those of the error in height
+L_Z, L_LENGTH, L_SQUARE, L_MOST, L_RISE, L_RISE_MOST = 0, 1, 2, 4, 6, 8
+LAYER = 10

@@ -13,6 +13,8 @@ LOWER, UPPER = 0, 1
 # x and y limits [4] · how densely a chord must be looked at [mm] · 1 or 0: CoreXY, a frame that is not the identity,
 # constant play and nothing else, curved branches · the frame's largest curvature [1/mm], scale and coefficients [2, 10]
 # · the home position [mm] and the signs of x's and y's last move while homing · how densely the prediction looks [mm]
+# · 1 or 0: a Z screw that is not perfect, and then: how far it may rise in one straight command [mm], its limits, its
+# home position and the sign of its last move while homing, where the tables of its push in x and in y begin
 M_BED, M_SAMPLE, M_COREXY, M_FRAMED, M_SHIFTS_ONLY, M_BENT, M_FRAME_BEND, M_FRAME_SCALE, M_FRAME = (
     0,
     4,
@@ -25,15 +27,16 @@ M_BED, M_SAMPLE, M_COREXY, M_FRAMED, M_SHIFTS_ONLY, M_BENT, M_FRAME_BEND, M_FRAM
     11,
 )
 M_HOME, M_HOME_SIDE, M_LOOK = 31, 33, 35
-# For each motor: first motor position, 1/pitch, last index, where its curvatures begin, their last index,
-# 1 where both branches are the same
-M_MOTOR, MOTOR_FIELDS = 36, 8
+M_SCREW, M_RISE, M_Z_LIMITS, M_Z_HOME, M_Z_HOME_SIDE, M_PUSH = 36, 37, 38, 40, 41, 42
+# For each motor (0 and 1, and Z the third where there is a screw): first motor position, 1/pitch, last index, where its
+# curvatures begin, their last index, 1 where both branches are the same
+M_MOTOR, MOTOR_FIELDS = 44, 8
 FIRST, RATE, LAST, BEND, BEND_LAST, TAUT = range(6)
 # For each motor and branch: where its table begins; the lowest belt position; where its guide begins: entry k is the
 # index of the first entry of the table that is ≥ floor + k·pitch
-M_BRANCH, BRANCH_FIELDS = 52, 4
+M_BRANCH, BRANCH_FIELDS = 68, 4
 TABLE, FLOOR, GUIDE = range(3)
-M_TABLES = 68
+M_TABLES = 92
 BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
 
 

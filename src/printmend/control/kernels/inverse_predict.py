@@ -3,7 +3,20 @@
 import numpy as np
 from numba import njit
 
-from printmend.control.kernels.inverse_curve import ARC, LENGTH, X0, X1, Y0, Y1, distance, line_distance, norm, place
+from printmend.control.kernels.inverse_curve import (
+    ARC,
+    LENGTH,
+    X0,
+    X1,
+    Y0,
+    Y1,
+    Z1,
+    distance,
+    line_distance,
+    norm,
+    place,
+)
+from printmend.control.kernels.inverse_height import lift_raw, note_height
 from printmend.control.kernels.inverse_layout import (
     ERROR_BIN_MM,
     ERROR_BINS,
@@ -18,7 +31,7 @@ from printmend.control.kernels.inverse_layout import (
     S_Z,
     WALK_MM,
 )
-from printmend.control.kernels.inverse_lookup import M_LOOK, printed, to_motors
+from printmend.control.kernels.inverse_lookup import M_LOOK, M_SCREW, printed, to_motors
 from printmend.control.kernels.inverse_state import pull
 from printmend.gcode.kernels.layout import FLAG_EXTRUDING, KIND_CCW, KIND_CW, KIND_LINEAR
 
@@ -70,10 +83,12 @@ def follow_raw(model, state, x, y):
 
 
 @njit(error_model="numpy", _nrt=False)
-def predict_raw(model, curve, state, records, count, i, noted, row, layers, errors):
+def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors):
     """Print a move as the file has it; where ``noted``, add up its distance to the wanted path."""
     straight = curve[ARC] == 0.0
     samples = 0
+    screw = model[M_SCREW] != 0.0
+    push_x = push_y = 0.0
     if noted:
         samples = samples_of(model, curve[LENGTH])
     elif not straight:
@@ -85,12 +100,20 @@ def predict_raw(model, curve, state, records, count, i, noted, row, layers, erro
         else:
             x, y, _ = place(curve, s)
         follow_raw(model, state, x, y)
+        if screw:
+            _, _, z = place(curve, s)
+            push_x, push_y, risen = lift_raw(model, state, counts, z)
+            if noted:
+                note_height(layers, row, 0, risen - z, curve[LENGTH] / samples)
         if noted:
             a = (state[S_RAW_LO] + state[S_RAW_HI]) / 2
             b = (state[S_RAW_LO + 1] + state[S_RAW_HI + 1]) / 2
             x, y = printed(model, a, b)
+            x, y = x + push_x, y + push_y
             note(layers, row, errors, 0, _nearest(records, count, i, curve, x, y), curve[LENGTH] / samples)
     follow_raw(model, state, curve[X1], curve[Y1])
+    if screw:
+        lift_raw(model, state, counts, curve[Z1])
 
 
 @njit(error_model="numpy", _nrt=False)

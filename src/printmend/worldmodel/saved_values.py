@@ -1,0 +1,65 @@
+"""Values of a saved model, checked: what is not as we write it ends in a `ModelError`."""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NoReturn
+
+import numpy as np
+
+from printmend.errors import ModelError
+
+LARGEST = 1e5
+TODO = "learn it again: `printmend learn trace.csv --printer P`"
+
+
+def rising(lower_mm: np.ndarray, upper_mm: np.ndarray, subject: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return two tables that never fall, lower ≤ upper; refuse others.
+
+    They were rounded to 1e-9 mm, so a flat stretch may go back by that much.
+    """
+    falling = min(np.diff(lower_mm).min(), np.diff(upper_mm).min()) < -3e-9
+    if falling or (upper_mm - lower_mm).min() < -3e-9:
+        refuse(subject, "tables that never fall, lower ≤ upper", "others")
+    lower = np.maximum.accumulate(lower_mm)
+    return lower, np.maximum(np.maximum.accumulate(upper_mm), lower)
+
+
+def rounded(value: Any) -> Any:
+    """Round to 1e-9 mm: a thousand times finer than anything a machine does."""
+    return np.round(value, 9).tolist() if isinstance(value, np.ndarray) else round(float(value), 9)
+
+
+def section_of(document: Mapping[str, Any], key: str, kind: type, subject: str) -> Any:
+    """Return a value of a kind; refuse another."""
+    if not isinstance(value := document.get(key), kind):
+        refuse(subject, f"{key} as {kind.__name__}", "none" if value is None else repr(value)[:40])
+    return value
+
+
+def number(section: Mapping[str, Any], key: str, subject: str) -> float:
+    """Return a finite number below `LARGEST`."""
+    value = section.get(key)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not math.isfinite(value) or abs(value) > LARGEST:  # type: ignore[arg-type]
+        refuse(subject, f"a number for {key}", "none" if value is None else repr(value)[:40])
+    return float(value)  # type: ignore[arg-type]
+
+
+def numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np.ndarray:
+    """Return a list of at most ``most`` finite numbers below `LARGEST`."""
+    values = section.get(key)
+    if not isinstance(values, list) or len(values) > most:
+        refuse(
+            subject, f"a list of {most} numbers at the most for {key}", "none" if values is None else "something else"
+        )
+    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        refuse(subject, f"numbers in {key}", "something else")
+    array = np.array(values, float)
+    if not np.isfinite(array).all() or (np.abs(array) > LARGEST).any():
+        refuse(subject, f"numbers below {LARGEST:g} in {key}", "others")
+    return array
+
+
+def refuse(subject: str, wanted: str, came: str) -> NoReturn:
+    """Raise `ModelError`: the file says what none of ours does."""
+    raise ModelError(subject, wanted=wanted, came=came, todo=TODO)
