@@ -1,6 +1,7 @@
 """Measured traverses: reading, alignment, and learning what a pulley repeats."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,11 +9,12 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.bench.periodic import fit
+from printmend.bench.periodic_evidence import Trace1d
 from printmend.bench.real import PROTOCOLS, plain_fit, real_lines, scatter_mm2
-from printmend.bench.traverse import COLUMNS, Traverse, detrended, read_traverses, starts_mm
+from printmend.bench.traverse import COLUMNS, Traverse, detrended, middles_mm, read_traverses
 from printmend.errors import TraceError
 
-TURN_MM, RETURN_MM = 42.3, 17.0
+TURN_MM, LAG_MM, MIDDLE_MM = 42.3, 0.8, 85.0
 
 
 def pulley_mm(angle: np.ndarray) -> np.ndarray:
@@ -20,50 +22,87 @@ def pulley_mm(angle: np.ndarray) -> np.ndarray:
     return 0.6 * np.cos(2 * np.pi * angle / TURN_MM) + 0.1 * np.sin(2 * np.pi * 3 * angle / TURN_MM + 1)
 
 
+def bed_mm(place: np.ndarray) -> np.ndarray:
+    """What repeats at every place, but not every turn."""
+    return 0.3 * np.exp(-(((place - 20) / 15) ** 2))
+
+
 def traverse(
-    rng: np.random.Generator, direction: int, *, start: float = 0.0, count: int = 340, walk: float = 0.0
+    rng: np.random.Generator,
+    direction: int,
+    *,
+    start: float = 0.0,
+    count: int = 341,
+    walk: float = 0.0,
+    phase: float = 0.0,
+    bed: float = 0.0,
 ) -> Traverse:
     travel = np.arange(count) * 0.5
-    angle = travel + start if direction > 0 else RETURN_MM - travel - start
+    place = direction * (travel + start - MIDDLE_MM)
+    error = direction * (pulley_mm(place + phase + (LAG_MM if direction < 0 else 0.0)) + bed * bed_mm(place))
     drift = np.cumsum(rng.normal(0, walk * np.sqrt(0.005), count))
-    error = direction * pulley_mm(angle) + drift + rng.normal(0, 0.03, count)
-    return Traverse("made", 80.0, 0, direction, 0, travel, detrended(travel, error))
+    noisy = error + drift + rng.normal(0, 0.03, count)
+    return Traverse("made", 80.0, 0, direction, travel, detrended(travel, noisy))
+
+
+def trace(item: Traverse, file: int = 0) -> Trace1d:
+    return Trace1d(item.direction, item.direction * (item.travel_mm - MIDDLE_MM), item.error_mm, file)
 
 
 def test_what_repeats_is_found_under_drift(rng: np.random.Generator) -> None:
-    forth, back = traverse(rng, 1, walk=0.3), traverse(rng, -1, walk=0.3)
-    model = fit(forth.travel_mm, forth.error_mm, back.travel_mm, back.error_mm)
-    assert model.turn_mm == pytest.approx(TURN_MM, abs=0.3)
-    assert (model.return_mm - RETURN_MM + TURN_MM / 2) % TURN_MM - TURN_MM / 2 == pytest.approx(0, abs=1.5)
-    assert model.shared > 0.9
-    later = traverse(rng, 1)
-    predicted = detrended(later.travel_mm, model.error_mm(1, later.travel_mm))
-    plain = detrended(later.travel_mm, plain_fit(forth)(later.travel_mm))
-    residual, plain_residual = ((later.error_mm - p).std() for p in (predicted, plain))
-    assert residual < 0.09  # 0.03 of it is white noise
-    assert residual < 0.95 * plain_residual
+    forth, back = (trace(traverse(rng, direction, walk=0.3)) for direction in (1, -1))
+    model = fit([forth, back])
+    assert model.settings.turn_mm == pytest.approx(TURN_MM, abs=0.3)
+    assert model.settings.share > 0.9
+    later = trace(traverse(rng, 1))
+    truth = detrended(later.way_mm, pulley_mm(later.place_mm))
+    predicted = detrended(later.way_mm, model.error_mm(1, later.place_mm))
+    plain = detrended(later.way_mm, plain_fit([(forth.place_mm, forth.vectors @ forth.error)])(later.place_mm))
+    assert (predicted - truth).std() < 0.09
+    assert (predicted - truth).std() < 0.95 * (plain - truth).std()
 
 
 def test_the_drift_is_not_learned(rng: np.random.Generator) -> None:
     """Without a pulley's error nothing repeats: the prediction is far smaller than the drift."""
-    travel = np.arange(340) * 0.5
-    drifts = [detrended(travel, np.cumsum(rng.normal(0, 0.03, 340))) for _ in range(2)]
-    model = fit(travel, drifts[0], travel, drifts[1])
-    assert model.error_mm(1, travel).std() < 0.4 * drifts[0].std()
+    place = np.arange(340) * 0.5 - MIDDLE_MM
+    drifts = [detrended(place, np.cumsum(rng.normal(0, 0.03, 340))) for _ in range(2)]
+    model = fit([Trace1d(1, place, drifts[0]), Trace1d(-1, -place, drifts[1])])
+    assert model.error_mm(1, place).std() < 0.4 * drifts[0].std()
+
+
+def test_pooled_files_share_the_pulley_and_the_bed_but_not_the_phase(rng: np.random.Generator) -> None:
+    phases = (0.0, -3.0)
+    traces = [
+        trace(traverse(rng, direction, phase=phase, bed=1.0, walk=0.05), file)
+        for file, phase in enumerate(phases)
+        for direction in (1, -1)
+    ]
+    model = fit(traces)
+    np.testing.assert_allclose(model.settings.phases_mm, phases, atol=0.3)
+    assert model.settings.lag_mm == pytest.approx(LAG_MM, abs=0.3)
+    place = -np.arange(0.0, 160.0, 0.5) + 80.0
+    truth = -pulley_mm(place + phases[1] + LAG_MM) - bed_mm(place)
+    predicted = detrended(place, model.error_mm(-1, place, 1))
+    assert (predicted - detrended(place, truth)).std() < 0.04
+    assert bed_mm(place).std() > 0.08  # which the pulley alone would miss
 
 
 def test_traverses_of_unequal_length_share_their_middle(rng: np.random.Generator) -> None:
     items = [traverse(rng, 1, count=count) for count in (349, 339, 240, 345)]
-    np.testing.assert_allclose(starts_mm(items), [0.0, 2.5, 2.5, 1.0])
+    np.testing.assert_allclose(middles_mm(items), [87.0, 84.5, 84.5, 86.0])
     broken_first = [items[2], items[0], items[1]]
-    np.testing.assert_allclose(starts_mm(broken_first), [0.0, 0.0, 2.5])
+    np.testing.assert_allclose(middles_mm(broken_first), [87.0, 87.0, 84.5])
+    # broken off beside the other direction, though not beside its own
+    both = [traverse(rng, 1, count=361), traverse(rng, -1, count=341), traverse(rng, -1, count=357)]
+    np.testing.assert_allclose(middles_mm(both), [90.0, 89.0, 89.0])
 
 
 def test_the_floor_is_the_noise(rng: np.random.Generator) -> None:
-    items = [traverse(rng, 1, start=start) for start in (0.0, 2.0, 1.0) * 8]
-    aligned = scatter_mm2(items, np.array((0.0, 2.0, 1.0) * 8))
+    starts = np.array((0.0, 2.0, 1.0) * 8)
+    items = [traverse(rng, 1, start=start) for start in starts]
+    aligned = scatter_mm2(items, MIDDLE_MM - starts)
     assert np.sqrt(aligned) == pytest.approx(0.03, rel=0.1)
-    assert scatter_mm2(items, np.zeros(24)) > 2 * aligned
+    assert scatter_mm2(items, np.full(24, MIDDLE_MM)) > 2 * aligned
 
 
 def write_csv(path: Path, items: list[Traverse]) -> Path:
@@ -88,13 +127,12 @@ def test_the_command_prints_and_saves(tmp_path: Path, rng: np.random.Generator) 
     saved = json.loads((tmp_path / "out.json").read_text())
     (line,) = saved["lines"]
     assert line["later"] == 9
-    assert line["floor_aligned_mm"] < line["aligned_mm"] < line["raw_mm"]
-    assert line["plain_aligned_mm"] < line["raw_mm"]
-    recordings = [item.recording for item in read_traverses(data)]
-    assert recordings == [0] * 7 + [1] * 4
-    assert PROTOCOLS == ("first", "recording")
+    assert 0.8 * line["floor_mm"] < line["ours_mm"] < line["plain_mm"] < line["raw_mm"]
+    assert line["periodic_mm"] < line["ours_mm"]
+    assert PROTOCOLS == ("first", "pooled")
+    assert real_lines(read_traverses(data), "pooled")[0].ours_mm == pytest.approx(line["ours_mm"])
     with pytest.raises(TraceError, match="made 80 mm/s: wanted three"):
-        real_lines(read_traverses(data), "recording")
+        real_lines(read_traverses(data)[:4], "first")
 
 
 @pytest.mark.parametrize(
@@ -120,17 +158,22 @@ def test_real_pulleys(corpus: Path) -> None:
     items = read_traverses(path)
     assert len({(item.shape, item.speed_mm_s) for item in items}) == 9
     (line,) = real_lines([t for t in items if (t.shape, t.speed_mm_s) == ("line", 40.0)], "first")
-    assert line.floor_aligned_mm < line.aligned_mm < 0.25 * line.raw_mm
+    assert line.floor_mm < line.periodic_mm < line.ours_mm < line.plain_mm < 0.25 * line.raw_mm
     assert line.turn_mm == pytest.approx(42, abs=0.5)  # 21 teeth
 
 
 def test_slips_of_every_turn_are_half_expected_and_accidents_not(rng: np.random.Generator) -> None:
     """Four slips of 0.8 mm, one a turn, and one of 2 mm: only the former are predicted, at even odds."""
     forth, back = traverse(rng, 1), traverse(rng, -1)
-    slips = sum(0.8 * (forth.travel_mm >= place) for place in (20.0, 63.0, 104.5, 147.0))
-    model = fit(forth.travel_mm, detrended(forth.travel_mm, forth.error_mm + slips), back.travel_mm,
-                detrended(back.travel_mm, back.error_mm + 2.0 * (back.travel_mm >= 90.0)))  # fmt: skip
-    assert model.turn_mm == pytest.approx(TURN_MM, abs=0.4)
-    np.testing.assert_allclose([place for place, _ in model.steps[0]], [20.0, 63.0, 104.5, 147.0], atol=0.6)
-    np.testing.assert_allclose([height for _, height in model.steps[0]], 0.4, atol=0.08)
-    assert model.steps[1] == ()
+    ways = np.array([20.0, 63.0, 104.5, 147.0])
+    slips = sum(0.8 * (forth.travel_mm >= way) for way in ways)
+    accident = 2.0 * (back.travel_mm >= 90.0)
+    slipped = (
+        replace(forth, error_mm=detrended(forth.travel_mm, forth.error_mm + slips)),
+        replace(back, error_mm=detrended(back.travel_mm, back.error_mm + accident)),
+    )
+    model = fit([trace(item) for item in slipped])
+    assert model.settings.turn_mm == pytest.approx(TURN_MM, abs=0.4)
+    assert [direction for direction, _, _ in model.steps] == [1] * 4
+    np.testing.assert_allclose([place for _, place, _ in model.steps], ways - MIDDLE_MM, atol=0.6)
+    np.testing.assert_allclose([height for _, _, height in model.steps], 0.4, atol=0.08)

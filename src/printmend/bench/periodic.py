@@ -1,162 +1,159 @@
-"""Learn what a pulley repeats every turn from one traverse in each direction, by evidence.
+"""Learn what a pulley repeats every turn, and a bed at every place, from a few traverses, by evidence.
 
-The two traverses [+, −] are modelled as
+Let x be where the carriage should be, d = ±1 the direction and φ = x + phase of the file (+ lag if d < 0) the pulley's
+angle as travel. A traverse is modelled as
 
-    error₊(s) = Σ_k (u_k + v_k) · (cos, sin)(2πks/P) + steps₊(s) + drift₊(s)
-    error₋(s) = −Σ_k (u_k − v_k) · (cos, sin)(2πk(θ − s)/P) + steps₋(s) + drift₋(s)
+    error(x) = d·[Σ_k u_k · (cos, sin)(2πkφ/P) + g(x)] + Σ_k v_k · (cos, sin)(2πkφ/P) + steps + drift
 
-P is the travel of one turn of the pulley as it is, θ the angle (as travel) at which the return starts: what belongs
-to the pulley's angle is undone on the way back. The coefficients of harmonic k have the prior variance A² k^−2p; u is
-common to both directions (share (1 + r)/2 of it), v is hysteresis. Each drift is a line, a random walk of q² a 100 mm
-(motion capture integrates its noise) and white noise of s². Steps are sudden slips, where the evidence asks for them.
-P, θ, A, p, r, q and s maximise the marginal likelihood of the training traverses: nothing else is looked at.
+What belongs to the pulley's angle (u) or to the place (g: rails, lenses) is undone on the way back; v is hysteresis.
+The coefficients of harmonic k have the prior variance A² k^−2p, (1 + r)/2 of it u's; g is a Gaussian process of size B
+and length ℓ (Matérn 3/2). Each drift is a line, a random walk of q² a 100 mm (motion capture integrates its noise) and
+white noise of s². Steps are sudden slips, where the evidence asks for them. P, the lag, the phases of all files but the
+first, A, p, r, q, s, B and ℓ maximise the posterior of the training traverses: nothing else is looked at.
 
-A step that comes at the same angle of most turns belongs to the pulley, the others are accidents. But from one
-traverse nobody can tell whether it comes at the same places again: at even odds, half of it is the best prediction.
+A step that comes at the same angle of most turns belongs to the pulley, the others are accidents. But from first
+traverses nobody can tell whether it comes again in later ones: at even odds, half of it is the best prediction.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
-from printmend.bench.periodic_evidence import HARMONICS, Settings, Trace1d, harmonics, likeliest_step, system
+from printmend.bench.periodic_evidence import (
+    BUMPS,
+    EXPECTED,
+    HARMONICS,
+    NAMES,
+    Settings,
+    Trace1d,
+    bumps,
+    harmonics,
+    likeliest_steps,
+    system,
+)
 from printmend.path import frozen
 
 _STEP_GAIN = 2.0  # of log evidence, beyond the choice of the place
-_STEPS_A_ROUND, _ROUNDS = 7, 3
+_STEPS_A_TRACE, _ROUNDS = 7, 3
 _NEAR_MM = 3.0  # steps this close are one
 _SMALLEST_MM = 0.1
 _ODDS = 0.5
+_SCALE = np.array([0.2] + [0.5] * len(NAMES))  # of the turn and the settings, for the descent
 
 
 @dataclass(frozen=True, eq=False)
 class Periodic:
-    """What repeats: the harmonics' coefficients a direction [2, 2·HARMONICS] mm (cosines, then sines), and why.
+    """What repeats: coefficients of the pulley, of its hysteresis [2·HARMONICS each] and of the place [BUMPS], mm.
 
-    ``steps`` holds, for + and −, the (place, height) mm of the steps that are predicted. ``turn_mm`` is P,
-    ``return_mm`` θ, ``shared`` r; ``walk_mm`` q and ``white_mm`` s say how much does not repeat.
+    ``steps`` holds (direction, place, height) of the steps that are predicted.
     """
 
-    turn_mm: float
-    return_mm: float
-    coefficients_mm: np.ndarray
-    steps: tuple[tuple[tuple[float, float], ...], tuple[tuple[float, float], ...]]
-    shared: float
-    walk_mm: float
-    white_mm: float
-    evidence: float
+    settings: Settings
+    pulley_mm: np.ndarray
+    hysteresis_mm: np.ndarray
+    bumps_mm: np.ndarray
+    steps: tuple[tuple[int, float, float], ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "coefficients_mm", frozen(np.asarray(self.coefficients_mm, float)))
+        for name in ("pulley_mm", "hysteresis_mm", "bumps_mm"):
+            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), float)))
 
-    def error_mm(self, direction: int, travel_mm: np.ndarray) -> np.ndarray:
-        """Predict the error [N] along a traverse in ``direction`` (+1, −1), but for a line."""
-        if direction > 0:
-            error = harmonics(travel_mm, self.turn_mm) @ self.coefficients_mm[0]
-        else:
-            error = -harmonics(self.return_mm - travel_mm, self.turn_mm) @ self.coefficients_mm[1]
-        for place, height in self.steps[0 if direction > 0 else 1]:
-            error = error + height * (travel_mm >= place)
+    def error_mm(self, direction: int, place_mm: np.ndarray, file: int = 0) -> np.ndarray:
+        """Predict the error [N] at places [N] of a traverse in ``direction`` (+1, −1), but for a line."""
+        waves = harmonics(place_mm + self.settings.shift_mm(direction, file), self.settings.turn_mm)
+        error = waves @ (direction * self.pulley_mm + self.hysteresis_mm)
+        error += direction * (bumps(place_mm) @ self.bumps_mm)
+        for of, place, height in self.steps:
+            if of == direction:
+                error += height * ((place_mm - place) * direction >= 0)
         return error
 
 
-def fit(plus_travel_mm: np.ndarray, plus_mm: np.ndarray, minus_travel_mm: np.ndarray, minus_mm: np.ndarray) -> Periodic:
-    """Learn from a traverse in each direction: travel [N] and error [N] of each, mm."""
-    # Systems of some 70 unknowns: a second thread only waits.
-    with threadpool_limits(1, user_api="blas"):
-        traces = (Trace1d(plus_travel_mm, plus_mm), Trace1d(minus_travel_mm, minus_mm))
+def fit(traces: Sequence[Trace1d]) -> Periodic:
+    """Learn from one or more traverses in each direction; files count from 0. Adds its steps to the traces."""
+    files = 1 + max(trace.file for trace in traces)
 
-        def loss(values: np.ndarray) -> float:
-            settings = Settings(*map(float, values))
-            return 1e9 if settings.outside() else -system(traces, settings).posterior()[1] + settings.penalty()
+    def loss(values: np.ndarray) -> float:
+        settings = Settings.of(values)
+        return 1e9 if settings.outside() else -system(traces, settings).posterior()[1] + settings.penalty()
 
-        values = _descend(loss, _start(loss), passes=2)
+    with threadpool_limits(1, user_api="blas"):  # systems of some 100 unknowns: a second thread only waits
+        values = _descend(loss, _start(loss, files))
         for _ in range(_ROUNDS):
-            if not _add_steps(traces, Settings(*map(float, values))):
+            if not _add_steps(traces, Settings.of(values)):
                 break
-            values = _descend(loss, values, passes=1)
-        settings = Settings(*map(float, values))
-        weights, evidence = system(traces, settings).posterior()
-    shared, hysteresis = weights[: 2 * HARMONICS], weights[2 * HARMONICS : 4 * HARMONICS]
-    heights = weights[4 * HARMONICS :]
-    first = len(traces[0].steps_mm)
-    return Periodic(
-        turn_mm=settings.turn_mm,
-        return_mm=settings.return_mm,
-        coefficients_mm=np.stack([shared + hysteresis, shared - hysteresis]),
-        steps=(
-            recurring(traces[0], heights[2 : 2 + first], settings.turn_mm),
-            recurring(traces[1], heights[4 + first :], settings.turn_mm),
-        ),
-        shared=settings.share,
-        walk_mm=float(np.exp(settings.log_walk)),
-        white_mm=float(np.exp(settings.log_white)),
-        evidence=evidence,
-    )
+            values = _descend(loss, values)
+        settings = Settings.of(values)
+        weights, _ = system(traces, settings).posterior()
+    pulley, hysteresis, place, own = np.split(weights, np.cumsum([2 * HARMONICS, 2 * HARMONICS, BUMPS]))
+    return Periodic(settings, pulley, hysteresis, place, _predicted_steps(traces, own, settings.turn_mm))
 
 
-def recurring(trace: Trace1d, heights_mm: np.ndarray, turn_mm: float) -> tuple[tuple[float, float], ...]:
-    """Return (place, height) of the steps to predict: of those at one angle, the median height over all the turns.
+def _predicted_steps(
+    traces: Sequence[Trace1d], own: np.ndarray, turn_mm: float
+) -> tuple[tuple[int, float, float], ...]:
+    found = []
+    for trace in traces:
+        heights, own = own[2 : 2 + len(trace.steps_mm)], own[2 + len(trace.steps_mm) :]
+        alike = sum(other.direction == trace.direction for other in traces)
+        for way, height in recurring(trace, heights, turn_mm):
+            found.append((trace.direction, trace.place_mm[0] + trace.direction * way, _ODDS * height / alike))
+    return tuple(found)
+
+
+def recurring(trace: Trace1d, heights_mm: np.ndarray, turn_mm: float) -> list[tuple[float, float]]:
+    """Return (way, height) of the steps of every turn: of those at one angle, the median height over all the turns.
 
     A turn without a step at that angle counts as zero, so that what happened in a minority of turns is an accident.
     """
     merged: list[tuple[float, float]] = []
-    for place, height in sorted(zip(trace.steps_mm, heights_mm, strict=True)):
-        if merged and place - merged[-1][0] < _NEAR_MM:
+    for way, height in sorted(zip(trace.steps_mm, heights_mm, strict=True)):
+        if merged and way - merged[-1][0] < _NEAR_MM:
             merged[-1] = (merged[-1][0], merged[-1][1] + height)
         else:
-            merged.append((place, height))
-    merged = [(place, height) for place, height in merged if abs(height) > _SMALLEST_MM]
+            merged.append((way, height))
+    merged = [(way, height) for way, height in merged if abs(height) > _SMALLEST_MM]
     found = []
-    for place, _ in merged:
-        off = np.array([(other - place + turn_mm / 2) % turn_mm - turn_mm / 2 for other, _ in merged])
+    for way, _ in merged:
+        off = np.array([(other - way + turn_mm / 2) % turn_mm - turn_mm / 2 for other, _ in merged])
         same = [height for (_, height), away in zip(merged, off, strict=True) if abs(away) < turn_mm / 8]
-        turns = int(np.ceil((trace.travel_mm[-1] - place % turn_mm) / turn_mm))
+        turns = int(np.ceil((trace.way_mm[-1] - way % turn_mm) / turn_mm))
         height = float(np.median((same + [0.0] * turns)[: max(turns, 1)]))
         if height != 0.0:
-            found.append((place, _ODDS * height))
-    return tuple(found)
+            found.append((way, height))
+    return found
 
 
-def _add_steps(traces: tuple[Trace1d, Trace1d], settings: Settings) -> int:
-    """Add the likeliest steps to the traces one by one; return how many."""
-    for added in range(_STEPS_A_ROUND):
-        gain, side, place = likeliest_step(traces, settings)
-        if gain < _STEP_GAIN:
-            return added
-        traces[side].steps_mm.append(place)
-    return _STEPS_A_ROUND
+def _add_steps(traces: Sequence[Trace1d], settings: Settings) -> int:
+    """Add the likeliest step to every traverse that gains by one, and again; return how many."""
+    added = 0
+    for _ in range(_STEPS_A_TRACE):
+        gains = [(trace, *found) for trace, found in zip(traces, likeliest_steps(traces, settings), strict=True)]
+        wanted = [(trace, way) for trace, gain, way in gains if gain >= _STEP_GAIN]
+        for trace, way in wanted:
+            trace.steps_mm.append(way)
+        added += len(wanted)
+        if not wanted:
+            break
+    return added
 
 
-def _descend(loss: Callable[[np.ndarray], float], values: np.ndarray, *, passes: int) -> np.ndarray:
-    """Minimise in turns: the turn by itself, for changing it is what costs time, then the others."""
-    simplex = np.vstack([np.zeros(6), np.diag([1.0, 0.4, 0.3, 1.0, 0.4, 0.3])])
-    for _ in range(passes):
+def _descend(loss: Callable[[np.ndarray], float], values: np.ndarray) -> np.ndarray:
+    scale = np.concatenate([_SCALE, np.full(len(values) - len(_SCALE), 0.5)])
+    options = {"maxiter": 40, "eps": 1e-4, "ftol": 1e-6}
+    start, bounds = np.zeros(len(values)), [(-8, 8)] * len(values)
+    found = minimize(lambda off: loss(values + scale * off), start, method="L-BFGS-B", options=options, bounds=bounds)
+    return np.asarray(values + scale * found.x)
 
-        def turn_loss(turn: float, others: np.ndarray = values[1:]) -> float:
-            return loss(np.concatenate([[turn], others]))
 
-        bounds = (values[0] - 0.6, values[0] + 0.6)
-        turn = minimize_scalar(turn_loss, method="bounded", bounds=bounds, options={"xatol": 1e-3}).x
-
-        def others_loss(others: np.ndarray, turn: float = turn) -> float:
-            return loss(np.concatenate([[turn], others]))
-
-        options = {"maxiter": 200, "xatol": 1e-3, "fatol": 0.05, "initial_simplex": values[1:] + simplex}
-        others = minimize(others_loss, values[1:], method="Nelder-Mead", options=options).x
-        values = np.concatenate([[turn], others])
+def _start(loss: Callable[[np.ndarray], float], files: int) -> np.ndarray:
+    """Search the turn, then the phase of each other file."""
+    turns = np.arange(34.0, 48.1, 0.25)
+    values = min((np.array([turn, *EXPECTED] + [0.0] * (files - 1)) for turn in turns), key=loss)
+    for at in range(1 + len(NAMES), len(values)):
+        shifted = [values + phase * (np.arange(len(values)) == at) for phase in np.arange(-6.0, 6.1)]
+        values = min(shifted, key=loss)
     return values
-
-
-def _start(loss: Callable[[np.ndarray], float]) -> np.ndarray:
-    """Search the turn with unrelated directions, then the return's angle with related ones."""
-    common = [np.log(0.5), 1.5]
-    noise = [np.log(0.2), np.log(0.04)]
-    turns = np.arange(34.0, 48.0, 0.5)
-    turn = turns[np.argmin([loss(np.array([p, 0.0, *common, -5.9, *noise])) for p in turns])]
-    angles = np.arange(0.0, turn, 1.0)
-    losses = [loss(np.array([turn, angle, *common, 2.0, *noise])) for angle in angles]
-    return np.array([turn, angles[np.argmin(losses)], *common, 1.0, *noise])

@@ -1,70 +1,118 @@
-"""The marginal likelihood of two traverses under the model of periodic.py, and the steps that it asks for."""
+"""The marginal likelihood of traverses under the model of periodic.py, and the steps that it asks for."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-HARMONICS = 16
+HARMONICS, BUMPS = 16, 30
 _K = np.arange(1, HARMONICS + 1)
-_LINE_VARIANCE_MM2 = 100.0
-_STEP_VARIANCE_MM2 = 1.0
+_SPAN_MM = 240.0  # the sines of the place vanish this far apart, beyond both ends of a bed of 220 mm
+_OMEGA = np.pi * np.arange(1, BUMPS + 1) / _SPAN_MM
+_LINE_VARIANCE_MM2, _STEP_VARIANCE_MM2 = 100.0, 1.0
+_LEAST_VARIANCE_MM2 = 1e-6
+
+# What each setting is expected to be, and how sure (standard deviation).
+_EXPECTED = {
+    "log_size": (np.log(0.5), 2.0),
+    "decay": (1.5, 1.0),
+    "logit_share": (3.0, 2.0),
+    "log_walk": (np.log(0.3), 1.0),
+    "log_white": (np.log(0.04), 1.0),
+    "log_place": (np.log(0.05), 1.0),
+    "log_length": (np.log(15.0), 0.5),
+    "lag_mm": (0.0, 1.0),
+}
+NAMES = tuple(_EXPECTED)
+EXPECTED = tuple(float(mean) for mean, _ in _EXPECTED.values())
+_PHASE_SD_MM = 2.0
 
 
 @dataclass(frozen=True)
 class Settings:
-    """P, θ, log A, p, logit r, log q and log s of periodic.py."""
+    """P, log A, p, logit r, log q, log s, log B, log ℓ, the lag and the phases of periodic.py; phases [files]."""
 
     turn_mm: float
-    return_mm: float
     log_size: float
     decay: float
     logit_share: float
     log_walk: float
     log_white: float
+    log_place: float
+    log_length: float
+    lag_mm: float
+    phases_mm: tuple[float, ...]
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> "Settings":
+        """From an array: the turn, what `NAMES` names, the phases of all files but the first."""
+        turn, *rest = (float(value) for value in values)
+        return cls(turn, **dict(zip(NAMES, rest, strict=False)), phases_mm=(0.0, *rest[len(NAMES) :]))
 
     @property
     def share(self) -> float:
         return float(1 / (1 + np.exp(-self.logit_share)))
 
     def outside(self) -> bool:
-        sizes = -8 < self.log_walk < 3 and -6 < self.log_white < 1 and self.log_size < 3
-        return not (25 < self.turn_mm < 60 and 0 <= self.decay < 6 and abs(self.logit_share) < 9 and sizes)
+        return not (25 < self.turn_mm < 60 and self.decay >= 0 and abs(self.logit_share) < 12)
 
     def penalty(self) -> float:
-        """The negative log prior of the size (half a millimetre, wide) and the decay (1.5 ± 1)."""
-        return ((self.log_size - np.log(0.5)) / 2) ** 2 / 2 + (self.decay - 1.5) ** 2 / 2
+        """The negative log prior."""
+        off = [(getattr(self, name) - mean) / spread for name, (mean, spread) in _EXPECTED.items()]
+        return float(np.square(off).sum() / 2 + np.square(self.phases_mm).sum() / (2 * _PHASE_SD_MM**2))
+
+    def shift_mm(self, direction: int, file: int) -> float:
+        """How far the pulley is ahead of the place in a file and direction."""
+        return self.phases_mm[file] + (self.lag_mm if direction < 0 else 0.0)
 
 
 class Trace1d:
-    """A traverse in the eigenvectors of the random walk, where every drift's covariance is diagonal; and its steps."""
+    """A traverse in the eigenvectors of its random walk, where every drift's covariance is diagonal; and its steps.
 
-    def __init__(self, travel_mm: np.ndarray, error_mm: np.ndarray) -> None:
-        self.travel_mm = np.asarray(travel_mm, float)
-        walk = np.minimum.outer(self.travel_mm, self.travel_mm) / 100.0
-        values, self.vectors = np.linalg.eigh(walk)
+    ``place_mm`` [N] is where the carriage should be, from the middle of the bed, in the order of time.
+    """
+
+    def __init__(self, direction: int, place_mm: np.ndarray, error_mm: np.ndarray, file: int = 0) -> None:
+        self.direction, self.file = direction, file
+        self.place_mm = np.asarray(place_mm, float)
+        self.way_mm = np.abs(self.place_mm - self.place_mm[0])
+        values, self.vectors = np.linalg.eigh(np.minimum.outer(self.way_mm, self.way_mm) / 100.0)
         self.values = np.maximum(values, 0.0)
         self.error = self.vectors.T @ np.asarray(error_mm, float)
-        middle = (self.travel_mm - self.travel_mm.mean()) / 100.0
+        middle = (self.way_mm - self.way_mm.mean()) / 100.0
         self.line = self.vectors.T @ np.stack([np.ones_like(middle), middle], axis=1)
+        self.bumps = self.vectors.T @ bumps(self.place_mm)
         self.steps_mm: list[float] = []
-        self._turn_mm, self._waves = np.nan, np.empty((0, 0))
+        self._at, self._waves = (np.nan, np.nan), np.empty((0, 0))
 
-    def waves(self, turn_mm: float) -> np.ndarray:
-        """Return the harmonics over this traverse [N, 2·HARMONICS]; the last turn's are remembered."""
-        if turn_mm != self._turn_mm:
-            self._turn_mm, self._waves = turn_mm, self.vectors.T @ harmonics(self.travel_mm, turn_mm)
+    def waves(self, settings: Settings) -> np.ndarray:
+        """Return the pulley's harmonics over this traverse [N, 2·HARMONICS]; the last ones are remembered."""
+        at = (settings.turn_mm, settings.shift_mm(self.direction, self.file))
+        if at != self._at:
+            self._at, self._waves = at, self.vectors.T @ harmonics(self.place_mm + at[1], at[0])
         return self._waves
 
-    def risen(self, places_mm: np.ndarray) -> np.ndarray:
-        """Return unit steps at places [S] as columns [N, S]."""
-        return self.vectors.T @ (self.travel_mm[:, None] >= np.asarray(places_mm, float)).astype(float)
+    def risen(self, ways_mm: np.ndarray) -> np.ndarray:
+        """Return unit steps after ways [S] as columns [N, S]."""
+        return self.vectors.T @ (self.way_mm[:, None] >= np.asarray(ways_mm, float)).astype(float)
 
 
-def harmonics(travel_mm: np.ndarray, turn_mm: float) -> np.ndarray:
+def harmonics(angle_mm: np.ndarray, turn_mm: float) -> np.ndarray:
     """Return cos and sin of the first `HARMONICS` multiples of a turn [N, 2·HARMONICS]."""
-    angle = np.outer(travel_mm, _K) * (2 * np.pi / turn_mm)
+    angle = np.outer(angle_mm, _K) * (2 * np.pi / turn_mm)
     return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def bumps(place_mm: np.ndarray) -> np.ndarray:
+    """Return the sines [N, BUMPS] of which a smooth function of the place is made (Solin and Särkkä 2020, eq. 56)."""
+    return np.sin(np.outer(place_mm + _SPAN_MM / 2, _OMEGA)) * np.sqrt(2 / _SPAN_MM)
+
+
+def _bump_variance(size_mm: float, length_mm: float) -> np.ndarray:
+    """The spectral density [BUMPS] of the Matérn 3/2 covariance of a size and a length."""
+    rate = np.sqrt(3) / length_mm
+    return size_mm**2 * 4 * rate**3 / (rate**2 + _OMEGA**2) ** 2
 
 
 class System(NamedTuple):
@@ -84,46 +132,41 @@ class System(NamedTuple):
         return np.sqrt(self.prior) * np.linalg.solve(lower.T, projected), float(evidence)
 
 
-def system(traces: tuple[Trace1d, Trace1d], settings: Settings) -> System:
-    """Return the system of both traverses: shared harmonics, hysteresis, a line each, the steps of each."""
-    plus, minus = traces
-    forth = plus.waves(settings.turn_mm)
-    # −(cos, sin)(kθ − ks) from (cos, sin)(ks), by the addition theorems
-    cosine, sine = minus.waves(settings.turn_mm)[:, :HARMONICS], minus.waves(settings.turn_mm)[:, HARMONICS:]
-    angle = 2 * np.pi * _K * settings.return_mm / settings.turn_mm
-    c, s = np.cos(angle), np.sin(angle)
-    back = -np.concatenate([c * cosine + s * sine, s * cosine - c * sine], axis=1)
+def system(traces: Sequence[Trace1d], settings: Settings) -> System:
+    """Return the system of all traverses: the pulley, its hysteresis, the place, then a line and the steps of each."""
     own = [np.concatenate([trace.line, trace.risen(np.array(trace.steps_mm))], axis=1) for trace in traces]
-    apart = np.zeros((len(forth) + len(back), own[0].shape[1] + own[1].shape[1]))
-    apart[: len(forth), : own[0].shape[1]], apart[len(forth) :, own[0].shape[1] :] = own
-    design = np.concatenate([np.vstack([forth, back]), np.vstack([forth, -back]), apart], axis=1)
+    ends = np.cumsum([0, *(block.shape[1] for block in own)])
+    rows = []
+    for trace, block, start in zip(traces, own, ends, strict=False):
+        waves, apart = trace.waves(settings), np.zeros((len(block), ends[-1]))
+        apart[:, start : start + block.shape[1]] = block
+        rows.append(np.concatenate([trace.direction * waves, waves, trace.direction * trace.bumps, apart], axis=1))
     size = np.exp(2 * settings.log_size) * np.tile(_K.astype(float), 2) ** (-2 * settings.decay)
+    place = _bump_variance(np.exp(settings.log_place), np.exp(settings.log_length))
     rest = [np.array([_LINE_VARIANCE_MM2] * 2 + [_STEP_VARIANCE_MM2] * len(trace.steps_mm)) for trace in traces]
-    prior = np.concatenate([size * (1 + settings.share) / 2, size * (1 - settings.share) / 2, *rest])
-    variance = np.exp(2 * settings.log_walk) * np.concatenate([plus.values, minus.values])
-    noise = np.sqrt(variance + np.exp(2 * settings.log_white))
-    target = np.concatenate([plus.error, minus.error]) / noise
-    return System(design * np.sqrt(prior) / noise[:, None], target, prior, noise)
+    prior = np.concatenate([size * (1 + settings.share) / 2, size * (1 - settings.share) / 2, place, *rest])
+    variance = np.exp(2 * settings.log_walk) * np.concatenate([trace.values for trace in traces])
+    noise = np.sqrt(variance + np.exp(2 * settings.log_white) + _LEAST_VARIANCE_MM2)
+    target = np.concatenate([trace.error for trace in traces]) / noise
+    return System(np.vstack(rows) * np.sqrt(prior) / noise[:, None], target, prior, noise)
 
 
-def likeliest_step(traces: tuple[Trace1d, Trace1d], settings: Settings) -> tuple[float, int, float]:
-    """Return (gain of log evidence, which traverse, where) of the one step that explains most.
+def likeliest_steps(traces: Sequence[Trace1d], settings: Settings) -> list[tuple[float, float]]:
+    """Return, for each traverse, (gain of log evidence, after what way) of the one step that explains most of it.
 
     The gain is that of a rank-one update of the covariance, less the log of the number of places.
     """
     scaled, target, _, noise = system(traces, settings)
     inner = np.eye(scaled.shape[1]) + scaled.T @ scaled
     residual = target - scaled @ np.linalg.solve(inner, scaled.T @ target)
-    best, ends = (0.0, 0, 0.0), np.cumsum([0, *(len(trace.travel_mm) for trace in traces)])
-    for side, trace in enumerate(traces):
-        rows = slice(ends[side], ends[side + 1])
-        places = trace.travel_mm[3:-3]
-        columns = trace.risen(places) * np.sqrt(_STEP_VARIANCE_MM2) / noise[rows, None]
-        across = scaled[rows].T @ columns
+    found, ends = [], np.cumsum([0, *(len(trace.way_mm) for trace in traces)])
+    for trace, start, end in zip(traces, ends, ends[1:], strict=False):
+        ways = trace.way_mm[3:-3]
+        columns = trace.risen(ways) * np.sqrt(_STEP_VARIANCE_MM2) / noise[start:end, None]
+        across = scaled[start:end].T @ columns
         spread = (columns**2).sum(axis=0) - (across * np.linalg.solve(inner, across)).sum(axis=0)
-        pull = columns.T @ residual[rows]
-        gain = pull**2 / (1 + spread) / 2 - np.log1p(spread) / 2 - np.log(2 * len(places))
+        pull = columns.T @ residual[start:end]
+        gain = pull**2 / (1 + spread) / 2 - np.log1p(spread) / 2 - np.log(sum(len(t.way_mm) - 6 for t in traces))
         at = int(np.argmax(gain))
-        if gain[at] > best[0]:
-            best = (float(gain[at]), side, float(places[at]))
-    return best
+        found.append((float(gain[at]), float(ways[at])))
+    return found

@@ -1,151 +1,194 @@
 """`printmend bench real`: learn from the first measured traverse of each direction, predict the later ones.
 
-Two protocols. ``first`` learns from the first traverse of each direction of a file and predicts all the others.
-``recording`` does so for each of a file's two recordings by itself: the carriage was brought back between them, and
-the raw speeds show that the first always ran at the slowest speed.
+Two protocols. ``first`` learns anew for every shape and speed, from two traverses. ``pooled`` learns a shape once, from
+the first traverses of all its speeds: the pulley is the same one, only the phase at which it starts may differ.
 
-The floor is what no predictor can pass: the scatter of the later traverses about their own mean. Each figure comes
-twice: ``blind``, with travel counted from each traverse's first sample as recorded, and ``aligned``, counted from the
-commanded geometry (`starts_mm`), which uses the lengths of the later traverses but never their errors.
+The floor is what no predictor can pass: the scatter of the later traverses about their own mean. ``periodic`` is the
+plain fit to the later traverses themselves, the best that anything can do which repeats every turn: what lies between
+it and the floor repeats, but not by turns. A ``copy`` of the first traverse comes to √2 floors if the first is of the
+same kind as the later ones. Places are counted from the middle of the bed (`middles_mm`), which uses the lengths of
+the later traverses but never their errors; ``blind`` counts travel from each traverse's first sample instead.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.bench.periodic import fit
-from printmend.bench.traverse import Traverse, detrended, starts_mm
+from printmend.bench.periodic import Periodic, fit
+from printmend.bench.periodic_evidence import Trace1d
+from printmend.bench.traverse import Traverse, detrended, middles_mm
 from printmend.errors import TraceError
 
-RealProtocol = Literal["first", "recording"]
-PROTOCOLS: tuple[RealProtocol, ...] = ("first", "recording")
+RealProtocol = Literal["first", "pooled"]
+PROTOCOLS: tuple[RealProtocol, ...] = ("first", "pooled")
+_SAMPLES = 2  # averaged into one before learning: it is three times faster and no less accurate
 
 
 @dataclass(frozen=True)
 class RealLine:
-    """One shape and speed: root mean squares [mm] over the later traverses of both directions.
+    """One shape and speed: root mean squares [mm] over the ``later`` traverses of both directions.
 
     ``plain`` is the reference, a least-squares fit of eight harmonics a direction, the travel of a turn fitted too;
     ``turn_mm`` is the learned travel of a turn, ``shared`` how far the directions share their pulley (1: wholly).
     """
 
-    protocol: RealProtocol
     shape: str
     speed_mm_s: float
     later: int
     raw_mm: float
+    copy_mm: float
+    plain_mm: float
+    ours_mm: float
+    periodic_mm: float
+    floor_mm: float
     plain_blind_mm: float
-    plain_aligned_mm: float
-    blind_mm: float
-    aligned_mm: float
+    ours_blind_mm: float
     floor_blind_mm: float
-    floor_aligned_mm: float
     turn_mm: float
     shared: float
 
 
-HEADER = ("pulley", "mm/s", "later", "raw mm", "plain", "ours", "floor", "plain aligned", "ours aligned",
-          "floor aligned", "raw÷ours", "raw÷ours aligned", "raw÷floor aligned", "turn mm")  # fmt: skip
+HEADER = ("pulley", "mm/s", "later", "raw mm", "raw÷copy", "raw÷plain", "raw÷ours", "raw÷periodic", "raw÷floor",
+          "blind: raw÷plain", "raw÷ours", "raw÷floor", "turn mm")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _File:
+    """The traverses of a shape at a speed, and from each one's first sample to the middle of the bed [mm]."""
+
+    number: int
+    items: list[Traverse]
+    middles: np.ndarray
+
+    def first(self, direction: int) -> int:
+        return next(n for n, item in enumerate(self.items) if item.direction == direction)
+
+    def place_mm(self, n: int) -> np.ndarray:
+        return self.items[n].direction * (self.items[n].travel_mm - self.middles[n])
+
+    def samples(self, n: int, shift_mm: float) -> tuple[np.ndarray, np.ndarray]:
+        return _averaged(self.place_mm(n)) + shift_mm, _averaged(self.items[n].error_mm)
+
+    def trace(self, direction: int) -> Trace1d:
+        return Trace1d(direction, *self.samples(self.first(direction), 0.0), self.number)
+
+    def shift_mm(self, model: Periodic, direction: int) -> float:
+        return model.settings.shift_mm(direction, self.number)
 
 
 def real_lines(
     traverses: Sequence[Traverse], protocol: RealProtocol, *, tick: Callable[[str], None] = lambda name: None
 ) -> list[RealLine]:
     """Evaluate every shape and speed; calls ``tick`` with each name. Raise `TraceError` for too few traverses."""
-    keys = list(dict.fromkeys((item.shape, item.speed_mm_s) for item in traverses))
     lines = []
-    for shape, speed in keys:
-        mine = [item for item in traverses if (item.shape, item.speed_mm_s) == (shape, speed)]
-        groups = [mine] if protocol == "first" else [[t for t in mine if t.recording == n] for n in (0, 1)]
-        lines.append(_line(protocol, [group for group in groups if group]))
-        tick(f"{shape} {speed:g}")
+    for shape in dict.fromkeys(item.shape for item in traverses):
+        files = list(_files([item for item in traverses if item.shape == shape]))
+        for group in [files] if protocol == "pooled" else [[file] for file in files]:
+            with threadpool_limits(1, user_api="blas"):  # small systems: a second thread only waits
+                numbered = [_File(number, file.items, file.middles) for number, file in enumerate(group)]
+                model = fit([file.trace(direction) for file in numbered for direction in (1, -1)])
+                for file in numbered:
+                    lines.append(_line(file, numbered, model))
+                    tick(f"{shape} {file.items[0].speed_mm_s:g}")
     return lines
 
 
-def _line(protocol: RealProtocol, groups: list[list[Traverse]]) -> RealLine:
-    with threadpool_limits(1, user_api="blas"):  # small systems: a second thread only waits
-        return _evaluated(protocol, groups)
-
-
-def _evaluated(protocol: RealProtocol, groups: list[list[Traverse]]) -> RealLine:
-    sums: dict[str, list[float]] = {}
-    models, later = [], 0
-    for group in groups:
-        sides = {sign: [item for item in group if item.direction == sign] for sign in (1, -1)}
-        if min(map(len, sides.values())) < 3:
+def _files(traverses: Sequence[Traverse]) -> Iterable[_File]:
+    for speed in dict.fromkeys(item.speed_mm_s for item in traverses):
+        items = [item for item in traverses if item.speed_mm_s == speed]
+        counts = [sum(item.direction == direction for item in items) for direction in (1, -1)]
+        if min(counts) < 3:
             raise TraceError(
-                f"{group[0].shape} {group[0].speed_mm_s:g} mm/s",
+                f"{items[0].shape} {speed:g} mm/s",
                 wanted="three traverses in each direction: one to learn from, two to predict",
-                came=" and ".join(str(len(side)) for side in sides.values()),
-                todo="use --protocol first, or leave this pulley out",
+                came=" and ".join(map(str, counts)),
+                todo="leave this pulley out",
             )
-        forth, back = sides[1][0], sides[-1][0]
-        model = fit(forth.travel_mm, forth.error_mm, back.travel_mm, back.error_mm)
-        models.append(model)
-        for sign, side in sides.items():
-            starts = starts_mm(side)
-            plain = plain_fit(side[0])
-            for item, start in zip(side[1:], starts[1:], strict=True):
-                later += 1
-                travel, error = item.travel_mm, item.error_mm
-                sums.setdefault("raw_mm", []).append(float((error**2).mean()))
-                for name, at in (("blind", travel), ("aligned", travel + start)):
-                    for label, predicted in (
-                        (f"plain_{name}_mm", plain(at)),
-                        (f"{name}_mm", model.error_mm(sign, at)),
-                    ):
-                        residual = error - detrended(travel, predicted)
-                        sums.setdefault(label, []).append(float((residual**2).mean()))
-            sums.setdefault("floor_blind_mm", []).append(scatter_mm2(side[1:], np.zeros(len(side) - 1)))
-            sums.setdefault("floor_aligned_mm", []).append(scatter_mm2(side[1:], starts[1:]))
-    first = groups[0][0]
-    means = {name: float(np.sqrt(np.mean(values))) for name, values in sums.items()}
-    turn, shared = (float(np.mean([getattr(m, name) for m in models])) for name in ("turn_mm", "shared"))
-    return RealLine(protocol, first.shape, first.speed_mm_s, later, turn_mm=turn, shared=shared, **means)
+        yield _File(0, items, middles_mm(items))
 
 
-def plain_fit(traverse: Traverse, *, harmonics: int = 8) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the least-squares harmonics of one traverse as a function of travel [N] mm: the reference.
+def _line(file: _File, learned: Sequence[_File], model: Periodic) -> RealLine:
+    sums: dict[str, list[float]] = {}
+    for direction in (1, -1):
+        first = file.first(direction)
+        later = [n for n, item in enumerate(file.items) if item.direction == direction and n != first]
+        plain = plain_fit([f.samples(f.first(direction), f.shift_mm(model, direction)) for f in learned])
+        periodic = plain_fit([file.samples(n, 0.0) for n in later])
+        own, shift = file.place_mm(first), file.shift_mm(model, direction)
+        blind = np.full(len(later), file.middles[first])
+        for name, middles in (("mm", file.middles[later]), ("blind_mm", blind)):
+            for n, middle in zip(later, middles, strict=True):
+                item = file.items[n]
+                place = direction * (item.travel_mm - middle)
+                guesses = {
+                    "raw": np.zeros_like(place),
+                    "copy": np.interp(direction * place, direction * own, file.items[first].error_mm),
+                    "plain": plain(place + shift),
+                    "ours": model.error_mm(direction, place, file.number),
+                    "periodic": periodic(place),
+                }
+                for label, guess in guesses.items():
+                    residual = item.error_mm - detrended(item.travel_mm, guess)
+                    sums.setdefault(f"{label}_{name}", []).append(float((residual**2).mean()))
+            sums.setdefault(f"floor_{name}", []).append(scatter_mm2([file.items[n] for n in later], middles))
+    names = [field.name for field in fields(RealLine) if field.name in sums]
+    means = {name: float(np.sqrt(np.mean(sums[name]))) for name in names}
+    turn, shared, head = model.settings.turn_mm, model.settings.share, file.items[0]
+    return RealLine(head.shape, head.speed_mm_s, len(sums["raw_mm"]), turn_mm=turn, shared=shared, **means)
 
-    The travel of a turn is the best of 36 to 48 mm in steps of 0.1.
+
+def _averaged(values: np.ndarray) -> np.ndarray:
+    whole = len(values) // _SAMPLES * _SAMPLES
+    return values[:whole].reshape(-1, _SAMPLES).mean(axis=1)
+
+
+def plain_fit(
+    traces: Sequence[tuple[np.ndarray, np.ndarray]], *, harmonics: int = 8
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the least-squares harmonics of (angle, error) [N] mm of one direction as a function of the angle [N] mm.
+
+    Each trace has a line of its own. The travel of a turn is the best of 36 to 48 mm in steps of 0.1.
     """
+    angle_mm, error_mm = (np.concatenate(values) for values in zip(*traces, strict=True))
+    of = np.repeat(np.arange(len(traces)), [len(angle) for angle, _ in traces])
+    lines = np.concatenate([(of == n)[:, None] * np.stack([np.ones_like(angle_mm), angle_mm], axis=1)
+                            for n in range(len(traces))], axis=1)  # fmt: skip
 
-    def columns(travel_mm: np.ndarray, turn_mm: float) -> np.ndarray:
-        angle = np.outer(travel_mm, np.arange(1, harmonics + 1)) * (2 * np.pi / turn_mm)
-        line = np.stack([np.ones_like(travel_mm), travel_mm], axis=1)
-        return np.concatenate([line, np.cos(angle), np.sin(angle)], axis=1)
+    def columns(angle_mm: np.ndarray, turn_mm: float) -> np.ndarray:
+        angle = np.outer(angle_mm, np.arange(1, harmonics + 1)) * (2 * np.pi / turn_mm)
+        return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
 
     def fitted(turn_mm: float) -> tuple[float, float, np.ndarray]:
-        design = columns(traverse.travel_mm, turn_mm)
-        weights = np.linalg.lstsq(design, traverse.error_mm, rcond=None)[0]
-        return float(((traverse.error_mm - design @ weights) ** 2).sum()), turn_mm, weights
+        design = np.concatenate([columns(angle_mm, turn_mm), lines], axis=1)
+        weights = np.linalg.lstsq(design, error_mm, rcond=None)[0]
+        return float(((error_mm - design @ weights) ** 2).sum()), turn_mm, weights[: 2 * harmonics]
 
     _, turn, weights = min((fitted(turn) for turn in np.arange(36.0, 48.05, 0.1)), key=lambda found: found[0])
     return lambda at: columns(at, turn) @ weights
 
 
-def scatter_mm2(traverses: Sequence[Traverse], starts: np.ndarray) -> float:
-    """Return the unbiased variance [mm²] of full traverses about their mean, over the travel that they share."""
+def scatter_mm2(traverses: Sequence[Traverse], middles: np.ndarray) -> float:
+    """Return the unbiased variance [mm²] of full traverses of a direction about their mean, over what they share."""
     longest = max(item.length_mm for item in traverses)
-    full = [(t, start) for t, start in zip(traverses, starts, strict=True) if t.length_mm > 0.95 * longest]
-    travel = np.arange(max(start for _, start in full), min(item.length_mm + start for item, start in full) + 1e-9, 0.5)
-    errors = [detrended(travel, np.interp(travel, item.travel_mm + start, item.error_mm)) for item, start in full]
+    full = [(t, middle) for t, middle in zip(traverses, middles, strict=True) if t.length_mm > 0.95 * longest]
+    ends = max(-middle for _, middle in full), min(item.length_mm - middle for item, middle in full)
+    place = np.arange(ends[0], ends[1] + 1e-9, 0.5)
+    errors = [detrended(place, np.interp(place, item.travel_mm - middle, item.error_mm)) for item, middle in full]
     return float(np.var(errors, axis=0, ddof=1).mean())
 
 
 def cells(line: RealLine) -> tuple[str, ...]:
     """Return a line as the table's texts, in the order of `HEADER`."""
-    sizes = (line.raw_mm, line.plain_blind_mm, line.blind_mm, line.floor_blind_mm, line.plain_aligned_mm,
-             line.aligned_mm, line.floor_aligned_mm)  # fmt: skip
-    ratios = (line.raw_mm / line.blind_mm, line.raw_mm / line.aligned_mm, line.raw_mm / line.floor_aligned_mm)
+    over = (line.copy_mm, line.plain_mm, line.ours_mm, line.periodic_mm, line.floor_mm,
+            line.plain_blind_mm, line.ours_blind_mm, line.floor_blind_mm)  # fmt: skip
     return (
         line.shape,
         f"{line.speed_mm_s:g}",
         str(line.later),
-        *(f"{size:.3f}" for size in sizes),
-        *(f"{ratio:.2f}" for ratio in ratios),
+        f"{line.raw_mm:.3f}",
+        *(f"{line.raw_mm / size:.2f}" for size in over),
         f"{line.turn_mm:.2f}",
     )

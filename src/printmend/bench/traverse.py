@@ -6,6 +6,7 @@ error of the carriage's position over the nominal travel since the traverse's fi
 
 import csv
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,17 +20,12 @@ COLUMNS = ("pulley_shape", "nominal_speed_mm_s", "segment", "direction", "nomina
 
 @dataclass(frozen=True, eq=False)
 class Traverse:
-    """One traverse: ``travel_mm`` [N] from 0, ``error_mm`` [N]; ``direction`` is + or −1.
-
-    ``recording`` counts the recordings of a file: the carriage alternates between its directions, and where it does
-    not the recording was interrupted and the carriage brought back.
-    """
+    """One traverse: ``travel_mm`` [N] from 0, ``error_mm`` [N]; ``direction`` is + or −1."""
 
     shape: str
     speed_mm_s: float
     segment: int
     direction: int
-    recording: int
     travel_mm: np.ndarray
     error_mm: np.ndarray
 
@@ -75,23 +71,23 @@ def _traverse(path: str | Path, key: tuple[str, float, int, int], points: np.nda
             f"{path} {shape} {speed:g} segment {segment}", wanted="8 samples or more, finite, travel increasing",
             came="others", todo="remove the segment",
         )  # fmt: skip
-    # The first recording drives + on even segments; an odd + means that the count has slipped by one.
-    recording = 0 if (segment % 2 == 0) == (direction > 0) else 1
-    return Traverse(shape, speed, segment, direction, recording, points[:, 0], points[:, 1])
+    return Traverse(shape, speed, segment, direction, points[:, 0], points[:, 1])
 
 
-def starts_mm(traverses: list[Traverse]) -> np.ndarray:
-    """Return where each traverse of one direction starts, relative to the first [mm]: the commanded geometry alone.
+def middles_mm(traverses: Sequence[Traverse]) -> np.ndarray:
+    """Return the travel [mm] from each traverse's first sample to the middle of the bed: the commanded geometry alone.
 
     Constant speed begins where the acceleration ends, after a way that grows with the speed, and ends as long before
-    the turn. Both ends of a full traverse are cut alike, so traverses of unequal length share their middle. One that
-    was broken off (below 95 % of the longest) starts where the nearest full one before it did, else the one after.
+    the turn: both ends of a full traverse are cut alike. One that was broken off (below 95 % of the longest, in either
+    direction) starts where the nearest full one of its direction before it did, else the one after.
     """
-    lengths = np.array([traverse.length_mm for traverse in traverses])
-    full = np.flatnonzero(lengths >= 0.95 * lengths.max())
-    before = np.searchsorted(full, np.arange(len(lengths)), side="right") - 1
-    starts = (lengths.max() - lengths[full[np.maximum(before, 0)]]) / 2
-    return starts - starts[0]
+    least = 0.95 * max(traverse.length_mm for traverse in traverses)
+    middles = []
+    for at, item in enumerate(traverses):
+        full = [n for n, t in enumerate(traverses) if t.direction == item.direction and t.length_mm >= least]
+        like = max((n for n in full if n <= at), default=min(full, default=at))
+        middles.append(traverses[like].length_mm / 2)
+    return np.array(middles)
 
 
 def detrended(travel_mm: np.ndarray, error_mm: np.ndarray) -> np.ndarray:

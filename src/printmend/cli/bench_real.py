@@ -13,14 +13,14 @@ import click
     epilog="Example: printmend bench real position_error_by_travel.csv",
 )
 @click.argument("data", type=click.Path(path_type=Path))
-@click.option("--protocol", type=click.Choice(["first", "recording"]), default="first", show_default=True)
+@click.option("--protocol", type=click.Choice(["first", "pooled"]), default="first", show_default=True)
 @click.option("--out", type=click.Path(path_type=Path), help="Also save the table as JSON to this file.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def real(data: Path, protocol: Any, out: Path | None, as_json: bool) -> None:
     """Learn from the first measured traverse of each direction, predict the later ones.
 
-    DATA is a CSV of traverses (motion capture of real pulleys). --protocol recording learns anew for each of a file's
-    recordings. The floor is the scatter of the later traverses about their own mean.
+    DATA is a CSV of traverses (motion capture of real pulleys). --protocol pooled learns a shape from the first
+    traverses of all its speeds. The floor is the scatter of the later traverses about their own mean.
     """
     from printmend.bench.real import HEADER, cells, real_lines
     from printmend.bench.traverse import read_traverses
