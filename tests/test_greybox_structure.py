@@ -9,11 +9,12 @@ from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, sample
 from printmend.mechanism import Mechanism
 from printmend.printer import read_printer
+from printmend.probe import design_probe
 from printmend.twin import Twin
 from printmend.worldmodel.greybox import Greybox, GreyboxModel
 from printmend.worldmodel.transitions import layer_trace
 
-ENDER5 = read_printer("ender5")
+ENDER3, ENDER5 = read_printer("ender3"), read_printer("ender5")
 
 
 def learned_layer(corruption: Corruption, rng: np.random.Generator, noise_mm: float = 0.0) -> GreyboxModel:
@@ -58,3 +59,24 @@ def test_what_repeats_nothing_is_no_elastic_belt_in_noise() -> None:
         motor_mm = np.linspace(*drive.branches.reach_mm, 200)
         off = table.branches_mm(motor_mm)[0] - truth.branches_mm(motor_mm)[0]
         assert np.std(off) < 0.008
+
+
+def test_parts_that_were_left_out_count_in_the_standard_deviations() -> None:
+    """Friction that noise hides is left out; the error bars allow for it."""
+    inside, widened = [], []
+    for seed in range(2, 6):
+        rng = np.random.default_rng([107, seed])
+        twin, plan = Twin.of(sample("friction", rng), ENDER3), design_probe(ENDER3)
+        marks = twin.follow(plan.waypoints_mm)[plan.rows]
+        model = Greybox().fit(plan.trace(marks + rng.normal(0, 0.05, marks.shape)), ENDER3, rng=rng)
+        assert isinstance(twin.mechanism, Mechanism)
+        for drive, table, truth in zip(
+            model.drives, model.mechanism.transmissions, twin.mechanism.transmissions, strict=True
+        ):
+            motor_mm = np.linspace(*drive.branches.reach_mm, 200)
+            off = np.stack(table.branches_mm(motor_mm)) - np.stack(truth.branches_mm(motor_mm))
+            sds, bare = (np.stack(each.sd_mm(motor_mm)) for each in (drive, dataclasses.replace(drive, doubt=None)))
+            inside.append(np.abs(off - np.median(off)) < 2 * sds)
+            widened.append(float(np.min(sds / bare)))
+    assert np.mean(inside) > 0.85
+    assert min(widened) >= 1.0

@@ -18,6 +18,7 @@ from printmend.printer import Printer
 from printmend.units import TURN_RAD
 from printmend.worldmodel.greybox_branches import Branches
 from printmend.worldmodel.greybox_design import TABLE, Rows, contacts, cross_columns
+from printmend.worldmodel.greybox_doubt import Doubt, doubt
 from printmend.worldmodel.greybox_jumps import find_jumps
 from printmend.worldmodel.greybox_ladder import Jump, jumped
 from printmend.worldmodel.greybox_rest import CENTRED, rest_shares
@@ -35,12 +36,16 @@ ROUNDING_SHOWS = 2.0  # stops on micro-steps are looked for where the mean resid
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """What was learned of one motor: its ``branches``, the fit they come from and what the trace could ``see``."""
+    """What was learned of one motor: its ``branches``, the fit they come from and what the trace could see.
+
+    ``doubt`` is what the parts that were left out may do; None where less than a turn was seen, and all is a guess.
+    """
 
     name: str
     branches: Branches
     choice: Choice
     sight: Sight
+    doubt: Doubt | None = None
 
     @property
     def structure(self) -> Structure:
@@ -54,14 +59,20 @@ class Drive:
     def sd_mm(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the standard deviations (lower, upper) [mm] of the learned branches at motor positions [N].
 
-        They rest on the posterior of the chosen parts: what the trace did not visit has the prior's width.
+        They rest on the posterior of the chosen parts, and on the doubt whether there are more of them. What the trace
+        did not visit has the prior's width.
         """
         design, post = self.choice.design, self.choice.fit.posterior
-        mean, play = design.columns(np.asarray(motor_mm, float), self.branches.period_mm, self.branches.middle_mm)
+        at_mm, turn_mm, middle_mm = np.asarray(motor_mm, float), self.branches.period_mm, self.branches.middle_mm
+        mean, play = design.columns(at_mm, turn_mm, middle_mm)
         widths = []
         for side in (-0.5, 0.5):
             columns = (mean + side * play)[:, post.active]
-            widths.append(np.sqrt(np.einsum("ij,jk,ik->i", columns, post.covariance, columns)))
+            variance = np.einsum("ij,jk,ik->i", columns, post.covariance, columns)
+            if self.doubt is not None:
+                rest, rest_play = self.doubt.design.columns(at_mm, turn_mm, middle_mm)
+                variance += self.doubt.variances(rest + side * rest_play)
+            widths.append(np.sqrt(variance))
         return widths[0], widths[1]
 
 
@@ -150,8 +161,14 @@ def learned(
         full = with_belts(full, chosen)
         chosen = [_again(row, choice, ripple, 2) for row, choice, ripple in zip(full, chosen, ripples, strict=True)]
         rows = full
+    doubts = [doubt(row, choice, ripple) for row, choice, ripple in zip(rows, chosen, ripples, strict=True)]
     chosen = [complete(row, choice) for row, choice in zip(rows, chosen, strict=True)]
-    return replace(model_of(trace, printer, rows, chosen), jumps=(jumps[0], jumps[1]))
+    model = model_of(trace, printer, rows, chosen)
+    drives = [
+        replace(drive, doubt=more if drive.sight.angles >= SEEN else None)
+        for drive, more in zip(model.drives, doubts, strict=True)
+    ]
+    return replace(model, drives=(drives[0], drives[1]), jumps=(jumps[0], jumps[1]))
 
 
 def _jumps(rows: list[Rows], found: list[Choice], printer: Printer) -> tuple[list[tuple[Jump, ...]], list[Choice]]:
