@@ -6,13 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
 from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend.worldmodel.greybox import Greybox
+from printmend.worldmodel.greybox_ladder import Jump
 from printmend.worldmodel.kernels.jumps import cheapest_levels
+from printmend.worldmodel.transitions import layer_trace
 from tests.naive_greybox import cheapest_history
 
 ZIGZAG_MM = np.array([[20.0, 30.0], [190.0, 180.0], [25.0, 35.0], [185.0, 60.0], [30.0, 170.0], [120.0, 40.0]])
@@ -50,3 +53,29 @@ def test_a_machine_is_learned_in_spite_of_jumps(family: str) -> None:
         motor = np.linspace(40.0, 160.0, 200)
         for mine, wanted in zip(one.branches.errors_mm(motor), other.branches.errors_mm(motor), strict=True):
             np.testing.assert_allclose(mine - mine.mean(), wanted - wanted.mean(), atol=0.08)
+
+
+@pytest.mark.parametrize(("family", "seed"), [("play", 3), ("tabulated", 1), ("polygon", 2), ("pulley-play", 6)])
+def test_a_few_jumps_of_a_layer_are_found_and_snapped(family: str, seed: int) -> None:
+    printer, rng = read_printer("ender5"), np.random.default_rng(seed)
+    twin = Twin.of(sample(family, rng), printer)
+    layer = drawn_body(rng, printer, size_mm=50.0).layers[0]
+    third = layer.transitions // 3
+    events = ([(third, True, 10), (third + 700, False, -4)], [(2 * third, False, 4)])
+
+    controls, belts = layer.controls.astype(np.int64), np.zeros((layer.transitions + 1, 2))
+    for axis, of_axis in enumerate(events):
+        for row, is_belt, steps in of_axis:
+            if is_belt:
+                belts[row:, axis] += steps
+            else:
+                controls[row - 1, axis] += steps
+    trace = layer_trace(layer, twin.run(controls, layer.start_steps) + belts, printer)
+    noisy = replace(trace, measured_mm=trace.measured_mm + rng.normal(0, 0.05, trace.measured_mm.shape))
+
+    found = Greybox().fit(noisy, printer, rng=np.random.default_rng(0)).jumps
+    for mine, of_axis in zip(found, events, strict=True):
+        assert [(jump.belt, round(jump.size_mm / 0.2)) for jump in mine] == [event[1:] for event in of_axis]
+        for jump, (row, _, _) in zip(mine, of_axis, strict=True):
+            assert isinstance(jump, Jump)
+            assert abs(jump.row - row) <= 20  # play may hide it for a while

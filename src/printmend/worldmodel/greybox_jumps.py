@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.printer import Axis
-from printmend.worldmodel.greybox_design import Design, Rows, contacts
+from printmend.worldmodel.greybox_design import Contacts, Design, Rows, contacts
 from printmend.worldmodel.greybox_fit import Prior, variances
 from printmend.worldmodel.greybox_ladder import MISSED_STEPS, TOOTH_STEPS, Jump, climbed, jumped
 from printmend.worldmodel.greybox_select import COARSE_HARMONICS, WARPS_MM, Choice, Structure, search
@@ -20,6 +20,9 @@ from printmend.worldmodel.greybox_select import COARSE_HARMONICS, WARPS_MM, Choi
 STARTS_MM = (0.0, 0.5, 2.0)
 PASSES, FEW_PASSES = 10, 3
 SUSPECTS = 10
+MOST_STEPS = 10
+LOCAL_ROOM = 4.0  # a step that the columns can hardly tell from themselves
+MORE_JUMPS_MM = 0.2  # by so much another jump at one place must come nearer to its size
 CALMER = 0.4  # one jump must calm at least this share of one wild increment
 WILD = 0.35  # of the smallest jump
 CALM = 5.0  # standard deviations of the other increments
@@ -30,42 +33,49 @@ COMBINATIONS = sorted(
 )
 NEAR_TOOTH, NEAR_STEP = 0.2, 0.35  # how far from its size a jump may seem, of a missed turn
 BETTER = 0.6  # the whole trace must fit that much better without the jumps
+BETTER_WHITE = 0.9  # where they explain all but noise
 MOST = 64
 ROUNDS = 4
 SPARSE = 25  # measured rows for each jump: more frequent ones imitate something else
 WHITE = 0.4  # a larger share of independent residuals leaves no room for jumps
 SOFT_MM = 0.05  # a finer sieve would throw out what the contacts, not yet known, still put in the wrong place
-WORTH_A_LOOK_MM = 0.05
+CALM_MM = 0.02  # without jumps, or with so small ones that they do no harm
+WORTH_MORE_MM = 0.05  # less is not worth the slower beliefs
+
+Believed = tuple[tuple[Jump, ...], Choice]
 
 
-def find_jumps(rows: Rows, found: Choice, axis: Axis) -> tuple[tuple[Jump, ...], Choice]:
+def find_jumps(rows: Rows, found: Choice, axis: Axis) -> Believed:
     """Return the jumps of one motor's rows and the search's fit without them; none where they explain too little."""
-    calm = found.fit.loss_mm < WORTH_A_LOOK_MM or found.fit.share > WHITE
+    calm = found.fit.loss_mm < CALM_MM or found.fit.share > WHITE
     if calm or int((rows.weight > 0).sum()) < 4 * COARSE_HARMONICS:
         return (), found
-    best: tuple[tuple[Jump, ...], Choice] = (), found
-    for model in _beliefs(rows, found, axis):
-        best = _climbed(rows, model, best, axis)
-        if best[1].fit.loss_mm < WORTH_A_LOOK_MM or (best[0] and best[1].fit.share > WHITE):
+    best: Believed = (), found
+    for belief in _beliefs(rows, found, axis):
+        best = _climbed(rows, belief, best, axis)
+        if best[1].fit.loss_mm < WORTH_MORE_MM or (best[0] and best[1].fit.share > WHITE):
             break
-    return best if best[1].fit.loss_mm < BETTER * found.fit.loss_mm else ((), found)
+    least = BETTER_WHITE if best[1].fit.share > WHITE else BETTER
+    return best if best[1].fit.loss_mm < least * found.fit.loss_mm else ((), found)
 
 
-def _beliefs(rows: Rows, found: Choice, axis: Axis) -> Iterator[Choice]:
-    """Return models to start from, the likeliest first: fitted to increments, healthy, with jumps taken out one by
-    one, uneven."""
+def _beliefs(rows: Rows, found: Choice, axis: Axis) -> Iterator[Believed]:
+    """Return jumps and models to start from, the likeliest first: a few steps taken out, fitted to increments, healthy,
+    jumps taken out one by one, uneven."""
     least_mm = WILD * MISSED_STEPS * axis.mm_per_step
     plain, uneven = Structure(play="free"), Structure(play="free", warp_mm=WARPS_MM[1])
     design = plain.design(COARSE_HARMONICS, ())
+    if jumps := _stepped(rows, design, axis):
+        yield jumps, search(jumped(rows, jumps))
     calm = _calm(rows, design, least_mm)
-    if np.abs(calm.left_mm).max(initial=0.0) < least_mm:  # a jump shows in an increment, whatever else a model lacks
+    if np.abs(calm.left_mm).max(initial=0.0) < least_mm:  # many jumps show in increments, whatever else a model lacks
         return
-    yield _believed(found, plain, design, calm.values)
-    yield _believed(found, plain, design, np.zeros(design.size))
+    yield (), _believed(found, plain, design, calm.values)
+    yield (), _believed(found, plain, design, np.zeros(design.size))
     if jumps := _calmed(rows, design, calm, axis):
-        yield search(jumped(rows, jumps))
+        yield jumps, search(jumped(rows, jumps))
     design = uneven.design(COARSE_HARMONICS, (), rows.reach_mm)
-    yield _believed(found, uneven, design, _calm(rows, design, least_mm).values)
+    yield (), _believed(found, uneven, design, _calm(rows, design, least_mm).values)
 
 
 def _believed(found: Choice, structure: Structure, design: Design, values: np.ndarray) -> Choice:
@@ -74,11 +84,11 @@ def _believed(found: Choice, structure: Structure, design: Design, values: np.nd
     return Choice(structure, design, replace(found.fit, posterior=posterior))
 
 
-def _climbed(
-    rows: Rows, model: Choice, best: tuple[tuple[Jump, ...], Choice], axis: Axis
-) -> tuple[tuple[Jump, ...], Choice]:
+def _climbed(rows: Rows, belief: Believed, best: Believed, axis: Axis) -> Believed:
     """Find the jumps under a model, then the model without them, and so on while it fits better; return the best."""
-    taken: tuple[Jump, ...] = ()
+    taken, model = belief
+    if taken and model.fit.loss_mm < best[1].fit.loss_mm:
+        best = belief
     for _ in range(ROUNDS):
         more = climbed(rows, model, axis)
         if not more or more == taken or len(more) * SPARSE > int((rows.weight > 0).sum()):
@@ -145,6 +155,92 @@ def _suspects(rows: Rows, fit: Increments, axis: Axis) -> list[tuple[Jump, ...]]
     return suspects
 
 
+def _stepped(rows: Rows, design: Design, axis: Axis) -> tuple[Jump, ...]:
+    """Return the jumps nearest to the steps that, with a model, explain the measured places best.
+
+    Where a gain changes abruptly, as on a pulley with corners, one increment says little of a jump; all places after it
+    do. Steps of any size are added one at a time, those that remain small are dropped, the others snapped.
+    """
+    found = [_steps(rows, design, _started(design, play_mm), axis) for play_mm in STARTS_MM]
+    at, sizes_mm, gain, _ = min(found, key=lambda each: each[-1])
+    step, tooth = MISSED_STEPS * axis.mm_per_step, TOOTH_STEPS * axis.mm_per_step
+    jumps: list[Jump] = []
+    for row, size_mm in sorted(zip(at, sizes_mm, strict=True)):
+        away = [abs(size_mm - a * tooth - b * step * gain) + MORE_JUMPS_MM * (abs(a) + abs(b)) for a, b in COMBINATIONS]
+        teeth, missed = COMBINATIONS[int(np.argmin(away))]
+        jumps += [Jump(row, True, teeth * tooth)] * (teeth != 0)
+        jumps += [Jump(row, False, missed * step)] * (missed != 0)
+    return tuple(jumps)
+
+
+def _steps(rows: Rows, design: Design, values: np.ndarray, axis: Axis) -> tuple[list[int], list[float], float, float]:
+    """Return the rows of the steps, their sizes [mm], the gain, and the mean of what is left, from parameters [P]."""
+    measured = np.flatnonzero(rows.weight > 0)
+    count, least_mm = len(measured), WILD * MISSED_STEPS * axis.mm_per_step
+    ridge = np.diag(SOFT_MM / np.sqrt(variances(design, Prior())))
+    offset = np.zeros(len(rows))
+    at: list[int] = []
+    sizes, left = np.zeros(0), np.zeros(count)
+    for _ in range(FEW_PASSES):
+        touch = contacts(design, values, replace(rows, measured_mm=rows.measured_mm - offset))
+        columns = _columns(rows, design, touch, measured)
+        wanted = touch.residual_mm[measured] + columns @ values + offset[measured]
+        base, target = np.vstack([columns, ridge]), np.concatenate([wanted, np.zeros(design.size)])
+        at = _breaks(base, target, count)
+        small = True
+        while small:  # what is small is dropped, the rest fitted again
+            after = (np.arange(len(target))[:, None] >= np.array(at, int)) & (np.arange(len(target)) < count)[:, None]
+            both = np.column_stack([base, after])
+            solved = np.linalg.lstsq(both, target, rcond=None)[0]
+            values, sizes = solved[: design.size], solved[design.size :]
+            left = (target - both @ solved)[:count]
+            small = bool((np.abs(sizes) < least_mm).any())
+            at = [k for k, size in zip(at, sizes, strict=True) if abs(size) >= least_mm]
+        offset = np.zeros(len(rows))
+        for k, size in zip(at, sizes, strict=True):
+            offset[measured[k] :] += size
+    gain = 1.0 + float(values[design.parts["mean_powers"]][1]) / 100.0
+    return (
+        [int(measured[k]) for k in at],
+        list(map(float, sizes)),
+        gain,
+        float(np.minimum(np.abs(left), least_mm).mean()),
+    )
+
+
+def _breaks(base: np.ndarray, target: np.ndarray, count: int) -> list[int]:
+    """Return after which of the first ``count`` entries of ``target`` steps help most beside the columns ``base``."""
+    q = np.linalg.qr(base)[0]
+    left = target - q @ (q.T @ target)
+    room = np.arange(count, 0, -1.0) - np.square(np.cumsum(q[:count][::-1], axis=0)[::-1]).sum(axis=1)
+    at: list[int] = []
+    for _ in range(MOST_STEPS):
+        score = np.square(np.cumsum(left[:count][::-1])[::-1]) / np.maximum(room, LOCAL_ROOM)
+        k = int(np.argmax(score))
+        step = np.zeros(len(target))
+        step[k:count] = 1.0
+        step -= q @ (q.T @ step)
+        size = float(np.linalg.norm(step))
+        if size < 1.0 or k in at:
+            break
+        at.append(k)
+        step /= size
+        q = np.column_stack([q, step])
+        left = left - step * float(step @ left)
+        room -= np.square(np.cumsum(step[:count][::-1])[::-1])
+    return at
+
+
+def _columns(rows: Rows, design: Design, touch: Contacts, measured: np.ndarray) -> np.ndarray:
+    """Return the columns [M, P] of the measured rows at their contacts."""
+    at, side = touch.at[measured], touch.side[measured]
+    mean, play = design.columns(rows.motor_mm[np.maximum(at, 0)], rows.period_mm, rows.origin_mm)
+    columns = (mean + side[:, None] / 2 * play) * (at >= 0)[:, None]
+    columns[:, design.parts["cross"]] = rows.other_mm[measured, None] / 100.0
+    columns[:, design.parts["start"]] = (at < 0)[:, None]
+    return columns
+
+
 def _started(design: Design, play_mm: float) -> np.ndarray:
     values = np.zeros(design.size)
     values[design.parts["play_powers"]] = play_mm
@@ -158,12 +254,7 @@ def _increments(rows: Rows, design: Design, values: np.ndarray, least_mm: float,
     left = np.zeros(len(measured) - 1)
     for _ in range(passes):
         touch = contacts(design, values, rows)
-        at, side = touch.at[measured], touch.side[measured]
-        mean, play = design.columns(rows.motor_mm[np.maximum(at, 0)], rows.period_mm, rows.origin_mm)
-        columns = (mean + side[:, None] / 2 * play) * (at >= 0)[:, None]
-        columns[:, design.parts["cross"]] = rows.other_mm[measured, None] / 100.0
-        columns[:, design.parts["start"]] = (at < 0)[:, None]
-        steps = np.diff(columns, axis=0)
+        steps = np.diff(_columns(rows, design, touch, measured), axis=0)
         wanted = np.diff(touch.residual_mm[measured]) + steps @ values
         for _ in range(3):
             left = wanted - steps @ values
