@@ -8,9 +8,11 @@ import pytest
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, sample
 from printmend.mechanism import Mechanism
+from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
+from printmend.worldmodel.diagnosis import diagnose
 from printmend.worldmodel.greybox import Greybox, GreyboxModel
 from printmend.worldmodel.transitions import layer_trace
 
@@ -80,3 +82,13 @@ def test_parts_that_were_left_out_count_in_the_standard_deviations() -> None:
             widened.append(float(np.min(sds / bare)))
     assert np.mean(inside) > 0.85
     assert min(widened) >= 1.0
+
+
+def test_a_motor_that_stands_still_has_no_ripple() -> None:
+    there = np.arange(20.0, 200.0, 1.0)
+    x = np.concatenate([there, there[::-1]])
+    commanded = np.stack([x, np.full_like(x, 110.0)], axis=1)
+    measured = commanded + np.stack([0.4 * np.cos(2 * np.pi * x / 40.0), np.zeros_like(x)], axis=1)
+    model = Greybox().fit(Trace(commanded, measured), ENDER5, rng=np.random.default_rng(0))
+    assert [drive.structure.ripple for drive in model.drives] == [False, False]
+    assert "ripple" not in diagnose(model).summary

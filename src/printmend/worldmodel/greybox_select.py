@@ -196,6 +196,7 @@ def _chosen(rows: Rows, found: Choice, ripple: tuple[int, ...], base: Structure)
     Contacts adapt to the play that a model has, so a taut machine is fitted with contacts of its own before play is
     preferred to it: at the other's contacts it would look worse than it is.
     """
+    base = replace(base, ripple=base.ripple and bool(ripple))  # nothing to drop later where none can be seen
     design = base.design(TRIAL_HARMONICS, ripple, rows.reach_mm)
     values = design.moved(found.fit.posterior.values, found.design)
     prior = replace(found.fit.posterior.prior, floor_mm=SELECT_FLOOR_MM)
