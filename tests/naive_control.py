@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from printmend.control.window import Window
 from printmend.path import Plan
 from printmend.protocols import PlayTables, WorldModel
 
@@ -92,3 +93,21 @@ def least_cost_corexy(
         first = np.concatenate([[True], (state[1:] != state[:-1]).any(axis=1)])
         motors, belts, costs = motors[order][first], belts[order][first], costs[order][first]
     return float(costs.min())
+
+
+def arrival_costs(
+    wanted: np.ndarray, weight: np.ndarray, price: np.ndarray, states: Window, reach: int
+) -> list[dict[tuple[int, int], float]]:
+    """What each state (k, m) of ticks 1…T of one motor costs with all that comes after it: every move is tried."""
+    costs: list[dict[tuple[int, int], float]] = [{} for _ in range(len(wanted) + 1)]
+    for t in range(len(wanted), 0, -1):
+        for k in range(states.left[t], states.right[t]):
+            for m in range(states.first[k], states.last[k] + 1):
+                ahead = 0.0 if t == len(wanted) else np.inf
+                for after in range(max(m - reach, 0), min(m + reach, len(states.low) - 1) + 1):
+                    place = min(max(k, states.low[after]), states.high[after])
+                    if t < len(wanted):
+                        ahead = min(ahead, costs[t + 1].get((place, after), np.inf))
+                missed = states.places[k] - wanted[t - 1]
+                costs[t][k, m] = weight[t - 1] * missed**2 + price[t - 1, m % 2] + ahead
+    return costs

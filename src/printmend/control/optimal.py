@@ -4,19 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.control.beam import Beam
 from printmend.control.check import check_plan
+from printmend.control.coupled import Breadth, plan_coupled
 from printmend.control.greedy import Greedy, first_motors
 from printmend.control.kernels import optimal as kernels
 from printmend.control.lookahead import Lookahead
-from printmend.control.window import better, followed, window
+from printmend.control.window import better, window
 from printmend.path import Plan
-from printmend.protocols import LatticeFrame, PlayTables, WorldModel
+from printmend.protocols import PlayTables, WorldModel
 
 # Costs kept at a time: about a megabyte, which stays in the processor's cache, whatever the layer's length.
 _ROOM = 1 << 17
-# Passes over the two axes of a crooked frame, each with the other's plan known.
-_PASSES = 3
+# States of two coupled motors that are followed together. Where exhaustive searches were made, more changed nothing.
+_BREADTH = Breadth(slack=0.3, most=1.2, width=128)
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,10 @@ class Optimal:
     """The least RMSE that any plan can reach on the model, within a window about `Lookahead`'s plan.
 
     Each axis of a cartesian machine is solved exactly: the states are the motor's index and the places where the play
-    can have left the carriage. A crooked frame couples the axes: they are solved in turn, each with the other's plan
-    known. A CoreXY couples them through and through: there it is `Beam`. Never worse than `Greedy` and `Lookahead` on
-    the model; models without memory are left to `Greedy`. With the true model it is the bound of every table,
-    `optimum`.
+    can have left the carriage. A CoreXY or a crooked frame couples the axes: both are solved together, guided by what
+    each alone would still cost; states that are too far behind to catch up are left out. Never worse than `Greedy` and
+    `Lookahead` on the model; models without memory are left to `Greedy`. With the true model it is the bound of every
+    table, `optimum`.
     """
 
     name: str = "optimal"
@@ -35,24 +35,22 @@ class Optimal:
     def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
         """Choose controls [T, 2] for targets [T, 2] from ``start_steps`` [2]. Raise `InputError` off the bed."""
         targets, start = check_plan(model.printer, targets_steps, start_steps, c_max)
-        greedy = Greedy().plan(model, targets, start, c_max=c_max)
         tables = model.tabulate(start, c_max=c_max)
         if not isinstance(tables, PlayTables) or len(targets) == 0:
-            return greedy
-        if tables.corexy:
-            return Beam().plan(model, targets, start, c_max=c_max)
+            return Greedy().plan(model, targets, start, c_max=c_max)
+        if tables.corexy or tables.frame is not None:
+            return plan_coupled(model, tables, targets, start, c_max, _BREADTH)
+        greedy = Greedy().plan(model, targets, start, c_max=c_max)
         known = better(greedy, Lookahead().plan(model, targets, start, c_max=c_max), targets)
         motors = first_motors(model.printer, tables, start)
-        if tables.frame is None:
-            controls, imagined = known.controls.copy(), known.imagined_steps.copy()
-            for axis in range(2):
-                wanted, belt = targets[:, axis], known.imagined_steps[:, axis]
-                if not always_nearest(tables, axis, wanted, belt):
-                    controls[:, axis], imagined[:, axis] = solve(
-                        wanted, int(start[axis]), motors[axis], tables, axis, belt, c_max
-                    )
-            return Plan(controls, imagined)
-        return _plan_framed(tables, tables.frame, targets, start, motors, known, c_max)
+        controls, imagined = known.controls.copy(), known.imagined_steps.copy()
+        for axis in range(2):
+            wanted, belt = targets[:, axis], known.imagined_steps[:, axis]
+            if not always_nearest(tables, axis, wanted, belt):
+                controls[:, axis], imagined[:, axis] = solve(
+                    wanted, int(start[axis]), motors[axis], tables, axis, belt, c_max
+                )
+        return Plan(controls, imagined)
 
 
 def always_nearest(tables: PlayTables, axis: int, targets: np.ndarray, belt: np.ndarray) -> bool:
@@ -88,41 +86,6 @@ def solve(
     positions = np.empty(len(motors))
     kernels.follow(motors + states.offset, float(start), tables.lower_steps[axis], tables.upper_steps[axis], positions)
     return controls, positions
-
-
-def _plan_framed(
-    tables: PlayTables,
-    frame: LatticeFrame,
-    targets: np.ndarray,
-    start: np.ndarray,
-    motors: tuple[int, int],
-    known: Plan,
-    c_max: int,
-) -> Plan:
-    """Improve a plan behind a crooked frame axis by axis.
-
-    Near a target the squared error is (b − b*)ᵀ JᵀJ (b − b*) in the belts' positions b, with b* the target's and J the
-    frame's slopes. With one axis's plan known it is least along the other at a shifted target.
-    """
-    seen = frame.invert(targets)
-    slopes = frame.slopes(seen)
-    weights = np.swapaxes(slopes, -1, -2) @ slopes
-    controls = known.controls.copy()
-    belts = followed(tables, motors, start, controls)[1]
-    best = known
-    for _ in range(_PASSES):
-        for axis in range(2):
-            other = 1 - axis
-            shift = weights[:, axis, other] / weights[:, axis, axis] * (belts[1:, other] - seen[:, other])
-            wanted = np.ascontiguousarray(seen[:, axis] - shift)
-            controls[:, axis], belts[:, axis] = solve(
-                wanted, int(start[axis]), motors[axis], tables, axis, np.ascontiguousarray(belts[:, axis]), c_max
-            )
-        found = Plan(controls.copy(), frame.apply(belts))
-        if better(best, found, targets) is best:
-            break
-        best = found
-    return best
 
 
 CONTROLLERS = {"optimal": Optimal()}

@@ -1,0 +1,149 @@
+"""Plans for motors that must be planned together: both of a CoreXY, and any two behind a crooked frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.control.greedy import Greedy, first_motors
+from printmend.control.kernels import coupled as kernels
+from printmend.control.lookahead import Lookahead
+from printmend.control.window import Window, better, followed, window
+from printmend.path import Plan
+from printmend.protocols import PlayTables, WorldModel
+
+# Targets whose costs to go are kept at a time, and how far beyond them those look.
+_BLOCK, _HORIZON = 1024, 128
+
+
+@dataclass(frozen=True)
+class Breadth:
+    """How many states a search follows: those whose bounds of the cost, in squared steps, are at most ``slack`` above
+    the least, ``most`` where the bound turns out to be loose; and never more than ``width``."""
+
+    slack: float
+    most: float
+    width: int
+
+
+def plan_coupled(
+    model: WorldModel, tables: PlayTables, targets: np.ndarray, start: np.ndarray, c_max: int, breadth: Breadth
+) -> Plan:
+    """Plan both motors together for targets [T, 2], T > 0; never worse than `Greedy` and `Lookahead` on the model."""
+    greedy = Greedy().plan(model, targets, start, c_max=c_max)
+    if all(map(np.array_equal, tables.lower_steps, tables.upper_steps)) and np.abs(greedy.controls).max() < c_max:
+        # Every target had the choice of all its neighbours, and nothing is remembered: nothing can be better.
+        return greedy
+    known = better(greedy, Lookahead().plan(model, targets, start, c_max=c_max), targets)
+    motors, origin = first_motors(model.printer, tables, start), model.printer.to_motor(start).astype(float)
+    found = _search(tables, targets, motors, origin, known.controls, c_max, breadth)
+    imagined = model.printer.from_motor(followed(tables, motors, origin, found)[1])
+    if tables.frame is not None:
+        imagined = tables.frame.apply(imagined)
+    return better(known, Plan(found, imagined), targets)
+
+
+def _search(
+    tables: PlayTables,
+    targets: np.ndarray,
+    motors: tuple[int, int],
+    origin: np.ndarray,
+    known: np.ndarray,
+    c_max: int,
+    breadth: Breadth,
+) -> np.ndarray:
+    """Return the controls [T, 2] of the cheapest plan found, from motor indices ``motors`` and belts at ``origin``."""
+    ticks = len(targets)
+    seen, weights = _seen(tables, targets)
+    index, belts = followed(tables, motors, origin, known)
+    reach = 2 * c_max if tables.corexy else c_max
+    windows = [window(tables, motor, seen[:, motor], origin[motor], belts[:, motor], reach) for motor in range(2)]
+    prices = np.zeros((2, ticks, 2))
+    if tables.corexy:
+        prices = _prices(tables, seen, weights, index[1:], belts[1:], windows)
+    places, first, low, high, left, right = (
+        _padded([getattr(each, name) for each in windows])
+        for name in ("places", "first", "low", "high", "left", "right")
+    )
+    size = np.array([len(each.low) for each in windows])
+    at = np.stack([np.searchsorted(each.places, belts[:, motor]) for motor, each in enumerate(windows)])
+    plan = np.stack([at, (index - [each.offset for each in windows]).T], axis=2)
+    wanted, cross = np.ascontiguousarray(seen.T), np.ascontiguousarray(weights[:, 2])
+    alone = np.ascontiguousarray((weights[:, :2] - np.abs(cross)[:, None]).T)
+    states, paid, ways = plan[None, :, 0], np.zeros(1), []
+    for begin in range(0, ticks, _BLOCK):
+        end, ahead = min(begin + _BLOCK, ticks), min(begin + _BLOCK + _HORIZON, ticks)
+        edges = left[:, begin : ahead + 1], right[:, begin : ahead + 1]
+        togo = np.empty((2, ahead - begin + 1, int((edges[1] - edges[0]).max()), max(each.longest for each in windows)))
+        for motor, each in enumerate(windows):
+            kernels.arrivals(
+                wanted[motor, begin:ahead], alone[motor, begin:ahead], prices[motor, begin:ahead], each.places,
+                each.first, each.last, each.low, each.high, edges[0][motor], edges[1][motor], reach, togo[motor],
+            )  # fmt: skip
+        states, paid, *way = kernels.search(
+            states, paid, reach, 2 * c_max, tables.corexy, breadth.slack, breadth.most, breadth.width,
+            places, first, low, high, size, *edges, wanted[:, begin:end], cross[begin:end], togo,
+            plan[:, begin : end + 1],
+        )  # fmt: skip
+        ways.append(way)
+    moves, state = np.empty((ticks, 2), np.int8), int(np.argmin(paid))
+    for n, way in reversed(list(enumerate(ways))):
+        state = kernels.way_back(*way, state, moves[n * _BLOCK : (n + 1) * _BLOCK])
+    if tables.corexy:
+        return np.stack([moves[:, 0] + moves[:, 1], moves[:, 0] - moves[:, 1]], axis=1) // 2
+    return moves
+
+
+def _padded(pair: list[np.ndarray]) -> np.ndarray:
+    """Return two arrays as one [2, N], the shorter one continued with its last value."""
+    length = max(map(len, pair))
+    return np.stack([np.pad(each, (0, length - len(each)), mode="edge") for each in pair])
+
+
+def _seen(tables: PlayTables, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the targets are for the motors' belts [T, 2], and the weights [T, 3] of e_a², e_b² and 2 e_a e_b.
+
+    Near a target the squared error is eᵀ Mᵀ JᵀJ M e in the belts' distances e, with J the frame's slopes, and M what
+    the motors make of x and y.
+    """
+    seen, slopes = targets, np.broadcast_to(np.eye(2), (len(targets), 2, 2))
+    if tables.frame is not None:
+        seen = tables.frame.invert(targets)
+        slopes = tables.frame.slopes(seen)
+    if tables.corexy:
+        seen = np.stack([seen[:, 0] + seen[:, 1], seen[:, 0] - seen[:, 1]], axis=1)
+        slopes = slopes @ np.array([[0.5, 0.5], [0.5, -0.5]])
+    squares = np.swapaxes(slopes, -1, -2) @ slopes
+    return seen, np.ascontiguousarray(np.stack([squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]], axis=1))
+
+
+def _prices(
+    tables: PlayTables,
+    seen: np.ndarray,
+    weights: np.ndarray,
+    index: np.ndarray,
+    belts: np.ndarray,
+    windows: list[Window],
+) -> np.ndarray:
+    """Return what the motors of a CoreXY pay for an even and an odd index from their windows' offsets on [2, T, 2].
+
+    Both are even or both odd (of the commanded a = x + y and b = x − y). What one pays for an odd index the other gets,
+    so any price leaves the cost of both as it is. Where both push or are drawn in a known plan, with motor indices
+    [T, 2] and belts [T, 2], and one would rather be at an odd index and the other at an even one, the price is what it
+    costs the one that gives way: then neither's own cost to go forgets it.
+    """
+    price = np.zeros((2, len(seen)))
+    for motor, (lower, upper) in enumerate(zip(tables.lower_steps, tables.upper_steps, strict=True)):
+        for branch in (upper, lower):
+            at = np.flatnonzero(belts[:, motor] == branch[index[:, motor]])
+            wanted = seen[at, motor, None]
+            near = np.clip(np.searchsorted(branch, wanted) + np.arange(-2, 2), 0, len(branch) - 1)
+            missed = weights[at, motor, None] * (branch[near] - wanted) ** 2
+            odd = ((near + tables.first_steps[motor]) & 1).astype(bool)
+            costs = [np.where(which, missed, np.inf).min(axis=1) for which in (odd, ~odd)]
+            price[motor, at] = costs[0] - costs[1]
+    a, b = price
+    agreed = np.where(a * b < 0, np.sign(b) * np.minimum(np.abs(a), np.abs(b)), 0.0)
+    paid = np.zeros((2, len(seen), 2))
+    for motor, sign in enumerate((1.0, -1.0)):
+        paid[motor, :, 1 ^ ((windows[motor].offset + tables.first_steps[motor]) & 1)] = sign * agreed
+    return paid
