@@ -67,8 +67,11 @@ def _beliefs(rows: Rows, found: Choice, axis: Axis) -> Iterator[Believed]:
     design = plain.design(COARSE_HARMONICS, ())
     if jumps := _stepped(rows, design, axis):
         yield jumps, search(jumped(rows, jumps))
+    # Many jumps show in increments, whatever else a model lacks.
+    if np.abs(np.diff(found.fit.touch.residual_mm[rows.weight > 0])).max(initial=0.0) < least_mm:
+        return
     calm = _calm(rows, design, least_mm)
-    if np.abs(calm.left_mm).max(initial=0.0) < least_mm:  # many jumps show in increments, whatever else a model lacks
+    if np.abs(calm.left_mm).max(initial=0.0) < least_mm:
         return
     yield (), _believed(found, plain, design, calm.values)
     yield (), _believed(found, plain, design, np.zeros(design.size))
@@ -161,7 +164,7 @@ def _stepped(rows: Rows, design: Design, axis: Axis) -> tuple[Jump, ...]:
     Where a gain changes abruptly, as on a pulley with corners, one increment says little of a jump; all places after it
     do. Steps of any size are added one at a time, those that remain small are dropped, the others snapped.
     """
-    found = [_steps(rows, design, _started(design, play_mm), axis) for play_mm in STARTS_MM]
+    found = [_steps(rows, design, _started(design, play_mm), axis) for play_mm in STARTS_MM[1:]]
     at, sizes_mm, gain, _ = min(found, key=lambda each: each[-1])
     step, tooth = MISSED_STEPS * axis.mm_per_step, TOOTH_STEPS * axis.mm_per_step
     jumps: list[Jump] = []
