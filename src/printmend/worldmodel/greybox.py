@@ -26,6 +26,7 @@ from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fi
 from printmend.worldmodel.greybox_sight import SEEN, Sight, sight
 from printmend.worldmodel.kernels import greybox as kernels
 from printmend.worldmodel.mechanism_model import MachineLearned
+from printmend.worldmodel.outline_choice import outlined
 
 MIN_MEASURED = 10
 TRIAL_ROWS = 4000  # measured rows that the search for contacts and parts looks at
@@ -162,7 +163,7 @@ def learned(
         chosen = [_again(row, choice, ripple, 2) for row, choice, ripple in zip(full, chosen, ripples, strict=True)]
         rows = full
     doubts = [doubt(row, choice, ripple) for row, choice, ripple in zip(rows, chosen, ripples, strict=True)]
-    chosen = [complete(row, choice) for row, choice in zip(rows, chosen, strict=True)]
+    chosen = [outlined(row, choice, complete) for row, choice in zip(rows, chosen, strict=True)]
     model = model_of(trace, printer, rows, chosen)
     drives = [
         replace(drive, doubt=more if drive.sight.angles >= SEEN else None)

@@ -13,17 +13,16 @@ from threadpoolctl import threadpool_limits
 
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.units import TURN_RAD
 from printmend.worldmodel.greybox import GreyboxModel, learned
 from printmend.worldmodel.greybox_design import Design, Normal, Rows, contacts, normal_equations
 from printmend.worldmodel.greybox_fit import Fit, Posterior, Prior, refine, robust_weights, variances
 from printmend.worldmodel.greybox_select import HARMONICS, Choice
 from printmend.worldmodel.greybox_sight import SEEN, sight
-from printmend.worldmodel.prior_mixture import SIZE, Mixture, believe, shipped
+from printmend.worldmodel.outline_choice import to_parameters
+from printmend.worldmodel.prior_mixture import Mixture, believe, shipped
 
 FLOOR_MM = 0.005
 ROUNDS = 2  # of contacts and posterior
-PERCENT = 100.0  # a mean's slope is in mm a 100 mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +75,7 @@ def _posterior(design: Design, normal: Normal, sigma_mm: float, period_mm: float
     shape[design.parts["mean_powers"].start + 1] = True
     shape |= design.mask("mean")
     rest = ~shape
-    unit = _to_shape(design, period_mm)[shape]  # [1 + 2K, D]: parameters = unit @ θ
+    unit = to_parameters(design, period_mm)[shape]  # [1 + 2K, D]: parameters = unit @ θ
     matrix = normal.matrix / sigma_mm**2
     slope = (normal.slope + normal.matrix @ normal.values) / sigma_mm**2
     # the rest has wide priors of its own; given the shape it is linear
@@ -97,20 +96,6 @@ def _posterior(design: Design, normal: Normal, sigma_mm: float, period_mm: float
     covariance[np.ix_(rest, rest)] = inverse + along @ wide @ along.T
     everything = np.ones(design.size, bool)
     return Posterior(values, covariance, everything, sigma_mm, Prior(floor_mm=FLOOR_MM), found.log_evidence)
-
-
-def _to_shape(design: Design, period_mm: float) -> np.ndarray:
-    """Return the map [P, D] from a shape to parameters.
-
-    With dx/dθ = h(−θ) (physics.md eq. 1), h = r + Σ A_k cos + B_k sin gives r₀ Σ (A_k/k) sin kθ + (B_k/k) cos kθ.
-    """
-    radius_mm = period_mm / TURN_RAD
-    to = np.zeros((design.size, SIZE))
-    to[design.parts["mean_powers"].start + 1, 0] = PERCENT
-    k = np.arange(HARMONICS)
-    to[design.parts["mean_sin"].start + k, 1 + k] = radius_mm
-    to[design.parts["mean_cos"].start + k, 1 + HARMONICS + k] = radius_mm
-    return to
 
 
 LEARNERS = {"prior": PriorLearner()}
