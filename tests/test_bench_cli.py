@@ -134,3 +134,29 @@ def test_help_has_an_example(printmend, words: tuple[str, ...]) -> None:
     code, out, _ = printmend(*words, "--help")
     assert code == 0
     assert f"Example: printmend {' '.join(words)}" in " ".join(out.split())
+
+
+def test_a_table_of_failures_only_is_an_error(printmend, vase: Path, tmp_path: Path) -> None:
+    empty = tmp_path / "empty.stl"
+    empty.write_text("solid\nendsolid\n")
+    arguments = ("bench", "table1", "--models", "naive", "--out", tmp_path / "out", "--bodies", empty)
+    for more in ((), ("--json",)):
+        code, _, err = printmend(*arguments, *more)
+        assert code == 2
+        assert "failed: empty (naive)" in err
+    code, _, err = printmend(*arguments, "--bodies", vase)
+    assert code == 0
+    assert "failed: empty (naive)" in err
+
+
+def test_the_bound_of_the_families_table_is_called_optimum(printmend, tmp_path: Path) -> None:
+    options = ("--families", "radius", "--severity", "damaged", "--coverage", "0.5", "--noise", "0.1", "--samples", "1")
+    code, out, _ = printmend("bench", "families", *options, "--rows", "optimum", "--out", tmp_path, "--json")
+    assert code == 0
+    assert [(cell["label"], cell["ratio"]) for cell in json.loads(out)["cells"]] == [("optimum", 1.0)]
+
+
+@pytest.mark.parametrize("group", ["bench", "dataset"])
+def test_the_list_of_commands_says_whole_sentences(printmend, group: str) -> None:
+    _, out, _ = printmend(group, "--help")
+    assert "..." not in out.partition("Commands:")[2]

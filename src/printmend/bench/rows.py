@@ -16,7 +16,8 @@ from printmend.protocols import Controller, WorldModel
 from printmend.twin import Twin
 from printmend.worldmodel.registry import fit, model_names
 
-PAPER_ROWS = ("naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "greybox", "oracle")
+OPTIMUM = "optimum"
+PAPER_ROWS = ("naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "greybox", "oracle", OPTIMUM)
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Row:
 
 def row(name: str) -> Row:
     """Return the row of that name. Raise `InputError` where its learner or its controller does not exist."""
-    model, _, planner = ("oracle+optimal" if name == "optimum" else name).partition("+")
+    model, _, planner = ("oracle+optimal" if name == OPTIMUM else name).partition("+")
     if model not in model_names():
         wanted = f"names out of {', '.join(model_names())}"
         raise InputError("--models", wanted=wanted, came=repr(model), todo="correct it")

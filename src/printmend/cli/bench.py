@@ -15,7 +15,7 @@ from printmend.cli.bench_real import real
 
 @click.group(epilog="Example: printmend bench table1 --bodies models/ --limit 20 --workers 2")
 def command() -> None:
-    """Reproduce the paper's tables on real bodies."""
+    """Judge learners and planners: Table I, every fault, real data, test prints."""
 
 
 command.add_command(real)
@@ -56,7 +56,7 @@ def table1(
     from printmend.bench.rows import PAPER_ROWS
     from printmend.bench.table1 import table1
     from printmend.cli.progress import progress
-    from printmend.cli.table import show_table
+    from printmend.cli.table import show_failures, show_table
     from printmend.dataset.bodies import body_files
 
     rows = tuple(models.split(",")) if models else PAPER_ROWS
@@ -75,9 +75,8 @@ def table1(
     if as_json:
         table = [asdict(line) for line in lines]
         click.echo(json.dumps({"table": table, "bodies": [asdict(result) for result in results]}))
-        return
-    show_table(f"Table I, protocol {protocol}, {len(cases)} bodies", HEADER, [cells(line) for line in lines])
-    if per_body or reference is not None:
-        click.echo("\n" + body_table(results, rows))
-    for text in failure_texts(results):
-        click.echo(f"failed: {text}", err=True)
+    else:
+        show_table(f"Table I, protocol {protocol}, {len(cases)} bodies", HEADER, [cells(line) for line in lines])
+        if per_body or reference is not None:
+            click.echo("\n" + body_table(results, rows))
+    show_failures(failure_texts(results), all_failed=all(item.error for item in results))

@@ -15,10 +15,15 @@ def numbers(text: str) -> tuple[float, ...]:
         raise click.BadParameter(f"wanted numbers with commas, got {text!r}") from None
 
 
-@click.command(epilog="Example: printmend bench families --families pulley-loose,smooth --samples 3 --out families")
-@click.option("--families", help="FAMILY or FAMILY@PRINTER, with commas. Default: all.")
+@click.command(
+    short_help="Every family of faults: learners, controllers, noise, coverage.",
+    epilog="Example: printmend bench families --families pulley-loose,smooth --samples 3 --out families",
+)
+@click.option(
+    "--families", help="FAMILY, FAMILY+screw, FAMILY@PRINTER, with commas. Default: all; a wrong one lists them."
+)
 @click.option("--severity", type=click.Choice(["both", "damaged", "realistic"]), default="both", show_default=True)
-@click.option("--rows", help="LEARNER+CONTROLLER, with commas; the optimum comes with them.")
+@click.option("--rows", help="LEARNER+CONTROLLER, with commas; optimum comes with them.")
 @click.option("--noise", default="0,0.05,0.1", show_default=True, help="Of the measurement, mm a coordinate.")
 @click.option("--coverage", default="0.5,1,2.5", show_default=True, help="Turns of a motor that the body is across.")
 @click.option("--samples", type=click.IntRange(1), default=3, show_default=True, help="Faults drawn a family.")
@@ -49,7 +54,7 @@ def families(
     )
     from printmend.bench.family_report import write_families
     from printmend.cli.progress import progress
-    from printmend.cli.table import show_table
+    from printmend.cli.table import show_failures, show_table
 
     noises, coverages = numbers(noise), numbers(coverage)
     cases = draw_family_cases(
@@ -63,8 +68,8 @@ def families(
     write_families(out, cells, coverages, noises)
     if as_json:
         click.echo(json.dumps({"cells": [asdict(cell) for cell in cells]}))
-        return
-    for title, header, lines in family_tables(cells, coverages, noises):
-        show_table(title, header, lines)
-    for reason in sorted({f"{item.row}: {item.error}" for item in results if item.error}):
-        click.echo(f"failed: {reason}", err=True)
+    else:
+        for title, header, lines in family_tables(cells, coverages, noises):
+            show_table(title, header, lines)
+    reasons = sorted({f"{item.row}: {item.error}" for item in results if item.error})
+    show_failures(reasons, all_failed=all(item.error for item in results))

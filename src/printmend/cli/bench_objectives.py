@@ -10,7 +10,10 @@ import click
 NAMES = ("rmse", "p95", "area", "frechet")
 
 
-@click.command(epilog="Example: printmend bench objectives --objective rmse --objective area --families pulley-loose")
+@click.command(
+    short_help="Does planning for p95, area or Fréchet pay?",
+    epilog="Example: printmend bench objectives --objective rmse --objective area --families pulley-loose",
+)
 @click.option("--objective", "chosen", multiple=True, type=click.Choice(NAMES), help="Repeat; all without it.")
 @click.option("--body", type=click.Path(path_type=Path), help="A G-code file or mesh; without it, a timing pulley.")
 @click.option("--families", default="pulley,pulley-play,pulley-loose", show_default=True, help="With commas.")

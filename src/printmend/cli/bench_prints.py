@@ -10,7 +10,8 @@ from printmend.cli.bench_families import numbers
 
 
 @click.command(
-    epilog="Example: printmend bench prints --prints fixed,layer,optimal --points 250 --samples 2 --out prints"
+    short_help="Which test print teaches most: prints, points, noise.",
+    epilog="Example: printmend bench prints --prints fixed,layer,optimal --points 250 --samples 2 --out prints",
 )
 @click.option("--prints", help="Test prints, with commas. Default: the designs of `probe` and eight shapes.")
 @click.option("--families", help="Faults to draw from, with commas.")
@@ -34,7 +35,7 @@ def prints(
     from printmend.bench.print_case import PRINTS
     from printmend.bench.report import write_markdown
     from printmend.cli.progress import progress
-    from printmend.cli.table import show_table
+    from printmend.cli.table import show_failures, show_table
 
     counts, noises = tuple(int(count) for count in numbers(points)), numbers(noise)
     cases = bench.draw_print_cases(families.split(",") if families else bench.FAMILIES, samples=samples, seed=seed)
@@ -43,9 +44,9 @@ def prints(
         results = bench.prints_table(cases, chosen, counts, noises, out, workers=workers, tick=tick)
     if as_json:
         click.echo(json.dumps([asdict(item) for item in results]))
-        return
     header, lines = bench.print_lines(results, counts, noises)
     write_markdown(out / bench.MARKDOWN, header, lines)
-    show_table(f"Test prints, {len(cases)} damaged printers", header, lines)
-    for reason in sorted({f"{item.test_print}: {item.error}" for item in results if item.error}):
-        click.echo(f"failed: {reason}", err=True)
+    if not as_json:
+        show_table(f"Test prints, {len(cases)} damaged printers", header, lines)
+    reasons = sorted({f"{item.test_print}: {item.error}" for item in results if item.error})
+    show_failures(reasons, all_failed=all(item.error for item in results))

@@ -12,7 +12,9 @@ def command() -> None:
 
 
 @command.command(
-    "export-reference", epilog="Example: printmend dataset export-reference data --bodies models/ --layers 3"
+    "export-reference",
+    short_help="Write bodies and corruptions as the published code reads them.",
+    epilog="Example: printmend dataset export-reference data --bodies models/ --layers 3",
 )
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option(
@@ -51,7 +53,10 @@ def export_reference(
         click.echo(f"left out {path}: {reason}", err=True)
 
 
-@command.command("import-reference", epilog="Example: printmend dataset import-reference data --json")
+@command.command(
+    "import-reference", short_help="Read and check a published data set, list its bodies.",
+    epilog="Example: printmend dataset import-reference data --json",
+)  # fmt: skip
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="JSON lines on stdout.")
 def import_reference(folder: Path, as_json: bool) -> None:

@@ -17,7 +17,7 @@ from printmend.errors import PrintmendError
 # imported only when that command runs, so that `printmend --help` stays instant.
 COMMANDS: dict[str, str] = {
     "demo": "See a printer break, learn and print right again.",
-    "bench": "Reproduce the paper's tables on real bodies.",
+    "bench": "Judge learners and planners: Table I, every fault, real data, test prints.",
     "body": "Show what a mesh or G-code file becomes: layers and steps.",
     "check": "Predict how far a print will be off, as it is and mended.",
     "dataset": "Exchange bodies and corruptions with the paper's published code.",

@@ -6,6 +6,16 @@ from collections.abc import Sequence
 import click
 
 
+def show_failures(texts: Sequence[str], *, all_failed: bool) -> None:
+    """Say on stderr what failed. Raise `InputError` where nothing else is left: then there is no table."""
+    from printmend.errors import InputError
+
+    for text in texts:
+        click.echo(f"failed: {text}", err=True)
+    if all_failed:
+        raise InputError("the table", wanted="a result", came="failures only", todo="see the reasons above")
+
+
 def show_table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table whose first column is a name and whose others are numbers."""
     if not sys.stdout.isatty():
