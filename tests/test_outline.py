@@ -74,7 +74,14 @@ def hull(seed: int = 4):
 def test_a_print_without_noise_tells_the_rest_of_the_turn(pulley, share: float) -> None:
     error, sd = errors_mm(*seen(both(pulley), share))
     assert np.abs(error).max() < 3e-3
-    assert sd.max() < 3e-3
+    # a round pulley may have a flat where nobody looked
+    assert sd.max() < (0.3 if isinstance(pulley, EccentricBore) else 3e-3)
+
+
+def test_a_flat_that_was_not_seen_is_not_ruled_out() -> None:
+    error, sd = errors_mm(*seen(both(FlatSpot(1.2, 0.0, 6.0)), 0.4))
+    assert np.abs(error).max() > 0.2
+    assert np.abs(error).max() < 7 * sd.max()
 
 
 @pytest.mark.parametrize("belt", [{"belt": Play(0.7)}, {"belt": LooseBelt(1.1, 0.9)}], ids=["play", "loose"])

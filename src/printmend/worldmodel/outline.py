@@ -19,7 +19,7 @@ SIZE = 0.25
 BORE = 0.15
 HALF_FLAT = (0.5, 0.25)  # rad
 CORNER = (1.1, 0.1)
-ROUND = (0.6, 0.5)
+DISCS = (0.6, 0.5)
 _GRID = np.linspace(0.0, TURN_RAD, ANGLES, endpoint=False)
 _FINE = TURN_RAD / FINE * np.arange(FINE)
 _NO_BORE = np.zeros(2)
@@ -220,7 +220,7 @@ class Rounded:
 
     @property
     def centre(self) -> np.ndarray:
-        return np.array([*ROUND, np.nan])
+        return np.array([*DISCS, np.nan])
 
     @property
     def spread(self) -> np.ndarray:
@@ -234,7 +234,7 @@ class Rounded:
 
     def starts(self) -> np.ndarray:
         count = max(4, 24 // self.corners)
-        return np.array([[*ROUND, TURN_RAD / self.corners * i / count] for i in range(count)])
+        return np.array([[*DISCS, TURN_RAD / self.corners * i / count] for i in range(count)])
 
     def _discs(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         towards, across = _spokes(self.corners, q[2])
@@ -340,8 +340,10 @@ def _integrals(edges: np.ndarray, which: np.ndarray, count: int, angle_rad: np.n
     return found
 
 
+ROUND: tuple[Outline, ...] = (cut_series(0), cut_series(1))
 OUTLINES: tuple[Outline, ...] = (
-    *(cut_series(k) for k in range(9)),
+    *ROUND,
+    *(cut_series(k) for k in range(2, 9)),
     *(shape(bored) for shape in (Ellipse, Flat) for bored in (False, True)),
     *(Polygon(n) for n in range(3, 9)),
     *(Rounded(n) for n in range(2, 7)),

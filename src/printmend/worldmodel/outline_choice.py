@@ -16,7 +16,7 @@ from printmend.worldmodel.greybox_design import Design, Rows, contacts
 from printmend.worldmodel.greybox_fit import Fit, Posterior, robust_weights
 from printmend.worldmodel.greybox_select import HARMONICS, Choice
 from printmend.worldmodel.greybox_sight import sight
-from printmend.worldmodel.outline import OUTLINES, PLAIN, Egg, Outline
+from printmend.worldmodel.outline import OUTLINES, PLAIN, ROUND, Egg, Flat, Outline
 from printmend.worldmodel.outline_fit import FLOOR_MM, Fitted, Places, fitted
 from printmend.worldmodel.prior_shapes import ANGLES, series
 
@@ -31,7 +31,7 @@ CELLS = 256
 LEAST = 12  # places that are too few to tell anything
 REST_MM = (50.0, 5.0)  # where the plate lay, and play
 SETTLED_RAD = 0.3
-HIDDEN = 0.1  # how likely a round pulley has a flat where nobody looked
+HIDDEN, HIDDEN_MM = 0.3, 1e-6  # how likely a round pulley has a flat where nobody looked; what would have shown
 _PHI = np.linspace(0.0, TURN_RAD, ANGLES, endpoint=False)
 
 
@@ -122,7 +122,9 @@ def _believed(places: Places) -> list[Fitted]:
     if passed:
         any_pulley = max(fitted(outline, places).log_evidence for outline in PLAIN)
         passed = [each for each in passed if each.log_evidence > any_pulley + DECISIVE]
-    return sorted(passed, key=lambda each: -each.log_evidence)
+    passed.sort(key=lambda each: -each.log_evidence)
+    # what is round where it was seen is not thought to be one end of something longer
+    return [each for each in passed if each.outline in ROUND] if passed and passed[0].outline in ROUND else passed
 
 
 def _is_white(found: Fitted, places: Places) -> bool:
@@ -179,7 +181,18 @@ def _lowered(
     nearest = np.linalg.pinv(places.columns)
     values[rest] = nearest @ (at - columns @ values)
     jacobian[rest] = nearest @ (moved - columns @ jacobian)
-    return values, jacobian @ found.covariance @ jacobian.T
+    covariance = jacobian @ found.covariance @ jacobian.T
+    if found.outline in ROUND:
+        flats = Flat(bored=True)
+        bore = (q[1], q[2]) if count > 1 else (0.0, 0.0)
+        for size, turn, half, *_ in flats.starts():
+            flat = np.array([size * (1 + q[0]), turn, half, *bore])
+            gone = places.radius_mm * (flats.unwound(flat, places.angle_rad)[0] - value)
+            if np.abs(gone - places.columns @ (nearest @ gone)).max() < HIDDEN_MM:
+                away = to @ (_series(flats, flat) - _series(found.outline, q))
+                away[rest] = -nearest @ (columns @ away)
+                covariance += HIDDEN / len(flats.starts()) * np.outer(away, away)
+    return values, covariance
 
 
 def _series(outline: Outline, q: np.ndarray) -> np.ndarray:
