@@ -18,8 +18,9 @@ from printmend.twin import kernels
 from printmend.worldmodel.registry import ORACLE, fit
 from printmend.worldmodel.screw import first_push_mm, fit_height, fit_push, screw_drive
 
-# Times that the planar model and the push are learned in turn.
+# Times that the planar model and the push are learned in turn, at most: until the push stays where it was.
 _ROUNDS = 3
+_SETTLED_MM = 0.003
 
 
 def fit_space(
@@ -42,15 +43,17 @@ def fit_space(
     if name == "naive":
         return SpaceModel(fit(name, trace, printer, rng=rng))
     height = fit_height(trace.z_mm, trace.z_measured_mm, printer)
-    push_mm = first_push_mm(trace, printer)
-    planar, push = fit(name, _without(trace, push_mm), printer, rng=rng), None
-    for turn in range(_ROUNDS):
+    taken_mm, push = first_push_mm(trace, printer), None
+    for _ in range(_ROUNDS):
+        planar = fit(name, _without(trace, taken_mm), printer, rng=rng)
         printed_mm = _planar_mm(planar, trace)
         if printed_mm is None:
             return SpaceModel(planar)
         push = fit_push(trace.z_mm, trace.measured_mm - printed_mm, printer)
-        if turn + 1 < _ROUNDS:
-            planar = fit(name, _without(trace, push.at_mm(trace.z_mm)), printer, rng=rng)
+        before_mm, taken_mm = taken_mm, push.at_mm(trace.z_mm)
+        change_mm = taken_mm - before_mm
+        if np.abs(change_mm - change_mm.mean(axis=0)).max() < _SETTLED_MM:
+            break
     assert push is not None
     return SpaceModel(planar, screw_drive(height, push, printer))
 
