@@ -44,6 +44,19 @@ def test_bench_prints_the_table_and_keeps_the_results(printmend, vase: Path, tmp
     assert [line["row"] for line in table] == ["naive", "oracle"]
 
 
+def test_an_objective_changes_the_plan(printmend, vase: Path, tmp_path: Path) -> None:
+    """Planned for the area, the print gives some of the RMSE away; the rows that do not plan stay."""
+    common = ("bench", "table1", "--bodies", vase, "--families", "pulley-loose", "--models", "naive,oracle,optimum")
+    found = {}
+    for objective in ("rmse", "area"):
+        code, out, _ = printmend(*common, "--objective", objective, "--out", tmp_path / objective, "--json")
+        assert code == 0
+        found[objective] = {line["row"]: line["abrmse_steps"] for line in json.loads(out)["table"]}
+    assert list(found["area"]) == ["naive", "oracle+optimal-area", "optimum"]
+    assert found["area"]["naive"] == found["rmse"]["naive"]
+    assert found["rmse"]["oracle+optimal"] == found["rmse"]["optimum"] < found["area"]["oracle+optimal-area"]
+
+
 def test_dataset_goes_out_and_comes_back(printmend, vase: Path, tmp_path: Path) -> None:
     data = tmp_path / "data"
     code, out, _ = printmend("dataset", "export-reference", data, "--bodies", vase, "--corruptions", 3, "--layers", 3)

@@ -39,3 +39,13 @@ def row(name: str) -> Row:
         wanted = f"names out of {', '.join(model_names())}"
         raise InputError("--models", wanted=wanted, came=repr(model), todo="correct it")
     return Row(model, controller(planner or "greedy"))
+
+
+def planned_for(name: str, objective: str) -> str:
+    """Return the name of a row that plans as well as possible for ``objective``: rmse, p95, area or frechet.
+
+    The naive row, which shows what was broken, and the optimum of the RMSE stay as they are.
+    """
+    if name in ("naive", OPTIMUM):
+        return name
+    return name.partition("+")[0] + "+optimal" + ("" if objective == "rmse" else f"-{objective}")

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from printmend.cli.bench_families import families
-from printmend.cli.bench_objectives import objectives
+from printmend.cli.bench_objectives import NAMES, objectives
 from printmend.cli.bench_prints import prints
 from printmend.cli.bench_real import real
 
@@ -35,6 +35,7 @@ command.add_command(objectives)
 @click.option(
     "--models", help="Rows, with commas: LEARNER or LEARNER+CONTROLLER. Default: the paper's and the grey box."
 )
+@click.option("--objective", type=click.Choice(NAMES), help="Plan every learned row for this; else as the row says.")
 @click.option("--seed", default=0, show_default=True)
 @click.option("--limit", type=click.IntRange(1), help="How many bodies to draw; all without it.")
 @click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
@@ -43,7 +44,7 @@ command.add_command(objectives)
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def table1(
     bodies: tuple[Path, ...], reference: Path | None, protocol: Any, families: str, severity: Any, models: str | None,
-    seed: int, limit: int | None, workers: int, out: Path, per_body: bool, as_json: bool,
+    objective: str | None, seed: int, limit: int | None, workers: int, out: Path, per_body: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Print the paper's Table I. Results go to OUT/table1.jsonl, Fig. 6 to OUT/figure6-*.png.
 
@@ -53,13 +54,15 @@ def table1(
     """
     from printmend.bench.case import draw_cases, reference_cases
     from printmend.bench.report import HEADER, body_table, cells, failure_texts
-    from printmend.bench.rows import PAPER_ROWS
+    from printmend.bench.rows import PAPER_ROWS, planned_for
     from printmend.bench.table1 import table1
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
     from printmend.dataset.bodies import body_files
 
     rows = tuple(models.split(",")) if models else PAPER_ROWS
+    if objective is not None:
+        rows = tuple(dict.fromkeys(planned_for(name, objective) for name in rows))
     if (reference is None) == (not bodies):
         raise click.UsageError("give --bodies or --reference, one of them")
     if reference is not None:
