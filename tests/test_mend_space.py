@@ -19,7 +19,7 @@ from printmend.errors import ModelError, RefusedError
 from printmend.mechanism import Mechanism
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judged
-from printmend.worldmodel.saved import exact_model, model_text, parse_model, read_model, saved_model, write_model
+from printmend.worldmodel.saved import exact_model, model_text, parse_model, read_model, with_screw, write_model
 from printmend.worldmodel.screw import ScrewSeries
 from tests import naive_mend
 from tests.mending import COREXY, ENDER3, START, Judged, judge, mended
@@ -168,7 +168,7 @@ def test_a_saved_series_is_the_screw_again(tmp_path: Path) -> None:
         8.0, 0.004, 0.12, np.array([0.03, 0.05]), np.array([[0.2, 0.0], [0.1, 0.2], [0.0, 0.01], [0, 0]])
     )
     healthy = HEALTHY.lower(SHORT).homed()
-    model = saved_model(replace(healthy, screw=series.lower(SHORT)), learner="test", screw=series)
+    model = with_screw(exact_model(healthy), series, findings=("a screw",), details={})
     write_model(tmp_path / "m.json", model)
     assert (tmp_path / "m.json").stat().st_size < 4000
     again = read_model(tmp_path / "m.json")

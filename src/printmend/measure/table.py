@@ -2,9 +2,9 @@
 
 The format is fixed: UTF-8, a header with at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``, one row for each
 commanded way-point in the order of motion since homing, the first row the home position, straight moves between
-rows, the measured cells empty where nothing was measured. ``z_mm``, ``layer`` and ``sigma_mm`` are used where
-present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's; other columns are
-ignored.
+rows, the measured cells empty where nothing was measured. ``z_mm``, ``z_measured_mm``, ``layer`` and ``sigma_mm`` are
+used where present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's; other
+columns are ignored.
 """
 
 import csv
@@ -21,7 +21,7 @@ from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
 REQUIRED = ("x_mm", "y_mm", "x_measured_mm", "y_measured_mm")
-OPTIONAL = ("sigma_mm", "z_mm", "layer")
+OPTIONAL = ("sigma_mm", "z_mm", "layer", "z_measured_mm")
 PLACED = "placed"
 MIN_MEASURED = 10
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
@@ -63,6 +63,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
         measured_mm=measured,
         sigma_mm=columns.get("sigma_mm"),
         z_mm=columns.get("z_mm"),
+        z_measured_mm=columns.get("z_measured_mm"),
         layer=None if layer is None else np.where(np.isnan(layer), -1, layer).astype(np.int64),
         homed=bool(np.abs(commanded[0] - home).max() <= AT_HOME_MM),
         placed=PLACED not in columns or bool((columns[PLACED] != 0).any()),

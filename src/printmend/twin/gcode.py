@@ -5,6 +5,7 @@ import numpy as np
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program
+from printmend.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.twin.twin import Twin
 
@@ -15,8 +16,9 @@ def print_gcode(program: Program, twin: Twin, *, noise_mm: float, rng: np.random
     """Print a program on the twin and measure it with normal noise of ``noise_mm`` on each coordinate.
 
     One row for each way-point since the last homing of X and Y (chords of arcs are way-points), the first the home
-    position. A file that never homes is printed as if it had just been homed. The program must have been read with the
-    twin's printer. Raises `GcodeError` where it never says where the head is.
+    position; on a machine with a bad Z screw heights are measured too, and a move of Z alone is a way-point. A file
+    that never homes is printed as if it had just been homed. The program must have been read with the twin's printer.
+    Raises `GcodeError` where it never says where the head is.
     """
     moves = straightened(program.moves, _CHORD_MM)
     home = np.array(twin.printer.home_mm)
@@ -35,6 +37,10 @@ def print_gcode(program: Program, twin: Twin, *, noise_mm: float, rng: np.random
     places = np.where((rows == at)[:, None], ends[at], begins[at])
     path = np.concatenate([home[None], places[:, :2]])
     moved = np.concatenate([[True], (np.diff(path, axis=0) != 0).any(axis=1)])
+    screw = isinstance(twin.mechanism, Mechanism) and twin.mechanism.screw is not None
+    if screw and moved.any():  # what goes up and comes down again in its place ends on the other flank of the thread
+        rose = np.diff(places[:, 2], prepend=np.nan)
+        moved[1:] |= np.isfinite(rose) & (rose != 0)
     if moved.sum() < 2:
         raise GcodeError(
             program.name, wanted="moves in X and Y from a known place", came="none", todo="home with G28 first"
@@ -43,11 +49,18 @@ def print_gcode(program: Program, twin: Twin, *, noise_mm: float, rng: np.random
     z_mm, layer = places[:, 2], layers[at]
     home_z_mm = twin.printer.z.home_mm
     heights_mm = np.concatenate([[home_z_mm], np.where(np.isnan(z_mm), home_z_mm, z_mm)])
-    printed = twin.follow(np.column_stack([waypoints, heights_mm]))[:, :2]
+    printed = twin.follow(np.column_stack([waypoints, heights_mm]))
+    measured = printed[:, :2]
+    if noise_mm > 0:
+        measured = measured + rng.normal(0.0, noise_mm, measured.shape)
+    z_measured_mm = None
+    if screw:
+        z_measured_mm = printed[:, 2] + (rng.normal(0.0, noise_mm, len(printed)) if noise_mm > 0 else 0.0)
     return Trace(
         commanded_mm=waypoints,
-        measured_mm=printed + rng.normal(0.0, noise_mm, printed.shape) if noise_mm > 0 else printed,
-        z_mm=np.concatenate([z_mm[:1], z_mm]),
+        measured_mm=measured,
+        z_mm=np.concatenate([[home_z_mm] if screw else z_mm[:1], z_mm]),
         layer=np.concatenate([[-1], layer]),
         homed=True,
+        z_measured_mm=z_measured_mm,
     )

@@ -168,7 +168,7 @@ def _rest(drive: Drive, doubt: Doubt) -> list[Fault]:
     structure, branches = drive.structure, drive.branches
     motor = np.linspace(*branches.reach_mm, 2001)
     if structure.ripple:
-        size = max(branches.mean.amplitude_mm(int(k)) for k in drive.choice.design.ripple)
+        size = max((branches.mean.amplitude_mm(int(k)) for k in drive.choice.design.ripple), default=0.0)
         faults.append(_fault(drive, "ripple", size, 0.0, f"micro-step ripple {size:.3f} mm"))
     if structure.elastic:
         faults += _elastic(drive, doubt)

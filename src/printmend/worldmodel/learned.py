@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,16 +11,21 @@ from printmend.errors import ConfigError
 from printmend.mechanism import Mechanism, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.protocols import WorldModel
 from printmend.worldmodel.diagnosis import Diagnosis, diagnose, doubt_of
-from printmend.worldmodel.greybox import Drive, GreyboxModel
+from printmend.worldmodel.greybox import Drive, Greybox, GreyboxModel
 from printmend.worldmodel.greybox_branches import Branches
 from printmend.worldmodel.greybox_sight import SEEN
 from printmend.worldmodel.hybrid import HybridModel
 from printmend.worldmodel.registry import learner
-from printmend.worldmodel.saved import SavedModel, saved_model
+from printmend.worldmodel.saved import SavedModel, saved_model, with_screw
+from printmend.worldmodel.screw import ScrewSeries
+from printmend.worldmodel.screw_found import ScrewFound, find_screw
 
 AUTO = "auto"
 MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
+Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
+TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights, shows the rest: see docs/owners.md."
 PROBE_TODO = "`printmend probe` writes a print that shows all of it."
 
 
@@ -31,14 +37,17 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
     the trace cannot support any, `ConfigError` where the named learner has no machine to mend with.
     """
     name = "hybrid" if model == AUTO else model
-    fit = learner(name).fit(trace, printer, rng=rng)
-    if model == AUTO and isinstance(fit, HybridModel) and not fit.findings and _is_partial(fit.box):
-        fit = learner("prior").fit(trace, printer, rng=rng)
-    if isinstance(fit, GreyboxModel):
-        return greybox_model(fit, trace)
-    if isinstance(fit, HybridModel):
+    fit = _planar(trace, printer, model, rng)
+    found = None
+    if (box := box_of(fit)) is not None:
+        found = find_screw(trace, printer, left_over_mm(box), partial(planar_rest, printer=printer, rng=rng))
+        if found is not None and found.trace is not trace:
+            fit = _planar(found.trace, printer, model, rng)
+    if (box := box_of(fit)) is not None:
         # what is too small to be said is not worth a model that a second print cannot bring up to date
-        return greybox_model(fit.box, trace, hybrid=fit if fit.findings else None)
+        hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
+        saved = greybox_model(box, trace if found is None else found.trace, hybrid=hybrid)
+        return saved if found is None or found.is_silent else told(saved, found, found.series, trace)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise ConfigError(
@@ -52,6 +61,43 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
     details = {"model": fit.to_json()} if hasattr(fit, "to_json") else {}
     finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
     return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
+
+
+def _planar(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> WorldModel:
+    fit = learner("hybrid" if model == AUTO else model).fit(trace, printer, rng=rng)
+    if model == AUTO and isinstance(fit, HybridModel) and not fit.findings and _is_partial(fit.box):
+        return learner("prior").fit(trace, printer, rng=rng)
+    return fit
+
+
+def box_of(fit: WorldModel) -> GreyboxModel | None:
+    """Return the grey box of what was learned, if there is one in it."""
+    return fit.box if isinstance(fit, HybridModel) else fit if isinstance(fit, GreyboxModel) else None
+
+
+def left_over_mm(box: GreyboxModel) -> np.ndarray:
+    """Return what a machine leaves over of the measured points [N, 2] on the bed, NaN where nothing was measured."""
+    residual = np.stack([drive.choice.fit.touch.residual_mm for drive in box.drives], axis=1)
+    return np.asarray(box.printer.from_motor(residual))
+
+
+def planar_rest(trace: Trace, printer: Printer, rng: np.random.Generator) -> np.ndarray:
+    """Learn a planar machine from a trace and return what it leaves over [N, 2]."""
+    return left_over_mm(Greybox().fit(trace, printer, rng=rng))
+
+
+def told(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace: Trace) -> SavedModel:
+    """Add to a planar model what was found of Z; ``trace`` is the one with the push in it."""
+    summary, *gaps = model.findings
+    said = ", ".join(found.words) or ("healthy" if "lead" in found.said else "")
+    faults = [*model.document.get("diagnosis", []), *found.faults]
+    details: dict[str, Any] = {"diagnosis": faults, Z_SAID: dict(found.said)}
+    if "trace" in model.document:
+        off = (trace.measured_mm - trace.commanded_mm)[trace.measured_rows]
+        before_mm = float(np.sqrt(np.mean(np.square(off).sum(axis=1))))
+        details["trace"] = {**model.document["trace"], "residual_before_mm": round(before_mm, 6)}
+    findings = ("; ".join((summary, *([f"Z {said}"] if said else []))), *gaps, *found.gaps.values())
+    return with_screw(model, series, findings=findings, details=details)
 
 
 def _is_partial(fit: GreyboxModel) -> bool:
@@ -152,8 +198,10 @@ def report(model: SavedModel) -> str:
             f"with this model; noise {model.noise_mm:.3f} mm a coordinate, {trace['measured']} points"
         )
     lines += [f"not told by this trace: {gap}" for gap in gaps]
-    if gaps:
+    if any(not gap.startswith("Z ") for gap in gaps):
         lines.append(PROBE_TODO)
+    if any(gap.startswith("Z ") for gap in gaps):
+        lines.append(TOWER_TODO)
     return "\n".join(lines)
 
 

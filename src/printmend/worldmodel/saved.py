@@ -22,7 +22,7 @@ from printmend.mechanism import Frame, Mechanism, Transmission, healthy_transmis
 from printmend.printer import Printer
 from printmend.printer.toml import parse_printer
 from printmend.worldmodel.greybox_branches import Branches, Wave
-from printmend.worldmodel.saved_screw import parse_screw, screw_section
+from printmend.worldmodel.saved_screw import parse_screw, parse_series, screw_section
 from printmend.worldmodel.saved_values import TODO, number, numbers, refuse, rising, rounded, section_of
 from printmend.worldmodel.screw import ScrewSeries
 
@@ -78,15 +78,14 @@ def saved_model(
     *,
     learner: str,
     branches: tuple[Branches | None, Branches | None] = (None, None),
-    screw: ScrewSeries | None = None,
     noise_mm: float = 0.0,
     findings: tuple[str, ...] = (),
     details: Mapping[str, Any] | None = None,
 ) -> SavedModel:
     """Make the document of a machine.
 
-    A motor with ``branches`` is saved as its series, another as its tables; so is Z with ``screw``. ``details`` are
-    further keys for the reader (uncertainties, the trace, trees); they are kept and digested, not interpreted.
+    A motor with ``branches`` is saved as its series, another as its tables. ``details`` are further keys for the
+    reader (uncertainties, the trace, trees); they are kept and digested, not interpreted.
     """
     motors = {}
     for motor, name in enumerate(mechanism.printer.motors):
@@ -100,12 +99,23 @@ def saved_model(
         "printer": printer_section(mechanism.printer),
         "motors": motors,
         "frame": None if mechanism.frame.is_identity else _frame_section(mechanism.frame),
-        **({} if mechanism.screw is None else {"screw": screw_section(mechanism.screw, screw)}),
+        **({} if mechanism.screw is None else {"screw": screw_section(mechanism.screw)}),
         "noise_mm": rounded(noise_mm),
         "findings": list(findings),
         **(details or {}),
     }
     # Through text and back: the mechanism in memory is the one that a reader of the file will get.
+    return parse_model(_text(document), subject="the model")
+
+
+def with_screw(
+    model: SavedModel, screw: ScrewSeries | None, *, findings: tuple[str, ...], details: Mapping[str, Any]
+) -> SavedModel:
+    """Return the model with another Z, other ``findings``, and ``details`` in place of its own or beside them."""
+    document = {key: value for key, value in model.document.items() if key != "screw"}
+    document |= {"version": _WITHOUT_SCREW, "findings": list(findings), **details}
+    if screw is not None:
+        document |= {"version": VERSION, "screw": screw_section(screw)}
     return parse_model(_text(document), subject="the model")
 
 
@@ -176,6 +186,12 @@ def branches_of(model: SavedModel, motor: int) -> Branches | None:
     if section["kind"] == "table":
         return None
     return _branches(section, model.printer, motor, f"the model [{name}]")
+
+
+def screw_of(model: SavedModel) -> ScrewSeries | None:
+    """Return the series of Z, None for a model without one."""
+    section = model.document.get("screw")
+    return None if section is None or section["kind"] != "series" else parse_series(section, "the model [screw]")
 
 
 def printer_section(printer: Printer) -> dict[str, Any]:

@@ -14,23 +14,23 @@ _MOST_MM = 100.0  # no Z is farther off, and tables of what is would fill the me
 _LEAST_LEAD_MM = 0.1
 
 
-def screw_section(drive: ScrewDrive, series: ScrewSeries | None) -> dict[str, Any]:
-    """Return Z as plain values: its series where there is one."""
-    if series is not None:
+def screw_section(screw: ScrewDrive | ScrewSeries) -> dict[str, Any]:
+    """Return Z as plain values."""
+    if isinstance(screw, ScrewSeries):
         return {
             "kind": "series",
-            "lead_mm": series.lead_mm,
-            "lead_error": rounded(series.lead_error),
-            "backlash_mm": rounded(series.backlash_mm),
-            "height_mm": rounded(series.height_mm),
-            "push_x_mm": rounded(series.push_mm[:, 0]),
-            "push_y_mm": rounded(series.push_mm[:, 1]),
+            "lead_mm": screw.lead_mm,
+            "lead_error": rounded(screw.lead_error),
+            "backlash_mm": rounded(screw.backlash_mm),
+            "height_mm": rounded(screw.height_mm),
+            "push_x_mm": rounded(screw.push_mm[:, 0]),
+            "push_y_mm": rounded(screw.push_mm[:, 1]),
         }
-    table, grid = drive.transmission, drive.transmission.motor_mm
+    table, grid = screw.transmission, screw.transmission.motor_mm
     section = {"kind": "table", "lower_error_mm": rounded(table.lower_mm - grid)}
     if not table.is_taut:
         section["upper_error_mm"] = rounded(table.upper_mm - grid)
-    return section | {f"push_{name}_mm": rounded(drive.wobble_mm[:, axis]) for axis, name in enumerate("xy")}
+    return section | {f"push_{name}_mm": rounded(screw.wobble_mm[:, axis]) for axis, name in enumerate("xy")}
 
 
 def parse_screw(section: Any, printer: Printer, subject: str) -> ScrewDrive:
@@ -38,7 +38,7 @@ def parse_screw(section: Any, printer: Printer, subject: str) -> ScrewDrive:
     if not isinstance(section, dict):
         refuse(subject, "a section", repr(section)[:40])
     if section.get("kind") == "series":
-        return _series(section, subject).lower(printer)
+        return parse_series(section, subject).lower(printer)
     if section.get("kind") != "table":
         refuse(subject, "kind series or table", repr(section.get("kind"))[:40])
     grid, first_mm, pitch_mm = z_grid_mm(printer)
@@ -52,7 +52,8 @@ def parse_screw(section: Any, printer: Printer, subject: str) -> ScrewDrive:
     return ScrewDrive(Transmission(first_mm, pitch_mm, lower_mm, upper_mm), push_mm)
 
 
-def _series(section: dict[str, Any], subject: str) -> ScrewSeries:
+def parse_series(section: dict[str, Any], subject: str) -> ScrewSeries:
+    """Return the series of a section of that kind."""
     waves = [numbers(section, name, subject, 2 * MOST_HARMONICS) for name in ("height_mm", "push_x_mm", "push_y_mm")]
     lead_mm, backlash_mm = number(section, "lead_mm", subject), number(section, "backlash_mm", subject)
     lead_error = number(section, "lead_error", subject)

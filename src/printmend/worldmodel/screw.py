@@ -34,11 +34,16 @@ _PULLEY_HARMONICS = 4
 
 @dataclass(frozen=True, eq=False)
 class Height:
-    """What lifts the nozzle: ``terms`` are (ε, a_1, b_1, a_2, …); ``sigma_mm`` is the noise of the measured heights."""
+    """What lifts the nozzle: ``terms`` are (ε, a_1, b_1, a_2, …) and their standard deviations ``sds``.
+
+    ``sigma_mm`` is the noise of the measured heights.
+    """
 
     terms: np.ndarray
     backlash_mm: float
     sigma_mm: float
+    sds: np.ndarray
+    backlash_sd_mm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +55,7 @@ class Push:
 
     def at_mm(self, motor_mm: np.ndarray) -> np.ndarray:
         """Return the push [N, 2] mm at commanded heights [N] mm."""
-        return _waves(motor_mm, self.lead_mm, HARMONICS) @ self.terms
+        return waves_of(motor_mm, self.lead_mm, HARMONICS) @ self.terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +71,7 @@ class ScrewSeries:
     def tables(self, printer: Printer) -> ScrewDrive:
         """Return it as tables on the micro-steps of Z, without an origin."""
         motor_mm, first_mm, pitch_mm = z_grid_mm(printer)
-        waves = _waves(motor_mm, self.lead_mm, max(len(self.height_mm), len(self.push_mm)) // 2)
+        waves = waves_of(motor_mm, self.lead_mm, max(len(self.height_mm), len(self.push_mm)) // 2)
         error_mm = self.lead_error * motor_mm + waves[:, : len(self.height_mm)] @ self.height_mm
         centre = np.maximum.accumulate(motor_mm + error_mm)
         half_mm = self.backlash_mm / 2
@@ -80,8 +85,10 @@ class ScrewSeries:
         return homed
 
 
-def fit_height(commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> Height:
-    """Learn z from commanded and measured heights [N] mm, NaN where nothing was measured.
+def fit_height(
+    commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer, *, active: np.ndarray | None = None
+) -> Height:
+    """Learn z from commanded and measured heights [N] mm, NaN where nothing was measured; ``active`` terms only.
 
     The print starts with the play anywhere; a screw that never turns back shows no backlash. Raises `TraceError` where
     fewer than three heights were measured.
@@ -89,11 +96,14 @@ def fit_height(commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Print
     seen = np.isfinite(measured_mm)
     if seen.sum() < 3:
         raise TraceError("trace", wanted="three measured heights", came=f"{int(seen.sum())}", todo="measure more")
-    columns = np.column_stack([commanded_mm, _waves(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
+    columns = np.column_stack([commanded_mm, waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
+    if active is not None:
+        columns = columns * active
     prior = np.array([_LEAD, *[_AMPLITUDE_MM] * (2 * HARMONICS), _BACKLASH_MM])
     best: tuple[float, Height] | None = None
+    count = columns.shape[1]
     for guess_mm in _BACKLASHES_MM:
-        terms, backlash_mm, sigma_mm = np.zeros(columns.shape[1]), guess_mm, 0.1
+        terms, backlash_mm, sigma_mm = np.zeros(count), guess_mm, 0.1
         for _ in range(_PASSES):
             centre = commanded_mm + columns @ terms
             at, side = np.empty(len(centre), np.int64), np.empty(len(centre))
@@ -105,23 +115,23 @@ def fit_height(commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Print
             design = np.column_stack([columns[at][seen], side[seen] / 2, rest])
             wanted = (measured_mm - commanded_mm[at])[seen]
             solved, spread = _ridge(design, wanted, prior, sigma_mm)
-            terms, found_mm = solved[: columns.shape[1]], float(solved[columns.shape[1]])
+            terms, found_mm = solved[:count], float(solved[count])
             sigma_mm = max(float(np.std(wanted - design @ solved)), _LEAST_SIGMA_MM)
             moved = abs(max(found_mm, 0.0) - backlash_mm)
             backlash_mm = max(found_mm, 0.0)
             if moved < 1e-6:
                 break
-        if not (side[seen] > 0).any() or backlash_mm < _SEEN * spread[columns.shape[1]]:
+        if not (side[seen] > 0).any() or backlash_mm < _SEEN * spread[count]:
             backlash_mm = 0.0
         if best is None or sigma_mm < best[0] * (1 - 1e-6):
-            best = sigma_mm, Height(terms, backlash_mm, sigma_mm)
+            best = sigma_mm, Height(terms, backlash_mm, sigma_mm, spread[:count], float(spread[count]))
     assert best is not None
     return best[1]
 
 
 def fit_push(commanded_mm: np.ndarray, residual_mm: np.ndarray, printer: Printer) -> Push:
     """Learn the push from what a planar model leaves over [N, 2] at commanded heights [N], NaN where unmeasured."""
-    waves = _waves(commanded_mm, printer.z.mm_per_turn, HARMONICS)
+    waves = waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)
     return Push(_push_terms(waves, np.ones((len(waves), 1)), residual_mm), printer.z.mm_per_turn)
 
 
@@ -131,11 +141,11 @@ def first_push_mm(trace: Trace, printer: Printer) -> np.ndarray:
     assert trace.z_mm is not None
     nuisance = [np.ones((len(trace), 1)), trace.commanded_mm / 100.0]
     for axis, column in zip((printer.x, printer.y), printer.to_motor(trace.commanded_mm).T, strict=True):
-        nuisance.append(_waves(column, axis.mm_per_turn, _PULLEY_HARMONICS))
+        nuisance.append(waves_of(column, axis.mm_per_turn, _PULLEY_HARMONICS))
         moved = np.sign(np.diff(column, prepend=column[0]))
         last = np.maximum.accumulate(np.where(moved != 0, np.arange(len(moved)), 0))
         nuisance.append(moved[last][:, None])
-    waves = _waves(trace.z_mm, printer.z.mm_per_turn, HARMONICS)
+    waves = waves_of(trace.z_mm, printer.z.mm_per_turn, HARMONICS)
     residual = trace.measured_mm - trace.commanded_mm
     return waves @ _push_terms(waves, np.column_stack(nuisance), residual)
 
@@ -162,8 +172,8 @@ def _push_terms(waves: np.ndarray, nuisance: np.ndarray, residual_mm: np.ndarray
     return np.column_stack(terms)
 
 
-def _waves(place_mm: np.ndarray, period_mm: float, harmonics: int) -> np.ndarray:
-    """Return sin and cos [N, 2·harmonics] of the turns at places [N]."""
+def waves_of(place_mm: np.ndarray, period_mm: float, harmonics: int) -> np.ndarray:
+    """Return sin and cos [N, 2·harmonics] of the turns at places [N]: sin θ, cos θ, sin 2θ, …"""
     angle = np.asarray(place_mm, float)[:, None] * (TURN_RAD / period_mm) * np.arange(1, harmonics + 1)
     return np.stack([np.sin(angle), np.cos(angle)], axis=2).reshape(len(angle), -1)
 

@@ -32,6 +32,7 @@ from printmend.worldmodel.greybox_prior import Drift, Remembered, remember
 from printmend.worldmodel.greybox_select import Choice, Structure
 from printmend.worldmodel.learned import greybox_model
 from printmend.worldmodel.saved import SavedModel
+from printmend.worldmodel.screw_update import screw_changes, seen_screw, with_seen_screw
 
 PHASES = 48  # tried turns of the pulley on its shaft
 # From a machine that stayed as it was to one with another pulley; the evidence chooses.
@@ -83,7 +84,16 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> Update
     Raises `ModelError` for a model that is not a grey box, `TraceError` like `learn`.
     """
     with threadpool_limits(1, user_api="blas"):
-        return _updated(old, trace, rng)
+        screw = seen_screw(old, trace)
+        updated = _updated(old, screw.trace, rng)
+        changes = tuple(
+            Change("Z", words=f"Z {one['kind']} was {one['before']:.3f}, is {one['now']:.3f} {one['unit']}", **one)
+            for one in screw_changes(old, screw)
+        )
+        model = updated.model
+        if screw.said or screw.gaps or old.mechanism.screw is not None:
+            model = with_seen_screw(old, model, screw, trace)
+        return replace(updated, model=model, changes=(*updated.changes, *changes))
 
 
 def same_machine(old: SavedModel, printer: Printer) -> None:

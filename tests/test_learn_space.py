@@ -1,0 +1,224 @@
+"""Learning a Z screw from a table with heights beside the planar machine; saying, saving and updating it."""
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.main import group
+from printmend.corruption import Corruption, Drive
+from printmend.corruption.belt import Play
+from printmend.corruption.pulley import EccentricBore
+from printmend.corruption.screw import Screw
+from printmend.errors import TraceError
+from printmend.measure import read_trace
+from printmend.measure.table import write_trace
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.twin import Twin
+from printmend.worldmodel.learned import learn, report
+from printmend.worldmodel.saved import SavedModel, screw_of, write_model
+from printmend.worldmodel.update import update
+
+ENDER3 = read_printer("ender3")
+SHORT = replace(ENDER3, z=replace(ENDER3.z, max_mm=40.0))
+SCREW = Screw(0.004, 0.06, 1.0, 0.25, 0.4, 0.12)
+DRIVES = (Drive(pulley=EccentricBore(0.3, 1.2), belt=Play(0.3)), Drive(belt=Play(0.2)))
+NOISE_MM = 0.03
+
+
+def measured(
+    screw: Screw | None, waypoints_mm: np.ndarray, *, noise_mm: float = NOISE_MM, heights: bool = True, seed: int = 1
+) -> Trace:
+    """Print way-points [N, 3] after homing and measure them."""
+    rng = np.random.default_rng(seed)
+    path = np.concatenate([[[*SHORT.home_mm, SHORT.z.home_mm]], waypoints_mm])
+    printed = Twin.of(Corruption(DRIVES, screw=screw), SHORT).follow(path)
+    seen = printed + rng.normal(0, noise_mm, printed.shape)
+    return Trace(
+        path[:, :2], seen[:, :2], z_mm=path[:, 2], z_measured_mm=seen[:, 2] if heights else None, homed=True,
+    )  # fmt: skip
+
+
+def body(layers: int = 26, pitch_mm: float = 0.7) -> np.ndarray:
+    """A square with a cross, a hop, and a line back, on each layer."""
+    ring = [[60, 60], [140, 60], [140, 140], [60, 140], [60, 60], [140, 140], [100, 100], [120, 80], [60, 60]]
+    ways = [a + (b - a) * t for a, b in itertools.pairwise(np.array(ring, float)) for t in (0.5, 1.0)]
+    rows = []
+    for layer in range(layers):
+        z = 0.2 + pitch_mm * layer
+        rows += [(x, y, z) for x, y in ways] + [(60.0, 60.0, z + 0.4), (70.0, 60.0, z), (60.0, 60.0, z)]
+    return np.array(rows)
+
+
+def tower(layers: int = 20, pitch_mm: float = 0.9) -> np.ndarray:
+    """What an owner measures by hand: the corners of a small tower, and the way down again."""
+    corners = [(100.0, 100.0), (120.0, 100.0), (120.0, 120.0), (100.0, 120.0)]
+    heights = [*range(layers), *range(layers - 3, layers - 9, -1)]
+    return np.array([(x, y, 0.2 + pitch_mm * k) for k in heights for x, y in corners])
+
+
+def learned(trace: Trace) -> SavedModel:
+    return learn(trace, SHORT, model="greybox", rng=np.random.default_rng(0))
+
+
+def errors_mm(model: SavedModel, screw: Screw) -> tuple[float, float]:
+    """Return how far the learned heights, and the learned push, are from the true ones."""
+    ours, truth = model.mechanism.screw, Corruption(screw=screw).lower(SHORT).homed().screw
+    assert ours is not None
+    assert truth is not None
+    z_mm = np.linspace(0.5, 30, 300)
+    branches = zip(ours.transmission.branches_mm(z_mm), truth.transmission.branches_mm(z_mm), strict=True)
+    push = ours.wobble_at_mm(z_mm) - truth.wobble_at_mm(z_mm)
+    return max(float(np.abs(a - b).max()) for a, b in branches), float(np.abs(push).max())
+
+
+@pytest.fixture(scope="module")
+def bent() -> SavedModel:
+    return learned(measured(SCREW, body()))
+
+
+def test_the_screw_is_found_beside_the_belts(bent: SavedModel) -> None:
+    heights, push = errors_mm(bent, SCREW)
+    assert heights < 0.02
+    assert push < 0.01
+    kinds = {(fault["part"], fault["kind"]): fault["value"] for fault in bent.document["diagnosis"]}
+    assert kinds["z", "lead"] == pytest.approx(0.4, abs=0.08)
+    assert kinds["z", "backlash"] == pytest.approx(0.12, abs=0.01)
+    assert kinds["z", "wobble-1"] == pytest.approx(0.25, abs=0.01)
+    assert kinds["x", "play"] == pytest.approx(0.3, abs=0.02)
+    words = report(bent)
+    for part in (
+        "X pulley eccentric",
+        "Z lead 0.4",
+        "too long",
+        "lifts unevenly by 0.0",
+        "once a turn",
+        "aside by 0.2",
+    ):
+        assert part in words
+
+
+def test_without_noise_it_is_exact() -> None:
+    model = learned(measured(SCREW, body(), noise_mm=0.0))
+    assert max(errors_mm(model, SCREW)) < 0.003
+
+
+def test_a_healthy_screw_is_healthy() -> None:
+    model = learned(measured(None, body()))
+    assert model.mechanism.screw is None
+    assert "Z healthy" in model.findings[0]
+    assert model.document["version"] == 1
+
+
+def test_no_heights_no_lead() -> None:
+    """Layers lying aside show the wobble; what they cannot show is said."""
+    model = learned(measured(SCREW, body(), heights=False))
+    assert errors_mm(model, replace(SCREW, lead_error=0.0, periodic_mm=0.0, backlash_mm=0.0))[1] < 0.01
+    assert any("no heights were measured" in gap for gap in model.findings[1:])
+
+
+def test_an_ordinary_print_says_nothing_of_z() -> None:
+    silent = learned(measured(None, body(4), heights=False))
+    assert "Z" not in " ".join(silent.findings)
+
+
+def test_half_a_turn_is_too_little() -> None:
+    model = learned(measured(SCREW, body(7)))
+    gaps = [gap for gap in model.findings[1:] if gap.startswith("Z ")]
+    assert any("lead" in gap and "8 mm" in gap for gap in gaps)
+    assert any("wobble" in gap for gap in gaps)
+    assert screw_of(model) is None or not screw_of(model).push_mm.any()  # type: ignore[union-attr]
+    assert "tower" in report(model).lower()
+
+
+def test_whole_turns_show_one_angle_only() -> None:
+    model = learned(measured(SCREW, body(5, 8.0)))
+    for kind in ("wobble", "unevenness"):
+        assert any(f"Z {kind}: told to" in gap for gap in model.findings[1:])
+
+
+def test_a_tower_completes_a_planar_model(bent: SavedModel) -> None:
+    flat = body(1)
+    planar = learned(measured(SCREW, np.concatenate([flat, flat[::-1]]), heights=False))
+    assert planar.mechanism.screw is None
+    done = update(planar, measured(SCREW, tower(), seed=2), rng=np.random.default_rng(0))
+    heights, push = errors_mm(done.model, SCREW)
+    assert heights < 0.06
+    assert push < 0.025
+    assert "Z wobble-1 was 0.000" in done.words
+    again = update(bent, measured(SCREW, tower(), seed=3), rng=np.random.default_rng(0))
+    assert "Z " not in again.words
+    assert errors_mm(again.model, SCREW) == pytest.approx(errors_mm(bent, SCREW))  # the old one knew it better
+    other = replace(SCREW, wobble_phase_rad=2.0)
+    turned = update(bent, measured(other, tower(), seed=4), rng=np.random.default_rng(0))
+    assert errors_mm(turned.model, other)[1] < 0.025
+
+
+def test_a_flat_print_leaves_the_screw_as_it_was(bent: SavedModel) -> None:
+    done = update(bent, measured(SCREW, body(1), heights=False), rng=np.random.default_rng(0))
+    assert errors_mm(done.model, SCREW) == pytest.approx(errors_mm(bent, SCREW))
+    assert "Z lead" in done.model.findings[0]
+
+
+def test_heights_of_another_machine_are_refused() -> None:
+    trace = measured(SCREW, body(3))
+    assert trace.z_measured_mm is not None
+    with pytest.raises(TraceError, match="z_measured_mm"):
+        learned(replace(trace, z_measured_mm=trace.z_measured_mm * 254))
+
+
+def test_the_table_keeps_heights(tmp_path: Path) -> None:
+    trace = measured(SCREW, body(3))
+    write_trace(tmp_path / "t.csv", trace)
+    again = read_trace(tmp_path / "t.csv", SHORT)
+    assert again.z_measured_mm == pytest.approx(trace.z_measured_mm, abs=1e-6)
+
+
+def test_the_whole_chain_by_commands(bent: SavedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """twin → learn → mend → twin: what the broken printer does with the mended file is what was wanted."""
+    monkeypatch.chdir(tmp_path)
+    lines = ["G21", "G90", "M83", "G28"]
+    for layer in range(30):
+        z = 0.2 + 0.6 * layer
+        lines += [f"G1 Z{z:.2f} F600", "G1 X60 Y60 F6000", "G1 X80 Y60 E1 F1800", "G1 X80 Y80 E1", f"G1 Z{z + 0.4:.2f}"]
+        lines += ["G0 X60 Y80 F6000", f"G1 Z{z:.2f}", "G1 X60 Y60 E1 F1800"]
+    Path("part.gcode").write_text("\n".join(lines) + "\n")
+    Path("broken.toml").write_text(
+        "[x.pulley]\nkind = 'eccentric'\neccentricity_mm = 0.3\nphase_rad = 1.2\n[x.belt]\nkind = 'play'\n"
+        "play_mm = 0.3\n[y.belt]\nkind = 'play'\nplay_mm = 0.2\n[z.screw]\nlead_error = 0.004\nperiodic_mm = 0.06\n"
+        "periodic_phase_rad = 1.0\nwobble_mm = 0.25\nwobble_phase_rad = 0.4\nbacklash_mm = 0.12\n"
+    )
+    write_model("printer.mend.json", bent)
+
+    def run(*arguments: str) -> str:
+        result = CliRunner().invoke(group, arguments, catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+        return result.output
+
+    said = run("mend", "part.gcode", "-m", "printer.mend.json")
+    assert "in height" in said
+    assert "in height" in run("check", "part.gcode", "-m", "printer.mend.json", "--against", "part.mended.gcode")
+    run(
+        "twin",
+        "part.mended.gcode",
+        "--printer",
+        "ender3",
+        "--corruption",
+        "broken.toml",
+        "--noise-mm",
+        "0",
+        "-o",
+        "t.csv",
+    )
+    run("twin", "part.gcode", "--printer", "ender3", "--corruption", "broken.toml", "--noise-mm", "0", "-o", "raw.csv")
+    corners = np.array([(x, y, 0.2 + 0.6 * layer) for layer in range(30) for x, y in ((60, 60), (80, 60), (80, 80))])
+    for name, low, high in (("t.csv", 0.0, 0.04), ("raw.csv", 0.3, 9.0)):
+        trace = read_trace(name, ENDER3)
+        assert trace.z_measured_mm is not None
+        printed = np.column_stack([trace.measured_mm, trace.z_measured_mm])
+        off = np.array([np.linalg.norm(printed - corner, axis=1).min() for corner in corners])
+        assert low <= off.max() <= high
