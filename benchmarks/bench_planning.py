@@ -5,7 +5,7 @@ python benchmarks/bench_planning.py --loose
 
 Trains on the longest layer of the shipped pulley, plans others. `first` is the first plan call, tables included;
 `targets/s` the best of three later calls on a layer there and back, as often as needed. Seconds are of the CPU, which
-a busy machine disturbs less. With --loose: the optimal plan of one layer on machines with much play, in targets a
+a busy machine disturbs less. With --loose: one layer on machines with much play, cartesian and CoreXY, in targets a
 second an axis: a layer of N targets has 2N of them.
 """
 
@@ -90,20 +90,29 @@ def measure(name: str, planner: str, model: WorldModel, twin: Twin, layers: list
 
 
 def loose() -> None:
-    printer = read_printer("ender5")
-    layer = body_of(demo_body_gcode(), printer, name="pulley").layers[0]
-    machines = {f"pulley-loose, seed {seed}": sample("pulley-loose", np.random.default_rng(seed)) for seed in range(4)}
-    for hull in ("ideal", "egg", "line", "small"):
-        drive = Drive(pulley=PublishedHull(hull, 0.3), belt=Play(2.0))
-        machines[f"{hull} hull, 2 mm of play"] = Corruption((drive, drive))
-    for name, corruption in machines.items():
-        model, best_s = MechanismModel(corruption.lower(printer)), np.inf
-        for _ in range(4):
-            started = time.process_time()
-            plan = controller("optimal").plan(model, layer.nominal_steps[1:], layer.start_steps)
-            best_s = min(best_s, time.process_time() - started)
-        missed = float(np.sqrt(((plan.imagined_steps - layer.nominal_steps) ** 2).sum(axis=1).mean()))
-        print(f"{name:28}{2 * layer.transitions / best_s / 1e6:6.2f} M targets/s an axis  RMSE {missed:6.3f} steps")
+    for preset in ("ender5", "corexy"):
+        printer = read_printer(preset)
+        layer = body_of(demo_body_gcode(), printer, name="pulley").layers[0]
+        machines = {
+            f"{family}, seed {seed}": sample(family, np.random.default_rng(seed))
+            for family in ("pulley-loose", "everything")
+            for seed in range(4 if family == "pulley-loose" else 2)
+        }
+        for hull in ("ideal", "egg", "line", "small"):
+            drive = Drive(pulley=PublishedHull(hull, 0.3), belt=Play(2.0))
+            machines[f"{hull} hull, 2 mm of play"] = Corruption((drive, drive))
+        print(f"\n{preset}: million targets/s an axis, RMSE in steps")
+        for name, corruption in machines.items():
+            model, shown = MechanismModel(corruption.lower(printer)), []
+            for planner in ("lookahead", "beam", "optimal"):
+                best_s = np.inf
+                for _ in range(4):
+                    started = time.process_time()
+                    plan = controller(planner).plan(model, layer.nominal_steps[1:], layer.start_steps)
+                    best_s = min(best_s, time.process_time() - started)
+                missed = float(np.sqrt(((plan.imagined_steps - layer.nominal_steps) ** 2).sum(axis=1).mean()))
+                shown.append(f"{planner} {2 * layer.transitions / best_s / 1e6:5.2f} {missed:6.3f}")
+            print(f"{name:28}{'   '.join(shown)}", flush=True)
 
 
 def main() -> None:
