@@ -19,9 +19,11 @@ from printmend.worldmodel.transitions import layer_trace
 ENDER3, ENDER5 = read_printer("ender3"), read_printer("ender5")
 
 
-def learned_layer(corruption: Corruption, rng: np.random.Generator, noise_mm: float = 0.0) -> GreyboxModel:
-    """Return what is learned from a layer two and a half turns across."""
-    layer = drawn_body(rng, ENDER5, size_mm=100.0).layers[0]
+def learned_layer(
+    corruption: Corruption, rng: np.random.Generator, noise_mm: float = 0.0, *, turns: float = 2.5
+) -> GreyboxModel:
+    """Return what is learned from a layer of a body so many turns across."""
+    layer = drawn_body(rng, ENDER5, size_mm=40.0 * turns).layers[0]
     trace = layer_trace(layer, Twin.of(corruption, ENDER5).run(layer.controls, layer.start_steps), ENDER5)
     noisy = trace.measured_mm + rng.normal(0, noise_mm, trace.measured_mm.shape)
     return Greybox().fit(dataclasses.replace(trace, measured_mm=noisy), ENDER5, rng=rng)
@@ -61,6 +63,20 @@ def test_what_repeats_nothing_is_no_elastic_belt_in_noise() -> None:
         motor_mm = np.linspace(*drive.branches.reach_mm, 200)
         off = table.branches_mm(motor_mm)[0] - truth.branches_mm(motor_mm)[0]
         assert np.std(off) < 0.008
+
+
+def test_a_pulley_keeps_its_offset_in_noise() -> None:
+    """Its waves have a zero of their own: without an offset they would bend to meet the layer where it starts."""
+    rng = np.random.default_rng(8)
+    corruption = sample("tabulated", rng)
+    model = learned_layer(corruption, rng, noise_mm=0.1, turns=1.0)
+    true = corruption.lower(ENDER5)
+    assert isinstance(true, Mechanism)
+    for drive, table, truth in zip(model.drives, model.mechanism.transmissions, true.transmissions, strict=True):
+        motor_mm = np.linspace(*drive.branches.reach_mm, 200)
+        off = table.branches_mm(motor_mm)[0] - truth.branches_mm(motor_mm)[0]
+        assert drive.structure.offset
+        assert np.abs(off - np.median(off)).max() < 0.04
 
 
 def test_parts_that_were_left_out_count_in_the_standard_deviations() -> None:

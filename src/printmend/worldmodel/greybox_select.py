@@ -58,6 +58,11 @@ class Structure:
     def is_healthy(self) -> bool:
         return self == NOTHING
 
+    @property
+    def waves(self) -> bool:
+        """Tell whether the mean has parts with a zero of their own: then it has an offset, too."""
+        return self.pulley != "none" or self.ripple or self.elastic or self.warp_mm > 0
+
     def active(self, design: Design) -> np.ndarray:
         """Mark the parameters [P] of ``design`` that are on."""
         odd = design.harmonic % 2 == 1
@@ -243,6 +248,7 @@ def _pruned(rows: Rows, design: Design, base: Structure, values: np.ndarray, pri
         for choice in choices:
             smaller = [replace(best, **change) for change in choice]
             smaller = [structure for structure in smaller if structure.active(design).sum() < post.active.sum()]
+            smaller = [structure for structure in smaller if structure.offset or not structure.waves]
             tried = [(_posterior(design, normal, structure, post), structure) for structure in smaller]
             if not tried:
                 continue
