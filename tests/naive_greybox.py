@@ -77,7 +77,7 @@ def unwound(outline, q, angle_rad: np.ndarray) -> np.ndarray:
     """U − θ by adding up h(−t) from 0, in many small steps."""
     total = []
     for angle in angle_rad:
-        t = np.linspace(0.0, angle, 20001)
+        t = np.linspace(0.0, angle, 6001)
         h = outline.heights(q, -t)
         total.append(np.sum((h[1:] + h[:-1]) / 2 * np.diff(t)) - angle)
     return np.array(total)

@@ -13,7 +13,7 @@ import numpy as np
 from printmend.units import TURN_RAD
 
 ANGLES = 512  # the series of an ellipse ends far below
-FINE = 2048  # a corner that fewer of so many angles see is lost
+FINE = 1024  # a corner that fewer of so many angles see is lost
 ANY_TURN = 1.8  # rad: as wide as knowing nothing of an angle
 SIZE = 0.25
 BORE = 0.15
