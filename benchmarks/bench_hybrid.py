@@ -111,7 +111,7 @@ def main() -> None:
                 begun = time.perf_counter()
                 model = fit(name, trace, printer, rng=np.random.default_rng(0), truth=twin.mechanism)
                 seconds.get(name, []).append(time.perf_counter() - begun)
-                notes += [each.words for each in getattr(model, "residuals", ()) if each is not None]
+                notes += [each.words for each in getattr(model, "residuals", ()) if each is not None and each.words]
                 square, count = 0.0, 0
                 for other in body.layers[1:]:
                     plan = controller("optimal").plan(model, other.nominal_steps[1:], other.start_steps)

@@ -12,6 +12,7 @@ from printmend.printer import read_printer
 from printmend.twin import Twin
 from printmend.worldmodel.greybox import Greybox
 from printmend.worldmodel.hybrid import Hybrid, HybridModel, completed
+from printmend.worldmodel.hybrid_continued import continued
 from printmend.worldmodel.hybrid_gains import learned_gains
 from printmend.worldmodel.hybrid_residual import Kind, Points, chosen, columns, learned, points, process, variances
 from printmend.worldmodel.kernels.hybrid import follow_branches
@@ -130,6 +131,27 @@ def test_a_spliced_belt_is_a_machine_and_not_the_published_world() -> None:
     assert gains is not None
     assert gains.residual_mm < box.residual_after_mm  # but they leave a pattern, as the machine does
     assert completed(box, trace, seed=0).world is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_beyond_what_was_seen_what_repeats_goes_on(seed: int) -> None:
+    """A pulley of another size, out of round, under a belt with splices and play: only splices beyond stay unknown."""
+    rng = np.random.default_rng(seed)
+    healthy = healthy_mechanism(PRINTER).transmissions[0]
+    motor, reach, turn = healthy.motor_mm, (60.0, 150.0), PRINTER.axes[0].mm_per_turn
+    k, phase = np.arange(1, 4), rng.uniform(0, 2 * np.pi, 3)
+    pulley = -0.25 * motor + (np.cos(np.outer(motor, k) * 2 * np.pi / turn + phase) * [1.0, 0.4, 0.1]).sum(axis=1)
+    splices = np.tanh(np.subtract.outer(motor, rng.uniform(60, 150, 4)) / 0.3) @ rng.uniform(0.1, 0.4, 4)
+    wanted = np.maximum.accumulate(motor + pulley + splices)
+    learned_mm = np.where((motor > reach[0] - 0.1) & (motor < reach[1] + 0.1), wanted, motor)
+    table = continued(replace(healthy, lower_mm=learned_mm - 0.2, upper_mm=learned_mm + 0.2), reach, turn)
+    near = (motor > reach[0] - 30.0) & (motor < reach[1] + 30.0)
+    inside = (motor > reach[0]) & (motor < reach[1])
+    for branch, play_mm in ((table.lower_mm, -0.2), (table.upper_mm, 0.2)):
+        np.testing.assert_allclose(branch[inside], wanted[inside] + play_mm, atol=1e-12)
+        np.testing.assert_allclose(branch[near], wanted[near] + play_mm, atol=0.1)
+    short = continued(replace(healthy, lower_mm=learned_mm, upper_mm=learned_mm), (60.0, 100.0), turn)
+    np.testing.assert_array_equal(short.lower_mm, learned_mm)
 
 
 def test_single_points_of_noise_are_no_residual() -> None:

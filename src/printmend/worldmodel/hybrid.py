@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.mechanism import GainMechanism, Mechanism, Transmission
+from printmend.mechanism import GainMechanism, Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.worldmodel.greybox import Drive, Greybox, GreyboxModel, motor_rows
@@ -26,6 +26,7 @@ SURELY = 30.0  # nats by which the published world must fit better
 NOTHING_LEFT = 0.1  # of the machine's residual
 SEEN_MM = SELECT_FLOOR_MM  # a machine that leaves no more than this, or on top of the noise, is good enough
 LEAST_SAID_MM = 0.01
+BEYOND_MM = 20.0  # what is not known there is said
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,14 +60,25 @@ class HybridModel(MachineLearned):
             return ("the steps of this print do not come back to where they were: that is no machine, but the lattice "
                     "simulator of the paper",)  # fmt: skip
         found = []
-        for name, residual in zip(self.printer.motors, self.residuals, strict=True):
-            if residual is not None:
-                size = max(float(np.abs(part).max()) for part in (residual.common_mm, residual.play_mm))
-                if size < LEAST_SAID_MM:  # a scanner makes as much
-                    continue
+        for motor, (name, residual) in enumerate(zip(self.printer.motors, self.residuals, strict=True)):
+            if residual is None:
+                continue
+            size = max(float(np.abs(part).max()) for part in (residual.common_mm, residual.play_mm))
+            if size >= LEAST_SAID_MM:  # a scanner makes as much
                 found.append(f"{name.upper()} has an error that no known fault makes, up to {size:.3f} mm "
                              f"(learned: {residual.words})")  # fmt: skip
+            elif self._goes_on_mm(motor, residual) > LEAST_SAID_MM:
+                low, high = residual.grid_mm[[0, -1]]
+                found.append(f"{name.upper()} was seen from {low:.0f} to {high:.0f} mm; beyond, only what repeats "
+                             "every turn is known")  # fmt: skip
         return tuple(found)
+
+    def _goes_on_mm(self, motor: int, residual: Residual) -> float:
+        """Return by how much a motor's tables go on otherwise than the grey box's beyond what was seen."""
+        low, high = residual.grid_mm[[0, -1]]
+        near = np.concatenate([low - np.arange(BEYOND_MM), high + np.arange(BEYOND_MM)])
+        mine, boxed = (each.transmissions[motor].branches_mm(near) for each in (self.mechanism, self.box.mechanism))
+        return float(np.abs(np.subtract(mine, boxed)).max())
 
     @property
     def imagined(self) -> Mechanism | GainMechanism:
@@ -92,13 +104,12 @@ def completed(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
     patterned = [drive.choice.fit.share < PATTERN and _left_mm2(drive) > SEEN_MM**2 for drive in box.drives]
     if any(patterned) and (world := _published(box, trace)) is not None:
         return replace(plain, world=world)
-    tables, residuals = [], []
-    for motor in range(2):
-        table, residual = _residual(box, trace, motor, patterned=patterned[motor], seed=seed)
-        tables.append(table)
-        residuals.append(residual)
-    mechanism = replace(box.mechanism, transmissions=(tables[0], tables[1]))
-    return HybridModel(box, mechanism, (residuals[0], residuals[1]))
+    x, y = (_residual(box, trace, motor, patterned=patterned[motor], seed=seed) for motor in range(2))
+    first, second = (
+        table if residual is None else residual.added(table)
+        for residual, table in zip((x, y), box.mechanism.transmissions, strict=True)
+    )
+    return HybridModel(box, replace(box.mechanism, transmissions=(first, second)), (x, y))
 
 
 def _published(box: GreyboxModel, trace: Trace) -> GainMechanism | None:
@@ -121,20 +132,18 @@ def _left_mm2(drive: Drive) -> float:
     return float(np.nanmean(np.square(drive.choice.fit.touch.residual_mm)))
 
 
-def _residual(
-    box: GreyboxModel, trace: Trace, motor: int, *, patterned: bool, seed: int
-) -> tuple[Transmission, Residual | None]:
-    """Return a motor's tables with what blocked cross-validation adds to them."""
+def _residual(box: GreyboxModel, trace: Trace, motor: int, *, patterned: bool, seed: int) -> Residual | None:
+    """Return what blocked cross-validation adds to a motor's tables."""
     drive, table = box.drives[motor], box.mechanism.transmissions[motor]
     if _left_mm2(drive) <= SEEN_MM**2:
-        return table, None
+        return None
     rows = jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor])
     touch = drive.choice.fit.touch
     measured = touch.belt_mm + touch.residual_mm  # without what the frame adds
     start_mm = float(touch.belt_mm[0])
     data = points(table, rows.motor_mm, measured, rows.weight, start_mm, rows.period_mm)
     if not len(data.motor_mm):
-        return table, None
+        return None
     low, high = float(data.motor_mm.min()), float(data.motor_mm.max())
     reach = (low - MARGIN_MM, high + MARGIN_MM)
     grid = np.arange(low, high + GRID_MM, GRID_MM)
@@ -153,7 +162,9 @@ def _residual(
         if np.mean(np.abs(data.residual_mm)) >= np.mean(np.abs(before.residual_mm)):
             break
         found = more
-    return (table, None) if found is None else (found.added(table), found)
+    if found is None and drive.structure.warp_mm:  # what repeats nothing may hide how what repeats goes on
+        found = Residual((), grid, np.zeros(len(grid)), np.zeros(len(grid)), rows.period_mm)
+    return found
 
 
 LEARNERS = {"hybrid": Hybrid()}

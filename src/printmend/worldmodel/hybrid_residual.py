@@ -19,6 +19,7 @@ import numpy as np
 from printmend.mechanism import Transmission
 from printmend.units import TURN_RAD
 from printmend.worldmodel.greybox_branches import rising, warp_columns
+from printmend.worldmodel.hybrid_continued import continued
 from printmend.worldmodel.kernels import hybrid as kernels
 
 LENGTHS_MM = (2.0, 5.0, 12.0, 30.0)
@@ -77,12 +78,16 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A learned residual: its ``kinds``, and c and d [mm] at the motor positions ``grid_mm`` [G]."""
+    """A learned residual: its ``kinds``, and c and d [mm] at the motor positions ``grid_mm`` [G], all that were seen.
+
+    Of no kind it is zero, and only says how the tables go on beyond the grid.
+    """
 
     kinds: tuple[Kind, ...]
     grid_mm: np.ndarray
     common_mm: np.ndarray
     play_mm: np.ndarray
+    turn_mm: float
 
     @property
     def words(self) -> str:
@@ -91,7 +96,7 @@ class Residual:
     def plus(self, other: "Residual") -> "Residual":
         """Return the sum of two residuals on one grid."""
         common, play = self.common_mm + other.common_mm, self.play_mm + other.play_mm
-        return Residual((*self.kinds, *other.kinds), self.grid_mm, common, play)
+        return Residual((*self.kinds, *other.kinds), self.grid_mm, common, play, self.turn_mm)
 
     def at_mm(self, motor_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
         """Return the residual [N] at contacts; beyond the grid its ends hold."""
@@ -99,15 +104,17 @@ class Residual:
         return common + side * play / 2
 
     def added(self, table: Transmission) -> Transmission:
-        """Return a drive's tables with this residual, still monotone, lower ≤ upper."""
+        """Return a drive's tables with this residual, still monotone, lower ≤ upper; beyond the grid, what repeats."""
         motor = table.motor_mm
         low = table.lower_mm + self.at_mm(motor, np.full(len(motor), -1.0))
         high = table.upper_mm + self.at_mm(motor, np.ones(len(motor)))
         crossed = low > high
         low[crossed] = high[crossed] = (low[crossed] + high[crossed]) / 2
-        first = int(np.searchsorted(motor, (self.grid_mm[0] + self.grid_mm[-1]) / 2))
+        reach_mm = float(self.grid_mm[0]), float(self.grid_mm[-1])
+        first = int(np.searchsorted(motor, sum(reach_mm) / 2))
         low = rising(low, first)
-        return Transmission(table.first_mm, table.pitch_mm, low, np.maximum(rising(high, first), low))
+        bent = Transmission(table.first_mm, table.pitch_mm, low, np.maximum(rising(high, first), low))
+        return continued(bent, reach_mm, self.turn_mm)
 
 
 def points(
@@ -292,4 +299,4 @@ def learned(kind: Kind, data: Points, reach_mm: tuple[float, float], grid_mm: np
         design = columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm)
         weights = process(design, np.sqrt(variances(kind, reach_mm)), data)
         low, high = (columns(kind, b.motor_mm, b.side, b.turn_mm, reach_mm) @ weights for b in branches)
-    return Residual((kind,), grid_mm, (low + high) / 2, high - low)
+    return Residual((kind,), grid_mm, (low + high) / 2, high - low, data.turn_mm)
