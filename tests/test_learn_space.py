@@ -18,6 +18,7 @@ from printmend.measure import read_trace
 from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import read_printer
+from printmend.repair.diagnosis import examine, summary
 from printmend.twin import Twin
 from printmend.worldmodel.learned import learn, report
 from printmend.worldmodel.saved import SavedModel, screw_of, write_model
@@ -169,6 +170,14 @@ def test_heights_of_another_machine_are_refused() -> None:
     assert trace.z_measured_mm is not None
     with pytest.raises(TraceError, match="z_measured_mm"):
         learned(replace(trace, z_measured_mm=trace.z_measured_mm * 254))
+
+
+def test_the_owner_is_told_what_to_repair() -> None:
+    examination = examine(measured(SCREW, body()), SHORT, rng=np.random.default_rng(0))
+    said = summary(examination)
+    assert "The Z screw is bent" in said
+    assert "The Z nut has play" in said
+    assert "Z lead" in examination.diagnosis.summary
 
 
 def test_the_table_keeps_heights(tmp_path: Path) -> None:

@@ -3,7 +3,8 @@
 import base64
 import html
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,12 +18,13 @@ from printmend.printer import Printer
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Prediction
 from printmend.worldmodel.advice import Advice, advise
-from printmend.worldmodel.diagnosis import Diagnosis, diagnose, doubt_of
+from printmend.worldmodel.diagnosis import Diagnosis, Fault, diagnose, doubt_of
 from printmend.worldmodel.greybox import GreyboxModel
 from printmend.worldmodel.hybrid import Hybrid
-from printmend.worldmodel.learned import PROBE_TODO, greybox_model
+from printmend.worldmodel.learned import PROBE_TODO, greybox_model, left_over_mm, planar_rest, told
 from printmend.worldmodel.portrait import Portrait, portrait
 from printmend.worldmodel.saved import SavedModel
+from printmend.worldmodel.screw_found import find_screw
 
 SUFFIXES = (".html", ".htm", ".pdf")
 MOST_ARROWS, MOST_POINTS = 1200, 3000
@@ -105,9 +107,19 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
 
     Raises `TraceError` like `learn`, `GcodeError` or `ModelError` for a part that cannot be printed here.
     """
-    fit = Hybrid().fit(trace, printer, rng=rng)
+    fit, whole = Hybrid().fit(trace, printer, rng=rng), trace
+    found = find_screw(trace, printer, left_over_mm(fit.box), partial(planar_rest, printer=printer, rng=rng))
+    if found is not None and found.trace is not trace:
+        trace = found.trace
+        fit = Hybrid().fit(trace, printer, rng=rng)
     model, diagnosis = fit.box, diagnose(fit.box, doubt_of(trace))
     saved = greybox_model(model, trace, hybrid=fit if fit.findings else None)
+    if found is not None and not found.is_silent:
+        saved = told(saved, found, found.series, whole)
+        model = replace(model, residual_before_mm=saved.document["trace"]["residual_before_mm"])
+        summary, gaps = f"{diagnosis.summary}; {found.sentence}", (*diagnosis.gaps, *found.gaps.values())
+        lifted = tuple(Fault(**fault, words=found.sentence) for fault in found.faults)
+        diagnosis = Diagnosis((*diagnosis.faults, *lifted), summary, gaps)
     corexy = printer.kinematics == "corexy"
     order = list(URGENCY)
     all_advice = [advise(fault, corexy=corexy) for fault in diagnosis.faults]

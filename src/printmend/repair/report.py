@@ -46,6 +46,8 @@ def _page(source: str, model: SavedModel, prediction: Prediction) -> str:
         f"<tr><td>{name}</td><td>{e.rms_mm:.3f}</td><td>{e.p95_mm:.3f}</td><td>{e.max_mm:.3f}</td></tr>"
         for name, e in (("as it is", before), ("mended", after))
     )
+    for name, height in zip(("as it is", "mended"), prediction.heights or (), strict=False):
+        rows += f"<tr><td>{name}, in height</td><td>{height.rms_mm:.3f}</td><td></td><td>{height.max_mm:.3f}</td></tr>"
     findings = "".join(f"<li>{html.escape(line)}</li>" for line in model.findings)
     facts = [
         f"{prediction.length_mm / 1000:.1f} m of extruded path in {len(prediction.layers)} layers",

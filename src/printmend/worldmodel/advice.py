@@ -27,7 +27,7 @@ def advise(fault: Fault, *, corexy: bool = False) -> Advice:
     """Return the advice for one fault."""
     where = f"Motor {fault.part.upper()}" if corexy and fault.part != "frame" else fault.part.upper()
     size = abs(fault.value)
-    kind = "harmonic" if fault.kind.startswith("harmonic-") else fault.kind
+    kind = fault.kind.rstrip("0123456789").removesuffix("-")  # harmonic-2 is a harmonic
     say = _SAY.get(kind, _other)
     title, meaning, effect, repair, software = say(where, fault, size)
     nothing = repair.startswith("Nothing to repair")
@@ -199,6 +199,35 @@ def _jump(where: str, fault: Fault, size: float) -> Said:
     )
 
 
+def _lead(where: str, fault: Fault, size: float) -> Said:
+    effect = size / 100 * SPAN_MM
+    return (
+        f"Prints come out too {'tall' if fault.value > 0 else 'low'}", f"{effect:.2f} mm on 100 mm of height.", effect,
+        "Nothing to repair: correct the Z steps per millimetre, or let printmend.", _CARRIES,
+    )  # fmt: skip
+
+
+def _uneven(where: str, fault: Fault, size: float) -> Said:
+    return (
+        "The Z screw lifts unevenly", f"Layers are too thick and too thin in turns, by up to {size:.2f} mm.", size,
+        "Clean and grease the Z screw; replace it if that does not help.", _CARRIES,
+    )  # fmt: skip
+
+
+def _backlash(where: str, fault: Fault, size: float) -> Said:
+    return (
+        "The Z nut has play", f"After each Z-hop the nozzle is {size:.2f} mm too high or too low.", size,
+        "Replace the Z nut, or fit one with a spring.", _CARRIES,
+    )  # fmt: skip
+
+
+def _wobble(where: str, fault: Fault, size: float) -> Said:
+    return (
+        "The Z screw is bent", f"It pushes the layers aside by {size:.2f} mm, in a pattern that repeats up the walls.",
+        size, "Roll the Z screw on a flat table; replace a bent one. Loosen the guide at its upper end.", _CARRIES,
+    )  # fmt: skip
+
+
 def _other(where: str, fault: Fault, size: float) -> Said:
     return f"{where}: {fault.kind}", fault.words, size if fault.unit == "mm" else 0.0, "Have a look.", _CARRIES
 
@@ -207,4 +236,5 @@ _SAY = {
     "scale": _scale, "harmonic": _harmonic, "play": _play, "loose-belt": _loose, "play-by-angle": _by_angle,
     "friction": _friction, "elastic": _elastic, "ripple": _ripple, "drift": _drift, "warp": _warp, "offset": _offset,
     "skew": _skew, "bow": _bow, "jump": _jump, "jumps": _jump,
+    "lead": _lead, "periodic": _uneven, "backlash": _backlash, "wobble": _wobble,
 }  # fmt: skip

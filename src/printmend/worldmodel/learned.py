@@ -89,14 +89,13 @@ def planar_rest(trace: Trace, printer: Printer, rng: np.random.Generator) -> np.
 def told(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace: Trace) -> SavedModel:
     """Add to a planar model what was found of Z; ``trace`` is the one with the push in it."""
     summary, *gaps = model.findings
-    said = ", ".join(found.words) or ("healthy" if "lead" in found.said else "")
     faults = [*model.document.get("diagnosis", []), *found.faults]
     details: dict[str, Any] = {"diagnosis": faults, Z_SAID: dict(found.said)}
     if "trace" in model.document:
         off = (trace.measured_mm - trace.commanded_mm)[trace.measured_rows]
         before_mm = float(np.sqrt(np.mean(np.square(off).sum(axis=1))))
         details["trace"] = {**model.document["trace"], "residual_before_mm": round(before_mm, 6)}
-    findings = ("; ".join((summary, *([f"Z {said}"] if said else []))), *gaps, *found.gaps.values())
+    findings = ("; ".join(filter(None, (summary, found.sentence))), *gaps, *found.gaps.values())
     return with_screw(model, series, findings=findings, details=details)
 
 

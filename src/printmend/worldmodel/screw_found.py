@@ -53,9 +53,10 @@ class ScrewFound:
         return not self.faults and "lead" not in {*self.said, *self.gaps}
 
     @property
-    def words(self) -> tuple[str, ...]:
-        """The faults in plain words."""
-        return tuple(line for line in self.said.values() if line)
+    def sentence(self) -> str:
+        """The faults in plain words, empty where there is nothing to say."""
+        words = ", ".join(line for line in self.said.values() if line)
+        return f"Z {words}" if words else "Z healthy" if "lead" in self.said else ""
 
 
 @dataclass(frozen=True, eq=False)
