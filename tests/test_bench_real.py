@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from printmend.bench.periodic import fit
 from printmend.bench.periodic_evidence import Trace1d
 from printmend.bench.real import PROTOCOLS, plain_fit, real_lines, scatter_mm2
+from printmend.bench.shipped import shipped_fit
 from printmend.bench.traverse import COLUMNS, Traverse, detrended, middles_mm, read_traverses
 from printmend.errors import TraceError
 
@@ -60,6 +61,17 @@ def test_what_repeats_is_found_under_drift(rng: np.random.Generator) -> None:
     plain = detrended(later.way_mm, plain_fit([(forth.place_mm, forth.vectors @ forth.error)])(later.place_mm))
     assert (predicted - truth).std() < 0.09
     assert (predicted - truth).std() < 0.95 * (plain - truth).std()
+
+
+def test_what_is_shipped_answers_the_same_question(rng: np.random.Generator) -> None:
+    """The pulley has 21 teeth and turns every 42.3 mm of the made-up traverses."""
+    traces = [trace(traverse(rng, direction)) for direction in (1, -1)]
+    predict = shipped_fit([(t.direction, t.place_mm[::3], (t.vectors @ t.error)[::3]) for t in traces], TURN_MM)
+    for item in traces:
+        angle = item.place_mm + (LAG_MM if item.direction < 0 else 0.0)
+        truth = detrended(item.way_mm, item.direction * pulley_mm(angle))
+        predicted = detrended(item.way_mm, predict(item.direction, item.place_mm))
+        assert (predicted - truth).std() < 0.15 * truth.std()
 
 
 def test_the_drift_is_not_learned(rng: np.random.Generator) -> None:

@@ -3,13 +3,14 @@
 Let x be where the carriage should be, d = ±1 the direction and φ = x + phase of the file (+ lag if d < 0) the pulley's
 angle as travel. A traverse is modelled as
 
-    error(x) = d·[Σ_k u_k · (cos, sin)(2πkφ/P) + g(x)] + Σ_k v_k · (cos, sin)(2πkφ/P) + steps + drift
+    error(x) = d·[Σ_k u_k · (cos, sin)(2πkφ/P) + g(x)] + Σ_k v_k · (cos, sin)(2πkφ/P) + h(x) + steps + drift
 
-What belongs to the pulley's angle (u) or to the place (g: rails, lenses) is undone on the way back; v is hysteresis.
-The coefficients of harmonic k have the prior variance A² k^−2p, (1 + r)/2 of it u's; g is a Gaussian process of size B
-and length ℓ (Matérn 3/2). Each drift is a line, a random walk of q² a 100 mm (motion capture integrates its noise) and
-white noise of s². Steps are sudden slips, where the evidence asks for them. P, the lag, the phases of all files but the
-first, A, p, r, q, s, B and ℓ maximise the posterior of the training traverses: nothing else is looked at.
+What belongs to the pulley's angle (u) or to the place (g: rails, lenses) is undone on the way back; v and h are their
+hysteresis. The coefficients of harmonic k have the prior variance A² k^−2p, (1 + r)/2 of it u's; g and h are Gaussian
+processes of sizes B and C and length ℓ (Matérn 3/2). Each drift is a line, a random walk of q² a 100 mm (motion capture
+integrates its noise) and white noise of s². Steps are sudden slips, where the evidence asks for them. P, the lag, the
+phases of all files but the first, A, p, r, q, s, B, C and ℓ maximise the posterior of the training traverses: nothing
+else is looked at.
 
 A step that comes at the same angle of most turns belongs to the pulley, the others are accidents. But from first
 traverses nobody can tell whether it comes again in later ones: at even odds, half of it is the best prediction.
@@ -46,26 +47,25 @@ _SCALE = np.array([0.2] + [0.5] * len(NAMES))  # of the turn and the settings, f
 
 @dataclass(frozen=True, eq=False)
 class Periodic:
-    """What repeats: coefficients of the pulley, of its hysteresis [2·HARMONICS each] and of the place [BUMPS], mm.
+    """What repeats: coefficients [2·HARMONICS + BUMPS] mm of the pulley and the place, and of their hysteresis.
 
     ``steps`` holds (direction, place, height) of the steps that are predicted.
     """
 
     settings: Settings
-    pulley_mm: np.ndarray
+    machine_mm: np.ndarray
     hysteresis_mm: np.ndarray
-    bumps_mm: np.ndarray
     steps: tuple[tuple[int, float, float], ...]
 
     def __post_init__(self) -> None:
-        for name in ("pulley_mm", "hysteresis_mm", "bumps_mm"):
+        for name in ("machine_mm", "hysteresis_mm"):
             object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), float)))
 
     def error_mm(self, direction: int, place_mm: np.ndarray, file: int = 0) -> np.ndarray:
         """Predict the error [N] at places [N] of a traverse in ``direction`` (+1, −1), but for a line."""
         waves = harmonics(place_mm + self.settings.shift_mm(direction, file), self.settings.turn_mm)
-        error = waves @ (direction * self.pulley_mm + self.hysteresis_mm)
-        error += direction * (bumps(place_mm) @ self.bumps_mm)
+        repeating = np.concatenate([waves, bumps(place_mm)], axis=1)
+        error = np.asarray(repeating @ (direction * self.machine_mm + self.hysteresis_mm))
         for of, place, height in self.steps:
             if of == direction:
                 error += height * ((place_mm - place) * direction >= 0)
@@ -88,8 +88,8 @@ def fit(traces: Sequence[Trace1d]) -> Periodic:
             values = _descend(loss, values)
         settings = Settings.of(values)
         weights, _ = system(traces, settings).posterior()
-    pulley, hysteresis, place, own = np.split(weights, np.cumsum([2 * HARMONICS, 2 * HARMONICS, BUMPS]))
-    return Periodic(settings, pulley, hysteresis, place, _predicted_steps(traces, own, settings.turn_mm))
+    machine, hysteresis, own = np.split(weights, [2 * HARMONICS + BUMPS, 2 * (2 * HARMONICS + BUMPS)])
+    return Periodic(settings, machine, hysteresis, _predicted_steps(traces, own, settings.turn_mm))
 
 
 def _predicted_steps(

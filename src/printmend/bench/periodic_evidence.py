@@ -21,6 +21,7 @@ _EXPECTED = {
     "log_walk": (np.log(0.3), 1.0),
     "log_white": (np.log(0.04), 1.0),
     "log_place": (np.log(0.05), 1.0),
+    "log_place_hysteresis": (np.log(0.03), 1.0),
     "log_length": (np.log(15.0), 0.5),
     "lag_mm": (0.0, 1.0),
 }
@@ -31,7 +32,7 @@ _PHASE_SD_MM = 2.0
 
 @dataclass(frozen=True)
 class Settings:
-    """P, log A, p, logit r, log q, log s, log B, log ℓ, the lag and the phases of periodic.py; phases [files]."""
+    """P, log A, p, logit r, log q, log s, log B, log C, log ℓ, the lag and the phases [files] of periodic.py."""
 
     turn_mm: float
     log_size: float
@@ -40,6 +41,7 @@ class Settings:
     log_walk: float
     log_white: float
     log_place: float
+    log_place_hysteresis: float
     log_length: float
     lag_mm: float
     phases_mm: tuple[float, ...]
@@ -133,18 +135,23 @@ class System(NamedTuple):
 
 
 def system(traces: Sequence[Trace1d], settings: Settings) -> System:
-    """Return the system of all traverses: the pulley, its hysteresis, the place, then a line and the steps of each."""
+    """Return the system of all traverses: pulley and place, the hysteresis of both, a line and the steps of each."""
     own = [np.concatenate([trace.line, trace.risen(np.array(trace.steps_mm))], axis=1) for trace in traces]
     ends = np.cumsum([0, *(block.shape[1] for block in own)])
     rows = []
     for trace, block, start in zip(traces, own, ends, strict=False):
         waves, apart = trace.waves(settings), np.zeros((len(block), ends[-1]))
         apart[:, start : start + block.shape[1]] = block
-        rows.append(np.concatenate([trace.direction * waves, waves, trace.direction * trace.bumps, apart], axis=1))
+        repeating = np.concatenate([waves, trace.bumps], axis=1)
+        rows.append(np.concatenate([trace.direction * repeating, repeating, apart], axis=1))
     size = np.exp(2 * settings.log_size) * np.tile(_K.astype(float), 2) ** (-2 * settings.decay)
-    place = _bump_variance(np.exp(settings.log_place), np.exp(settings.log_length))
+    place, hysteresis = (
+        _bump_variance(np.exp(log_size), np.exp(settings.log_length))
+        for log_size in (settings.log_place, settings.log_place_hysteresis)
+    )
     rest = [np.array([_LINE_VARIANCE_MM2] * 2 + [_STEP_VARIANCE_MM2] * len(trace.steps_mm)) for trace in traces]
-    prior = np.concatenate([size * (1 + settings.share) / 2, size * (1 - settings.share) / 2, place, *rest])
+    share = settings.share
+    prior = np.concatenate([size * (1 + share) / 2, place, size * (1 - share) / 2, hysteresis, *rest])
     variance = np.exp(2 * settings.log_walk) * np.concatenate([trace.values for trace in traces])
     noise = np.sqrt(variance + np.exp(2 * settings.log_white) + _LEAST_VARIANCE_MM2)
     target = np.concatenate([trace.error for trace in traces]) / noise

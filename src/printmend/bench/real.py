@@ -2,6 +2,7 @@
 
 Two protocols. ``first`` learns anew for every shape and speed, from two traverses. ``pooled`` learns a shape once, from
 the first traverses of all its speeds: the pulley is the same one, only the phase at which it starts may differ.
+``ours`` is the model of periodic.py, made for these data; ``shipped`` is what `printmend learn` makes of them.
 
 The floor is what no predictor can pass: the scatter of the later traverses about their own mean. ``periodic`` is the
 plain fit to the later traverses themselves, the best that anything can do which repeats every turn: what lies between
@@ -19,6 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.bench.periodic import Periodic, fit
 from printmend.bench.periodic_evidence import Trace1d
+from printmend.bench.shipped import shipped_fit
 from printmend.bench.traverse import Traverse, detrended, middles_mm
 from printmend.errors import TraceError
 
@@ -41,6 +43,7 @@ class RealLine:
     raw_mm: float
     copy_mm: float
     plain_mm: float
+    shipped_mm: float
     ours_mm: float
     periodic_mm: float
     floor_mm: float
@@ -51,8 +54,8 @@ class RealLine:
     shared: float
 
 
-HEADER = ("pulley", "mm/s", "later", "raw mm", "raw÷copy", "raw÷plain", "raw÷ours", "raw÷periodic", "raw÷floor",
-          "blind: raw÷plain", "raw÷ours", "raw÷floor", "turn mm")  # fmt: skip
+HEADER = ("pulley", "mm/s", "later", "raw mm", "raw÷copy", "raw÷plain", "raw÷shipped", "raw÷ours", "raw÷periodic",
+          "raw÷floor", "blind: raw÷plain", "raw÷ours", "raw÷floor", "turn mm")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +93,12 @@ def real_lines(
             with threadpool_limits(1, user_api="blas"):  # small systems: a second thread only waits
                 numbered = [_File(number, file.items, file.middles) for number, file in enumerate(group)]
                 model = fit([file.trace(direction) for file in numbered for direction in (1, -1)])
+                shipped = shipped_fit(
+                    [(direction, *file.samples(file.first(direction), model.settings.phases_mm[file.number]))
+                     for file in numbered for direction in (1, -1)], model.settings.turn_mm,
+                )  # fmt: skip
                 for file in numbered:
-                    lines.append(_line(file, numbered, model))
+                    lines.append(_line(file, numbered, model, shipped))
                     tick(f"{shape} {file.items[0].speed_mm_s:g}")
     return lines
 
@@ -110,7 +117,9 @@ def _files(traverses: Sequence[Traverse]) -> Iterable[_File]:
         yield _File(0, items, middles_mm(items))
 
 
-def _line(file: _File, learned: Sequence[_File], model: Periodic) -> RealLine:
+def _line(
+    file: _File, learned: Sequence[_File], model: Periodic, shipped: Callable[[int, np.ndarray], np.ndarray]
+) -> RealLine:
     sums: dict[str, list[float]] = {}
     for direction in (1, -1):
         first = file.first(direction)
@@ -127,6 +136,7 @@ def _line(file: _File, learned: Sequence[_File], model: Periodic) -> RealLine:
                     "raw": np.zeros_like(place),
                     "copy": np.interp(direction * place, direction * own, file.items[first].error_mm),
                     "plain": plain(place + shift),
+                    "shipped": shipped(direction, place + model.settings.phases_mm[file.number]),
                     "ours": model.error_mm(direction, place, file.number),
                     "periodic": periodic(place),
                 }
@@ -182,7 +192,7 @@ def scatter_mm2(traverses: Sequence[Traverse], middles: np.ndarray) -> float:
 
 def cells(line: RealLine) -> tuple[str, ...]:
     """Return a line as the table's texts, in the order of `HEADER`."""
-    over = (line.copy_mm, line.plain_mm, line.ours_mm, line.periodic_mm, line.floor_mm,
+    over = (line.copy_mm, line.plain_mm, line.shipped_mm, line.ours_mm, line.periodic_mm, line.floor_mm,
             line.plain_blind_mm, line.ours_blind_mm, line.floor_blind_mm)  # fmt: skip
     return (
         line.shape,
