@@ -32,6 +32,7 @@ LEAST = 12  # places that are too few to tell anything
 REST_MM = (50.0, 5.0)  # where the plate lay, and play
 SETTLED_RAD = 0.3
 HIDDEN, HIDDEN_MM = 0.3, 1e-6  # how likely a round pulley has a flat where nobody looked; what would have shown
+CUT_MM = 1e-4  # corners end at the last harmonic
 _PHI = np.linspace(0.0, TURN_RAD, ANGLES, endpoint=False)
 
 
@@ -181,7 +182,7 @@ def _lowered(
     nearest = np.linalg.pinv(places.columns)
     values[rest] = nearest @ (at - columns @ values)
     jacobian[rest] = nearest @ (moved - columns @ jacobian)
-    covariance = jacobian @ found.covariance @ jacobian.T
+    covariance = jacobian @ found.covariance @ jacobian.T + CUT_MM**2 * np.diag(shaped)
     if found.outline in ROUND:
         flats = Flat(bored=True)
         bore = (q[1], q[2]) if count > 1 else (0.0, 0.0)
