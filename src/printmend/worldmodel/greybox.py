@@ -191,7 +191,7 @@ def _check(trace: Trace) -> None:
         raise TraceError(
             "trace",
             wanted=f"at least {MIN_MEASURED} measured points",
-            came=f"{int(counts.min(initial=0))} in {len(trace)} rows",
+            came=f"{int(counts.min())} in {len(trace)} rows",
             todo="measure more of the print; `printmend probe` makes one that is worth measuring",
         )
 

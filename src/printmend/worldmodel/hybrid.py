@@ -10,14 +10,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.mechanism import GainMechanism, Mechanism
+from printmend.mechanism import GainMechanism, Mechanism, Transmission
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.worldmodel.greybox import Drive, Greybox, GreyboxModel, motor_rows
+from printmend.worldmodel.greybox_fit import robust_sigma_mm
 from printmend.worldmodel.greybox_ladder import jumped
 from printmend.worldmodel.greybox_select import PATTERN, SELECT_FLOOR_MM
 from printmend.worldmodel.hybrid_gains import learned_gains
 from printmend.worldmodel.hybrid_residual import MARGIN_MM, PASSES, Residual, chosen, learned, points
+from printmend.worldmodel.kernels.hybrid import follow_branches
 from printmend.worldmodel.mechanism_model import MachineLearned
 
 GRID_MM = 0.2
@@ -35,11 +37,14 @@ class HybridModel(MachineLearned):
 
     ``box`` is the grey box, ``mechanism`` that and the ``residuals`` of the motors (None: nothing to add). In the
     published simulator's ``world`` there is no machine that could say what steps do: it plans on the lattice, and
-    ``mechanism`` remains the best machine for what needs one.
+    ``mechanism`` remains the best machine for what needs one. ``noise_mm`` is the standard deviation of a measured
+    coordinate about it, ``residual_after_mm`` as the grey box's.
     """
 
     box: GreyboxModel
     mechanism: Mechanism
+    noise_mm: float
+    residual_after_mm: float
     residuals: tuple[Residual | None, Residual | None] = (None, None)
     world: GainMechanism | None = None
 
@@ -47,11 +52,6 @@ class HybridModel(MachineLearned):
     def is_plain(self) -> bool:
         """True where the grey box says it all."""
         return self.world is None and self.residuals == (None, None)
-
-    @property
-    def noise_mm(self) -> float:
-        """Standard deviation of a measured coordinate about the model [mm]."""
-        return self.box.noise_mm
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -100,7 +100,7 @@ class Hybrid:
 
 def completed(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
     """Add to a grey box what its own trace shows beyond it."""
-    plain = HybridModel(box, box.mechanism)
+    plain = HybridModel(box, box.mechanism, box.noise_mm, box.residual_after_mm)
     patterned = [drive.choice.fit.share < PATTERN and _left_mm2(drive) > SEEN_MM**2 for drive in box.drives]
     if any(patterned) and (world := _published(box, trace)) is not None:
         return replace(plain, world=world)
@@ -109,7 +109,23 @@ def completed(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
         table if residual is None else residual.added(table)
         for residual, table in zip((x, y), box.mechanism.transmissions, strict=True)
     )
-    return HybridModel(box, replace(box.mechanism, transmissions=(first, second)), (x, y))
+    mechanism = replace(box.mechanism, transmissions=(first, second))
+    if x is None and y is None:
+        return plain
+    left = np.stack([_left_mm(box, trace, motor, table) for motor, table in enumerate((first, second))], axis=1)
+    bed = box.printer.from_motor(left)[trace.measured_rows]
+    after = float(np.sqrt(np.nanmean(np.square(bed).sum(axis=1))))
+    return HybridModel(box, mechanism, robust_sigma_mm(bed[np.isfinite(bed)]), after, (x, y))
+
+
+def _left_mm(box: GreyboxModel, trace: Trace, motor: int, table: Transmission) -> np.ndarray:
+    """Return what a motor's tables leave of the measurement [N], NaN where there is none."""
+    touch = box.drives[motor].choice.fit.touch
+    belt = np.empty(len(trace))
+    at, side = np.empty(len(belt), np.int64), np.empty(len(belt), np.int8)
+    lower, upper = table.branches_mm(jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor]).motor_mm)
+    follow_branches(lower, upper, float(touch.belt_mm[0]), at, side, belt)
+    return np.asarray(touch.belt_mm + touch.residual_mm - belt)
 
 
 def _published(box: GreyboxModel, trace: Trace) -> GainMechanism | None:

@@ -133,7 +133,7 @@ def greybox_model(
             "rows": len(trace),
             "measured": fit.measured,
             "residual_before_mm": round(fit.residual_before_mm, 6),
-            "residual_after_mm": round(fit.residual_after_mm, 6),
+            "residual_after_mm": round((hybrid or fit).residual_after_mm, 6),
         },
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
         **(more or {}),
@@ -150,7 +150,7 @@ def greybox_model(
         mechanism,
         learner="greybox" if hybrid is None else "hybrid",
         branches=(saved[0], saved[1]),
-        noise_mm=fit.noise_mm,
+        noise_mm=(hybrid or fit).noise_mm,
         findings=("; ".join((diagnosis.summary, *added)), *diagnosis.gaps),
         details=details,
     )
