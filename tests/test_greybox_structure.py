@@ -108,3 +108,25 @@ def test_a_motor_that_stands_still_has_no_ripple() -> None:
     model = Greybox().fit(Trace(commanded, measured), ENDER5, rng=np.random.default_rng(0))
     assert [drive.structure.ripple for drive in model.drives] == [False, False]
     assert "ripple" not in diagnose(model).summary
+
+
+@pytest.mark.parametrize("way", ["one way", "there and back"])
+def test_what_a_trace_cannot_tell_is_switched_off_and_said(way: str) -> None:
+    """Going one way shows no play; one diagonal shows no skew, and a scale as it is."""
+    rng = np.random.default_rng(3)
+    twin = Twin.of(sample("pulley-play", rng), ENDER3)
+    there = np.linspace((10.0, 10.0), (200.0, 200.0), 200)
+    path_mm = np.concatenate([np.zeros((1, 2)), there] + [there[::-1]] * (way == "there and back"))
+    printed = twin.follow(path_mm)
+    trace = Trace(path_mm, printed + rng.normal(0, 0.05, printed.shape), homed=True)
+    model = Greybox().fit(trace, ENDER3, rng=rng)
+    gaps = " ".join(diagnose(model).gaps)
+    assert ("play is unknown" in gaps) == (way == "one way")
+    assert [drive.structure.play for drive in model.drives] == ["none" if way == "one way" else "constant"] * 2
+    assert "crooked frame" in gaps
+    assert model.mechanism.frame.is_identity
+    assert isinstance(twin.mechanism, Mechanism)
+    for drive, truth in zip(model.drives, twin.mechanism.transmissions, strict=True):
+        ends = truth.branches_mm(np.array([20.0, 180.0]))[0]
+        scale = np.diff(ends)[0] / 160.0  # four whole turns
+        assert drive.branches.mean.powers_mm[1] == pytest.approx(100 * (scale - 1), abs=0.02)

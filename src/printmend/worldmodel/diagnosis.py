@@ -73,6 +73,12 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
         words = ", ".join(fault.words for fault in found)
         parts.append(f"{drive.name.upper()} {words or 'healthy'}")
         gaps += _gaps(drive)
+    if not any(drive.sight.crosses for drive in model.drives):
+        one, two = (drive.name.upper() for drive in model.drives)
+        gaps.append(
+            f"{one} and {two} moved together only, so a crooked frame looks like wrong scales. "
+            "Print the other diagonal, too."
+        )
     crooked = _frame_faults(model, doubt)
     faults += crooked
     if crooked:

@@ -12,6 +12,7 @@ import numpy as np
 
 from printmend.worldmodel.greybox_design import Design, Normal, Rows
 from printmend.worldmodel.greybox_fit import Fit, Posterior, Prior, refine, solve, variances
+from printmend.worldmodel.greybox_sight import crosses
 
 COARSE_HARMONICS = 8
 TRIAL_HARMONICS = 16
@@ -20,6 +21,8 @@ WORTH = 6.0  # nats of evidence that a part must bring
 SURE_PLAY = 3.0  # play above so many standard deviations of one point cannot be adapted noise
 WORTH_PLAY = 10.0  # play also adapts the contacts to the noise, which the evidence does not see
 STARTS_MM = (0.3, 3.0)
+PLAYS = ("none", "constant", "loose", "free")
+BOTH_WAYS = 5  # measured rows that a motor must have gone either way for its play to show
 CROSS = ((0, 1), (0, 2), (1, 1), (0, 3), (1, 2), (2, 1))
 ELASTIC = (1, 3, 5)
 WARPS_MM = (10.0, 20.0, 40.0)
@@ -115,12 +118,23 @@ class Choice:
     fit: Fit
 
 
+def supported(rows: Rows, structure: Structure) -> Structure:
+    """Return the structure without what these rows cannot tell from other parts: play where the motor was measured
+    going one way only, the frame where the axes moved together only."""
+    measured = rows.weight > 0
+    steps = np.diff(rows.motor_mm)[measured[1:]]
+    if min((steps > 0).sum(), (steps < 0).sum()) < BOTH_WAYS:
+        structure = replace(structure, play="none", friction=False)
+    return structure if crosses(rows) else replace(structure, cross=0)
+
+
 def search(rows: Rows) -> Choice:
     """Find the contacts with few harmonics from several starts; return the best of the drive's main structures."""
-    best = _searched(rows, Structure(play="free"))
+    plain = supported(rows, Structure(play="free"))
+    best = _searched(rows, plain)
     if best.fit.share > PATTERN / 2 or best.fit.loss_mm < LOOKS_WRONG_MM:
         return best
-    warped = _searched(rows, Structure(play="free", warp_mm=WARPS_MM[1]))
+    warped = _searched(rows, replace(plain, warp_mm=WARPS_MM[1]))
     return warped if warped.fit.loss_mm < 0.7 * best.fit.loss_mm else best
 
 
@@ -136,6 +150,8 @@ def _searched(rows: Rows, base: Structure) -> Choice:
         fit = refine(design, rows, values, active, prior=prior, passes=12, rounds=1, patience=2, drop=False)
         return Choice(structure, design, fit)
 
+    if base.play == "none":
+        return tried("none", "all", 0.0)
     played = min((tried("constant", "all", start_mm) for start_mm in STARTS_MM), key=lambda choice: choice.fit.loss_mm)
     play_mm = float(played.fit.posterior.values[place][0])
     best = tried("none", "all", 0.0)
@@ -159,9 +175,10 @@ def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
     What repeats nothing can imitate all else where a trace is short, so it is offered only to residuals with a pattern,
     and instead of what grows along the axis, which imitates it where noise hides the pattern.
     """
-    structure, share = _chosen(rows, found, ripple, EVERYTHING)
+    most = supported(rows, EVERYTHING)
+    structure, share = _chosen(rows, found, ripple, most)
     if share < PATTERN or structure.drift or structure.elastic:
-        warped = _chosen(rows, found, ripple, replace(EVERYTHING, warp_mm=WARPS_MM[0]))[0]
+        warped = _chosen(rows, found, ripple, replace(most, warp_mm=WARPS_MM[0]))[0]
         if warped.warp_mm:
             structure = _likelier(rows, found, ripple, structure, warped)
     return _repeating(rows, found, ripple, structure)
@@ -206,8 +223,8 @@ def _chosen(rows: Rows, found: Choice, ripple: tuple[int, ...], base: Structure)
     values = design.moved(found.fit.posterior.values, found.design)
     prior = replace(found.fit.posterior.prior, floor_mm=SELECT_FLOOR_MM)
     played, full = _pruned(rows, design, base, values, prior)
-    play_mm = full.posterior.values[design.parts["play_powers"]][0]
-    if played.play == "none" or play_mm > SURE_PLAY * full.posterior.sigma_mm:
+    play_mm = full.posterior.values[design.parts["play_powers"]]
+    if played.play == "none" or play_mm[0] > SURE_PLAY * full.posterior.sigma_mm:
         return played, full.share
     without = replace(base, play="none", friction=False)
     values = full.posterior.values * without.active(design)
@@ -249,6 +266,7 @@ def _pruned(rows: Rows, design: Design, base: Structure, values: np.ndarray, pri
             smaller = [replace(best, **change) for change in choice]
             smaller = [structure for structure in smaller if structure.active(design).sum() < post.active.sum()]
             smaller = [structure for structure in smaller if structure.offset or not structure.waves]
+            smaller = [structure for structure in smaller if PLAYS.index(structure.play) <= PLAYS.index(best.play)]
             tried = [(_posterior(design, normal, structure, post), structure) for structure in smaller]
             if not tried:
                 continue

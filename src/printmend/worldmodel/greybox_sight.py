@@ -7,6 +7,7 @@ import numpy as np
 from printmend.worldmodel.greybox_design import Contacts, Rows
 
 SECTORS = 40
+CROSSES_MM = 3.0  # by how much the other axis must move by itself, root mean square, for the frame to show
 SEEN = 0.95  # a larger share of the turn counts as all of it
 
 
@@ -17,7 +18,7 @@ class Sight:
     ``turns`` the span of its positions in turns; ``angles`` the share of one turn in which some contact was measured,
     ``lower_angles`` and ``upper_angles`` the same for each branch; ``forward`` and ``backward`` the measured rows in
     contact with each; ``reversals`` how often the motor turned back; ``unsure`` the measured rows before the first
-    contact.
+    contact; ``crosses`` whether the other motor moved by itself, too: else a crooked frame looks like a wrong scale.
     """
 
     turns: float
@@ -29,6 +30,16 @@ class Sight:
     reversals: int
     unsure: int
     reach_mm: tuple[float, float]
+    crosses: bool = True
+
+
+def crosses(rows: Rows) -> bool:
+    """Tell whether the other motor moved by itself, not only along with this one."""
+    measured = rows.weight > 0
+    own, other = rows.own_mm[measured], rows.other_mm[measured]
+    along = np.stack([np.ones(len(own)), own], axis=1)
+    left = other - along @ np.linalg.lstsq(along, other, rcond=None)[0]
+    return float(np.std(left)) > CROSSES_MM
 
 
 def sight(rows: Rows, touch: Contacts) -> Sight:
@@ -55,5 +66,5 @@ def sight(rows: Rows, touch: Contacts) -> Sight:
     unsure = int((measured & (touch.at < 0)).sum())
     return Sight(
         turns_seen, min(float(seen.mean()), turns_seen), shares[0], shares[1], counts[0], counts[1], reversals, unsure,
-        rows.reach_mm,
+        rows.reach_mm, crosses(rows),
     )  # fmt: skip
