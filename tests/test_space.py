@@ -174,3 +174,39 @@ def test_a_row_of_the_families_table() -> None:
     assert best.rmse_steps <= grey.rmse_steps < naive.rmse_steps
     (tree,) = evaluate_family(replace(case, family="screw"), ("lightgbm-axis+greedy@0",))
     assert tree.error is None  # learns no screw, but prints
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("noise_mm", [0.0, 0.05])
+def test_the_first_tower_tells_where_the_nut_rests(rest: float, noise_mm: float, ender5: Printer) -> None:
+    lowered = Corruption(screw=Screw(lead_error=0.02, periodic_mm=0.1, backlash_mm=0.15)).lower(ender5)
+    assert isinstance(lowered, Mechanism)
+    assert lowered.screw is not None
+    twin = Twin(replace(lowered, screw=replace(lowered.screw, rest_share=rest)))
+    first, second = tower(ender5), tower(ender5, seed=2)
+    printed = twin.run(first.controls, first.start_steps)
+    noise = np.random.default_rng(4).normal(0.0, noise_mm / 0.04, printed[:, 2].shape)
+    printed[:, 2] += noise
+    model = fit_space(
+        "greybox", space_trace(first.nominal_steps, printed, ender5), ender5, rng=np.random.default_rng(0)
+    )
+
+    assert model.screw is not None
+    assert model.screw.rest_share == rest
+    errors = []
+    for one in (model, truth(twin)):
+        plan = plan_space(controller("optimal"), one, second.nominal_steps[1:], second.start_steps)
+        errors.append(rmse_mm(twin.run(plan.controls, second.start_steps), second, ender5))
+    assert errors[0] <= 1.1 * errors[1] + 1e-9
+
+
+def test_play_that_no_hop_crosses_is_known_from_where_the_nut_rested(ender5: Printer) -> None:
+    twin = Twin.of(Corruption(screw=Screw(backlash_mm=0.35)), ender5)  # hops come down by 0.2 mm
+    path = tower(ender5)
+    printed = twin.run(path.controls, path.start_steps)
+    trace = space_trace(path.nominal_steps, printed, ender5)
+    assert trace.z_mm is not None
+    assert trace.z_measured_mm is not None
+    height = fit_height(trace.z_mm, trace.z_measured_mm, ender5)
+    assert height.backlash_mm == pytest.approx(0.35, abs=0.01)
+    assert height.rest_share == 0.5

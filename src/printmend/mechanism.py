@@ -119,10 +119,14 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class ScrewDrive:
-    """Z: its transmission, and ``wobble_mm`` [N, 2]: where the screw pushes the nozzle at each entry of its tables."""
+    """Z: its transmission, and ``wobble_mm`` [N, 2]: where the screw pushes the nozzle at each entry of its tables.
+
+    ``rest_share`` is that of `Mechanism`, for the nut in its play.
+    """
 
     transmission: Transmission
     wobble_mm: np.ndarray
+    rest_share: float = 0.5
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wobble_mm", frozen(np.asarray(self.wobble_mm, float)))
@@ -169,7 +173,11 @@ class Mechanism:
         lower, upper = screw.transmission.branches_mm(np.array(z.home_mm))
         engaged = lower if z.home_direction > 0 else upper
         at_home = screw.wobble_at_mm(np.array([z.home_mm]))
-        return ScrewDrive(screw.transmission.shifted(float(z.home_mm - engaged)), screw.wobble_mm - at_home)
+        return replace(
+            screw,
+            transmission=screw.transmission.shifted(float(z.home_mm - engaged)),
+            wobble_mm=screw.wobble_mm - at_home,
+        )
 
 
 def healthy_mechanism(printer: Printer) -> Mechanism:

@@ -13,7 +13,7 @@ from printmend.twin import kernels
 
 @dataclass(frozen=True, eq=False)
 class HeightTables:
-    """A Z screw on the lattice, in full steps, anchored at a start: the height there, its play centred, no push.
+    """A Z screw on the lattice, in full steps, anchored at a start: the height there, the nut at rest, no push.
 
     height ← clip(height, lower[i], upper[i]) with i = the commanded step − ``first_step``; ``push_steps`` [N, 2] is
     where the screw then pushes the nozzle, in full steps of x and y.
@@ -39,7 +39,7 @@ def height_tables(screw: ScrewDrive, printer: Printer, start: int) -> HeightTabl
         raise _off_axis(printer)
     lattice = first + np.arange(len(motor_mm))
     lower, upper = ((branch[:: z.microsteps] - motor_mm) / z.mm_per_step for branch in (table.lower_mm, table.upper_mm))
-    shift = -(lower[start - first] + upper[start - first]) / 2
+    shift = -((1 - screw.rest_share) * lower[start - first] + screw.rest_share * upper[start - first])
     wobble = screw.wobble_mm[:: z.microsteps]
     push = (wobble - wobble[start - first]) / np.array(printer.mm_per_step)
     return HeightTables(first, lattice + (lower + shift), lattice + (upper + shift), push)

@@ -16,6 +16,7 @@ from printmend.errors import TraceError
 from printmend.mechanism import ScrewDrive, Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.twin.kernels import run_play
 from printmend.units import TURN_RAD
 from printmend.worldmodel.kernels.screw import contacts
 
@@ -28,6 +29,10 @@ _PASSES = 12
 _LEAST_SIGMA_MM = 1e-4
 # A backlash below so many standard deviations of its estimate is none.
 _SEEN = 3.0
+# By what the squares [σ²] must fall for a nut that rests elsewhere, or in wider play; beyond _LOST they tell nothing.
+_ASIDE, _LOST, _RESTS_SIGMA_MM = 8.0, 9.0, 5e-3
+# How much wider than what was met the play may be.
+_WIDER = np.linspace(1.02, 3.0, 100)
 # Harmonics of the belts' pulleys that the first look at the push allows for.
 _PULLEY_HARMONICS = 4
 
@@ -36,7 +41,7 @@ _PULLEY_HARMONICS = 4
 class Height:
     """What lifts the nozzle: ``terms`` are (ε, a_1, b_1, a_2, …) and their standard deviations ``sds``.
 
-    ``sigma_mm`` is the noise of the measured heights.
+    ``sigma_mm`` is the noise of the measured heights; ``rest_share`` says where in its play the nut rested at row 0.
     """
 
     terms: np.ndarray
@@ -44,6 +49,7 @@ class Height:
     sigma_mm: float
     sds: np.ndarray
     backlash_sd_mm: float
+    rest_share: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,12 +127,42 @@ def fit_height(
             backlash_mm = max(found_mm, 0.0)
             if moved < 1e-6:
                 break
-        if not (side[seen] > 0).any() or backlash_mm < _SEEN * spread[count]:
+        if not (side[seen] > 0).any():  # no less than how far Z went back without taking the nut along
+            backlash_mm = float((centre[at] - centre)[side < 0].max(initial=0.0))
+        elif backlash_mm < _SEEN * spread[count]:
             backlash_mm = 0.0
         if best is None or sigma_mm < best[0] * (1 - 1e-6):
             best = sigma_mm, Height(terms, backlash_mm, sigma_mm, spread[:count], float(spread[count]))
     assert best is not None
-    return best[1]
+    return _rested(best[1], commanded_mm + columns @ best[1].terms, measured_mm)
+
+
+def _rested(height: Height, centre_mm: np.ndarray, measured_mm: np.ndarray) -> Height:
+    """Say where in its play the nut rested at row 0: in the middle unless the heights speak against it.
+
+    ``centre_mm`` [N] is the middle of the play, but for a constant. Where Z never went back far enough to meet the
+    other flank, the play is only known to be larger than that; that the nut rested in its middle then tells its width.
+    """
+    here = np.cumsum(np.abs(np.diff(centre_mm, prepend=centre_mm[0]))) == 0.0  # not moved yet
+    seen = np.isfinite(measured_mm)
+    if height.backlash_mm == 0.0 or not (here & seen).any():
+        return height
+    start_mm, sigma_mm = float(measured_mm[here & seen].mean()), max(height.sigma_mm, _RESTS_SIGMA_MM)
+    index, place_mm = np.arange(len(centre_mm)), np.empty(len(centre_mm))
+
+    def squares(share: float, backlash_mm: float) -> float:
+        lower_mm = centre_mm - centre_mm[0] + start_mm - share * backlash_mm
+        run_play(index, start_mm, lower_mm, lower_mm + backlash_mm, place_mm)
+        return float(np.minimum(((measured_mm - place_mm)[seen] / sigma_mm) ** 2, _LOST).sum())
+
+    centred, backlash_mm = squares(0.5, height.backlash_mm), height.backlash_mm
+    wide, wider_mm = min((squares(0.5, float(width)), float(width)) for width in height.backlash_mm * _WIDER)
+    if wide + _ASIDE < centred:
+        centred, backlash_mm = wide, wider_mm
+    aside, share = min((squares(share, height.backlash_mm), share) for share in (0.0, 1.0))
+    if aside + _ASIDE < centred:
+        return replace(height, rest_share=share)
+    return replace(height, backlash_mm=backlash_mm)
 
 
 def fit_push(commanded_mm: np.ndarray, residual_mm: np.ndarray, printer: Printer) -> Push:
@@ -152,9 +188,8 @@ def first_push_mm(trace: Trace, printer: Printer) -> np.ndarray:
 
 def screw_drive(height: Height, push: Push, printer: Printer) -> ScrewDrive:
     """Return what was learned as tables; where its origin lies, homing or the start of a layer says."""
-    return ScrewSeries(push.lead_mm, float(height.terms[0]), height.backlash_mm, height.terms[1:], push.terms).tables(
-        printer
-    )
+    series = ScrewSeries(push.lead_mm, float(height.terms[0]), height.backlash_mm, height.terms[1:], push.terms)
+    return replace(series.tables(printer), rest_share=height.rest_share)
 
 
 def _push_terms(waves: np.ndarray, nuisance: np.ndarray, residual_mm: np.ndarray) -> np.ndarray:
