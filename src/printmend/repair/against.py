@@ -14,7 +14,7 @@ from printmend.twin.kernels import run_play
 
 _CHORD_MM = 0.002
 _SAMPLE_MM = 0.5
-_NEAR_MM = 5.0  # of path before and after a stretch of filament
+_NEAR_MM, _STRETCH = 5.0, 8  # of path before and after a stretch of filament; a stretch is so many times that
 
 
 def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanism) -> Prediction:
@@ -81,25 +81,26 @@ def _distances(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return (layer, distance to the wanted path, weight, error in height) [S] along the extruded path of ``given``.
 
-    With a bad screw what is printed after so much filament belongs to what the wanted path has there, whatever the
-    heights in the two files are; on a rising path, which has no layers, to a stretch of it.
+    Where a bad screw gives a layer's commands several heights, what is printed after so much filament belongs to the
+    layer that the wanted path has there; on a rising path to a short stretch of it.
     """
     commanded, move, weight, share = _sampled(given)
     printed = _printed(commanded, mechanism)
     drawn = given.extruding[move] & given.known[move, :2].all(axis=1) & (weight > 0)
     layer, weight, printed = given.layer[move][drawn], weight[drawn], printed[drawn]
-    used, fed = _fed(wanted), None
-    if mechanism.screw is not None:
+    used, fed, group = _fed(wanted), None, layer
+    near = _NEAR_MM * used[-1] / max(float(weight.sum()), _NEAR_MM) if len(used) else 0.0
+    sloped = mechanism.screw is not None and _is_sloped(wanted)
+    if sloped or wanted.layer.max(initial=-1) != given.layer.max(initial=-1):
         fed = ((_fed(given) - _advance(given))[move] + share * _advance(given)[move])[drawn]
         order = np.flatnonzero(wanted.extruding)
         layer = wanted.layer[order[np.minimum(np.searchsorted(used[order], fed), len(order) - 1)]]
-    sloped = _is_sloped(wanted)
+        group = np.floor(fed / (_STRETCH * near)).astype(np.int64) if sloped else layer
     distance, rise = np.zeros(len(layer)), np.zeros(len(layer))
-    for number in np.unique(layer):
+    for number in np.unique(group):
         lines = wanted.extruding & (wanted.layer == number)
-        mine = np.flatnonzero(layer == number)
+        mine = np.flatnonzero(group == number)
         if fed is not None and sloped:
-            near = _NEAR_MM * used[-1] / max(weight.sum(), _NEAR_MM)
             since = used - _advance(wanted)
             lines = wanted.extruding & (used >= fed[mine].min() - near) & (since <= fed[mine].max() + near)
         lines &= (wanted.start_mm[:, :2] != wanted.end_mm[:, :2]).any(axis=1)
