@@ -69,11 +69,15 @@ def _search(
     plan = np.stack([at, (index - [each.offset for each in windows]).T], axis=2)
     wanted, cross = np.ascontiguousarray(seen.T), np.ascontiguousarray(weights[:, 2])
     alone = np.ascontiguousarray((weights[:, :2] - np.abs(cross)[:, None]).T)
-    states, paid, ways = plan[None, :, 0], np.zeros(1), []
+    states, paid, ways = plan[None, :, 0].copy(), np.zeros(1), []
+    shape = int((right - left).max()), max(each.longest for each in windows)
+    # One array for all blocks: the system takes its time to hand out fresh memory.
+    room = np.empty(2 * (min(ticks, _BLOCK + _HORIZON) + 1) * shape[0] * shape[1])
     for begin in range(0, ticks, _BLOCK):
         end, ahead = min(begin + _BLOCK, ticks), min(begin + _BLOCK + _HORIZON, ticks)
-        edges = left[:, begin : ahead + 1], right[:, begin : ahead + 1]
-        togo = np.empty((2, ahead - begin + 1, int((edges[1] - edges[0]).max()), max(each.longest for each in windows)))
+        count = ahead - begin + 1
+        togo = room[: 2 * count * shape[0] * shape[1]].reshape(2, count, *shape)
+        edges = left[:, begin : ahead + 1].copy(), right[:, begin : ahead + 1].copy()
         for motor, each in enumerate(windows):
             kernels.arrivals(
                 wanted[motor, begin:ahead], alone[motor, begin:ahead], prices[motor, begin:ahead], each.places,
@@ -81,8 +85,8 @@ def _search(
             )  # fmt: skip
         states, paid, *way = kernels.search(
             states, paid, reach, 2 * c_max, tables.corexy, breadth.slack, breadth.most, breadth.width,
-            places, first, low, high, size, *edges, wanted[:, begin:end], cross[begin:end], togo,
-            plan[:, begin : end + 1],
+            places, first, low, high, size, *edges, wanted[:, begin:end].copy(), cross[begin:end], togo,
+            plan[:, begin : end + 1].copy(),
         )  # fmt: skip
         ways.append(way)
     moves, state = np.empty((ticks, 2), np.int8), int(np.argmin(paid))

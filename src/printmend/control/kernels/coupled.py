@@ -251,7 +251,7 @@ def search(
     Return the states and costs of the last tick, and the way there: states 0…N of tick t + 1 are the rows from base[t]
     of (their parents among tick t's states, the moves of a, of b).
     """
-    ticks, fan, room = wanted.shape[1], 2 * reach + 1, 4 * width
+    ticks, fan, room = wanted.shape[1], 2 * reach + 1, 2 * width
     losses, costs, least = np.empty((2, room, 2, fan)), np.empty(fan), np.empty((2, room))
     ids, moves = np.empty((2, room, 2, fan), np.int64), np.empty((2, room, 2, fan), np.int64)
     many, built, found = np.empty((2, room, 2), np.int64), np.full((2, room), -1), np.empty((2, 2, room, 2), np.int64)
