@@ -1,4 +1,21 @@
-"""printmend: print straight on a broken 3-D printer."""
+"""printmend: print straight on a broken 3-D printer.
+
+The commands do the work (`printmend --help`). From Python, a test print [mm] becomes a model, the model a plan [steps]:
+
+    import numpy as np
+    from printmend.control.registry import controller
+    from printmend.path import Trace
+    from printmend.printer import read_printer
+    from printmend.worldmodel.registry import learner
+
+    trace = Trace(commanded_mm, measured_mm)
+    model = learner("greybox").fit(trace, read_printer("ender5"), rng=np.random.default_rng(0))
+    plan = controller("optimal").plan(model, targets_steps, start_steps)
+
+`protocols` says what learners, models and controllers take and return; `worldmodel.space` and `control.space` are
+those of three axes, `corruption` and `twin` break and run printers, `env` is the decision problem for reinforcement
+learning.
+"""
 
 import os
 import tempfile
