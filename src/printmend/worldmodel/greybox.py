@@ -23,12 +23,13 @@ from printmend.worldmodel.greybox_jumps import find_jumps
 from printmend.worldmodel.greybox_ladder import Jump, jumped
 from printmend.worldmodel.greybox_rest import CENTRED, rest_shares
 from printmend.worldmodel.greybox_select import HARMONICS, Choice, Structure, fitted, folded, prune, refined, search
-from printmend.worldmodel.greybox_sight import SEEN, Sight, sight
+from printmend.worldmodel.greybox_sight import GLIMPSED, SEEN, Sight, check_follows, sight
 from printmend.worldmodel.kernels import greybox as kernels
 from printmend.worldmodel.mechanism_model import MachineLearned
 from printmend.worldmodel.outline_choice import outlined
 
 MIN_MEASURED = 10
+FAR_MM = 1e5
 TRIAL_ROWS = 4000  # measured rows that the search for contacts and parts looks at
 SIGMA_RANGE_MM = (1e-3, 10.0)
 ONE_PHASE = 0.99  # the mean of unit vectors at the phases of a wave that is met at one of them only
@@ -135,6 +136,8 @@ def learned(
     """Learn from a trace; ``complete`` may say more of each motor than its rows did."""
     _check(trace)
     full = motor_rows(trace, printer)
+    for row, name in zip(full, printer.motors, strict=True):
+        check_follows(row, name)
     keep, use = _trial(full, rng)
     rows = full if keep.all() and use.all() else _subset(full, keep, use)
     found = [search(row) for row in rows]
@@ -144,11 +147,11 @@ def learned(
     rows = with_belts(rows, found)
     ripples = [_ripple_seen(row, ripple_harmonics(printer, motor)) for motor, row in enumerate(rows)]
     chosen = [
-        fitted(row, prune(row, start, ripple), ripple, start, passes=6)
+        fitted(row, _glimpsed(row, prune(row, start, ripple)), ripple, start, passes=6)
         for row, start, ripple in zip(rows, found, ripples, strict=True)
     ]
     chosen = [
-        folded(row, choice, ripple) if sight(row, choice.fit.touch).angles < SEEN else choice
+        folded(row, choice, ripple) if GLIMPSED < sight(row, choice.fit.touch).angles < SEEN else choice
         for row, choice, ripple in zip(rows, chosen, ripples, strict=True)
     ]
     for _ in range(2 if any(choice.design.cross for choice in chosen) else 0):
@@ -172,6 +175,16 @@ def learned(
     return replace(model, drives=(drives[0], drives[1]), jumps=(jumps[0], jumps[1]))
 
 
+def _glimpsed(rows: Rows, structure: Structure) -> Structure:
+    """Keep an offset and play of a motor that hardly moved: a pulley's waves would pass for its offset."""
+    low_mm, high_mm = rows.reach_mm
+    if high_mm - low_mm > GLIMPSED * rows.period_mm:
+        return structure
+    shifted = structure.offset or structure.scale or structure.pulley != "none"
+    play = "none" if structure.play == "none" else "constant"
+    return Structure(offset=shifted, scale=False, cross=0, pulley="none", play=play)
+
+
 def _jumps(rows: list[Rows], found: list[Choice], printer: Printer) -> tuple[list[tuple[Jump, ...]], list[Choice]]:
     pairs = [find_jumps(row, start, printer.axes[i]) for i, (row, start) in enumerate(zip(rows, found, strict=True))]
     return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
@@ -186,7 +199,10 @@ def _check(trace: Trace) -> None:
         raise TraceError(
             "trace", wanted="every commanded way-point", came="NaN", todo="only measured cells may be empty"
         )
-    counts = np.isfinite(trace.measured_mm).sum(axis=0)
+    known = np.isfinite(trace.measured_mm)
+    if (far := np.abs(trace.measured_mm, where=known, out=np.zeros(known.shape)).max(initial=0.0)) > FAR_MM:
+        raise TraceError("trace", wanted="positions on a bed, in mm", came=f"{far:g}", todo="leave wrong cells empty")
+    counts = known.sum(axis=0)
     if len(trace) < MIN_MEASURED or counts.min() < MIN_MEASURED:
         raise TraceError(
             "trace",

@@ -4,11 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from printmend.errors import TraceError
 from printmend.worldmodel.greybox_design import Contacts, Rows
 
 SECTORS = 40
 CROSSES_MM = 3.0  # by how much the other axis must move by itself, root mean square, for the frame to show
+MOST_LOOKED_AT = 4000
+MOVES_MM = 20.0  # beyond any play
+GAINS = (0.2, 5.0)  # of the worst pulleys, and then some
+TOGETHER = 0.5
 SEEN = 0.95  # a larger share of the turn counts as all of it
+GLIMPSED = 0.15  # a smaller share says nothing of a pulley's shape
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,29 @@ class Sight:
     unsure: int
     reach_mm: tuple[float, float]
     crosses: bool = True
+
+
+def check_follows(rows: Rows, name: str) -> None:
+    """Raise `TraceError` where the measured positions do not go with the motor: they are of something else.
+
+    By ranks and quantiles, which single wrong points do not move; a motor that hardly moved proves nothing.
+    """
+    measured = np.flatnonzero(rows.weight > 0)
+    if len(measured) > MOST_LOOKED_AT:
+        measured = measured[np.linspace(0, len(measured) - 1, MOST_LOOKED_AT).astype(np.int64)]
+    motor, belt = rows.motor_mm[measured], rows.measured_mm[measured]
+    moved, followed = (float(np.diff(np.quantile(each, (0.1, 0.9)))[0]) for each in (motor, belt))
+    if moved < MOVES_MM:
+        return
+    ranks = [np.argsort(np.argsort(each)) for each in (motor, belt)]
+    together = float(np.corrcoef(ranks[0], ranks[1])[0, 1])
+    least, most = GAINS
+    if together < TOGETHER or not least < followed / moved < most:
+        came = f"moves of {followed / moved:.2f} mm a commanded millimetre, rank correlation {together:.2f}"
+        raise TraceError(
+            "trace", wanted=f"measured positions that follow the commands along {name.upper()}", came=came,
+            todo="check that each row has its own point, that x and y are in millimetres, not swapped, not mirrored",
+        )  # fmt: skip
 
 
 def crosses(rows: Rows) -> bool:

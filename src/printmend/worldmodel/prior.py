@@ -17,7 +17,7 @@ from printmend.worldmodel.greybox import GreyboxModel, learned
 from printmend.worldmodel.greybox_design import Design, Normal, Rows, contacts, normal_equations
 from printmend.worldmodel.greybox_fit import Fit, Posterior, Prior, refine, robust_weights, variances
 from printmend.worldmodel.greybox_select import HARMONICS, Choice
-from printmend.worldmodel.greybox_sight import SEEN, sight
+from printmend.worldmodel.greybox_sight import GLIMPSED, SEEN, sight
 from printmend.worldmodel.outline_choice import to_parameters
 from printmend.worldmodel.prior_mixture import Mixture, believe, shipped
 
@@ -38,7 +38,7 @@ class PriorLearner:
             return learned(trace, printer, rng, complete=self._complete)
 
     def _complete(self, rows: Rows, choice: Choice) -> Choice:
-        if sight(rows, choice.fit.touch).angles >= SEEN or not _applies(choice):
+        if not GLIMPSED < sight(rows, choice.fit.touch).angles < SEEN or not _applies(choice):
             return choice
         return completed(rows, choice, self.mixture or shipped())
 

@@ -1,0 +1,86 @@
+"""Traces that are of no print, or of too little of one: a clear refusal, or a model no worse than none."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from printmend.corruption import sample
+from printmend.errors import TraceError
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.twin import Twin
+from printmend.worldmodel.learned import learn
+
+PRINTER = read_printer("ender5")
+Spoil = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+
+def zigzag(count: int) -> np.ndarray:
+    corners = np.array([PRINTER.home_mm, (15, 205), (205, 40), (40, 15), (190, 190), (20, 120), (205, 100)])
+    along = np.linspace(0, len(corners) - 1, count)
+    return np.stack([np.interp(along, np.arange(len(corners)), corners[:, axis]) for axis in range(2)], axis=1)
+
+
+def broken() -> Twin:
+    return Twin.of(sample("pulley-play", np.random.default_rng(3)), PRINTER)
+
+
+def far_off(measured_mm: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return np.where(np.arange(len(measured_mm))[:, None] == 7, 1e300, measured_mm)
+
+
+NONSENSE: dict[str, Spoil] = {
+    "another print's rows": lambda mm, rng: rng.permutation(mm),
+    "noise": lambda mm, rng: rng.uniform(0, 220, mm.shape),
+    "mirrored": lambda mm, rng: 220 - mm,
+    "x and y swapped": lambda mm, rng: mm[:, ::-1].copy(),
+    "inches": lambda mm, rng: mm / 25.4,
+    "all the same": lambda mm, rng: np.full(mm.shape, 7.0),
+    "one axis only": lambda mm, rng: np.stack([mm[:, 0], np.full(len(mm), np.nan)], axis=1),
+    "nine points": lambda mm, rng: np.where(np.arange(len(mm))[:, None] < 9, mm, np.nan),
+    "a wild cell": far_off,
+}
+
+
+@pytest.mark.parametrize("spoil", NONSENSE.values(), ids=NONSENSE)
+def test_what_is_no_measurement_of_this_print_is_refused(spoil: Spoil, rng: np.random.Generator) -> None:
+    points_mm = zigzag(200)
+    with pytest.raises(TraceError) as refused:
+        learn(Trace(points_mm, spoil(broken().follow(points_mm), rng)), PRINTER, rng=rng)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_refusal_counts_the_points(rng: np.random.Generator) -> None:
+    points_mm = zigzag(5)
+    with pytest.raises(TraceError, match="5 in 5 rows"):
+        learn(Trace(points_mm, points_mm), PRINTER, rng=rng)
+
+
+LITTLE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "one place": lambda mm: np.repeat(mm[:1], len(mm), axis=0),
+    "one axis moved": lambda mm: mm * [1, 0] + [0, 110],
+    "a millimetre": lambda mm: mm / 220 + 100,
+}
+
+
+@pytest.mark.parametrize("shrink", LITTLE.values(), ids=LITTLE)
+def test_from_too_little_no_pulley_is_made_up(
+    shrink: Callable[[np.ndarray], np.ndarray], rng: np.random.Generator
+) -> None:
+    """What hardly moved says nothing of its pulley; the model is no worse than none."""
+    twin, points_mm = broken(), shrink(zigzag(300))
+    measured_mm = twin.follow(points_mm) + rng.normal(0, 0.05, points_mm.shape)
+    model = learn(Trace(points_mm, measured_mm), PRINTER, rng=rng)
+    other_mm = zigzag(400)[::-1] * 0.5 + 50
+    printed_mm = twin.follow(other_mm)
+    errors = [np.std(each - printed_mm, axis=0) for each in (Twin(model.mechanism).follow(other_mm), other_mm)]
+    assert (errors[0] <= errors[1] * 1.02 + 0.05).all()
+    assert len(model.findings) > 1  # it says what it could not tell
+
+
+def test_noise_of_millimetres_is_no_fault(rng: np.random.Generator) -> None:
+    points_mm = zigzag(600)
+    model = learn(Trace(points_mm, points_mm + rng.normal(0, 5, points_mm.shape)), PRINTER, rng=rng)
+    other_mm = zigzag(400)[::-1] * 0.5 + 50
+    assert np.abs(np.std(Twin(model.mechanism).follow(other_mm) - other_mm, axis=0)).max() < 0.5
