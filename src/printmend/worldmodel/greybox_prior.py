@@ -96,7 +96,7 @@ def remember(model: SavedModel, motor: int) -> Remembered:
             "--update",
             wanted="a model that `learn` made with auto or greybox",
             came=f"one made by {model.learner}",
-            todo="learn anew from the trace, without --update",
+            todo="print a whole probe again and learn from it, without --update",
         )
     if branches.warp_mm.any():
         raise ModelError(
