@@ -11,7 +11,7 @@ from printmend.path import Plan
 from printmend.protocols import PlayTables, WorldModel
 
 # States that are so far behind the best, in squared steps, hardly ever lead to the best plan.
-_SLACK = 0.3
+_SLACK = 0.6
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,8 @@ from printmend.protocols import PlayTables, WorldModel
 
 # Costs kept at a time: about a megabyte, which stays in the processor's cache, whatever the layer's length.
 _ROOM = 1 << 17
+# Targets that are looked at first, where all might be.
+_SHORT = 500
 # States of two coupled motors that are followed together. Where exhaustive searches were made, more changed nothing.
 _BREADTH = Breadth(slack=0.3, most=1.2, width=128)
 
@@ -55,11 +57,14 @@ class Optimal:
 
 def always_nearest(tables: PlayTables, axis: int, targets: np.ndarray, belt: np.ndarray) -> bool:
     """Say whether a plan's belt [T + 1] is, at every tick, at a place nearest to its target: then no plan is better."""
-    least = np.abs(belt[0] - targets)
-    for branch in (tables.lower_steps[axis], tables.upper_steps[axis]):
-        at = np.clip(np.searchsorted(branch, targets), 1, len(branch) - 1)
-        np.minimum(least, np.minimum(np.abs(branch[at] - targets), np.abs(branch[at - 1] - targets)), out=least)
-    return bool((np.abs(belt[1:] - targets) <= least).all())
+    for part in (targets[:_SHORT], targets):  # with play the answer is no, soon
+        least = np.abs(belt[0] - part)
+        for branch in (tables.lower_steps[axis], tables.upper_steps[axis]):
+            at = np.clip(np.searchsorted(branch, part), 1, len(branch) - 1)
+            np.minimum(least, np.minimum(np.abs(branch[at] - part), np.abs(branch[at - 1] - part)), out=least)
+        if (np.abs(belt[1 : len(part) + 1] - part) > least).any():
+            return False
+    return True
 
 
 def solve(

@@ -259,8 +259,9 @@ def search(
     slots, slot_stamp = np.empty(room * room, np.int32), np.full(room * room, -1, np.int32)
     kept, bounds = np.empty((width, 2), np.int64), np.empty(width)
     after, after_bounds = np.empty((16 * width, 5), np.int64), np.empty(16 * width)
-    way, base, used = np.empty((32 * ticks, 3), np.int32), np.empty(ticks, np.int64), 0
-    kept_count, clock, lowest = states.shape[0], 0, np.inf
+    way, base = np.empty((32 * ticks, 3), np.int32), np.empty(ticks, np.int64)
+    # Typed: the sweep would be compiled once more for a literal zero.
+    kept_count, clock, used, lowest = states.shape[0], np.int64(0), np.int64(0), np.inf
     for n in range(kept_count):
         bounds[n] = paid[n]
         for motor in range(2):

@@ -18,8 +18,8 @@ from numba import njit
 
 @njit(cache=True)
 def lesser(one, other, out):
-    """Fill out with the lesser of two arrays, entry by entry."""
-    for i in range(out.shape[0]):
+    """Fill out with the lesser of two arrays, entry by entry of the first."""
+    for i in range(one.shape[0]):
         out[i] = min(one[i], other[i])
 
 
@@ -35,12 +35,21 @@ def spread(costs, base, m0, m1, rows, n0, n1, c_max, first, second):
     skip = (begin - n0 + c_max) * rows
     length = max(end - begin, 0) * rows
     source = base + (begin - m0) * rows
-    # Slices, though they look dear: with sums as indices the compiler finds no vectors.
-    first[: min(skip, size)] = np.inf
-    first[skip : skip + length] = costs[source : source + length]
-    first[skip + length : size] = np.inf
-    # Double the number looked at as long as it stays within the neighbourhood.
-    covered = 1
+    # The columns and their neighbours to the right; none are beyond the two ends. Slices, though they look dear: with
+    # sums as indices the compiler finds no vectors.
+    size -= rows
+    edge = skip + length
+    first[: min(max(skip - rows, 0), size)] = np.inf
+    if length > 0:
+        if skip > 0:
+            first[skip - rows : skip] = costs[source : source + rows]
+        lesser(costs[source : source + length - rows], costs[source + rows : source + length], first[skip:])
+        if edge <= size:
+            first[edge - rows : edge] = costs[source + length - rows : source + length]
+            first[edge:size] = np.inf
+    else:
+        first[:size] = np.inf
+    covered = 2
     while 2 * covered <= 2 * c_max + 1:
         size -= covered * rows
         lesser(first[:size], first[covered * rows : covered * rows + size], second[:size])
