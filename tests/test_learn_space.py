@@ -44,7 +44,7 @@ def measured(
     )  # fmt: skip
 
 
-def body(layers: int = 26, pitch_mm: float = 0.7) -> np.ndarray:
+def body(layers: int = 16, pitch_mm: float = 1.15) -> np.ndarray:
     """A square with a cross, a hop, and a line back, on each layer."""
     ring = [[60, 60], [140, 60], [140, 140], [60, 140], [60, 60], [140, 140], [100, 100], [120, 80], [60, 60]]
     ways = [a + (b - a) * t for a, b in itertools.pairwise(np.array(ring, float)) for t in (0.5, 1.0)]
@@ -84,7 +84,7 @@ def bent() -> SavedModel:
 
 def test_the_screw_is_found_beside_the_belts(bent: SavedModel) -> None:
     heights, push = errors_mm(bent, SCREW)
-    assert heights < 0.02
+    assert heights < 0.025
     assert push < 0.01
     kinds = {(fault["part"], fault["kind"]): fault["value"] for fault in bent.document["diagnosis"]}
     assert kinds["z", "lead"] == pytest.approx(0.4, abs=0.08)
@@ -128,7 +128,7 @@ def test_an_ordinary_print_says_nothing_of_z() -> None:
 
 
 def test_half_a_turn_is_too_little() -> None:
-    model = learned(measured(SCREW, body(7)))
+    model = learned(measured(SCREW, body(5)))
     gaps = [gap for gap in model.findings[1:] if gap.startswith("Z ")]
     assert any("lead" in gap and "8 mm" in gap for gap in gaps)
     assert any("wobble" in gap for gap in gaps)
@@ -137,7 +137,7 @@ def test_half_a_turn_is_too_little() -> None:
 
 
 def test_whole_turns_show_one_angle_only() -> None:
-    model = learned(measured(SCREW, body(5, 8.0)))
+    model = learned(measured(SCREW, body(4, 8.0)))
     for kind in ("wobble", "unevenness"):
         assert any(f"Z {kind}: told to" in gap for gap in model.findings[1:])
 
