@@ -19,8 +19,8 @@ from printmend.errors import InputError
 
 RESULTS = "families.jsonl"
 OPTIMUM = "optimum"  # a row by itself, see rows.py
-# Drawn from only for the tables in docs/results.md; develop with others.
-TEST_SEED = 61803
+# Drawn from only for the tables in docs/results.md; develop with others, and take a new one after looking closer.
+TEST_SEED = 20261121
 NOISES_MM = (0.0, 0.05, 0.1)
 COVERAGES = (0.5, 1.0, 2.5)
 ROWS = ("naive+greedy", "greybox+greedy", "greybox+optimal", "oracle+greedy", OPTIMUM)

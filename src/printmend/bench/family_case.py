@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # the twin needs numba, which workers import only after they 
     from printmend.bench.space_case import SpacePrints
     from printmend.twin import Twin
 
-RULES = 1  # part of every key: raise it when the way a case is evaluated changes
+RULES = 2  # part of every key: raise it when the way a case is evaluated changes
 TURN_MM = 40.0
 
 # The purposes for which a case's generator is seeded; part of the meaning of a seed.
