@@ -35,6 +35,10 @@ def column_matrix(design: Design, rows: Rows, at: np.ndarray, side: np.ndarray) 
         x, phase = (m - rows.origin_mm) / 100.0, 2 * np.pi * m / rows.period_mm
         out[t, design.parts["mean_powers"]] = [x**p for p in range(design.mean_powers)]
         out[t, design.parts["play_powers"]] = [s * x**p for p in range(design.play_powers)]
+        if design.warp:
+            low, high = design.warp_span_mm
+            bent = np.pi * np.clip((m - low) / (high - low), 0, 1)
+            out[t, design.parts["warp"]] = [np.cos(k * bent) for k in range(1, design.warp + 1)]
         for name, factor in (("ripple", 1.0), ("mean", 1.0), ("play", s), ("elastic", x)):
             out[t, design.parts[f"{name}_cos"]] = factor * np.cos(design.waves(name) * phase)
             out[t, design.parts[f"{name}_sin"]] = factor * np.sin(design.waves(name) * phase)

@@ -17,7 +17,7 @@ from printmend.units import TURN_RAD
 from printmend.worldmodel.greybox_branches import SCALE_MM, Branches, Wave, warp_columns
 from printmend.worldmodel.kernels import greybox as kernels
 
-CHUNK = 1 << 17
+CHUNK = 1 << 12  # rows whose columns stay in the cache
 CELLS = 1024  # phases of the moments: products of two harmonics up to 32 are seen to 2 %, of residuals
 WARP_TABLE = 2049
 TABLE = 4096  # phases of the tables that the play is simulated with
@@ -170,7 +170,10 @@ def warp_table(cos_mm: np.ndarray) -> np.ndarray:
     """Return Σ_k c_k cos(πk t) at 2049 even places t of its span [0, 1]; nothing where there are no cosines."""
     if not len(cos_mm):
         return np.zeros(0)
-    return warp_columns(len(cos_mm), (0.0, 1.0), np.linspace(0.0, 1.0, WARP_TABLE)) @ cos_mm
+    last = WARP_TABLE - 1
+    spectrum = np.zeros(WARP_TABLE)
+    spectrum[1 : 1 + len(cos_mm)] = last * cos_mm
+    return np.fft.irfft(spectrum, 2 * last)[:WARP_TABLE]
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,25 +279,23 @@ class Normal:
 def normal_equations(design: Design, values: np.ndarray, rows: Rows, touch: Contacts, weight: np.ndarray) -> Normal:
     """Assemble the normal equations of all columns for weights [N], by moments over the phase."""
     extra = design.extras + 1
-    bins, cross, gram = np.zeros((2, 3, CELLS)), np.zeros((2, 2, extra, CELLS)), np.zeros((extra, extra))
+    # only an elastic belt needs the powers of x
+    powers, crossed = (3, 2) if design.elastic_harmonics else (1, 1)
+    bins, cross, gram = np.zeros((2, powers, CELLS)), np.zeros((2, crossed, CELLS, extra)), np.zeros((extra, extra))
     _bin_start(design, rows, touch, weight, gram)
-    used = np.flatnonzero((weight > 0) & (touch.at >= 0))
+    used, root = np.flatnonzero((weight > 0) & (touch.at >= 0)), np.sqrt(weight)
+    own_powers, other_powers = np.array(design.cross, np.int64).reshape(-1, 2).T.copy()
     for first in range(0, len(used), CHUNK):
         row = used[first : first + CHUNK]
-        motor, side = rows.motor_mm[touch.at[row]], touch.side[row]
-        x = (motor - rows.origin_mm) / SCALE_MM
-        turns = np.mod(motor / rows.period_mm, 1.0)
+        contact = row, touch.at, touch.side, root, rows.motor_mm
         columns = np.empty((len(row), extra))
-        columns[:, 0] = 0.0
-        columns[:, design.parts["mean_powers"]] = x[:, None] ** np.arange(design.mean_powers)
-        columns[:, design.parts["play_powers"]] = side[:, None] / 2 * x[:, None] ** np.arange(design.play_powers)
-        columns[:, design.parts["cross"]] = cross_columns(design, rows, row)
-        if design.warp:
-            columns[:, design.parts["warp"]] = warp_columns(design.warp, design.warp_span_mm, motor)
-        for part, wave in (("ripple_cos", np.cos), ("ripple_sin", np.sin)):
-            columns[:, design.parts[part]] = wave(TURN_RAD * turns[:, None] * design.waves("ripple"))
-        columns[:, -1] = touch.residual_mm[row]
-        kernels.bin_moments(turns * CELLS, x, side, weight[row], columns, bins, cross, gram)
+        kernels.plain_columns(
+            *contact, rows.own_mm, rows.other_mm, touch.residual_mm, rows.origin_mm, rows.period_mm,
+            design.mean_powers, design.play_powers, own_powers, other_powers,
+            design.warp, np.array(design.warp_span_mm), design.waves("ripple"), columns,
+        )  # fmt: skip
+        gram += columns.T @ columns
+        kernels.bin_moments(*contact, rows.origin_mm, rows.period_mm, columns, bins, cross)
     matrix, slope = _assemble(design, bins, cross, gram)
     return Normal(values, matrix, slope, float(gram[-1, -1]), int((weight > 0).sum()))
 
@@ -312,14 +313,11 @@ def _bin_start(design: Design, rows: Rows, touch: Contacts, weight: np.ndarray, 
 def _assemble(design: Design, bins: np.ndarray, cross: np.ndarray, gram: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     plain, count = design.extras, design.size
     full = np.zeros((count + 1, count + 1))  # the residual is one more column, the last
-    gram = np.tril(gram) + np.tril(gram, -1).T
     place = np.append(np.arange(plain), count)
     full[np.ix_(place, place)] = gram
     # Σ w xᵖ e^{ijφ} by side; a play column carries s/2, so products need the sum, half the difference and a quarter.
-    # Only an elastic belt needs the powers of x.
-    powers = 3 if design.elastic_harmonics else 1
-    trig = np.conj(np.fft.rfft(bins[:, :powers], axis=-1))
-    trig_cross = np.conj(np.fft.rfft(cross[:, : min(powers, 2)], axis=-1))
+    trig = np.conj(np.fft.rfft(bins, axis=-1))
+    trig_cross = np.conj(np.fft.rfft(np.moveaxis(cross, -2, -1), axis=-1))
     blocks = {"mean": (0, 0), "play": (1, 0), "elastic": (0, 1)}  # powers of s/2 and of x
     names = [name for name in blocks if len(design.waves(name))]
     for i, name in enumerate(names):

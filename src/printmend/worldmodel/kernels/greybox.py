@@ -57,37 +57,87 @@ def follow_play(
 
 
 @njit(cache=True, nogil=True)
-def bin_moments(phase, x, side, weight, extras, bins, cross, gram):
-    """Add rows [M] to the weighted moments from which every product of columns follows.
+def plain_columns(
+    row, at, side, root, motor_mm, own_mm, other_mm, residual_mm,
+    origin_mm, period_mm, mean_powers, play_powers, own_powers, other_powers, warp, warp_span, ripple, columns,
+):  # fmt: skip
+    """Fill ``columns`` [M, E] with what is no harmonic of the rows ``row`` [M], times the roots [N] of their weights.
 
-    ``phase`` [M] in table cells, ``x`` [M], ``side`` [M] ±1, ``extras`` [M, E] (the residual last). A row is shared
-    linearly between the two nearest cells. ``bins`` [2, 3, B]: Σ w xᵖ, by side and power; ``cross`` [2, 2, E, B]: Σ w
-    xᵖ extra; ``gram`` [E, E]: Σ w extra extraᵀ (lower triangle).
+    ``at``, ``side`` and the residuals [N] are as `follow_play` leaves them. Order: the start (0 once there was a
+    contact), powers of mean and play, products of ``own_powers`` [C] and ``other_powers`` [C], ``warp`` cosines over
+    ``warp_span`` [2], cosines and sines of the harmonics ``ripple`` [R], the residual.
+    """
+    length = warp_span[1] - warp_span[0]
+    for t in range(row.shape[0]):
+        i = row[t]
+        motor = motor_mm[at[i]]
+        x = (motor - origin_mm) / 100.0
+        columns[t, 0] = 0.0
+        e = 1
+        value = root[i]
+        for _ in range(mean_powers):
+            columns[t, e] = value
+            value *= x
+            e += 1
+        value = root[i] * side[i] / 2
+        for _ in range(play_powers):
+            columns[t, e] = value
+            value *= x
+            e += 1
+        own, other = own_mm[i] / 100.0, other_mm[i] / 100.0
+        for c in range(own_powers.shape[0]):
+            value = root[i]
+            for _ in range(own_powers[c]):
+                value *= own
+            for _ in range(other_powers[c]):
+                value *= other
+            columns[t, e] = value
+            e += 1
+        if warp > 0:
+            # cos (k + 1)θ = 2 cos θ cos kθ − cos (k − 1)θ
+            twice = 2 * np.cos(np.pi * min(max((motor - warp_span[0]) / length, 0.0), 1.0))
+            before, value = root[i], root[i] * twice / 2
+            for _ in range(warp):
+                columns[t, e] = value
+                before, value = value, twice * value - before
+                e += 1
+        phase = 2 * np.pi * (motor / period_mm - np.floor(motor / period_mm))
+        for k in range(ripple.shape[0]):
+            columns[t, e + k] = root[i] * np.cos(ripple[k] * phase)
+            columns[t, e + ripple.shape[0] + k] = root[i] * np.sin(ripple[k] * phase)
+        columns[t, columns.shape[1] - 1] = root[i] * residual_mm[i]
+
+
+@njit(cache=True, nogil=True)
+def bin_moments(row, at, side, root, motor_mm, origin_mm, period_mm, extras, bins, cross):
+    """Add the rows ``row`` [M] to the weighted moments from which every product with a harmonic follows.
+
+    ``extras`` [M, E] are times the ``root`` [N] of the weights w. A row is shared linearly between the two nearest of
+    the B cells of a turn. ``bins`` [2, P, B]: Σ w xᵖ, by side and power; ``cross`` [2, Q, B, E]: Σ w xᵖ extra.
     """
     size = bins.shape[2]
-    count = extras.shape[1]
-    for t in range(phase.shape[0]):
-        cell = int(phase[t])
-        share = phase[t] - cell
+    for t in range(row.shape[0]):
+        i = row[t]
+        motor = motor_mm[at[i]]
+        phase = motor / period_mm
+        phase = (phase - np.floor(phase)) * size
+        cell = int(phase)
+        share = phase - cell
         cell = cell % size
         after = (cell + 1) % size
-        w, xt = weight[t], x[t]
-        s = 1 if side[t] > 0 else 0
-        left, right = w * (1 - share), w * share
-        bins[s, 0, cell] += left
-        bins[s, 0, after] += right
-        bins[s, 1, cell] += left * xt
-        bins[s, 1, after] += right * xt
-        bins[s, 2, cell] += left * xt * xt
-        bins[s, 2, after] += right * xt * xt
-        for e in range(count):
-            value = extras[t, e]
-            cross[s, 0, e, cell] += left * value
-            cross[s, 0, e, after] += right * value
-            cross[s, 1, e, cell] += left * value * xt
-            cross[s, 1, e, after] += right * value * xt
-            for f in range(e + 1):
-                gram[e, f] += w * value * extras[t, f]
+        s = 1 if side[i] > 0 else 0
+        x = (motor - origin_mm) / 100.0
+        value = root[i] ** 2
+        for p in range(bins.shape[1]):
+            bins[s, p, cell] += (1 - share) * value
+            bins[s, p, after] += share * value
+            value *= x
+        value = root[i]
+        for p in range(cross.shape[1]):
+            for e in range(extras.shape[1]):
+                cross[s, p, cell, e] += (1 - share) * value * extras[t, e]
+                cross[s, p, after, e] += share * value * extras[t, e]
+            value *= x
 
 
 @njit(cache=True, nogil=True)
