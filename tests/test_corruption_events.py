@@ -1,6 +1,7 @@
 """Jumps, the Z screw, warps, and bodies of three axes: laws and the equations of physics.md."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -211,3 +212,9 @@ def test_leaving_the_z_axis_is_refused(lifts: int, ender5: Printer) -> None:
     controls[:, 2] = np.sign(lifts)
     with pytest.raises(InputError, match="motor z"):
         Twin.of(Corruption(screw=Screw(0.01)), ender5).run(controls, np.array([550, 550, 0]))
+
+
+def test_a_screw_too_fine_to_tabulate_is_refused(ender5: Printer) -> None:
+    fine = replace(ender5, z=replace(ender5.z, mm_per_turn=0.1))
+    with pytest.raises(ConfigError, match="micro-steps"):
+        Corruption(screw=Screw(wobble_mm=0.1)).lower(fine)

@@ -15,12 +15,14 @@ from printmend.worldmodel.saved import (
     exact_model,
     model_text,
     parse_model,
+    printer_section,
     read_model,
     saved_model,
     write_model,
 )
 
 ENDER3 = read_printer("ender3")
+AXIS = printer_section(ENDER3)["x"]
 
 
 def branches(play_mm: float = 0.4) -> Branches:
@@ -92,6 +94,9 @@ def edited(**changes: object) -> str:
         (edited(motors={"x": {"kind": "magic"}, "y": {"kind": "healthy"}}), "kind"),
         (edited(noise_mm="much"), "noise_mm"),
         (edited(noise_mm=-1.0), "noise_mm"),
+        (edited(noise_mm=10**400), "noise_mm"),
+        (edited(printer={"kinematics": "cartesian", "x": {**AXIS, "min_mm": -(10**400)}}), "min_mm"),
+        (edited(printer={"kinematics": "cartesian", "x": {**AXIS, "mm_per_turn": 1e-300}}), "mm_per_turn"),
         (edited(findings=[1]), "findings"),
         (edited(frame={"scale_mm": 100.0, "x_mm": [0.0], "y_mm": [0.0]}), "ten coefficients"),
         (edited().replace('"learner": "exact"', '"learner": "forged"'), "digest"),
@@ -111,6 +116,7 @@ def test_bad_models_end_in_one_line(text: str, names: str) -> None:
         {"lower_error_mm": [0.0, -5.0]},
         {"lower_error_mm": [0.0]},
         {"lower_error_mm": "much"},
+        {"lower_error_mm": [0, 10**400]},
         {"lower_error_mm": [0.0, True]},
         {"lower_error_mm": [0.0, 0.0], "upper_error_mm": [0.0, -1.0]},
         {"lower_error_mm": [0.0, 0.0], "pitch_mm": 0.0},

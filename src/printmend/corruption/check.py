@@ -23,7 +23,7 @@ def in_range(value: object, **limits: tuple[float, float]) -> None:
             items = () if field is None else (field,)
         for item in items:
             number = isinstance(item, int | float) and not isinstance(item, bool)
-            if not number or not math.isfinite(item) or not low <= item <= high:
+            if not number or not low <= item <= high or not math.isfinite(item):
                 refuse(value, f"{name} within {low:g} to {high:g}", repr(item))
 
 

@@ -1,6 +1,5 @@
 """Printers from TOML: the presets and a user's own file, through the same code."""
 
-import math
 import os
 import tomllib
 from importlib import resources
@@ -15,7 +14,8 @@ _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
 _COUNTS = ("steps_per_turn", "microsteps")
 _AXIS_KEYS = {*_NUMBERS, *_COUNTS, "home_side"}
 _KEYS = {"name", "kinematics", "x", "y", "z"}
-_FAR_MM = 1000.0
+_FAR_MM, _FAREST_MM = 1000.0, 1e5
+_LEAST_TURN_MM = 0.01
 _MOST_PLACES = 5_000_000  # a machine is tabulated at its micro-steps; 300 mm at 256 a step are 400 000
 _TODO = "compare with `printmend printer ender3`, which prints a preset"
 
@@ -79,8 +79,9 @@ def _axis(table: Any, name: str, subject: str) -> Axis:
         raise ConfigError(subject, wanted=f"{missing[0]} in {section}", came="no such key", todo=_TODO)
     for key in _NUMBERS:
         value = table[key]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ConfigError(subject, wanted=f"a finite number for {section} {key}", came=repr(value), todo=_TODO)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _FAREST_MM:
+            wanted = f"a number up to {_FAREST_MM:g} for {section} {key}"
+            raise ConfigError(subject, wanted=wanted, came=repr(value), todo=_TODO)
     for key in _COUNTS:
         value = table[key]
         if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= 100_000:
@@ -96,10 +97,9 @@ def _axis(table: Any, name: str, subject: str) -> Axis:
             came=f"{table['min_mm']} to {table['max_mm']}",
             todo="give the bed in mm",
         )
-    if table["mm_per_turn"] <= 0 or table["mm_per_turn"] > 1000:
-        raise ConfigError(
-            subject, wanted=f"{section} mm_per_turn in 0–1000", came=repr(table["mm_per_turn"]), todo=_TODO
-        )
+    if not _LEAST_TURN_MM <= table["mm_per_turn"] <= 1000:
+        wanted = f"{section} mm_per_turn in {_LEAST_TURN_MM:g}–1000"
+        raise ConfigError(subject, wanted=wanted, came=repr(table["mm_per_turn"]), todo=_TODO)
     if not table["min_mm"] - _FAR_MM <= table["home_mm"] <= table["max_mm"] + _FAR_MM:
         came = f"{table['home_mm']:g}"
         raise ConfigError(subject, wanted=f"{section} home_mm within a metre of the axis", came=came, todo=_TODO)

@@ -262,7 +262,7 @@ def _printer(table: dict[str, Any], subject: str) -> Printer:
         return parse_printer(tomli_w.dumps(table), subject=f"{subject} [printer]")
     except ConfigError as error:
         raise ModelError(error.subject, wanted=error.wanted, came=error.came, todo=TODO) from None
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RecursionError):
         refuse(f"{subject} [printer]", "a printer", "values of no known kind")
 
 

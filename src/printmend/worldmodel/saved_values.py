@@ -1,6 +1,5 @@
 """Values of a saved model, checked: what is not as we write it ends in a `ModelError`."""
 
-import math
 from collections.abc import Mapping
 from typing import Any, NoReturn
 
@@ -37,16 +36,16 @@ def section_of(document: Mapping[str, Any], key: str, kind: type, subject: str) 
 
 
 def number(section: Mapping[str, Any], key: str, subject: str) -> float:
-    """Return a finite number below `LARGEST`."""
+    """Return a number up to `LARGEST`."""
     value = section.get(key)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or abs(value) > LARGEST:  # type: ignore[arg-type]
+    if not is_number or not abs(value) <= LARGEST:  # type: ignore[arg-type]
         refuse(subject, f"a number for {key}", "none" if value is None else repr(value)[:40])
     return float(value)  # type: ignore[arg-type]
 
 
 def numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np.ndarray:
-    """Return a list of at most ``most`` finite numbers below `LARGEST`."""
+    """Return a list of at most ``most`` numbers up to `LARGEST`."""
     values = section.get(key)
     if not isinstance(values, list) or len(values) > most:
         refuse(
@@ -54,10 +53,9 @@ def numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np
         )
     if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         refuse(subject, f"numbers in {key}", "something else")
-    array = np.array(values, float)
-    if not np.isfinite(array).all() or (np.abs(array) > LARGEST).any():
-        refuse(subject, f"numbers below {LARGEST:g} in {key}", "others")
-    return array
+    if not all(abs(value) <= LARGEST for value in values):  # integers of JSON may be beyond any float
+        refuse(subject, f"numbers up to {LARGEST:g} in {key}", "others")
+    return np.array(values, float)
 
 
 def refuse(subject: str, wanted: str, came: str) -> NoReturn:
