@@ -165,7 +165,7 @@ def test_the_nut_follows_as_the_slow_version_says() -> None:
 
 def test_a_saved_series_is_the_screw_again(tmp_path: Path) -> None:
     series = ScrewSeries(
-        8.0, 0.004, 0.12, np.array([0.03, 0.05]), np.array([[0.2, 0.0], [0.1, 0.2], [0.0, 0.01], [0, 0]])
+        8.0, 0.004, 0.12, np.array([0.03, 0.05, 0.0, 0.02]), np.array([[0.2, 0.0], [0.1, 0.2], [0.0, 0.01], [0, 0]])
     )
     healthy = HEALTHY.lower(SHORT).homed()
     model = with_screw(exact_model(healthy), series, findings=("a screw",), details={})
@@ -201,7 +201,8 @@ def test_saved_tables_are_the_screw_again() -> None:
         ({"backlash_mm": -0.1}, "backlash"),
         ({"lead_error": -1.0}, "lead_error"),
         ({"height_mm": [0.1]}, "sines and cosines"),
-        ({"push_x_mm": [1e4, 0.0]}, "sines and cosines"),
+        ({"push_y_mm": [0.1] * 6}, "numbers at the most"),
+        ({"push_x_mm": [1e4, 0.0, 0.0, 0.0]}, "sines and cosines"),
         ({"push_y_mm": ["a", 0.0]}, "numbers"),
     ],
 )
@@ -210,8 +211,8 @@ def test_hostile_screws_end_in_one_line(section: object, names: str) -> None:
 
     from printmend.worldmodel.saved import _digest
 
-    good = {"kind": "series", "lead_mm": 8.0, "lead_error": 0.0, "backlash_mm": 0.0, "height_mm": []}
-    good |= {"push_x_mm": [0.1, 0.0], "push_y_mm": [0.0, 0.1]}
+    good = {"kind": "series", "lead_mm": 8.0, "lead_error": 0.0, "backlash_mm": 0.0}
+    good |= {name: [0.1, 0.0, 0.0, 0.0] for name in ("height_mm", "push_x_mm", "push_y_mm")}
     document = dict(exact_model(HEALTHY.lower(SHORT)).document)
     bare = not isinstance(section, dict) or "kind" in section
     document |= {"version": 2, "screw": section if bare else good | section}  # type: ignore[operator]

@@ -23,7 +23,7 @@ from printmend.printer import Printer
 from printmend.printer.toml import parse_printer
 from printmend.worldmodel.greybox_branches import Branches, Wave
 from printmend.worldmodel.saved_screw import parse_screw, parse_series, screw_section
-from printmend.worldmodel.saved_values import TODO, number, numbers, refuse, rising, rounded, section_of
+from printmend.worldmodel.saved_values import TODO, check_notes, number, numbers, refuse, rising, rounded, section_of
 from printmend.worldmodel.screw import ScrewSeries
 
 FORMAT = "printmend model"
@@ -176,6 +176,7 @@ def parse_model(text: str, *, subject: str) -> SavedModel:
     findings = section_of(document, "findings", list, subject)
     if noise_mm < 0 or not all(isinstance(line, str) for line in findings):
         refuse(subject, "noise_mm ≥ 0 and findings as text", "something else")
+    check_notes(document, subject)
     return SavedModel(mechanism, learner, digest, document)
 
 

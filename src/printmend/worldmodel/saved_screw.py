@@ -8,7 +8,7 @@ from printmend.corruption.screw import z_grid_mm
 from printmend.mechanism import ScrewDrive, Transmission
 from printmend.printer import Printer
 from printmend.worldmodel.saved_values import number, numbers, refuse, rising, rounded
-from printmend.worldmodel.screw import MOST_HARMONICS, ScrewSeries
+from printmend.worldmodel.screw import HARMONICS, ScrewSeries
 
 _MOST_MM = 100.0  # no Z is farther off, and tables of what is would fill the memory
 _LEAST_LEAD_MM = 0.1
@@ -54,12 +54,11 @@ def parse_screw(section: Any, printer: Printer, subject: str) -> ScrewDrive:
 
 def parse_series(section: dict[str, Any], subject: str) -> ScrewSeries:
     """Return the series of a section of that kind."""
-    waves = [numbers(section, name, subject, 2 * MOST_HARMONICS) for name in ("height_mm", "push_x_mm", "push_y_mm")]
+    waves = [numbers(section, name, subject, 2 * HARMONICS) for name in ("height_mm", "push_x_mm", "push_y_mm")]
     lead_mm, backlash_mm = number(section, "lead_mm", subject), number(section, "backlash_mm", subject)
     lead_error = number(section, "lead_error", subject)
     if lead_mm < _LEAST_LEAD_MM or not 0 <= backlash_mm <= _MOST_MM or not -0.9 <= lead_error <= 9.0:
         refuse(subject, f"a lead of {_LEAST_LEAD_MM:g} mm or more, a backlash and a lead_error of a screw", "others")
-    even = all(len(wave) % 2 == 0 and np.abs(wave).max(initial=0.0) <= _MOST_MM for wave in waves)
-    if not even or len(waves[1]) != len(waves[2]):
-        refuse(subject, f"sines and cosines up to {_MOST_MM:g} mm, as many for x as for y", "something else")
+    if any(len(wave) != 2 * HARMONICS or np.abs(wave).max() > _MOST_MM for wave in waves):
+        refuse(subject, f"sines and cosines of {HARMONICS} harmonics up to {_MOST_MM:g} mm", "something else")
     return ScrewSeries(lead_mm, lead_error, backlash_mm, waves[0], np.stack(waves[1:], axis=1))

@@ -21,7 +21,6 @@ from printmend.units import TURN_RAD
 from printmend.worldmodel.kernels.screw import contacts
 
 HARMONICS = 2
-MOST_HARMONICS = 64  # of a saved screw
 # Prior standard deviations: of the lead's relative error, of a harmonic's amplitude and of the backlash, mm.
 _LEAD, _AMPLITUDE_MM, _BACKLASH_MM = 0.1, 0.5, 1.0
 _BACKLASHES_MM = (0.0, 0.1, 0.4)
@@ -66,7 +65,8 @@ class Push:
 
 @dataclass(frozen=True, eq=False)
 class ScrewSeries:
-    """A screw in few numbers: ``height_mm`` [2H] = (a_1, b_1, a_2, …), ``push_mm`` [2H, 2] = (p_1, q_1, …) for x, y."""
+    """A screw in few numbers: ``height_mm`` [2·HARMONICS] = (a_1, b_1, a_2, …), ``push_mm`` [2·HARMONICS, 2] = (p_1,
+    q_1, …) for x and y."""
 
     lead_mm: float
     lead_error: float
@@ -77,12 +77,11 @@ class ScrewSeries:
     def tables(self, printer: Printer) -> ScrewDrive:
         """Return it as tables on the micro-steps of Z, without an origin."""
         motor_mm, first_mm, pitch_mm = z_grid_mm(printer)
-        waves = waves_of(motor_mm, self.lead_mm, max(len(self.height_mm), len(self.push_mm)) // 2)
-        error_mm = self.lead_error * motor_mm + waves[:, : len(self.height_mm)] @ self.height_mm
+        waves = waves_of(motor_mm, self.lead_mm, HARMONICS)
+        error_mm = self.lead_error * motor_mm + waves @ self.height_mm
         centre = np.maximum.accumulate(motor_mm + error_mm)
         half_mm = self.backlash_mm / 2
-        push_mm = waves[:, : len(self.push_mm)] @ self.push_mm
-        return ScrewDrive(Transmission(first_mm, pitch_mm, centre - half_mm, centre + half_mm), push_mm)
+        return ScrewDrive(Transmission(first_mm, pitch_mm, centre - half_mm, centre + half_mm), waves @ self.push_mm)
 
     def lower(self, printer: Printer) -> ScrewDrive:
         """Return it as tables, its origin where the end stop of Z puts it."""
