@@ -57,7 +57,8 @@ def repeating(motor_mm: np.ndarray, error_mm: np.ndarray, turn_mm: float, *, slo
     if sloped:
         variance = np.concatenate([[POWER_MM["mean"][1] ** 2], variance])
     square = max(float(np.median(np.abs(change))), FLOOR_MM) ** 2
-    weight, terms = np.ones(len(change)), np.zeros(len(variance))
+    terms: np.ndarray = np.zeros(len(variance))
+    weight = np.ones(len(change))
     for _ in range(ROUNDS):
         scaled = design.T * (weight / square)
         terms = np.linalg.solve(scaled @ design + np.diag(1 / variance), scaled @ change)
