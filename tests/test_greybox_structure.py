@@ -130,3 +130,14 @@ def test_what_a_trace_cannot_tell_is_switched_off_and_said(way: str) -> None:
         ends = truth.branches_mm(np.array([20.0, 180.0]))[0]
         scale = np.diff(ends)[0] / 160.0  # four whole turns
         assert drive.branches.mean.powers_mm[1] == pytest.approx(100 * (scale - 1), abs=0.02)
+
+
+@pytest.mark.parametrize("apart_mm", [10.0, 9.3])
+def test_a_grid_of_parts_of_a_turn_is_said_to_be_one(apart_mm: float) -> None:
+    """Points 10 mm apart meet four angles of a turn of 40 mm, however far they go."""
+    there = np.arange(10.0, 200.0, apart_mm)
+    path_mm = np.array([(x, y) for row, y in enumerate(there) for x in there[:: 1 if row % 2 == 0 else -1]])
+    path_mm = np.concatenate([path_mm, path_mm[::-1, ::-1]])
+    printed = Twin.of(sample("ellipse", np.random.default_rng(5)), ENDER3).follow(path_mm)
+    gaps = diagnose(Greybox().fit(Trace(path_mm, printed), ENDER3, rng=np.random.default_rng(5))).gaps
+    assert any("same few angles" in gap for gap in gaps) == (apart_mm == 10.0)

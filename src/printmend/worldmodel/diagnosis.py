@@ -260,9 +260,11 @@ def _gaps(drive: Drive) -> list[str]:
     turn = drive.branches.period_mm
     gaps = []
     if seen.angles < SEEN:
+        longer = f"Print at least {turn:.0f} mm along {name}, better two turns ({2 * turn:.0f} mm)."
+        spread = f"Its points lie at the same few angles of each turn: space them by no part of {turn:.0f} mm."
         gaps.append(
             f"{name} was seen on {100 * seen.angles:.0f} % of its pulley's turn only; the rest is a guess. "
-            f"Print at least {turn:.0f} mm along {name}, better two turns ({2 * turn:.0f} mm)."
+            f"{longer if seen.turns < 1 else spread}"
         )
     if min(seen.forward, seen.backward) < 5:
         way = "forwards" if seen.forward > seen.backward else "backwards"
