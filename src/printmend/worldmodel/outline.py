@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from printmend.units import TURN_RAD
+from printmend.worldmodel.kernels import outline as kernels
 
 ANGLES = 512  # the series of an ellipse ends far below
 FINE = 1024  # a corner that fewer of so many angles see is lost
@@ -22,6 +23,7 @@ CORNER = (1.1, 0.1)
 DISCS = (0.6, 0.5)
 _GRID = np.linspace(0.0, TURN_RAD, ANGLES, endpoint=False)
 _FINE = TURN_RAD / FINE * np.arange(FINE)
+_FINE_WAVES = np.stack([np.ones(FINE), np.cos(_FINE), -np.sin(_FINE)])
 _NO_BORE = np.zeros(2)
 
 
@@ -159,12 +161,15 @@ class Flat:
         r, turn, half = q[0], q[1], min(max(q[2], 1e-3), 1.5)
         low, high = turn - half, turn + half
         discs = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(low), np.sin(low)], [0.0, np.cos(high), np.sin(high)]])
+        slopes = np.zeros((3, 3, 3))
+        slopes[:, :, 0] = discs
+        for i, corner, spread in ((1, low, -r), (2, high, r)):
+            tangent = np.array([0.0, -np.sin(corner), np.cos(corner)])
+            slopes[i, :, 1], slopes[i, :, 2] = r * tangent, spread * tangent
         # in t = −φ the flat's corners come in the other order
-        parts = _integrals(np.array([-high, -turn, -low, -high + TURN_RAD]), np.array([2, 1, 0]), 3, angle_rad)
-        moved = np.einsum("nmi,mi->n", parts, discs)
-        tangent = [parts[:, i, 2] * np.cos(a) - parts[:, i, 1] * np.sin(a) for i, a in ((1, low), (2, high))]
-        derivatives = np.column_stack([moved, r * (tangent[0] + tangent[1]), r * (tangent[1] - tangent[0])])
-        return _with_bore(r * moved - angle_rad, derivatives, q[3:], angle_rad)
+        edges, which = np.array([-high, -turn, -low, -high + TURN_RAD]), np.array([2, 1, 0])
+        value, derivatives = _unwound(edges, which, r * discs, slopes, angle_rad)
+        return _with_bore(value, derivatives, q[3:], angle_rad)
 
     def starts(self) -> np.ndarray:
         turn = TURN_RAD * np.arange(24) / 24
@@ -279,9 +284,26 @@ def _spokes(count: int, turn: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _hull_unwound(discs: np.ndarray, slopes: np.ndarray, angle_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return U − θ [N] of discs [M, 3] with the derivatives [M, 3, P], and its derivatives [N, P]."""
-    parts = _hull_integrals(discs, angle_rad).reshape(len(angle_rad), -1)
-    return parts @ discs.ravel() - angle_rad, parts @ slopes.reshape(discs.size, -1)
+    """Return U − θ [N] of the hull of discs [M, 3] (ρ, x, y), h = max ρ_i + x_i cos φ + y_i sin φ, with the derivatives
+    [M, 3, P], and its derivatives [N, P]."""
+    edges, which = np.empty(FINE + 1), np.zeros(FINE, np.int64)
+    count = kernels.hull_edges(discs, _FINE_WAVES, edges, which)
+    if count == 0:
+        edges[0], count = 0.0, 1
+    edges[count] = edges[0] + TURN_RAD
+    return _unwound(edges[: count + 1], which[:count], discs, slopes, angle_rad)
+
+
+def _unwound(
+    edges: np.ndarray, which: np.ndarray, discs: np.ndarray, slopes: np.ndarray, angle_rad: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same where ``which`` [E] disc is touched between ``edges`` [E + 1], which go once round in t = −φ.
+
+    Where two discs meet their heights are equal, so that moving an edge changes no integral of h.
+    """
+    value, derivatives = np.empty(len(angle_rad)), np.empty((len(angle_rad), slopes.shape[2]))
+    kernels.unwind(edges, which, discs, slopes, angle_rad, value, derivatives)
+    return value, derivatives
 
 
 def _with_bore(
@@ -299,45 +321,6 @@ def _bore_heights(bore: np.ndarray, phi_rad: np.ndarray) -> np.ndarray:
 
 def _waves(phi_rad: np.ndarray) -> np.ndarray:
     return np.stack([np.ones_like(phi_rad), np.cos(phi_rad), np.sin(phi_rad)])
-
-
-def _hull_integrals(discs: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
-    """Return `_integrals` for the hull of discs [M, 3] (ρ, x, y): h = max ρ_i + x_i cos φ + y_i sin φ."""
-    active = (discs @ _waves(-_FINE)).argmax(axis=0)
-    at = np.flatnonzero(active != np.roll(active, -1))
-    if not len(at):
-        return _integrals(np.array([0.0, TURN_RAD]), active[:1], len(discs), angle_rad)
-    one, two = active[at], active[(at + 1) % FINE]
-    step = discs[one] - discs[two]
-    # ρ + x cos t − y sin t = 0
-    middle = np.arctan2(-step[:, 2], step[:, 1])
-    half = np.arccos(np.clip(-step[:, 0] / np.maximum(np.hypot(step[:, 1], step[:, 2]), 1e-300), -1.0, 1.0))
-    near = _FINE[at] + TURN_RAD / FINE / 2
-    tried = near + np.mod(np.stack([middle - half, middle + half]) - near + np.pi, TURN_RAD) - np.pi
-    edges = tried[np.abs(tried - near).argmin(axis=0), np.arange(len(at))]
-    edges = np.clip(edges, _FINE[at], _FINE[at] + TURN_RAD / FINE)
-    return _integrals(np.append(edges, edges[0] + TURN_RAD), two, len(discs), angle_rad)
-
-
-def _integrals(edges: np.ndarray, which: np.ndarray, count: int, angle_rad: np.ndarray) -> np.ndarray:
-    """Return ∫ (1, cos t, −sin t) dt [N, M, 3] from ``edges[0]`` to each angle θ [N], over where each disc is touched.
-
-    ``which`` [E] disc is touched between ``edges`` [E + 1], which go once round in t = −φ. Where two discs meet their
-    heights are equal, so that moving an edge changes no integral of h: these are its derivatives by (ρ, x, y).
-    """
-    at_edge = np.stack([edges, np.sin(edges), np.cos(edges)], axis=-1)
-    pieces = at_edge[1:] - at_edge[:-1]
-    spent = np.zeros((len(which) + 1, count, 3))
-    for i, disc in enumerate(which):
-        spent[i + 1] = spent[i]
-        spent[i + 1, disc] += pieces[i]
-    turns, rest = np.divmod(angle_rad - edges[0], TURN_RAD)
-    rest += edges[0]
-    place = np.clip(np.searchsorted(edges, rest, side="right") - 1, 0, len(which) - 1)
-    found = turns[:, None, None] * spent[-1] + spent[place]
-    here = np.stack([rest, np.sin(rest), np.cos(rest)], axis=-1)
-    found[np.arange(len(rest)), which[place]] += here - at_edge[place]
-    return found
 
 
 ROUND: tuple[Outline, ...] = (cut_series(0), cut_series(1))

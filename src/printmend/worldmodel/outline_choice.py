@@ -120,9 +120,11 @@ def _believed(places: Places) -> list[Fitted]:
     best = max(each.log_evidence for each in found)
     passed = [each for each in found if each.log_evidence > best - NEAR]
     passed = [each for each in passed if _is_white(each, places) and _is_settled(each)]
-    if passed:
-        any_pulley = max(fitted(outline, places).log_evidence for outline in PLAIN)
-        passed = [each for each in passed if each.log_evidence > any_pulley + DECISIVE]
+    for outline in PLAIN if passed else ():
+        least = fitted(outline, places).log_evidence + DECISIVE
+        passed = [each for each in passed if each.log_evidence > least]
+        if not passed:  # the others need no look
+            break
     passed.sort(key=lambda each: -each.log_evidence)
     # what is round where it was seen is not thought to be one end of something longer
     return [each for each in passed if each.outline in ROUND] if passed and passed[0].outline in ROUND else passed

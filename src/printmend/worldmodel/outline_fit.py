@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dgeqrf, dtrtrs
 
 from printmend.worldmodel.outline import Outline, Series
 
@@ -72,7 +73,7 @@ def _settled(outline: Outline, places: Places, q: np.ndarray) -> Fitted:
     variance, noise = FIRST_MM**2, places.noise_mm**2 / places.rows
     for _ in range(ROUNDS):
         problem = _Problem(outline, places, variance)
-        q = problem.solved(q).q if isinstance(outline, Series) else problem.improved(q, STEPS)
+        q = problem.stepped(q) if isinstance(outline, Series) else problem.improved(q, STEPS)
         solution = problem.solved(q)
         after = max(float((solution.residual_mm**2).sum() / solution.spare - noise.mean()), FLOOR_MM**2)
         if abs(np.log(after / variance)) < SAME:
@@ -90,10 +91,9 @@ def _settled(outline: Outline, places: Places, q: np.ndarray) -> Fitted:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """The linear solution about some q: ``q`` [P] after a whole step, ``rest`` [L], the triangular ``factor`` of the
-    posterior's precision, the residuals [G] at the old q, and how many of them nothing was spent on."""
+    """The linear solution about some q: ``rest`` [L], the triangular ``factor`` of the posterior's precision, the
+    residuals [G], and how many of them nothing was spent on."""
 
-    q: np.ndarray
     rest: np.ndarray
     factor: np.ndarray
     residual_mm: np.ndarray
@@ -108,39 +108,61 @@ class _Problem:
         self.root = 1 / np.sqrt(variance + places.noise_mm**2 / places.rows)
         self.spread = np.concatenate([outline.spread, places.spread])
         self.basis = np.linalg.qr(places.columns * self.root[:, None])[0]
+        known = ~np.isnan(outline.centre)
+        self.known, self.centre = known / outline.spread, np.where(known, outline.centre, 0.0)
+        self.last: tuple[bytes, np.ndarray, np.ndarray] = b"", np.zeros(0), np.zeros(0)
 
     def away(self, q: np.ndarray, rest: np.ndarray) -> float:
         """Return the square of the parameters' distance from what is usual."""
-        usual = np.nan_to_num((q - self.outline.centre) / self.outline.spread)
-        return float((usual**2).sum() + ((rest / self.places.spread) ** 2).sum())
+        return self._unusual(q) + float(((rest / self.places.spread) ** 2).sum())
+
+    def _unusual(self, q: np.ndarray) -> float:
+        usual = (q - self.centre) * self.known
+        return float(usual @ usual)
+
+    def _unwound(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        key = q.tobytes()  # a cost is often followed by a step from there
+        if key != self.last[0]:
+            self.last = key, *self.outline.unwound(q, self.places.angle_rad)
+        return self.last[1:]
 
     def cost(self, q: np.ndarray) -> float:
         """Return the misfit [σ²] at q with the best nuisance parameters."""
-        unwound = self.outline.unwound(q, self.places.angle_rad)[0]
-        left = self.root * (self.places.error_mm - self.places.radius_mm * unwound)
+        left = self.root * (self.places.error_mm - self.places.radius_mm * self._unwound(q)[0])
         left -= self.basis @ (self.basis.T @ left)
-        return float((left**2).sum()) + self.away(q, np.zeros(len(self.places.spread)))
+        return float(left @ left) + self._unusual(q)
+
+    def _stacked(self, q: np.ndarray) -> np.ndarray:
+        """Return the weighted equations for (q, rest) [G + P + L, P + L + 1] about some q, the wanted values last."""
+        value, slope = self._unwound(q)
+        places, count = self.places, len(self.root)
+        stacked = np.zeros((count + len(self.spread), len(self.spread) + 1), order="F")
+        stacked[:count, : len(q)] = places.radius_mm * slope
+        stacked[:count, len(q) : -1] = places.columns
+        stacked[:count, -1] = places.error_mm - places.radius_mm * (value - slope @ q)
+        stacked[:count] *= self.root[:, None]
+        stacked[range(count, len(stacked)), range(len(self.spread))] = 1 / self.spread
+        stacked[count : count + len(q), -1] = np.where(self.known > 0, self.centre, q) / self.outline.spread
+        return stacked
+
+    def stepped(self, q: np.ndarray) -> np.ndarray:
+        """Return q after a whole Gauss–Newton step."""
+        packed, size = dgeqrf(self._stacked(q))[0], len(self.spread)  # the last column becomes what it is in the basis
+        return np.asarray(dtrtrs(packed[:size, :size], packed[:size, size])[0][: len(q)])
 
     def solved(self, q: np.ndarray) -> _Solution:
-        value, slope = self.outline.unwound(q, self.places.angle_rad)
-        radius, columns = self.places.radius_mm, self.places.columns
-        design = np.concatenate([radius * slope, columns], axis=1)
-        error = self.places.error_mm - radius * value
-        target = error + radius * (slope @ q)
-        usual = np.where(np.isnan(self.outline.centre), q, self.outline.centre)
-        stacked = np.concatenate([design * self.root[:, None], np.diag(1 / self.spread)])
-        wanted = np.concatenate([target * self.root, usual / self.outline.spread, np.zeros(len(self.places.spread))])
-        basis, factor = np.linalg.qr(stacked)
-        found = solve_triangular(factor, basis.T @ wanted)
-        rest = np.linalg.lstsq(columns * self.root[:, None], error * self.root, rcond=None)[0]
+        stacked, places = self._stacked(q), self.places
+        basis, factor = np.linalg.qr(stacked[:, :-1])
+        error = places.error_mm - places.radius_mm * self._unwound(q)[0]
+        rest = np.linalg.lstsq(places.columns * self.root[:, None], error * self.root, rcond=None)[0]
         known = (basis[: len(self.root)] ** 2).sum()
-        return _Solution(found[: len(q)], rest, factor, error - columns @ rest, max(float(len(self.root) - known), 1.0))
+        return _Solution(rest, factor, error - places.columns @ rest, max(float(len(self.root) - known), 1.0))
 
     def improved(self, q: np.ndarray, steps: int) -> np.ndarray:
         """Return q after so many Gauss–Newton steps, each shortened until it helps."""
         cost = self.cost(q)
         for _ in range(steps):
-            step = self.solved(q).q - q
+            step = self.stepped(q) - q
             for length in (1.0, 0.3, 0.1, 0.03):
                 now = self.cost(q + length * step)
                 if now < cost:
