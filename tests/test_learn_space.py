@@ -18,7 +18,7 @@ from printmend.measure import read_trace
 from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.diagnosis import examine, summary
+from printmend.repair.diagnosis import examine, summary, write_examination
 from printmend.twin import Twin
 from printmend.worldmodel.learned import learn, report
 from printmend.worldmodel.saved import SavedModel, screw_of, write_model
@@ -178,6 +178,14 @@ def test_the_owner_is_told_what_to_repair() -> None:
     assert "The Z screw is bent" in said
     assert "The Z nut has play" in said
     assert "Z lead" in examination.diagnosis.summary
+
+
+def test_an_owner_whose_tower_is_too_low_is_told_so(tmp_path: Path) -> None:
+    examination = examine(measured(SCREW, body(4)), SHORT, rng=np.random.default_rng(0))
+    assert not examination.diagnosis.summary.rstrip().endswith(";")
+    assert any(gap.startswith("Z lead") for gap in examination.diagnosis.gaps)
+    write_examination(tmp_path / "said.html", examination)
+    assert "A tower of two turns" in (tmp_path / "said.html").read_text()
 
 
 def test_the_table_keeps_heights(tmp_path: Path) -> None:

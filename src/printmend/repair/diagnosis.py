@@ -4,7 +4,6 @@ import base64
 import html
 import re
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +20,9 @@ from printmend.worldmodel.advice import Advice, advise
 from printmend.worldmodel.diagnosis import Diagnosis, Fault, diagnose, doubt_of
 from printmend.worldmodel.greybox import GreyboxModel
 from printmend.worldmodel.hybrid import Hybrid
-from printmend.worldmodel.learned import PROBE_TODO, greybox_model, left_over_mm, planar_rest, told
+from printmend.worldmodel.learned import fit_beside_screw, greybox_model, left_over_mm, todo, told
 from printmend.worldmodel.portrait import Portrait, portrait
 from printmend.worldmodel.saved import SavedModel
-from printmend.worldmodel.screw_found import find_screw
 
 SUFFIXES = (".html", ".htm", ".pdf")
 MOST_ARROWS, MOST_POINTS = 1200, 3000
@@ -107,17 +105,15 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
 
     Raises `TraceError` like `learn`, `GcodeError` or `ModelError` for a part that cannot be printed here.
     """
-    fit, whole = Hybrid().fit(trace, printer, rng=rng), trace
-    found = find_screw(trace, printer, left_over_mm(fit.box), partial(planar_rest, printer=printer, rng=rng))
-    if found is not None and found.trace is not trace:
-        trace = found.trace
-        fit = Hybrid().fit(trace, printer, rng=rng)
+    fit, found = fit_beside_screw(trace, printer, lambda clean: Hybrid().fit(clean, printer, rng=rng), rng=rng)
+    whole, trace = trace, trace if found is None else found.trace
     model, diagnosis = fit.box, diagnose(fit.box, doubt_of(trace))
     saved = greybox_model(model, trace, hybrid=fit if fit.findings else None)
     if found is not None and not found.is_silent:
         saved = told(saved, found, found.series, whole)
         model = replace(model, residual_before_mm=saved.document["trace"]["residual_before_mm"])
-        summary, gaps = f"{diagnosis.summary}; {found.sentence}", (*diagnosis.gaps, *found.gaps.values())
+        summary = "; ".join(filter(None, (diagnosis.summary, found.sentence)))
+        gaps = (*diagnosis.gaps, *found.gaps.values())
         lifted = tuple(Fault(**fault, words=found.sentence) for fault in found.faults)
         diagnosis = Diagnosis((*diagnosis.faults, *lifted), summary, gaps)
     corexy = printer.kinematics == "corexy"
@@ -125,8 +121,7 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
     all_advice = [advise(fault, corexy=corexy) for fault in diagnosis.faults]
     advice = [one for one in all_advice if one.effect_mm >= LEAST_MM or one.urgency != "software"]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
-    residual = np.stack([drive.choice.fit.touch.residual_mm for drive in model.drives], axis=1)
-    after = printer.from_motor(residual)
+    after = left_over_mm(model)
     shown = np.flatnonzero(trace.measured_rows & np.isfinite(after).all(axis=1))
     shown = shown[:: max(1, len(shown) // MOST_ARROWS)]
     return Examination(
@@ -247,7 +242,7 @@ def _paragraphs(examination: Examination) -> list[tuple[str, str]]:
         rows += [("heading", "Your part"), ("text", _part_said(examination.part or "", examination.prediction))]
     if examination.diagnosis.gaps:
         rows.append(("heading", "What this print could not tell"))
-        rows += [("text", gap) for gap in (*examination.diagnosis.gaps, PROBE_TODO)]
+        rows += [("text", gap) for gap in (*examination.diagnosis.gaps, *todo(examination.diagnosis.gaps))]
     return rows + [("small", fact) for fact in _facts(examination)]
 
 
@@ -280,7 +275,8 @@ def _page(examination: Examination) -> str:
         for one in examination.beyond
     )
     gaps = "".join(f"<li>{say(gap)}</li>" for gap in examination.diagnosis.gaps)
-    gaps = f"<h2>What this print could not tell</h2><ul>{gaps}</ul><p>{say(PROBE_TODO)}</p>" if gaps else ""
+    todos = "".join(f"<p>{say(line)}</p>" for line in todo(examination.diagnosis.gaps))
+    gaps = f"<h2>What this print could not tell</h2><ul>{gaps}</ul>{todos}" if gaps else ""
     pictures = ""
     for caption, figure in _figures(examination):
         # as an image of its own: the names inside two inline drawings would clash

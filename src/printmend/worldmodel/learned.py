@@ -1,9 +1,8 @@
 """From a trace to the saved model of a machine: what `printmend learn` does."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,10 +22,11 @@ from printmend.worldmodel.screw import ScrewSeries
 from printmend.worldmodel.screw_found import ScrewFound, find_screw
 
 AUTO = "auto"
+Planar = TypeVar("Planar", bound=WorldModel)
 MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
 Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
-TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights, shows the rest: see docs/owners.md."
-PROBE_TODO = "`printmend probe` writes a print that shows all of it."
+_TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights, shows the rest: see docs/owners.md."
+_PROBE_TODO = "`printmend probe` writes a print that shows all of it."
 
 
 def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator) -> SavedModel:
@@ -37,13 +37,8 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
     the trace cannot support any, `ConfigError` where the named learner has no machine to mend with.
     """
     name = "hybrid" if model == AUTO else model
-    fit = _planar(trace, printer, model, rng)
-    found = None
-    if (box := box_of(fit)) is not None:
-        found = find_screw(trace, printer, left_over_mm(box), partial(planar_rest, printer=printer, rng=rng))
-        if found is not None and found.trace is not trace:
-            fit = _planar(found.trace, printer, model, rng)
-    if (box := box_of(fit)) is not None:
+    fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
+    if (box := _box_of(fit)) is not None:
         # what is too small to be said is not worth a model that a second print cannot bring up to date
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
         saved = greybox_model(box, trace if found is None else found.trace, hybrid=hybrid)
@@ -63,6 +58,21 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
     return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
 
 
+def fit_beside_screw(
+    trace: Trace, printer: Printer, fit: Callable[[Trace], Planar], *, rng: np.random.Generator
+) -> tuple[Planar, ScrewFound | None]:
+    """Return the planar model that ``fit`` learns from a trace once the push of Z is off, and what was found of Z."""
+    model = fit(trace)
+    if (box := _box_of(model)) is None:
+        return model, None
+
+    def rest_mm(clean: Trace) -> np.ndarray:
+        return left_over_mm(Greybox().fit(clean, printer, rng=rng))
+
+    found = find_screw(trace, printer, left_over_mm(box), rest_mm)
+    return model if found is None or found.trace is trace else fit(found.trace), found
+
+
 def _planar(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> WorldModel:
     fit = learner("hybrid" if model == AUTO else model).fit(trace, printer, rng=rng)
     if model == AUTO and isinstance(fit, HybridModel) and not fit.findings and _is_partial(fit.box):
@@ -70,7 +80,7 @@ def _planar(trace: Trace, printer: Printer, model: str, rng: np.random.Generator
     return fit
 
 
-def box_of(fit: WorldModel) -> GreyboxModel | None:
+def _box_of(fit: WorldModel) -> GreyboxModel | None:
     """Return the grey box of what was learned, if there is one in it."""
     return fit.box if isinstance(fit, HybridModel) else fit if isinstance(fit, GreyboxModel) else None
 
@@ -79,11 +89,6 @@ def left_over_mm(box: GreyboxModel) -> np.ndarray:
     """Return what a machine leaves over of the measured points [N, 2] on the bed, NaN where nothing was measured."""
     residual = np.stack([drive.choice.fit.touch.residual_mm for drive in box.drives], axis=1)
     return np.asarray(box.printer.from_motor(residual))
-
-
-def planar_rest(trace: Trace, printer: Printer, rng: np.random.Generator) -> np.ndarray:
-    """Learn a planar machine from a trace and return what it leaves over [N, 2]."""
-    return left_over_mm(Greybox().fit(trace, printer, rng=rng))
 
 
 def told(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace: Trace) -> SavedModel:
@@ -196,12 +201,13 @@ def report(model: SavedModel) -> str:
             f"measured points are {trace['residual_before_mm']:.3f} mm (RMS) off, {trace['residual_after_mm']:.3f} mm "
             f"with this model; noise {model.noise_mm:.3f} mm a coordinate, {trace['measured']} points"
         )
-    lines += [f"not told by this trace: {gap}" for gap in gaps]
-    if any(not gap.startswith("Z ") for gap in gaps):
-        lines.append(PROBE_TODO)
-    if any(gap.startswith("Z ") for gap in gaps):
-        lines.append(TOWER_TODO)
-    return "\n".join(lines)
+    return "\n".join([*lines, *(f"not told by this trace: {gap}" for gap in gaps), *todo(gaps)])
+
+
+def todo(gaps: Sequence[str]) -> tuple[str, ...]:
+    """Return which prints would show what a trace did not tell."""
+    of_z = {gap.startswith("Z ") for gap in gaps}
+    return tuple(what for screw, what in ((False, _PROBE_TODO), (True, _TOWER_TODO)) if screw in of_z)
 
 
 def _uncertainty(drive: Drive) -> dict[str, Any]:
