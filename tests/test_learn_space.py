@@ -104,12 +104,12 @@ def test_the_screw_is_found_beside_the_belts(bent: SavedModel) -> None:
 
 
 def test_without_noise_it_is_exact() -> None:
-    model = learned(measured(SCREW, body(), noise_mm=0.0))
+    model = learned(measured(SCREW, body(12, 1.4), noise_mm=0.0))
     assert max(errors_mm(model, SCREW)) < 0.003
 
 
 def test_a_healthy_screw_is_healthy() -> None:
-    model = learned(measured(None, body()))
+    model = learned(measured(None, body(12, 1.4)))
     assert model.mechanism.screw is None
     assert "Z healthy" in model.findings[0]
     assert model.document["version"] == 1
@@ -173,7 +173,7 @@ def test_heights_of_another_machine_are_refused() -> None:
 
 
 def test_the_owner_is_told_what_to_repair() -> None:
-    examination = examine(measured(SCREW, body()), SHORT, rng=np.random.default_rng(0))
+    examination = examine(measured(SCREW, body(10, 1.6)), SHORT, rng=np.random.default_rng(0))
     said = summary(examination)
     assert "The Z screw is bent" in said
     assert "The Z nut has play" in said
