@@ -5,12 +5,15 @@ C = (ΦᵀWΦ/σ² + V⁻¹)⁻¹. The scale of the priors of each group of harm
 (MacKay's fixed point), so that a group without support shrinks to nothing.
 """
 
+import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg.lapack import dpotrf, dtrtri
 
+from printmend.path import frozen
 from printmend.worldmodel.greybox_design import Contacts, Design, Normal, Rows, contacts, normal_equations
 
 NOISE_FLOOR_MM = 2e-4
@@ -46,6 +49,7 @@ class Prior:
     floor_mm: float = NOISE_FLOOR_MM
 
 
+@lru_cache(maxsize=256)
 def groups(design: Design, fold: int) -> dict[str, np.ndarray]:
     """Return the masks [P] of the groups whose prior scale is learned; ``fold`` as in `Prior`."""
     odd = design.harmonic % 2 == 1
@@ -65,6 +69,15 @@ def groups(design: Design, fold: int) -> dict[str, np.ndarray]:
 
 def variances(design: Design, prior: Prior) -> np.ndarray:
     """Return the prior variance [P] mm² of every parameter."""
+    v = _usual_variances(design, prior.warp_mm).copy()
+    for name, mask in groups(design, prior.fold).items():
+        v[mask] *= getattr(prior, name) ** 2
+    return v
+
+
+@lru_cache(maxsize=256)
+def _usual_variances(design: Design, warp_mm: float) -> np.ndarray:
+    """Return the variances [P] mm² where all scales are 1."""
     v = np.empty(design.size)
     v[design.parts["start"]] = START_MM**2
     v[design.parts["mean_powers"]] = np.square(POWER_MM["mean"][: design.mean_powers])
@@ -74,10 +87,8 @@ def variances(design: Design, prior: Prior) -> np.ndarray:
     wave = k > 0
     v[wave] = (HARMONIC_MM * k[wave] ** -2.5) ** 2
     v[design.mask("ripple")] = RIPPLE_MM**2
-    v[design.parts["warp"]] = _warp_variances(design, prior.warp_mm)
-    for name, mask in groups(design, prior.fold).items():
-        v[mask] *= getattr(prior, name) ** 2
-    return v
+    v[design.parts["warp"]] = _warp_variances(design, warp_mm)
+    return frozen(v)
 
 
 def _warp_variances(design: Design, length_mm: float) -> np.ndarray:
@@ -112,17 +123,16 @@ def solve(
     for last in range(rounds + 1):
         v = variances(design, prior)[active]
         root = np.sqrt(v)
-        scaled = matrix * np.outer(root, root) / sigma2
-        scaled[np.diag_indices_from(scaled)] += 1.0
-        # Cholesky's factor, then the inverse from it; the matrix is at least the identity, so both exist.
-        factor, _ = dpotrf(scaled, lower=1)
-        inverse, _ = dpotri(factor, lower=1)
-        inverse = np.tril(inverse) + np.tril(inverse, -1).T
-        values = root * (inverse @ (root * slope)) / sigma2
+        scaled = matrix * (root[:, None] * (root / sigma2))
+        scaled.flat[:: len(v) + 1] += 1.0
+        # Cholesky's factor and its inverse; the matrix, which is its own transpose, is at least the identity.
+        factor, _ = dpotrf(scaled.T, lower=1, overwrite_a=1)
+        whitened, _ = dtrtri(factor, lower=1)
+        values = root * (whitened.T @ (whitened @ (root * slope))) / sigma2
         misfit = _misfit(normal, active, values)
         if last == rounds:
             break
-        spread = np.diag(inverse)  # C_ii/v_i
+        spread = np.einsum("ij,ij->j", whitened, whitened)  # C_ii/v_i
         known = len(v) - spread.sum()
         sigma2 = max(misfit / max(normal.count - known, 1.0) / HUBER_SHARE, prior.floor_mm**2)
         prior = _rescaled(prior, masks, values, v, spread)
@@ -130,7 +140,8 @@ def solve(
     evidence = -0.5 * (misfit / sigma2 + (values**2 / v).sum() + log_det + normal.count * np.log(sigma2))
     full = np.zeros(design.size)
     full[active] = values
-    return Posterior(full, inverse * np.outer(root, root), active, float(np.sqrt(sigma2)), prior, float(evidence))
+    covariance = (whitened.T @ whitened) * np.outer(root, root)
+    return Posterior(full, covariance, active, float(np.sqrt(sigma2)), prior, float(evidence))
 
 
 def _misfit(normal: Normal, active: np.ndarray, values: np.ndarray) -> float:
@@ -147,10 +158,10 @@ def _rescaled(
     for name, mask in masks.items():
         if not mask.any():
             continue
-        settled = (1 - spread[mask]).sum()
-        ratio = ((values[mask] ** 2 / v[mask]).sum() + 0.1) / (settled + 0.1)
+        settled = float((1 - spread[mask]).sum())
+        ratio = (float((values[mask] ** 2 / v[mask]).sum()) + 0.1) / (settled + 0.1)
         largest = OFF_FOLD if name == "mean_off" else 10.0
-        scales[name] = float(np.clip(getattr(prior, name) * np.sqrt(np.clip(ratio, 0.01, 100.0)), 1e-3, largest))
+        scales[name] = min(max(getattr(prior, name) * math.sqrt(min(max(ratio, 0.01), 100.0)), 1e-3), largest)
     return replace(prior, **scales)
 
 
