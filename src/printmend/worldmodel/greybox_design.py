@@ -145,9 +145,11 @@ class Design:
         mean[:, self.parts["mean_powers"]] = x[:, None] ** np.arange(self.mean_powers)
         mean[:, self.parts["warp"]] = warp_columns(self.warp, self.warp_span_mm, motor_mm)
         play[:, self.parts["play_powers"]] = x[:, None] ** np.arange(self.play_powers)
+        harmonics = np.unique(self.harmonic[self.harmonic > 0])
+        turned = {"cos": np.cos(phase * harmonics), "sin": np.sin(phase * harmonics)}
         for name, part in self.parts.items():
             if name.endswith(("_cos", "_sin")):
-                wave = (np.cos if name.endswith("_cos") else np.sin)(phase * self.waves(name))
+                wave = turned[name[-3:]][:, np.searchsorted(harmonics, self.waves(name))]
                 into = play if name.startswith("play") else mean
                 into[:, part] = wave * x[:, None] if name.startswith("elastic") else wave
         return mean, play

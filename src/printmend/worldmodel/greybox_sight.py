@@ -66,9 +66,9 @@ def crosses(rows: Rows) -> bool:
     """Tell whether the other motor moved by itself, not only along with this one."""
     measured = rows.weight > 0
     own, other = rows.own_mm[measured], rows.other_mm[measured]
-    along = np.stack([np.ones(len(own)), own], axis=1)
-    left = other - along @ np.linalg.lstsq(along, other, rcond=None)[0]
-    return float(np.std(left)) > CROSSES_MM
+    own, other = own - own.mean(), other - other.mean()
+    together = float(own @ other) / max(float(own @ own), 1e-300)
+    return float(np.std(other - together * own)) > CROSSES_MM
 
 
 def sight(rows: Rows, touch: Contacts) -> Sight:

@@ -102,9 +102,14 @@ def plain_columns(
                 before, value = value, twice * value - before
                 e += 1
         phase = 2 * np.pi * (motor / period_mm - np.floor(motor / period_mm))
+        cosine, sine = 1.0, 0.0
         for k in range(ripple.shape[0]):
-            columns[t, e + k] = root[i] * np.cos(ripple[k] * phase)
-            columns[t, e + ripple.shape[0] + k] = root[i] * np.sin(ripple[k] * phase)
+            if k > 0 and ripple[k] == 2 * ripple[k - 1]:
+                cosine, sine = cosine * cosine - sine * sine, 2 * sine * cosine
+            else:
+                cosine, sine = np.cos(ripple[k] * phase), np.sin(ripple[k] * phase)
+            columns[t, e + k] = root[i] * cosine
+            columns[t, e + ripple.shape[0] + k] = root[i] * sine
         columns[t, columns.shape[1] - 1] = root[i] * residual_mm[i]
 
 
