@@ -8,7 +8,7 @@ from printmend.worldmodel.greybox_select import CROSS, Structure
 from printmend.worldmodel.kernels.greybox import turning_rows
 from tests.naive_greybox import column_matrix, follow_play
 
-DESIGN = Design(3, 2, CROSS, (50, 100), (1, 2, 3, 6), (1, 3), (1, 2), 4, (20.0, 190.0))
+DESIGN = Design(3, 2, CROSS, (20, 40), (1, 2, 3, 6), (1, 3), (1, 2), 4, (20.0, 190.0))
 
 
 def rows(rng: np.random.Generator, count: int = 400) -> Rows:
