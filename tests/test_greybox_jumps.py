@@ -9,11 +9,12 @@ import pytest
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
 from printmend.corruption.jump import MissedSteps, ToothSkips
+from printmend.mechanism import Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend.worldmodel.greybox import Greybox
-from printmend.worldmodel.greybox_ladder import Jump
+from printmend.worldmodel.greybox import Greybox, motor_rows
+from printmend.worldmodel.greybox_ladder import Jump, lasting
 from printmend.worldmodel.kernels.jumps import cheapest_levels
 from printmend.worldmodel.transitions import layer_trace
 from tests.naive_greybox import cheapest_history
@@ -79,3 +80,36 @@ def test_a_few_jumps_of_a_layer_are_found_and_snapped(family: str, seed: int) ->
         for jump, (row, _, _) in zip(mine, of_axis, strict=True):
             assert isinstance(jump, Jump)
             assert abs(jump.row - row) <= 20  # play may hide it for a while
+
+
+def test_what_is_undone_wherever_it_is_passed_belongs_to_the_place() -> None:
+    printer = read_printer("ender5")
+    motor = np.concatenate([np.linspace(60, 140, 200), np.linspace(140, 60, 200)] * 4)
+    points = np.column_stack([motor, np.full(len(motor), 100.0)])
+    rows = motor_rows(Trace(points, points), printer)[0]
+    place = [Jump(200 * i + 100, i > 5, 0.8 if i % 2 == 0 else -0.8) for i in range(8) if i != 3]
+    true = [Jump(301, False, 0.8), Jump(702, True, -2.0), Jump(1150, False, 0.8)]  # the first at the same place
+    none = [Jump(450, True, 2.0), Jump(450, False, -1.6)]
+    assert lasting(rows, place) == ()
+    assert lasting(rows, sorted([*place, *true, *none], key=lambda jump: jump.row)) == tuple(true)
+    assert lasting(rows, true) == tuple(true)
+    assert lasting(rows, ()) == ()
+
+
+def test_splices_are_no_lost_steps_and_hide_none() -> None:
+    printer, rng = read_printer("ender5"), np.random.default_rng(2)
+    healthy, tables = healthy_mechanism(printer), []
+    for table in healthy.transmissions:
+        away_mm = table.motor_mm - rng.uniform(0, 220, (6, 1))
+        bend_mm = (rng.uniform(0.1, 0.4, (6, 1)) * np.tanh(away_mm / 0.3)).sum(axis=0)
+        tables.append(Transmission(table.first_mm, table.pitch_mm, table.lower_mm + bend_mm, table.upper_mm + bend_mm))
+    twin = Twin(replace(healthy, transmissions=(tables[0], tables[1])))
+    layer = drawn_body(rng, printer, size_mm=100.0).layers[0]
+    for lost in (0, 4):
+        controls = layer.controls.astype(np.int64)
+        controls[3000] -= lost
+        trace = layer_trace(layer, twin.run(controls, layer.start_steps), printer)
+        noisy = replace(trace, measured_mm=trace.measured_mm + rng.normal(0, 0.05, trace.measured_mm.shape))
+        for jumps in Greybox().fit(noisy, printer, rng=np.random.default_rng(0)).jumps:
+            assert [(jump.belt, round(jump.size_mm / 0.2)) for jump in jumps] == [(False, -4)] * (lost > 0)
+            assert all(abs(jump.row - 3001) <= 20 for jump in jumps)

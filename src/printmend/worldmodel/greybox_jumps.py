@@ -14,7 +14,7 @@ import numpy as np
 from printmend.printer import Axis
 from printmend.worldmodel.greybox_design import Contacts, Design, Rows, contacts
 from printmend.worldmodel.greybox_fit import Prior, variances
-from printmend.worldmodel.greybox_ladder import MISSED_STEPS, TOOTH_STEPS, Jump, climbed, jumped
+from printmend.worldmodel.greybox_ladder import MISSED_STEPS, TOOTH_STEPS, Jump, climbed, jumped, lasting
 from printmend.worldmodel.greybox_select import COARSE_HARMONICS, WARPS_MM, Choice, Structure, search
 
 STARTS_MM = (0.0, 0.5, 2.0)
@@ -124,7 +124,7 @@ def _calmed(rows: Rows, design: Design, best: "Increments", axis: Axis) -> tuple
         if fit.loss_mm > best.loss_mm - CALMER * least_mm / len(best.left_mm):
             break
         jumps, best = more, fit
-    return tuple(sorted(jumps, key=lambda jump: jump.row))
+    return lasting(rows, sorted(jumps, key=lambda jump: jump.row))
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,7 @@ def _stepped(rows: Rows, design: Design, axis: Axis) -> tuple[Jump, ...]:
         teeth, missed = COMBINATIONS[int(np.argmin(away))]
         jumps += [Jump(row, True, teeth * tooth)] * (teeth != 0)
         jumps += [Jump(row, False, missed * step)] * (missed != 0)
-    return tuple(jumps)
+    return lasting(rows, jumps)
 
 
 def _steps(rows: Rows, design: Design, values: np.ndarray, axis: Axis) -> tuple[list[int], list[float], float, float]:

@@ -3,9 +3,12 @@
 With a model at hand, the offset of the belt can only be a whole number of teeth and that of the motor a whole number of
 electrical turns: a ladder of two dimensions. Every measured point costs what its residual at a level says, every rung
 that is climbed costs a price; the cheapest history follows by dynamic programming. Where a model is wrong in a smooth
-way the ladder would imitate it, so each jump must also show as a sudden change of the residual.
+way the ladder would imitate it, so each jump must also show as a sudden change of the residual. Where a model lacks a
+sudden step of the table, as of a spliced belt, the ladder would climb and descend whenever the step is passed: what
+comes back at its place, and is undone on passing it back, is part of the machine.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +25,10 @@ OUTLIER = 12.0  # the most that a point may cost: fewer than two rungs, so that 
 SIGMA_MM = 0.03  # the least that is taken for noise: models are not exact while there are jumps in them
 LOCAL = 4  # points on each side of a jump that must show it
 SUDDEN = 0.4  # how far from its size a jump may look, of its size
+PLACE_MM = 1.5  # jumps so near to each other may be one step of the table: noise and play move where it shows
+ALIKE = 0.4  # and differ by at most this share of their size
+OFTEN = 0.2  # jumps at a larger share of the passes of a place belong to the place; one of them may be by chance
+CANCELLED_MM = 0.1  # by so much less than the smaller of them two jumps at one row cancel each other
 
 
 @dataclass(frozen=True)
@@ -74,4 +81,31 @@ def climbed(rows: Rows, choice: Choice, axis: Axis) -> tuple[Jump, ...]:
         row = int(measured[i]) + 1
         jumps += [Jump(row, True, teeth * tooth_mm)] * (teeth != 0)
         jumps += [Jump(row, False, missed * step_mm)] * (missed != 0)
-    return tuple(jumps)
+    return lasting(rows, jumps)
+
+
+def lasting(rows: Rows, jumps: Sequence[Jump]) -> tuple[Jump, ...]:
+    """Return the jumps without those that all but cancel each other at one row, and those that belong to a place: there
+    they come at many passes, one way up and the other way down."""
+    at = np.unique([jump.row for jump in jumps]).astype(np.int64)
+    sizes_mm = [[jump.size_mm for jump in jumps if jump.row == row] for row in at]
+    size_mm, least_mm = np.array([sum(each) for each in sizes_mm]), [min(map(abs, each)) for each in sizes_mm]
+    steps = np.diff(rows.motor_mm, prepend=rows.motor_mm[0])
+    moved = np.maximum.accumulate(np.where(steps != 0, np.arange(len(rows)), 0))
+    place_mm, rise_mm = rows.motor_mm[at], size_mm * np.sign(steps[moved[at]])
+    kept = set()
+    for i in range(len(at)):
+        alike = (np.abs(place_mm - place_mm[i]) <= PLACE_MM) & (np.abs(rise_mm - rise_mm[i]) <= ALIKE * abs(rise_mm[i]))
+        count = int(alike.sum())
+        undone = abs(np.sign(size_mm[alike]).sum()) <= count / 2
+        often = count - 1 > OFTEN * _passes(rows.motor_mm, place_mm[i])
+        if abs(size_mm[i]) > least_mm[i] - CANCELLED_MM and not (undone and often):
+            kept.add(int(at[i]))
+    return tuple(jump for jump in jumps if jump.row in kept)
+
+
+def _passes(motor_mm: np.ndarray, place_mm: float) -> int:
+    """Return how often a motor went past a place, from one side of its surroundings to the other."""
+    away = motor_mm - place_mm
+    sides = np.sign(away[np.abs(away) > PLACE_MM])
+    return int((np.diff(sides) != 0).sum())
