@@ -25,7 +25,11 @@ import click
 def command(
     trace: Path, printer_name: str | None, name: str, output: Path, old: Path | None, seed: int, as_json: bool
 ) -> None:
-    """Learn what is wrong with a printer from one measured print, and say so in plain words."""
+    """Learn what is wrong with a printer from one measured print, and say so in plain words.
+
+    TRACE.csv has a row for each commanded way-point: x_mm, y_mm, x_measured_mm, y_measured_mm, and z_mm, z_measured_mm
+    for the Z screw; measured cells may be empty.
+    """
     import numpy as np
 
     from printmend.cli.outputs import spare

@@ -120,7 +120,7 @@ def with_screw(
 
 
 def exact_model(mechanism: Mechanism) -> SavedModel:
-    """Return the model of a machine that is known exactly, anchored by homing; for tests and for `--corruption`."""
+    """Return the model of a machine that is known exactly, anchored by homing; for tests and benchmarks."""
     return saved_model(mechanism.homed(), learner="exact")
 
 

@@ -32,16 +32,12 @@ def seen_screw(old: SavedModel, trace: Trace) -> ScrewFound:
 
 def with_seen_screw(old: SavedModel, model: SavedModel, found: ScrewFound, trace: Trace) -> SavedModel:
     """Return an updated planar ``model`` with Z: what the trace shows as found, the rest as the old model has it."""
-    series, section = screw_of(old), old.document.get("screw")
-    if section is not None and series is None and not found.said:  # known exactly: not learned here
-        tables = {"version": old.document["version"], "screw": section}
-        return with_screw(model, None, findings=model.findings, details=tables)
     said = {**old.document.get(Z_SAID, {}), **found.said}
     faults = [fault for fault in _faults(old) if not fault["kind"].startswith(tuple(found.said))]
     missing = {kind: gap for kind, gap in found.gaps.items() if kind not in said}
     planar = tuple(gap for gap in model.findings if not gap.startswith("Z "))
     merged = ScrewFound(
-        _merged(series, found), found.trace, {kind: said[kind] for kind in KINDS if kind in said}, missing,
+        _merged(screw_of(old), found), found.trace, {kind: said[kind] for kind in KINDS if kind in said}, missing,
         (*faults, *found.faults),
     )  # fmt: skip
     return told(with_screw(model, None, findings=planar, details={}), merged, merged.series, trace)
