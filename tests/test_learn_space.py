@@ -22,6 +22,7 @@ from printmend.repair.diagnosis import examine, summary, write_examination
 from printmend.twin import Twin
 from printmend.worldmodel.learned import learn, report
 from printmend.worldmodel.saved import SavedModel, screw_of, write_model
+from printmend.worldmodel.screw_found import find_screw
 from printmend.worldmodel.update import update
 
 ENDER3 = read_printer("ender3")
@@ -170,6 +171,17 @@ def test_heights_of_another_machine_are_refused() -> None:
     assert trace.z_measured_mm is not None
     with pytest.raises(TraceError, match="z_measured_mm"):
         learned(replace(trace, z_measured_mm=trace.z_measured_mm * 254))
+
+
+@pytest.mark.parametrize("kind", ["none", "mirrored", "shuffled"])
+def test_heights_that_do_not_follow_are_refused(kind: str) -> None:
+    trace = measured(SCREW, tower())
+    height_mm = trace.z_measured_mm
+    assert height_mm is not None
+    shuffled = np.random.default_rng(0).permutation(height_mm)
+    nonsense = {"none": np.zeros_like(height_mm), "mirrored": 20 - height_mm, "shuffled": shuffled}[kind]
+    with pytest.raises(TraceError, match="follows z_mm"):
+        find_screw(replace(trace, z_measured_mm=nonsense), SHORT, None, lambda clean: np.zeros((len(clean), 2)))
 
 
 def test_the_owner_is_told_what_to_repair() -> None:

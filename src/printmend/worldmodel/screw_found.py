@@ -14,6 +14,7 @@ from printmend.errors import TraceError
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.worldmodel.diagnosis import SURE, amount
+from printmend.worldmodel.greybox_sight import GAINS, TOGETHER
 from printmend.worldmodel.screw import HARMONICS, ScrewSeries, first_push_mm, fit_height, waves_of
 
 KINDS = ("lead", "periodic", "backlash", "wobble")
@@ -146,6 +147,8 @@ def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> _Part:
     if span_mm < _WHOLE_TURN * lead_mm:
         gaps["lead"] = _too_low("lead and its unevenness", span_mm, lead_mm)
         active[:] = False
+    else:
+        _check_follows(z_mm, measured_mm)
     height = fit_height(z_mm, measured_mm, printer, active=active)
     sizes = np.array([abs(height.terms[0]), *np.repeat(_sizes(height.terms[1:]), 2)])
     spreads = np.array([height.sds[0], *np.repeat(_sizes(height.sds[1:]) / np.sqrt(2), 2)])
@@ -175,6 +178,20 @@ def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> _Part:
     else:
         gaps["backlash"] = "Z backlash: no height was measured after the nozzle came down"
     return _Part(np.where(sure, height.terms, 0.0), backlash_mm, said, gaps, tuple(faults), sds)
+
+
+def _check_follows(z_mm: np.ndarray, measured_mm: np.ndarray) -> None:
+    """Raise `TraceError` where measured heights [N], NaN for none, do not go with the commanded ones [N]."""
+    seen = np.isfinite(measured_mm)
+    wanted, came = (height[seen] - height[seen].mean() for height in (z_mm, measured_mm))
+    followed = float(wanted @ came / (wanted @ wanted))
+    together = float(wanted @ came / max(np.linalg.norm(wanted) * np.linalg.norm(came), 1e-9))
+    if together < TOGETHER or not GAINS[0] < followed < GAINS[1]:
+        raise TraceError(
+            "trace", wanted="z_measured_mm that follows z_mm",
+            came=f"{followed:.2f} mm a commanded millimetre, correlation {together:.2f}",
+            todo="check that each row has its own height above the bed, in millimetres",
+        )  # fmt: skip
 
 
 def _push(z_mm: np.ndarray, left_over_mm: np.ndarray, printer: Printer) -> _Part:
