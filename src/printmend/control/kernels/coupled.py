@@ -245,8 +245,7 @@ def search(
     both by an odd number. The motors' tables end at ``size`` [2]; ``known`` [2, T + 1, 2] are the known plan's states.
 
     Near means ``slack``. Where the least bound grew by more than the slack over two chunks of ticks, what was left out
-    in them might have come out ahead: they are gone over again with
-    that much slack, up to ``most``.
+    in them might have come out ahead: they are gone over again with that much slack, up to ``most``.
 
     Return the states and costs of the last tick, and the way there: states 0…N of tick t + 1 are the rows from base[t]
     of (their parents among tick t's states, the moves of a, of b).
