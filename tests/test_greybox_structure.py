@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from printmend.bench.drawn_body import drawn_body
-from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, sample
+from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play, sample
 from printmend.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
@@ -141,3 +141,21 @@ def test_a_grid_of_parts_of_a_turn_is_said_to_be_one(apart_mm: float) -> None:
     printed = Twin.of(sample("ellipse", np.random.default_rng(5)), ENDER3).follow(path_mm)
     gaps = diagnose(Greybox().fit(Trace(path_mm, printed), ENDER3, rng=np.random.default_rng(5))).gaps
     assert any("same few angles" in gap for gap in gaps) == (apart_mm == 10.0)
+
+
+@pytest.mark.parametrize("dwells", [False, True])
+def test_play_shows_where_axes_move_one_after_the_other(dwells: bool) -> None:
+    """A row that is measured while the motor stands still was reached from where the motor last came."""
+    rng = np.random.default_rng(0)
+    path_mm, shown = [np.array(ENDER3.home_mm)], [False]
+    for point in rng.uniform(30.0, 190.0, (120, 2)):
+        path_mm += [np.array([point[0], path_mm[-1][1]]), point] + [point] * dwells
+        shown += [False] + [False] * dwells + [True]
+    play = Corruption((Drive(belt=Play(0.3)), Drive(belt=Play(0.2))))
+    printed = Twin.of(play, ENDER3).follow(np.array(path_mm)) + rng.normal(0, 0.02, (len(path_mm), 2))
+    printed[~np.array(shown)] = np.nan
+    model = Greybox().fit(Trace(np.array(path_mm), printed, homed=True), ENDER3, rng=rng)
+    assert isinstance(model.mechanism, Mechanism)
+    for table, width_mm in zip(model.mechanism.transmissions, (0.3, 0.2), strict=True):
+        lower, upper = table.branches_mm(np.array([100.0]))
+        assert (upper - lower).item() == pytest.approx(width_mm, abs=0.02)

@@ -121,9 +121,10 @@ class Choice:
 def supported(rows: Rows, structure: Structure) -> Structure:
     """Return the structure without what these rows cannot tell from other parts: play where the motor was measured
     going one way only, the frame where the axes moved together only."""
-    measured = rows.weight > 0
-    steps = np.diff(rows.motor_mm)[measured[1:]]
-    if min((steps > 0).sum(), (steps < 0).sum()) < BOTH_WAYS:
+    step = np.diff(rows.motor_mm, prepend=rows.motor_mm[:1])
+    moved = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))  # the row where it last moved
+    went = step[moved][rows.weight > 0]
+    if min((went > 0).sum(), (went < 0).sum()) < BOTH_WAYS:
         structure = replace(structure, play="none", friction=False)
     return structure if crosses(rows) else replace(structure, cross=0)
 
