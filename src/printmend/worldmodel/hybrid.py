@@ -136,7 +136,7 @@ def _published(box: GreyboxModel, trace: Trace) -> GainMechanism | None:
     left = float(np.mean([_left_mm2(drive) for drive in box.drives]))
     if box.printer.kinematics == "corexy":  # a motor of which is the sum of two coordinates
         left /= 2
-    right = gains.residual_mm**2
+    right = max(gains.residual_mm**2, np.finfo(float).tiny)
     better = box.measured * np.log(left / right) - gains.known  # two coordinates, half a nat each; half a nat a number
     # that world has gains and nothing else: what they leave is noise, or next to nothing
     whole = gains.share > PATTERN or right < NOTHING_LEFT**2 * left

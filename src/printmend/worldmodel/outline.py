@@ -24,7 +24,6 @@ DISCS = (0.6, 0.5)
 _GRID = np.linspace(0.0, TURN_RAD, ANGLES, endpoint=False)
 _FINE = TURN_RAD / FINE * np.arange(FINE)
 _FINE_WAVES = np.stack([np.ones(FINE), np.cos(_FINE), -np.sin(_FINE)])
-_NO_BORE = np.zeros(2)
 
 
 class Outline(Protocol):
