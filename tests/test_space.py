@@ -94,17 +94,17 @@ def test_height_is_planned_optimally(ender5: Printer) -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(0, 2**31), st.sampled_from([0.0, 0.3, 2.0]))
-def test_contacts_are_the_slow_contacts(seed: int, half: float) -> None:
+@given(st.integers(0, 2**31), st.sampled_from([0.0, 0.3, 2.0]), st.sampled_from([0.0, 0.5, 1.0]))
+def test_contacts_are_the_slow_contacts(seed: int, half: float, share: float) -> None:
     centre = np.cumsum(np.random.default_rng(seed).integers(-1, 2, 60)).astype(float)
     at, side = np.empty(60, np.int64), np.empty(60)
-    contacts(centre, half, at, side)
-    u = centre[0]
+    contacts(centre, half, share, at, side)
+    start = u = centre[0] + (2 * share - 1) * half
     for t in range(60):
         before, u = u, float(np.clip(u, centre[t] - half, centre[t] + half))
         if u != before:
             assert at[t] == t
-        assert u == (centre[0] if side[t] == 0 else centre[at[t]] + side[t] * half)
+        assert u == (start if side[t] == 0 else centre[at[t]] + side[t] * half)
 
 
 def test_a_screw_is_learned_exactly_from_exact_heights(ender5: Printer) -> None:
@@ -210,3 +210,24 @@ def test_play_that_no_hop_crosses_is_known_from_where_the_nut_rested(ender5: Pri
     height = fit_height(trace.z_mm, trace.z_measured_mm, ender5)
     assert height.backlash_mm == pytest.approx(0.35, abs=0.01)
     assert height.rest_share == 0.5
+
+
+@pytest.mark.parametrize("noise_mm", [0.0, 0.05])
+@pytest.mark.parametrize("backlash_mm", [0.12, 0.28, 0.33])
+def test_a_tower_that_began_at_the_end_stop_tells_its_backlash(
+    noise_mm: float, backlash_mm: float, ender5: Printer
+) -> None:
+    """The end stop is reached downwards: the first layers lie within the play, and so do the next after each hop."""
+    layers = 0.2 + 0.3 * np.arange(60)
+    z_mm = np.concatenate([[0.0], np.column_stack([layers, layers, layers + 0.4, layers, layers]).ravel()])
+    z_mm = np.repeat(z_mm, 8)
+    waves = 0.08 * np.sin(2 * np.pi * z_mm / ender5.z.mm_per_turn + 1.0)
+    centre, place, printed = 1.02 * z_mm + waves, 0.0, np.empty(len(z_mm))
+    place = centre[0] + backlash_mm / 2
+    for row, middle in enumerate(centre):
+        place = float(np.clip(place, middle - backlash_mm / 2, middle + backlash_mm / 2))
+        printed[row] = place
+    noise = np.random.default_rng(3).normal(0.0, noise_mm, len(z_mm))
+    height = fit_height(z_mm, printed + noise, ender5)
+    assert height.backlash_mm == pytest.approx(backlash_mm, abs=0.01 if noise_mm else 1e-4)
+    assert height.terms[0] == pytest.approx(0.02, abs=1e-3 if noise_mm else 1e-5)

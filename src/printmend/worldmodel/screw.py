@@ -8,6 +8,7 @@ the play with the current estimate, solve by ridge least squares, repeat.
 """
 
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -24,6 +25,8 @@ HARMONICS = 2
 # Prior standard deviations: of the lead's relative error, of a harmonic's amplitude and of the backlash, mm.
 _LEAD, _AMPLITUDE_MM, _BACKLASH_MM = 0.1, 0.5, 1.0
 _BACKLASHES_MM = (0.0, 0.1, 0.4)
+# Where in its play the nut may rest at row 0: in the middle, unless the heights speak against it, or on a flank.
+_SHARES = (0.5, 0.0, 1.0)
 _PASSES = 12
 _LEAST_SIGMA_MM = 1e-4
 # A backlash below so many standard deviations of its estimate is none.
@@ -105,14 +108,14 @@ def fit_height(
     if active is not None:
         columns = columns * active
     prior = np.array([_LEAD, *[_AMPLITUDE_MM] * (2 * HARMONICS), _BACKLASH_MM])
-    best: tuple[float, Height] | None = None
+    best: tuple[Height, bool] | None = None
     count = columns.shape[1]
-    for guess_mm in _BACKLASHES_MM:
+    for share, guess_mm in product(_SHARES, _BACKLASHES_MM):
         terms, backlash_mm, sigma_mm = np.zeros(count), guess_mm, 0.1
         for _ in range(_PASSES):
             centre = commanded_mm + columns @ terms
             at, side = np.empty(len(centre), np.int64), np.empty(len(centre))
-            contacts(centre, backlash_mm / 2, at, side)
+            contacts(centre, backlash_mm / 2, share, at, side)
             # Until it first touches a flank the nut is where it was: a place of its own.
             free = side == 0.0
             rest = np.column_stack([~free, free])[seen]
@@ -126,21 +129,36 @@ def fit_height(
             backlash_mm = max(found_mm, 0.0)
             if moved < 1e-6:
                 break
-        if not (side[seen] > 0).any():  # no less than how far Z went back without taking the nut along
+        met = bool((side[seen] > 0).any())
+        if not met:  # no less than how far Z went back without taking the nut along
             backlash_mm = float((centre[at] - centre)[side < 0].max(initial=0.0))
         elif backlash_mm < _SEEN * spread[count]:
             backlash_mm = 0.0
-        if best is None or sigma_mm < best[0] * (1 - 1e-6):
-            best = sigma_mm, Height(terms, backlash_mm, sigma_mm, spread[:count], float(spread[count]))
+        height = Height(terms, backlash_mm, sigma_mm, spread[:count], float(spread[count]), share)
+        if best is None or _closer(height, best[0], int(seen.sum())):
+            best = height, met
     assert best is not None
-    return _rested(best[1], commanded_mm + columns @ best[1].terms, measured_mm)
+    height, met = best
+    if height.rest_share != _SHARES[0]:
+        return height
+    return _rested(height, commanded_mm + columns @ height.terms, measured_mm, met=met)
 
 
-def _rested(height: Height, centre_mm: np.ndarray, measured_mm: np.ndarray) -> Height:
-    """Say where in its play the nut rested at row 0: in the middle unless the heights speak against it.
+def _closer(height: Height, than: Height, points: int) -> bool:
+    """Tell whether a fit is closer to the heights; by how much, where it needs a nut that rested on a flank."""
+    if height.rest_share == than.rest_share:
+        return height.sigma_mm < than.sigma_mm * (1 - 1e-6)
+    here, there = (max(each.sigma_mm, _RESTS_SIGMA_MM) for each in (height, than))
+    return bool(2 * points * np.log(there / here) > _ASIDE)
+
+
+def _rested(height: Height, centre_mm: np.ndarray, measured_mm: np.ndarray, *, met: bool) -> Height:
+    """Say where in its play the nut rested at row 0, where the fit alone does not: in the middle unless the heights
+    speak against it.
 
     ``centre_mm`` [N] is the middle of the play, but for a constant. Where Z never went back far enough to meet the
-    other flank, the play is only known to be larger than that; that the nut rested in its middle then tells its width.
+    other flank (``met`` False), the play is only known to be larger than that; that the nut rested in its middle then
+    tells its width.
     """
     here = np.cumsum(np.abs(np.diff(centre_mm, prepend=centre_mm[0]))) == 0.0  # not moved yet
     seen = np.isfinite(measured_mm)
@@ -155,9 +173,10 @@ def _rested(height: Height, centre_mm: np.ndarray, measured_mm: np.ndarray) -> H
         return float(np.minimum(((measured_mm - place_mm)[seen] / sigma_mm) ** 2, _LOST).sum())
 
     centred, backlash_mm = squares(0.5, height.backlash_mm), height.backlash_mm
-    wide, wider_mm = min((squares(0.5, float(width)), float(width)) for width in height.backlash_mm * _WIDER)
-    if wide + _ASIDE < centred:
-        centred, backlash_mm = wide, wider_mm
+    if not met:
+        wide, wider_mm = min((squares(0.5, float(width)), float(width)) for width in height.backlash_mm * _WIDER)
+        if wide + _ASIDE < centred:
+            centred, backlash_mm = wide, wider_mm
     aside, share = min((squares(share, height.backlash_mm), share) for share in (0.0, 1.0))
     if aside + _ASIDE < centred:
         return replace(height, rest_share=share)
