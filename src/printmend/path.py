@@ -19,6 +19,12 @@ def frozen(array: np.ndarray) -> np.ndarray:
     return array
 
 
+def last_way(places: np.ndarray) -> np.ndarray:
+    """Return which way [N] each of the places [N] of one axis was last moved: +1, −1, 0 before the first move."""
+    way = np.sign(np.diff(places, prepend=places[:1]))
+    return way[np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))]
+
+
 @dataclass(frozen=True, eq=False)
 class Layer:
     """One layer as lattice controls.

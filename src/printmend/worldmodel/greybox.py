@@ -165,12 +165,10 @@ def learned(
         full = with_belts(full, chosen)
         chosen = [_again(row, choice, ripple, 2) for row, choice, ripple in zip(full, chosen, ripples, strict=True)]
         rows = full
-    doubts = [doubt(row, choice, ripple) for row, choice, ripple in zip(rows, chosen, ripples, strict=True)]
-    chosen = [outlined(row, choice, complete) for row, choice in zip(rows, chosen, strict=True)]
-    model = model_of(trace, printer, rows, chosen)
+    model = model_of(trace, printer, rows, [outlined(*each, complete) for each in zip(rows, chosen, strict=True)])
     drives = [
-        replace(drive, doubt=more if drive.sight.angles >= SEEN else None)
-        for drive, more in zip(model.drives, doubts, strict=True)
+        replace(drive, doubt=doubt(row, choice, ripple)) if drive.sight.angles >= SEEN else drive
+        for drive, row, choice, ripple in zip(model.drives, rows, chosen, ripples, strict=True)
     ]
     return replace(model, drives=(drives[0], drives[1]), jumps=(jumps[0], jumps[1]))
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from printmend.path import last_way
 from printmend.printer import Axis
 from printmend.worldmodel.greybox_design import Rows, contacts
 from printmend.worldmodel.greybox_select import Choice
@@ -90,9 +91,7 @@ def lasting(rows: Rows, jumps: Sequence[Jump]) -> tuple[Jump, ...]:
     at = np.unique([jump.row for jump in jumps]).astype(np.int64)
     sizes_mm = [[jump.size_mm for jump in jumps if jump.row == row] for row in at]
     size_mm, least_mm = np.array([sum(each) for each in sizes_mm]), [min(map(abs, each)) for each in sizes_mm]
-    steps = np.diff(rows.motor_mm, prepend=rows.motor_mm[0])
-    moved = np.maximum.accumulate(np.where(steps != 0, np.arange(len(rows)), 0))
-    place_mm, rise_mm = rows.motor_mm[at], size_mm * np.sign(steps[moved[at]])
+    place_mm, rise_mm = rows.motor_mm[at], size_mm * last_way(rows.motor_mm)[at]
     kept = set()
     for i in range(len(at)):
         alike = (np.abs(place_mm - place_mm[i]) <= PLACE_MM) & (np.abs(rise_mm - rise_mm[i]) <= ALIKE * abs(rise_mm[i]))

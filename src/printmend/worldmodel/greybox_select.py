@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from printmend.path import last_way
 from printmend.worldmodel.greybox_design import Design, Normal, Rows
 from printmend.worldmodel.greybox_fit import Fit, Posterior, Prior, refine, solve, variances
 from printmend.worldmodel.greybox_sight import crosses
@@ -121,9 +122,7 @@ class Choice:
 def supported(rows: Rows, structure: Structure) -> Structure:
     """Return the structure without what these rows cannot tell from other parts: play where the motor was measured
     going one way only, the frame where the axes moved together only."""
-    step = np.diff(rows.motor_mm, prepend=rows.motor_mm[:1])
-    moved = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))  # the row where it last moved
-    went = step[moved][rows.weight > 0]
+    went = last_way(rows.motor_mm)[rows.weight > 0]
     if min((went > 0).sum(), (went < 0).sum()) < BOTH_WAYS:
         structure = replace(structure, play="none", friction=False)
     return structure if crosses(rows) else replace(structure, cross=0)

@@ -15,7 +15,7 @@ import numpy as np
 from printmend.corruption.screw import z_grid_mm
 from printmend.errors import TraceError
 from printmend.mechanism import ScrewDrive, Transmission, healthy_mechanism
-from printmend.path import Trace
+from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.twin.kernels import run_play
 from printmend.units import TURN_RAD
@@ -76,6 +76,10 @@ class ScrewSeries:
     backlash_mm: float
     height_mm: np.ndarray
     push_mm: np.ndarray
+
+    @classmethod
+    def healthy(cls, lead_mm: float) -> "ScrewSeries":
+        return cls(lead_mm, 0.0, 0.0, np.zeros(2 * HARMONICS), np.zeros((2 * HARMONICS, 2)))
 
     def tables(self, printer: Printer) -> ScrewDrive:
         """Return it as tables on the micro-steps of Z, without an origin."""
@@ -196,9 +200,7 @@ def first_push_mm(trace: Trace, printer: Printer) -> np.ndarray:
     nuisance = [np.ones((len(trace), 1)), trace.commanded_mm / 100.0]
     for axis, column in zip((printer.x, printer.y), printer.to_motor(trace.commanded_mm).T, strict=True):
         nuisance.append(waves_of(column, axis.mm_per_turn, _PULLEY_HARMONICS))
-        moved = np.sign(np.diff(column, prepend=column[0]))
-        last = np.maximum.accumulate(np.where(moved != 0, np.arange(len(moved)), 0))
-        nuisance.append(moved[last][:, None])
+        nuisance.append(last_way(column)[:, None])
     waves = waves_of(trace.z_mm, printer.z.mm_per_turn, HARMONICS)
     residual = trace.measured_mm - trace.commanded_mm
     return waves @ _push_terms(waves, np.column_stack(nuisance), residual)

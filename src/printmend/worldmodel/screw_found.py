@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.path import Trace
+from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.worldmodel.diagnosis import SURE, amount
 from printmend.worldmodel.greybox_sight import GAINS, TOGETHER
@@ -247,9 +247,7 @@ def _layers(z_mm: np.ndarray, values: np.ndarray, lead_mm: float) -> tuple[np.nd
 
 
 def _comes_back(z_mm: np.ndarray, measured_mm: np.ndarray) -> bool:
-    moved = np.sign(np.diff(z_mm, prepend=z_mm[0]))
-    last = np.maximum.accumulate(np.where(moved != 0, np.arange(len(moved)), 0))
-    return bool((moved[last][np.isfinite(measured_mm)] < 0).any())
+    return bool((last_way(z_mm)[np.isfinite(measured_mm)] < 0).any())
 
 
 def _sizes(terms: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from printmend.twin import Twin
 from printmend.worldmodel.diagnosis import SURE
 from printmend.worldmodel.learned import Z_SAID, told
 from printmend.worldmodel.saved import SavedModel, screw_of, with_screw
-from printmend.worldmodel.screw import HARMONICS, ScrewSeries
+from printmend.worldmodel.screw import ScrewSeries
 from printmend.worldmodel.screw_found import KINDS, ScrewFound, find_screw, heights_mm, without_push
 
 
@@ -59,8 +59,7 @@ def screw_changes(old: SavedModel, found: ScrewFound) -> list[dict[str, Any]]:
 
 def _news(old: SavedModel, known: ScrewSeries, found: ScrewFound) -> ScrewFound:
     """Leave out what the old model knows better, and the trace does not deny."""
-    nothing = ScrewSeries(known.lead_mm, 0.0, 0.0, np.zeros(2 * HARMONICS), np.zeros((2 * HARMONICS, 2)))
-    new, said = found.series or nothing, dict(found.said)
+    new, said = found.series or ScrewSeries.healthy(known.lead_mm), dict(found.said)
     away = {
         "lead": 100 * abs(new.lead_error - known.lead_error),
         "periodic": float(np.linalg.norm((new.height_mm - known.height_mm)[:2])),
@@ -86,7 +85,7 @@ def _merged(old: ScrewSeries | None, found: ScrewFound) -> ScrewSeries | None:
     if new is None and old is None:
         return None
     lead_mm = (new or old).lead_mm  # type: ignore[union-attr]
-    nothing = ScrewSeries(lead_mm, 0.0, 0.0, np.zeros(2 * HARMONICS), np.zeros((2 * HARMONICS, 2)))
+    nothing = ScrewSeries.healthy(lead_mm)
     lead, periodic, backlash, wobble = ((new if kind in found.said else old) or nothing for kind in KINDS)
     merged = ScrewSeries(lead_mm, lead.lead_error, backlash.backlash_mm, periodic.height_mm, wobble.push_mm)
     healthy = merged.lead_error == merged.backlash_mm == 0.0 and not merged.height_mm.any() and not merged.push_mm.any()
