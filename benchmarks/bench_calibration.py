@@ -15,13 +15,13 @@ import numpy as np
 
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
-from printmend.mechanism import Mechanism
+from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.published.transitions import layer_trace
+from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
-from printmend.worldmodel.greybox import Greybox
-from printmend.worldmodel.transitions import layer_trace
 
 FAMILIES = ("play", "eccentric", "polygon", "fourier", "published", "pulley-play", "pulley-loose", "set-screw",
             "elastic", "friction", "smooth")  # fmt: skip

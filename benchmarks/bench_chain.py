@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.bench.demo_scan import run_chain
 from printmend.corruption import sample
+from printmend.demo.scan import run_chain
 from printmend.printer import read_printer
 
 FAMILIES = ("pulley", "play", "pulley-play", "pulley-loose", "frame")

@@ -14,12 +14,12 @@ import time
 import numpy as np
 
 from printmend.corruption import HEALTHY, families, sample
-from printmend.mechanism import Mechanism
+from printmend.learn.greybox.greybox import Greybox
+from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
-from printmend.worldmodel.greybox import Greybox
 
 MOVES = 4000
 

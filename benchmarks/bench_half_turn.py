@@ -20,16 +20,16 @@ import numpy as np
 from printmend.bench.drawn_body import drawn_body
 from printmend.control.registry import controller
 from printmend.corruption import Corruption, Drive, PublishedHull, sample
-from printmend.mechanism import Mechanism
+from printmend.learn.mechanism_model import MechanismModel
+from printmend.learn.prior.mixture import mixture, parse_weights
+from printmend.learn.prior.prior import PriorLearner
+from printmend.learn.published.transitions import layer_trace
+from printmend.learn.registry import learner
+from printmend.machine.mechanism import Mechanism
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
-from printmend.worldmodel.mechanism_model import MechanismModel
-from printmend.worldmodel.prior import PriorLearner
-from printmend.worldmodel.prior_mixture import mixture, parse_weights
-from printmend.worldmodel.registry import learner
-from printmend.worldmodel.transitions import layer_trace
 
 HULLS = ("small", "line", "triangle", "square", "egg")
 TURN_MM = 40.0

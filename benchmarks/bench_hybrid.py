@@ -17,12 +17,12 @@ import numpy as np
 from printmend.bench.drawn_body import drawn_body
 from printmend.control.registry import controller
 from printmend.corruption import sample
-from printmend.mechanism import Mechanism, Transmission, healthy_mechanism
+from printmend.learn.published.transitions import layer_trace
+from printmend.learn.registry import fit
+from printmend.machine.mechanism import Mechanism, Transmission, healthy_mechanism
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
-from printmend.worldmodel.registry import fit
-from printmend.worldmodel.transitions import layer_trace
 
 Bend = Callable[[np.random.Generator, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """From motor positions [N] to what is added to the lower and the upper table [N]."""

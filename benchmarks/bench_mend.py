@@ -25,7 +25,7 @@ from printmend.errors import RefusedError
 from printmend.printer import read_printer
 from printmend.repair import mend_gcode
 from printmend.repair.against import judged
-from printmend.worldmodel.saved import exact_model, write_model
+from printmend.saved.model import exact_model, write_model
 
 PROGRAM = str(Path(sys.executable).parent / "printmend")
 

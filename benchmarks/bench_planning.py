@@ -21,13 +21,13 @@ from printmend.body import body_of, demo_body_gcode
 from printmend.control.registry import controller, controller_names
 from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
 from printmend.errors import InputError
+from printmend.learn.mechanism_model import MechanismModel
+from printmend.learn.published.transitions import layer_trace
+from printmend.learn.registry import fit, model_names
 from printmend.path import Layer
 from printmend.printer import read_printer
 from printmend.protocols import State, WorldModel
 from printmend.twin import Twin
-from printmend.worldmodel.mechanism_model import MechanismModel
-from printmend.worldmodel.registry import fit, model_names
-from printmend.worldmodel.transitions import layer_trace
 
 
 @dataclass(frozen=True, eq=False)

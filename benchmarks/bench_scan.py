@@ -24,12 +24,12 @@ from printmend.errors import PrintmendError
 from printmend.measure import ProbePlan, write_plan
 from printmend.measure.image import write_image
 from printmend.measure.marks import read_marks
-from printmend.measure.render import DEFAULT, HEAVY, Degradations, render_scan
-from printmend.measure.render_photo import render_photo
 from printmend.measure.scan import LEAST_FOUND, read_scan
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
+from printmend.twin.camera import render_photo
+from printmend.twin.scanner import DEFAULT, HEAVY, Degradations, render_scan
 
 PRINTER = read_printer("ender3")
 OFF_MM = 10.0

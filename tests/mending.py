@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.control.inverse import start
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.write import rewrite
-from printmend.mechanism import Mechanism
+from printmend.invert.inverse import start
+from printmend.machine.mechanism import Mechanism
 from printmend.printer import read_printer
 from printmend.repair.prediction import Prediction, prediction_of
 from tests import naive_mend

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from printmend.worldmodel.greybox_branches import Branches
-from printmend.worldmodel.greybox_design import Design, Rows
+from printmend.learn.drive.design import Design, Rows
+from printmend.saved.branches import Branches
 
 
 def follow_play(rows: Rows, branches: Branches, start_mm: float) -> tuple[list[int], list[int], list[float]]:

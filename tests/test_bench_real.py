@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from printmend.bench.periodic import fit
-from printmend.bench.periodic_evidence import Trace1d
-from printmend.bench.real import PROTOCOLS, plain_fit, real_lines, scatter_mm2
-from printmend.bench.shipped import shipped_fit
-from printmend.bench.traverse import COLUMNS, Traverse, detrended, middles_mm, read_traverses
+from printmend.bench.real.evidence import Trace1d
+from printmend.bench.real.periodic import fit
+from printmend.bench.real.real import PROTOCOLS, plain_fit, real_lines, scatter_mm2
+from printmend.bench.real.shipped import shipped_fit
+from printmend.bench.real.traverse import COLUMNS, Traverse, detrended, middles_mm, read_traverses
 from printmend.errors import TraceError
 
 TURN_MM, LAG_MM, MIDDLE_MM = 42.3, 0.8, 85.0

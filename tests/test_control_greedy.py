@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 from printmend.control.greedy import Greedy
 from printmend.corruption import families, sample
-from printmend.mechanism import Mechanism, healthy_transmission
+from printmend.learn.mechanism_model import MechanismModel
+from printmend.learn.published.increments import AxisModel, moved, start_state
+from printmend.learn.published.transitions import layer_trace
+from printmend.learn.registry import fit, learner_names
+from printmend.machine.mechanism import Mechanism, healthy_transmission
 from printmend.printer import Printer, read_printer
 from printmend.protocols import IncrementTables, PlayTables, WorldModel
 from printmend.twin import Twin
-from printmend.worldmodel.increments import AxisModel, moved, start_state
-from printmend.worldmodel.mechanism_model import MechanismModel
-from printmend.worldmodel.registry import fit, learner_names
-from printmend.worldmodel.transitions import layer_trace
 from tests import naive_control
 from tests.shapes import ring_layer
 

@@ -11,10 +11,10 @@ from printmend.control.objective import OBJECTIVES, Objective, _Search, objectiv
 from printmend.control.registry import controller
 from printmend.corruption import sample
 from printmend.errors import InputError
+from printmend.learn.mechanism_model import MechanismModel
 from printmend.path import Body
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
-from printmend.worldmodel.mechanism_model import MechanismModel
 from tests import naive_refine
 from tests.shapes import layer_along, ring_layer
 

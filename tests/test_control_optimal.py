@@ -9,10 +9,10 @@ from printmend.control.kernels import coupled as kernels
 from printmend.control.registry import controller
 from printmend.control.window import window
 from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
+from printmend.learn.mechanism_model import MechanismModel
 from printmend.path import Plan
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin, lattice_tables
-from printmend.worldmodel.mechanism_model import MechanismModel
 from tests import naive_control
 from tests.shapes import layer_along, ring_layer
 

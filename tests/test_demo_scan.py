@@ -9,9 +9,10 @@ import pytest
 import shapely
 from click.testing import CliRunner
 
-from printmend.bench import contour, demo_scan
+from printmend.bench import contour
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, Play
+from printmend.demo import scan as demo_scan
 from printmend.errors import InputError
 from printmend.gcode.read import read_gcode
 from printmend.metrics.shape import stroke_distances

@@ -8,17 +8,17 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, Ellipse, Play
+from printmend.diagnosis.advice import advise
+from printmend.diagnosis.diagnosis import Fault
 from printmend.errors import GcodeError, InputError, TraceError
 from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.repair.diagnosis import examine, write_examination
+from printmend.repair.examination import examine, write_examination
+from printmend.repair.learned import learn
 from printmend.twin import Twin
 from printmend.units import radius_mm
-from printmend.worldmodel.advice import advise
-from printmend.worldmodel.diagnosis import Fault
-from printmend.worldmodel.learned import learn
 from tests.mending import SQUARE
 
 ENDER3 = read_printer("ender3")

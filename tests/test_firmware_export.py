@@ -8,9 +8,9 @@ import pytest
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, WrongRadius
 from printmend.corruption.frame import CrookedFrame
-from printmend.mechanism import Frame, Mechanism
+from printmend.export.firmware import EXPORTS
+from printmend.machine.mechanism import Frame, Mechanism
 from printmend.printer import Printer, read_printer
-from printmend.worldmodel.firmware import EXPORTS
 from tests import naive_mend
 
 ENDER3, COREXY = read_printer("ender3"), read_printer("corexy")

@@ -9,14 +9,14 @@ import pytest
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
 from printmend.corruption.jump import MissedSteps, ToothSkips
-from printmend.mechanism import Transmission, healthy_mechanism
+from printmend.learn.drive.kernels.jumps import cheapest_levels
+from printmend.learn.drive.ladder import Jump, lasting
+from printmend.learn.greybox.greybox import Greybox, motor_rows
+from printmend.learn.published.transitions import layer_trace
+from printmend.machine.mechanism import Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend.worldmodel.greybox import Greybox, motor_rows
-from printmend.worldmodel.greybox_ladder import Jump, lasting
-from printmend.worldmodel.kernels.jumps import cheapest_levels
-from printmend.worldmodel.transitions import layer_trace
 from tests.naive_greybox import cheapest_history
 
 ZIGZAG_MM = np.array([[20.0, 30.0], [190.0, 180.0], [25.0, 35.0], [185.0, 60.0], [30.0, 170.0], [120.0, 40.0]])

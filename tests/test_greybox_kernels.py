@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from printmend.worldmodel.greybox_design import Contacts, Design, Rows, contacts, normal_equations
-from printmend.worldmodel.greybox_select import CROSS, Structure
-from printmend.worldmodel.kernels.greybox import turning_rows
+from printmend.learn.drive.design import Contacts, Design, Rows, contacts, normal_equations
+from printmend.learn.drive.kernels.columns import turning_rows
+from printmend.learn.drive.select import CROSS, Structure
 from tests.naive_greybox import column_matrix, follow_play
 
 DESIGN = Design(3, 2, CROSS, (20, 40), (1, 2, 3, 6), (1, 3), (1, 2), 4, (20.0, 190.0))
@@ -60,7 +60,7 @@ def test_moments_give_the_normal_equations(seed: int) -> None:
 
 
 def test_long_traces_are_added_in_chunks(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
-    from printmend.worldmodel import greybox_design
+    from printmend.learn.drive import design as greybox_design
 
     row, parameters = rows(rng), values(rng)
     touch = contacts(DESIGN, parameters, row)

@@ -7,14 +7,14 @@ import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, PublishedHull, sample
 from printmend.errors import TraceError
-from printmend.mechanism import Mechanism
+from printmend.learn.drive.select import NOTHING
+from printmend.learn.greybox.greybox import Greybox, GreyboxModel
+from printmend.learn.published.transitions import layer_trace
+from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
-from printmend.worldmodel.greybox import Greybox, GreyboxModel
-from printmend.worldmodel.greybox_select import NOTHING
-from printmend.worldmodel.transitions import layer_trace
 from tests.naive_machine import NaiveDrive, circle, corners, loose, walk
 from tests.shapes import ring_layer
 

@@ -8,14 +8,14 @@ import pytest
 from printmend.bench.drawn_body import drawn_body
 from printmend.control.registry import controller
 from printmend.corruption import sample
+from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.mechanism_model import MechanismModel
+from printmend.learn.published.transitions import layer_trace
 from printmend.metrics import rmse
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.protocols import PlayTables
 from printmend.twin import Twin
-from printmend.worldmodel.greybox import Greybox
-from printmend.worldmodel.mechanism_model import MechanismModel
-from printmend.worldmodel.transitions import layer_trace
 
 ENDER5 = read_printer("ender5")
 MIDDLE, FORWARDS, BACK = (0.5, 0.5), (0.0, 0.0), (1.0, 1.0)

@@ -7,14 +7,14 @@ import pytest
 
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play, sample
-from printmend.mechanism import Mechanism
+from printmend.diagnosis.diagnosis import diagnose
+from printmend.learn.greybox.greybox import Greybox, GreyboxModel
+from printmend.learn.published.transitions import layer_trace
+from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
-from printmend.worldmodel.diagnosis import diagnose
-from printmend.worldmodel.greybox import Greybox, GreyboxModel
-from printmend.worldmodel.transitions import layer_trace
 
 ENDER3, ENDER5 = read_printer("ender3"), read_printer("ender5")
 

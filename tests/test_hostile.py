@@ -26,12 +26,12 @@ from printmend.corruption import read_corruption
 from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
-from printmend.measure.callipers import choose_distances, estimate, read_readings
+from printmend.learn.callipers import choose_distances, estimate, read_readings
 from printmend.measure.plan import read_plan
 from printmend.measure.table import read_trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
-from printmend.worldmodel.saved import exact_model, read_model, write_model
+from printmend.saved.model import exact_model, read_model, write_model
 from tests.mending import BENT, SQUARE, START
 
 PROGRAM = str(Path(sys.executable).parent / "printmend")
@@ -236,7 +236,7 @@ def test_a_fault_of_our_own_is_one_line(folder: Path, monkeypatch: pytest.Monkey
     def broken(path: Path) -> None:
         raise ZeroDivisionError("division\nby zero")
 
-    monkeypatch.setattr("printmend.worldmodel.saved.read_model", broken)
+    monkeypatch.setattr("printmend.saved.model.read_model", broken)
     monkeypatch.setattr("signal.signal", lambda number, handler: None)
     monkeypatch.setattr(sys, "argv", ["printmend", "export", "-m", "x", "--to", "marlin"])
     with pytest.raises(SystemExit) as caught:

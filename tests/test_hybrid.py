@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, sample
-from printmend.mechanism import Mechanism, Transmission, healthy_mechanism
+from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.hybrid.continued import continued
+from printmend.learn.hybrid.gains import learned_gains
+from printmend.learn.hybrid.hybrid import Hybrid, HybridModel, completed
+from printmend.learn.hybrid.kernels import follow_branches
+from printmend.learn.hybrid.residual import Kind, Points, chosen, columns, learned, points, process, variances
+from printmend.learn.published.transitions import layer_trace
+from printmend.machine.mechanism import Mechanism, Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
+from printmend.repair.learned import learn
+from printmend.saved.model import model_text, parse_model
 from printmend.twin import Twin
-from printmend.worldmodel.greybox import Greybox
-from printmend.worldmodel.hybrid import Hybrid, HybridModel, completed
-from printmend.worldmodel.hybrid_continued import continued
-from printmend.worldmodel.hybrid_gains import learned_gains
-from printmend.worldmodel.hybrid_residual import Kind, Points, chosen, columns, learned, points, process, variances
-from printmend.worldmodel.kernels.hybrid import follow_branches
-from printmend.worldmodel.learned import learn
-from printmend.worldmodel.saved import model_text, parse_model
-from printmend.worldmodel.transitions import layer_trace
 from tests.naive_greybox import follow_tables_slowly
 from tests.shapes import ring_layer
 

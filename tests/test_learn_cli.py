@@ -22,16 +22,16 @@ from printmend.corruption import (
 )
 from printmend.corruption.frame import CrookedFrame
 from printmend.errors import ConfigError, PrintmendError
+from printmend.export.firmware import EXPORTS, simple_part
+from printmend.learn.greybox.greybox import Greybox
+from printmend.machine.mechanism import Mechanism
 from printmend.measure import write_trace
-from printmend.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.repair.learned import learn
+from printmend.saved.model import exact_model, read_model, write_model
 from printmend.twin import Twin
-from printmend.worldmodel.firmware import EXPORTS, simple_part
-from printmend.worldmodel.greybox import Greybox
-from printmend.worldmodel.learned import learn
-from printmend.worldmodel.saved import exact_model, read_model, write_model
 
 ENDER3 = read_printer("ender3")
 PLAN = design_probe(ENDER3)

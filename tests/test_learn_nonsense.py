@@ -9,8 +9,8 @@ from printmend.corruption import sample
 from printmend.errors import TraceError
 from printmend.path import Trace
 from printmend.printer import read_printer
+from printmend.repair.learned import learn
 from printmend.twin import Twin
-from printmend.worldmodel.learned import learn
 
 PRINTER = read_printer("ender5")
 Spoil = Callable[[np.ndarray, np.random.Generator], np.ndarray]

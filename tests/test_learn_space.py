@@ -13,17 +13,17 @@ from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
 from printmend.corruption.screw import Screw
+from printmend.diagnosis.screw import find_screw
 from printmend.errors import TraceError
 from printmend.measure import read_trace
 from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.diagnosis import examine, summary, write_examination
+from printmend.repair.examination import examine, summary, write_examination
+from printmend.repair.learned import learn, report
+from printmend.repair.update import update
+from printmend.saved.model import SavedModel, screw_of, write_model
 from printmend.twin import Twin
-from printmend.worldmodel.learned import learn, report
-from printmend.worldmodel.saved import SavedModel, screw_of, write_model
-from printmend.worldmodel.screw_found import find_screw
-from printmend.worldmodel.update import update
 
 ENDER3 = read_printer("ender3")
 SHORT = replace(ENDER3, z=replace(ENDER3.z, max_mm=40.0))

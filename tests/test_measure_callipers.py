@@ -6,8 +6,7 @@ from click.testing import CliRunner
 
 from printmend.cli.measure import command
 from printmend.errors import TraceError
-from printmend.measure import write_plan
-from printmend.measure.callipers import (
+from printmend.learn.callipers import (
     LONGEST_MM,
     READING_MM,
     choose_distances,
@@ -16,11 +15,12 @@ from printmend.measure.callipers import (
     mechanism,
     parse_readings,
 )
-from printmend.mechanism import Frame, Mechanism, Transmission, healthy_transmission
+from printmend.machine.mechanism import Frame, Mechanism, Transmission, healthy_transmission
+from printmend.measure import write_plan
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.saved.model import read_model
 from printmend.twin import Twin
-from printmend.worldmodel.saved import read_model
 
 
 def broken(printer, *, scale=0.0, play=0.0, sine=0.0, skew=0.0) -> Mechanism:

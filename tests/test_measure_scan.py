@@ -16,12 +16,12 @@ from printmend.measure import write_plan
 from printmend.measure.image import read_image, write_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.plan import ProbePlan
-from printmend.measure.render import CLEAN, DEFAULT, HEAVY, render_scan
-from printmend.measure.render_photo import render_photo
 from printmend.measure.sheet import write_sheet
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
+from printmend.twin.camera import render_photo
+from printmend.twin.scanner import CLEAN, DEFAULT, HEAVY, render_scan
 from tests.naive_measure import best_similarity
 
 PRINTER = read_printer("ender3")

@@ -13,7 +13,7 @@ from printmend.cli.main import group
 from printmend.corruption import HEALTHY
 from printmend.errors import GcodeError, InputError, ModelError, RefusedError
 from printmend.measure.table import read_trace
-from printmend.worldmodel.saved import exact_model, write_model
+from printmend.saved.model import exact_model, write_model
 from tests.mending import BENT, ENDER3, SQUARE, START
 
 
@@ -158,7 +158,7 @@ def test_healthy_says_so(folder: Path) -> None:
 def test_mend_does_not_import_what_it_does_not_need() -> None:
     heavy = "lightgbm sklearn scipy.linalg matplotlib cv2 trimesh shapely rich networkx"
     code = (
-        "import sys; import printmend.cli.mend, printmend.repair, printmend.repair.report, printmend.worldmodel.saved;"
+        "import sys; import printmend.cli.mend, printmend.repair, printmend.repair.report, printmend.saved.model;"
         f"print([name for name in '{heavy}'.split() if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603 — our own

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from printmend.errors import PrintmendError
 from printmend.repair import mend_gcode
-from printmend.worldmodel.saved import exact_model
+from printmend.saved.model import exact_model
 from tests.mending import BENT, PLAY, SQUARE, START, judge, mended
 from tests.programs import program
 from tests.test_mend_motion import ARCS

@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from printmend.worldmodel.saved import exact_model, write_model
+from printmend.saved.model import exact_model, write_model
 from tests.mending import BENT, START
 
 KILLS = 6

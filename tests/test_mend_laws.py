@@ -11,7 +11,7 @@ from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius, famili
 from printmend.printer import Printer
 from printmend.repair import mend_gcode
 from printmend.repair.against import judged
-from printmend.worldmodel.saved import exact_model
+from printmend.saved.model import exact_model
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, ENDER5, PLAY, SQUARE, START, judge, mended
 
@@ -169,9 +169,9 @@ def test_klipper_takes_every_move() -> None:
 
 
 def test_plan_is_the_same_in_chunks_of_any_size() -> None:
-    from printmend.control.inverse import start
     from printmend.gcode.machine import Flavour, initial_state
     from printmend.gcode.write import rewrite
+    from printmend.invert.inverse import start
 
     text = part(ENDER3)
     lines = text.splitlines(keepends=True)

@@ -7,20 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printmend.control.inverse import is_identity, lookup
-from printmend.control.kernels import inverse_height as kernels
-from printmend.control.kernels import inverse_layout as layout
-from printmend.control.kernels.inverse_lookup import LOWER, UPPER, backward, forward
 from printmend.corruption import HEALTHY, Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
 from printmend.corruption.screw import Screw
 from printmend.errors import ModelError, RefusedError
-from printmend.mechanism import Mechanism
+from printmend.invert.inverse import is_identity, lookup
+from printmend.invert.kernels import height as kernels
+from printmend.invert.kernels import layout as layout
+from printmend.invert.kernels.lookup import LOWER, UPPER, backward, forward
+from printmend.machine.mechanism import Mechanism
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judged
-from printmend.worldmodel.saved import exact_model, model_text, parse_model, read_model, with_screw, write_model
-from printmend.worldmodel.screw import ScrewSeries
+from printmend.saved.model import exact_model, model_text, parse_model, read_model, with_screw, write_model
+from printmend.saved.series import ScrewSeries
 from tests import naive_mend
 from tests.mending import COREXY, ENDER3, START, Judged, judge, mended
 
@@ -209,7 +209,7 @@ def test_saved_tables_are_the_screw_again() -> None:
 def test_hostile_screws_end_in_one_line(section: object, names: str) -> None:
     import json
 
-    from printmend.worldmodel.saved import _digest
+    from printmend.saved.model import _digest
 
     good = {"kind": "series", "lead_mm": 8.0, "lead_error": 0.0, "backlash_mm": 0.0}
     good |= {name: [0.1, 0.0, 0.0, 0.0] for name in ("height_mm", "push_x_mm", "push_y_mm")}

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.control.inverse import start
 from printmend.corruption import families, sample
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.read import interpret_text
 from printmend.gcode.write import rewrite
+from printmend.invert.inverse import start
 from printmend.printer import Printer
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, SQUARE, START, Judged, judge, mended

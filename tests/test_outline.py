@@ -15,11 +15,11 @@ from printmend.corruption import (
     PublishedHull,
     sample,
 )
+from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.pulley.outline import OUTLINES, PLAIN, Outline
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from printmend.worldmodel.greybox import Greybox
-from printmend.worldmodel.outline import OUTLINES, PLAIN, Outline
 from tests.naive_greybox import unwound
 
 PRINTER = read_printer("ender5")

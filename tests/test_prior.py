@@ -7,16 +7,16 @@ import pytest
 
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Polygon
+from printmend.learn.greybox.greybox import Greybox, GreyboxModel
+from printmend.learn.prior.mixture import SIZE, Component, Mixture, believe, parse_weights, shipped
+from printmend.learn.prior.prior import PriorLearner
+from printmend.learn.prior.training import COMPONENTS, train
+from printmend.learn.published.transitions import layer_trace
+from printmend.learn.pulley.shapes import ANGLES, HARMONICS, draw, kinds, series, turned
 from printmend.path import Trace
 from printmend.printer import read_printer
+from printmend.repair.learned import learn
 from printmend.twin import Twin
-from printmend.worldmodel.greybox import Greybox, GreyboxModel
-from printmend.worldmodel.learned import learn
-from printmend.worldmodel.prior import PriorLearner
-from printmend.worldmodel.prior_mixture import SIZE, Component, Mixture, believe, parse_weights, shipped
-from printmend.worldmodel.prior_shapes import ANGLES, HARMONICS, draw, kinds, series, turned
-from printmend.worldmodel.prior_training import COMPONENTS, train
-from printmend.worldmodel.transitions import layer_trace
 
 PRINTER = read_printer("ender5")
 PHI = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)

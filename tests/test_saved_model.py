@@ -7,10 +7,10 @@ import pytest
 
 from printmend.corruption import HEALTHY, sample
 from printmend.errors import ModelError
-from printmend.mechanism import Frame, Mechanism
+from printmend.machine.mechanism import Frame, Mechanism
 from printmend.printer import Printer, read_printer
-from printmend.worldmodel.greybox_branches import Branches, Wave
-from printmend.worldmodel.saved import (
+from printmend.saved.branches import Branches, Wave
+from printmend.saved.model import (
     branches_of,
     exact_model,
     model_text,
@@ -65,7 +65,7 @@ def test_series_are_read_back_to_the_same_tables() -> None:
 
 def edited(**changes: object) -> str:
     """A whole model with some keys changed, digested anew: what a careful forger would write."""
-    from printmend.worldmodel.saved import _text
+    from printmend.saved.model import _text
 
     document = json.loads(model_text(exact_model(HEALTHY.lower(ENDER3))))
     document.pop("digest")

@@ -15,17 +15,17 @@ from printmend.control.space import plan_space
 from printmend.corruption import HEALTHY, Corruption, sample
 from printmend.corruption.screw import Screw
 from printmend.errors import InputError, TraceError
-from printmend.mechanism import Mechanism
+from printmend.learn.hybrid.hybrid import HybridModel
+from printmend.learn.mechanism_model import MechanismModel
+from printmend.learn.naive import NaiveModel
+from printmend.learn.screw.kernels import contacts
+from printmend.learn.screw.screw import fit_height
+from printmend.learn.space import fit_space, space_trace
+from printmend.machine.mechanism import Mechanism
 from printmend.printer import Printer, read_printer
 from printmend.protocols import SpaceModel
 from printmend.twin import Twin
 from printmend.twin.height import height_tables
-from printmend.worldmodel.hybrid import HybridModel
-from printmend.worldmodel.kernels.screw import contacts
-from printmend.worldmodel.mechanism_model import MechanismModel
-from printmend.worldmodel.naive import NaiveModel
-from printmend.worldmodel.screw import fit_height
-from printmend.worldmodel.space import fit_space, space_trace
 from tests import naive_control
 
 SCREW = Screw(0.03, 0.1, 1.0, 0.3, 2.0, 0.3)

@@ -11,16 +11,16 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon
 from printmend.errors import ModelError
+from printmend.learn.greybox.previous import remember
 from printmend.measure import ProbePlan
 from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
+from printmend.repair.learned import learn
+from printmend.repair.update import update
+from printmend.saved.model import SavedModel, model_text, parse_model, read_model, write_model
 from printmend.twin import Twin
-from printmend.worldmodel.greybox_prior import remember
-from printmend.worldmodel.learned import learn
-from printmend.worldmodel.saved import SavedModel, model_text, parse_model, read_model, write_model
-from printmend.worldmodel.update import update
 from tests.test_greybox_learning import stairs
 
 ENDER3 = read_printer("ender3")

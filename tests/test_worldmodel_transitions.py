@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from printmend.errors import TraceError
+from printmend.learn.published.transitions import layer_trace, transitions
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.worldmodel.transitions import layer_trace, transitions
 from tests.shapes import ring_layer
 
 LAYER = ring_layer((530.0, 530.0), 40.0)

@@ -9,14 +9,14 @@ from sklearn.ensemble import RandomForestRegressor
 
 from printmend.corruption import sample
 from printmend.errors import ModelError, TraceError
+from printmend.learn.published.ensemble import Ensemble, from_forest, from_lightgbm
+from printmend.learn.published.increments import AxisModel
+from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published.trees import JointTreeModel
+from printmend.learn.registry import fit
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.twin import Twin, lattice_tables
-from printmend.worldmodel.ensemble import Ensemble, from_forest, from_lightgbm
-from printmend.worldmodel.increments import AxisModel
-from printmend.worldmodel.registry import fit
-from printmend.worldmodel.transitions import layer_trace
-from printmend.worldmodel.trees import JointTreeModel
 from tests.shapes import layer_along, ring_layer
 
 LAYER = ring_layer((530.0, 530.0), 60.0)

@@ -6,13 +6,13 @@ The commands do the work (`printmend --help`). From Python, a test print [mm] be
     from printmend.control.registry import controller
     from printmend.path import Trace
     from printmend.printer import read_printer
-    from printmend.worldmodel.registry import learner
+    from printmend.learn.registry import learner
 
     trace = Trace(commanded_mm, measured_mm)
     model = learner("greybox").fit(trace, read_printer("ender5"), rng=np.random.default_rng(0))
     plan = controller("optimal").plan(model, targets_steps, start_steps)
 
-`protocols` says what learners, models and controllers take and return; `worldmodel.space` and `control.space` are
+`protocols` says what learners, models and controllers take and return; `learn.space` and `control.space` are
 those of three axes, `corruption` and `twin` break and run printers, `env` is the decision problem for reinforcement
 learning.
 """

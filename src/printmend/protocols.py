@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from printmend.mechanism import Frame, ScrewDrive
+from printmend.machine.mechanism import Frame, ScrewDrive
 from printmend.path import Plan, Trace, frozen
 from printmend.printer import Printer
 

@@ -7,13 +7,13 @@ from printmend.control.objective import Refined
 from printmend.control.registry import controller, controller_names
 from printmend.corruption import HEALTHY, sample
 from printmend.errors import InputError
+from printmend.learn.mechanism_model import MechanismModel
+from printmend.learn.naive import NaiveModel
+from printmend.learn.published.transitions import layer_trace
+from printmend.learn.registry import fit
 from printmend.printer import Printer, read_printer
 from printmend.protocols import Controller, WorldModel
 from printmend.twin import Twin
-from printmend.worldmodel.mechanism_model import MechanismModel
-from printmend.worldmodel.naive import NaiveModel
-from printmend.worldmodel.registry import fit
-from printmend.worldmodel.transitions import layer_trace
 from tests.shapes import ring_layer
 
 LAYER = ring_layer((530.0, 530.0), 25.0, turn=0.7, gap=9.0)

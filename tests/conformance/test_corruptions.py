@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, Corruption, corruption_toml, families, parse_corruption, sample
-from printmend.mechanism import Mechanism
+from printmend.machine.mechanism import Mechanism
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from tests import naive_twin

@@ -8,12 +8,12 @@ import pytest
 
 from printmend.control.registry import controller
 from printmend.corruption import HEALTHY, sample
+from printmend.learn.published.transitions import layer_trace
+from printmend.learn.registry import fit, model_names
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.protocols import IncrementTables, JointTables, PlayTables, WorldModel
 from printmend.twin import Twin
-from printmend.worldmodel.registry import fit, model_names
-from printmend.worldmodel.transitions import layer_trace
 from tests.naive_tables import follow_tables
 from tests.shapes import ring_layer
 

@@ -159,9 +159,9 @@ def _prepare(case: Case) -> _Prepared:
     from printmend.body import load_body
     from printmend.corruption import sample
     from printmend.dataset.reference import read_reference
+    from printmend.learn.published.transitions import layer_trace
     from printmend.printer import read_printer
     from printmend.twin import Twin
-    from printmend.worldmodel.transitions import layer_trace
 
     if case.reference is not None:
         reference = read_reference(Path(case.reference))

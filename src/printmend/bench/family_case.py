@@ -151,7 +151,7 @@ class _Prepared:
     def model(self, label: str, noise_mm: float, case: FamilyCase) -> tuple[WorldModel, float]:
         """Return the model of a row and the seconds it took to learn; rows of one learner share it."""
         from printmend.bench.rows import row
-        from printmend.worldmodel.transitions import layer_trace
+        from printmend.learn.published.transitions import layer_trace
 
         chosen = row(label)
         if (chosen.learner, noise_mm) not in self.learned:

@@ -56,8 +56,8 @@ def objective_lines(
     from printmend.bench.rows import row
     from printmend.corruption import families as known
     from printmend.corruption import sample
+    from printmend.learn.published.transitions import layer_trace
     from printmend.twin import Twin
-    from printmend.worldmodel.transitions import layer_trace
 
     if unknown := [family for family in families if family not in known() or family == "gain-table"]:
         raise InputError(

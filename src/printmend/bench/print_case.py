@@ -76,8 +76,8 @@ def evaluate_prints(case: FamilyCase, rows: tuple[str, ...]) -> list[PrintResult
 
 def _row(case: FamilyCase, name: str, printer: Printer, twin: "Twin", body: Body) -> PrintResult:
     from printmend.control.registry import controller
+    from printmend.learn.registry import fit
     from printmend.metrics import rmse
-    from printmend.worldmodel.registry import fit
 
     label, points, noise_mm = print_row(name)
     planner = controller(CONTROLLER)

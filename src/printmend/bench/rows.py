@@ -10,11 +10,11 @@ import numpy as np
 
 from printmend.control.registry import controller
 from printmend.errors import InputError
+from printmend.learn.registry import fit, model_names
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import Controller, WorldModel
 from printmend.twin import Twin
-from printmend.worldmodel.registry import fit, model_names
 
 OPTIMUM = "optimum"
 PAPER_ROWS = ("naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "greybox", "oracle", OPTIMUM)

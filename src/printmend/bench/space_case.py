@@ -51,7 +51,7 @@ def learned(
     prints: SpacePrints, learner: str, noise: np.ndarray, noise_mm: float, rng: np.random.Generator
 ) -> tuple[SpaceModel, float]:
     """Learn from the first tower, ``noise`` [T + 1, 3] times ``noise_mm`` added; return the model and the seconds."""
-    from printmend.worldmodel.space import fit_space, space_trace
+    from printmend.learn.space import fit_space, space_trace
 
     pitch_mm = np.array([axis.mm_per_step for axis in prints.printer.axes])
     measured = prints.printed + noise * noise_mm / pitch_mm

@@ -22,8 +22,8 @@ def real(data: Path, protocol: Any, out: Path | None, as_json: bool) -> None:
     DATA is a CSV of traverses (motion capture of real pulleys). --protocol pooled learns a shape from the first
     traverses of all its speeds. The floor is the scatter of the later traverses about their own mean.
     """
-    from printmend.bench.real import HEADER, cells, real_lines
-    from printmend.bench.traverse import read_traverses
+    from printmend.bench.real.real import HEADER, cells, real_lines
+    from printmend.bench.real.traverse import read_traverses
     from printmend.cli.progress import progress
     from printmend.cli.table import show_table
     from printmend.files import replacing

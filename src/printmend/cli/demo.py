@@ -23,11 +23,11 @@ def command(seed: int, broken: Path | None, file: Path | None, out: Path, scan: 
     """
     import numpy as np
 
-    from printmend.bench import demo
     from printmend.body import body_of, demo_body_gcode, load_body
     from printmend.cli.progress import progress
     from printmend.cli.table import show_table
     from printmend.corruption import read_corruption
+    from printmend.demo import demo
     from printmend.printer import read_printer
 
     demo.check_out(out)

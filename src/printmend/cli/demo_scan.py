@@ -10,9 +10,10 @@ def show_scan(seed: int, broken: Path | None, file: Path | None, out: Path, *, a
     """Break a twin, print and scan a probe on it, learn from the scans, mend a part, print it; say what came of it."""
     import numpy as np
 
-    from printmend.bench import demo, demo_scan
     from printmend.cli.progress import progress
     from printmend.corruption import read_corruption
+    from printmend.demo import demo
+    from printmend.demo import scan as demo_scan
     from printmend.gcode.read import read_gcode
     from printmend.printer import read_printer
 

@@ -18,9 +18,9 @@ import click
 )  # fmt: skip
 def command(model_path: Path, firmware: str, folder: Path | None) -> None:
     """Write the part of the fault that a firmware can hold by itself, and say what remains for `printmend mend`."""
+    from printmend.export.firmware import EXPORTS, remainder
     from printmend.files import replacing
-    from printmend.worldmodel.firmware import EXPORTS, remainder
-    from printmend.worldmodel.saved import read_model
+    from printmend.saved.model import read_model
 
     model = read_model(model_path)
     export = EXPORTS[firmware](model.mechanism)

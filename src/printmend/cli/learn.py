@@ -35,8 +35,8 @@ def command(
     from printmend.cli.outputs import spare
     from printmend.measure import read_trace
     from printmend.printer import read_printer
-    from printmend.worldmodel.learned import learn, report
-    from printmend.worldmodel.saved import read_model, write_model
+    from printmend.repair.learned import learn, report
+    from printmend.saved.model import read_model, write_model
 
     if printer_name is None and old is None:
         raise click.UsageError("--printer says which machine the trace is from")
@@ -46,7 +46,7 @@ def command(
         printer = read_printer(printer_name or "")
         model = learn(read_trace(trace, printer), printer, model=name, rng=rng)
     else:
-        from printmend.worldmodel.update import same_machine, update
+        from printmend.repair.update import same_machine, update
 
         past = read_model(old)
         if printer_name is not None:

@@ -62,8 +62,8 @@ def command(
 def _measure_by_hand(
     files: tuple[Path, ...], plan: "ProbePlan", overlay: Path | None, printer_name: str | None, output: Path
 ) -> None:
-    from printmend.measure.calliper_map import draw_map
-    from printmend.measure.callipers import (
+    from printmend.learn.calliper_map import draw_map
+    from printmend.learn.callipers import (
         choose_distances,
         describe,
         estimate,
@@ -72,7 +72,7 @@ def _measure_by_hand(
         read_readings,
     )
     from printmend.printer import read_printer
-    from printmend.worldmodel.saved import saved_model, write_model
+    from printmend.saved.model import saved_model, write_model
 
     distances = choose_distances(plan)
     if overlay is not None:

@@ -28,7 +28,7 @@ def command(
     from printmend.cli.outputs import spare
     from printmend.repair import mend_gcode
     from printmend.repair.report import check_report_name, write_report
-    from printmend.worldmodel.saved import read_model
+    from printmend.saved.model import read_model
 
     check_report_name(report)
     target = output_path(source, output, in_place=in_place)

@@ -56,7 +56,7 @@ def command(
     click.echo(f"{output}: {len(trace)} way-points, measured with {noise_mm:g} mm of noise")
     if plan is not None and scan is not None:
         from printmend.measure.image import write_image
-        from printmend.measure.render import DEGRADATIONS, scan_trace
+        from printmend.twin.scanner import DEGRADATIONS, scan_trace
 
         exact = print_gcode(program, twin, noise_mm=0.0, rng=np.random.default_rng(seed))
         drawn = scan_trace(

@@ -13,7 +13,7 @@ from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.warp import Warp
 from printmend.errors import ConfigError
-from printmend.mechanism import (
+from printmend.machine.mechanism import (
     Frame,
     GainMechanism,
     Mechanism,

@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.corruption import Corruption
 from printmend.errors import ConfigError, InputError
-from printmend.mechanism import Mechanism
+from printmend.machine.mechanism import Mechanism
 from printmend.path import Layer
 from printmend.printer import Printer
 from printmend.twin import lattice_tables

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from printmend.learn.drive.design import Design
+from printmend.learn.drive.fit import Prior, variances
+from printmend.learn.drive.select import EVERYTHING, TRIAL_HARMONICS
+from printmend.learn.greybox.greybox import Greybox, bed_middle
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.worldmodel.greybox import Greybox, bed_middle
-from printmend.worldmodel.greybox_branches import SCALE_MM, Branches, Wave
-from printmend.worldmodel.greybox_design import Design
-from printmend.worldmodel.greybox_fit import Prior, variances
-from printmend.worldmodel.greybox_select import EVERYTHING, TRIAL_HARMONICS
+from printmend.saved.branches import SCALE_MM, Branches, Wave
 
 NOISE_MM = 0.05
 LEAST_NOISE_MM = 0.01  # no scan is better

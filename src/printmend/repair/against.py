@@ -8,7 +8,7 @@ import shapely
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
-from printmend.mechanism import Mechanism
+from printmend.machine.mechanism import Mechanism
 from printmend.repair.prediction import Errors, Heights, Prediction
 from printmend.twin.kernels import run_play
 

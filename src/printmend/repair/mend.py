@@ -11,15 +11,15 @@ from typing import IO
 
 import numpy as np
 
-from printmend.control.inverse import Planner, is_identity, start
 from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
 from printmend.gcode.mark import find_mark, marked
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import follow, rewrite
+from printmend.invert.inverse import Planner, is_identity, start
 from printmend.repair.prediction import Prediction, prediction_of
-from printmend.worldmodel.saved import SavedModel
+from printmend.saved.model import SavedModel
 
 _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
 _HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print

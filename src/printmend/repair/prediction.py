@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from printmend.control.inverse import Planner
-from printmend.control.kernels import inverse_layout as k
+from printmend.invert.inverse import Planner
+from printmend.invert.kernels import layout as k
 
 _GAIN_MM = 0.0005
 

@@ -9,7 +9,7 @@ import printmend
 from printmend.errors import InputError
 from printmend.files import replacing
 from printmend.repair.prediction import Prediction
-from printmend.worldmodel.saved import SavedModel
+from printmend.saved.model import SavedModel
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 860, 300, 56, 34
 _MOST_ROWS = 400  # of the table; the chart has them all

@@ -5,7 +5,7 @@ import numpy as np
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program
-from printmend.mechanism import Mechanism
+from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.twin.twin import Twin
 

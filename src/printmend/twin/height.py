@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.errors import InputError
-from printmend.mechanism import ScrewDrive
+from printmend.machine.mechanism import ScrewDrive
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.twin import kernels

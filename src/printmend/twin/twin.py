@@ -11,7 +11,7 @@ import numpy as np
 from printmend.corruption import Corruption
 from printmend.corruption.jump import Jumps
 from printmend.errors import InputError
-from printmend.mechanism import GainMechanism, Mechanism
+from printmend.machine.mechanism import GainMechanism, Mechanism
 from printmend.printer import Printer
 from printmend.protocols import LatticeFrame, PlayTables
 from printmend.twin import kernels

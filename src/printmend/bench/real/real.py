@@ -1,0 +1,204 @@
+"""`printmend bench real`: learn from the first measured traverse of each direction, predict the later ones.
+
+Two protocols. ``first`` learns anew for every shape and speed, from two traverses. ``pooled`` learns a shape once, from
+the first traverses of all its speeds: the pulley is the same one, only the phase at which it starts may differ.
+``ours`` is the model of periodic.py, made for these data; ``shipped`` is what `printmend learn` makes of them.
+
+The floor is what no predictor can pass: the scatter of the later traverses about their own mean. ``periodic`` is the
+plain fit to the later traverses themselves, the best that anything can do which repeats every turn: what lies between
+it and the floor repeats, but not by turns. A ``copy`` of the first traverse comes to √2 floors if the first is of the
+same kind as the later ones. Places are counted from the middle of the bed (`middles_mm`), which uses the lengths of
+the later traverses but never their errors; ``blind`` counts travel from each traverse's first sample instead.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from printmend.bench.real.evidence import Trace1d
+from printmend.bench.real.periodic import Periodic, fit
+from printmend.bench.real.shipped import shipped_fit
+from printmend.bench.real.traverse import Traverse, detrended, middles_mm
+from printmend.errors import TraceError
+
+RealProtocol = Literal["first", "pooled"]
+PROTOCOLS: tuple[RealProtocol, ...] = ("first", "pooled")
+_SAMPLES = 2  # averaged into one before learning: it is three times faster and no less accurate
+
+
+@dataclass(frozen=True)
+class RealLine:
+    """One shape and speed: root mean squares [mm] over the ``later`` traverses of both directions.
+
+    ``plain`` is the reference, a least-squares fit of eight harmonics a direction, the travel of a turn fitted too;
+    ``turn_mm`` is the learned travel of a turn, ``shared`` how far the directions share their pulley (1: wholly).
+    """
+
+    shape: str
+    speed_mm_s: float
+    later: int
+    raw_mm: float
+    copy_mm: float
+    plain_mm: float
+    shipped_mm: float
+    ours_mm: float
+    periodic_mm: float
+    floor_mm: float
+    plain_blind_mm: float
+    ours_blind_mm: float
+    floor_blind_mm: float
+    turn_mm: float
+    shared: float
+
+
+HEADER = ("pulley", "mm/s", "later", "raw mm", "raw÷copy", "raw÷plain", "raw÷shipped", "raw÷ours", "raw÷periodic",
+          "raw÷floor", "blind: raw÷plain", "raw÷ours", "raw÷floor", "turn mm")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _File:
+    """The traverses of a shape at a speed, and from each one's first sample to the middle of the bed [mm]."""
+
+    number: int
+    items: list[Traverse]
+    middles: np.ndarray
+
+    def first(self, direction: int) -> int:
+        return next(n for n, item in enumerate(self.items) if item.direction == direction)
+
+    def place_mm(self, n: int) -> np.ndarray:
+        return self.items[n].direction * (self.items[n].travel_mm - self.middles[n])
+
+    def samples(self, n: int, shift_mm: float) -> tuple[np.ndarray, np.ndarray]:
+        return _averaged(self.place_mm(n)) + shift_mm, _averaged(self.items[n].error_mm)
+
+    def trace(self, direction: int) -> Trace1d:
+        return Trace1d(direction, *self.samples(self.first(direction), 0.0), self.number)
+
+    def shift_mm(self, model: Periodic, direction: int) -> float:
+        return model.settings.shift_mm(direction, self.number)
+
+
+def real_lines(
+    traverses: Sequence[Traverse], protocol: RealProtocol, *, tick: Callable[[str], None] = lambda name: None
+) -> list[RealLine]:
+    """Evaluate every shape and speed; calls ``tick`` with each name. Raise `TraceError` for too few traverses."""
+    lines = []
+    for shape in dict.fromkeys(item.shape for item in traverses):
+        files = list(_files([item for item in traverses if item.shape == shape]))
+        for group in [files] if protocol == "pooled" else [[file] for file in files]:
+            with threadpool_limits(1, user_api="blas"):  # small systems: a second thread only waits
+                numbered = [_File(number, file.items, file.middles) for number, file in enumerate(group)]
+                model = fit([file.trace(direction) for file in numbered for direction in (1, -1)])
+                shipped = shipped_fit(
+                    [(direction, *file.samples(file.first(direction), model.settings.phases_mm[file.number]))
+                     for file in numbered for direction in (1, -1)], model.settings.turn_mm,
+                )  # fmt: skip
+                for file in numbered:
+                    lines.append(_line(file, numbered, model, shipped))
+                    tick(f"{shape} {file.items[0].speed_mm_s:g}")
+    return lines
+
+
+def _files(traverses: Sequence[Traverse]) -> Iterable[_File]:
+    for speed in dict.fromkeys(item.speed_mm_s for item in traverses):
+        items = [item for item in traverses if item.speed_mm_s == speed]
+        counts = [sum(item.direction == direction for item in items) for direction in (1, -1)]
+        if min(counts) < 3:
+            raise TraceError(
+                f"{items[0].shape} {speed:g} mm/s",
+                wanted="three traverses in each direction: one to learn from, two to predict",
+                came=" and ".join(map(str, counts)),
+                todo="leave this pulley out",
+            )
+        yield _File(0, items, middles_mm(items))
+
+
+def _line(
+    file: _File, learned: Sequence[_File], model: Periodic, shipped: Callable[[int, np.ndarray], np.ndarray]
+) -> RealLine:
+    sums: dict[str, list[float]] = {}
+    for direction in (1, -1):
+        first = file.first(direction)
+        later = [n for n, item in enumerate(file.items) if item.direction == direction and n != first]
+        plain = plain_fit([f.samples(f.first(direction), f.shift_mm(model, direction)) for f in learned])
+        periodic = plain_fit([file.samples(n, 0.0) for n in later])
+        own, shift = file.place_mm(first), file.shift_mm(model, direction)
+        blind = np.full(len(later), file.middles[first])
+        for name, middles in (("mm", file.middles[later]), ("blind_mm", blind)):
+            for n, middle in zip(later, middles, strict=True):
+                item = file.items[n]
+                place = direction * (item.travel_mm - middle)
+                guesses = {
+                    "raw": np.zeros_like(place),
+                    "copy": np.interp(direction * place, direction * own, file.items[first].error_mm),
+                    "plain": plain(place + shift),
+                    "shipped": shipped(direction, place + model.settings.phases_mm[file.number]),
+                    "ours": model.error_mm(direction, place, file.number),
+                    "periodic": periodic(place),
+                }
+                for label, guess in guesses.items():
+                    residual = item.error_mm - detrended(item.travel_mm, guess)
+                    sums.setdefault(f"{label}_{name}", []).append(float((residual**2).mean()))
+            sums.setdefault(f"floor_{name}", []).append(scatter_mm2([file.items[n] for n in later], middles))
+    names = [field.name for field in fields(RealLine) if field.name in sums]
+    means = {name: float(np.sqrt(np.mean(sums[name]))) for name in names}
+    turn, shared, head = model.settings.turn_mm, model.settings.share, file.items[0]
+    return RealLine(head.shape, head.speed_mm_s, len(sums["raw_mm"]), turn_mm=turn, shared=shared, **means)
+
+
+def _averaged(values: np.ndarray) -> np.ndarray:
+    whole = len(values) // _SAMPLES * _SAMPLES
+    return values[:whole].reshape(-1, _SAMPLES).mean(axis=1)
+
+
+def plain_fit(
+    traces: Sequence[tuple[np.ndarray, np.ndarray]], *, harmonics: int = 8
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the least-squares harmonics of (angle, error) [N] mm of one direction as a function of the angle [N] mm.
+
+    Each trace has a line of its own. The travel of a turn is the best of 36 to 48 mm in steps of 0.1.
+    """
+    angle_mm, error_mm = (np.concatenate(values) for values in zip(*traces, strict=True))
+    of = np.repeat(np.arange(len(traces)), [len(angle) for angle, _ in traces])
+    lines = np.concatenate([(of == n)[:, None] * np.stack([np.ones_like(angle_mm), angle_mm], axis=1)
+                            for n in range(len(traces))], axis=1)  # fmt: skip
+
+    def columns(angle_mm: np.ndarray, turn_mm: float) -> np.ndarray:
+        angle = np.outer(angle_mm, np.arange(1, harmonics + 1)) * (2 * np.pi / turn_mm)
+        return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+
+    def fitted(turn_mm: float) -> tuple[float, float, np.ndarray]:
+        design = np.concatenate([columns(angle_mm, turn_mm), lines], axis=1)
+        weights = np.linalg.lstsq(design, error_mm, rcond=None)[0]
+        return float(((error_mm - design @ weights) ** 2).sum()), turn_mm, weights[: 2 * harmonics]
+
+    _, turn, weights = min((fitted(turn) for turn in np.arange(36.0, 48.05, 0.1)), key=lambda found: found[0])
+    return lambda at: columns(at, turn) @ weights
+
+
+def scatter_mm2(traverses: Sequence[Traverse], middles: np.ndarray) -> float:
+    """Return the unbiased variance [mm²] of full traverses of a direction about their mean, over what they share."""
+    longest = max(item.length_mm for item in traverses)
+    full = [(t, middle) for t, middle in zip(traverses, middles, strict=True) if t.length_mm > 0.95 * longest]
+    ends = max(-middle for _, middle in full), min(item.length_mm - middle for item, middle in full)
+    place = np.arange(ends[0], ends[1] + 1e-9, 0.5)
+    errors = [detrended(place, np.interp(place, item.travel_mm - middle, item.error_mm)) for item, middle in full]
+    return float(np.var(errors, axis=0, ddof=1).mean())
+
+
+def cells(line: RealLine) -> tuple[str, ...]:
+    """Return a line as the table's texts, in the order of `HEADER`."""
+    over = (line.copy_mm, line.plain_mm, line.shipped_mm, line.ours_mm, line.periodic_mm, line.floor_mm,
+            line.plain_blind_mm, line.ours_blind_mm, line.floor_blind_mm)  # fmt: skip
+    return (
+        line.shape,
+        f"{line.speed_mm_s:g}",
+        str(line.later),
+        f"{line.raw_mm:.3f}",
+        *(f"{line.raw_mm / size:.2f}" for size in over),
+        f"{line.turn_mm:.2f}",
+    )

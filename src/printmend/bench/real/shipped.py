@@ -1,0 +1,37 @@
+"""Traverses for `printmend learn`: the question of `bench real`, asked of what printmend ships."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.repair.learned import learn
+
+TOOTH_MM = 2.0  # of a GT2 belt
+
+
+def shipped_fit(
+    traces: Sequence[tuple[int, np.ndarray, np.ndarray]], turn_mm: float
+) -> Callable[[int, np.ndarray], np.ndarray]:
+    """Learn from (direction, place [N], error along the way [N]) mm; predict the error of (direction, place [N]).
+
+    The printer is told how many teeth its pulley has, as a user would: the whole number nearest to ``turn_mm``.
+    """
+    turn_mm = TOOTH_MM * round(turn_mm / TOOTH_MM)
+    turns = 1 + np.ceil(2 * max(float(np.abs(place).max()) for _, place, _ in traces) / turn_mm)
+    printer = read_printer("ender5")
+    printer = replace(printer, x=replace(printer.x, mm_per_turn=turn_mm, max_mm=float(turns * turn_mm)))
+    middle = printer.x.max_mm / 2
+    commanded = np.concatenate([place for _, place, _ in traces]) + middle
+    measured = commanded + np.concatenate([direction * error for direction, _, error in traces])
+    still = np.full_like(commanded, printer.y.max_mm / 2)
+    trace = Trace(np.stack([commanded, still], axis=1), np.stack([measured, still], axis=1))
+    drive = learn(trace, printer, rng=np.random.default_rng(0)).mechanism.transmissions[0]
+
+    def error_mm(direction: int, place_mm: np.ndarray) -> np.ndarray:
+        lower, upper = drive.branches_mm(place_mm + middle)
+        return direction * ((lower if direction > 0 else upper) - place_mm - middle)
+
+    return error_mm

@@ -1,0 +1,189 @@
+"""The owner's way as a demonstration: probe → broken twin → scan → measure → learn → mend → the twin again."""
+
+import contextlib
+import functools
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from printmend.bench import contour
+from printmend.body import demo_body_gcode
+from printmend.corruption import Corruption, corruption_toml
+from printmend.errors import RefusedError
+from printmend.files import replacing
+from printmend.gcode.read import read_gcode
+from printmend.measure.image import write_image
+from printmend.measure.measurement import measure_scans
+from printmend.measure.table import write_trace
+from printmend.metrics.pointwise import aligned_rmse
+from printmend.metrics.shape import ContourError, stroke_distances
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.probe import design_probe, write_probe
+from printmend.repair import mend_gcode
+from printmend.repair.learned import learn
+from printmend.saved.model import SavedModel, write_model
+from printmend.twin import Twin
+from printmend.twin.scanner import DEGRADATIONS, scan_trace
+
+SCANS = {"scan.png": 0, "turned.png": 1}  # quarter turns of the plate on the glass
+TICKS = 9
+
+
+@dataclass(frozen=True, eq=False)
+class ScanDemo:
+    """What came of it: how well the marks were read, what was learned, and the part's contour error on the twin.
+
+    ``mark_mm`` is the RMS distance of the measured marks from where the twin put them, the plate's own place and turn
+    taken off, and the scanner's scale, which is ``scale_percent`` wrong.
+
+    ``before`` and ``after`` are the part's contour errors, its place on the bed taken off (``shift_mm`` [2]
+    after mending): a scan does not show where on the bed the plate lay.
+    """
+
+    corruption: Corruption
+    marks: int
+    missing: int
+    mark_mm: float
+    scale_percent: float
+    notes: tuple[str, ...]
+    model: SavedModel
+    before: ContourError
+    after: ContourError
+    shift_before_mm: np.ndarray
+    shift_mm: np.ndarray
+    refused: bool
+    ideal: contour.Way
+    mended: contour.Way
+
+
+def run_chain(
+    printer: Printer,
+    corruption: Corruption,
+    folder: Path,
+    *,
+    seed: int,
+    dirt: str = "default",
+    part: bytes | None = None,
+    overlay: bool = True,
+    tick: Callable[[str], None] = lambda what: None,
+) -> ScanDemo:
+    """Run the whole chain through files in ``folder``, as an owner would; ``part`` is G-code that nobody learns from.
+
+    The plate is scanned twice, the second time turned by a quarter, so that the scanner's own axes drop out.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    twin, plan = Twin.of(corruption, printer), design_probe(printer)
+    write_probe(folder / "probe.gcode", plan)
+    printed = twin.follow(plan.waypoints_mm)
+    tick("test plate printed")
+    for name, quarters in SCANS.items():
+        # equal generators: the same dots on the same scanner
+        scan = scan_trace(
+            Trace(plan.waypoints_mm, printed), plan, dpi=600.0, degradations=DEGRADATIONS[dirt],
+            rng=np.random.default_rng(seed), quarter_turns=quarters,
+        )  # fmt: skip
+        write_image(folder / name, scan.image, dpi=600.0)
+        tick(name)
+    paths = [folder / name for name in SCANS]
+    measurement = measure_scans(paths, plan, overlay=folder / "overlay.png" if overlay else None)
+    write_trace(folder / "trace.csv", measurement.trace)
+    found = np.isfinite(measurement.measured_mm).all(axis=1)
+    scale, mark_mm = _mark_errors(printed[plan.rows][found], measurement.measured_mm[found])
+    tick("marks measured")
+    model = learn(measurement.trace, printer, rng=np.random.default_rng(seed))
+    write_model(folder / "printer.mend.json", model)
+    tick("fault learned")
+    source, target = folder / "part.gcode", folder / "part.mended.gcode"
+    text = demo_body_gcode() if part is None else part
+    with replacing(source, "wb") as file:
+        file.write(text)
+    target.unlink(missing_ok=True)
+    with contextlib.suppress(RefusedError):  # a machine that is right already: the file is printed as it is
+        mend_gcode(source, model, target)
+    refused = not target.exists()
+    tick("part mended")
+    ideal = contour.run(read_gcode(source, printer=printer), twin)
+    mended = ideal if refused else contour.run(read_gcode(target, printer=printer), twin)
+    tick("part printed as it is, and mended")
+    (before, shift_before_mm), (after, shift_mm) = (
+        contour.contour_error(ideal, ideal),
+        contour.contour_error(ideal, mended),
+    )
+    with replacing(folder / "corruption.toml") as toml:
+        toml.write(corruption_toml(corruption))
+    tick("judged")
+    return ScanDemo(
+        corruption, len(plan), len(measurement.missing), mark_mm, 100 * (scale - 1), measurement.notes, model,
+        before, after,
+        shift_before_mm, shift_mm, refused, ideal, mended,
+    )  # fmt: skip
+
+
+def _mark_errors(printed_mm: np.ndarray, measured_mm: np.ndarray) -> tuple[float, float]:
+    """Return the scale of measured marks [M, 2] against the printed ones, and their RMS distance without it [mm]."""
+    middle = measured_mm.mean(axis=0)
+    scale = float(np.linalg.norm(measured_mm - middle) / np.linalg.norm(printed_mm - printed_mm.mean(axis=0)))
+    return scale, aligned_rmse(printed_mm, middle + (measured_mm - middle) / scale)
+
+
+def figures(done: ScanDemo) -> dict[str, Any]:
+    """Return the figures as plain values."""
+    return {
+        "marks": done.marks, "missing": done.missing, "mark_mm": done.mark_mm, "scale_percent": done.scale_percent,
+        "findings": done.model.findings,
+        "before": asdict(done.before), "after": asdict(done.after), "shift_mm": done.shift_mm.tolist(),
+        "refused": done.refused,
+    }  # fmt: skip
+
+
+def lines(done: ScanDemo, written: list[Path]) -> list[str]:
+    """Say what came of it."""
+    rows = [
+        f"{done.marks - done.missing} of {done.marks} marks read from two scans, {1000 * done.mark_mm:.0f} µm (RMS) "
+        f"from where they are, the scanner's scale ({done.scale_percent:+.2f} %) taken off",
+        f"learned: {done.model.findings[0]}",
+        "distance from the wanted outline of another part on the same broken printer, its place on the bed taken off "
+        f"({np.hypot(*done.shift_before_mm):.2f} mm as it is, {np.hypot(*done.shift_mm):.2f} mm mended) [mm]:",
+        "             RMS      p95      max",
+    ]
+    rows += [
+        f"  {name:8} {e.rms:7.3f}  {e.p95:7.3f}  {e.max:7.3f}"
+        for name, e in (("as it is", done.before), ("mended", done.after))
+    ]
+    if done.refused:
+        rows.append("mending was refused: the printer is right as it is")
+    return [*rows, *(f"wrote {path}" for path in written)]
+
+
+def write_pictures(done: ScanDemo, folder: Path) -> list[Path]:
+    """Draw the part's layer before and after; return what lies in the folder."""
+    from matplotlib.colors import Normalize
+
+    from printmend.draw import PrintedLayer, comparison, draw_layer, save
+
+    layer = done.ideal.layers[len(done.ideal.layers) // 2]
+    strokes = done.ideal.strokes_mm(layer)
+    pictures = []
+    wanted = replace(done.ideal, printed_mm=done.ideal.wanted_mm)
+    for way, shift in ((wanted, 0.0), (done.ideal, done.shift_before_mm), (done.mended, done.shift_mm)):
+        at = np.flatnonzero(way.layer == layer)
+        rows = slice(at[0], at[-1] + 2)
+        error = stroke_distances(strokes, way.printed_mm[rows] + shift)[0]
+        pictures.append(
+            PrintedLayer(0.0, way.printed_mm[rows] + shift, way.extruding[rows.start : rows.stop - 1], error)
+        )
+    worst = pictures[1].error_mm[1:][pictures[1].extruding]
+    colours = Normalize(0, max(float(np.percentile(worst, 98)), 0.05))
+    titles = [
+        "wanted", f"as it is: {done.before.rms:.2f} mm (RMS)", f"mended: {done.after.rms:.3f} mm (RMS)",
+    ]  # fmt: skip
+    draw = [functools.partial(draw_layer, layer=one, colours=colours) for one in pictures]
+    title = "a part that was not learned from, on the broken printer"
+    figure = comparison(titles, draw, title=title, colours=colours)
+    picture = save(figure, folder / "before-after.png")
+    names = ("probe.gcode", *SCANS, "overlay.png", "trace.csv", "printer.mend.json", "part.mended.gcode")
+    return [*(folder / name for name in names if (folder / name).exists()), picture]

@@ -1,0 +1,279 @@
+"""A learned machine in plain words: what is wrong, how sure that is, what the trace could not tell.
+
+Harmonic k of a branch has the amplitude c_k/k in position, where c_k is that of the pulley's support function h
+(physics.md eq. 2): c_1 is the eccentricity of the bore, c_2 makes an oval, larger k corners.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from printmend.learn.drive.ladder import Jump
+from printmend.learn.drive.sight import SEEN
+from printmend.learn.greybox.greybox import Drive, GreyboxModel
+from printmend.path import Trace
+
+SURE = 3.0  # standard deviations that a fault must have to be named
+LEAST_MM = 0.002  # smaller faults are not named
+NAMED_HARMONICS = 3
+LEAST_EFFECT_MM = 0.003  # on a print, for waves: no print shows less
+_WORD = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of one motor or of the frame: ``kind``, ``value`` ± ``sd`` in ``unit``, and the words for it."""
+
+    part: str
+    kind: str
+    value: float
+    sd: float
+    unit: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What all points of a measurement share and no fit can see: standard deviations added to the fit's own.
+
+    ``scale_percent`` of the measured lengths, ``skew_deg`` of its axes, ``wave_mm`` of a slow unevenness.
+    """
+
+    scale_percent: float = 0.0
+    skew_deg: float = 0.0
+    wave_mm: float = 0.0
+
+
+# A flatbed states its resolution to a part in a thousand; its carriage runs uneven by micrometres (physics.md §4).
+SCANNED = Doubt(scale_percent=0.1, skew_deg=0.02, wave_mm=0.002)
+
+
+def doubt_of(trace: Trace) -> Doubt:
+    """Return the doubt about a trace: one whose positions have an origin of their own is a scan."""
+    return Doubt() if trace.placed else SCANNED
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was learned: the faults, one sentence about them, and one for each thing that the trace could not tell."""
+
+    faults: tuple[Fault, ...]
+    summary: str
+    gaps: tuple[str, ...]
+
+
+def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
+    """Name the faults of a learned machine."""
+    parts: list[str] = []
+    faults: list[Fault] = []
+    gaps: list[str] = []
+    for drive, jumps in zip(model.drives, model.jumps, strict=True):
+        found = [*drive_faults(drive, doubt), *_jumps(drive, jumps)]
+        faults += found
+        words = ", ".join(fault.words for fault in found)
+        parts.append(f"{drive.name.upper()} {words or 'healthy'}")
+        gaps += _gaps(drive)
+    if not any(drive.sight.crosses for drive in model.drives):
+        one, two = (drive.name.upper() for drive in model.drives)
+        gaps.append(
+            f"{one} and {two} moved together only, so a crooked frame looks like wrong scales. "
+            "Print the other diagonal, too."
+        )
+    crooked = _frame_faults(model, doubt)
+    faults += crooked
+    if crooked:
+        parts.append("frame " + ", ".join(fault.words for fault in crooked))
+    return Diagnosis(tuple(faults), "; ".join(parts), tuple(gaps))
+
+
+def drive_faults(drive: Drive, doubt: Doubt) -> list[Fault]:
+    """Name the faults of one motor's drive, the pulley first."""
+    return [*_scale(drive, doubt), *_pulley(drive, doubt), *_play(drive, doubt), *_rest(drive, doubt)]
+
+
+def _sds(drive: Drive) -> np.ndarray:
+    """Return the standard deviation of every parameter [P] of the drive's fit."""
+    post = drive.choice.fit.posterior
+    sds = np.zeros(drive.choice.design.size)
+    sds[post.active] = np.sqrt(np.diag(post.covariance))
+    return sds
+
+
+def _fault(drive: Drive, kind: str, value: float, sd: float, words: str, unit: str = "mm") -> Fault:
+    return Fault(drive.name, kind, float(value), float(sd), unit, words)
+
+
+def amount(value: float, sd: float, unit: str = "mm") -> str:
+    """Write a value with its uncertainty, to two digits of the latter: ``0.213 ± 0.021 mm``."""
+    digits = int(np.clip(1 - np.floor(np.log10(max(sd, 1e-6))), 2, 4))
+    return f"{value:.{digits}f} ± {max(sd, 10.0**-digits):.{digits}f} {unit}"
+
+
+def _scale(drive: Drive, doubt: Doubt) -> list[Fault]:
+    powers, part = drive.branches.mean.powers_mm, drive.choice.design.parts["mean_powers"]
+    if len(powers) < 2 or not powers[1]:
+        return []
+    percent, sd = float(powers[1]), float(np.hypot(_sds(drive)[part][1], doubt.scale_percent))  # mm in 100 mm
+    if abs(percent) < SURE * sd or abs(percent) < 0.005:
+        return []
+    radius = drive.branches.period_mm / (2 * np.pi)
+    found = amount(radius * (1 + percent / 100), radius * sd / 100)
+    words = f"pulley radius {found} instead of {radius:.3f}"
+    return [_fault(drive, "scale", percent, sd, words, "%")]
+
+
+def _pulley(drive: Drive, doubt: Doubt) -> list[Fault]:
+    """Name the largest harmonics of the pulley; those of a loose belt's play are twice the pulley's odd ones."""
+    design, values, sds = drive.choice.design, drive.choice.fit.posterior.values, _sds(drive)
+    loose = drive.structure.play == "loose"
+    found: dict[int, tuple[float, float]] = {}
+    for name, share in (("mean", 1.0), ("play", 0.5 if loose else 0.0)):
+        for i, k in enumerate(design.waves(name)):
+            at = [design.parts[f"{name}_{wave}"].start + i for wave in ("cos", "sin")]
+            size = float(np.hypot(*values[at])) * share * k
+            sd = float(np.hypot(np.sqrt(np.mean(sds[at] ** 2)), doubt.wave_mm)) * share * k
+            if share and size > max(SURE * sd, LEAST_MM, LEAST_EFFECT_MM * k):
+                found[int(k)] = (size, sd)
+    largest = sorted(found, key=lambda k: -found[k][0])
+    faults: list[Fault] = []
+    for k in sorted(largest[:NAMED_HARMONICS]):
+        word = _WORD.get(k, f"harmonic {k}")
+        words = f"{'pulley ' if not faults else ''}{word} {amount(*found[k])}"
+        faults.append(_fault(drive, f"harmonic-{k}", *found[k], words))
+    if len(largest) > NAMED_HARMONICS and faults:
+        last = faults[-1]
+        words = f"{last.words} and {len(largest) - NAMED_HARMONICS} finer"
+        faults[-1] = _fault(drive, last.kind, last.value, last.sd, words)
+    return faults
+
+
+def _play(drive: Drive, doubt: Doubt) -> list[Fault]:
+    if drive.structure.play == "none":
+        return []
+    low, high = drive.branches.reach_mm
+    motor = np.linspace(low, high, 2001)
+    _, play = drive.branches.errors_mm(motor)
+    part = drive.choice.design.parts["play_powers"]
+    value, sd = float(play.mean()), float(np.hypot(_sds(drive)[part][0], doubt.wave_mm / 2))
+    smallest, largest = float(play.min()), float(play.max())
+    if drive.structure.play == "constant" and not drive.structure.friction:
+        return [_fault(drive, "play", value, sd, f"belt play {amount(value, sd)}")]
+    kind, name = {
+        "constant": ("friction", "lost motion that grows along the axis"),
+        "loose": ("loose-belt", "loose belt, play"),
+        "free": ("play-by-angle", "play that follows the motor's angle"),
+    }[drive.structure.play]
+    if drive.structure.friction and drive.structure.play != "constant":
+        name += " and position"
+    words = f"{name} {amount(value, sd)} ({smallest:.2f} to {largest:.2f})"
+    return [_fault(drive, kind, value, sd, words)]
+
+
+def _rest(drive: Drive, doubt: Doubt) -> list[Fault]:
+    faults: list[Fault] = []
+    structure, branches = drive.structure, drive.branches
+    motor = np.linspace(*branches.reach_mm, 2001)
+    if structure.ripple:
+        size = max((branches.mean.amplitude_mm(int(k)) for k in drive.choice.design.ripple), default=0.0)
+        faults.append(_fault(drive, "ripple", size, 0.0, f"micro-step ripple {size:.3f} mm"))
+    if structure.elastic:
+        faults += _elastic(drive, doubt)
+    if structure.drift:
+        x = (motor - branches.middle_mm) / 100.0
+        bend = branches.mean.polynomial_mm(x) - np.polyval(np.polyfit(x, branches.mean.polynomial_mm(x), 1), x)
+        size = float(np.abs(bend).max())
+        faults.append(_fault(drive, "drift", size, 0.0, f"scale that changes along the axis, up to {size:.2f} mm"))
+    if structure.warp_mm:
+        bare = replace(branches, warp_mm=np.zeros(0))
+        size = float(np.abs(branches.errors_mm(motor)[0] - bare.errors_mm(motor)[0]).max())
+        words = f"uneven belt or guide that repeats nothing, up to {size:.2f} mm"
+        faults.append(_fault(drive, "warp", size, 0.0, words))
+    if structure.offset and not (structure.scale or structure.pulley != "none" or structure.play != "none" or faults):
+        part = drive.choice.design.parts["mean_powers"]
+        value, sd = float(branches.mean.powers_mm[0]), float(_sds(drive)[part][0])
+        faults.append(_fault(drive, "offset", value, sd, f"shifted by {amount(value, sd)}"))
+    return faults
+
+
+def _elastic(drive: Drive, doubt: Doubt) -> list[Fault]:
+    """Name the largest wave that changes along the axis: by how much it changes from one end to the other."""
+    branches, design = drive.branches, drive.choice.design
+    span = (branches.reach_mm[1] - branches.reach_mm[0]) / 100.0
+    sizes = np.hypot(branches.elastic.cos_mm, branches.elastic.sin_mm)
+    if not len(sizes):
+        return []
+    largest = int(np.argmax(sizes))
+    at = [design.parts[f"elastic_{part}"].start + largest for part in ("cos", "sin")]
+    size, sd = float(sizes[largest]) * span, float(np.sqrt(np.mean(_sds(drive)[at] ** 2))) * span
+    sd = float(np.hypot(sd, 2 * doubt.wave_mm))  # two ends, each with its own
+    if size < max(SURE * sd, LEAST_EFFECT_MM):
+        return []
+    words = f"elastic belt: odd errors of the pulley fade along the axis, by {amount(size, sd)}"
+    return [_fault(drive, "elastic", size, sd, words)]
+
+
+def _jumps(drive: Drive, jumps: tuple[Jump, ...]) -> list[Fault]:
+    """Name what happened while the trace was printed; the model cannot mend it."""
+    faults = []
+    for belt, what in ((True, "skipped tooth"), (False, "loss of steps")):
+        these = [jump for jump in jumps if jump.belt == belt]
+        if not these:
+            continue
+        rows = ", ".join(str(jump.row) for jump in these[:4]) + (", …" if len(these) > 4 else "")
+        total = sum(jump.size_mm for jump in these)
+        words = f"{len(these)} × {what} of {abs(these[0].size_mm):.1f} mm in this print (at row {rows})"
+        faults.append(_fault(drive, "jump", total if total else these[0].size_mm, 0.0, words))
+    return faults
+
+
+def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[Fault]:
+    frame, printer = model.mechanism.frame, model.printer
+    if frame.is_identity:
+        return []
+    middle = np.array([(printer.x.min_mm + printer.x.max_mm) / 2, (printer.y.min_mm + printer.y.max_mm) / 2])
+    right, up = (frame.apply(middle + step) - frame.apply(middle - step) for step in np.eye(2))
+    right, up = right / 2, up / 2
+    skew = float(np.degrees(np.arctan2(up[0], up[1]) + np.arctan2(right[1], right[0])))
+    sd = float(np.degrees(np.hypot(_skew_sd(model.drives[0]), _skew_sd(model.drives[1]))))
+    sd = float(np.hypot(sd, doubt.skew_deg))
+    faults = []
+    if abs(skew) > max(SURE * sd, 0.001):
+        faults.append(Fault("frame", "skew", skew, sd, "°", f"skewed by {amount(skew, sd, '°')}"))
+    if any(choice.cross > 1 for choice in (drive.structure for drive in model.drives)):
+        corners = np.array(
+            [[x, y] for x in (printer.x.min_mm, printer.x.max_mm) for y in (printer.y.min_mm, printer.y.max_mm)]
+        )
+        bent = frame.apply(corners) - (frame.apply(middle[None]) + (corners - middle) @ np.stack([right, up]))
+        size = float(np.linalg.norm(bent, axis=1).max())
+        faults.append(Fault("frame", "bow", size, 0.0, "mm", f"bent guides, up to {size:.2f} mm at the corners"))
+    return faults
+
+
+def _skew_sd(drive: Drive) -> float:
+    part = drive.choice.design.parts["cross"]
+    return float(_sds(drive)[part][0]) / 100.0 if part.stop > part.start else 0.0
+
+
+def _gaps(drive: Drive) -> list[str]:
+    """Say what the trace could not tell of one motor, and what print would."""
+    seen, name = drive.sight, drive.name.upper()
+    turn = drive.branches.period_mm
+    gaps = []
+    if seen.angles < SEEN:
+        longer = f"Print at least {turn:.0f} mm along {name}, better two turns ({2 * turn:.0f} mm)."
+        spread = f"Its points lie at the same few angles of each turn: space them by no part of {turn:.0f} mm."
+        gaps.append(
+            f"{name} was seen on {100 * seen.angles:.0f} % of its pulley's turn only; the rest is a guess. "
+            f"{longer if seen.turns < 1 else spread}"
+        )
+    if min(seen.forward, seen.backward) < 5:
+        way = "forwards" if seen.forward > seen.backward else "backwards"
+        gaps.append(f"{name} was measured moving {way} only, so its play is unknown. Print it there and back.")
+    elif drive.structure.play != "none" and min(seen.lower_angles, seen.upper_angles) < SEEN <= seen.angles:
+        less = "forwards" if seen.lower_angles < seen.upper_angles else "backwards"
+        share = 100 * min(seen.lower_angles, seen.upper_angles)
+        gaps.append(
+            f"{name} moved {less} over {share:.0f} % of its pulley's turn only; a loose belt may differ on the rest. "
+            f"Print a whole turn ({turn:.0f} mm) in each direction."
+        )
+    return gaps

@@ -1,0 +1,107 @@
+"""One motor's learned drive as curves to look at: its error and play along the axis, and the shape of its pulley."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.diagnosis.diagnosis import SURE
+from printmend.learn.greybox.greybox import Drive, GreyboxModel
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.units import TURN_RAD
+
+POINTS = 1201
+ANGLES = 720
+
+
+@dataclass(frozen=True, eq=False)
+class Portrait:
+    """Curves over motor positions ``motor_mm`` [N] and the measured points in contact with them.
+
+    ``error_mm`` [2, N] is where the carriage is beyond a healthy one, moving forwards and backwards, ``sd_mm`` [2, N]
+    the posterior's standard deviation, ``play_mm`` [N] and ``play_sd_mm`` [N] the play; ``noise_mm`` is that of one
+    measured point. ``point_*`` [M]: motor position, error and side (0 forwards, 1 backwards) of each measured point.
+    ``outline_mm`` [ANGLES, 2] is the pulley's hull about the shaft, ``radius_mm`` that of the round pulley;
+    ``scale_percent`` is the straight part of the error.
+    """
+
+    name: str
+    period_mm: float
+    motor_mm: np.ndarray
+    error_mm: np.ndarray
+    sd_mm: np.ndarray
+    play_mm: np.ndarray
+    play_sd_mm: np.ndarray
+    noise_mm: float
+    point_motor_mm: np.ndarray
+    point_error_mm: np.ndarray
+    point_side: np.ndarray
+    outline_mm: np.ndarray
+    radius_mm: float
+    scale_percent: float
+
+    def level(self, motor_mm: np.ndarray) -> np.ndarray:
+        """Return the straight part [N] mm of the error, which would hide all else."""
+        return self.scale_percent / 100 * (motor_mm - self.motor_mm.mean())
+
+
+def portrait(model: GreyboxModel, motor: int, trace: Trace) -> Portrait:
+    """Return the curves of one motor, and the points of the trace that it was learned from."""
+    drive, printer = model.drives[motor], model.printer
+    at = np.linspace(*drive.branches.reach_mm, POINTS)
+    error, play = _errors_mm(drive, at)
+    design, post = drive.choice.design, drive.choice.fit.posterior
+    columns = design.columns(at, drive.branches.period_mm, drive.branches.middle_mm)[1][:, post.active]
+    play_sd = np.sqrt(np.einsum("ij,jk,ik->i", columns, post.covariance, columns))
+    place, off, side = _points(drive, printer, motor, trace)
+    return Portrait(
+        drive.name.upper(), drive.branches.period_mm, at, error, np.stack(drive.sd_mm(at)), play, play_sd,
+        drive.noise_mm, place, off, side, hull_mm(drive), drive.branches.period_mm / TURN_RAD,
+        _scale_percent(drive),
+    )  # fmt: skip
+
+
+def _scale_percent(drive: Drive) -> float:
+    powers = drive.branches.mean.powers_mm
+    return float(powers[1]) if len(powers) > 1 else 0.0
+
+
+def _errors_mm(drive: Drive, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    mean, play = drive.branches.errors_mm(motor_mm)
+    return np.stack([mean - play / 2, mean + play / 2]), play
+
+
+def _points(drive: Drive, printer: Printer, motor: int, trace: Trace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    touch = drive.choice.fit.touch
+    used = np.flatnonzero(np.isfinite(touch.residual_mm) & (touch.side != 0))
+    # A point says something about the place of its last contact, which play may have left behind.
+    place = printer.to_motor(trace.commanded_mm)[touch.at[used], motor]
+    side = (touch.side[used] > 0).astype(int)
+    error, _ = _errors_mm(drive, place)
+    return place, error[side, np.arange(len(used))] + touch.residual_mm[used], side
+
+
+def hull_mm(drive: Drive) -> np.ndarray:
+    """Return the outline [ANGLES, 2] of the pulley's convex hull about the shaft.
+
+    The belt moves by dx/dθ = h(−θ) (physics.md eq. 1, the span's direction is not known and set to 0), so the slope of
+    the branch is the support function h; the hull is what no tangent cuts off: r(β) = min over ψ of h(ψ)/cos(ψ − β).
+    The spans of a loose belt see the pulley from both sides (eq. 6); then the forward branch is one of them.
+    """
+    branches, design, values = drive.branches, drive.choice.design, drive.choice.fit.posterior.values
+    sds = np.zeros(design.size)
+    sds[drive.choice.fit.posterior.active] = np.sqrt(np.diag(drive.choice.fit.posterior.covariance))
+    psi = np.arange(ANGLES) * (TURN_RAD / ANGLES)
+    support = np.full(ANGLES, branches.period_mm / TURN_RAD * (1.0 + _scale_percent(drive) / 100.0))
+    near = (branches.reach_mm[0] - branches.middle_mm) / 100.0  # an elastic belt shows most where the motor is near
+    shares = {"mean": 1.0, "play": -0.5 if drive.structure.play == "loose" else 0.0, "elastic": near}
+    for wave, share in shares.items():
+        for i, k in enumerate(design.waves(wave)):
+            at = [design.parts[f"{wave}_{part}"].start + i for part in ("cos", "sin")]
+            # A slope is k times as noisy as the error itself: what is not sure would only fray the picture.
+            if np.hypot(*values[at]) > SURE * np.sqrt(np.mean(sds[at] ** 2)):
+                # d/dθ of cos kθ and sin kθ at θ = −ψ
+                support += share * k * (values[at[0]] * np.sin(k * psi) + values[at[1]] * np.cos(k * psi))
+    facing = np.cos(psi[:, None] - psi)
+    reach = np.where(facing > 1e-3, np.maximum(support, 0.0)[:, None] / np.maximum(facing, 1e-3), np.inf).min(axis=0)
+    return reach[:, None] * np.stack([np.cos(psi), np.sin(psi)], axis=1)

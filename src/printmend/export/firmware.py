@@ -1,0 +1,238 @@
+"""The part of a machine's fault that a firmware can hold by itself: scale, skew, backlash, LinuxCNC's tables.
+
+| firmware | scale | skew | backlash | table |
+|---|---|---|---|---|
+| Klipper | rotation_distance | SET_SKEW | no | no |
+| Marlin | M92 | M852 | M425 | no |
+| RepRapFirmware | M92 | M556 | M425 | no |
+| LinuxCNC | in the table | no | in the table | nominal, forward, reverse; 256 points a joint |
+
+Everything else (pulleys off their centre, play that varies, bent guides) remains for `printmend mend`.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.machine.mechanism import Mechanism, Transmission
+from printmend.printer import Printer
+
+LINUXCNC_POINTS = 256
+SKEW_SIDE_MM = 100.0
+_MOVES = 4000
+_NEGLIGIBLE = 1e-5
+
+
+@dataclass(frozen=True)
+class Simple:
+    """The simple part of a fault: per motor the ``gain`` (mm moved a commanded mm) and the mean ``play_mm``, with the
+    frame's stretch in both; the tangent of the frame's skew, x′ = x + skew·y."""
+
+    gain: tuple[float, float]
+    play_mm: tuple[float, float]
+    skew: float
+
+
+@dataclass(frozen=True)
+class Export:
+    """What to give to a firmware: ``files`` (name, text) and the predicted RMS error over the bed [mm], the part as a
+    whole allowed to shift, without it (``before_mm``) and with it (``after_mm``)."""
+
+    files: tuple[tuple[str, str], ...]
+    before_mm: float
+    after_mm: float
+
+
+def simple_part(mechanism: Mechanism) -> Simple:
+    """Split scale, constant play and skew off a machine; what is negligible becomes exactly 1 or 0."""
+    printer = mechanism.printer
+    gains, plays = [], []
+    for motor, table in enumerate(mechanism.transmissions):
+        at = _whole_turns_mm(printer, motor)
+        lower, upper = table.branches_mm(at)
+        middle = (lower + upper) / 2
+        gains.append(float(np.polyfit(at - at.mean(), middle, 1)[0]))
+        play = float((upper - lower).mean())
+        plays.append(play if play > 1e-4 else 0.0)
+    middle_mm = np.array([(printer.x.min_mm + printer.x.max_mm) / 2, (printer.y.min_mm + printer.y.max_mm) / 2])
+    half_mm = 0.4 * np.diag([printer.x.length_mm, printer.y.length_mm])  # of a bent frame the secant counts
+    right, up = (mechanism.frame.apply(middle_mm + e) - mechanism.frame.apply(middle_mm - e) for e in half_mm)
+    skew = math.tan(math.atan2(up[0], up[1]) + math.atan2(right[1], right[0]))
+    stretch = np.array([right[0] / (2 * half_mm[0, 0]), up[1] / (2 * half_mm[1, 1])])
+    if printer.kinematics == "corexy":  # both motors move both axes: they can only take what the axes share
+        stretch[:] = stretch.mean()
+    gains = [1.0 if abs(gain - 1) < _NEGLIGIBLE else float(gain) for gain in np.array(gains) * stretch]
+    plays = [float(play) for play in np.array(plays) * stretch]
+    return Simple((gains[0], gains[1]), (plays[0], plays[1]), skew if abs(skew) > _NEGLIGIBLE else 0.0)
+
+
+def _whole_turns_mm(printer: Printer, motor: int) -> np.ndarray:
+    """Return motor positions over whole turns about the bed's middle, so that harmonics do not look like scale."""
+    low, high = printer.motor_range_mm(motor)
+    turn = printer.axes[motor].mm_per_turn
+    length = max(math.floor((high - low) / turn), 1) * turn
+    return (low + high) / 2 + length * (np.arange(4000) / 4000 - 0.5)
+
+
+def export_klipper(mechanism: Mechanism) -> Export:
+    """Return printer.cfg lines and SET_SKEW: Klipper has no backlash compensation of its own."""
+    simple, printer = simple_part(mechanism), mechanism.printer
+    lines = []
+    for motor, name in enumerate(("stepper_x", "stepper_y")):
+        distance = printer.axes[motor].mm_per_turn * simple.gain[motor]
+        lines += [f"[{name}]", f"rotation_distance: {distance:.6f}", ""]
+    if simple.skew:
+        # SET_SKEW wants three lengths of a printed square: the diagonals AC and BD, and the side AD.
+        angle = math.pi / 2 - math.atan(simple.skew)
+        ac = SKEW_SIDE_MM * math.sqrt(2 + 2 * math.cos(angle))
+        bd = SKEW_SIDE_MM * math.sqrt(2 - 2 * math.cos(angle))
+        lines += [
+            "[skew_correction]",
+            "",
+            "# once, at the console:",
+            f"# SET_SKEW XY={ac:.4f},{bd:.4f},{SKEW_SIDE_MM:.4f}",
+            "# SKEW_PROFILE SAVE=printmend",
+            "# SAVE_CONFIG",
+        ]
+    return _export(mechanism, (("klipper.cfg", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=False))
+
+
+def export_marlin(mechanism: Mechanism) -> Export:
+    """Return M92, M852 and M425; backlash only where motors are axes."""
+    simple, printer = simple_part(mechanism), mechanism.printer
+    play = printer.kinematics == "cartesian" and any(simple.play_mm)
+    lines = [_steps_line(printer, simple)]
+    if simple.skew:
+        lines.append(f"M852 I{simple.skew:.6f} ; skew")
+    if play:
+        lines.append(f"M425 F1 X{simple.play_mm[0]:.4f} Y{simple.play_mm[1]:.4f} ; backlash")
+    lines.append("M500 ; save")
+    return _export(mechanism, (("marlin.gcode", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=play))
+
+
+def export_rrf(mechanism: Mechanism) -> Export:
+    """Return config.g lines for RepRapFirmware: M92, M556 and M425; backlash only where motors are axes.
+
+    M556 is added, x + tan·y, where Marlin subtracts: an acute angle between the axes is negative. M425 spreads the
+    backlash over S times itself, ten times by default; S1 takes it up at once.
+    """
+    simple, printer = simple_part(mechanism), mechanism.printer
+    play = printer.kinematics == "cartesian" and any(simple.play_mm)
+    lines = [_steps_line(printer, simple)]
+    if simple.skew:
+        lines.append(f"M556 S{SKEW_SIDE_MM:.0f} X{-SKEW_SIDE_MM * simple.skew:.4f} ; skew")
+    if play:
+        lines.append(f"M425 X{simple.play_mm[0]:.4f} Y{simple.play_mm[1]:.4f} S1 ; backlash")
+    return _export(mechanism, (("config.g", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=play))
+
+
+def export_linuxcnc(mechanism: Mechanism) -> Export:
+    """Return a nominal-forward-reverse compensation file for each joint, and the lines for the INI file.
+
+    LinuxCNC adds nominal − forward (or − reverse) at the nominal position to the motor's command. Writing nominal
+    minus the exact correction there makes that the inverse of the branch, whatever the slope.
+    """
+    printer = mechanism.printer
+    files, places, trims = [], [], []
+    ini = []
+    for motor, table in enumerate(mechanism.transmissions):
+        low, high = printer.motor_range_mm(motor)
+        nominal = np.linspace(low, high, LINUXCNC_POINTS)
+        forward = _inverse(table, table.lower_mm, nominal) - nominal
+        reverse = _inverse(table, table.upper_mm, nominal) - nominal
+        rows = zip(nominal, nominal - forward, nominal - reverse, strict=True)
+        name = f"joint{motor}.comp"
+        files.append((name, "".join(f"{n:.5f} {f:.5f} {r:.5f}\n" for n, f, r in rows)))
+        ini += [f"[JOINT_{motor}]", f"COMP_FILE = {name}", "COMP_FILE_TYPE = 0", "BACKLASH = 0", ""]
+        places.append(nominal)
+        trims.append((forward, reverse))
+
+    def drive(motors: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        commands = np.empty_like(motors)
+        for i in range(2):
+            forward, reverse = (np.interp(motors[:, i], places[i], trim) for trim in trims[i])
+            commands[:, i] = motors[:, i] + np.where(direction[:, i] > 0, forward, reverse)
+        return commands
+
+    return _export(mechanism, (("joints.ini", "\n".join(ini)), *files), drive)
+
+
+EXPORTS: dict[str, Callable[[Mechanism], Export]] = {
+    "klipper": export_klipper,
+    "marlin": export_marlin,
+    "rrf": export_rrf,
+    "linuxcnc": export_linuxcnc,
+}
+
+
+def remainder(export: Export) -> str:
+    """Say in one line what the firmware takes and what remains."""
+    if export.before_mm < 1e-6:
+        return "this machine is healthy: there is nothing to export"
+    return (
+        f"predicted over the bed: {export.before_mm:.3f} mm (RMS) without, {export.after_mm:.3f} mm with this; what "
+        "remains is for `printmend mend`, with a model learned after these settings are in place"
+    )
+
+
+def _steps_line(printer: Printer, simple: Simple) -> str:
+    steps = [
+        axis.steps_per_turn * axis.microsteps / (axis.mm_per_turn * gain)
+        for axis, gain in zip(printer.axes[:2], simple.gain, strict=True)
+    ]
+    return f"M92 X{steps[0]:.5f} Y{steps[1]:.5f} ; steps a millimetre"
+
+
+def _inverse(table: Transmission, branch: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the motor positions at which a non-decreasing branch has the wanted values."""
+    rising = np.concatenate([[True], np.diff(branch) > 0])
+    return np.interp(wanted, branch[rising], table.motor_mm[rising])
+
+
+Drive = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""A firmware: wanted motor positions [N, 2] and directions [N, 2] to commanded ones [N, 2]."""
+
+
+def _simple_drive(mechanism: Mechanism, simple: Simple, *, play: bool) -> Drive:
+    """Return a firmware that knows scale, skew and, with ``play``, constant backlash. All are relative to home."""
+    printer = mechanism.printer
+    home = printer.to_motor(np.array(printer.home_mm))
+
+    def drive(motors: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        bed = printer.from_motor(motors)
+        bed = np.stack([bed[:, 0] - simple.skew * bed[:, 1], bed[:, 1]], axis=1)
+        commands = home + (printer.to_motor(bed) - home) / np.array(simple.gain)
+        if play:
+            commands = commands + np.where(direction > 0, 0.5, -0.5) * np.array(simple.play_mm) / np.array(simple.gain)
+        return np.asarray(commands)
+
+    return drive
+
+
+def _export(mechanism: Mechanism, files: tuple[tuple[str, str], ...], drive: Drive) -> Export:
+    before = _error_mm(mechanism, lambda motors, direction: motors)
+    return Export(files, before, _error_mm(mechanism, drive))
+
+
+def _error_mm(mechanism: Mechanism, drive: Drive) -> float:
+    """Return the RMS error [mm] of a firmware over moves across the bed, the mean shift taken off."""
+    printer = mechanism.printer
+    low, high = np.array([printer.x.min_mm, printer.y.min_mm]), np.array([printer.x.max_mm, printer.y.max_mm])
+    # A fixed low-discrepancy walk over the middle 80 % of the bed: the figure must not depend on chance.
+    steps = np.arange(1, _MOVES + 1)[:, None] * np.array([math.sqrt(2), math.sqrt(3)])
+    targets = low + (high - low) * (0.1 + 0.8 * np.mod(steps, 1.0))
+    motors = printer.to_motor(targets)
+    direction = np.sign(np.diff(motors, axis=0, prepend=motors[:1] - 1.0))
+    commands = drive(motors, direction)
+    belts = np.empty_like(motors)
+    for motor, table in enumerate(mechanism.transmissions):
+        lower, upper = table.branches_mm(commands[:, motor])
+        place = lower[0]
+        for i in range(len(belts)):
+            place = min(max(place, lower[i]), upper[i])
+            belts[i, motor] = place
+    error = mechanism.frame.apply(printer.from_motor(belts)) - targets
+    error = error - error.mean(axis=0)
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

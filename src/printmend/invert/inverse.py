@@ -1,0 +1,191 @@
+"""The continuous planner: the motor commands that make a machine, broken as its model says, draw what was wanted."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from printmend.gcode.kernels import PIECE
+from printmend.gcode.write import PLANS_AT_ONCE
+from printmend.invert.kernels import layout as k
+from printmend.invert.kernels import lookup as look
+from printmend.invert.kernels.curve import CURVE
+from printmend.invert.kernels.mend import mend
+from printmend.machine.mechanism import Mechanism, ScrewDrive, Transmission
+
+_SAME_MM = 1e-7
+_RISE_LOOK_MM = 0.05  # a screw's curvature is measured over this distance
+_BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
+
+
+def lookup(mechanism: Mechanism) -> np.ndarray:
+    """Return a mechanism as the one array that the compiled planner reads (see `kernels.inverse_lookup`).
+
+    Its origin is taken as it is: call `Mechanism.homed` first where homing defines it.
+    """
+    printer, frame = mechanism.printer, mechanism.frame
+    head = np.zeros(look.M_TABLES)
+    head[look.M_BED : look.M_BED + 4] = printer.x.min_mm, printer.x.max_mm, printer.y.min_mm, printer.y.max_mm
+    head[look.M_COREXY] = printer.kinematics == "corexy"
+    head[look.M_FRAMED] = not frame.is_identity
+    head[look.M_SHIFTS_ONLY] = frame.is_identity and all(map(_shifts_only, mechanism.transmissions))
+    head[look.M_FRAME_BEND] = _frame_bend(mechanism)
+    head[look.M_FRAME_SCALE] = frame.scale_mm
+    head[look.M_FRAME : look.M_FRAME + 20] = frame.coefficients_mm.ravel()
+    head[look.M_HOME : look.M_HOME + 2] = printer.home_mm
+    head[look.M_HOME_SIDE : look.M_HOME_SIDE + 2] = printer.x.home_direction, printer.y.home_direction
+    parts, size, sharpest = [head], len(head), 0.0
+    screw = None if mechanism.screw is None or _is_straight(mechanism.screw) else mechanism.screw
+    for motor, t in enumerate((*mechanism.transmissions, *([] if screw is None else [screw.transmission]))):
+        bend = _bend(t)
+        sharpest = max(sharpest, bend.max() if motor < 2 else 0.0)
+        at = look.M_MOTOR + look.MOTOR_FIELDS * motor
+        head[at : at + 6] = t.first_mm, 1.0 / t.pitch_mm, len(t.lower_mm) - 1, size, len(bend) - 1, t.is_taut
+        parts.append(bend)
+        size += len(bend)
+        for branch, table in enumerate((t.lower_mm, t.upper_mm)):
+            steps = np.arange(int((table[-1] - table[0]) / t.pitch_mm) + 2)
+            guide = np.searchsorted(table, table[0] + steps * t.pitch_mm)
+            at = look.M_BRANCH + look.BRANCH_FIELDS * (2 * motor + branch)
+            head[at : at + 3] = size, table[0], size + len(table)
+            parts += [table, np.minimum(guide, len(table) - 1)]
+            size += len(table) + len(guide)
+    if screw is not None:
+        z = printer.z
+        head[look.M_SCREW], head[look.M_RISE] = 1.0, _rise_mm(screw)
+        head[look.M_Z_LIMITS : look.M_Z_LIMITS + 2] = z.min_mm, z.max_mm
+        head[look.M_Z_HOME], head[look.M_Z_HOME_SIDE] = z.home_mm, z.home_direction
+        head[look.M_PUSH : look.M_PUSH + 2] = size, size + len(screw.wobble_mm)
+        parts += [*screw.wobble_mm.T]
+    head[look.M_BENT] = sharpest > 0
+    # A parabola of the sharpest curvature strays by a quarter of the tolerance between two looks.
+    head[look.M_SAMPLE] = np.clip(np.sqrt(2.0 * k.CHORD_MM / max(sharpest, 1e-12)), 0.02, 2.0)
+    head[look.M_LOOK] = np.clip(5.0 * head[look.M_SAMPLE], k.FINEST_SAMPLE_MM, k.SAMPLE_MM)
+    return np.concatenate(parts)
+
+
+def _bend(t: Transmission) -> np.ndarray:
+    """Return the largest curvature [1/mm] of either branch in each block of entries."""
+    reach = max(1, round(_BEND_REACH_MM / t.pitch_mm))
+    curvature = np.zeros(len(t.lower_mm))
+    for table in (t.lower_mm, t.upper_mm):
+        if len(table) > 2 * reach:
+            second = table[2 * reach :] - 2 * table[reach:-reach] + table[: -2 * reach]
+            inner = np.abs(second) / (reach * t.pitch_mm) ** 2
+            curvature[reach:-reach] = np.maximum(curvature[reach:-reach], inner)
+    curvature[curvature < 1e-6] = 0.0  # saved tables are rounded to a nanometre
+    blocks = -(-len(curvature) // look.BEND_BLOCK)
+    padded = np.zeros(blocks * look.BEND_BLOCK)
+    padded[: len(curvature)] = curvature
+    most = padded.reshape(blocks, look.BEND_BLOCK).max(axis=1)
+    # The curvature at a block's border is seen from both sides.
+    return np.maximum(most, np.maximum(np.append(most[1:], 0.0), np.append(0.0, most[:-1])))
+
+
+def _frame_bend(mechanism: Mechanism) -> float:
+    """Return the largest curvature [1/mm] of the frame's map on and around the bed."""
+    x, y = mechanism.printer.x, mechanism.printer.y
+    grid = np.stack(np.meshgrid(np.linspace(x.min_mm, x.max_mm, 23), np.linspace(y.min_mm, y.max_mm, 23)), axis=-1)
+    most = 0.0
+    for direction in (np.array([5.0, 0.0]), np.array([0.0, 5.0]), np.array([3.5, 3.5]), np.array([3.5, -3.5])):
+        steps = [mechanism.frame.apply(grid + s * direction) for s in (-1, 0, 1)]
+        second = np.linalg.norm(steps[0] - 2 * steps[1] + steps[2], axis=-1)
+        most = max(most, float(second.max()) / float(direction @ direction))
+    return most
+
+
+def _shifts_only(t: Transmission) -> bool:
+    return all(np.ptp(table - t.motor_mm) < _SAME_MM for table in (t.lower_mm, t.upper_mm))
+
+
+def _rise_mm(screw: ScrewDrive) -> float:
+    """Return over how much height a straight command keeps the nozzle within half a chord's tolerance."""
+    t, most = screw.transmission, 0.0
+    for table in (t.lower_mm, t.upper_mm):
+        height = np.arange(table[0], table[-1], _RISE_LOOK_MM)
+        motor = np.interp(height, table, t.motor_mm)
+        bent = np.column_stack([motor, screw.wobble_at_mm(motor)])
+        if len(bent) > 2:
+            second = np.linalg.norm(bent[2:] - 2 * bent[1:-1] + bent[:-2], axis=1)
+            most = max(most, float(second.max()) / _RISE_LOOK_MM**2)
+    return float(np.clip(np.sqrt(4.0 * k.CHORD_MM / max(most, 1e-12)), _RISE_LOOK_MM, 1e3))
+
+
+def _is_straight(screw: ScrewDrive) -> bool:
+    return _is_same(screw.transmission) and bool(np.abs(screw.wobble_mm).max() < _SAME_MM)
+
+
+def _is_same(t: Transmission) -> bool:
+    return all(np.abs(table - t.motor_mm).max() < _SAME_MM for table in (t.lower_mm, t.upper_mm))
+
+
+def is_identity(mechanism: Mechanism) -> bool:
+    """Say whether a machine does what it is told: nothing is to be mended."""
+    straight = mechanism.screw is None or _is_straight(mechanism.screw)
+    return straight and mechanism.frame.is_identity and all(map(_is_same, mechanism.transmissions))
+
+
+@dataclass(eq=False)
+class Planner:
+    """A planner on its way through one file: what it knows of the belts, and what it has added up so far.
+
+    Mutable, because a file of any length streams through it; only `Planner.begin` and `Planner.plan` change it.
+    """
+
+    model: np.ndarray
+    quantum_mm: float
+    state: np.ndarray
+    counts: np.ndarray
+    errors: np.ndarray
+    layers: np.ndarray
+    _ring: list[tuple[np.ndarray, np.ndarray]]
+    _curve: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
+    _moved: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
+    _turn: int = 0
+
+    @property
+    def has_screw(self) -> bool:
+        """Say whether the machine has a Z screw that is not perfect."""
+        return bool(self.model[look.M_SCREW])
+
+    def begin(self) -> None:
+        """Begin a program: nothing is known of where the machine is. What was added up so far is kept."""
+        self.counts[k.N_KNOWN] = self.counts[k.N_ANYWHERE] = self.counts[k.N_HEIGHT] = 0
+        self.counts[k.N_MARK] = -1
+        self.state[k.S_Z] = np.inf  # whatever comes first begins a layer
+
+    def plan(self, records: np.ndarray, begin: int = 0) -> tuple[int, np.ndarray, np.ndarray]:
+        """Plan records[begin:]: return (end, first, pieces).
+
+        Record i of records[begin:end] becomes pieces[first[i]:first[i + 1]]; both arrays are used again after
+        `PLANS_AT_ONCE` further calls. ``end`` is below the number of records when the pieces of the rest did not fit.
+        """
+        need = int(self.counts[k.N_LAYER]) + 2 + len(records) - begin
+        if need > len(self.layers):
+            self.layers = np.concatenate([self.layers, np.zeros((need, k.LAYER))])
+        self._turn = (self._turn + 1) % len(self._ring)
+        first, pieces = self._ring[self._turn]
+        if len(records) >= len(first):
+            first = np.zeros(len(records) + 1, np.int64)
+            self._ring[self._turn] = (first, pieces)
+        end = mend(
+            self.model, records, begin, len(records), self.state, self.counts, self._curve, self._moved, first, pieces,
+            self.layers, self.errors, self.quantum_mm,
+        )  # fmt: skip
+        return end, first, pieces
+
+
+def start(mechanism: Mechanism, *, quantum_mm: float = 0.001) -> Planner:
+    """Return a planner for ``mechanism`` at the beginning of a file, nothing known of where the machine is.
+
+    ``quantum_mm`` is the grid of the numbers that will be written.
+    """
+    state, counts = np.zeros(k.STATE), np.zeros(k.COUNTS, np.int64)
+    state[k.S_LOW : k.S_LOW + 2], state[k.S_HIGH : k.S_HIGH + 2] = np.inf, -np.inf
+    counts[k.N_LAYER] = counts[k.N_MARK] = -1
+    return Planner(
+        lookup(mechanism), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)), np.zeros((256, k.LAYER)),
+        [(np.zeros(1 << 14, np.int64), np.empty(4 * k.PIECES_A_RECORD, PIECE)) for _ in range(PLANS_AT_ONCE + 1)],
+    )  # fmt: skip
+
+
+__all__ = ["Planner", "is_identity", "lookup", "start"]

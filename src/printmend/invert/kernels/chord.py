@@ -1,0 +1,133 @@
+"""Compiled search for the longest straight command whose printed path stays close enough to the wanted one."""
+
+import numpy as np
+from numba import njit
+
+from printmend.invert.kernels.curve import (
+    ARC,
+    LEAST,
+    LENGTH,
+    R0,
+    SWEEP,
+    aside_and_along,
+    is_flat_arc,
+    norm,
+    place,
+)
+from printmend.invert.kernels.layout import (
+    ALONG,
+    CHORD_MM,
+    FILAMENT_AREA_MM2,
+    MAX_AREA_MM2,
+    S_M,
+    TINY_ADVANCE_MM,
+)
+from printmend.invert.kernels.lookup import (
+    M_BENT,
+    M_FRAME_BEND,
+    M_FRAMED,
+    M_SAMPLE,
+    from_motors,
+    printed,
+    sharpest,
+    wanted,
+)
+from printmend.invert.kernels.state import followed, middle, motor_at
+
+_FAR_MM = 12.0  # beyond that a chord is searched for from the curvature nearby
+
+
+@njit(error_model="numpy", _nrt=False)
+def ends(model, curve, state, mode0, mode1, t):
+    """Return the motor positions of the place at t."""
+    x, y, _ = place(curve, t)
+    u0, u1 = wanted(model, x, y)
+    return motor_at(model, state, 0, mode0, u0), motor_at(model, state, 1, mode1, u1)
+
+
+@njit(error_model="numpy", _nrt=False)
+def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
+    """Return the largest error of a chord as a multiple of what is allowed."""
+    samples = max(3, np.int64(np.ceil(min((end - t) * curve[LENGTH], 4096.0) / model[M_SAMPLE])))
+    from0, from1 = state[S_M], state[S_M + 1]
+    now0, now1 = middle(state, 0), middle(state, 1)
+    held = (1 if mode0 == 0 else 0) + (1 if mode1 == 0 else 0)
+    aside_most = CHORD_MM * (1.0 + held)  # a motor that stands still is off by as much
+    worst = 0.0
+    for i in range(1, samples + 1):
+        s = i / (samples + 1)
+        a = followed(model, 0, mode0, now0, from0 + s * (m0 - from0))
+        b = followed(model, 1, mode1, now1, from1 + s * (m1 - from1))
+        x, y = printed(model, a, b)
+        aside, along = aside_and_along(curve, x, y, t + s * (end - t))
+        spare = (1.0 - s) * start_error
+        worst = max(worst, aside / (aside_most + spare), along / (ALONG * CHORD_MM + spare))
+    return worst
+
+
+@njit(error_model="numpy", _nrt=False)
+def _longest(model, curve, state, mode0, mode1, t, whole, bound):
+    """Return the length, in t, of the longest admissible chord, by growing and shrinking a guess from the curvature."""
+    length = curve[LENGTH]
+    shortest = curve[LEAST] / length
+    x, y = printed(model, middle(state, 0), middle(state, 1))
+    aside, along = aside_and_along(curve, x, y, t)
+    step = whole
+    if bound > 0.0:
+        step = min(whole, max(shortest, 2.0 * whole * np.sqrt(8.0 * CHORD_MM / bound)))
+    good = 0.0
+    for _ in range(24):
+        m0, m1 = ends(model, curve, state, mode0, mode1, t + step)
+        score = _score(model, curve, state, mode0, mode1, t, t + step, m0, m1, aside + along)
+        if score <= 1.0:
+            good = step
+            if step >= whole or score > 0.7:
+                break
+            step = min(whole, step * min(3.0, 0.97 / np.sqrt(max(score, 1e-3))))
+        else:
+            if good > 0.0 or step <= shortest:
+                break
+            step = max(shortest, step * max(0.15, 0.93 / np.sqrt(score)))
+    step = good if good > 0.0 else step
+    rest = whole - step
+    if rest < shortest and whole < 2.0 * shortest:
+        return whole
+    return whole / 2 if rest < step else step  # two equal chords instead of one and a rest
+
+
+@njit(error_model="numpy", _nrt=False)
+def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
+    """Return (end, m0, m1): where the longest admissible chord from t ends, and the motors there.
+
+    It ends at ``stop``, where the belts are wanted at (u0, u1), or before.
+    """
+    length = curve[LENGTH]
+    m0, m1 = motor_at(model, state, 0, mode0, u0), motor_at(model, state, 1, mode1, u1)
+    if curve[ARC] != 0.0 and not is_flat_arc(curve):  # what is looked at below is only seen from above
+        stop = min(stop, t + np.sqrt(8.0 * CHORD_MM / max(curve[R0], CHORD_MM)) / abs(curve[SWEEP]))
+        m0, m1 = ends(model, curve, state, mode0, mode1, stop)
+    whole = stop - t
+    from0, from1 = state[S_M], state[S_M + 1]
+    d0, d1 = abs(m0 - from0), abs(m1 - from1)
+    far0, far1 = min(d0, _FAR_MM) * np.sign(m0 - from0), min(d1, _FAR_MM) * np.sign(m1 - from1)
+    bend0, bend1 = sharpest(model, 0, from0, from0 + far0), sharpest(model, 1, from1, from1 + far1)
+    bound = norm(bend0 * d0 * d0, bend1 * d1 * d1)  # 8 times the sagitta, at the most
+    if is_flat_arc(curve):
+        bound += whole * whole * abs(curve[SWEEP]) * length
+    elif model[M_FRAMED] != 0.0:
+        bound += model[M_FRAME_BEND] * whole * whole * length * length
+    step = whole
+    if bound > 8.0 * CHORD_MM or ((d0 > _FAR_MM or d1 > _FAR_MM) and model[M_BENT] != 0.0):
+        step = _longest(model, curve, state, mode0, mode1, t, whole, bound)
+        if step < whole:
+            m0, m1 = ends(model, curve, state, mode0, mode1, t + step)
+    part = step * advance
+    if part > TINY_ADVANCE_MM and advance * FILAMENT_AREA_MM2 <= MAX_AREA_MM2 * length:
+        # Klipper refuses more than MAX_AREA_MM2 of plastic a millimetre, except in the shortest of moves.
+        x, y = from_motors(model, m0 - from0, m1 - from1)
+        if part * FILAMENT_AREA_MM2 > MAX_AREA_MM2 * norm(x, y):
+            step = TINY_ADVANCE_MM / advance
+            m0, m1 = ends(model, curve, state, mode0, mode1, t + step)
+    if whole - step < 1e-12:
+        return stop, m0, m1
+    return t + step, m0, m1

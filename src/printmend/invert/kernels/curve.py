@@ -1,0 +1,192 @@
+"""Compiled geometry of one commanded move: a straight line or an arc in any plane, by a parameter t in 0…1."""
+
+import numpy as np
+from numba import njit
+
+from printmend.invert.kernels.layout import MIN_PIECE_MM, PIECES_A_RECORD
+from printmend.invert.kernels.lookup import M_COREXY, M_FRAMED, is_near, wanted
+
+# Fields of a curve, an array [CURVE] of float64.
+# SHARE is the part of its statement's E that it stands for, LEAST the shortest piece that it may be cut into [mm].
+ARC, X0, Y0, Z0, X1, Y1, Z1, CA, CB, PHI, SWEEP, R0, R1, PLANE, LENGTH, SHARE, LEAST = range(17)
+CURVE = 17
+_TURN = 2.0 * np.pi
+_SAME = 1e-9
+_LOOKS = 24
+
+
+@njit(error_model="numpy", _nrt=False)
+def norm(x, y):
+    """Return √(x² + y²): without the care that `hypot` takes of huge numbers, and its cost."""
+    return np.sqrt(x * x + y * y)
+
+
+@njit(error_model="numpy", _nrt=False)
+def set_line(curve, x0, y0, z0, x1, y1, z1):
+    curve[ARC] = 0.0
+    curve[X0], curve[Y0], curve[Z0], curve[X1], curve[Y1], curve[Z1] = x0, y0, z0, x1, y1, z1
+    curve[LENGTH] = np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2)
+    curve[SHARE], curve[LEAST] = 1.0, max(MIN_PIECE_MM, curve[LENGTH] / (PIECES_A_RECORD // 2))
+
+
+@njit(error_model="numpy", _nrt=False)
+def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
+    """Fill a curve with an arc about (ca, cb) in its plane: 0 XY, 1 ZX, 2 YZ. Ends that coincide make a full circle."""
+    set_line(curve, x0, y0, z0, x1, y1, z1)
+    a0, b0, a1, b1, rise = x0, y0, x1, y1, z1 - z0
+    if plane == 1:
+        a0, b0, a1, b1, rise = z0, x0, z1, x1, y1 - y0
+    elif plane == 2:
+        a0, b0, a1, b1, rise = y0, z0, y1, z1, x1 - x0
+    phi0, phi1 = np.arctan2(b0 - cb, a0 - ca), np.arctan2(b1 - cb, a1 - ca)
+    sweep = (phi0 - phi1) % _TURN if clockwise else (phi1 - phi0) % _TURN
+    if sweep < 1e-9 or abs(sweep - _TURN) < 1e-9 or (abs(a1 - a0) < 1e-7 and abs(b1 - b0) < 1e-7):
+        sweep = _TURN
+    sweep += turns * _TURN
+    if clockwise:
+        sweep = -sweep
+    curve[ARC], curve[PLANE], curve[CA], curve[CB], curve[PHI], curve[SWEEP] = 1.0, plane, ca, cb, phi0, sweep
+    curve[R0], curve[R1] = norm(a0 - ca, b0 - cb), norm(a1 - ca, b1 - cb)
+    curve[LENGTH] = norm((curve[R0] + curve[R1]) / 2 * abs(sweep), rise)
+    curve[LEAST] = max(MIN_PIECE_MM, curve[LENGTH] / (PIECES_A_RECORD // 2))
+
+
+@njit(error_model="numpy", _nrt=False)
+def place(curve, t):
+    """Return (x, y, z) at t."""
+    if t >= 1.0:
+        return curve[X1], curve[Y1], curve[Z1]
+    x = curve[X0] + t * (curve[X1] - curve[X0])
+    y = curve[Y0] + t * (curve[Y1] - curve[Y0])
+    z = curve[Z0] + t * (curve[Z1] - curve[Z0])
+    if curve[ARC] == 0.0:
+        return x, y, z
+    phi, r = curve[PHI] + t * curve[SWEEP], curve[R0] + t * (curve[R1] - curve[R0])
+    a, b = curve[CA] + r * np.cos(phi), curve[CB] + r * np.sin(phi)
+    if curve[PLANE] == 0.0:
+        return a, b, z
+    if curve[PLANE] == 1.0:
+        return b, y, a
+    return x, a, b
+
+
+@njit(error_model="numpy", _nrt=False)
+def stays_near(model, curve):
+    """Say whether all of a curve lies where the model knows the machine."""
+    if curve[ARC] == 0.0:
+        return is_near(model, curve[X0], curve[Y0]) and is_near(model, curve[X1], curve[Y1])
+    for i in range(_LOOKS + 1):
+        x, y, _ = place(curve, i / _LOOKS)
+        if not is_near(model, x, y):
+            return False
+    return True
+
+
+@njit(error_model="numpy", _nrt=False)
+def is_flat_arc(curve):
+    return curve[ARC] != 0.0 and curve[PLANE] == 0.0
+
+
+@njit(error_model="numpy", _nrt=False)
+def aside_and_along(curve, x, y, t):
+    """Return how far (x, y) lies from the whole curve and, along it, from the place of t [mm]."""
+    at_x, at_y, _ = place(curve, t)
+    if curve[ARC] == 0.0:
+        dx, dy = curve[X1] - curve[X0], curve[Y1] - curve[Y0]
+        length = norm(dx, dy)
+        if length > 0.0:
+            aside = ((x - at_x) * dy - (y - at_y) * dx) / length
+            along = ((x - at_x) * dx + (y - at_y) * dy) / length
+            return abs(aside), abs(along)
+    elif curve[PLANE] == 0.0:
+        aside = norm(x - curve[CA], y - curve[CB]) - (curve[R0] + t * (curve[R1] - curve[R0]))
+        square = (x - at_x) ** 2 + (y - at_y) ** 2
+        return abs(aside), np.sqrt(max(square - aside * aside, 0.0))
+    return norm(x - at_x, y - at_y), 0.0
+
+
+@njit(error_model="numpy", _nrt=False)
+def distance(curve, x, y):
+    """Return the distance [mm] of (x, y) to the curve seen from above, and the parameter of its foot, unclamped."""
+    if is_flat_arc(curve) and curve[R0] > 0.0:
+        dx, dy = x - curve[CA], y - curve[CB]
+        swept = (np.arctan2(dy, dx) - curve[PHI]) * np.sign(curve[SWEEP]) % _TURN
+        t = swept / abs(curve[SWEEP])
+        if t <= 1.0:
+            return abs(norm(dx, dy) - (curve[R0] + t * (curve[R1] - curve[R0]))), t
+        to_start, to_end = norm(x - curve[X0], y - curve[Y0]), norm(x - curve[X1], y - curve[Y1])
+        return (to_start, -1.0) if to_start < to_end else (to_end, 2.0)
+    return line_distance(curve[X0], curve[Y0], curve[X1], curve[Y1], x, y)
+
+
+@njit(error_model="numpy", _nrt=False)
+def line_distance(x0, y0, x1, y1, x, y):
+    dx, dy = x1 - x0, y1 - y0
+    square = dx * dx + dy * dy
+    t = ((x - x0) * dx + (y - y0) * dy) / square if square > 0.0 else 0.0
+    inside = min(max(t, 0.0), 1.0)
+    return norm(x - x0 - inside * dx, y - y0 - inside * dy), t
+
+
+@njit(error_model="numpy", _nrt=False)
+def monotone_end(model, curve, t0):
+    """Return the first t > t0 at which a motor's wanted belt position turns back; 1 when none does."""
+    if curve[ARC] == 0.0:
+        if model[M_FRAMED] == 0.0 or curve[LENGTH] * (1.0 - t0) < 4.0:
+            return 1.0  # a frame bends a short line by far less than the play's tolerance
+    elif curve[PLANE] == 0.0 and model[M_FRAMED] == 0.0:
+        return _next_extreme(model, curve, t0)
+    turn = 1.0 if curve[ARC] == 0.0 else abs(curve[SWEEP])
+    samples = min(8 + np.int64((1.0 - t0) * (curve[LENGTH] / 10.0 if curve[ARC] == 0.0 else turn * 6.0)), 4096)
+    pitch = (1.0 - t0) / samples
+    x, y, _ = place(curve, t0)
+    u0, u1 = wanted(model, x, y)
+    sign0, sign1 = 0.0, 0.0
+    for i in range(1, samples + 1):
+        x, y, _ = place(curve, t0 + i * pitch)
+        v0, v1 = wanted(model, x, y)
+        step0, step1 = _sign(v0 - u0), _sign(v1 - u1)
+        back0, back1 = sign0 * step0 < 0, sign1 * step1 < 0
+        if back0 or back1:
+            low, high = t0 + max(i - 2, 0) * pitch, t0 + i * pitch
+            end = 1.0
+            if back0:
+                end = min(end, _extreme(model, curve, low, high, 0, sign0))
+            if back1:
+                end = min(end, _extreme(model, curve, low, high, 1, sign1))
+            if end > t0 + 1e-9:
+                return end
+        sign0, sign1 = step0 if step0 != 0 else sign0, step1 if step1 != 0 else sign1
+        u0, u1 = v0, v1
+    return 1.0
+
+
+@njit(error_model="numpy", _nrt=False)
+def _sign(value):
+    return 1.0 if value > _SAME else (-1.0 if value < -_SAME else 0.0)
+
+
+@njit(error_model="numpy", _nrt=False)
+def _extreme(model, curve, low, high, motor, sign):
+    """Find where a motor's wanted position is largest (sign 1) or smallest (−1), by thirds."""
+    for _ in range(40):
+        third = (high - low) / 3
+        x, y, _ = place(curve, low + third)
+        a = wanted(model, x, y)[motor]
+        x, y, _ = place(curve, high - third)
+        b = wanted(model, x, y)[motor]
+        if sign * a < sign * b:
+            low += third
+        else:
+            high -= third
+    return (low + high) / 2
+
+
+@njit(error_model="numpy", _nrt=False)
+def _next_extreme(model, curve, t0):
+    """The same in closed form: x turns at φ = 0, π, y at ±π/2; the motors of a CoreXY at ±π/4, ±3π/4."""
+    phi, sweep = curve[PHI] + t0 * curve[SWEEP], curve[SWEEP]
+    first = np.pi / 4 if model[M_COREXY] != 0.0 else 0.0
+    quarters = (phi - first) / (np.pi / 2)
+    target = np.floor(quarters + 1e-7) + 1.0 if sweep > 0 else np.ceil(quarters - 1e-7) - 1.0
+    return min((first + target * (np.pi / 2) - curve[PHI]) / sweep, 1.0)

@@ -1,0 +1,207 @@
+"""Compiled pieces of an extruding move: slack taken up, then chords or arcs, and what each of them prints."""
+
+import numpy as np
+from numba import njit
+
+from printmend.gcode.kernels.layout import (
+    PIECE_ARC,
+    PIECE_LINE,
+    PIECE_TRAVEL,
+)
+from printmend.invert.kernels.chord import (
+    chord,
+)
+from printmend.invert.kernels.curve import (
+    CA,
+    CB,
+    LENGTH,
+    SHARE,
+    distance,
+    is_flat_arc,
+    monotone_end,
+    place,
+)
+from printmend.invert.kernels.layout import (
+    ASTRAY_MM,
+    CLAMP_MM,
+    HOLD_MM,
+    MIN_PIECE_MM,
+    N_ANCHORS,
+    N_ANYWHERE,
+    N_CLAMPED,
+    N_CLAMPED_EXTRUDING,
+    N_TAKEUPS,
+    S_BEYOND,
+    S_ERROR,
+    S_FEED,
+    S_HELD,
+    S_HI,
+    S_LO,
+    S_M,
+    S_TRAVEL,
+    SAME_FEED,
+    SEEN_MM,
+)
+from printmend.invert.kernels.lookup import (
+    M_SHIFTS_ONLY,
+    from_motors,
+    printed,
+    to_motors,
+    wanted,
+)
+from printmend.invert.kernels.predict import (
+    note,
+    samples_of,
+)
+from printmend.invert.kernels.state import (
+    arrive,
+    command,
+    is_sure,
+    middle,
+    motor_at,
+    open_interval,
+    prepare,
+)
+
+# Gauss's places and weights of three: exact for the square of a parabola, which is what a chord's error is.
+NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
+WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
+
+
+@njit(error_model="numpy", _nrt=False)
+def put(pieces, n, kind, x, y, z, share, feed):
+    p = pieces[n]
+    p.kind, p.x, p.y, p.z, p.share, p.feed = kind, x, y, z, share, feed
+    p.c0 = p.c1 = np.nan
+    return n + 1
+
+
+@njit(error_model="numpy", _nrt=False)
+def _feed(state, record, ratio):
+    """Return the F that keeps the speed along the wanted path; a change that nobody can see is not written."""
+    feed = record.feed * min(max(ratio, 0.2), 5.0)
+    if abs(feed - record.feed) <= SAME_FEED * record.feed:
+        feed = record.feed
+    elif abs(feed - state[S_FEED]) <= SAME_FEED * feed:
+        feed = state[S_FEED]
+    elif feed > 200.0:
+        feed = np.rint(feed)
+    state[S_FEED] = feed
+    return feed
+
+
+@njit(error_model="numpy", _nrt=False)
+def _dead_move(model, state, pieces, n, record, m0, m1, z, quantum):
+    """Write a move that extrudes nothing and for which the nozzle stands still (or is put in its place)."""
+    if m0 == state[S_M] and m1 == state[S_M + 1]:
+        return n
+    x, y, m0, m1, _ = command(model, m0, m1, record, quantum)
+    if abs(m0 - state[S_M]) + abs(m1 - state[S_M + 1]) <= quantum:
+        return n
+    arrive(model, state, m0, m1)
+    state[S_FEED] = max(state[S_TRAVEL], record.feed)
+    return put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, state[S_FEED])
+
+
+@njit(error_model="numpy", _nrt=False)
+def _draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
+    """Write the piece of an extruding move from t to end, and add up its error; the caller sets an arc's centre."""
+    length = (end - t) * curve[LENGTH]
+    from0, from1 = state[S_M], state[S_M + 1]
+    end_x, end_y, end_z = place(curve, end)
+    samples = samples_of(model, length)
+    fine = state[S_ERROR] > SEEN_MM  # a chord bulges: its middle alone would stand for more than its error
+    nodes = 3 if fine else 1
+    most = 0.0
+    for j in range(nodes * samples):
+        node = j % 3 if fine else 1
+        s = (j // nodes + NODES[node]) / samples
+        if kind == PIECE_ARC:  # shifted as a whole: the same place of the shifted curve
+            arc_x, arc_y, _ = place(curve, t + s * (end - t))
+            a, b = to_motors(model, arc_x - end_x, arc_y - end_y)
+            arrive(model, state, m0 + a, m1 + b)
+        else:
+            arrive(model, state, from0 + s * (m0 - from0), from1 + s * (m1 - from1))
+        at_x, at_y = printed(model, middle(state, 0), middle(state, 1))
+        error, _ = distance(curve, at_x, at_y)
+        most = max(most, error)
+        note(layers, row, errors, 1, error, length / samples * (WEIGHTS[node] if fine else 1.0))
+    state[S_ERROR] = most
+    arrive(model, state, m0, m1)
+    if most > SEEN_MM:
+        at_x, at_y = printed(model, middle(state, 0), middle(state, 1))
+        error, _ = distance(curve, at_x, at_y)
+        note(layers, row, errors, 1, error, 0.0)
+    ratio = 1.0
+    if kind == PIECE_LINE and length > 1e-4:
+        from_x, from_y = from_motors(model, from0, from1)
+        rise = end_z - place(curve, t)[2]
+        ratio = np.sqrt((x - from_x) ** 2 + (y - from_y) ** 2 + rise * rise) / length
+    return put(pieces, n, kind, x, y, end_z, (end - t) * curve[SHARE], _feed(state, record, ratio))
+
+
+@njit(error_model="numpy", _nrt=False)
+def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, layers, errors, quantum):
+    """Write the stretch of an arc as an arc, shifted by the play's sides; nothing where it would not fit."""
+    x0, y0, _ = place(curve, t)
+    x1, y1, _ = place(curve, stop)
+    s0, s1 = wanted(model, x0, y0)
+    e0, e1 = wanted(model, x1, y1)
+    m0, m1 = motor_at(model, state, 0, mode0, e0), motor_at(model, state, 1, mode1, e1)
+    # The stretch must begin and end at the same shift, or the radii would differ.
+    if abs(m0 - e0 - (state[S_M] - s0)) > 2.1 * HOLD_MM or abs(m1 - e1 - (state[S_M + 1] - s1)) > 2.1 * HOLD_MM:
+        return n
+    shift_x, shift_y = from_motors(model, m0 - e0, m1 - e1)
+    x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
+    if clamp > quantum:
+        return n
+    # A quarter's outermost places are its ends: they being inside the bed, all of it is.
+    n = _draw(model, curve, state, pieces, n, record, PIECE_ARC, t, stop, m0, m1, x, y, row, layers, errors)
+    pieces[n - 1].c0, pieces[n - 1].c1 = curve[CA] + shift_x, curve[CB] + shift_y
+    return n
+
+
+@njit(error_model="numpy", _nrt=False)
+def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum):
+    """Write an extruding move: slack, then chords (or arcs) along each stretch in which no motor turns back."""
+    t = 0.0
+    length = curve[LENGTH]
+    while t < 1.0:
+        stop = monotone_end(model, curve, t)
+        if stop < 1.0 and (stop - t) * length < MIN_PIECE_MM:
+            stop = monotone_end(model, curve, stop)
+        if (1.0 - stop) * length < MIN_PIECE_MM:
+            stop = 1.0
+        x, y, z = place(curve, t)
+        s0, s1 = wanted(model, x, y)
+        x, y, _ = place(curve, stop)
+        e0, e1 = wanted(model, x, y)
+        anywhere = counts[N_ANYWHERE] != 0
+        unsure = anywhere or not is_sure(state, 0) or not is_sure(state, 1)
+        mode0, first0, second0 = prepare(model, state, 0, s0, e0, anywhere)
+        mode1, first1, second1 = prepare(model, state, 1, s1, e1, anywhere)
+        before = n
+        n = _dead_move(model, state, pieces, n, record, first0, first1, z, quantum)
+        if anywhere:
+            open_interval(model, state, S_M, S_LO, S_HI)
+            counts[N_ANYWHERE] = 0
+        n = _dead_move(model, state, pieces, n, record, second0, second1, z, quantum)
+        counts[N_ANCHORS] += unsure
+        counts[N_TAKEUPS] += n > before and not unsure
+        if mode0 != 0 and mode1 != 0 and is_flat_arc(curve) and model[M_SHIFTS_ONLY] != 0.0:
+            done = _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, layers, errors, quantum)
+            if done > n:
+                n, t = done, stop
+                continue
+        while t < stop:
+            end, m0, m1 = chord(model, curve, state, mode0, mode1, t, stop, e0, e1, record.advance * curve[SHARE])
+            x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
+            n = _draw(model, curve, state, pieces, n, record, PIECE_LINE, t, end, m0, m1, x, y, row, layers, errors)
+            # Where the way to its start was held back already, only the error tells.
+            if clamp > CLAMP_MM or state[S_ERROR] > ASTRAY_MM:
+                counts[N_CLAMPED] += 1
+                counts[N_CLAMPED_EXTRUDING] += 1
+                state[S_BEYOND] = max(state[S_BEYOND], clamp, state[S_ERROR])
+                state[S_HELD + (record.layer > 0)] += (end - t) * length
+            t = end
+    return n

@@ -1,0 +1,94 @@
+"""Compiled following of what is no planned motion: homing, events, lost places, moves that stay as they are."""
+
+import numpy as np
+from numba import njit
+
+from printmend.gcode.kernels.layout import (
+    EVENT_EXCLUDE,
+    EVENT_OFFSET,
+    EVENT_RESTORE,
+    EVENT_SAVE,
+    FLAG_KNOWN_X1,
+    FLAG_KNOWN_Y1,
+    FLAG_RELATIVE,
+    KIND_EVENT,
+    KIND_HOME,
+    KIND_SET,
+    SAVED_SLOTS,
+)
+from printmend.invert.kernels.layout import (
+    N_ANYWHERE,
+    N_COPIED,
+    N_KNOWN,
+    S_HI,
+    S_LO,
+    S_M,
+    S_RAW_HI,
+    S_RAW_LO,
+    S_RAW_M,
+    S_SAVED,
+)
+from printmend.invert.kernels.lookup import (
+    to_motors,
+)
+from printmend.invert.kernels.predict import (
+    follow_raw,
+)
+from printmend.invert.kernels.state import (
+    arrive,
+    open_interval,
+    settle_home,
+)
+
+
+@njit(error_model="numpy", _nrt=False)
+def event(model, state, counts, r):
+    """Follow homing, events and lost places: what is known of the belts afterwards."""
+    known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
+    if r.kind == KIND_HOME:
+        if r.axes & 3 == 0:
+            return
+        settle_home(model, state, S_M, S_LO, S_HI, r.axes, r.x1, r.y1)
+        settle_home(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, r.axes, r.x1, r.y1)
+        counts[N_KNOWN] = known
+        if r.axes & 3 == 3:
+            counts[N_ANYWHERE] = 0
+    elif r.kind == KIND_SET:
+        counts[N_KNOWN] = counts[N_KNOWN] and known
+    elif r.kind == KIND_EVENT and r.event == EVENT_SAVE:
+        state[S_SAVED + 3 * r.axes] = state[S_M] if counts[N_KNOWN] else np.nan
+        state[S_SAVED + 3 * r.axes + 1] = state[S_M + 1]
+    elif r.kind == KIND_EVENT and r.event == EVENT_RESTORE:
+        m0, m1 = to_motors(model, r.x1 - r.x0, r.y1 - r.y0)
+        m0, m1 = state[S_M] + m0, state[S_M + 1] + m1
+        sure = counts[N_KNOWN] != 0
+        if r.axes < SAVED_SLOTS:
+            m0, m1 = state[S_SAVED + 3 * r.axes], state[S_SAVED + 3 * r.axes + 1]
+            counts[N_KNOWN] = not np.isnan(m0)
+        counts[N_KNOWN] = counts[N_KNOWN] and known
+        if counts[N_KNOWN]:
+            arrive(model, state, m0, m1)
+            follow_raw(model, state, r.x1, r.y1)
+        if counts[N_KNOWN] and not sure:
+            open_interval(model, state, S_M, S_LO, S_HI)
+            open_interval(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI)
+    elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
+        if r.x0 != r.x1 or r.y0 != r.y1:
+            known = False  # the firmware went back to a place of the file as it is written now
+        counts[N_KNOWN] = counts[N_KNOWN] and known
+        if counts[N_KNOWN]:
+            open_interval(model, state, S_M, S_LO, S_HI)
+            counts[N_ANYWHERE] = counts[N_ANYWHERE] or r.event == EVENT_EXCLUDE
+
+
+@njit(error_model="numpy", _nrt=False)
+def follow_copied(model, state, counts, r, known):
+    """Follow a move that is written as it is: its place is not known, or not all of it can be read."""
+    counts[N_COPIED] += 1
+    if counts[N_KNOWN] and known:
+        m0, m1 = to_motors(model, r.x1, r.y1)
+        if r.flags & FLAG_RELATIVE:
+            m0, m1 = to_motors(model, r.x1 - r.x0, r.y1 - r.y0)
+            m0, m1 = m0 + state[S_M], m1 + state[S_M + 1]
+        arrive(model, state, m0, m1)
+    counts[N_KNOWN] = counts[N_KNOWN] and known

@@ -1,0 +1,237 @@
+"""Compiled look-ups and state of a Z screw: how high it lifts the nozzle, and where it pushes it meanwhile.
+
+Z is the third motor: m is what is commanded, u the nozzle's height, and u follows m through `pull` as a belt does. The
+push (dx, dy) depends on m alone (physics.md eq. 15), so the belts have to go to the wanted place less the push.
+"""
+
+import numpy as np
+from numba import njit
+
+from printmend.gcode.kernels.layout import (
+    EVENT_OFFSET,
+    EVENT_RESTORE,
+    EVENT_SAVE,
+    FLAG_KNOWN_Z1,
+    FLAG_RELATIVE,
+    KIND_EVENT,
+    KIND_HOME,
+    KIND_SET,
+    SAVED_SLOTS,
+    WORD_Z,
+)
+from printmend.invert.kernels.curve import (
+    ARC,
+    CA,
+    CB,
+    PLANE,
+    R0,
+    R1,
+    SWEEP,
+    X0,
+    X1,
+    Y0,
+    Y1,
+    Z0,
+    Z1,
+    is_flat_arc,
+)
+from printmend.invert.kernels.layout import (
+    CHORD_MM,
+    HOME_MM,
+    L_RISE,
+    L_RISE_MOST,
+    N_HEIGHT,
+    S_HI,
+    S_LO,
+    S_M,
+    S_RAW_HI,
+    S_RAW_LO,
+    S_RAW_M,
+    S_SAVED,
+    S_SIDE,
+)
+from printmend.invert.kernels.lookup import (
+    FIRST,
+    LAST,
+    LOWER,
+    M_MOTOR,
+    M_PUSH,
+    M_RISE,
+    M_Z_HOME,
+    M_Z_HOME_SIDE,
+    M_Z_LIMITS,
+    MOTOR_FIELDS,
+    RATE,
+    UPPER,
+    backward,
+    forward,
+)
+from printmend.invert.kernels.state import pull, travel_motor
+
+ZED = 2  # the motor of Z
+MOST_PARTS = 4096
+
+
+@njit(error_model="numpy", _nrt=False)
+def push(model, m):
+    """Return where the screw pushes the nozzle when its motor is at m [mm]."""
+    at = M_MOTOR + MOTOR_FIELDS * ZED
+    place = min(max((m - model[at + FIRST]) * model[at + RATE], 0.0), model[at + LAST])
+    i = min(np.int64(place), np.int64(model[at + LAST]) - 1)
+    x, y = np.int64(model[M_PUSH]) + i, np.int64(model[M_PUSH + 1]) + i
+    part = place - i
+    return model[x] + part * (model[x + 1] - model[x]), model[y] + part * (model[y + 1] - model[y])
+
+
+@njit(error_model="numpy", _nrt=False)
+def lift(model, state, m):
+    """Move the motor of Z, and the nozzle with it."""
+    if m != state[S_M + ZED]:
+        state[S_SIDE + ZED] = pull(model, state, S_M, S_LO, S_HI, ZED, m)
+
+
+@njit(error_model="numpy", _nrt=False)
+def lift_raw(model, state, counts, z):
+    """Move Z of the machine that reads the file as it is; return its push and its height."""
+    if counts[N_HEIGHT] == 0:
+        return 0.0, 0.0, z
+    pull(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, ZED, z)
+    x, y = push(model, z)
+    return x, y, (state[S_RAW_LO + ZED] + state[S_RAW_HI + ZED]) / 2
+
+
+@njit(error_model="numpy", _nrt=False)
+def note_height(layers, row, which, error, weight):
+    """Add one sample of the error in height, before (0) or after (1) mending."""
+    error = min(abs(error), 1e6)
+    layers[row, L_RISE + which] += weight * error * error
+    layers[row, L_RISE_MOST + which] = max(layers[row, L_RISE_MOST + which], error)
+
+
+@njit(error_model="numpy", _nrt=False)
+def commanded(model, record, m, quantum):
+    """Round a motor position of Z as it will be written, and keep it within the machine."""
+    low, high = min(model[M_Z_LIMITS], record.z0, record.z1), max(model[M_Z_LIMITS + 1], record.z0, record.z1)
+    m = min(max(m, low), high)
+    return record.z1 if abs(m - record.z1) <= quantum / 2 else np.rint(m / quantum) * quantum
+
+
+@njit(error_model="numpy", _nrt=False)
+def _open(model, state, m, lo, hi):
+    """The nut may be anywhere in its play."""
+    state[lo + ZED] = forward(model, ZED, LOWER, state[m + ZED])
+    state[hi + ZED] = forward(model, ZED, UPPER, state[m + ZED])
+
+
+@njit(error_model="numpy", _nrt=False)
+def find(model, state, counts, record, quantum):
+    """Make the height known again, where a move names it: return the motor position for the move's end."""
+    z = record.z1
+    if counts[N_HEIGHT] != 0:
+        return commanded(model, record, travel_motor(model, state, ZED, record.z0, z), quantum)
+    m = commanded(model, record, (backward(model, ZED, LOWER, z) + backward(model, ZED, UPPER, z)) / 2, quantum)
+    counts[N_HEIGHT] = 1
+    state[S_M + ZED], state[S_RAW_M + ZED] = m, z
+    state[S_SIDE + ZED] = 0.0
+    _open(model, state, S_M, S_LO, S_HI)
+    _open(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI)
+    return m
+
+
+@njit(error_model="numpy", _nrt=False)
+def _settle_home(model, state, m, lo, hi, z):
+    """Put Z to its end stop, and the nut on the flank that homing pressed it to (see `inverse_state.settle_home`)."""
+    side = model[M_Z_HOME_SIDE]
+    branch = LOWER if side > 0 else UPPER
+    at_home = abs(forward(model, ZED, branch, model[M_Z_HOME]) - model[M_Z_HOME]) <= HOME_MM
+    state[m + ZED] = z
+    _open(model, state, m, lo, hi)
+    if at_home:
+        state[lo + ZED] = state[hi + ZED] = forward(model, ZED, branch, z)
+    if m == S_M:
+        state[S_SIDE + ZED] = side if at_home else 0.0
+
+
+@njit(error_model="numpy", _nrt=False)
+def height_event(model, state, counts, r):
+    """Follow homing, events and lost heights: what is known of Z afterwards."""
+    known = (r.flags & FLAG_KNOWN_Z1) != 0
+    if r.kind == KIND_HOME:
+        if r.axes & 4 == 0:
+            return
+        _settle_home(model, state, S_M, S_LO, S_HI, r.z1)
+        _settle_home(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, r.z1)
+        counts[N_HEIGHT] = known
+    elif r.kind == KIND_SET:
+        counts[N_HEIGHT] = counts[N_HEIGHT] and known
+    elif r.kind == KIND_EVENT and r.event == EVENT_SAVE:
+        state[S_SAVED + 3 * r.axes + ZED] = state[S_M + ZED] if counts[N_HEIGHT] else np.nan
+    elif r.kind == KIND_EVENT and r.event == EVENT_RESTORE:
+        m = state[S_M + ZED] + r.z1 - r.z0
+        if r.axes < SAVED_SLOTS:
+            m = state[S_SAVED + 3 * r.axes + ZED]
+        if counts[N_HEIGHT] and known and not np.isnan(m):
+            lift(model, state, m)
+            lift_raw(model, state, counts, r.z1)
+        else:
+            counts[N_HEIGHT] = 0
+    elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
+        # where the firmware went to a height of the file as it is written now, ours is another
+        counts[N_HEIGHT] = counts[N_HEIGHT] and known and r.z0 == r.z1
+        if counts[N_HEIGHT]:
+            _open(model, state, S_M, S_LO, S_HI)
+            state[S_SIDE + ZED] = 0.0
+
+
+@njit(error_model="numpy", _nrt=False)
+def follow_copied_height(model, state, counts, r):
+    """Follow Z through a move that is written as it is."""
+    if not r.flags & FLAG_KNOWN_Z1:
+        counts[N_HEIGHT] = 0
+    elif counts[N_HEIGHT] != 0 and (r.words & WORD_Z or r.z0 != r.z1):
+        lift(model, state, state[S_M + ZED] + r.z1 - r.z0 if r.flags & FLAG_RELATIVE else r.z1)
+        lift_raw(model, state, counts, r.z1)
+
+
+@njit(error_model="numpy", _nrt=False)
+def is_flat(curve):
+    """Say whether a curve stays at its height, so that the push on its way is one."""
+    return curve[PLANE] == 0.0 and curve[Z0] == curve[Z1]
+
+
+@njit(error_model="numpy", _nrt=False)
+def parts_of(model, curve):
+    """Return into how many straight parts a curve that rises has to be cut, so that the push is linear on each."""
+    if is_flat(curve):
+        return 1
+    rise, chords = abs(curve[Z1] - curve[Z0]), 0.0
+    if curve[ARC] != 0.0:
+        radius = max(curve[R0], curve[R1])
+        chords = abs(curve[SWEEP]) * np.sqrt(radius / (4.0 * CHORD_MM))
+        if curve[PLANE] != 0.0:
+            rise += radius * abs(curve[SWEEP])
+    return max(1, np.int64(min(np.ceil(max(rise / model[M_RISE], chords)), 1e9)))
+
+
+@njit(error_model="numpy", _nrt=False)
+def is_too_long(model, curve):
+    """Say whether a rising curve is beyond what can be cut: hundreds of turns in one command."""
+    return parts_of(model, curve) > MOST_PARTS
+
+
+@njit(error_model="numpy", _nrt=False)
+def aim(model, curve, moved, m0, m1):
+    """Fill ``moved`` with where the belts must go for a curve, the motor of Z going from m0 to m1; its Z is m."""
+    for i in range(len(curve)):
+        moved[i] = curve[i]
+    x0, y0 = push(model, m0)
+    x1, y1 = push(model, m1)
+    moved[X0] -= x0
+    moved[Y0] -= y0
+    moved[X1] -= x1
+    moved[Y1] -= y1
+    if is_flat_arc(curve):
+        moved[CA] -= x1
+        moved[CB] -= y1
+    if curve[PLANE] == 0.0:
+        moved[Z0], moved[Z1] = m0, m1

@@ -1,0 +1,308 @@
+"""Compiled continuous planner: the moves of a G-code file in, the commands that make a broken printer draw them out.
+
+Per motor the state is (m, u): its commanded position and where play has left the belt, kept as an interval lo…hi when
+that is uncertain. Going forwards u = lower(m), so m = lower⁻¹(u*); backwards m = upper⁻¹(u*) (physics.md eq. 7, §6).
+At a reversal the slack is taken up by a move without extrusion, during which the nozzle stands still.
+The same pass simulates the file as it is and as it is written, and adds up the distance to the wanted path.
+"""
+
+import numpy as np
+from numba import njit
+
+from printmend.gcode.kernels.layout import (
+    FLAG_EXTRUDING,
+    FLAG_KNOWN_X1,
+    FLAG_KNOWN_Y1,
+    FLAG_KNOWN_Z1,
+    FLAG_OPAQUE,
+    KIND_CCW,
+    KIND_CW,
+    KIND_LINEAR,
+    PIECE_LINE,
+    PIECE_TRAVEL,
+    WORD_X,
+    WORD_Y,
+    WORD_Z,
+)
+from printmend.invert.kernels.curve import (
+    ARC,
+    LEAST,
+    LENGTH,
+    PLANE,
+    R0,
+    SHARE,
+    SWEEP,
+    Z0,
+    Z1,
+    place,
+    set_arc,
+    set_line,
+    stays_near,
+)
+from printmend.invert.kernels.draw import (
+    extrude,
+    put,
+)
+from printmend.invert.kernels.event import (
+    event,
+    follow_copied,
+)
+from printmend.invert.kernels.height import (
+    ZED,
+    aim,
+    commanded,
+    find,
+    follow_copied_height,
+    height_event,
+    is_flat,
+    is_too_long,
+    lift,
+    lift_raw,
+    note_height,
+    parts_of,
+    push,
+)
+from printmend.invert.kernels.layout import (
+    CLAMP_MM,
+    L_LENGTH,
+    N_ANYWHERE,
+    N_CLAMPED,
+    N_EXTRUDING,
+    N_HEIGHT,
+    N_KNOWN,
+    N_MOVES,
+    N_PIECES,
+    N_UNKNOWN,
+    PIECES_A_RECORD,
+    S_FEED,
+    S_HI,
+    S_HIGH,
+    S_LO,
+    S_LOW,
+    S_M,
+    S_RAW_HI,
+    S_RAW_LO,
+    S_RAW_M,
+    S_TRAVEL,
+)
+from printmend.invert.kernels.lookup import (
+    LOWER,
+    M_SCREW,
+    UPPER,
+    backward,
+    wanted,
+)
+from printmend.invert.kernels.predict import (
+    layer_of,
+    predict_raw,
+)
+from printmend.invert.kernels.state import (
+    arrive,
+    command,
+    middle,
+    motor_at,
+    open_interval,
+    prepare,
+    travel_motor,
+)
+from printmend.jit import entry
+
+
+@njit(error_model="numpy", _nrt=False)
+def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
+    """Write a move that draws nothing: only its end must be right."""
+    x, y, _ = place(curve, t)
+    s0, s1 = wanted(model, x, y)
+    x, y, z = place(curve, end)
+    e0, e1 = wanted(model, x, y)
+    known = counts[N_KNOWN] != 0
+    if known:
+        m0, m1 = travel_motor(model, state, 0, s0, e0), travel_motor(model, state, 1, s1, e1)
+    else:
+        m0 = (backward(model, 0, LOWER, e0) + backward(model, 0, UPPER, e0)) / 2
+        m1 = (backward(model, 1, LOWER, e1) + backward(model, 1, UPPER, e1)) / 2
+    x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
+    counts[N_CLAMPED] += clamp > CLAMP_MM
+    arrive(model, state, m0, m1)
+    if not known or counts[N_ANYWHERE] != 0:
+        open_interval(model, state, S_M, S_LO, S_HI)
+    state[S_FEED] = record.feed
+    return put(pieces, n, PIECE_LINE, x, y, z, end - t, record.feed)
+
+
+@njit(error_model="numpy", _nrt=False)
+def _stand(model, state, pieces, n, record, quantum):
+    """Write a move that names the place where the head is: that is now another number."""
+    x, y, m0, m1, _ = command(model, state[S_M], state[S_M + 1], record, quantum)
+    arrive(model, state, m0, m1)
+    state[S_FEED] = record.feed
+    return put(pieces, n, PIECE_LINE, x, y, record.z1, 1.0, record.feed)
+
+
+@njit(error_model="numpy", _nrt=False)
+def _go(model, state, counts, pieces, n, record, kind, x, y, m, quantum):
+    """Write a move that draws nothing: the motor of Z goes to m, and the nozzle to (x, y) whatever the screw pushes."""
+    m = commanded(model, record, m, quantum)
+    extent = abs(m - state[S_M + ZED])
+    at_x, at_y = record.x1, record.y1
+    if counts[N_KNOWN] != 0:
+        px, py = push(model, state[S_M + ZED])
+        s0, s1 = wanted(model, x - px, y - py)
+        px, py = push(model, m)
+        e0, e1 = wanted(model, x - px, y - py)
+        m0, m1 = travel_motor(model, state, 0, s0, e0), travel_motor(model, state, 1, s1, e1)
+        at_x, at_y, m0, m1, _ = command(model, m0, m1, record, quantum)
+        extent += abs(m0 - state[S_M]) + abs(m1 - state[S_M + 1])
+        if kind == PIECE_LINE or extent > quantum:
+            arrive(model, state, m0, m1)
+    if kind == PIECE_LINE:
+        lift(model, state, m)
+        state[S_FEED] = record.feed
+        return put(pieces, n, kind, at_x, at_y, m, 1.0, record.feed)
+    if extent <= quantum:
+        return n
+    lift(model, state, m)
+    state[S_FEED] = max(state[S_TRAVEL], record.feed)
+    return put(pieces, n, kind, at_x, at_y, m, 0.0, state[S_FEED])
+
+
+@njit(error_model="numpy", _nrt=False)
+def _rise(model, state, counts, pieces, n, record, quantum):
+    """Write a move that stands still in x and y, or names Z alone: the belts go against the push of the new height."""
+    if not record.flags & FLAG_KNOWN_Z1:
+        counts[N_HEIGHT] = 0
+        return n if not record.words & (WORD_X | WORD_Y) else _stand(model, state, pieces, n, record, quantum)
+    lift_raw(model, state, counts, record.z1)
+    m = find(model, state, counts, record, quantum)
+    return _go(model, state, counts, pieces, n, record, PIECE_LINE, record.x1, record.y1, m, quantum)
+
+
+@njit(error_model="numpy", _nrt=False)
+def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row, layers, errors, quantum):
+    """Write an extruding move of a machine with a bad screw: a curve that rises is cut where the push bends."""
+    if not record.flags & FLAG_KNOWN_Z1:
+        counts[N_HEIGHT] = 0
+        return extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum)
+    if counts[N_HEIGHT] == 0:
+        curve[Z0] = curve[Z1]
+        find(model, state, counts, record, quantum)
+    parts = parts_of(model, curve)
+    for part in range(parts):
+        x0, y0, z0 = place(curve, part / parts)
+        x1, y1, z1 = place(curve, (part + 1.0) / parts)
+        mode, first, second = prepare(model, state, ZED, z0, z1, False)
+        if first != state[S_M + ZED]:
+            n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, first, quantum)
+        if second != state[S_M + ZED]:
+            n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, second, quantum)
+        m0, m1 = state[S_M + ZED], commanded(model, record, motor_at(model, state, ZED, mode, z1), quantum)
+        if mode == 0:
+            m1 = m0
+        if is_flat(curve):
+            aim(model, curve, moved, m0, m1)
+        else:
+            px, py = push(model, m0)
+            qx, qy = push(model, m1)
+            set_line(moved, x0 - px, y0 - py, m0, x1 - qx, y1 - qy, m1)
+            moved[SHARE], moved[LEAST] = 1.0 / parts, curve[LEAST]
+        n = extrude(model, moved, state, counts, pieces, n, record, row, layers, errors, quantum)
+        lift(model, state, m1)
+        note_height(layers, row, 1, middle(state, ZED) - z1, curve[LENGTH] / parts)
+    return n
+
+
+@entry(error_model="numpy", _nrt=False)
+def mend(model, records, begin, count, state, counts, curve, moved, first, pieces, layers, errors, quantum):
+    """Plan records[begin:count]; return the record before which it stopped.
+
+    Record i becomes pieces[first[i]:first[i + 1]]; ``first`` int64 [count + 1] counts from the beginning of ``pieces``,
+    an array of PIECE. It stops before a record whose pieces may not fit: call again with what is left.
+    ``state`` [STATE] and ``counts`` [COUNTS] pass from call to call; ``curve`` and ``moved`` [CURVE] are scratch.
+    ``layers`` [L, LAYER] must have room for counts[N_LAYER] + 2 + (count − begin) rows; ``errors`` [2, ERROR_BINS] are
+    histograms of mm of path. ``quantum`` [mm] is the grid of the numbers that will be written.
+
+    A motion record without a piece is to be copied as it is.
+    """
+    n = 0
+    i = begin
+    screw = model[M_SCREW] != 0.0
+    while i < count and n + PIECES_A_RECORD < len(pieces):
+        r = records[i]
+        first[i] = n
+        i += 1
+        arc = r.kind == KIND_CW or r.kind == KIND_CCW
+        if not arc and r.kind != KIND_LINEAR:
+            event(model, state, counts, r)
+            if screw:
+                height_event(model, state, counts, r)
+            continue
+        still = not arc and r.x0 == r.x1 and r.y0 == r.y1
+        if still and not r.words & (WORD_X | WORD_Y):
+            if screw and r.words & WORD_Z:
+                if r.flags & FLAG_OPAQUE:
+                    follow_copied_height(model, state, counts, r)
+                else:
+                    n = _rise(model, state, counts, pieces, n, r, quantum)
+            continue
+        known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
+        extruding = r.flags & FLAG_EXTRUDING != 0
+        counts[N_MOVES] += 1
+        if extruding and known:
+            counts[N_EXTRUDING] += 1
+            state[S_LOW], state[S_LOW + 1] = min(state[S_LOW], r.x1), min(state[S_LOW + 1], r.y1)
+            state[S_HIGH], state[S_HIGH + 1] = max(state[S_HIGH], r.x1), max(state[S_HIGH + 1], r.y1)
+        if still and known and counts[N_KNOWN] != 0 and not r.flags & FLAG_OPAQUE:
+            if screw:
+                n = _rise(model, state, counts, pieces, n, r, quantum)
+            else:
+                n = _stand(model, state, pieces, n, r, quantum)
+            continue
+        curve[ARC] = curve[PLANE] = 0.0
+        if arc:
+            set_arc(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1, r.c0, r.c1, r.plane, r.kind == KIND_CW, r.turns)
+        else:
+            set_line(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1)
+        left = not known or r.flags & FLAG_OPAQUE or not stays_near(model, curve)
+        if left or (screw and is_too_long(model, curve)):
+            counts[N_UNKNOWN] += extruding
+            follow_copied(model, state, counts, r, known)
+            if screw:
+                follow_copied_height(model, state, counts, r)
+            continue
+        sure = counts[N_KNOWN] != 0
+        drawn = extruding and sure
+        row = 0
+        if extruding:
+            row = layer_of(state, counts, layers, r)
+        elif r.feed > 0:
+            state[S_TRAVEL] = r.feed
+        predict_raw(model, curve, state, counts, records, count, i - 1, drawn, row, layers, errors)
+        if drawn:
+            layers[row, L_LENGTH] += curve[LENGTH]
+            if screw:
+                n = _extrude_in_space(model, curve, moved, state, counts, pieces, n, r, row, layers, errors, quantum)
+            else:
+                n = extrude(model, curve, state, counts, pieces, n, r, row, layers, errors, quantum)
+        else:
+            counts[N_UNKNOWN] += extruding
+            parts = 1
+            if arc:  # what draws nothing needs no better than this
+                parts = min(max(4, np.int64(abs(curve[SWEEP]) * np.sqrt(curve[R0] / 0.4))), PIECES_A_RECORD // 2)
+            way = curve
+            if screw and r.flags & FLAG_KNOWN_Z1:
+                m = find(model, state, counts, r, quantum)
+                aim(model, curve, moved, state[S_M + ZED], m)
+                lift(model, state, m)
+                way = moved
+            elif screw:
+                counts[N_HEIGHT] = 0
+            for part in range(parts):
+                n = _travel(model, way, state, counts, pieces, n, r, part / parts, (part + 1.0) / parts, quantum)
+            counts[N_ANYWHERE] = 0
+        if not sure:
+            # From here on the place is certain; the file as it is starts with the same uncertainty.
+            open_interval(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI)
+        counts[N_KNOWN] = 1
+    first[i] = n
+    counts[N_PIECES] += n
+    return i

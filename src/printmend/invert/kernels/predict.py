@@ -1,0 +1,132 @@
+"""Compiled prediction: where the model prints a file, and how far that is from the wanted path."""
+
+import numpy as np
+from numba import njit
+
+from printmend.gcode.kernels.layout import FLAG_EXTRUDING, KIND_CCW, KIND_CW, KIND_LINEAR
+from printmend.invert.kernels.curve import (
+    ARC,
+    LENGTH,
+    X0,
+    X1,
+    Y0,
+    Y1,
+    Z1,
+    distance,
+    line_distance,
+    norm,
+    place,
+)
+from printmend.invert.kernels.height import lift_raw, note_height
+from printmend.invert.kernels.layout import (
+    ERROR_BIN_MM,
+    ERROR_BINS,
+    L_MOST,
+    L_SQUARE,
+    L_Z,
+    N_LAYER,
+    N_MARK,
+    S_RAW_HI,
+    S_RAW_LO,
+    S_RAW_M,
+    S_Z,
+    WALK_MM,
+)
+from printmend.invert.kernels.lookup import M_LOOK, M_SCREW, printed, to_motors
+from printmend.invert.kernels.state import pull
+
+
+@njit(error_model="numpy", _nrt=False)
+def samples_of(model, length):
+    """Return at how many places a path of that length is looked at; no bed is longer than 4096 mm."""
+    return 1 if length <= model[M_LOOK] else np.int64(np.ceil(min(length, 4096.0) / model[M_LOOK]))
+
+
+@njit(error_model="numpy", _nrt=False)
+def note(layers, row, errors, which, error, weight):
+    """Add one sample of the contour error, before (0) or after (1) mending."""
+    error = min(error, 1e6)
+    layers[row, L_SQUARE + which] += weight * error * error
+    layers[row, L_MOST + which] = max(layers[row, L_MOST + which], error)
+    errors[which, min(np.int64(error * (1.0 / ERROR_BIN_MM)), ERROR_BINS - 1)] += weight
+
+
+@njit(error_model="numpy", _nrt=False)
+def _nearest(records, count, i, curve, x, y):
+    """Return the distance of a printed place to the wanted path around record i: it may be ahead or behind on it."""
+    best, t = distance(curve, x, y)
+    if 0.0 <= t <= 1.0:
+        return best
+    step = 1 if t > 1.0 else -1
+    walked = 0.0
+    j = i + step
+    while 0 <= j < count and walked < WALK_MM:
+        r = records[j]
+        if r.kind == KIND_LINEAR and r.flags & FLAG_EXTRUDING:
+            d, foot = line_distance(r.x0, r.y0, r.x1, r.y1, x, y)
+            best = min(best, d)
+            if 0.0 < foot < 1.0 or (foot >= 1.0) != (step > 0):
+                break
+            walked += norm(r.x1 - r.x0, r.y1 - r.y0)
+        elif r.x0 != r.x1 or r.y0 != r.y1 or r.kind == KIND_CW or r.kind == KIND_CCW:
+            break
+        j += step
+    return best
+
+
+@njit(error_model="numpy", _nrt=False)
+def follow_raw(model, state, x, y):
+    """Move the machine that reads the file as it is."""
+    m0, m1 = to_motors(model, x, y)
+    pull(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, 0, m0)
+    pull(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, 1, m1)
+
+
+@njit(error_model="numpy", _nrt=False)
+def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors):
+    """Print a move as the file has it; where ``noted``, add up its distance to the wanted path."""
+    straight = curve[ARC] == 0.0
+    samples = 0
+    screw = model[M_SCREW] != 0.0
+    push_x = push_y = 0.0
+    if noted:
+        samples = samples_of(model, curve[LENGTH])
+    elif not straight:
+        samples = 16
+    for j in range(samples):
+        s = (j + 0.5) / samples
+        if straight:
+            x, y = curve[X0] + s * (curve[X1] - curve[X0]), curve[Y0] + s * (curve[Y1] - curve[Y0])
+        else:
+            x, y, _ = place(curve, s)
+        follow_raw(model, state, x, y)
+        if screw:
+            _, _, z = place(curve, s)
+            push_x, push_y, risen = lift_raw(model, state, counts, z)
+            if noted:
+                note_height(layers, row, 0, risen - z, curve[LENGTH] / samples)
+        if noted:
+            a = (state[S_RAW_LO] + state[S_RAW_HI]) / 2
+            b = (state[S_RAW_LO + 1] + state[S_RAW_HI + 1]) / 2
+            x, y = printed(model, a, b)
+            x, y = x + push_x, y + push_y
+            note(layers, row, errors, 0, _nearest(records, count, i, curve, x, y), curve[LENGTH] / samples)
+    follow_raw(model, state, curve[X1], curve[Y1])
+    if screw:
+        lift_raw(model, state, counts, curve[Z1])
+
+
+@njit(error_model="numpy", _nrt=False)
+def layer_of(state, counts, layers, record):
+    """Return the row of the layer that an extruding record belongs to: by the slicer's comments, else by height."""
+    if record.layer > 0:
+        new = record.layer != counts[N_MARK]
+    else:
+        new = abs(record.z1 - state[S_Z]) > (1e-3 if record.z0 == record.z1 else 0.05)
+    if new or counts[N_LAYER] < 0:
+        counts[N_LAYER] += 1
+        counts[N_MARK] = record.layer
+        state[S_Z] = record.z1
+        layers[counts[N_LAYER]] = 0.0
+        layers[counts[N_LAYER], L_Z] = record.z1
+    return counts[N_LAYER]

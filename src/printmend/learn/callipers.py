@@ -1,0 +1,244 @@
+"""Callipers instead of a scanner: at most twelve distances, and only what these can support.
+
+For each motor the error at a mark is s·m − d·b/2 + a·sin(2πm/T) + c·cos(2πm/T): scale, play (d is the direction of
+approach), an eccentric pulley; for the bed one skew x' = x + y·γ. A distance across two large dots adds the width that
+dots have on this plate. The distances are chosen one by one, each the one that tells most (largest information gain).
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from printmend.errors import TraceError
+from printmend.files import read_text
+from printmend.machine.mechanism import Frame, Mechanism, Transmission, healthy_transmission
+from printmend.measure.plan import ProbePlan
+from printmend.path import frozen
+from printmend.printer import Printer
+
+MOST = 12
+READING_MM = 0.07  # standard deviation of one reading: the callipers and the hand that holds them
+SHORTEST_MM, LONGEST_MM = 20.0, 145.0  # the common callipers open 150 mm
+SURE_OF_SIDE_MM = 4.0
+FAR_OFF = 0.25  # share by which a reading may differ from the distance before it must be a slip
+NAMES = ("scale", "play", "sine", "cosine")
+OWNERS_WORDS = {
+    "scale": "scale error (+: prints too large)", "play": "belt's play",
+    "sine": "pulley off its centre, sine part", "cosine": "pulley off its centre, cosine part",
+}  # fmt: skip
+PRIOR_SD = (0.05, 0.6, 0.4, 0.4)
+SKEW_SD, WIDTH_SD_MM = 0.01, 0.2
+SUPPORTED, SEEN = 0.5, 3.0  # of the prior's spread; standard deviations away from none
+
+
+@dataclass(frozen=True, eq=False)
+class Distances:
+    """``pairs`` [K, 2] numbers of the marks, both large dots; ``across_mm`` [K] outer distance on a healthy printer."""
+
+    plan: ProbePlan
+    pairs: np.ndarray
+    across_mm: np.ndarray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pairs", frozen(np.asarray(self.pairs, np.int64)))
+        object.__setattr__(self, "across_mm", frozen(np.asarray(self.across_mm, float)))
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One quantity: ``value`` ± ``sd``; ``supported`` says that the distances, not the assumptions, fixed it."""
+
+    name: str
+    value: float
+    sd: float
+    unit: str
+    supported: bool
+
+    @property
+    def corrected(self) -> bool:
+        """Whether it is worth a correction: known from the distances, and not zero."""
+        return self.supported and abs(self.value) > SEEN * self.sd
+
+    def __str__(self) -> str:
+        factor, unit = {"": (100.0, "%"), "rad": (180 / math.pi, "°"), "mm": (1.0, "mm")}[self.unit]
+        part, _, what = self.name.rpartition(" ")
+        name = f"{part} {OWNERS_WORDS[what]}" if part and what in OWNERS_WORDS else self.name
+        said = f"{name}: {self.value * factor:+.3f} ± {self.sd * factor:.3f} {unit}"
+        if not self.supported:
+            return said + ", which these distances cannot tell"
+        return said if self.corrected else said + ", none to be seen"
+
+
+def choose_distances(plan: ProbePlan) -> Distances:
+    """Choose at most twelve distances between large dots that tell most about the machine."""
+    marks, (_, run) = plan.marks_mm, plan.motor_approaches
+    sure = plan.big & (run >= SURE_OF_SIDE_MM).all(axis=1)
+    pairs = np.array(list(itertools.combinations(np.flatnonzero(sure), 2)), np.int64).reshape(-1, 2)
+    length = np.hypot(*(marks[pairs[:, 1]] - marks[pairs[:, 0]]).T)
+    pairs = pairs[(length >= SHORTEST_MM) & (length <= LONGEST_MM)]
+    if len(pairs) < MOST:
+        raise TraceError(
+            "the probe",
+            wanted=f"{MOST} pairs of large dots {SHORTEST_MM:.0f} to {LONGEST_MM:.0f} mm apart",
+            came=f"{len(pairs)}",
+            todo="print a larger probe",
+        )
+    features = _features(plan, pairs, marks)
+    covariance = np.diag(_prior_sd() ** 2)
+    chosen: list[int] = []
+    for _ in range(MOST):
+        spread = np.einsum("ki,ij,kj->k", features, covariance, features)
+        spread[chosen] = -1.0
+        best = int(np.argmax(spread))
+        chosen.append(best)
+        gain = covariance @ features[best]
+        covariance = covariance - np.outer(gain, gain) / (READING_MM**2 + spread[best])
+    picked = pairs[chosen]
+    across = np.hypot(*(marks[picked[:, 1]] - marks[picked[:, 0]]).T) + plan.big_dot_mm
+    return Distances(plan, picked, across)
+
+
+def describe(distances: Distances) -> list[str]:
+    """Return one line a distance: which dots, and about how far apart."""
+    marks = distances.plan.marks_mm
+    lines = []
+    for number, ((first, second), across) in enumerate(zip(distances.pairs, distances.across_mm, strict=True), start=1):
+        (x0, y0), (x1, y1) = marks[first], marks[second]
+        lines.append(
+            f"{number:2d}. across the large dots at X{x0:.0f} Y{y0:.0f} and X{x1:.0f} Y{y1:.0f}, about {across:.1f} mm"
+        )
+    return lines
+
+
+def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarray:
+    """Read distances [K] in mm, one a line (or the last cell of a CSV line), NaN where a line is empty.
+
+    Raises `TraceError` for text, too many lines, and readings that cannot be of these dots (inches are named).
+    """
+    lines = [line.strip() for line in text.splitlines()]
+    if lines and lines[0] and not _is_number(lines[0]):
+        lines = lines[1:]  # a header
+    while lines and not lines[-1]:
+        lines.pop()
+    if len(lines) > len(distances.pairs):
+        raise TraceError(subject, wanted=f"{len(distances.pairs)} distances", came=f"{len(lines)}", todo="one a line")
+    readings = np.full(len(distances.pairs), np.nan)
+    for row, line in enumerate(lines):
+        cell = line.rsplit(",", 1)[-1].strip()
+        if not cell:
+            continue
+        if not _is_number(cell):
+            raise TraceError(
+                subject, wanted=f"distance {row + 1} in mm", came=repr(cell[:30]), todo="write numbers like 123.45"
+            )
+        readings[row] = float(cell)
+        _check_reading(subject, row + 1, readings[row], float(distances.across_mm[row]))
+    if not np.isfinite(readings).any():
+        raise TraceError(subject, wanted="at least one distance", came="none", todo="measure a few of the list")
+    return readings
+
+
+def read_readings(path: str | Path, distances: Distances) -> np.ndarray:
+    """Read distances [K] from a file, as `parse_readings` does."""
+    text = read_text(path, wanted="a list of distances", todo="write them one a line", error=TraceError)
+    return parse_readings(text, distances, subject=str(path))
+
+
+def _is_number(line: str) -> bool:
+    try:
+        return math.isfinite(float(line.rsplit(",", 1)[-1]))
+    except ValueError:
+        return False
+
+
+def _check_reading(subject: str, number: int, came_mm: float, about_mm: float) -> None:
+    if abs(came_mm / about_mm - 1) <= FAR_OFF:
+        return
+    inches = abs(came_mm * 25.4 / about_mm - 1) <= FAR_OFF
+    raise TraceError(
+        subject,
+        wanted=f"distance {number} of about {about_mm:.1f} mm",
+        came=f"{came_mm:g}" + (" (inches: a factor of 25.4)" if inches else ""),
+        todo="measure it again in mm, or leave its line empty",
+    )
+
+
+def estimate(distances: Distances, readings_mm: np.ndarray) -> tuple[Estimate, ...]:
+    """Return scale, play and first harmonic of each motor, and the skew, from readings [K] (NaN where not taken)."""
+    known = np.isfinite(readings_mm)
+    if not known.any():
+        raise TraceError("the distances", wanted="at least one", came="none", todo="measure a few of the list")
+    plan, pairs = distances.plan, distances.pairs[known]
+    prior_sd = _prior_sd()
+    values = np.zeros(len(prior_sd))
+    covariance = np.diag(prior_sd**2)
+    for _ in range(4):  # the distance bends a little with the errors themselves
+        moved = plan.marks_mm + _errors_mm(plan, values)
+        across = np.hypot(*(moved[pairs[:, 1]] - moved[pairs[:, 0]]).T) + plan.big_dot_mm + values[-1]
+        features = _features(plan, pairs, moved)
+        normal = features.T @ features / READING_MM**2 + np.diag(prior_sd**-2)
+        covariance = np.linalg.inv(normal)
+        values = covariance @ (features.T @ (readings_mm[known] - across + features @ values)) / READING_MM**2
+    sd = np.sqrt(np.diag(covariance))
+    motors = ("A", "B") if plan.kinematics == "corexy" else ("X", "Y")
+    labels = [
+        (f"{motor} {name}", unit) for motor in motors for name, unit in zip(NAMES, ("", "mm", "mm", "mm"), strict=True)
+    ]
+    labels += [("skew", "rad"), ("dot width", "mm")]
+    return tuple(
+        Estimate(name, float(value), float(spread), unit, bool(spread < SUPPORTED * prior))
+        for (name, unit), value, spread, prior in zip(labels, values, sd, prior_sd, strict=True)
+    )
+
+
+def mechanism(estimates: Sequence[Estimate], printer: Printer) -> Mechanism:
+    """Return the machine that the worthwhile estimates describe: what is not known well is left healthy."""
+    values = [estimate.value if estimate.corrected else 0.0 for estimate in estimates]
+    transmissions = []
+    for motor in range(2):
+        scale, play, sine, cosine = values[4 * motor : 4 * motor + 4]
+        grid = healthy_transmission(printer, motor).motor_mm
+        phase = 2 * np.pi * grid / printer.axes[motor].mm_per_turn
+        middle = grid * (1 + scale) + sine * np.sin(phase) + cosine * np.cos(phase)
+        half = max(play, 0.0) / 2
+        pitch = float(grid[1] - grid[0])
+        transmissions.append(Transmission(float(grid[0]), pitch, middle - half, middle + half))
+    coefficients = np.zeros((2, 10))
+    scale_mm = Frame().scale_mm
+    coefficients[0, Frame.exponents.index((0, 1))] = values[8] * scale_mm
+    return Mechanism(printer, (transmissions[0], transmissions[1]), Frame(coefficients, scale_mm)).homed()
+
+
+def _prior_sd() -> np.ndarray:
+    return np.array([*PRIOR_SD, *PRIOR_SD, SKEW_SD, WIDTH_SD_MM])
+
+
+def _error_columns(plan: ProbePlan) -> np.ndarray:
+    """Return the derivative of each mark's bed position by each unknown [M, 2, 9]."""
+    motors, (side, _) = plan.to_motor(plan.marks_mm), plan.motor_approaches
+    columns = np.zeros((len(plan), 2, 9))
+    for motor in range(2):
+        m, phase = motors[:, motor], 2 * np.pi * motors[:, motor] / plan.mm_per_turn[motor]
+        for offset, column in enumerate((m, -side[:, motor] / 2, np.sin(phase), np.cos(phase))):
+            belts = np.zeros((len(plan), 2))
+            belts[:, motor] = column
+            columns[:, :, 4 * motor + offset] = plan.from_motor(belts)
+    columns[:, 0, 8] = plan.marks_mm[:, 1]
+    return columns
+
+
+def _errors_mm(plan: ProbePlan, values: np.ndarray) -> np.ndarray:
+    return _error_columns(plan) @ values[:9]
+
+
+def _features(plan: ProbePlan, pairs: np.ndarray, places_mm: np.ndarray) -> np.ndarray:
+    """Return the derivative of every distance by every unknown [K, 10]."""
+    along = places_mm[pairs[:, 1]] - places_mm[pairs[:, 0]]
+    unit = along / np.hypot(*along.T)[:, None]
+    columns = _error_columns(plan)
+    difference = columns[pairs[:, 1]] - columns[pairs[:, 0]]
+    return np.hstack([np.einsum("kd,kdi->ki", unit, difference), np.ones((len(pairs), 1))])

@@ -1,0 +1,186 @@
+"""The hybrid: the grey box, and what nobody wrote down.
+
+The grey box first. Where blocked cross-validation says that its residual can be predicted, a residual learner
+(`residual`) is added to its tables; where the trace is a layer of the published simulator, whose steps do not
+come back to where they were, the gains of that world (`gains`) are learned instead. Else it is the grey box.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from printmend.learn.drive.fit import robust_sigma_mm
+from printmend.learn.drive.ladder import jumped
+from printmend.learn.drive.select import PATTERN, SELECT_FLOOR_MM
+from printmend.learn.greybox.greybox import Drive, Greybox, GreyboxModel, motor_rows
+from printmend.learn.hybrid.gains import learned_gains
+from printmend.learn.hybrid.kernels import follow_branches
+from printmend.learn.hybrid.residual import MARGIN_MM, PASSES, Residual, chosen, learned, points
+from printmend.learn.mechanism_model import MachineLearned
+from printmend.machine.mechanism import GainMechanism, Mechanism, Transmission
+from printmend.path import Trace
+from printmend.printer import Printer
+
+GRID_MM = 0.2
+STAGES = 3  # residual learners, each of what the ones before leave
+SURELY = 30.0  # nats by which the published world must fit better
+NOTHING_LEFT = 0.1  # of the machine's residual
+SEEN_MM = SELECT_FLOOR_MM  # a machine that leaves no more than this, or on top of the noise, is good enough
+LEAST_SAID_MM = 0.01
+BEYOND_MM = 20.0  # what is not known there is said
+
+
+@dataclass(frozen=True, eq=False)
+class HybridModel(MachineLearned):
+    """A learned machine; a world model.
+
+    ``box`` is the grey box, ``mechanism`` that and the ``residuals`` of the motors (None: nothing to add). In the
+    published simulator's ``world`` there is no machine that could say what steps do: it plans on the lattice, and
+    ``mechanism`` remains the best machine for what needs one. ``noise_mm`` is the standard deviation of a measured
+    coordinate about it, ``residual_after_mm`` as the grey box's.
+    """
+
+    box: GreyboxModel
+    mechanism: Mechanism
+    noise_mm: float
+    residual_after_mm: float
+    residuals: tuple[Residual | None, Residual | None] = (None, None)
+    world: GainMechanism | None = None
+
+    @property
+    def is_plain(self) -> bool:
+        """True where the grey box says it all."""
+        return self.world is None and self.residuals == (None, None)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What was added to the grey box, a sentence each."""
+        if self.world is not None:
+            return ("the steps of this print do not come back to where they were: that is no machine, but the lattice "
+                    "simulator of the paper",)  # fmt: skip
+        found = []
+        for motor, (name, residual) in enumerate(zip(self.printer.motors, self.residuals, strict=True)):
+            if residual is None:
+                continue
+            size = max(float(np.abs(part).max()) for part in (residual.common_mm, residual.play_mm))
+            if size >= LEAST_SAID_MM:  # a scanner makes as much
+                found.append(f"{name.upper()} has an error that no known fault makes, up to {size:.3f} mm "
+                             f"(learned: {residual.words})")  # fmt: skip
+            elif self._goes_on_mm(motor, residual) > LEAST_SAID_MM:
+                low, high = residual.grid_mm[[0, -1]]
+                found.append(f"{name.upper()} was seen from {low:.0f} to {high:.0f} mm; beyond, only what repeats "
+                             "every turn is known")  # fmt: skip
+        return tuple(found)
+
+    def _goes_on_mm(self, motor: int, residual: Residual) -> float:
+        """Return by how much a motor's tables go on otherwise than the grey box's beyond what was seen."""
+        low, high = residual.grid_mm[[0, -1]]
+        near = np.concatenate([low - np.arange(BEYOND_MM), high + np.arange(BEYOND_MM)])
+        mine, boxed = (each.transmissions[motor].branches_mm(near) for each in (self.mechanism, self.box.mechanism))
+        return float(np.abs(np.subtract(mine, boxed)).max())
+
+    @property
+    def imagined(self) -> Mechanism | GainMechanism:
+        return self.mechanism if self.world is None else self.world
+
+
+@dataclass(frozen=True)
+class Hybrid:
+    """The learner: physics.md §4, the last of its nested list."""
+
+    name: str = "hybrid"
+
+    def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> HybridModel:
+        """Learn from a trace. Raise `TraceError` where the grey box does."""
+        box = Greybox().fit(trace, printer, rng=rng)
+        with threadpool_limits(1, user_api="blas"):
+            return completed(box, trace, seed=int(rng.integers(2**31)))
+
+
+def completed(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
+    """Add to a grey box what its own trace shows beyond it."""
+    plain = HybridModel(box, box.mechanism, box.noise_mm, box.residual_after_mm)
+    patterned = [drive.choice.fit.share < PATTERN and _left_mm2(drive) > SEEN_MM**2 for drive in box.drives]
+    if any(patterned) and (world := _published(box, trace)) is not None:
+        return replace(plain, world=world)
+    x, y = (_residual(box, trace, motor, patterned=patterned[motor], seed=seed) for motor in range(2))
+    first, second = (
+        table if residual is None else residual.added(table)
+        for residual, table in zip((x, y), box.mechanism.transmissions, strict=True)
+    )
+    mechanism = replace(box.mechanism, transmissions=(first, second))
+    if x is None and y is None:
+        return plain
+    left = np.stack([_left_mm(box, trace, motor, table) for motor, table in enumerate((first, second))], axis=1)
+    bed = box.printer.from_motor(left)[trace.measured_rows]
+    after = float(np.sqrt(np.nanmean(np.square(bed).sum(axis=1))))
+    return HybridModel(box, mechanism, robust_sigma_mm(bed[np.isfinite(bed)]), after, (x, y))
+
+
+def _left_mm(box: GreyboxModel, trace: Trace, motor: int, table: Transmission) -> np.ndarray:
+    """Return what a motor's tables leave of the measurement [N], NaN where there is none."""
+    touch = box.drives[motor].choice.fit.touch
+    belt = np.empty(len(trace))
+    at, side = np.empty(len(belt), np.int64), np.empty(len(belt), np.int8)
+    lower, upper = table.branches_mm(jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor]).motor_mm)
+    follow_branches(lower, upper, float(touch.belt_mm[0]), at, side, belt)
+    return np.asarray(touch.belt_mm + touch.residual_mm - belt)
+
+
+def _published(box: GreyboxModel, trace: Trace) -> GainMechanism | None:
+    """Return the published world's gains where they explain the trace better than any machine."""
+    gains = learned_gains(trace, box.printer)
+    if gains is None:
+        return None
+    left = float(np.mean([_left_mm2(drive) for drive in box.drives]))
+    if box.printer.kinematics == "corexy":  # a motor of which is the sum of two coordinates
+        left /= 2
+    right = max(gains.residual_mm**2, np.finfo(float).tiny)
+    better = box.measured * np.log(left / right) - gains.known  # two coordinates, half a nat each; half a nat a number
+    # that world has gains and nothing else: what they leave is noise, or next to nothing
+    whole = gains.share > PATTERN or right < NOTHING_LEFT**2 * left
+    return gains.mechanism if better > SURELY and whole and left > right + SEEN_MM**2 else None
+
+
+def _left_mm2(drive: Drive) -> float:
+    """Return the mean square of what the grey box leaves of a motor."""
+    return float(np.nanmean(np.square(drive.choice.fit.touch.residual_mm)))
+
+
+def _residual(box: GreyboxModel, trace: Trace, motor: int, *, patterned: bool, seed: int) -> Residual | None:
+    """Return what blocked cross-validation adds to a motor's tables."""
+    drive, table = box.drives[motor], box.mechanism.transmissions[motor]
+    if _left_mm2(drive) <= SEEN_MM**2:
+        return None
+    rows = jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor])
+    touch = drive.choice.fit.touch
+    measured = touch.belt_mm + touch.residual_mm  # without what the frame adds
+    start_mm = float(touch.belt_mm[0])
+    data = points(table, rows.motor_mm, measured, rows.weight, start_mm, rows.period_mm)
+    if not len(data.motor_mm):
+        return None
+    low, high = float(data.motor_mm.min()), float(data.motor_mm.max())
+    reach = (low - MARGIN_MM, high + MARGIN_MM)
+    grid = np.arange(low, high + GRID_MM, GRID_MM)
+    found: Residual | None = None
+    for _ in range(STAGES):
+        kind = chosen(data, reach, patterned=patterned, seed=seed)
+        if kind is None:
+            break
+        before, bent, more = data, table, found
+        for _ in range(PASSES):
+            # what the tables so far leave, and what was learned in this stage, belong to it
+            stage = learned(kind, data, reach, grid, seed=seed)
+            more = stage if more is None else more.plus(stage)
+            bent = more.added(table)
+            data = points(bent, rows.motor_mm, measured, rows.weight, start_mm, rows.period_mm)
+        if np.mean(np.abs(data.residual_mm)) >= np.mean(np.abs(before.residual_mm)):
+            break
+        found = more
+    if found is None and drive.structure.warp_mm:  # what repeats nothing may hide how what repeats goes on
+        found = Residual((), grid, np.zeros(len(grid)), np.zeros(len(grid)), rows.period_mm)
+    return found
+
+
+LEARNERS = {"hybrid": Hybrid()}

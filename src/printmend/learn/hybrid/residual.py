@@ -1,0 +1,302 @@
+"""What the grey box leaves of one motor, learned without knowing why: two functions of the motor's position.
+
+The residual of a row belongs to its last contact: position m, side s = ±1. It is learned as c(m) + s·d(m)/2, c common
+to both branches and d more or less play between them, by one of
+
+    smooth    a Gaussian process of length ℓ (its cosines over the reach: ridge regression with the kernel's spectrum)
+    periodic  a Gaussian process over the motor's turn: harmonics finer than the grey box has
+    trees     LightGBM on (position mod turn, position, side)
+
+or by nothing. Cross-validation chooses, in blocks of at least one turn of travel: neighbouring points share their noise
+and their slack, so folds of single points would praise whatever remembers them (physics.md §4).
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from printmend.learn.hybrid import kernels as kernels
+from printmend.learn.hybrid.continued import continued
+from printmend.machine.mechanism import Transmission
+from printmend.saved.branches import rising, warp_columns
+from printmend.units import TURN_RAD
+
+LENGTHS_MM = (2.0, 5.0, 12.0, 30.0)
+MARGIN_MM = 20.0
+FINEST = 120  # harmonics of a turn
+FOLDS = 5
+LEAST_BLOCKS = 4
+MOST_ROWS = 4000
+SURE = 2.0  # standard errors by which held-out blocks must improve
+WORTHWHILE = 0.02  # and the share of the held-out square error
+CLIP = 4.0  # residuals beyond so many robust standard deviations count as these
+PASSES = 2
+FLOOR_MM = 2e-4
+TREES = 60
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A residual learner: ``name`` smooth, periodic or trees; the ``length_mm`` of a smooth one; ``sides`` apart?"""
+
+    name: str
+    length_mm: float = 0.0
+    sides: bool = False
+
+    def __str__(self) -> str:
+        length = f" of {self.length_mm:g} mm" if self.length_mm else ""
+        return f"{self.name}{length}{', each direction its own' if self.sides else ''}"
+
+
+PROCESSES = (
+    *(Kind("smooth", length, sides) for sides in (False, True) for length in LENGTHS_MM),
+    Kind("periodic", sides=False),
+    Kind("periodic", sides=True),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """The rows in contact, in the order of motion: ``motor_mm`` and ``side`` of the contact, the residual, the weight
+    and the block of travel of each [M]; a motor's turn, and the noise."""
+
+    motor_mm: np.ndarray
+    side: np.ndarray
+    residual_mm: np.ndarray
+    weight: np.ndarray
+    block: np.ndarray
+    turn_mm: float
+    sigma_mm: float
+
+    def where(self, mask: np.ndarray) -> "Points":
+        return replace(
+            self, motor_mm=self.motor_mm[mask], side=self.side[mask], residual_mm=self.residual_mm[mask],
+            weight=self.weight[mask], block=self.block[mask],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """A learned residual: its ``kinds``, and c and d [mm] at the motor positions ``grid_mm`` [G], all that were seen.
+
+    Of no kind it is zero, and only says how the tables go on beyond the grid.
+    """
+
+    kinds: tuple[Kind, ...]
+    grid_mm: np.ndarray
+    common_mm: np.ndarray
+    play_mm: np.ndarray
+    turn_mm: float
+
+    @property
+    def words(self) -> str:
+        return ", then ".join(dict.fromkeys(map(str, self.kinds)))
+
+    def plus(self, other: "Residual") -> "Residual":
+        """Return the sum of two residuals on one grid."""
+        common, play = self.common_mm + other.common_mm, self.play_mm + other.play_mm
+        return Residual((*self.kinds, *other.kinds), self.grid_mm, common, play, self.turn_mm)
+
+    def at_mm(self, motor_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
+        """Return the residual [N] at contacts; beyond the grid its ends hold."""
+        common, play = (np.interp(motor_mm, self.grid_mm, part) for part in (self.common_mm, self.play_mm))
+        return common + side * play / 2
+
+    def added(self, table: Transmission) -> Transmission:
+        """Return a drive's tables with this residual, still monotone, lower ≤ upper; beyond the grid, what repeats."""
+        motor = table.motor_mm
+        low = table.lower_mm + self.at_mm(motor, np.full(len(motor), -1.0))
+        high = table.upper_mm + self.at_mm(motor, np.ones(len(motor)))
+        crossed = low > high
+        low[crossed] = high[crossed] = (low[crossed] + high[crossed]) / 2
+        reach_mm = float(self.grid_mm[0]), float(self.grid_mm[-1])
+        first = int(np.searchsorted(motor, sum(reach_mm) / 2))
+        low = rising(low, first)
+        bent = Transmission(table.first_mm, table.pitch_mm, low, np.maximum(rising(high, first), low))
+        return continued(bent, reach_mm, self.turn_mm)
+
+
+def points(
+    table: Transmission,
+    motor_mm: np.ndarray,
+    measured_mm: np.ndarray,
+    weight: np.ndarray,
+    start_mm: float,
+    turn_mm: float,
+) -> Points:
+    """Follow a motor's path [N] through its tables; return the measured rows in contact and what they leave."""
+    lower, upper = table.branches_mm(motor_mm)
+    at, side = np.empty(len(motor_mm), np.int64), np.empty(len(motor_mm), np.int8)
+    belt = np.empty(len(motor_mm))
+    kernels.follow_branches(lower, upper, start_mm, at, side, belt)
+    travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(motor_mm)))])
+    used = np.flatnonzero((weight > 0) & (at >= 0))
+    residual = (measured_mm - belt)[used]
+    sigma = max(1.4826 * float(np.median(np.abs(residual))) if len(used) else 0.0, FLOOR_MM)
+    return Points(
+        motor_mm[at[used]],
+        side[used].astype(float),
+        residual,
+        weight[used],
+        (travel[used] / turn_mm).astype(np.int64),
+        turn_mm,
+        sigma,
+    )
+
+
+def columns(
+    kind: Kind, motor_mm: np.ndarray, side: np.ndarray, turn_mm: float, reach_mm: tuple[float, float]
+) -> np.ndarray:
+    """Return the columns of a Gaussian process [N, P] at contacts."""
+    if kind.name == "smooth":
+        waves = warp_columns(_cosines(kind, reach_mm), reach_mm, motor_mm)
+    else:
+        angle = np.outer(np.mod(motor_mm, turn_mm), np.arange(1, FINEST + 1)) * (TURN_RAD / turn_mm)
+        waves = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+    return np.concatenate([waves, waves * side[:, None] / 2], axis=1) if kind.sides else waves
+
+
+def _cosines(kind: Kind, reach_mm: tuple[float, float]) -> int:
+    return int(np.ceil(4.0 * (reach_mm[1] - reach_mm[0]) / (np.pi * kind.length_mm)))
+
+
+def variances(kind: Kind, reach_mm: tuple[float, float]) -> np.ndarray:
+    """Return the prior variance of every column [P], for a process of variance 1."""
+    if kind.name == "smooth":
+        span = reach_mm[1] - reach_mm[0]
+        rate = np.pi * np.arange(1, _cosines(kind, reach_mm) + 1) / span
+        power = 2 * kind.length_mm * np.sqrt(TURN_RAD) / span * np.exp(-np.square(rate * kind.length_mm) / 2)
+        power = np.maximum(power, 1e-12)
+    else:
+        size = 1.0 / np.arange(1, FINEST + 1) ** 3.0  # position errors of a hull with corners fall as k⁻²
+        power = np.tile(size / size.sum(), 2)
+    return np.tile(power, 2) if kind.sides else power
+
+
+def process(design: np.ndarray, root: np.ndarray, data: Points) -> np.ndarray:
+    """Return the weights [P] of a Gaussian process: ridge regression; its size and the noise are learned with it.
+
+    ``design`` [M, P] are its columns, ``root`` [P] the roots of their prior variances.
+    """
+    return _weights(_gram(design * root, data), root)
+
+
+@dataclass(frozen=True, eq=False)
+class _Gram:
+    """Weighted sums over points: columns × columns [P, P], columns × residuals [P], squares, weights."""
+
+    matrix: np.ndarray
+    slope: np.ndarray
+    square: float
+    count: float
+
+    def less(self, other: "_Gram") -> "_Gram":
+        return _Gram(*(getattr(self, name) - getattr(other, name) for name in vars(self)))
+
+
+def _gram(scaled: np.ndarray, data: Points) -> _Gram:
+    clipped = np.clip(data.residual_mm, -CLIP * data.sigma_mm, CLIP * data.sigma_mm)
+    weighted = scaled * data.weight[:, None]
+    return _Gram(weighted.T @ scaled, weighted.T @ clipped, float(data.weight @ clipped**2), float(data.weight.sum()))
+
+
+def _weights(gram: _Gram, root: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(gram.matrix)
+    values, slope = np.maximum(values, 0.0), vectors.T @ gram.slope
+    noise = size = max(gram.square / gram.count, FLOOR_MM**2)
+    weights = np.zeros(len(values))
+    for _ in range(12):  # MacKay's fixed point for the two variances
+        weights = slope / (values + noise / size)
+        known = float((values / (values + noise / size)).sum())
+        left = max(gram.square - 2 * float(slope @ weights) + float(values @ weights**2), 0.0)
+        noise = max(left / max(gram.count - known, 1.0), FLOOR_MM**2)
+        size = max(float(weights @ weights) / max(known, 1e-6), 1e-12)
+    return root * (vectors @ weights)
+
+
+def trees(data: Points, seed: int) -> Any:
+    """Fit LightGBM to (position mod turn, position, side)."""
+    from lightgbm import LGBMRegressor
+
+    model = LGBMRegressor(
+        n_estimators=TREES, num_leaves=15, min_child_samples=20, random_state=seed, n_jobs=1, verbosity=-1,
+        deterministic=True, force_col_wise=True,
+    )  # fmt: skip
+    clipped = np.clip(data.residual_mm, -CLIP * data.sigma_mm, CLIP * data.sigma_mm)
+    return model.fit(_features(data.motor_mm, data.side, data.turn_mm), clipped, sample_weight=data.weight)
+
+
+def _features(motor_mm: np.ndarray, side: np.ndarray, turn_mm: float) -> np.ndarray:
+    return np.stack([np.mod(motor_mm, turn_mm), motor_mm, side], axis=1)
+
+
+def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, float], seed: int) -> np.ndarray:
+    """Return what a kind predicts at every point [M] when the point's ``fold`` [M] is not learned from."""
+    guess = np.empty(len(fold))
+    masks = [fold == each for each in np.unique(fold)]
+    if kind.name == "trees":
+        for held in masks:
+            model = trees(data.where(~held), seed)
+            guess[held] = model.predict(_features(data.motor_mm[held], data.side[held], data.turn_mm))
+        return guess
+    root = np.sqrt(variances(kind, reach_mm))
+    scaled = columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm) * root
+    grams = [_gram(scaled[held], data.where(held)) for held in masks]
+    whole = _Gram(*(sum(getattr(gram, name) for gram in grams) for name in vars(grams[0])))
+    for held, gram in zip(masks, grams, strict=True):
+        guess[held] = scaled[held] @ (_weights(whole.less(gram), root) / root)
+    return guess
+
+
+def chosen(data: Points, reach_mm: tuple[float, float], *, patterned: bool, seed: int) -> Kind | None:
+    """Return the kind that predicts held-out blocks of travel best; None where none surely helps.
+
+    Trees are asked only where the residual is ``patterned``, or a process was of use.
+    """
+    blocks = np.unique(data.block)
+    if len(blocks) < LEAST_BLOCKS or len(data.motor_mm) < 10 * LEAST_BLOCKS:
+        return None
+    if len(data.motor_mm) > MOST_ROWS:
+        data = data.where(np.linspace(0, len(data.motor_mm) - 1, MOST_ROWS).astype(np.int64))
+    number = np.searchsorted(blocks, data.block)
+    # Folds of neighbouring blocks in turns; a block stays whole.
+    fold = number % min(FOLDS, len(blocks))
+    bound = (CLIP * data.sigma_mm) ** 2
+    before = np.bincount(number, data.weight * np.minimum(data.residual_mm**2, bound))
+
+    def gained(kind: Kind) -> np.ndarray:
+        guess = held_out(kind, data, fold, reach_mm, seed)
+        after = np.minimum(np.square(data.residual_mm - guess), bound)
+        return before - np.bincount(number, data.weight * after)
+
+    gains = {kind: gained(kind) for kind in PROCESSES}
+    best = max(gains, key=lambda kind: gains[kind].sum())
+    if patterned or _sure(gains[best], before):
+        both = Kind("trees", sides=True)
+        gains[both] = gained(both)
+        # a staircase must be worth its steps
+        best = both if gains[both].sum() > gains[best].sum() + WORTHWHILE * before.sum() else best
+    return best if _sure(gains[best], before) else None
+
+
+def _sure(gain: np.ndarray, before: np.ndarray) -> bool:
+    error = float(np.std(gain, ddof=1)) * np.sqrt(len(gain))
+    return bool(gain.sum() > SURE * error and gain.sum() > WORTHWHILE * before.sum())
+
+
+def learned(kind: Kind, data: Points, reach_mm: tuple[float, float], grid_mm: np.ndarray, *, seed: int) -> Residual:
+    """Fit a kind to all points; tabulate it at motor positions ``grid_mm`` [G]."""
+    branches = []
+    for side in (-1.0, 1.0):
+        none, sides = np.zeros(0), np.full(len(grid_mm), side)
+        where = Points(grid_mm, sides, none, none, none, data.turn_mm, data.sigma_mm)
+        branches.append(where)
+    if kind.name == "trees":
+        model = trees(data, seed)
+        low, high = (np.asarray(model.predict(_features(b.motor_mm, b.side, b.turn_mm))) for b in branches)
+    else:
+        design = columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm)
+        weights = process(design, np.sqrt(variances(kind, reach_mm)), data)
+        low, high = (columns(kind, b.motor_mm, b.side, b.turn_mm, reach_mm) @ weights for b in branches)
+    return Residual((kind,), grid_mm, (low + high) / 2, high - low, data.turn_mm)

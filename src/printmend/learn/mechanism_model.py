@@ -1,0 +1,119 @@
+"""A world model that is a mechanism: the Oracle over the true one, the grey box over a learned one."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from printmend.errors import InputError
+from printmend.machine.mechanism import GainMechanism, Mechanism
+from printmend.printer import Printer
+from printmend.protocols import IncrementTables, State, Tables
+from printmend.twin import kernels, lattice_bed, lattice_tables
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismModel:
+    """Imagine with a `Mechanism` as `Twin.run` prints with it, or with a `GainMechanism` by the published rules.
+
+    The published rules do not clip the imagined position to the bed (physics.md §8.1); the twin does.
+    """
+
+    mechanism: Mechanism | GainMechanism
+
+    @property
+    def printer(self) -> Printer:
+        return self.mechanism.printer
+
+    def start(self, start_steps: np.ndarray) -> State:
+        """Return the state [1] at the lattice point ``start_steps`` [2], with the play of each belt centred."""
+        start = np.asarray(start_steps, np.int64)
+        memory = np.concatenate([self.printer.to_motor(start), start]).astype(float)
+        return State(start[None], start[None].astype(float), memory[None])
+
+    def advance(self, state: State, controls: np.ndarray) -> State:
+        """Return the states [K] after the controls [K, 2]. Raise `InputError` where a motor would leave its tables."""
+        controls = np.asarray(controls, np.int64)
+        if isinstance(self.mechanism, GainMechanism):
+            return _advance_gains(self.mechanism, state, controls)
+        nominal = state.nominal_steps + controls
+        count = len(nominal)
+        assert state.memory is not None
+        memory = np.broadcast_to(state.memory, (count, 4))
+        belts, starts = memory[:, :2], memory[:, 2:]
+        motors = self.printer.to_motor(nominal)
+        after, position = np.empty((count, 2)), np.empty((count, 2))
+        for start in np.unique(starts, axis=0):
+            mine = (starts == start).all(axis=1)
+            tables = lattice_tables(self.mechanism, start.astype(np.int64))
+            for motor in range(2):
+                index = motors[mine, motor] - tables.first_steps[motor]
+                lower, upper = tables.lower_steps[motor], tables.upper_steps[motor]
+                if index.min() < 0 or index.max() >= len(lower):
+                    raise InputError(
+                        f"motor {self.printer.motors[motor]}",
+                        wanted="controls that stay within a bed's length of the bed",
+                        came="controls that leave it",
+                        todo="check the start and the controls",
+                    )
+                after[mine, motor] = np.minimum(np.maximum(belts[mine, motor], lower[index]), upper[index])
+            position[mine] = lattice_bed(self.mechanism, after[mine], start)
+        return State(nominal, position, np.concatenate([after, starts], axis=1))
+
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
+        """Return play tables anchored at the start, or the published increments."""
+        if isinstance(self.mechanism, GainMechanism):
+            return gain_tables(self.mechanism, c_max)
+        return lattice_tables(self.mechanism, start_steps)
+
+
+class MachineLearned(ABC):
+    """What a learner found, as a world model: it imagines with a machine of it, `imagined`."""
+
+    @property
+    @abstractmethod
+    def imagined(self) -> Mechanism | GainMechanism:
+        """The machine to imagine with."""
+
+    @cached_property
+    def _model(self) -> MechanismModel:
+        return MechanismModel(self.imagined)
+
+    @property
+    def printer(self) -> Printer:
+        return self.imagined.printer
+
+    def start(self, start_steps: np.ndarray) -> State:
+        """Return the state [1] of a layer that starts at the lattice point ``start_steps`` [2]."""
+        return self._model.start(start_steps)
+
+    def advance(self, state: State, controls: np.ndarray) -> State:
+        """Return the states [K] after the controls [K, 2]."""
+        return self._model.advance(state, controls)
+
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
+        """Return the machine as play tables, or as the published increments."""
+        return self._model.tabulate(start_steps, c_max=c_max)
+
+
+def _advance_gains(mechanism: GainMechanism, state: State, controls: np.ndarray) -> State:
+    bed = np.array(mechanism.printer.bed_steps)
+    nominal = np.broadcast_to(state.nominal_steps, (len(controls), 2))
+    moved = np.empty((len(controls), 2))
+    for axis in range(2):
+        gains = mechanism.gains[axis]
+        moved[:, axis] = [
+            kernels.gain_displacement(n, c, gains) for n, c in zip(nominal[:, axis], controls[:, axis], strict=True)
+        ]
+    return State(np.clip(nominal + controls, 0, bed), state.position_steps + moved, state.memory)
+
+
+def gain_tables(mechanism: GainMechanism, c_max: int) -> IncrementTables:
+    """Tabulate the published displacement at every nominal position of the bed and every control."""
+    tables = []
+    for axis, bed in enumerate(mechanism.printer.bed_steps):
+        table = np.empty((bed + 1, 2 * c_max + 1))
+        kernels.tabulate_gain(mechanism.gains[axis], table)
+        tables.append(table)
+    return IncrementTables((tables[0], tables[1]), c_max)

@@ -1,0 +1,101 @@
+"""The grey box with a learned prior over pulleys, for parts that show less than a whole turn of a motor.
+
+Where a trace saw the whole turn this is the grey box, to the last bit. Where it did not, the grey box has found play,
+frame, noise and contacts; what the rest of the pulley is like is asked of `mixture`, through the grey box's own
+normal equations, all other parameters marginalised. The answer is a mean and a covariance again, so the uncertainty
+grows where nothing was seen.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from printmend.learn.drive.design import Design, Normal, Rows, contacts, normal_equations
+from printmend.learn.drive.fit import Fit, Posterior, Prior, refine, robust_weights, variances
+from printmend.learn.drive.select import HARMONICS, Choice
+from printmend.learn.drive.sight import GLIMPSED, SEEN, sight
+from printmend.learn.greybox.greybox import GreyboxModel, learned
+from printmend.learn.prior.mixture import Mixture, believe, shipped
+from printmend.learn.pulley.choice import to_parameters
+from printmend.path import Trace
+from printmend.printer import Printer
+
+FLOOR_MM = 0.005
+ROUNDS = 2  # of contacts and posterior
+
+
+@dataclass(frozen=True, eq=False)
+class PriorLearner:
+    """The learner ``prior``; ``mixture`` None is the one that is shipped."""
+
+    name: str = "prior"
+    mixture: Mixture | None = None
+
+    def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> GreyboxModel:
+        """Learn from a trace as the grey box does; raises what it raises."""
+        with threadpool_limits(1, user_api="blas"):
+            return learned(trace, printer, rng, complete=self._complete)
+
+    def _complete(self, rows: Rows, choice: Choice) -> Choice:
+        if not GLIMPSED < sight(rows, choice.fit.touch).angles < SEEN or not _applies(choice):
+            return choice
+        return completed(rows, choice, self.mixture or shipped())
+
+
+def _applies(choice: Choice) -> bool:
+    """The prior knows pulleys whose error is in the mean alone: no odd play, no fading, nothing that repeats not."""
+    structure = choice.structure
+    plain = structure.play in ("none", "constant") and not (structure.elastic or structure.drift or structure.warp_mm)
+    return plain and (structure.scale or structure.pulley != "none")
+
+
+def completed(rows: Rows, choice: Choice, mixture: Mixture) -> Choice:
+    """Return the choice with its pulley as the mixture believes it, given the rows."""
+    structure = replace(choice.structure, pulley="all", scale=True, offset=True)
+    design = structure.design(HARMONICS, choice.design.ripple, rows.reach_mm)
+    active = structure.active(design)
+    start = design.moved(choice.fit.posterior.values, choice.design)
+    fit = refine(design, rows, start, active, prior=Prior(floor_mm=FLOOR_MM), passes=3, rounds=4)
+    sigma = max(fit.posterior.sigma_mm, FLOOR_MM)
+    normal, touch, share = fit.normal, fit.touch, fit.share
+    for round_ in range(ROUNDS):
+        post = _posterior(design, normal.tempered(share), sigma, rows.period_mm, mixture)
+        touch = contacts(design, post.values, rows)
+        if round_ < ROUNDS - 1:
+            weight = robust_weights(rows, touch.residual_mm, sigma, drop=True)
+            normal = normal_equations(design, post.values, rows, touch, weight)
+    loss = float(np.abs(touch.residual_mm[rows.weight > 0]).mean())
+    return Choice(structure, design, Fit(post, normal, touch, loss, share))
+
+
+def _posterior(design: Design, normal: Normal, sigma_mm: float, period_mm: float, mixture: Mixture) -> Posterior:
+    """Return the posterior of all parameters, the mixture being the prior of the pulley's."""
+    shape = np.zeros(design.size, bool)
+    shape[design.parts["mean_powers"].start + 1] = True
+    shape |= design.mask("mean")
+    rest = ~shape
+    unit = to_parameters(design, period_mm)[shape]  # [1 + 2K, D]: parameters = unit @ θ
+    matrix = normal.matrix / sigma_mm**2
+    slope = (normal.slope + normal.matrix @ normal.values) / sigma_mm**2
+    # the rest has wide priors of its own; given the shape it is linear
+    inner = matrix[np.ix_(rest, rest)] + np.diag(1 / variances(design, Prior())[rest])
+    inverse = np.linalg.inv(inner)
+    tie = matrix[np.ix_(rest, shape)]
+    narrowed = matrix[np.ix_(shape, shape)] - tie.T @ inverse @ tie
+    pull = slope[shape] - tie.T @ inverse @ slope[rest]
+    found = believe(mixture, unit.T @ narrowed @ unit, unit.T @ pull)
+    values, covariance = np.zeros(design.size), np.zeros((design.size, design.size))
+    values[shape] = unit @ found.mean
+    values[rest] = inverse @ (slope[rest] - tie @ values[shape])
+    wide = unit @ found.covariance @ unit.T
+    along = -inverse @ tie
+    covariance[np.ix_(shape, shape)] = wide
+    covariance[np.ix_(rest, shape)] = along @ wide
+    covariance[np.ix_(shape, rest)] = (along @ wide).T
+    covariance[np.ix_(rest, rest)] = inverse + along @ wide @ along.T
+    everything = np.ones(design.size, bool)
+    return Posterior(values, covariance, everything, sigma_mm, Prior(floor_mm=FLOOR_MM), found.log_evidence)
+
+
+LEARNERS = {"prior": PriorLearner()}

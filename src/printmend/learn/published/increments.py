@@ -1,0 +1,180 @@
+"""World models without memory: a control moves the carriage by an amount that depends on the nominal position."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+
+from printmend.errors import ModelError
+from printmend.machine.mechanism import Mechanism, healthy_transmission
+from printmend.path import Trace, frozen
+from printmend.printer import Printer
+from printmend.protocols import IncrementTables, JointTables, State, Tables, WorldModel
+
+
+class UnitModel(WorldModel, Protocol):
+    """A memoryless model that knows what one step does."""
+
+    def unit_displacement(self, nominal: np.ndarray, signs: np.ndarray) -> np.ndarray:
+        """Return the displacement [K, 2] of controls [K, 2] in {−1, 0, 1} from nominal positions [K, 2]."""
+        ...
+
+
+def start_state(start_steps: np.ndarray) -> State:
+    """Return the state [1] of a memoryless model at the lattice point ``start_steps`` [2]."""
+    start = np.asarray(start_steps, np.int64)
+    return State(start[None], start[None].astype(float))
+
+
+def moved(state: State, controls: np.ndarray, displacement: np.ndarray, printer: Printer) -> State:
+    """Return the states [K] after controls [K, 2]: nominal clipped to the bed, imagined not (physics.md §8.1)."""
+    nominal = np.clip(state.nominal_steps + controls, 0, printer.bed_steps)
+    return State(nominal, state.position_steps + displacement)
+
+
+@dataclass(frozen=True, eq=False)
+class AxisModel:
+    """Axes that know nothing of each other: a control c from nominal position n moves its axis by c·gain[n].
+
+    ``gains`` is a pair of arrays [bed + 1]: the predictions of a per-axis learner at every lattice position. This is
+    all that planning needs of the learner, so it is also what a saved model holds.
+    """
+
+    printer: Printer
+    gains: tuple[np.ndarray, np.ndarray]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "gains", tuple(frozen(np.asarray(row, float)) for row in self.gains))
+
+    def start(self, start_steps: np.ndarray) -> State:
+        """Return the state [1] at the lattice point ``start_steps`` [2]."""
+        return start_state(start_steps)
+
+    def unit_displacement(self, nominal: np.ndarray, signs: np.ndarray) -> np.ndarray:
+        """Return the displacement [K, 2] of one step of each axis in the directions ``signs`` [K, 2]."""
+        return np.stack([self.gains[axis][nominal[:, axis]] for axis in range(2)], axis=1) * signs
+
+    def advance(self, state: State, controls: np.ndarray) -> State:
+        """Return the states [K] after the controls [K, 2]: one step's prediction times |c|."""
+        controls = np.asarray(controls, np.int64)
+        nominal = np.broadcast_to(state.nominal_steps, (len(controls), 2))
+        return moved(state, controls, self.unit_displacement(nominal, controls), self.printer)
+
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> IncrementTables:
+        """Return c·gain[n] for every nominal position and control."""
+        controls = np.arange(-c_max, c_max + 1)
+        return IncrementTables((self.gains[0][:, None] * controls, self.gains[1][:, None] * controls), c_max)
+
+    @cached_property
+    def mechanism(self) -> Mechanism | None:
+        """The nearest conservative machine, without play: X[n + 1] − X[n] = the mean of gain[n] and gain[n + 1].
+
+        A step forward from n is predicted as gain[n] and the step back from n + 1 as gain[n + 1]; a machine must
+        return to where it was, so it gets their mean (gains below 0 count as 0). None on a CoreXY, whose motors are
+        not its axes.
+        """
+        if self.printer.kinematics != "cartesian":
+            return None
+        drives = []
+        for motor in range(2):
+            healthy, axis = healthy_transmission(self.printer, motor), self.printer.axes[motor]
+            gain = np.maximum(self.gains[motor], 0.0)
+            error = np.concatenate([[0.0], np.cumsum((gain[1:] + gain[:-1]) / 2 - 1.0)]) * axis.mm_per_step
+            lattice_mm = axis.min_mm + np.arange(len(error)) * axis.mm_per_step
+            position = healthy.motor_mm + np.interp(healthy.motor_mm, lattice_mm, error)
+            drives.append(type(healthy)(healthy.first_mm, healthy.pitch_mm, position, position))
+        return Mechanism(self.printer, (drives[0], drives[1]))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the model as plain lists, exactly."""
+        return {"gains": {"x": self.gains[0].tolist(), "y": self.gains[1].tolist()}}
+
+    @classmethod
+    def from_json(cls, value: dict[str, Any], printer: Printer) -> "AxisModel":
+        """Read `to_json`'s value. Raise `ModelError` where it is not one for this printer."""
+        rows = []
+        for name, bed in zip("xy", printer.bed_steps, strict=True):
+            wanted = f"{bed + 1} finite gains for {name}"
+            try:
+                row = np.asarray(value["gains"][name], float)
+            except (KeyError, TypeError, ValueError) as error:
+                raise ModelError(
+                    "model", wanted=wanted, came=f"none ({error!r})", todo="learn the model again"
+                ) from None
+            if row.shape != (bed + 1,) or not np.isfinite(row).all():
+                raise ModelError("model", wanted=wanted, came=f"an array {row.shape}", todo="learn it for this printer")
+            rows.append(row)
+        return cls(printer, (rows[0], rows[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Rolled:
+    """The exact mode of Algorithm 1: a control of |c| steps is |c| ticks of the one-step model, not |c| times one.
+
+    An axis that has made its steps rests while the other goes on.
+    """
+
+    base: UnitModel
+
+    @property
+    def printer(self) -> Printer:
+        return self.base.printer
+
+    def start(self, start_steps: np.ndarray) -> State:
+        """Return the state [1] at the lattice point ``start_steps`` [2]."""
+        return self.base.start(start_steps)
+
+    def advance(self, state: State, controls: np.ndarray) -> State:
+        """Return the states [K] after the controls [K, 2]."""
+        controls = np.asarray(controls, np.int64)
+        nominal = np.broadcast_to(state.nominal_steps, (len(controls), 2))
+        displacement = np.zeros((len(controls), 2))
+        for tick in range(int(np.abs(controls).max(initial=0))):
+            signs = np.sign(controls) * (np.abs(controls) > tick)
+            displacement = displacement + self.base.unit_displacement(nominal, signs)
+            nominal = np.clip(nominal + signs, 0, self.printer.bed_steps)
+        return moved(state, controls, displacement, self.printer)
+
+    def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:
+        """Return the base model's tables, rolled."""
+        unit = self.base.tabulate(start_steps, c_max=1)
+        if isinstance(unit, JointTables):
+            return JointTables(unit.cells, unit.unit_steps, rolled=True)
+        if not isinstance(unit, IncrementTables):
+            return None
+        tables = [rolled_table(table, c_max) for table in unit.displacement_steps]
+        return IncrementTables((tables[0], tables[1]), c_max)
+
+
+def rolled_table(unit: np.ndarray, c_max: int) -> np.ndarray:
+    """Roll one-step displacements [n, 3] to controls −c_max…c_max: [n, 2·c_max + 1]."""
+    last = len(unit) - 1
+    table = np.zeros((len(unit), 2 * c_max + 1))
+    for sign in (-1, 1):
+        nominal = np.arange(len(unit))
+        for c in range(1, c_max + 1):
+            table[:, c_max + sign * c] = table[:, c_max + sign * (c - 1)] + unit[nominal, 1 + sign]
+            nominal = np.clip(nominal + sign, 0, last)
+    return table
+
+
+class UnitLearner(Protocol):
+    """A learner of memoryless one-step models."""
+
+    @property
+    def name(self) -> str: ...
+
+    def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> UnitModel: ...
+
+
+@dataclass(frozen=True)
+class RolledLearner:
+    """A learner whose model is rolled."""
+
+    name: str
+    base: UnitLearner
+
+    def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> Rolled:
+        """Fit the base learner. Raise `TraceError` where it does."""
+        return Rolled(self.base.fit(trace, printer, rng=rng))

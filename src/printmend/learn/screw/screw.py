@@ -1,0 +1,205 @@
+"""Learn a Z screw from measured heights and from how it pushes the layers about (physics.md eq. 15).
+
+    z = z0 + (1 + ε) m + Σ_k (a_k sin kθ + b_k cos kθ) ± backlash/2        θ = 2πm/lead
+    push = Σ_k (p_k sin kθ + q_k cos kθ)                                    in x and in y
+
+Linear once it is known which flank of the thread carries the nut, and where it last moved it (physics.md §4): simulate
+the play with the current estimate, solve by ridge least squares, repeat.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from printmend.errors import TraceError
+from printmend.learn.screw.kernels import contacts
+from printmend.machine.mechanism import ScrewDrive
+from printmend.path import Trace, last_way
+from printmend.printer import Printer
+from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
+from printmend.twin.kernels import run_play
+
+# Prior standard deviations: of the lead's relative error, of a harmonic's amplitude and of the backlash, mm.
+_LEAD, _AMPLITUDE_MM, _BACKLASH_MM = 0.1, 0.5, 1.0
+_BACKLASHES_MM = (0.0, 0.1, 0.4)
+# Where in its play the nut may rest at row 0: in the middle, unless the heights speak against it, or on a flank.
+_SHARES = (0.5, 0.0, 1.0)
+_PASSES = 12
+_LEAST_SIGMA_MM = 1e-4
+# A backlash below so many standard deviations of its estimate is none.
+_SEEN = 3.0
+# By what the squares [σ²] must fall for a nut that rests elsewhere, or in wider play; beyond _LOST they tell nothing.
+_ASIDE, _LOST, _RESTS_SIGMA_MM = 8.0, 9.0, 5e-3
+# How much wider than what was met the play may be.
+_WIDER = np.linspace(1.02, 3.0, 100)
+# Harmonics of the belts' pulleys that the first look at the push allows for.
+_PULLEY_HARMONICS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Height:
+    """What lifts the nozzle: ``terms`` are (ε, a_1, b_1, a_2, …) and their standard deviations ``sds``.
+
+    ``sigma_mm`` is the noise of the measured heights; ``rest_share`` says where in its play the nut rested at row 0.
+    """
+
+    terms: np.ndarray
+    backlash_mm: float
+    sigma_mm: float
+    sds: np.ndarray
+    backlash_sd_mm: float
+    rest_share: float = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """What pushes it aside: ``terms`` [2·HARMONICS, 2] are (p_1, q_1, p_2, …) for x and y."""
+
+    terms: np.ndarray
+    lead_mm: float
+
+    def at_mm(self, motor_mm: np.ndarray) -> np.ndarray:
+        """Return the push [N, 2] mm at commanded heights [N] mm."""
+        return waves_of(motor_mm, self.lead_mm, HARMONICS) @ self.terms
+
+
+def fit_height(
+    commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer, *, active: np.ndarray | None = None
+) -> Height:
+    """Learn z from commanded and measured heights [N] mm, NaN where nothing was measured; ``active`` terms only.
+
+    The print starts with the play anywhere; a screw that never turns back shows no backlash. Raises `TraceError` where
+    fewer than three heights were measured.
+    """
+    seen = np.isfinite(measured_mm)
+    if seen.sum() < 3:
+        raise TraceError("trace", wanted="three measured heights", came=f"{int(seen.sum())}", todo="measure more")
+    columns = np.column_stack([commanded_mm, waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
+    if active is not None:
+        columns = columns * active
+    prior = np.array([_LEAD, *[_AMPLITUDE_MM] * (2 * HARMONICS), _BACKLASH_MM])
+    best: tuple[Height, bool] | None = None
+    count = columns.shape[1]
+    for share, guess_mm in product(_SHARES, _BACKLASHES_MM):
+        terms, backlash_mm, sigma_mm = np.zeros(count), guess_mm, 0.1
+        for _ in range(_PASSES):
+            centre = commanded_mm + columns @ terms
+            at, side = np.empty(len(centre), np.int64), np.empty(len(centre))
+            contacts(centre, backlash_mm / 2, share, at, side)
+            # Until it first touches a flank the nut is where it was: a place of its own.
+            free = side == 0.0
+            rest = np.column_stack([~free, free])[seen]
+            rest = rest[:, rest.any(axis=0)].astype(float)
+            design = np.column_stack([columns[at][seen], side[seen] / 2, rest])
+            wanted = (measured_mm - commanded_mm[at])[seen]
+            solved, spread = _ridge(design, wanted, prior, sigma_mm)
+            terms, found_mm = solved[:count], float(solved[count])
+            sigma_mm = max(float(np.std(wanted - design @ solved)), _LEAST_SIGMA_MM)
+            moved = abs(max(found_mm, 0.0) - backlash_mm)
+            backlash_mm = max(found_mm, 0.0)
+            if moved < 1e-6:
+                break
+        met = bool((side[seen] > 0).any())
+        if not met:  # no less than how far Z went back without taking the nut along
+            backlash_mm = float((centre[at] - centre)[side < 0].max(initial=0.0))
+        elif backlash_mm < _SEEN * spread[count]:
+            backlash_mm = 0.0
+        height = Height(terms, backlash_mm, sigma_mm, spread[:count], float(spread[count]), share)
+        if best is None or _closer(height, best[0], int(seen.sum())):
+            best = height, met
+    assert best is not None
+    height, met = best
+    if height.rest_share != _SHARES[0]:
+        return height
+    return _rested(height, commanded_mm + columns @ height.terms, measured_mm, met=met)
+
+
+def _closer(height: Height, than: Height, points: int) -> bool:
+    """Tell whether a fit is closer to the heights; by how much, where it needs a nut that rested on a flank."""
+    if height.rest_share == than.rest_share:
+        return height.sigma_mm < than.sigma_mm * (1 - 1e-6)
+    here, there = (max(each.sigma_mm, _RESTS_SIGMA_MM) for each in (height, than))
+    return bool(2 * points * np.log(there / here) > _ASIDE)
+
+
+def _rested(height: Height, centre_mm: np.ndarray, measured_mm: np.ndarray, *, met: bool) -> Height:
+    """Say where in its play the nut rested at row 0, where the fit alone does not: in the middle unless the heights
+    speak against it.
+
+    ``centre_mm`` [N] is the middle of the play, but for a constant. Where Z never went back far enough to meet the
+    other flank (``met`` False), the play is only known to be larger than that; that the nut rested in its middle then
+    tells its width.
+    """
+    here = np.cumsum(np.abs(np.diff(centre_mm, prepend=centre_mm[0]))) == 0.0  # not moved yet
+    seen = np.isfinite(measured_mm)
+    if height.backlash_mm == 0.0 or not (here & seen).any():
+        return height
+    start_mm, sigma_mm = float(measured_mm[here & seen].mean()), max(height.sigma_mm, _RESTS_SIGMA_MM)
+    index, place_mm = np.arange(len(centre_mm)), np.empty(len(centre_mm))
+
+    def squares(share: float, backlash_mm: float) -> float:
+        lower_mm = centre_mm - centre_mm[0] + start_mm - share * backlash_mm
+        run_play(index, start_mm, lower_mm, lower_mm + backlash_mm, place_mm)
+        return float(np.minimum(((measured_mm - place_mm)[seen] / sigma_mm) ** 2, _LOST).sum())
+
+    centred, backlash_mm = squares(0.5, height.backlash_mm), height.backlash_mm
+    if not met:
+        wide, wider_mm = min((squares(0.5, float(width)), float(width)) for width in height.backlash_mm * _WIDER)
+        if wide + _ASIDE < centred:
+            centred, backlash_mm = wide, wider_mm
+    aside, share = min((squares(share, height.backlash_mm), share) for share in (0.0, 1.0))
+    if aside + _ASIDE < centred:
+        return replace(height, rest_share=share)
+    return replace(height, backlash_mm=backlash_mm)
+
+
+def fit_push(commanded_mm: np.ndarray, residual_mm: np.ndarray, printer: Printer) -> Push:
+    """Learn the push from what a planar model leaves over [N, 2] at commanded heights [N], NaN where unmeasured."""
+    waves = waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)
+    return Push(_push_terms(waves, np.ones((len(waves), 1)), residual_mm), printer.z.mm_per_turn)
+
+
+def first_push_mm(trace: Trace, printer: Printer) -> np.ndarray:
+    """Return a first guess of the push [N, 2] mm, before any planar model: what goes with the height and not with the
+    place, beside a line and a few harmonics of each pulley, and the direction of motion."""
+    assert trace.z_mm is not None
+    nuisance = [np.ones((len(trace), 1)), trace.commanded_mm / 100.0]
+    for axis, column in zip((printer.x, printer.y), printer.to_motor(trace.commanded_mm).T, strict=True):
+        nuisance.append(waves_of(column, axis.mm_per_turn, _PULLEY_HARMONICS))
+        nuisance.append(last_way(column)[:, None])
+    waves = waves_of(trace.z_mm, printer.z.mm_per_turn, HARMONICS)
+    residual = trace.measured_mm - trace.commanded_mm
+    return waves @ _push_terms(waves, np.column_stack(nuisance), residual)
+
+
+def screw_drive(height: Height, push: Push, printer: Printer) -> ScrewDrive:
+    """Return what was learned as tables; where its origin lies, homing or the start of a layer says."""
+    series = ScrewSeries(push.lead_mm, float(height.terms[0]), height.backlash_mm, height.terms[1:], push.terms)
+    return replace(series.tables(printer), rest_share=height.rest_share)
+
+
+def _push_terms(waves: np.ndarray, nuisance: np.ndarray, residual_mm: np.ndarray) -> np.ndarray:
+    """Return the terms [2·HARMONICS, 2] of the waves in a residual, beside columns that do not matter."""
+    seen = np.isfinite(residual_mm).all(axis=1)
+    design = np.column_stack([waves, nuisance])[seen]
+    prior = np.full(waves.shape[1], _AMPLITUDE_MM)
+    terms = []
+    for column in residual_mm[seen].T:
+        sigma_mm = 0.1
+        for _ in range(2):
+            solved, _ = _ridge(design, column, prior, sigma_mm)
+            sigma_mm = max(float(np.std(column - design @ solved)), _LEAST_SIGMA_MM)
+        terms.append(solved[: waves.shape[1]])
+    return np.column_stack(terms)
+
+
+def _ridge(design: np.ndarray, wanted: np.ndarray, prior: np.ndarray, sigma_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Solve least squares with normal priors on the first columns; return the solution and its standard deviations.
+
+    Neighbouring ticks of a print share their errors, so the standard deviations are lower bounds.
+    """
+    weight = np.zeros(design.shape[1])
+    weight[: len(prior)] = (sigma_mm / prior) ** 2
+    normal = design.T @ design + np.diag(weight + 1e-9)
+    return np.linalg.solve(normal, design.T @ wanted), sigma_mm * np.sqrt(np.diag(np.linalg.inv(normal)))

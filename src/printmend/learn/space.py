@@ -1,0 +1,90 @@
+"""World models of three axes: any planar model, and what is known of the Z screw.
+
+The screw does not feel the belts, and it moves the nozzle across by where it stands, not by how it came there. So a
+model of space is a planar model and a `ScrewDrive`, and each is learned by itself once the other's share of the
+measurement is taken off.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.errors import TraceError
+from printmend.learn.registry import ORACLE, fit
+from printmend.learn.screw.screw import first_push_mm, fit_height, fit_push, screw_drive
+from printmend.machine.mechanism import GainMechanism, Mechanism
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.protocols import PlayTables, SpaceModel, WorldModel
+from printmend.twin import kernels
+
+# Times that the planar model and the push are learned in turn, at most: until the push stays where it was.
+_ROUNDS = 3
+_SETTLED_MM = 0.003
+
+
+def fit_space(
+    name: str,
+    trace: Trace,
+    printer: Printer,
+    *,
+    rng: np.random.Generator,
+    truth: Mechanism | GainMechanism | None = None,
+) -> SpaceModel:
+    """Learn a model of three axes from a print on the lattice, one row a tick, with ``z_mm`` and ``z_measured_mm``.
+
+    ``name`` is a learner's, or ``oracle`` with the truth. Raises `TraceError` where heights are missing; what does not
+    tabulate as play (the published trees) learns no screw.
+    """
+    if name == ORACLE:
+        return SpaceModel(fit(name, trace, printer, rng=rng, truth=truth), getattr(truth, "screw", None))
+    if trace.z_mm is None or trace.z_measured_mm is None:
+        raise TraceError("trace", wanted="commanded and measured heights", came="a trace of two axes", todo="use `fit`")
+    if name == "naive":
+        return SpaceModel(fit(name, trace, printer, rng=rng))
+    height = fit_height(trace.z_mm, trace.z_measured_mm, printer)
+    taken_mm, push = first_push_mm(trace, printer), None
+    for _ in range(_ROUNDS):
+        planar = fit(name, _without(trace, taken_mm), printer, rng=rng)
+        printed_mm = _planar_mm(planar, trace)
+        if printed_mm is None:
+            return SpaceModel(planar)
+        push = fit_push(trace.z_mm, trace.measured_mm - printed_mm, printer)
+        before_mm, taken_mm = taken_mm, push.at_mm(trace.z_mm)
+        change_mm = taken_mm - before_mm
+        if np.abs(change_mm - change_mm.mean(axis=0)).max() < _SETTLED_MM:
+            break
+    assert push is not None
+    return SpaceModel(planar, screw_drive(height, push, printer))
+
+
+def _without(trace: Trace, push_mm: np.ndarray) -> Trace:
+    """Return the planar trace as it would be without the screw's push."""
+    return replace(trace, measured_mm=trace.measured_mm - push_mm, z_mm=None, z_measured_mm=None)
+
+
+def _planar_mm(model: WorldModel, trace: Trace) -> np.ndarray | None:
+    """Return where a planar model puts the commanded path [N, 2] mm, from where it starts; None without play tables."""
+    printer = model.printer
+    low_mm, pitch_mm = np.array([printer.x.min_mm, printer.y.min_mm]), np.array(printer.mm_per_step)
+    nominal = np.rint((trace.commanded_mm - low_mm) / pitch_mm).astype(np.int64)
+    tables = model.tabulate(nominal[0])
+    if not isinstance(tables, PlayTables):
+        return None
+    motors = printer.to_motor(nominal)
+    belts = np.empty(motors.shape)
+    for motor in range(2):
+        column = np.empty(len(motors))
+        index = motors[:, motor] - tables.first_steps[motor]
+        kernels.run_play(index, float(motors[0, motor]), tables.lower_steps[motor], tables.upper_steps[motor], column)
+        belts[:, motor] = column
+    bed = printer.from_motor(belts)
+    return low_mm + (bed if tables.frame is None else tables.frame.apply(bed)) * pitch_mm
+
+
+def space_trace(nominal_steps: np.ndarray, printed_steps: np.ndarray, printer: Printer) -> Trace:
+    """Return the trace of a print of three axes on the lattice: nominal and printed [T + 1, 3] full steps."""
+    axes = (printer.x, printer.y, printer.z)
+    low_mm, pitch_mm = np.array([axis.min_mm for axis in axes]), np.array([axis.mm_per_step for axis in axes])
+    commanded_mm, measured_mm = low_mm + nominal_steps * pitch_mm, low_mm + np.asarray(printed_steps) * pitch_mm
+    return Trace(commanded_mm[:, :2], measured_mm[:, :2], z_mm=commanded_mm[:, 2], z_measured_mm=measured_mm[:, 2])

@@ -1,0 +1,230 @@
+"""From a trace to the saved model of a machine: what `printmend learn` does."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from printmend.diagnosis.diagnosis import Diagnosis, diagnose, doubt_of
+from printmend.diagnosis.screw import ScrewFound, find_screw
+from printmend.errors import ConfigError
+from printmend.learn.drive.sight import SEEN
+from printmend.learn.greybox.greybox import Drive, Greybox, GreyboxModel
+from printmend.learn.hybrid.hybrid import HybridModel
+from printmend.learn.registry import learner
+from printmend.machine.mechanism import Mechanism, healthy_mechanism
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.protocols import WorldModel
+from printmend.saved.branches import Branches
+from printmend.saved.model import SavedModel, saved_model, with_screw
+from printmend.saved.series import ScrewSeries
+
+AUTO = "auto"
+Planar = TypeVar("Planar", bound=WorldModel)
+MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
+Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
+_TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights, shows the rest: see docs/owners.md."
+_PROBE_TODO = "`printmend probe` writes a print that shows all of it."
+
+
+def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator) -> SavedModel:
+    """Learn a machine from a trace.
+
+    ``auto`` is the hybrid: the simplest machine that the trace supports, and what cross-validation adds to it; where a
+    motor was not seen over its whole turn, the prior over pulleys says what the rest is like. Raises `TraceError` where
+    the trace cannot support any, `ConfigError` where the named learner has no machine to mend with.
+    """
+    name = "hybrid" if model == AUTO else model
+    fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
+    if (box := _box_of(fit)) is not None:
+        # what is too small to be said is not worth a model that a second print cannot bring up to date
+        hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
+        saved = greybox_model(box, trace if found is None else found.trace, hybrid=hybrid)
+        return saved if found is None or found.is_silent else told(saved, found, found.series, trace)
+    mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
+    if not isinstance(mechanism, Mechanism):
+        raise ConfigError(
+            f"--model {name}",
+            wanted="a learner whose model is a machine: motors, belts and a frame",
+            came="one that only predicts steps on the lattice",
+            todo="use --model auto, or lightgbm-axis on a cartesian printer",
+        )
+    known = trace.measured_rows
+    noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))
+    details = {"model": fit.to_json()} if hasattr(fit, "to_json") else {}
+    finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
+    return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
+
+
+def fit_beside_screw(
+    trace: Trace, printer: Printer, fit: Callable[[Trace], Planar], *, rng: np.random.Generator
+) -> tuple[Planar, ScrewFound | None]:
+    """Return the planar model that ``fit`` learns from a trace once the push of Z is off, and what was found of Z."""
+    model = fit(trace)
+    if (box := _box_of(model)) is None:
+        return model, None
+
+    def rest_mm(clean: Trace) -> np.ndarray:
+        return left_over_mm(Greybox().fit(clean, printer, rng=rng))
+
+    found = find_screw(trace, printer, left_over_mm(box), rest_mm)
+    return model if found is None or found.trace is trace else fit(found.trace), found
+
+
+def _planar(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> WorldModel:
+    fit = learner("hybrid" if model == AUTO else model).fit(trace, printer, rng=rng)
+    if model == AUTO and isinstance(fit, HybridModel) and not fit.findings and _is_partial(fit.box):
+        return learner("prior").fit(trace, printer, rng=rng)
+    return fit
+
+
+def _box_of(fit: WorldModel) -> GreyboxModel | None:
+    """Return the grey box of what was learned, if there is one in it."""
+    return fit.box if isinstance(fit, HybridModel) else fit if isinstance(fit, GreyboxModel) else None
+
+
+def left_over_mm(box: GreyboxModel) -> np.ndarray:
+    """Return what a machine leaves over of the measured points [N, 2] on the bed, NaN where nothing was measured."""
+    residual = np.stack([drive.choice.fit.touch.residual_mm for drive in box.drives], axis=1)
+    return np.asarray(box.printer.from_motor(residual))
+
+
+def told(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace: Trace) -> SavedModel:
+    """Add to a planar model what was found of Z; ``trace`` is the one with the push in it."""
+    summary, *gaps = model.findings
+    faults = [*model.document.get("diagnosis", []), *found.faults]
+    details: dict[str, Any] = {"diagnosis": faults, Z_SAID: dict(found.said)}
+    if "trace" in model.document:
+        off = (trace.measured_mm - trace.commanded_mm)[trace.measured_rows]
+        before_mm = float(np.sqrt(np.mean(np.square(off).sum(axis=1))))
+        details["trace"] = {**model.document["trace"], "residual_before_mm": round(before_mm, 6)}
+    findings = ("; ".join(filter(None, (summary, found.sentence))), *gaps, *found.gaps.values())
+    return with_screw(model, series, findings=findings, details=details)
+
+
+def _is_partial(fit: GreyboxModel) -> bool:
+    return any(drive.sight.angles < SEEN for drive in fit.drives)
+
+
+def greybox_model(
+    fit: GreyboxModel,
+    trace: Trace,
+    *,
+    known_gaps: tuple[str, ...] | None = None,
+    anew: tuple[str, ...] = (),
+    more: Mapping[str, Any] | None = None,
+    hybrid: HybridModel | None = None,
+) -> SavedModel:
+    """Return a grey box as a saved model, its diagnosis and uncertainties included.
+
+    A ``hybrid`` adds its residuals: a motor that has one is saved as tables.
+
+    An update passes the ``known_gaps`` of the old model, whose print saw more: new ones count for motors learned
+    ``anew`` only. ``more`` goes into the document.
+    """
+    diagnosis = diagnose(fit, doubt_of(trace))
+    if known_gaps is not None:
+        new = tuple(gap for gap in diagnosis.gaps if gap.startswith(tuple(f"{name} " for name in anew)))
+        diagnosis = replace(diagnosis, gaps=(*known_gaps, *new))
+    mechanism, branches = _anchored(fit, trace)
+    details: dict[str, Any] = {
+        "diagnosis": [
+            {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
+            for f in diagnosis.faults
+        ],
+        "trace": {
+            "rows": len(trace),
+            "measured": fit.measured,
+            "residual_before_mm": round(fit.residual_before_mm, 6),
+            "residual_after_mm": round((hybrid or fit).residual_after_mm, 6),
+        },
+        "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
+        **(more or {}),
+    }
+    saved: list[Branches | None] = list(branches)
+    added = () if hybrid is None else hybrid.findings
+    if hybrid is not None:
+        tables = list(mechanism.transmissions)
+        for motor, residual in enumerate(hybrid.residuals):
+            if residual is not None:
+                tables[motor], saved[motor] = residual.added(tables[motor]), None
+        mechanism = replace(mechanism, transmissions=(tables[0], tables[1]))
+    return saved_model(
+        mechanism,
+        learner="greybox" if hybrid is None else "hybrid",
+        branches=(saved[0], saved[1]),
+        noise_mm=(hybrid or fit).noise_mm,
+        findings=("; ".join((diagnosis.summary, *added)), *diagnosis.gaps),
+        details=details,
+    )
+
+
+def _anchored(fit: GreyboxModel, trace: Trace) -> tuple[Mechanism, tuple[Branches, Branches]]:
+    """Return the machine with its origin where the end stops put it, if the trace does not say where that is.
+
+    A scan shows where marks lie to each other, not where on the bed. But the end stop stops the carriage at the
+    home position by definition, so there the learned error is zero. Where the marks end too far from home to say what
+    the error is there, the origin stays that of the trace.
+    """
+    branches = (fit.drives[0].branches, fit.drives[1].branches)
+    if trace.placed or not trace.homed:
+        return fit.mechanism, branches
+    home_mm = fit.printer.to_motor(np.array(fit.printer.home_mm))
+    doubt_mm = [float(np.max(drive.sd_mm(home_mm[[motor]]))) for motor, drive in enumerate(fit.drives)]
+    if max(doubt_mm) > MOST_DOUBT_MM:
+        return fit.mechanism, branches
+    homed = fit.mechanism.homed()
+    moved = []
+    for motor, one in enumerate(branches):
+        shift_mm = homed.transmissions[motor].lower_mm[0] - fit.mechanism.transmissions[motor].lower_mm[0]
+        powers = one.mean.powers_mm if len(one.mean.powers_mm) else np.zeros(1)
+        moved.append(
+            replace(one, mean=replace(one.mean, powers_mm=np.concatenate([powers[:1] + shift_mm, powers[1:]])))
+        )
+    return homed, (moved[0], moved[1])
+
+
+def findings(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return the diagnosis as sentences, the summary first."""
+    return (diagnosis.summary, *diagnosis.gaps)
+
+
+def report(model: SavedModel) -> str:
+    """Return the diagnosis of a saved model as lines for a terminal."""
+    first, *gaps = model.findings
+    lines = [first]
+    if "trace" in model.document:
+        trace = model.document["trace"]
+        lines.append(
+            f"measured points are {trace['residual_before_mm']:.3f} mm (RMS) off, {trace['residual_after_mm']:.3f} mm "
+            f"with this model; noise {model.noise_mm:.3f} mm a coordinate, {trace['measured']} points"
+        )
+    return "\n".join([*lines, *(f"not told by this trace: {gap}" for gap in gaps), *todo(gaps)])
+
+
+def todo(gaps: Sequence[str]) -> tuple[str, ...]:
+    """Return which prints would show what a trace did not tell."""
+    of_z = {gap.startswith("Z ") for gap in gaps}
+    return tuple(what for screw, what in ((False, _PROBE_TODO), (True, _TOWER_TODO)) if screw in of_z)
+
+
+def _uncertainty(drive: Drive) -> dict[str, Any]:
+    """Return the standard deviations of a drive's parameters, and of its branches where the trace went."""
+    motor = np.linspace(*drive.branches.reach_mm, 201)
+    lower, upper = drive.sd_mm(motor)
+    post, design = drive.choice.fit.posterior, drive.choice.design
+    sds = np.zeros(design.size)
+    sds[post.active] = np.sqrt(np.diag(post.covariance))
+    return {
+        "structure": {key: value for key, value in vars(drive.structure).items() if value not in (False, "none", 0)},
+        "branch_sd_mm": round(float(np.sqrt(np.mean(np.concatenate([lower, upper]) ** 2))), 6),
+        "largest_sd_mm": round(float(max(lower.max(), upper.max())), 6),
+        "sd_mm": {
+            name: np.round(sds[part], 6).tolist() for name, part in design.parts.items() if part.stop > part.start
+        },
+        "turns": round(drive.sight.turns, 2),
+        "angles_seen": round(drive.sight.angles, 3),
+        "reversals": drive.sight.reversals,
+    }  # fmt: skip

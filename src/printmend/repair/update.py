@@ -1,0 +1,381 @@
+"""Bring a saved model up to date with a second, smaller print, and say what changed: Bayes, the old one as the prior.
+
+For each motor the posterior of the old print, widened by what a machine drifts, is the prior of the new one. How much
+it drifted is what makes the new trace most likely, so that a machine that did not change stays as it was. Where even
+that leaves more noise than learning from the new trace alone, the part was replaced: start anew.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from threadpoolctl import threadpool_limits
+
+from printmend.diagnosis.diagnosis import LEAST_MM, SURE, Doubt, amount, doubt_of
+from printmend.errors import ModelError, TraceError
+from printmend.learn.drive.design import Rows, contacts, normal_equations
+from printmend.learn.drive.fit import (
+    NOISE_FLOOR_MM,
+    Fit,
+    Posterior,
+    Prior,
+    independent_share,
+    robust_sigma_mm,
+    robust_weights,
+)  # fmt: skip
+from printmend.learn.drive.select import Choice, Structure
+from printmend.learn.greybox.greybox import Greybox, GreyboxModel, model_of, motor_rows, with_belts
+from printmend.learn.greybox.previous import Drift, Remembered, remember
+from printmend.machine.mechanism import Mechanism
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.repair.learned import greybox_model
+from printmend.repair.screw_update import screw_changes, seen_screw, with_seen_screw
+from printmend.saved.model import SavedModel
+
+PHASES = 48  # tried turns of the pulley on its shaft
+# From a machine that stayed as it was to one with another pulley; the evidence chooses.
+DRIFTS = (
+    Drift(0.02, 0.02, 0.1), Drift(1, 0.02, 0.1), Drift(1, 1, 0.1), Drift(1, 1, 1), Drift(3, 3, 5), Drift(5, 5, 25),
+)  # fmt: skip
+SYMMETRIC = 0.98  # of the best match of a turned pulley: as good
+SAME_PLACE = 0.002  # homing repeats to hundredths of a millimetre; a plate on a scanner does not
+PASSES = 8
+REPLACED = 0.85  # of the noise: where learning anew leaves less than this, the old model was of another part
+RESIZED_PERCENT = 1.0
+REFUTED = 1.3  # times the residual of a fresh fit: the old model is wrong
+LEAST_SKEW_DEG, BOTH = 0.02, 2**0.5  # two measurements, each with its own doubt
+CHANGED_MM, CLEAR = 0.01, 0.05  # changes below are not worth a word; changes above need two decimals
+
+
+@dataclass(frozen=True)
+class Change:
+    """One quantity of one motor before and now, ``sd`` that of the difference."""
+
+    part: str
+    kind: str
+    before: float
+    now: float
+    sd: float
+    unit: str
+    words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Updated:
+    """The new model, what changed, and the motors that had to be learned anew."""
+
+    model: SavedModel
+    changes: tuple[Change, ...]
+    anew: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        """Say what changed."""
+        rows = [change.words for change in self.changes]
+        rows += [f"{name} is not the one that the old model knew: learned anew" for name in self.anew]
+        return "\n".join(rows or ["nothing changed by more than this trace can tell"])
+
+
+def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> Updated:
+    """Update ``old`` with a trace of the same printer, which may be small.
+
+    Raises `ModelError` for a model that is not a grey box, `TraceError` like `learn`.
+    """
+    with threadpool_limits(1, user_api="blas"):
+        screw = seen_screw(old, trace)
+        updated = _updated(old, screw.trace, rng)
+        changes = tuple(
+            Change("Z", words=f"Z {one['kind']} was {one['before']:.3f}, is {one['now']:.3f} {one['unit']}", **one)
+            for one in screw_changes(old, screw)
+        )
+        model = updated.model
+        if screw.said or screw.gaps or old.mechanism.screw is not None:
+            model = with_seen_screw(old, model, screw, trace)
+        return replace(updated, model=model, changes=(*updated.changes, *changes))
+
+
+def same_machine(old: SavedModel, printer: Printer) -> None:
+    """Raise `ModelError` where a model is of another machine than ``printer``."""
+    if old.printer != printer:
+        raise ModelError(
+            "--update", wanted=f"a model of {printer.name}", came=f"one of {old.printer.name}, or with other axes",
+            todo="leave --printer out, or name the printer of the old model",
+        )  # fmt: skip
+
+
+def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated:
+    printer = old.printer
+    past = [remember(old, motor) for motor in range(2)]
+    if len(trace) < 2 or not np.isfinite(trace.commanded_mm).all():
+        raise TraceError("trace", wanted="every commanded way-point", came="none or NaN", todo="check the trace")
+    fresh = Greybox().fit(trace, printer, rng=rng)
+    rows = [
+        replace(row, origin_mm=one.branches.middle_mm)
+        for row, one in zip(motor_rows(trace, printer), past, strict=True)
+    ]
+    chosen = [_learn_on(row, one) for row, one in zip(rows, past, strict=True)]
+    if any(choice.structure.cross for choice in chosen):
+        rows = with_belts(rows, chosen)
+        chosen = [_learn_on(row, one) for row, one in zip(rows, past, strict=True)]
+    anew = [
+        _is_other(row, one, drive.choice, choice)
+        for row, one, drive, choice in zip(rows, past, fresh.drives, chosen, strict=True)
+    ]
+    if any(anew):
+        chosen = [
+            drive.choice if new else choice for drive, choice, new in zip(fresh.drives, chosen, anew, strict=True)
+        ]
+        rows = [
+            replace(row, origin_mm=drive.branches.middle_mm) if new else row
+            for row, drive, new in zip(rows, fresh.drives, anew, strict=True)
+        ]
+    fit = _with_reach(model_of(trace, printer, rows, chosen), past, anew)
+    changes = [
+        change
+        for motor, one in enumerate(past)
+        if not anew[motor]
+        for change in _changes(printer.motors[motor].upper(), one, chosen[motor], doubt_of(trace))
+    ]
+    names = tuple(name.upper() for name, new in zip(printer.motors, anew, strict=True) if new)
+    details: dict[str, Any] = {
+        "update": {
+            "from": old.digest,
+            "changes": [
+                {"part": c.part, "kind": c.kind, "before": round(c.before, 6), "now": round(c.now, 6),
+                 "sd": round(c.sd, 6), "unit": c.unit}
+                for c in changes
+            ],
+            "anew": list(names),
+        }
+    }  # fmt: skip
+    gaps = [gap for gap in old.findings[1:] if not any(gap.startswith(f"{name} ") for name in names)]
+    return Updated(greybox_model(fit, trace, known_gaps=tuple(gaps), anew=names, more=details), tuple(changes), names)
+
+
+def _with_reach(fit: GreyboxModel, past: list[Remembered], anew: list[bool]) -> GreyboxModel:
+    """Keep what the old print saw of the axes: a small print must not make the rest of the bed unknown."""
+    drives, tables = [], []
+    for motor, (drive, one, new) in enumerate(zip(fit.drives, past, anew, strict=True)):
+        (low, high), (old_low, old_high) = drive.branches.reach_mm, one.branches.reach_mm
+        reach = (low, high) if new else (min(low, old_low), max(high, old_high))
+        drive = replace(drive, branches=replace(drive.branches, reach_mm=reach))
+        drives.append(drive)
+        tables.append(drive.branches.lower(fit.printer, motor))
+    mechanism = Mechanism(fit.printer, (tables[0], tables[1]), fit.mechanism.frame)
+    return replace(fit, mechanism=mechanism, drives=(drives[0], drives[1]))
+
+
+def _learn_on(rows: Rows, past: Remembered) -> Choice:
+    """Return the motor's posterior: the phase that fits best, the likeliest drift, no new part without support."""
+    phases = np.arange(PHASES) * (2 * np.pi / PHASES)
+    phase = 0.0
+    if past.values[past.design.mask("mean")].any():
+        # A pulley that did not turn is by far the likeliest: another phase must halve the residual.
+        losses = [_loss_mm(past, past.turned(float(turn)), rows) for turn in phases]
+        best = int(np.argmin(losses))
+        phase = float(phases[best]) if losses[best] < 0.5 * losses[0] else 0.0
+    active = np.ones(past.design.size, bool)
+    fit = _likeliest(rows, past, active, phase)
+    if (unneeded := _unneeded(past, fit)).any():
+        active &= ~unneeded
+        fit = _likeliest(rows, past, active, phase)
+    return Choice(_structure(past, active), past.design, fit)
+
+
+def _is_other(rows: Rows, past: Remembered, fresh: Choice, updated: Choice) -> bool:
+    """Say whether a fresh fit should take the place of the updated one: the old model was of another part.
+
+    Either it leaves clearly less noise (any less where the pulley has another size: none grows by wear), or it finds a
+    healthy motor where the old model's fault can no longer be seen.
+    """
+    ratio = fresh.fit.posterior.sigma_mm / updated.fit.posterior.sigma_mm
+    at = past.design.parts["mean_powers"].start + 1
+    resized = abs(updated.fit.posterior.values[at] - past.values[at]) > RESIZED_PERCENT
+    if ratio < (1.0 if resized else REPLACED):
+        return True
+    refuted = _loss_mm(past, past.values, rows) > REFUTED * fresh.fit.loss_mm
+    healthy = fresh.structure.pulley == "none" and fresh.structure.play == "none"
+    return healthy and refuted and ratio < 1.25
+
+
+def _loss_mm(past: Remembered, values: np.ndarray, rows: Rows) -> float:
+    """Return the mean |residual| of parameters [P], whatever the plate's place."""
+    residual = contacts(past.design, values, rows).residual_mm[rows.weight > 0]
+    return float(np.abs(residual - np.median(residual)).mean())
+
+
+def _likeliest(rows: Rows, past: Remembered, active: np.ndarray, phase: float) -> Fit:
+    """Return the fit under the drift with the most evidence, then with the measurement where the old one lay."""
+    # A pulley that turned is not known to have turned by one of the tried phases exactly.
+    drifts = [drift for drift in DRIFTS if phase == 0.0 or drift.scale >= 1]
+    fits = [(_fit(rows, past, active, phase, drift), drift) for drift in drifts]
+    fit, drift = max(fits, key=lambda pair: pair[0].posterior.log_evidence)
+    placed = _fit(rows, past, active, phase, replace(drift, place=SAME_PLACE))
+    return placed if placed.posterior.log_evidence > fit.posterior.log_evidence else fit
+
+
+def _fit(rows: Rows, past: Remembered, active: np.ndarray, phase: float, drift: Drift) -> Fit:
+    """Iterate contacts and least squares about the prior; return the pass with the largest evidence."""
+    mean = np.where(active, past.turned(phase), 0.0)
+    prior = past.covariance(phase, drift)[np.ix_(active, active)] + 1e-12 * np.eye(int(active.sum()))
+    precision = cho_solve(cho_factor(prior, lower=True), np.eye(len(prior)))
+    log_prior = np.linalg.slogdet(prior)[1]
+    measured = rows.weight > 0
+    values = _placed(past, mean, rows)
+    best: Fit | None = None
+    for _ in range(PASSES):
+        touch = contacts(past.design, values, rows)
+        residual = touch.residual_mm[measured]
+        sigma = robust_sigma_mm(residual)
+        share = independent_share(residual, sigma)
+        weight = robust_weights(rows, touch.residual_mm, sigma, drop=False)
+        plain = normal_equations(past.design, values, rows, touch, weight)
+        normal = plain.tempered(share)
+        matrix = normal.matrix[np.ix_(active, active)]
+        away = (values - mean)[active]  # about the prior's mean
+        slope = normal.slope[active] + matrix @ away
+        sigma2 = max(sigma**2, NOISE_FLOOR_MM**2)
+        for _ in range(3):
+            factor = cho_factor(matrix / sigma2 + precision, lower=True)
+            step = cho_solve(factor, slope / sigma2)
+            change = step - away
+            misfit = max(normal.square - 2 * normal.slope[active] @ change + change @ matrix @ change, 0.0)
+            covariance = cho_solve(factor, np.eye(len(step)))
+            known = len(step) - float(np.trace(covariance @ precision))
+            sigma2 = max(misfit / max(normal.count - known, 1.0), NOISE_FLOOR_MM**2)
+        log_det = 2 * np.log(np.diag(factor[0])).sum() + log_prior
+        evidence = -0.5 * (misfit / sigma2 + step @ precision @ step + log_det + normal.count * np.log(sigma2))
+        values = np.zeros(past.design.size)
+        values[active] = mean[active] + step
+        post = Posterior(values, covariance, active, float(np.sqrt(sigma2)), Prior(), float(evidence))
+        loss = float(np.abs(residual).mean())
+        fit = Fit(post, plain, touch, loss, share)
+        if best is None or evidence > best.posterior.log_evidence:
+            best = fit
+    assert best is not None
+    final = contacts(past.design, best.posterior.values, rows)
+    return replace(best, touch=final, loss_mm=float(np.abs(final.residual_mm[measured]).mean()))
+
+
+def _placed(past: Remembered, values: np.ndarray, rows: Rows) -> np.ndarray:
+    """Shift the prior's mean to where the plate was measured, so that the first contacts are right."""
+    residual = contacts(past.design, values, rows).residual_mm
+    placed = values.copy()
+    placed[past.design.parts["mean_powers"].start] += float(np.nanmedian(residual))
+    return placed
+
+
+def _unneeded(past: Remembered, fit: Fit) -> np.ndarray:
+    """Mark the parameters [P] of parts that the old model did not have and that the trace does not demand."""
+    design, post = past.design, fit.posterior
+    parts = ("play_powers",), ("cross",), ("mean",), ("mean_powers",)
+    unneeded = np.zeros(design.size, bool)
+    at = np.flatnonzero(post.active)
+    for names in parts:
+        new = design.mask(*names) & ~past.known & post.active
+        new[design.parts["mean_powers"].start] = False  # the plate's place is always open
+        if not new.any():
+            continue
+        inside = np.isin(at, np.flatnonzero(new))
+        w = post.values[new]
+        chi2 = float(w @ np.linalg.solve(post.covariance[np.ix_(inside, inside)], w))
+        if chi2 < new.sum() + SURE * np.sqrt(2 * new.sum()) + SURE**2:
+            unneeded |= new
+    return unneeded
+
+
+def _structure(past: Remembered, active: np.ndarray) -> Structure:
+    """Return the structure that the diagnosis names."""
+    design, parts = past.design, past.design.parts
+    harmonics = design.play_harmonics
+    play = "free" if any(k % 2 == 0 for k in harmonics) else "loose" if harmonics else "constant"
+    cross = max((p + q for p, q in np.array(design.cross)[active[parts["cross"]]].tolist()), default=0)
+    return Structure(
+        offset=True,
+        scale=bool(active[parts["mean_powers"]][1]),
+        drift=design.mean_powers > 2,
+        cross=cross,
+        ripple=bool(design.ripple),
+        pulley="all" if (active & design.mask("mean")).any() else "none",
+        play=play if active[parts["play_powers"]].any() else "none",
+        friction=design.play_powers > 1,
+        elastic=bool(design.elastic_harmonics),
+    )
+
+
+def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Change]:
+    """Compare the motor's play, scale, skew, pulley and its phase; a change must be SURE standard deviations.
+
+    ``doubt`` is what the points of each of both measurements share: two scans differ by more than their marks do.
+    """
+    design, post = past.design, now.fit.posterior
+    sds = np.zeros(design.size)
+    sds[post.active] = np.sqrt(np.diag(post.covariance))
+    found = []
+
+    def compare(kind: str, what: str, before: float, after: float, sd: float, unit: str, least: float) -> None:
+        if abs(after - before) > max(SURE * sd, least):
+            verb = "grew" if abs(after) > abs(before) else "shrank"
+            digits, space = 2 if abs(after - before) >= CLEAR else 3, "" if unit == "°" else " "
+            old, new = (round(value, digits) + 0.0 for value in (before, after))  # never −0
+            words = f"{name} {what} {verb} from {old:.{digits}f} to {new:.{digits}f}{space}{unit} (± {sd:.3f})"
+            found.append(Change(name, kind, before, after, sd, unit, words))
+
+    at = design.parts["play_powers"].start
+    known, seen = (max(float(values[at]), 0.0) for values in (past.values, post.values))  # as the tables have it
+    compare("play", "belt play", known, seen, float(np.hypot(past.sds[at], sds[at])), "mm",
+            CHANGED_MM)  # fmt: skip
+    at = design.parts["mean_powers"].start + 1
+    sd = float(np.linalg.norm([past.sds[at], sds[at], BOTH * doubt.scale_percent]))
+    compare("scale", "scale error", past.values[at], post.values[at], sd, "%", 0.02)
+    if design.cross and design.cross[0] == (0, 1):  # mm in 100 mm
+        at = design.parts["cross"].start
+        before, after = (float(np.degrees(np.arctan(values[at] / 100))) for values in (past.values, post.values))
+        sd = float(np.hypot(np.degrees(np.hypot(past.sds[at], sds[at]) / 100), BOTH * doubt.skew_deg))
+        compare("skew", "axis' skew", before, after, sd, "°", LEAST_SKEW_DEG)
+    turn, turn_sd = _turned(past, post, sds, doubt.wave_mm)
+    if _keeps_shape(past, post) and abs(turn) > max(SURE * turn_sd, _least_turn_deg(past)):
+        words = f"{name} pulley turned on its shaft by {amount(turn, turn_sd, '°')}"
+        found.append(Change(name, "phase", 0.0, turn, turn_sd, "°", words))
+    for i, k in enumerate(design.waves("mean")[:4]):
+        both = [design.parts[f"mean_{part}"].start + i for part in ("cos", "sin")]
+        before, after = (float(np.hypot(*v[both])) * k for v in (past.values, post.values))
+        sd = float(np.sqrt(np.mean(past.sds[both] ** 2 + sds[both] ** 2) + 2 * doubt.wave_mm**2)) * k
+        shape = {1: "eccentricity", 2: "ovalness", 3: "three corners", 4: "four corners"}[int(k)]
+        compare(f"harmonic-{k}", f"pulley's {shape}", before, after, sd, "mm", max(CHANGED_MM, LEAST_MM * k))
+    return found
+
+
+def _keeps_shape(past: Remembered, post: Posterior) -> bool:
+    """Say whether the pulley is still as uneven as it was, by half: else its phase means nothing."""
+    at = past.design.mask("mean")
+    old, new = (float(np.linalg.norm(values[at])) for values in (past.values, post.values))
+    return new > 0.5 * old
+
+
+def _least_turn_deg(past: Remembered) -> float:
+    """Return the turn [°] of the pulley that moves a print by twice the least change worth a word."""
+    size_mm = float(np.linalg.norm(past.values[past.design.mask("mean")]))
+    return float(np.degrees(2 * CHANGED_MM / max(size_mm, CHANGED_MM)))
+
+
+def _turned(past: Remembered, post: Posterior, sds: np.ndarray, wave_mm: float) -> tuple[float, float]:
+    """Return by how many degrees the pulley turned: the largest correlation of old and new harmonics; and its sd."""
+    cos_at, sin_at = past.design.parts["mean_cos"], past.design.parts["mean_sin"]
+    k = past.design.waves("mean")
+    old = past.values[cos_at] - 1j * past.values[sin_at]
+    new = post.values[cos_at] - 1j * post.values[sin_at]
+    weight = float((k**2 * np.abs(old) ** 2).sum())
+    if weight < LEAST_MM**2:
+        return 0.0, 0.0
+    turns = np.linspace(-np.pi, np.pi, 14401)
+    match = (np.exp(-1j * np.outer(turns, k)) @ (np.conj(old) * new)).real
+    noise = past.sds[cos_at] ** 2 + sds[cos_at] ** 2
+    noise = noise + 2 * wave_mm**2
+    sd = np.sqrt((k**2 * np.abs(old) ** 2 * noise).sum()) / weight
+    # An oval pulley looks the same after half a turn: of equal peaks, the smallest turn.
+    peak = (match >= np.roll(match, 1)) & (match >= np.roll(match, -1)) & (match > SYMMETRIC * match.max())
+    turn = turns[peak][np.argmin(np.abs(turns[peak]))]
+    return float(-np.degrees(turn)), float(np.degrees(sd))

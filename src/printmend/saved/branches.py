@@ -1,0 +1,148 @@
+"""The learned drive of one motor as a short, readable set of numbers, and the tables they lower to.
+
+With the motor at m, x = (m − middle)/100 mm and φ = 2πm/turn, the branches of the generalised play are
+
+    lower(m) = m + mean(m) − play(m)/2          upper(m) = m + mean(m) + play(m)/2
+
+    mean(m) = Σ_p c_p xᵖ + Σ_k a_k cos kφ + b_k sin kφ + x Σ_k (e_k cos kφ + f_k sin kφ)
+    play(m) = Σ_p d_p xᵖ + Σ_k g_k cos kφ + h_k sin kφ,   never below zero
+
+The harmonics of ``mean`` are the pulley (physics.md eq. 2), those of ``play`` the two spans of a loose belt (eq. 7)
+or slack on the shaft (eq. 10), the powers in ``play`` lost motion by friction (eq. 9), and the third sum of ``mean``
+a taut elastic belt, whose odd harmonics fade with the distance (eq. 8). What repeats nothing (a belt of uneven pitch)
+is a sum of cosines over the span that was seen, added to the mean.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from printmend.machine.mechanism import Transmission, healthy_transmission
+from printmend.path import frozen
+from printmend.printer import Printer
+from printmend.units import TURN_RAD
+
+SCALE_MM = 100.0
+
+
+def warp_columns(count: int, span_mm: tuple[float, float], motor_mm: np.ndarray) -> np.ndarray:
+    """Return cos(πk t) [N, count] for k = 1…count, t the place within ``span_mm``; beyond it the ends hold."""
+    place = np.clip((motor_mm - span_mm[0]) / (span_mm[1] - span_mm[0]), 0.0, 1.0)
+    return np.cos(np.pi * place[:, None] * np.arange(1, count + 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Wave:
+    """A polynomial and a Fourier series: ``powers_mm`` [P], ``harmonics`` [H] and their ``cos_mm``, ``sin_mm`` [H]."""
+
+    powers_mm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    harmonics: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    cos_mm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    sin_mm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        for name in ("powers_mm", "cos_mm", "sin_mm"):
+            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), float)))
+        object.__setattr__(self, "harmonics", frozen(np.asarray(self.harmonics, np.int64)))
+
+    @property
+    def is_zero(self) -> bool:
+        return not (self.powers_mm.any() or self.cos_mm.any() or self.sin_mm.any())
+
+    def polynomial_mm(self, x: np.ndarray) -> np.ndarray:
+        """Return Σ c_p xᵖ [N]."""
+        total = np.zeros(np.shape(x))
+        for value in self.powers_mm[::-1]:
+            total = total * x + value
+        return total
+
+    def series_mm(self, phase_rad: np.ndarray) -> np.ndarray:
+        """Return the Fourier sum [N] at phases of the motor's turn."""
+        total = np.zeros(np.shape(phase_rad))
+        for k, cos_mm, sin_mm in zip(self.harmonics, self.cos_mm, self.sin_mm, strict=True):
+            if cos_mm or sin_mm:
+                total += cos_mm * np.cos(k * phase_rad) + sin_mm * np.sin(k * phase_rad)
+        return total
+
+    def amplitude_mm(self, harmonic: int) -> float:
+        """Return √(a² + b²) of one harmonic, 0 where the wave has none."""
+        at = self.harmonics == harmonic
+        return float(np.hypot(self.cos_mm[at].sum(), self.sin_mm[at].sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class Branches:
+    """The fault of one motor's drive. ``reach_mm`` are the motor positions that were seen: beyond them the powers
+    above the first are continued as straight lines, lest they explode."""
+
+    period_mm: float
+    middle_mm: float
+    reach_mm: tuple[float, float]
+    mean: Wave = field(default_factory=Wave)
+    play: Wave = field(default_factory=Wave)
+    elastic: Wave = field(default_factory=Wave)
+    warp_mm: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    warp_span_mm: tuple[float, float] = (0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "warp_mm", frozen(np.asarray(self.warp_mm, float)))
+
+    @property
+    def is_healthy(self) -> bool:
+        return self.mean.is_zero and self.play.is_zero and self.elastic.is_zero and not self.warp_mm.any()
+
+    def errors_mm(self, motor_mm: np.ndarray, *, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """Return (mean, play) [mm] at motor positions [N]: what the drive adds to a healthy motor, and its play ≥ 0.
+
+        Where the positions are evenly spaced with a whole number of ``turn`` entries a turn, one turn is evaluated.
+        """
+        x = (motor_mm - self.middle_mm) / SCALE_MM
+        count = round(turn) if abs(turn - round(turn)) < 1e-9 and 0 < turn < len(motor_mm) else len(motor_mm)
+        phase = np.mod(motor_mm[:count], self.period_mm) * (TURN_RAD / self.period_mm)
+
+        def series(wave: Wave) -> np.ndarray:
+            return np.resize(wave.series_mm(phase), len(motor_mm))
+
+        mean = self._powers_mm(self.mean, motor_mm) + series(self.mean)
+        if self.warp_mm.any():
+            # What repeats nothing, and an elastic belt beside it (which may be none), are known where they were seen.
+            seen = np.clip(motor_mm, *self.reach_mm)
+            mean = mean + warp_columns(len(self.warp_mm), self.warp_span_mm, seen) @ self.warp_mm
+            if not self.elastic.is_zero:
+                wave = self.elastic.series_mm(np.mod(seen, self.period_mm) * (TURN_RAD / self.period_mm))
+                mean = mean + (seen - self.middle_mm) / SCALE_MM * wave
+        elif not self.elastic.is_zero:
+            mean = mean + x * series(self.elastic)
+        play = self._powers_mm(self.play, motor_mm) + series(self.play)
+        return mean, np.maximum(play, 0.0)
+
+    def _powers_mm(self, wave: Wave, motor_mm: np.ndarray) -> np.ndarray:
+        x = (motor_mm - self.middle_mm) / SCALE_MM
+        if len(wave.powers_mm) < 3:
+            return wave.polynomial_mm(x)
+        inside = np.clip(
+            x, (self.reach_mm[0] - self.middle_mm) / SCALE_MM, (self.reach_mm[1] - self.middle_mm) / SCALE_MM
+        )
+        slope = Wave(wave.powers_mm[1:] * np.arange(1, len(wave.powers_mm)))
+        return wave.polynomial_mm(inside) + (x - inside) * slope.polynomial_mm(inside)
+
+    def lower(self, printer: Printer, motor: int) -> Transmission:
+        """Return the tables of this drive on the grid of a healthy transmission; both are made non-decreasing."""
+        healthy = healthy_transmission(printer, motor)
+        if self.is_healthy:
+            return healthy
+        grid = healthy.motor_mm
+        mean, play = self.errors_mm(grid, turn=self.period_mm / healthy.pitch_mm)
+        first = int(np.searchsorted(grid, (self.reach_mm[0] + self.reach_mm[1]) / 2))
+        lower = rising(grid + mean - play / 2, first)
+        if not play.any():
+            return replace(healthy, lower_mm=lower, upper_mm=lower)
+        return replace(healthy, lower_mm=lower, upper_mm=np.maximum(rising(grid + mean + play / 2, first), lower))
+
+
+def rising(table_mm: np.ndarray, first: int) -> np.ndarray:
+    """Return a table [N] made non-decreasing from entry ``first`` outwards: what is wrong far away stays there."""
+    first = min(max(first, 0), len(table_mm))
+    below = np.minimum.accumulate(table_mm[:first][::-1])[::-1]
+    above = np.maximum.accumulate(table_mm[first:])
+    return np.concatenate([np.minimum(below, above[0]) if len(above) else below, above])
