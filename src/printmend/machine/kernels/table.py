@@ -1,0 +1,29 @@
+"""Look-ups in the tables of a transmission and of a screw, which lie in a flat array ``values`` from ``table`` on.
+
+Entry i stands for motor position ``first`` + i / ``rate``; ``last`` is the index of the last entry, as a float.
+"""
+
+import numpy as np
+from numba import njit
+
+
+@njit(error_model="numpy", _nrt=False)
+def branch_at(values, table, first, rate, last, m):
+    """Return a branch of a transmission at motor position m; beyond the table it goes on with slope 1."""
+    place = (m - first) * rate
+    if not place > 0.0:
+        return values[table] + (m - first)
+    if place >= last:
+        return values[table + np.int64(last)] + (place - last) / rate
+    i = np.int64(place)
+    below = values[table + i]
+    return below + (place - i) * (values[table + i + 1] - below)
+
+
+@njit(error_model="numpy", _nrt=False)
+def push_at(values, table, first, rate, last, m):
+    """Return where a screw pushes the nozzle along one axis at motor position m; beyond the table that stays."""
+    place = min(max((m - first) * rate, 0.0), last)
+    i = min(np.int64(place), np.int64(last) - 1)
+    below = values[table + i]
+    return below + (place - i) * (values[table + i + 1] - below)

@@ -1,0 +1,26 @@
+"""Slow, obvious versions of the machine's laws (printmend.machine.kernels), straight from physics.md."""
+
+import numpy as np
+
+from printmend.machine.mechanism import Frame
+
+
+def clip(position: float, lower: float, upper: float) -> float:
+    """u ← min(max(u, lower), upper) (eq. 7)."""
+    if position < lower:
+        return lower
+    return upper if position > upper else position
+
+
+def onto_bed(coefficients: np.ndarray, origin: np.ndarray, scale: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """x' = x + Σ a_pq ((x + x0)/Lx)^p ((y + y0)/Ly)^q (eq. 14)."""
+    u, v = (place + origin) / scale
+    terms = np.array([u**p * v**q for p, q in Frame.exponents])
+    return place + coefficients @ terms
+
+
+def branch_at(table: np.ndarray, first: float, pitch: float, m: float) -> float:
+    """A table between its entries, and with slope 1 beyond them."""
+    last = first + pitch * (len(table) - 1)
+    inside = min(max(m, first), last)
+    return float(np.interp(inside, np.linspace(first, last, len(table)), table)) + m - inside
