@@ -26,7 +26,7 @@ def rmse(plan: Plan, targets: np.ndarray = TARGETS) -> float:
 
 
 def worn(hull: str, play_steps: float, printer: Printer) -> MechanismModel:
-    """Two equal drives with an authors' hull and constant play, as in the table of physics.md §6."""
+    """Two equal drives with an authors' hull and constant play, the hard cases of physics.md eq. 25."""
     drive = Drive(pulley=PublishedHull(hull, 0.3), belt=Play(play_steps * printer.x.mm_per_step))
     return MechanismModel(Corruption((drive, drive)).lower(printer))
 

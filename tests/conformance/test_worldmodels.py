@@ -167,7 +167,7 @@ def test_sixty_noisy_points_with_gaps_do_no_harm(name: str, world: str) -> None:
     measured[rng.choice(60, 4, replace=False), 0] = np.nan
     model = fit(name, Trace(points, measured), twin.printer, rng=rng, truth=twin.mechanism)
     targets = OTHER.nominal_steps
-    # With play Algorithm 1 deadlocks even on the true machine (physics.md §6).
+    # With play Algorithm 1 deadlocks even on the true machine (physics.md eq. 25).
     plan = controller("lookahead" if world == "pulley-play" else "greedy").plan(model, targets[1:], targets[0])
     error = float(np.sqrt(((twin.run(plan.controls, targets[0]) - targets) ** 2).sum(axis=1).mean()))
     assert error <= plan_error("naive", world) + 2 * noise_mm / 0.2

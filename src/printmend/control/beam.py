@@ -1,4 +1,4 @@
-"""Plans from the most promising states alone, ranked by what each motor would still cost (physics.md §6, cure 3)."""
+"""Plans from the most promising states alone, ranked by what each motor still costs (physics.md eq. 25, cure 3)."""
 
 from dataclasses import dataclass
 

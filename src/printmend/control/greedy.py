@@ -17,7 +17,7 @@ class Greedy:
     """The published planner, compiled for models that tabulate and batched for those that do not.
 
     Deadlocks where the play exceeds what one control can take up: no control then changes the imagined position
-    (physics.md §6). Plans are equal to the published loop's, to the last tie.
+    (physics.md eq. 25). Plans are equal to the published loop's, to the last tie.
     """
 
     name: str = "greedy"

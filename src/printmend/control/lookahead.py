@@ -1,4 +1,4 @@
-"""Greedy with ties broken for the next move: the cure of Algorithm 1's deadlock (physics.md §6)."""
+"""Greedy with ties broken for the next move: the cure of Algorithm 1's deadlock (physics.md eq. 25)."""
 
 from dataclasses import dataclass
 

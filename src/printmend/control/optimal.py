@@ -1,4 +1,4 @@
-"""The cheapest plan there is on a model with play, by dynamic programming an axis (physics.md §6, cure 2)."""
+"""The cheapest plan there is on a model with play, by dynamic programming an axis (physics.md eq. 25, cure 2)."""
 
 from dataclasses import dataclass
 

@@ -172,7 +172,7 @@ class TabulatedHull:
 
 @dataclass(frozen=True)
 class PublishedHull:
-    """A printed pulley of the paper's authors, by name (physics.md §1.5; Fourier series of their moment arms)."""
+    """A printed pulley of the paper's authors, by name (physics.md eq. 5; Fourier series of their moment arms)."""
 
     name: str
     phase_rad: float = 0.0

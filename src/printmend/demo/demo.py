@@ -56,7 +56,7 @@ def demo_corruption(rng: np.random.Generator) -> Corruption:
     """Draw an Ender-5's bad day: a bore off its centre on X, a small and oval pulley on Y, both belts a little slack.
 
     Everyone can see it on the part, and a machine with it still moves. The play stays below what one control can take
-    up, 3 steps at the weakest angle, because the paper's greedy planner stands still beyond (physics.md §6).
+    up, 3 steps at the weakest angle, because the paper's greedy planner stands still beyond (physics.md eq. 25).
     """
     bore_mm, phase_x, phase_y = rng.uniform(0.7, 1.2), rng.uniform(0, TURN_RAD), rng.uniform(0, TURN_RAD / 2)
     mean_mm, oval_mm = rng.uniform(5.7, 6.0), rng.uniform(0.5, 0.9)

@@ -1,9 +1,9 @@
 """What marks tell about a machine: the grey box's posterior covariance before anything is measured.
 
-With the contacts of the play known the grey box is linear (physics.md §4): a mark measured with noise σ whose row of
-columns is φ adds φφᵀ/σ² to the inverse covariance of each motor's parameters, whatever the measurement will say. So
-the worth of marks can be told beforehand: for a part whose positions have the mean square D of their columns, the mean
-square error to expect is tr(C·D).
+With the contacts of the play known the grey box is linear (physics.md eq. 17): a mark measured with noise σ whose
+row of columns is φ adds φφᵀ/σ² to the inverse covariance of each motor's parameters, whatever the measurement will
+say. So the worth of marks can be told beforehand: for a part whose positions have the mean square D of their columns,
+the mean square error to expect is tr(C·D) (physics.md eq. 21).
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Greedy choices with ties broken for the next move (physics.md §6, cure 1). Checks happen in lookahead.py."""
+"""Greedy choices with ties broken for the next move (physics.md eq. 25, cure 1). Checks happen in lookahead.py."""
 
 import numpy as np
 from numba import njit

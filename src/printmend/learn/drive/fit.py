@@ -21,7 +21,7 @@ HUBER = 2.0
 HUBER_SHARE = 0.9545  # E[w r²] of Gaussian residuals under Huber's weights at 2 σ: what the misfit keeps of σ²
 LOST = 6.0  # residuals beyond so many σ tell nothing
 LOST_MM = 0.02  # but smaller ones than this are the model's own fault: corners between its harmonics
-HARMONIC_MM = 0.8  # physics.md §4: c_k ~ N(0, (0.8 k^−1.5 mm)²), hence c_k/k in position
+HARMONIC_MM = 0.8  # physics.md eq. 18: c_k ~ N(0, (0.8 k^−1.5 mm)²), hence c_k/k in position
 POWER_MM = {"mean": (5.0, 25.0, 2.0, 1.0), "play": (1.5, 0.2, 0.2, 0.1)}
 CROSS_MM = {1: 3.0, 2: 0.3, 3: 0.1}
 RIPPLE_MM = 0.02
@@ -31,7 +31,7 @@ START_MM = 2.0
 
 @dataclass(frozen=True)
 class Prior:
-    """The scale τ of each group of harmonics; 1 is the prior of physics.md §4. The part that repeats nothing is a
+    """The scale τ of each group of harmonics; 1 is the prior of physics.md eq. 18. The part that repeats nothing is a
     Gaussian process of standard deviation ``warp`` mm with the length ``warp_mm``. With a ``fold``, the pulley is
     thought to be symmetric: the multiples of ``fold`` (for 1, the eccentricity alone) are ``mean_on``, others
     ``mean_off``. σ is thought to be no smaller than ``floor_mm``."""

@@ -6,8 +6,8 @@ equations. Projected on the q directions that A settles it is y = Wθ + n, n ~ N
 turn has the exact evidence N(y; W R mean, 1 + W R C Rᵀ Wᵀ) and an exact posterior; the answer mixes them by evidence.
 
 The shipped components are of sound size and centred on the shaft. Their variants, other sizes and an eccentric bore,
-only add columns to F. Two kinds of components are not learned: harmonics of the usual sizes (physics.md §4), with all
-harmonics or the multiples of 2…8 alone, for shapes like nothing that was learned.
+only add columns to F. Two kinds of components are not learned: harmonics of the usual sizes (physics.md eq. 18), all of
+them or the multiples of 2…8 alone, for shapes like nothing that was learned.
 """
 
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Outlines of pulleys with few parameters, and the belt that they unwind: physics.md §1.4.
+"""Outlines of pulleys with few parameters, and the belt that they unwind: physics.md eq. 4.
 
 Lengths are in radii of a sound pulley. At the motor's angle θ a belt has unwound U(θ) = ∫ h(−t) dt (eq. 1). An outline
 gives U and its derivatives exactly, so that a print without noise settles its parameters to the last digits, and with
@@ -82,7 +82,7 @@ class Series:
 
 
 def cut_series(harmonics: int) -> Series:
-    """Return the series of the first harmonics alone, each as large as a convex hull allows (physics.md §1.3)."""
+    """Return the series of the first harmonics alone, each as large as a convex hull allows (physics.md eq. 3)."""
     k = np.arange(1, harmonics + 1)
     wave = np.minimum(0.3, 2.0 / np.maximum(k**2 - 1, 1)) / k / 2
     return Series(f"fourier-{harmonics}", k, np.concatenate([[SIZE], wave, wave]))
@@ -135,7 +135,7 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class Flat:
-    """A disc of radius r with a flat that is seen under 2β about φ₀ (physics.md §1.4); q = (r, φ₀, β), and (x, y)."""
+    """A disc of radius r with a flat that is seen under 2β about φ₀ (physics.md eq. 4); q = (r, φ₀, β), and (x, y)."""
 
     bored: bool
 
@@ -334,7 +334,7 @@ OUTLINES: tuple[Outline, ...] = (
 
 
 def _plain_series(fold: int, size: float) -> Series:
-    """Return the series of 32 harmonics of usual sizes (physics.md §4), or those of a symmetry: any pulley."""
+    """Return the series of 32 harmonics of usual sizes (physics.md eq. 18), or those of a symmetry: any pulley."""
     k = np.arange(1, 33)
     on = k % fold == 0 if fold > 1 else k == 1
     wave = 0.126 * size * k**-2.5 * np.where(on | (fold == 0), 1.0, 0.03)

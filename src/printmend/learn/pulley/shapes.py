@@ -79,7 +79,7 @@ def _rounded(corners: int) -> Callable[[np.random.Generator], np.ndarray]:
 
 def _arcs(fold: int) -> Callable[[np.random.Generator], np.ndarray]:
     """An outline of arcs, corners and flats with ``fold`` equal, mirror-symmetric sides: the radius of curvature
-    R = h + h″ ≥ 0 is constant by pieces, a flat is a peak of it (physics.md §1.3); h_k = R_k/(1 − k²)."""
+    R = h + h″ ≥ 0 is constant by pieces, a flat is a peak of it (physics.md eq. 3); h_k = R_k/(1 − k²)."""
     k = np.arange(HARMONICS * 4 + 1)
     inverse = np.where(k == 1, 0.0, 1.0 / np.where(k == 1, 1.0, 1.0 - k.astype(float) ** 2))
 

@@ -1,0 +1,80 @@
+"""What documents and docstrings promise: cited equations and tests exist."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PHYSICS = (ROOT / "docs" / "physics.md").read_text(encoding="utf-8")
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+SOURCES = sorted(
+    path for top in ("src", "tests", "benchmarks", "tools", "examples") for path in ROOT.glob(f"{top}/**/*.py")
+)
+# "physics.md eq. 7", "physics.md §1–4", "physics.md §8 and §8.1"; a line may end anywhere inside.
+SECTION = re.compile(r"physics\.md((?:(?:,| and)? §\d+(?:\.\d+)?(?:–\d+)?)+)")
+# An equation of somebody else follows its year: "(Solin and Särkkä 2020, eq. 56)".
+EQUATION = re.compile(r"(?<!\d\d\d\d, )\beqs?\. (\d+)(?:(?: and |–|, )(\d+)\b)?")
+
+
+def running_text(path: Path) -> str:
+    """Return a file's text without line ends, comment signs and indentation, so that a citation is in one piece."""
+    return re.sub(r"\s+(?:#\s+)?", " ", path.read_text(encoding="utf-8"))
+
+
+def cited(text: str) -> set[str]:
+    """Return what a text cites of physics.md: "§3", "§8.1", "eq. 7"; "§?" for a range that runs backwards."""
+    found = set()
+    for places in SECTION.findall(text):
+        for first, last in re.findall(r"§(\d+(?:\.\d+)?)(?:–(\d+))?", places):
+            span = range(int(first), int(last) + 1) if last else ()
+            found |= {f"§{n}" for n in span} if last else {f"§{first}"}
+            found |= {"§?"} if last and not span else set()
+    for numbers in EQUATION.findall(text):
+        found |= {f"eq. {n}" for n in numbers if n}
+    return found
+
+
+def offered() -> set[str]:
+    """Return the sections and equations of physics.md; an equation is a bold number with an anchor of its own."""
+    sections = {f"§{n}" for n in re.findall(r"^###? (\d+(?:\.\d+)?)\.? ", PHYSICS, re.MULTILINE)}
+    equations = re.findall(r'^<a id="eq-(\d+)"></a>\*\*\((\d+)\)\*\* ', PHYSICS, re.MULTILINE)
+    assert [a for a, _ in equations] == [b for _, b in equations] == [str(1 + n) for n in range(len(equations))]
+    return sections | {f"eq. {n}" for n, _ in equations}
+
+
+def test_every_cited_equation_is_in_physics_md() -> None:
+    there, count = offered(), 0
+    for path in [*SOURCES, *PAGES]:
+        if path == Path(__file__):
+            continue  # its examples are wrong on purpose
+        here = cited(running_text(path))
+        count += len(here)
+        assert here <= there, f"{path.relative_to(ROOT)} cites {sorted(here - there)}, which docs/physics.md has not"
+    assert count > 60, "the citations were not recognised"
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("(physics.md eq. 7)", {"eq. 7"}),
+        ("Equations: physics.md §1–3.", {"§1", "§2", "§3"}),
+        ("are those of physics.md §8 and §8.1; a", {"§8", "§8.1"}),
+        ("(physics.md §3, eq. 13)", {"§3", "eq. 13"}),
+        ("physics.md §4–2", {"§?"}),
+    ],
+)
+def test_citations_are_recognised(text: str, found: set[str]) -> None:
+    assert cited(text) == found
+
+
+def test_every_test_that_a_document_names_is_there() -> None:
+    named = {
+        (path, name)
+        for page in PAGES
+        for path, name in re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", page.read_text())
+    }
+    assert len(named) > 5
+    for path, name in sorted(named):
+        text = (ROOT / path).read_text(encoding="utf-8")
+        assert not name or f"def {name}(" in text, f"{path} has no test {name}"
