@@ -11,7 +11,7 @@ from printmend.printer.toml import preset_text
 
 
 def test_presets_are_the_documented_machines() -> None:
-    assert preset_names() == ("corexy", "ender3", "ender5")
+    assert {"corexy", "ender3", "ender5"} <= set(preset_names())
     ender5, ender3, corexy = (read_printer(name) for name in ("ender5", "ender3", "corexy"))
     assert ender5.bed_steps == (1100, 1100)
     assert ender5.home_mm == (220.0, 220.0)
@@ -60,5 +60,5 @@ def test_a_wrong_key_is_named(tmp_path: Path, old: str, new: str, named: str) ->
 
 
 def test_a_missing_printer_lists_the_presets() -> None:
-    with pytest.raises(ConfigError, match="corexy, ender3, ender5"):
+    with pytest.raises(ConfigError, match="corexy, cr10s, cr6-se, ender3"):
         read_printer("prusa")

@@ -1,12 +1,33 @@
-"""`printmend printer`: a preset's TOML text on stdout."""
+"""`printmend printer`: a preset's TOML text, or one's own printer from printer.cfg or a slicer's profile, on stdout."""
+
+from pathlib import Path
 
 import click
 
-from printmend.printer.toml import preset_names, preset_text
 
+@click.command(epilog="Example: printmend printer ~/printer_data/config/printer.cfg > mine.toml")
+@click.argument("source", metavar="NAME|FILE", required=False)
+@click.option("--like", metavar="NAME", help="The preset whose motors and end stops a slicer's profile gets.")
+def command(source: str | None, like: str | None) -> None:
+    """Print a printer as TOML: change what differs on your machine, and pass the file as --printer.
 
-@click.command(epilog="Example: printmend printer ender3 > mine.toml")
-@click.argument("name", type=click.Choice(preset_names()))
-def command(name: str) -> None:
-    """Print the printer preset NAME as TOML: change what differs on your machine, pass the file as --printer."""
-    click.echo(preset_text(name), nl=False)
+    NAME is a preset; without any, all presets are listed. FILE is Klipper's printer.cfg, or a printer's profile as
+    PrusaSlicer or SuperSlicer (.ini) and OrcaSlicer or Bambu Studio (.json) export it.
+    """
+    from printmend.printer import preset_names, read_printer
+    from printmend.printer.convert import convert, printer_text
+    from printmend.printer.toml import preset_text
+
+    if source is None:
+        for name in preset_names():
+            printer = read_printer(name)
+            bed = f"{printer.x.length_mm:g} × {printer.y.length_mm:g} mm"
+            click.echo(f"{name:<15}{printer.name:<26}{printer.kinematics:<11}{bed}")
+        return
+    if source in preset_names():
+        click.echo(preset_text(source), nl=False)
+        return
+    printer, left = convert(Path(source), like=like)
+    click.echo(printer_text(printer), nl=False)
+    for line in left:
+        click.echo(f"Not taken over: {line}", err=True)

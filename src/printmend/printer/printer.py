@@ -1,6 +1,6 @@
 """A printer's geometry: what a healthy machine of this kind would do."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from printmend.units import radius_mm
 
 Kinematics = Literal["cartesian", "corexy"]
+Extruder = Literal["bowden", "direct"]
 
 
 @dataclass(frozen=True)
@@ -49,13 +50,20 @@ class Axis:
 
 @dataclass(frozen=True)
 class Printer:
-    """A machine: three axes and the way its motors move them."""
+    """A machine: three axes, the way its motors move them, and what a test print of our own must know to start.
+
+    ``extruder`` says where the filament's motor sits: a Bowden tube needs a longer retraction. ``start_gcode`` are the
+    owner's lines that heat, home and level; without any a test print uses plain ones. Neither belongs to the mechanics:
+    machines that differ only there are equal.
+    """
 
     name: str
     kinematics: Kinematics
     x: Axis
     y: Axis
     z: Axis
+    extruder: Extruder = field(default="bowden", compare=False)
+    start_gcode: str = field(default="", compare=False)
 
     @property
     def axes(self) -> tuple[Axis, Axis, Axis]:

@@ -13,7 +13,9 @@ from printmend.printer.printer import Axis, Printer
 _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
 _COUNTS = ("steps_per_turn", "microsteps")
 _AXIS_KEYS = {*_NUMBERS, *_COUNTS, "home_side"}
-_KEYS = {"name", "kinematics", "x", "y", "z"}
+_KEYS = {"name", "kinematics", "x", "y", "z", "extruder", "start_gcode"}
+_EXTRUDERS = ("bowden", "direct")
+_MOST_START_GCODE = 20_000  # characters; a start code of a thousand lines is another file
 _FAR_MM, _FAREST_MM = 1000.0, 1e5
 _LEAST_TURN_MM = 0.01
 _MOST_PLACES = 5_000_000  # a machine is tabulated at its micro-steps; 300 mm at 256 a step are 400 000
@@ -59,6 +61,12 @@ def parse_printer(text: str, *, subject: str) -> Printer:
         raise ConfigError(subject, wanted="name as text", came=repr(name), todo=_TODO)
     if kinematics not in ("cartesian", "corexy"):
         raise ConfigError(subject, wanted='kinematics = "cartesian" or "corexy"', came=repr(kinematics), todo=_TODO)
+    extruder, start_gcode = table.get("extruder", "bowden"), table.get("start_gcode", "")
+    if extruder not in _EXTRUDERS:
+        raise ConfigError(subject, wanted='extruder = "bowden" or "direct"', came=repr(extruder), todo=_TODO)
+    if not isinstance(start_gcode, str) or len(start_gcode) > _MOST_START_GCODE:
+        wanted = f"start_gcode as text of at most {_MOST_START_GCODE} characters"
+        raise ConfigError(subject, wanted=wanted, came=repr(start_gcode)[:40], todo=_TODO)
     x, y, z = (_axis(table.get(axis), axis, subject) for axis in "xyz")
     if kinematics == "corexy" and (x.mm_per_step, x.microsteps) != (y.mm_per_step, y.microsteps):
         raise ConfigError(
@@ -67,7 +75,7 @@ def parse_printer(text: str, *, subject: str) -> Printer:
             came="[x] and [y] with different steps",
             todo="make them equal",
         )
-    return Printer(name, kinematics, x, y, z)
+    return Printer(name, kinematics, x, y, z, extruder, start_gcode)
 
 
 def _axis(table: Any, name: str, subject: str) -> Axis:

@@ -1,0 +1,48 @@
+"""A printer of one's own from the files that its owner has: Klipper's printer.cfg, a slicer's printer profile."""
+
+from pathlib import Path
+
+import tomli_w
+
+from printmend.errors import ConfigError
+from printmend.files import read_text
+from printmend.printer.klipper import is_klipper, parse_klipper
+from printmend.printer.printer import Printer
+from printmend.printer.slicer import is_slicer_profile, parse_slicer
+from printmend.printer.toml import parse_printer, read_printer
+
+_WANTED = "a printer.cfg, a slicer's printer profile (.ini or .json) or a printer in TOML"
+_TODO = "export the printer's profile from the slicer, or start from a preset: `printmend printer ender3`"
+
+
+def convert(path: Path, *, like: str | None = None) -> tuple[Printer, tuple[str, ...]]:
+    """Read a printer from a file of another program; return it, and what could not be taken over, in words.
+
+    ``like`` names the preset whose motors and end stops a slicer's profile gets, which knows neither. The result has
+    passed the checks of a printer's TOML. Raises `ConfigError` for anything else.
+    """
+    text, subject = read_text(path, wanted=_WANTED, todo=_TODO, error=ConfigError), str(path)
+    left: tuple[str, ...] = ()
+    if is_klipper(text):
+        printer = parse_klipper(text, name=path.stem, subject=subject)
+    elif is_slicer_profile(text):
+        if like is None:
+            todo = "name a preset with the same motors and end stops: --like ender3"
+            raise ConfigError(
+                subject, wanted="to know its motors", came="a slicer's profile, which does not say", todo=todo
+            )
+        printer, left = parse_slicer(text, like=read_printer(like), name=path.stem, subject=subject)
+    else:
+        printer = parse_printer(text, subject=subject)
+    parse_printer(printer_text(printer), subject=subject)
+    return printer, left
+
+
+def printer_text(printer: Printer) -> str:
+    """Return a printer as TOML that `read_printer` reads."""
+    head = {"name": printer.name, "kinematics": printer.kinematics, "extruder": printer.extruder}
+    if printer.start_gcode:
+        head["start_gcode"] = printer.start_gcode
+    keys = ("min_mm", "max_mm", "steps_per_turn", "mm_per_turn", "microsteps", "home_mm", "home_side")
+    axes = {axis.name: {key: getattr(axis, key) for key in keys} for axis in printer.axes}
+    return tomli_w.dumps({**head, **axes}, multiline_strings=True)

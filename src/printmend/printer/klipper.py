@@ -1,0 +1,79 @@
+"""A printer from Klipper's printer.cfg: what its sections [stepper_x], [stepper_y], [stepper_z] and [printer] say."""
+
+import configparser
+from configparser import SectionProxy
+
+from printmend.errors import ConfigError
+from printmend.printer.printer import Axis, Printer
+
+# What Klipper takes where a key is absent (its Config Reference).
+_FULL_STEPS, _MICROSTEPS = 200, 16
+_TODO = "give the file that holds the sections [stepper_x], [stepper_y] and [stepper_z], or start from a preset"
+
+
+def is_klipper(text: str) -> bool:
+    """Say whether a text looks like a printer.cfg."""
+    return "[stepper_x]" in text
+
+
+def parse_klipper(text: str, *, name: str, subject: str) -> Printer:
+    """Build a printer from the text of a printer.cfg.
+
+    Raises `ConfigError` for other kinematics than cartesian and corexy, and for what is missing or no number.
+    """
+    config = configparser.RawConfigParser(strict=False, delimiters=("=", ":"), inline_comment_prefixes=("#", ";"))
+    try:
+        config.read_string(text)
+    except configparser.Error as error:
+        came = str(error).splitlines()[0]
+        raise ConfigError(subject, wanted="a printer.cfg", came=came, todo=_TODO) from None
+    kinematics = config.get("printer", "kinematics", fallback="none")
+    if kinematics not in ("cartesian", "corexy"):
+        todo = "other machines than cartesian and CoreXY ones cannot be learned yet"
+        raise ConfigError(subject, wanted="kinematics: cartesian or corexy", came=kinematics, todo=todo)
+    x, y, z = (_axis(config, axis, subject) for axis in "xyz")
+    return Printer(name, "corexy" if kinematics == "corexy" else "cartesian", x, y, z)
+
+
+def _axis(config: configparser.RawConfigParser, name: str, subject: str) -> Axis:
+    """Return one axis, with the rules of Klipper's own reader for what is not said."""
+    section = f"stepper_{name}"
+    if not config.has_section(section):
+        raise ConfigError(subject, wanted=f"a section [{section}]", came="none", todo=_TODO)
+    stepper = config[section]
+
+    def number(key: str, otherwise: float | None = None) -> float:
+        try:
+            if key not in stepper and otherwise is not None:
+                return otherwise
+            return float(stepper[key])
+        except (KeyError, ValueError):
+            came = stepper.get(key, "no such key")
+            raise ConfigError(subject, wanted=f"a number for {key} in [{section}]", came=came, todo=_TODO) from None
+
+    steps, microsteps = round(number("full_steps_per_rotation", _FULL_STEPS)), round(number("microsteps", _MICROSTEPS))
+    if "rotation_distance" in stepper:
+        mm_per_turn = number("rotation_distance") / _gear_ratio(stepper, subject)
+    else:  # before 2021: millimetres a micro-step
+        mm_per_turn = number("step_distance") * steps * microsteps
+    low_mm, high_mm = number("position_min", 0.0), number("position_max")
+    home_mm = low_mm if name != "z" else 0.0
+    if "position_endstop" in stepper:
+        home_mm = number("position_endstop")
+    towards_max = stepper.get("homing_positive_dir", "").lower() in ("true", "1", "yes")
+    if "homing_positive_dir" not in stepper:
+        towards_max = home_mm > high_mm - (high_mm - low_mm) / 4
+    side = "max" if towards_max else "min"
+    return Axis(name, low_mm, high_mm, steps, mm_per_turn, microsteps, home_mm, "max" if side == "max" else "min")
+
+
+def _gear_ratio(stepper: SectionProxy, subject: str) -> float:
+    """Return motor turns for a turn of the output: 80:16 is 5, chains are multiplied."""
+    ratio = 1.0
+    for pair in filter(None, (part.strip() for part in stepper.get("gear_ratio", "").split(","))):
+        teeth, _, motor = pair.partition(":")
+        try:
+            ratio *= float(teeth) / float(motor)
+        except (ValueError, ZeroDivisionError):
+            raise ConfigError(subject, wanted="gear_ratio as 80:16", came=pair, todo=_TODO) from None
+    return ratio
