@@ -16,7 +16,7 @@ from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.repair.examination import examine, write_examination
-from printmend.repair.learned import learn
+from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 from printmend.units import radius_mm
 from tests.mending import SQUARE
@@ -149,7 +149,9 @@ def test_a_scan_claims_nothing_that_the_scanner_may_have_done() -> None:
     # the scanner's own: a tenth of a percent of stretch and a slow wave of its carriage
     scanned = way * 1.001 + 0.003 * np.sin(way / 6)
     scanned = scanned + np.random.default_rng(1).normal(0, 0.004, way.shape)
-    model = learn(plan.trace(scanned - scanned.mean(axis=0) + way.mean(axis=0)), printer, rng=np.random.default_rng(0))
+    model = learn_model(
+        plan.trace(scanned - scanned.mean(axis=0) + way.mean(axis=0)), printer, rng=np.random.default_rng(0)
+    )
     assert model.findings[0].startswith("X healthy; Y healthy")
 
 

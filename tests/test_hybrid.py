@@ -16,7 +16,7 @@ from printmend.learn.published.transitions import layer_trace
 from printmend.machine.mechanism import Mechanism, Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.learned import learn
+from printmend.repair.learned import learn_model
 from printmend.saved.model import model_text, parse_model
 from printmend.twin import Twin
 from tests.naive_greybox import follow_tables_slowly
@@ -85,7 +85,7 @@ def test_an_error_that_nobody_wrote_down_is_learned(odd: tuple[Mechanism, Trace,
 
 def test_auto_saves_what_was_added_and_reads_it_back(odd: tuple[Mechanism, Trace, HybridModel]) -> None:
     _, trace, model = odd
-    saved = learn(trace, PRINTER, rng=np.random.default_rng(0))
+    saved = learn_model(trace, PRINTER, rng=np.random.default_rng(0))
     assert saved.learner == "hybrid"
     assert "no known fault" in saved.findings[0]
     assert model.residual_after_mm < 0.8 * model.box.residual_after_mm
@@ -105,7 +105,7 @@ def test_known_faults_need_nothing_more(family: str) -> None:
     model = Hybrid().fit(trace, PRINTER, rng=np.random.default_rng(0))
     assert misfit_mm(model.mechanism, truth) <= misfit_mm(model.box.mechanism, truth) * 1.02 + 0.002
     if model.is_plain:
-        assert learn(trace, PRINTER, rng=np.random.default_rng(0)).learner == "greybox"
+        assert learn_model(trace, PRINTER, rng=np.random.default_rng(0)).learner == "greybox"
 
 
 @pytest.mark.parametrize("noise_steps", [0.0, 0.25])

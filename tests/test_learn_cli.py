@@ -29,7 +29,7 @@ from printmend.measure import write_trace
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.repair.learned import learn
+from printmend.repair.learned import learn_model
 from printmend.saved.model import exact_model, read_model, write_model
 from printmend.twin import Twin
 
@@ -81,7 +81,7 @@ def test_the_saved_machine_is_the_learned_one(tmp_path: Path, rng: np.random.Gen
     marks = Twin.of(corruption, ENDER3).follow(PLAN.waypoints_mm)[PLAN.rows]
     trace = replace(PLAN.trace(marks), placed=True)  # else the end stops say where it is
     fit = Greybox().fit(trace, ENDER3, rng=np.random.default_rng(0))
-    saved = learn(trace, ENDER3, rng=np.random.default_rng(0)).mechanism
+    saved = learn_model(trace, ENDER3, rng=np.random.default_rng(0)).mechanism
     for a, b in zip(fit.mechanism.transmissions, saved.transmissions, strict=True):
         np.testing.assert_allclose(a.lower_mm, b.lower_mm, atol=1e-7)
         np.testing.assert_allclose(a.upper_mm, b.upper_mm, atol=1e-7)
@@ -93,7 +93,7 @@ def test_a_scan_learns_its_place_from_the_end_stops() -> None:
     twin = Twin.of(fault, ENDER3)
     marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows]
     middle = np.median(marks - PLAN.marks_mm, axis=0)  # what a scan cannot see
-    model = learn(PLAN.trace(marks - middle), ENDER3, rng=np.random.default_rng(0))
+    model = learn_model(PLAN.trace(marks - middle), ENDER3, rng=np.random.default_rng(0))
     way = PLAN.waypoints_mm[::50]
     np.testing.assert_allclose(Twin(model.mechanism).follow(way), twin.follow(way), atol=0.01)
 
@@ -103,7 +103,7 @@ def test_a_table_says_its_place_itself_even_where_home_was_not_measured() -> Non
     twin = Twin.of(fault, ENDER3)
     aside = np.array([0.3, -0.2])  # of the end stops: nothing but the table can tell
     marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows] + aside
-    model = learn(replace(PLAN.trace(marks), placed=True), ENDER3, rng=np.random.default_rng(0))
+    model = learn_model(replace(PLAN.trace(marks), placed=True), ENDER3, rng=np.random.default_rng(0))
     motor = np.linspace(30, 190, 9)
     for axis in range(2):
         true, learnt = (m.transmissions[axis].branches_mm(motor) for m in (twin.mechanism.homed(), model.mechanism))

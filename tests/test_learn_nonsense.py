@@ -9,7 +9,7 @@ from printmend.corruption import sample
 from printmend.errors import TraceError
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.learned import learn
+from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender5")
@@ -47,14 +47,14 @@ NONSENSE: dict[str, Spoil] = {
 def test_what_is_no_measurement_of_this_print_is_refused(spoil: Spoil, rng: np.random.Generator) -> None:
     points_mm = zigzag(200)
     with pytest.raises(TraceError) as refused:
-        learn(Trace(points_mm, spoil(broken().follow(points_mm), rng)), PRINTER, rng=rng)
+        learn_model(Trace(points_mm, spoil(broken().follow(points_mm), rng)), PRINTER, rng=rng)
     assert "\n" not in str(refused.value)
 
 
 def test_a_refusal_counts_the_points(rng: np.random.Generator) -> None:
     points_mm = zigzag(5)
     with pytest.raises(TraceError, match="5 in 5 rows"):
-        learn(Trace(points_mm, points_mm), PRINTER, rng=rng)
+        learn_model(Trace(points_mm, points_mm), PRINTER, rng=rng)
 
 
 LITTLE: dict[str, Callable[[np.ndarray], np.ndarray]] = {
@@ -71,7 +71,7 @@ def test_from_too_little_no_pulley_is_made_up(
     """What hardly moved says nothing of its pulley; the model is no worse than none."""
     twin, points_mm = broken(), shrink(zigzag(300))
     measured_mm = twin.follow(points_mm) + rng.normal(0, 0.05, points_mm.shape)
-    model = learn(Trace(points_mm, measured_mm), PRINTER, rng=rng)
+    model = learn_model(Trace(points_mm, measured_mm), PRINTER, rng=rng)
     other_mm = zigzag(400)[::-1] * 0.5 + 50
     printed_mm = twin.follow(other_mm)
     errors = [np.std(each - printed_mm, axis=0) for each in (Twin(model.mechanism).follow(other_mm), other_mm)]
@@ -81,6 +81,6 @@ def test_from_too_little_no_pulley_is_made_up(
 
 def test_noise_of_millimetres_is_no_fault(rng: np.random.Generator) -> None:
     points_mm = zigzag(600)
-    model = learn(Trace(points_mm, points_mm + rng.normal(0, 5, points_mm.shape)), PRINTER, rng=rng)
+    model = learn_model(Trace(points_mm, points_mm + rng.normal(0, 5, points_mm.shape)), PRINTER, rng=rng)
     other_mm = zigzag(400)[::-1] * 0.5 + 50
     assert np.abs(np.std(Twin(model.mechanism).follow(other_mm) - other_mm, axis=0)).max() < 0.5

@@ -20,7 +20,7 @@ from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.repair.examination import examine, summary, write_examination
-from printmend.repair.learned import learn, report
+from printmend.repair.learned import learn_model, report
 from printmend.repair.update import update
 from printmend.saved.model import SavedModel, screw_of, write_model
 from printmend.twin import Twin
@@ -64,7 +64,7 @@ def tower(layers: int = 20, pitch_mm: float = 0.9) -> np.ndarray:
 
 
 def learned(trace: Trace) -> SavedModel:
-    return learn(trace, SHORT, model="greybox", rng=np.random.default_rng(0))
+    return learn_model(trace, SHORT, model="greybox", rng=np.random.default_rng(0))
 
 
 def errors_mm(model: SavedModel, screw: Screw) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from printmend.learn.published.transitions import layer_trace
 from printmend.learn.pulley.shapes import ANGLES, HARMONICS, draw, kinds, series, turned
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.learned import learn
+from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender5")
@@ -139,7 +139,7 @@ def test_half_a_healthy_turn_is_healthy() -> None:
 
 def test_auto_asks_the_prior_and_says_what_was_not_seen() -> None:
     twin, trace = half_turn("ellipse", 0.05)
-    found = learn(trace, PRINTER, rng=np.random.default_rng(0))
+    found = learn_model(trace, PRINTER, rng=np.random.default_rng(0))
     assert any("the rest is a guess" in line for line in found.findings)
     turn = trace.commanded_mm.mean(axis=0)[0] + np.linspace(-20, 20, 101)
     away = [m.transmissions[0].branches_mm(turn)[0] for m in (found.mechanism, twin.mechanism)]  # type: ignore[union-attr]

@@ -17,7 +17,7 @@ from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.repair.learned import learn
+from printmend.repair.learned import learn_model
 from printmend.repair.update import update
 from printmend.saved.model import SavedModel, model_text, parse_model, read_model, write_model
 from printmend.twin import Twin
@@ -62,7 +62,7 @@ def error_mm(model: SavedModel, corruption: Corruption, *, placed: bool = True) 
 
 @pytest.fixture(scope="module")
 def old() -> SavedModel:
-    return learn(printed(machine(), 900, 0, small=False), ENDER3, rng=np.random.default_rng(0))
+    return learn_model(printed(machine(), 900, 0, small=False), ENDER3, rng=np.random.default_rng(0))
 
 
 def test_a_saved_model_is_remembered_as_it_was(old: SavedModel) -> None:
@@ -100,7 +100,7 @@ def test_play_that_grew_is_found(old: SavedModel, shift_mm: float) -> None:
     assert change.kind == "play"
     assert abs(change.now - 0.35) < 4 * change.sd < 0.04
     assert updated.words.startswith("X belt play grew from 0.20 to 0.35 mm")
-    fresh = learn(trace, ENDER3, rng=np.random.default_rng(0))
+    fresh = learn_model(trace, ENDER3, rng=np.random.default_rng(0))
     errors = [error_mm(model, now, placed=shift_mm == 0) for model in (updated.model, fresh, old)]
     assert errors[0] <= 1.02 * min(errors)
 
@@ -121,7 +121,7 @@ def test_another_scan_of_another_scale_is_no_change() -> None:
         marks = Twin.of(machine(), ENDER3).follow(plan.waypoints_mm)[plan.rows]
         return plan.trace(marks * stretch + rng.normal(0, 0.006, marks.shape))
 
-    first = learn(scanned(plan, 1.001), ENDER3, rng=np.random.default_rng(0))
+    first = learn_model(scanned(plan, 1.001), ENDER3, rng=np.random.default_rng(0))
     assert update(first, scanned(small, 0.999), rng=np.random.default_rng(0)).changes == ()
 
 
@@ -137,7 +137,7 @@ def test_never_worse_than_the_new_trace_alone(old: SavedModel, name: str) -> Non
     now = CHANGES[name]
     trace = printed(now, 200, 6)
     updated = update(old, trace, rng=np.random.default_rng(0))
-    fresh = learn(trace, ENDER3, rng=np.random.default_rng(0))
+    fresh = learn_model(trace, ENDER3, rng=np.random.default_rng(0))
     assert error_mm(updated.model, now) <= error_mm(fresh, now) + 0.1 * NOISE_MM
     assert updated.changes or updated.anew
 
@@ -157,7 +157,7 @@ def test_an_update_can_be_updated(old: SavedModel, tmp_path: Path) -> None:
 def test_frames_are_remembered(name: str) -> None:
     printer = read_printer(name)
     crooked = Corruption(machine().drives, CrookedFrame(0.5))
-    old = learn(printed(crooked, 900, 0, small=False, printer=printer), printer, rng=np.random.default_rng(0))
+    old = learn_model(printed(crooked, 900, 0, small=False, printer=printer), printer, rng=np.random.default_rng(0))
     updated = update(old, printed(crooked, 200, 1, printer=printer), rng=np.random.default_rng(0))
     assert updated.changes == ()
     bed = np.array([[20.0, 20.0], [20.0, 200.0], [200.0, 20.0], [200.0, 200.0]])
@@ -183,7 +183,7 @@ def test_the_command_says_what_changed(old: SavedModel, tmp_path: Path) -> None:
 def test_bad_input_ends_in_one_line(old: SavedModel, tmp_path: Path) -> None:
     trace = printed(machine(), 200, 9)
     write_trace(tmp_path / "trace2.csv", trace)
-    write_model(tmp_path / "naive.mend.json", learn(trace, ENDER3, model="naive", rng=np.random.default_rng(0)))
+    write_model(tmp_path / "naive.mend.json", learn_model(trace, ENDER3, model="naive", rng=np.random.default_rng(0)))
     write_model(tmp_path / "old.mend.json", old)
     for arguments in (
         ["--update", tmp_path / "naive.mend.json"],

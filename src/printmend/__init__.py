@@ -1,29 +1,38 @@
 """printmend: print straight on a broken 3-D printer.
 
-The commands do the work (`printmend --help`). From Python, a test print [mm] becomes a model, the model a plan [steps]:
+The commands do the work (`printmend --help`). From Python, a test print is measured and becomes a model of the machine,
+and the model rewrites G-code; here a simulated printer prints:
 
-    import numpy as np
-    from printmend.control.registry import controller
-    from printmend.path import Trace
-    from printmend.printer import read_printer
-    from printmend.learn.registry import learner
+    import printmend
 
-    trace = Trace(commanded_mm, measured_mm)
-    model = learner("greybox").fit(trace, read_printer("ender5"), rng=np.random.default_rng(0))
-    plan = controller("optimal").plan(model, targets_steps, start_steps)
+    printer = printmend.read_printer("ender3")
+    broken = printmend.Twin.of(printmend.read_corruption("broken.toml"), printer)  # no broken printer at hand?
+    plan = printmend.design_probe(printer)
+    printmend.write_probe("probe.gcode", plan)
+    trace = printmend.print_gcode("probe.gcode", broken, noise_mm=0.05)  # or measure_scans(["scan.png"], plan).trace
+    model = printmend.learn_model(trace, printer)
+    printmend.mend_gcode("part.gcode", model, "part.mended.gcode")
+    print(model.findings[0])
+    print(printmend.judge_gcode("part.gcode", "part.mended.gcode", broken).summary())
 
-`protocols` says what learners, models and controllers take and return; `learn.space` and `control.space` are
-those of three axes, `corruption` and `twin` break and run printers, `env` is the decision problem for reinforcement
-learning.
+A learner of one's own, anything with a name and a `fit` (`protocols`), is judged on bodies beside the others:
+
+    print(printmend.evaluate(["naive", "greybox", MINE], bodies, families=["pulley-play"]))
+
+The names are imported when they are first used. `learn.registry` and `control.registry` know the learners and planners,
+`learn.space` and `control.space` those of three axes, `env` is the decision problem for reinforcement learning.
 """
 
 import os
 import tempfile
 from pathlib import Path
 
+import lazy_loader
+
 from printmend.cache import kernel_folder, user_cache
 
 __version__ = "0.1.0"
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 if os.name == "posix" and "NUMBA_CACHE_DIR" not in os.environ:  # numba reads it once, when it is imported
     _kernels = kernel_folder(Path(__file__).parent, user_cache(), Path(tempfile.gettempdir()))

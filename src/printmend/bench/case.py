@@ -3,7 +3,7 @@
 import hashlib
 import json
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -16,6 +16,7 @@ from printmend.path import Layer, Trace
 from printmend.printer import Printer
 
 if TYPE_CHECKING:  # the twin needs numba, which workers import only after they are told to use one thread
+    from printmend.bench.rows import OwnRow, Row
     from printmend.twin import Twin
 
 Protocol = Literal["paper", "heldout"]
@@ -127,11 +128,18 @@ def reference_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | N
 
 def evaluate(case: Case, rows: tuple[str, ...]) -> list[Result]:
     """Print, learn, plan and print again, for each row. What fails is a result that says why, not an exception."""
+    from printmend.bench.rows import row
+
+    return evaluate_rows(case, {name: row(name) for name in rows})
+
+
+def evaluate_rows(case: Case, rows: Mapping[str, "Row | OwnRow"]) -> list[Result]:
+    """Do so for rows that need not be registered, by name."""
     try:
         prepared = _prepare(case)
     except PrintmendError as error:
         return [failed(case, name, str(error)) for name in rows]
-    return [_evaluate_row(prepared, name, case) for name in rows]
+    return [_evaluate_row(prepared, name, chosen, case) for name, chosen in rows.items()]
 
 
 def failed(case: Case, row: str, reason: str) -> Result:
@@ -188,11 +196,9 @@ def _prepare(case: Case) -> _Prepared:
     return _Prepared(printer, twin, layer_trace(training, printed, printer), training.index, layers)
 
 
-def _evaluate_row(prepared: _Prepared, name: str, case: Case) -> Result:
-    from printmend.bench.rows import row
+def _evaluate_row(prepared: _Prepared, name: str, chosen: "Row | OwnRow", case: Case) -> Result:
     from printmend.metrics import rmse
 
-    chosen = row(name)
     layers = prepared.layers
     try:
         begun = time.perf_counter()

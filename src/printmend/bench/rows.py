@@ -13,7 +13,7 @@ from printmend.errors import InputError
 from printmend.learn.registry import fit, model_names
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.protocols import Controller, WorldModel
+from printmend.protocols import Controller, Learner, WorldModel
 from printmend.twin import Twin
 
 OPTIMUM = "optimum"
@@ -30,6 +30,18 @@ class Row:
     def model(self, trace: Trace, printer: Printer, twin: Twin, rng: np.random.Generator) -> WorldModel:
         """Learn from the trace; the oracle looks at the twin instead."""
         return fit(self.learner, trace, printer, rng=rng, truth=twin.mechanism)
+
+
+@dataclass(frozen=True)
+class OwnRow:
+    """A row whose learner has no name here."""
+
+    learner: Learner
+    controller: Controller
+
+    def model(self, trace: Trace, printer: Printer, twin: Twin, rng: np.random.Generator) -> WorldModel:
+        """Learn from the trace."""
+        return self.learner.fit(trace, printer, rng=rng)
 
 
 def row(name: str) -> Row:

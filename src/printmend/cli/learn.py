@@ -35,7 +35,7 @@ def command(
     from printmend.cli.outputs import spare
     from printmend.measure import read_trace
     from printmend.printer import read_printer
-    from printmend.repair.learned import learn, report
+    from printmend.repair.learned import learn_model, report
     from printmend.saved.model import read_model, write_model
 
     if printer_name is None and old is None:
@@ -44,7 +44,7 @@ def command(
     rng = np.random.default_rng(seed)
     if old is None:
         printer = read_printer(printer_name or "")
-        model = learn(read_trace(trace, printer), printer, model=name, rng=rng)
+        model = learn_model(read_trace(trace, printer), printer, model=name, rng=rng)
     else:
         from printmend.repair.update import same_machine, update
 

@@ -24,7 +24,7 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.probe import design_probe, write_probe
 from printmend.repair import mend_gcode
-from printmend.repair.learned import learn
+from printmend.repair.learned import learn_model
 from printmend.saved.model import SavedModel, write_model
 from printmend.twin import Twin
 from printmend.twin.scanner import DEGRADATIONS, scan_trace
@@ -94,7 +94,7 @@ def run_chain(
     found = np.isfinite(measurement.measured_mm).all(axis=1)
     scale, mark_mm = _mark_errors(printed[plan.rows][found], measurement.measured_mm[found])
     tick("marks measured")
-    model = learn(measurement.trace, printer, rng=np.random.default_rng(seed))
+    model = learn_model(measurement.trace, printer, rng=np.random.default_rng(seed))
     write_model(folder / "printer.mend.json", model)
     tick("fault learned")
     source, target = folder / "part.gcode", folder / "part.mended.gcode"

@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.measure.image import write_image
-from printmend.measure.plan import ProbePlan
+from printmend.measure.plan import ProbePlan, read_plan
 from printmend.measure.register import find_pose, turn_onto
 from printmend.measure.scan import Reading, read_scan
 from printmend.path import Trace
@@ -42,9 +42,14 @@ class Measurement:
 
 
 def measure_scans(
-    paths: Sequence[str | Path], plan: ProbePlan, *, dpi: float | None = None, overlay: Path | None = None
+    paths: Sequence[str | Path], plan: ProbePlan | str | Path, *, dpi: float | None = None, overlay: Path | None = None
 ) -> Measurement:
-    """Measure one print from one or more scans; draw what was found over the first into ``overlay``."""
+    """Measure one print from one or more scans; draw what was found over the first into ``overlay``.
+
+    ``plan`` is what `write_probe` wrote beside the G-code, or its path. The result's ``trace`` is what to learn from.
+    """
+    if not isinstance(plan, ProbePlan):
+        plan = read_plan(plan)
     # many small matrices: threads of a linear-algebra library would only wait for each other
     with threadpool_limits(1, "blas"):
         return _measured(paths, plan, dpi, overlay)

@@ -97,8 +97,9 @@ def turns_covered(printer: Printer, plan: ProbePlan) -> tuple[float, float]:
     return float(spans[0] / printer.x.mm_per_turn), float(spans[1] / printer.y.mm_per_turn)
 
 
-def write_probe(path: Path, plan: ProbePlan) -> Path:
+def write_probe(path: str | Path, plan: ProbePlan) -> Path:
     """Write the G-code to ``path`` and the plan beside it; return the plan's path."""
+    path = Path(path)
     plan_path = path.with_suffix(".json")
     with replacing(path) as file:
         file.write(probe_gcode(plan))

@@ -1,6 +1,7 @@
 """Judge a finished file against the one it was made from: both are read again and printed by the model."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import shapely
@@ -9,12 +10,26 @@ from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
 from printmend.machine.mechanism import Mechanism
+from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Errors, Heights, Prediction
+from printmend.saved.model import exact_model
 from printmend.twin.kernels import run_play
+from printmend.twin.twin import Twin
 
 _CHORD_MM = 0.002
 _SAMPLE_MM = 0.5
 _NEAR_MM, _STRETCH = 5.0, 8  # of path before and after a stretch of filament; a stretch is so many times that
+
+
+def judge_gcode(source: str | Path, output: str | Path, twin: Twin) -> Prediction:
+    """Print ``source`` and ``output``, the file that was made from it, on a twin: how far is each from what was wanted?
+
+    The result's ``before`` is of the source, ``after`` of the output. Skipped teeth and lost steps, which no file can
+    mend, are left out. Raises `InputError` for a twin with a gain table, which has no place for way-points, and
+    `GcodeError` as `check_gcode` does and where the layers do not correspond.
+    """
+    truth = twin.homed()
+    return judged(check_gcode(source, exact_model(truth)), str(source), str(output), truth)
 
 
 def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanism) -> Prediction:

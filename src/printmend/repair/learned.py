@@ -29,13 +29,17 @@ _TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights,
 _PROBE_TODO = "`printmend probe` writes a print that shows all of it."
 
 
-def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator) -> SavedModel:
+def learn_model(
+    trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator | None = None
+) -> SavedModel:
     """Learn a machine from a trace.
 
     ``auto`` is the hybrid: the simplest machine that the trace supports, and what cross-validation adds to it; where a
     motor was not seen over its whole turn, the prior over pulleys says what the rest is like. Raises `TraceError` where
-    the trace cannot support any, `ConfigError` where the named learner has no machine to mend with.
+    the trace cannot support any, `ConfigError` where the named learner has no machine to mend with. ``rng`` picks the
+    rows looked at first in a long trace; without it every run picks the same.
     """
+    rng = np.random.default_rng(0) if rng is None else rng
     name = "hybrid" if model == AUTO else model
     fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
     if (box := _box_of(fit)) is not None:

@@ -35,7 +35,12 @@ class Mended:
 
 
 def mend_gcode(
-    source: Path | str, model: SavedModel, output: Path | None, *, force: bool = False, progress: Progress | None = None
+    source: Path | str,
+    model: SavedModel,
+    output: Path | str | None,
+    *,
+    force: bool = False,
+    progress: Progress | None = None,
 ) -> Mended:
     """Write ``source`` (`-` for the standard input) as the printer of ``model`` must read it to print it right.
 
@@ -45,6 +50,7 @@ def mend_gcode(
     Raises `GcodeError` for what cannot be read or was mended before, `ModelError` where the file is not for this
     printer, `RefusedError` where mending would not help and not ``force``.
     """
+    output = None if output is None else Path(output)
     with open_gcode(source) as file:
         refuse_mended(file)
         planner = start(model.mechanism)

@@ -1,10 +1,12 @@
 """G-code on the twin: what a measurement of the printed file would give."""
 
+from pathlib import Path
+
 import numpy as np
 
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
-from printmend.gcode.read import Program
+from printmend.gcode.read import Program, read_gcode
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.twin.twin import Twin
@@ -12,14 +14,20 @@ from printmend.twin.twin import Twin
 _CHORD_MM = 0.01
 
 
-def print_gcode(program: Program, twin: Twin, *, noise_mm: float, rng: np.random.Generator) -> Trace:
-    """Print a program on the twin and measure it with normal noise of ``noise_mm`` on each coordinate.
+def print_gcode(
+    program: Program | str | Path, twin: Twin, *, noise_mm: float = 0.0, rng: np.random.Generator | None = None
+) -> Trace:
+    """Print a G-code file on the twin and measure it with normal noise of ``noise_mm`` on each coordinate.
 
     One row for each way-point since the last homing of X and Y (chords of arcs are way-points), the first the home
     position; on a machine with a bad Z screw heights are measured too, and a move of Z alone is a way-point. A file
-    that never homes is printed as if it had just been homed. The program must have been read with the twin's printer.
-    Raises `GcodeError` where it never says where the head is.
+    that never homes is printed as if it had just been homed. A `Program` must have been read with the twin's printer.
+    ``rng`` draws the noise; without it every run draws the same. Raises `GcodeError` where the file never says where
+    the head is.
     """
+    rng = np.random.default_rng(0) if rng is None else rng
+    if not isinstance(program, Program):
+        program = read_gcode(program, printer=twin.printer)
     moves = straightened(program.moves, _CHORD_MM)
     home = np.array(twin.printer.home_mm)
     start = 0

@@ -104,14 +104,15 @@ class Twin:
         Returns printed [N, 2] mm at the way-points; [N, 3] with Z, for way-points [N, 3]. Motors stop on micro-steps.
         Raises `InputError` for a gain table, which knows only the lattice.
         """
-        mechanism, waypoints_mm = self._homed(), np.asarray(waypoints_mm, float)
+        mechanism, waypoints_mm = self.homed(), np.asarray(waypoints_mm, float)
         printed = _follow(mechanism, waypoints_mm[:, :2], self.jumps)
         if waypoints_mm.shape[1] == 2:
             return printed
         height, push = follow_height(mechanism.screw, self.printer, waypoints_mm[:, 2])
         return np.concatenate([printed + push, height[:, None]], axis=1)
 
-    def _homed(self) -> Mechanism:
+    def homed(self) -> Mechanism:
+        """Return the machine with the origin that homing gives it. Raises `InputError` for a gain table."""
         if isinstance(self.mechanism, GainMechanism):
             raise InputError(
                 "corruption 'gain-table'",

@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.learned import learn
+from printmend.repair.learned import learn_model
 
 TOOTH_MM = 2.0  # of a GT2 belt
 
@@ -28,7 +28,7 @@ def shipped_fit(
     measured = commanded + np.concatenate([direction * error for direction, _, error in traces])
     still = np.full_like(commanded, printer.y.max_mm / 2)
     trace = Trace(np.stack([commanded, still], axis=1), np.stack([measured, still], axis=1))
-    drive = learn(trace, printer, rng=np.random.default_rng(0)).mechanism.transmissions[0]
+    drive = learn_model(trace, printer, rng=np.random.default_rng(0)).mechanism.transmissions[0]
 
     def error_mm(direction: int, place_mm: np.ndarray) -> np.ndarray:
         lower, upper = drive.branches_mm(place_mm + middle)
