@@ -1,10 +1,14 @@
 """`printmend probe`: the test print that learning needs, its plan, and the reference sheet."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from printmend.cli.number import Finite
+
+if TYPE_CHECKING:
+    from printmend.printer import Extruder
 
 
 @click.command(epilog="Example: printmend probe --printer ender3 -o probe.gcode")
@@ -21,11 +25,15 @@ from printmend.cli.number import Finite
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("probe.gcode"), show_default=True
 )
+@click.option("--extruder", type=click.Choice(["bowden", "direct"]), help="Where the filament's motor sits: how far "
+              "it is drawn back between dots [default: as the printer says]")  # fmt: skip
+@click.option("--start-from", "start_path", type=click.Path(path_type=Path), metavar="PART.gcode",
+              help="Start as this sliced file of yours does: temperatures, homing, levelling, purge line.")  # fmt: skip
 @click.option("--sheet", type=click.Path(path_type=Path, dir_okay=False), metavar="SHEET.pdf",
               help="Also write the A4 reference sheet, for photos or to check a scanner's scale.")  # fmt: skip
 def command(
     printer_name: str | None, size_mm: float | None, part_path: Path | None, design: str, after: Path | None,
-    marks: int, output: Path, sheet: Path | None,
+    marks: int, output: Path, extruder: "Extruder | None", start_path: Path | None, sheet: Path | None,
 ) -> None:  # fmt: skip
     """Write a test print that shows every fault, and its plan (probe.json beside it), which `measure` needs.
 
@@ -40,6 +48,7 @@ def command(
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
+    from printmend.probe.start import homed_start, start_from
 
     if printer_name is None and sheet is None:
         raise click.UsageError("--printer says which bed the test print is for")
@@ -52,7 +61,10 @@ def command(
     part = read_gcode(part_path, printer=printer) if part_path else None
     trace = read_trace(after, printer=printer) if after else None
     plan = design_probe(printer, design=design, size_mm=size_mm, part=part, after=trace, marks=marks)
-    plan_path = write_probe(output, plan)
+    start = printer.start_gcode and homed_start(printer.start_gcode, subject=f"start_gcode of {printer_name}")
+    if start_path is not None:
+        start = start_from(start_path)
+    plan_path = write_probe(output, plan, extruder=extruder or printer.extruder, start_gcode=start)
     minutes, grams = cost(plan)
     click.echo(
         f"{output}: {len(plan)} marks, {len(plan.waypoints_mm)} way-points, {minutes:.0f} min, {grams:.1f} g of PLA"

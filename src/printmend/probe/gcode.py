@@ -5,25 +5,35 @@ import math
 import numpy as np
 
 from printmend.measure.plan import ProbePlan
+from printmend.printer import Extruder
 
 LAYER_MM, HOP_MM = 0.24, 0.8
 BEAD_MM = 0.8
 FILAMENT_MM, PLA_G_PER_MM3 = 1.75, 1.24e-3
 TRAVEL_MM_S, PURGE_MM_S, LIFT_MM_S, EXTRUDE_MM_S = 120.0, 20.0, 10.0, 2.0
-# A dot uses 0.1 mm of filament: a longer retraction would chew each piece of it too often.
-RETRACT_MM, RETRACT_MM_S = 0.6, 30.0
+# A dot uses 0.1 mm of filament: a longer retraction would chew each piece of it too often, a shorter one strings. The
+# tube of a Bowden printer gives way by a millimetre or two before the nozzle feels anything.
+RETRACT_MM: dict[Extruder, float] = {"direct": 0.6, "bowden": 2.5}
+RETRACT_MM_S = 30.0
+# The last way-point before a dot is left slowly: fast arms coast through the play of a belt, printing ones do not.
+APPROACH_MM_S = 20.0
 ACCELERATION_MM_S2, LIFT_ACCELERATION_MM_S2 = 500.0, 100.0
 PREAMBLE = """\
 ; printmend probe: {marks} dots on one layer, about {minutes:.0f} min and {grams:.1f} g
-; Printed for: {printer}. Change the temperatures below for another material than PLA; change nothing else.
+; Printed for: {printer}. Change the temperatures below for another material than PLA, and nothing after "dots".
+"""
+PLAIN_START = """\
 M140 S60
 M104 S205
 M190 S60
 M109 S205
+G28
+"""
+DOTS = """\
+; dots
 G21
 G90
 M83
-G28
 G92 E0
 """
 CLOSING = """\
@@ -42,14 +52,20 @@ def dot_mm3(diameter_mm: float) -> float:
     return math.pi * diameter_mm**2 / 4 * LAYER_MM
 
 
-def probe_gcode(plan: ProbePlan) -> str:
-    """Return the file that prints ``plan``. Every way-point is the end of one G0 or G1, in the plan's order."""
+def probe_gcode(plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "") -> str:
+    """Return the file that prints ``plan``: after its start code, every way-point is the end of one G0 or G1, in order.
+
+    ``extruder`` sets how far the filament is drawn back between dots. ``start_gcode`` takes the place of the plain
+    heating and homing; it must home, and end at the home position (`start.homed_start` sees to that).
+    """
     points = plan.waypoints_mm
     dots = {int(row): float(diameter) for row, diameter in zip(plan.rows, plan.diameter_mm, strict=True)}
     minutes, grams = cost(plan)
-    lines = [PREAMBLE.format(marks=len(plan), minutes=minutes, grams=grams, printer=plan.printer)]
+    head = PREAMBLE.format(marks=len(plan), minutes=minutes, grams=grams, printer=plan.printer)
+    lines = [head, start_gcode or PLAIN_START, DOTS]
     lift, drop = f"G1 Z{HOP_MM + LAYER_MM:g} F{LIFT_MM_S * 60:g}\n", f"G1 Z{LAYER_MM:g} F{LIFT_MM_S * 60:g}\n"
-    retract, restore = f"G1 E-{RETRACT_MM:g} F{RETRACT_MM_S * 60:g}\n", f"G1 E{RETRACT_MM:g} F{RETRACT_MM_S * 60:g}\n"
+    back_mm, back_feed = RETRACT_MM[extruder], f"F{RETRACT_MM_S * 60:g}"
+    retract, restore = f"G1 E-{back_mm:g} {back_feed}\n", f"G1 E{back_mm:g} {back_feed}\n"
     purge = filament_mm(float(np.hypot(*(points[2] - points[1]))) * BEAD_MM * LAYER_MM)
     lines += [
         f"G1 Z{HOP_MM + LAYER_MM:g} F{LIFT_MM_S * 60:g}\n",
@@ -59,14 +75,16 @@ def probe_gcode(plan: ProbePlan) -> str:
         retract,
         lift,
     ]
-    feed = f" F{TRAVEL_MM_S * 60:g}"
+    feed_mm_s = 0.0
     for row in range(3, len(points)):
+        wanted_mm_s = APPROACH_MM_S if row in dots else TRAVEL_MM_S
+        feed = f" F{wanted_mm_s * 60:g}" if wanted_mm_s != feed_mm_s else ""
         lines.append(f"G0 {_xy(points[row])}{feed}\n")
-        feed = ""
+        feed_mm_s = wanted_mm_s
         if row in dots:
             extrude = f"G1 E{filament_mm(dot_mm3(dots[row])):.5f} F{EXTRUDE_MM_S * 60:g}\n"
             lines += [drop, restore, extrude, retract, lift]
-            feed = f" F{TRAVEL_MM_S * 60:g}"
+            feed_mm_s = 0.0
     lines += [f"G1 Z10 F{LIFT_MM_S * 60:g}\n", CLOSING]
     return "".join(lines)
 
@@ -74,9 +92,9 @@ def probe_gcode(plan: ProbePlan) -> str:
 def cost(plan: ProbePlan) -> tuple[float, float]:
     """Return the estimated printing time [min] after heating, and the mass of plastic [g]."""
     points = plan.waypoints_mm
-    seconds = travel_s(points)
+    seconds = travel_s(points) + approach_s(points, plan.rows)
     volumes = [dot_mm3(diameter) for diameter in plan.diameter_mm]
-    dot_s = 2 * move_s(HOP_MM, LIFT_MM_S, LIFT_ACCELERATION_MM_S2) + 2 * RETRACT_MM / RETRACT_MM_S
+    dot_s = 2 * move_s(HOP_MM, LIFT_MM_S, LIFT_ACCELERATION_MM_S2) + 2 * RETRACT_MM["bowden"] / RETRACT_MM_S
     seconds += len(plan) * dot_s + sum(filament_mm(volume) / EXTRUDE_MM_S for volume in volumes)
     purge = float(np.hypot(*(points[2] - points[1])))
     seconds += purge / PURGE_MM_S
@@ -92,6 +110,12 @@ def travel_s(points_mm: np.ndarray) -> float:
     stops = np.flatnonzero((unit[1:] * unit[:-1]).sum(axis=1) < 0.999) + 1
     runs = np.add.reduceat(length, np.concatenate([[0], stops]))
     return sum(move_s(run, TRAVEL_MM_S, ACCELERATION_MM_S2) for run in runs)
+
+
+def approach_s(points_mm: np.ndarray, rows: np.ndarray) -> float:
+    """Return how much longer the slow moves to the way-points ``rows`` [M] take than fast ones."""
+    length_mm = np.hypot(*(points_mm[rows] - points_mm[rows - 1]).T)
+    return float(length_mm.sum() * (1 / APPROACH_MM_S - 1 / TRAVEL_MM_S))
 
 
 def move_s(length_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:

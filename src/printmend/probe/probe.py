@@ -9,7 +9,7 @@ from printmend.files import replacing
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan, write_plan
 from printmend.path import Trace
-from printmend.printer import Printer
+from printmend.printer import Extruder, Printer
 from printmend.probe.gcode import probe_gcode
 from printmend.probe.information import belief_after, fall_of, information, prior_belief, still_unknown
 from printmend.probe.layout import MARKS, area_around_mm, lay_out, mark_area_mm, square_mm
@@ -97,11 +97,11 @@ def turns_covered(printer: Printer, plan: ProbePlan) -> tuple[float, float]:
     return float(spans[0] / printer.x.mm_per_turn), float(spans[1] / printer.y.mm_per_turn)
 
 
-def write_probe(path: str | Path, plan: ProbePlan) -> Path:
-    """Write the G-code to ``path`` and the plan beside it; return the plan's path."""
+def write_probe(path: str | Path, plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "") -> Path:
+    """Write the G-code to ``path`` and the plan beside it; return the plan's path. The options are `probe_gcode`'s."""
     path = Path(path)
     plan_path = path.with_suffix(".json")
     with replacing(path) as file:
-        file.write(probe_gcode(plan))
+        file.write(probe_gcode(plan, extruder=extruder, start_gcode=start_gcode))
     write_plan(plan_path, plan)
     return plan_path
