@@ -12,12 +12,12 @@ import tempfile
 import time
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode import kernels as k
 from printmend.gcode.machine import initial_state
 from printmend.gcode.read import interpret_text
 from printmend.gcode.write import initial_writer, rewrite
+from printmend.jit import entry
 
 BATCH = 8192
 
@@ -38,7 +38,7 @@ def synthetic(lines: int, seed: int = 1) -> bytes:
     return ("\n".join(out) + "\n").encode()
 
 
-@njit(cache=True, nogil=True)
+@entry
 def shifted(records, first, pieces):
     """The cheapest plan that changes every line: all moves 0.123 mm to the right."""
     count = 0

@@ -1,18 +1,19 @@
-"""Compiled entry points that are compiled again when anything they call has changed, and loaded without the compiler.
+"""The one door to the compiler: every kernel is an `entry`, which Python calls, or an `inner`, which only kernels call.
 
-Numba keeps compiled code for each file and notices only changes of that one file: after an update, a kernel that calls
-another file's would go on running the old code. And before it loads kept code it reads in all that it could compile,
-0.2 s of every command, though the code needs nothing of it but the run-time system.
+An entry's machine code is kept on disk under a digest of all that went into it: its own code, that of every function
+that it calls in whatever file, and the constants and named tuples that they use. Numba's own key is the date of the
+entry's file, so that after an edit elsewhere the old code would go on running.
 """
 
 import hashlib
 import logging
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterator
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.core.caching import FunctionCache
 from numba.core.event import Event, Listener, register
 from numba.core.runtime import rtsys
 
@@ -37,46 +38,113 @@ class _FirstCompilation(Listener):
 register("numba:compile", _FirstCompilation())
 
 
-def entry(**options: Any) -> Callable[[Callable], Callable]:
+def entry(function: Callable | None = None, **options: Any) -> Any:
     """Decorate a kernel that Python calls: compiled, kept on disk, run beside other threads. ``options`` are njit's."""
-
-    def decorate(function: Callable) -> Callable:
-        compiled = njit(cache=True, nogil=True, **options)(function)
-        cache = getattr(compiled, "_cache", None)
-        if cache is not None and hasattr(cache, "_load_overload"):
-            cache.load_overload = partial(_loaded, cache)
-        kept = getattr(cache, "_cache_file", None)
-        if kept is not None and hasattr(kept, "_source_stamp"):
-            kept._source_stamp = (kept._source_stamp, _digest(function, options))
-        return compiled
-
-    return decorate
+    if function is None:
+        return lambda function: entry(function, **options)
+    compiled = njit(nogil=True, **options)(function)
+    if hasattr(compiled, "_cache"):  # not where NUMBA_DISABLE_JIT is set
+        compiled._cache = _Kept(compiled)
+    return compiled
 
 
-def _loaded(cache: Any, signature: Any, context: Any) -> Any:
-    """Load kept code as numba's cache does, the refresh of its compiler left out (compiling does that again)."""
-    rtsys.initialize(context)
-    with cache._guard_against_spurious_io_errors():
-        return cache._load_overload(signature, context)
+def inner(function: Callable | None = None, **options: Any) -> Any:
+    """Decorate a kernel that other kernels call: compiled with each of them, not kept. ``options`` are njit's."""
+    if function is None:
+        return lambda function: inner(function, **options)
+    return njit(**options)(function)
 
 
-def _digest(function: Callable, options: dict[str, Any]) -> str:
-    """Return a digest of a function, of all compiled functions that it calls, and of the constants they use."""
-    digest = hashlib.sha256(repr(sorted(options.items())).encode())
-    waiting, seen = [function], {function}
+class _Kept(FunctionCache):
+    """Numba's cache of a function, keyed on the content of all that was compiled."""
+
+    def __init__(self, compiled: Any) -> None:
+        super().__init__(compiled.py_func)
+        self._compiled = compiled
+        self._cache_file._source_stamp = None  # a digest; what the entry calls may stand below it in its file
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load kept code; numba would first read in all that it could compile, 0.2 s of every command."""
+        self._set_key()
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        self._set_key()
+        super().save_overload(sig, data)
+
+    def _set_key(self) -> None:
+        if self._cache_file._source_stamp is None:
+            self._cache_file._source_stamp = digest(self._compiled)
+
+
+def digest(kernel: Any) -> str:
+    """Return a digest of a compiled function: its code and options, those of all that it calls, and their constants.
+
+    Raises `TypeError` for a kernel that uses a value whose content cannot be told.
+    """
+    total = hashlib.sha256(np.__version__.encode())
+    waiting, seen = [kernel], {id(kernel)}
     while waiting:
-        code, names = waiting[0].__code__, waiting[0].__globals__
-        waiting.pop(0)
-        digest.update(code.co_code + repr((code.co_consts, code.co_names, code.co_varnames)).encode())
-        for name in code.co_names:
-            value = names.get(name)
-            called = getattr(value, "py_func", None)
-            if value is not None and called is not None and called not in seen:
-                seen.add(called)
-                waiting.append(called)
-                digest.update(repr(sorted(value.targetoptions.items())).encode())
-            elif isinstance(value, np.ndarray):
-                digest.update(value.tobytes())
-            elif isinstance(value, int | float | tuple | str | np.generic):
-                digest.update(f"{name}={value!r}".encode())
-    return digest.hexdigest()
+        value = waiting.pop()
+        function = getattr(value, "py_func", value)
+        options = getattr(value, "targetoptions", {})
+        total.update(repr((function.__qualname__, sorted(options.items()), function.__defaults__)).encode())
+        for text in _code(function.__code__):
+            total.update(text.encode())
+        for name, used in _used(function):
+            if hasattr(used, "py_func") or (isinstance(used, FunctionType) and not _is_library(used.__module__)):
+                total.update(f"{name}()".encode())
+                if id(used) not in seen:
+                    seen.add(id(used))
+                    waiting.append(used)
+            else:
+                total.update(f"{name}={_content(name, used, function)}".encode())
+    return total.hexdigest()
+
+
+def _code(code: CodeType) -> Iterator[str]:
+    """Yield what a function does: its instructions and constants, and those of the functions inside it."""
+    constants = [value for value in code.co_consts if not isinstance(value, CodeType)]
+    yield repr((code.co_code, constants, code.co_names, code.co_varnames, code.co_freevars))
+    for value in code.co_consts:
+        if isinstance(value, CodeType):
+            yield from _code(value)
+
+
+def _used(function: Callable) -> Iterator[tuple[str, Any]]:
+    """Yield what a function finds outside itself: globals, what it names of a module of ours, closed-over values."""
+    names, codes = {}, [function.__code__]  # type: ignore[attr-defined]
+    for code in codes:
+        names.update(dict.fromkeys(code.co_names))
+        codes.extend(value for value in code.co_consts if isinstance(value, CodeType))
+    outside = function.__globals__  # type: ignore[attr-defined]
+    for name in names:
+        if name not in outside:
+            continue
+        value = outside[name]
+        if not isinstance(value, ModuleType):
+            yield name, value
+        elif not _is_library(value.__name__):
+            yield from ((f"{name}.{field}", getattr(value, field)) for field in names if hasattr(value, field))
+    closure = function.__closure__ or ()  # type: ignore[attr-defined]
+    yield from zip(codes[0].co_freevars, (cell.cell_contents for cell in closure), strict=True)
+
+
+def _is_library(module: str | None) -> bool:
+    """Say whether a module is one whose code changes with its version only: numba's version is part of every key."""
+    return (module or "").partition(".")[0] in ("numpy", "numba", "math")
+
+
+def _content(name: str, value: Any, function: Callable) -> str:
+    """Return a text that changes with a constant's content."""
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
+    if isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
+        return f"{value.__qualname__}{value._fields}"
+    if isinstance(value, int | float | complex | str | bytes | tuple | np.generic | np.dtype | type(None)):
+        return repr(value)
+    if isinstance(value, type | FunctionType) or _is_library(type(value).__module__):
+        return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', value)}"
+    raise TypeError(f"{function.__qualname__} uses {name}, a {type(value)}: make it a number, a tuple or an array")

@@ -4,13 +4,14 @@ Coordinates are integers of 1/2^14 step, so that ties always round the same way 
 """
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import entry
 
 UNITS = 1 << 14  # of one step
 _HALF = UNITS >> 1
 
 
-@njit(cache=True)
+@entry
 def count_bound(points: np.ndarray) -> int:
     """Return an upper bound of the ticks that `follow` needs for a polyline [M + 1, 2]."""
     total = 0
@@ -20,7 +21,7 @@ def count_bound(points: np.ndarray) -> int:
     return total
 
 
-@njit(cache=True)
+@entry
 def follow(
     points: np.ndarray, drawing: np.ndarray, controls: np.ndarray, extruding: np.ndarray
 ) -> tuple[int, int, int]:

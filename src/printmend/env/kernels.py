@@ -4,10 +4,11 @@
 """
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import entry
 
 
-@njit(cache=True)
+@entry
 def _on_bed(machines, k, belt_x, belt_y):
     """Return where belt (motor) positions [full steps] put the nozzle of machine k (mechanism.Frame)."""
     x, y = belt_x, belt_y
@@ -26,7 +27,7 @@ def _on_bed(machines, k, belt_x, belt_y):
     return x + dx / machines.pitch_mm[0], y + dy / machines.pitch_mm[1]
 
 
-@njit(cache=True)
+@entry
 def _played(machines, fleet, n, axis, motor):
     """Return the belt position of environment n after its motor ``axis`` went to lattice position ``motor``."""
     k = fleet.machine[n]
@@ -36,20 +37,20 @@ def _played(machines, fleet, n, axis, motor):
     return min(max(fleet.position[n, axis], low), high)
 
 
-@njit(cache=True)
+@entry
 def _motors(machines, x, y):
     if machines.corexy:
         return x + y, x - y
     return x, y
 
 
-@njit(cache=True)
+@entry
 def _reached(machines, axis, nominal, control):
     """Return the nominal position after a control: one bed's length beyond the bed the motors stop."""
     return min(max(nominal + control, -machines.bed[axis]), 2 * machines.bed[axis])
 
 
-@njit(cache=True)
+@entry
 def restart(rows, machines, tasks, fleet):
     """Put the environments ``rows`` at the start of their tasks: play centred, printed = nominal = start."""
     for n in rows:
@@ -70,7 +71,7 @@ def restart(rows, machines, tasks, fleet):
         fleet.squares[n] = 0.0
 
 
-@njit(cache=True)
+@entry
 def advance(controls, skip, machines, tasks, fleet, dense, reward, done):
     """Apply controls [N, 2] to the environments that are not in ``skip`` [N]; fill reward and done [N]."""
     for n in range(controls.shape[0]):
@@ -105,7 +106,7 @@ def advance(controls, skip, machines, tasks, fleet, dense, reward, done):
             reward[n] = -after
 
 
-@njit(cache=True)
+@entry
 def observe(tasks, fleet, lookahead, out):
     """Fill the observations [N, 8 + 2·lookahead]."""
     for n in range(out.shape[0]):
@@ -120,7 +121,7 @@ def observe(tasks, fleet, lookahead, out):
                 out[n, 8 + 2 * h + axis] = tasks.targets[job, t, axis] - fleet.nominal[n, axis]
 
 
-@njit(cache=True)
+@entry
 def greedy(c_max, machines, tasks, fleet, out):
     """Fill controls [N, 2]: Algorithm 1 on the true machines, all (2 c_max + 1)² candidates, first minimum wins."""
     for n in range(out.shape[0]):

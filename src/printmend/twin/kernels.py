@@ -1,10 +1,11 @@
 """The twin's loops. Arrays and scalars in, arrays out; checks happen in twin.py."""
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import entry
 
 
-@njit(cache=True)
+@entry
 def run_play(motor, position, lower, upper, out):
     """Follow motor indices [T] through position ← clip(position, lower[m], upper[m]); write positions to out [T]."""
     for t in range(motor.shape[0]):
@@ -13,7 +14,7 @@ def run_play(motor, position, lower, upper, out):
         out[t] = position
 
 
-@njit(cache=True)
+@entry
 def run_play_controls(controls, axis, motor, position, lower, upper, out):
     """Follow the controls [T, 2] of one axis from motor index ``motor``; fill out[:, axis] [T + 1].
 
@@ -30,7 +31,7 @@ def run_play_controls(controls, axis, motor, position, lower, upper, out):
     return True
 
 
-@njit(cache=True)
+@entry
 def gain_displacement(nominal, control, gains):
     """Return the published displacement of ``control`` from ``nominal`` (physics.md §8.1)."""
     size = gains.shape[0]
@@ -45,7 +46,7 @@ def gain_displacement(nominal, control, gains):
     return x - nominal
 
 
-@njit(cache=True)
+@entry
 def run_gain(controls, axis, nominal, gains, bed, out):
     """Follow the controls [T, 2] of one axis by the published rules; fill out[:, axis] [T + 1]."""
     printed = float(nominal)
@@ -57,7 +58,7 @@ def run_gain(controls, axis, nominal, gains, bed, out):
         out[t + 1, axis] = printed
 
 
-@njit(cache=True)
+@entry
 def tabulate_gain(gains, table):
     """Fill table [bed + 1, 2·c_max + 1] with the published displacement of every control at every nominal position."""
     c_max = table.shape[1] // 2
@@ -66,7 +67,7 @@ def tabulate_gain(gains, table):
             table[nominal, control + c_max] = gain_displacement(nominal, control, gains)
 
 
-@njit(cache=True)
+@entry
 def bend(belts, low_mm, pitch_mm, coefficients, scale_mm, out):
     """Map belt positions [N, 2] full steps through a frame (mechanism.Frame), coefficients [2, 10] mm, to out."""
     for n in range(belts.shape[0]):

@@ -17,13 +17,14 @@ tuple each access would count references.
 """
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import entry
 
 # Ticks between the places to which a search may go back.
 _CHUNK = 16
 
 
-@njit(cache=True)
+@entry
 def arrivals(wanted, weight, price, places, first, last, low, high, left, right, reach, out):
     """Fill out [T + 1, R, W] with the least cost of being in state (k, m) at tick t and of all ticks after it.
 
@@ -86,7 +87,7 @@ def arrivals(wanted, weight, price, places, first, last, low, high, left, right,
                 row[n] += here + price[t - 1, (m0 + n) & 1]
 
 
-@njit(cache=True)
+@entry
 def cost_to_go(motor, t, k, m, reach, first, low, high, size, left, right, togo):
     """Return one motor's least cost to go from state (k, m) of tick t."""
     if t + 1 == togo.shape[1]:
@@ -99,7 +100,7 @@ def cost_to_go(motor, t, k, m, reach, first, low, high, size, left, right, togo)
     return least
 
 
-@njit(cache=True)
+@entry
 def sweep(
     t0, t1, clock, slack, reach, together, parted, places, first, low, high, size, left, right, wanted, cross, togo,
     known, found, index, stamp, losses, ids, moves, many, least, built, costs, slots, slot_stamp, after, after_bounds,
@@ -233,7 +234,7 @@ def sweep(
     return kept_count, used, lowest
 
 
-@njit(cache=True, nogil=True)
+@entry
 def search(
     states, paid, reach, together, parted, slack, most, width,
     places, first, low, high, size, left, right, wanted, cross, togo, known,
@@ -313,7 +314,7 @@ def search(
     return states, paid, base, way[:used]
 
 
-@njit(cache=True)
+@entry
 def way_back(base, way, state, out):
     """Fill out [T, 2] with both motors' moves that lead to ``state`` of the last tick; return its first ancestor."""
     for t in range(base.shape[0] - 1, -1, -1):

@@ -6,10 +6,11 @@ differ by a rounding. All kernels fill controls [T, 2] and imagined [T + 1, 2].
 """
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import entry, inner
 
 
-@njit(cache=True, inline="always")
+@inner(inline="always")
 def first_nearest(ex, ey):
     """Return the first pair (i, j), i before j, with the least ex[i] + ey[j].
 
@@ -31,7 +32,7 @@ def first_nearest(ex, ey):
     return i, j
 
 
-@njit(cache=True)
+@entry
 def plan_increments(targets, start, table_x, table_y, controls, imagined):
     """Plan with a table [bed + 1, 2·c_max + 1] of displacements an axis."""
     width = table_x.shape[1]
@@ -58,7 +59,7 @@ def plan_increments(targets, start, table_x, table_y, controls, imagined):
         imagined[t + 1, 0], imagined[t + 1, 1] = px, py
 
 
-@njit(cache=True, inline="always")
+@inner(inline="always")
 def reach(position, motor, c_max, lower, upper, out):
     """Fill out [2·c_max + 1] with the positions after each control; NaN where the motor would leave its tables."""
     for k in range(out.shape[0]):
@@ -69,7 +70,7 @@ def reach(position, motor, c_max, lower, upper, out):
             out[k] = np.nan
 
 
-@njit(cache=True)
+@entry
 def plan_play(targets, start, mx, my, lower_x, upper_x, lower_y, upper_y, c_max, controls, imagined):
     """Plan with play tables of two axes that do not couple; (mx, my) are the motors' first indices."""
     width = 2 * c_max + 1
@@ -91,7 +92,7 @@ def plan_play(targets, start, mx, my, lower_x, upper_x, lower_y, upper_y, c_max,
         imagined[t + 1, 0], imagined[t + 1, 1] = px, py
 
 
-@njit(cache=True)
+@entry
 def plan_corexy(targets, start, ma, mb, lower_a, upper_a, lower_b, upper_b, c_max, controls, imagined):
     """Plan with play tables of the motors a = x + y and b = x − y; the carriage is at ((a + b)/2, (a − b)/2)."""
     width = 4 * c_max + 1
@@ -118,12 +119,12 @@ def plan_corexy(targets, start, ma, mb, lower_a, upper_a, lower_b, upper_b, c_ma
         imagined[t + 1, 0], imagined[t + 1, 1] = (pa + pb) / 2, (pa - pb) / 2
 
 
-@njit(cache=True, inline="always")
+@inner(inline="always")
 def sign(c):
     return (c > 0) - (c < 0)
 
 
-@njit(cache=True, inline="always")
+@inner(inline="always")
 def joint_displacement(nx, ny, cx, cy, cells_x, cells_y, unit, rolled):
     """Return the displacement of control (cx, cy) from nominal (nx, ny) by the one-tick table."""
     if not rolled:
@@ -141,7 +142,7 @@ def joint_displacement(nx, ny, cx, cy, cells_x, cells_y, unit, rolled):
     return dx, dy
 
 
-@njit(cache=True)
+@entry
 def plan_joint(targets, start, cells_x, cells_y, unit, rolled, c_max, controls, imagined):
     """Plan with a table of one-tick displacements over both axes."""
     nx, ny = start[0], start[1]
@@ -166,7 +167,7 @@ def plan_joint(targets, start, cells_x, cells_y, unit, rolled, c_max, controls, 
         imagined[t + 1, 0], imagined[t + 1, 1] = px, py
 
 
-@njit(cache=True, inline="always")
+@inner(inline="always")
 def polynomial(u, v, coefficients, axis):
     """Return the cubic of one axis, its terms in the order of `Frame.exponents`."""
     by_u = coefficients[axis, 1] + u * (coefficients[axis, 3] + u * coefficients[axis, 6])
@@ -175,14 +176,14 @@ def polynomial(u, v, coefficients, axis):
     return coefficients[axis, 0] + u * by_u + u * v * by_uv + v * by_v
 
 
-@njit(cache=True, inline="always")
+@inner(inline="always")
 def bend(x, y, coefficients, origin, scale):
     """Return the bed position of belts at (x, y) through a crooked frame (`LatticeFrame`)."""
     u, v = (x + origin[0]) / scale[0], (y + origin[1]) / scale[1]
     return x + polynomial(u, v, coefficients, 0), y + polynomial(u, v, coefficients, 1)
 
 
-@njit(cache=True, inline="always")
+@inner(inline="always")
 def bed_position(a, b, corexy, coefficients, origin, scale):
     """Return the bed position of motors' belts at (a, b); ``coefficients`` [2, 0] stands for a straight frame."""
     x, y = ((a + b) / 2, (a - b) / 2) if corexy else (a, b)
@@ -191,7 +192,7 @@ def bed_position(a, b, corexy, coefficients, origin, scale):
     return bend(x, y, coefficients, origin, scale)
 
 
-@njit(cache=True)
+@entry
 def plan_framed(
     targets, start, ma, mb, lower_a, upper_a, lower_b, upper_b, c_max, corexy, coefficients, origin, scale,
     controls, imagined,

@@ -1,14 +1,14 @@
 """Greedy choices with ties broken for the next move (physics.md eq. 25, cure 1). Checks happen in lookahead.py."""
 
 import numpy as np
-from numba import njit
 
 from printmend.control.kernels.greedy import bed_position, reach
+from printmend.jit import entry
 
 _TIE = 1e-12  # of a squared error: equal but for rounding
 
 
-@njit(cache=True)
+@entry
 def next_different(targets, out):
     """Fill out [T] with the index of the next target that differs, or of the last one."""
     last = targets.shape[0] - 1
@@ -19,7 +19,7 @@ def next_different(targets, out):
             out[t] = t + 1 if targets[t + 1] != targets[t] else out[t + 1]
 
 
-@njit(cache=True)
+@entry
 def direction(targets, following, t, position):
     """Return the sign of the next move that a carriage at ``position`` will have to make: to the first target, from t
     on, that is more than half a step away. Looks at a few changes of target; 0 where none of them is."""
@@ -34,7 +34,7 @@ def direction(targets, following, t, position):
     return 0
 
 
-@njit(cache=True)
+@entry
 def plan_axis(targets, following, motor, position, lower, upper, c_max, controls, imagined):
     """Plan one motor: among the controls that leave the carriage nearest to its target, take the one that best
     engages the branch which the next move needs: lower[m] ≈ target before a move forwards, upper[m] ≈ target before
@@ -76,7 +76,7 @@ def plan_axis(targets, following, motor, position, lower, upper, c_max, controls
         imagined[t + 1] = position
 
 
-@njit(cache=True)
+@entry
 def plan_coupled(
     targets, motor_targets, following_a, following_b, start, ma, mb, lower_a, upper_a, lower_b, upper_b, c_max,
     corexy, coefficients, origin, scale, controls, imagined,

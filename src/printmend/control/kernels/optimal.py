@@ -13,17 +13,18 @@ its ends.
 """
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import entry
 
 
-@njit(cache=True)
+@entry
 def lesser(one, other, out):
     """Fill out with the lesser of two arrays, entry by entry of the first."""
     for i in range(one.shape[0]):
         out[i] = min(one[i], other[i])
 
 
-@njit(cache=True)
+@entry
 def spread(costs, base, m0, m1, rows, n0, n1, c_max, first, second):
     """Return the least costs about each of the motor indices n0…n1, c_max to either side, in one of the scratches.
 
@@ -60,7 +61,7 @@ def spread(costs, base, m0, m1, rows, n0, n1, c_max, first, second):
     return second
 
 
-@njit(cache=True)
+@entry
 def advance(
     costs, base0, left0, right0, base, left, right, target, places, first, last, low, high, c_max, missed, one, other
 ):  # fmt: skip
@@ -90,7 +91,7 @@ def advance(
             costs[at + highest] = min(costs[at + highest], best + missed[highest - left])
 
 
-@njit(cache=True)
+@entry
 def parent(costs, base0, left0, right0, k, m, first, last, low, high, c_max):
     """Return the state (k, m) of the tick before from which (k, m) is reached at the least cost."""
     best, best_k, best_m = np.inf, -1, -1
@@ -114,7 +115,7 @@ def parent(costs, base0, left0, right0, k, m, first, last, low, high, c_max):
     return best_k, best_m
 
 
-@njit(cache=True)
+@entry
 def settled(costs, base, begin, end, left, right, first, last, low, high, c_max, states, seen):
     """Return the last tick, and its state, that the cheapest ways to all states of tick ``end`` have in common.
 
@@ -150,7 +151,7 @@ def settled(costs, base, begin, end, left, right, first, last, low, high, c_max,
     return t, states[now, 0, 0], states[now, 0, 1]
 
 
-@njit(cache=True)
+@entry
 def way_back(costs, base, begin, t, k, m, left, right, first, last, low, high, c_max, motor):
     """Fill motor[begin : t + 1] with the indices of the cheapest way to state (k, m) of tick t."""
     motor[t] = m
@@ -160,7 +161,7 @@ def way_back(costs, base, begin, t, k, m, left, right, first, last, low, high, c
         motor[t] = m
 
 
-@njit(cache=True, nogil=True)
+@entry
 def search(targets, k_start, m_start, places, first, last, low, high, left, right, c_max, room, motor):
     """Fill ``motor`` [T + 1] with the indices of a cheapest plan for targets [T]; return its cost.
 
@@ -210,7 +211,7 @@ def search(targets, k_start, m_start, places, first, last, low, high, left, righ
     return total
 
 
-@njit(cache=True)
+@entry
 def follow(motor, position, lower, upper, out):
     """Fill out [T + 1] with the positions of a carriage whose motor takes the indices [T + 1]."""
     out[0] = position

@@ -6,9 +6,9 @@ less. Ticks are counted 1…T, 0 is the start: ``wanted`` [T + 1, 2] holds the s
 """
 
 import numpy as np
-from numba import njit
 
 from printmend.control.kernels.greedy import bed_position
+from printmend.jit import entry
 
 RMSE, P95, AREA, FRECHET = 0, 1, 2, 3
 # Ticks by which a point may be early or late for the leash of FRECHET.
@@ -21,7 +21,7 @@ _ANCHOR, _ANCHOR_AREA = 0.02, 0.3
 _GAIN = 1e-9
 
 
-@njit(cache=True)
+@entry
 def tick_cost(kind, wanted, t, x0, y0, x, y, threshold):
     """Return what tick t costs, which leads the nozzle from (x0, y0) to (x, y).
 
@@ -48,7 +48,7 @@ def tick_cost(kind, wanted, t, x0, y0, x, y, threshold):
     return max(least - threshold * threshold, 0.0) + _ANCHOR * squared
 
 
-@njit(cache=True)
+@entry
 def edited(
     kind, wanted, controls, motors, belts, bed, t, later, axis, step, lower_a, upper_a, lower_b, upper_b, corexy,
     coefficients, origin, scale, threshold, new_motors, new_belts, new_bed,
@@ -94,7 +94,7 @@ def edited(
     return 0.0, t
 
 
-@njit(cache=True, nogil=True)
+@entry
 def refine(
     kind, wanted, controls, motors, belts, bed, lower_a, upper_a, lower_b, upper_b, corexy, coefficients, origin, scale,
     threshold, c_max, apart,
@@ -133,7 +133,7 @@ def refine(
     return kept
 
 
-@njit(cache=True)
+@entry
 def leash(wanted, bed):
     """Return the discrete Fréchet distance of two paths [N, 2] whose walkers are never more than LEASH ticks apart.
 
@@ -161,7 +161,7 @@ def leash(wanted, bed):
     return np.sqrt(before[LEASH])
 
 
-@njit(cache=True)
+@entry
 def total(kind, wanted, bed, threshold):
     """Return the sum of the costs of all ticks."""
     value = 0.0

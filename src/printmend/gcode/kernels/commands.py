@@ -2,13 +2,13 @@
 """What each command does to the machine's state and to the record of its statement."""
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import among
+from printmend.jit import inner
 
 
-@njit
+@inner
 def add_offsets(numbers, counts):
     """Sum the work, G92, gcode, home and tool offsets of each axis: machine − logical [mm]."""
     tool = counts[C_TOOL]
@@ -19,14 +19,14 @@ def add_offsets(numbers, counts):
         numbers[N_OFFSET + axis] = work + shift - tools
 
 
-@njit
+@inner
 def e_is_relative(counts):
     if counts[C_RULE] == E_EITHER:
         return counts[C_M83] != 0 or counts[C_RELATIVE] != 0
     return counts[C_M83] != 0
 
 
-@njit
+@inner
 def begin_record(r, begin, end, after, numbers, counts, flags):
     """Fill a record with the state as it is before the statement."""
     r.begin, r.end, r.next, r.line = begin, end, after, counts[C_LINE]
@@ -46,7 +46,7 @@ def begin_record(r, begin, end, after, numbers, counts, flags):
     r.kind = r.event = r.axes = 0
 
 
-@njit
+@inner
 def finish_record(r, numbers, counts):
     """Close a record with the place, E, feed, offsets and certainty after the statement."""
     r.x1, r.y1, r.z1 = numbers[N_POS], numbers[N_POS + 1], numbers[N_POS + 2]
@@ -60,14 +60,14 @@ _LOST = 256
 ALL_LOST = 7 * _LOST
 
 
-@njit
+@inner
 def event(r, counts, what):
     """Say why the place (the axes in the higher byte of ``what``) or the belts' engaged side is uncertain."""
     r.kind, r.event = KIND_EVENT, what % _LOST
     counts[C_KNOWN] &= ~(what // _LOST) & 7
 
 
-@njit
+@inner
 def _goto(numbers, counts, words, unclear, values, unit, g53):
     """Move the state's place by the X Y Z words; an axis named with an unclear value is lost."""
     for axis in range(3):
@@ -89,7 +89,7 @@ def _goto(numbers, counts, words, unclear, values, unit, g53):
                     counts[C_KNOWN] &= ~(1 << axis)
 
 
-@njit
+@inner
 def move(r, numbers, counts, words, unclear, values, motion):
     """G0 G1 G2 G3: the state moves on; the record learns the rest in `_close_move`."""
     unit = 25.4 if counts[C_INCH] else 1.0
@@ -126,7 +126,7 @@ def move(r, numbers, counts, words, unclear, values, motion):
             r.kind, r.event = KIND_EVENT, EVENT_PLACEHOLDER
 
 
-@njit
+@inner
 def _centre(r, numbers, counts, words, values, unit, motion):
     """Find an arc's centre from I J K or from R; an arc without one becomes an unknown event."""
     a = (0, 2, 1)[counts[C_PLANE]]
@@ -161,7 +161,7 @@ def _centre(r, numbers, counts, words, values, unit, motion):
     r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
 
 
-@njit
+@inner
 def _home(r, numbers, counts, axes):
     """G28: the named axes are at home; their shifts are forgotten."""
     r.kind, r.axes = KIND_HOME, axes
@@ -173,7 +173,7 @@ def _home(r, numbers, counts, axes):
             counts[C_OFFSET_KNOWN] |= 1 << axis
 
 
-@njit
+@inner
 def _set_position(r, numbers, counts, words, values, code):
     """G92: the place stays, its coordinates change. Bare, Klipper sets all to zero; Marlin and RRF do nothing."""
     unit = 25.4 if counts[C_INCH] else 1.0
@@ -199,7 +199,7 @@ def _set_position(r, numbers, counts, words, values, code):
     r.axes = axes
 
 
-@njit
+@inner
 def set_mode(numbers, counts, code):
     """Obey a G word that only sets a mode; False if it is another kind. Codes are tenths: G92.1 is 921."""
     if code == 900 or code == 910:
@@ -223,7 +223,7 @@ def set_mode(numbers, counts, code):
     return True
 
 
-@njit
+@inner
 def g_command(r, numbers, counts, words, bare, unclear, values, code):
     """Obey a G command with its words, motion G0–G3 excepted; return what it makes uncertain, for `event`, or 0."""
     if code == 280:
@@ -264,7 +264,7 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
     return 0
 
 
-@njit
+@inner
 def _g10(r, numbers, counts, words, values, code):
     """G10/G11: firmware retraction; with L or P and axes, work offsets (LinuxCNC) or tool offsets (RRF)."""
     has_p, has_l = words & WORD_P, words & WORD_L
@@ -301,7 +301,7 @@ _M_TOOL = np.array([60, 6200, 6210, 7010, 7020, 7030])
 _M_MACRO = np.array([240, 320, 480, 980, 6050, 6220, 6230, 8080, 9700, 9703, 9710])
 
 
-@njit
+@inner
 def m_command(r, numbers, counts, words, bare, values, code):
     """Obey an M command (in tenths); return what it makes uncertain, for `event`, or 0."""
     if code == 820 or code == 830:

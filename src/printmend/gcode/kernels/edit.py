@@ -2,7 +2,6 @@
 """A statement written again with other numbers: its words, their order and its comment stay."""
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import (
@@ -49,9 +48,10 @@ from printmend.gcode.kernels.words import (
     to_fixed,
     wants_axis,
 )
+from printmend.jit import inner
 
 
-@njit
+@inner
 def edit_statement(buf, r, piece, before, writer, out, at):
     """Write the statement itself with the last piece's numbers: its words, their order and its comment stay."""
     motion = piece_motion(r, piece)
@@ -163,7 +163,7 @@ def edit_statement(buf, r, piece, before, writer, out, at):
     return copy_tail(buf, r, gap, start, writer, out, at)
 
 
-@njit
+@inner
 def is_plain_edit(r, piece, writer):
     """Is `edit_plain` enough: a plain line, absolute, whose unnamed axes stay and whose feed holds?"""
     if not r.flags & FLAG_PLAIN or r.flags & (FLAG_RELATIVE | FLAG_CHECKSUM) or piece.kind != PIECE_LINE:
@@ -177,7 +177,7 @@ def is_plain_edit(r, piece, writer):
     return True
 
 
-@njit
+@inner
 def edit_plain(buf, r, piece, writer, out, at):
     """Do what `edit_statement` does to a plain line, in half the time."""
     p, end = r.begin, r.end
@@ -209,7 +209,7 @@ def edit_plain(buf, r, piece, writer, out, at):
     return copy_bytes(buf, p, end, out, at)
 
 
-@njit
+@inner
 def copy_tail(buf, r, gap, start, writer, out, at):
     """Copy what follows the words: blanks, comment, checksum."""
     if writer[W_NUMBERED] != 0 and r.flags & FLAG_CHECKSUM:
@@ -232,7 +232,7 @@ def copy_tail(buf, r, gap, start, writer, out, at):
     return copy_bytes(buf, gap, r.end, out, at)
 
 
-@njit
+@inner
 def add_axes(r, piece, writer, out, at):
     """Write the words of axes that move although the statement does not name them."""
     for axis in range(3):

@@ -10,19 +10,18 @@ line whose checksum has to be computed again ends in `*+`.
 """
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.edit import copy_tail, edit_plain, edit_statement, is_plain_edit
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.row import PLAIN_WORDS, put_eol, put_line_start, put_row
 from printmend.gcode.kernels.text import STAR
 from printmend.gcode.kernels.words import LETTER_G, axis_end, cased, copy_bytes, own_motion, put_feed
-from printmend.jit import entry
+from printmend.jit import entry, inner
 
 ROOM = 224  # more than a generated line or an edit adds: eight words of at most 22 bytes, starts and ends
 
 
-@njit
+@inner
 def _follow(r, writer):
     """Move the writer's machine through a statement that is written as it was."""
     relative = r.flags & FLAG_RELATIVE and not r.flags & FLAG_G53
@@ -61,7 +60,7 @@ def _follow(r, writer):
         writer[W_FEED] = r.feed
 
 
-@entry()
+@entry
 def emit(buf, begin, records, n, first, pieces, writer, out):
     """Write buf[begin:] up to the end of record n − 1, with the pieces in place; return (records done, read, written).
 

@@ -2,7 +2,6 @@
 """The interpreter: lines of text in, records of what they mean out."""
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.commands import (
     ALL_LOST,
@@ -37,7 +36,7 @@ from printmend.gcode.kernels.text import (
     starts_with,
     upper,
 )
-from printmend.jit import entry
+from printmend.jit import entry, inner
 
 _EXTENDED, _FILLED_IN = 1, 2  # stand in for a command letter
 _LAYER_CHANGE = np.frombuffer(b"LAYER_CHANGE", np.uint8)
@@ -46,7 +45,7 @@ _LAYER = np.frombuffer(b"LAYER", np.uint8)
 _LAYER_OBJECT = np.frombuffer(b"BEGIN_LAYER_OBJECT", np.uint8)
 
 
-@njit
+@inner
 def _comment(buf, p, stop, counts):
     """Count layer comments: `;LAYER_CHANGE`, `;LAYER:3`, `; CHANGE_LAYER`, `; layer 3, Z = …`, KISSlicer's."""
     while p < stop and is_blank(buf[p]):
@@ -70,7 +69,7 @@ def _comment(buf, p, stop, counts):
 _M_TEXT = np.array([1170, 1180, 230, 280, 300, 320, 360, 980, 5500, 5870, 4700, 9280, 8620, 8623, 8626, 10020])
 
 
-@njit
+@inner
 def _line(buf, p, stop, after, values, numbers, counts, records, n):
     """Obey one line, buf[p:stop]; return the next free record."""
     while p < stop and is_blank(buf[p]):
@@ -225,7 +224,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
     return n
 
 
-@entry()
+@entry
 def interpret(buf, begin, end, numbers, counts, records):
     """Interpret the whole lines buf[begin:end]; return (records filled, where it stopped).
 

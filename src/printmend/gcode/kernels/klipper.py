@@ -2,11 +2,11 @@
 """Commands with long names: Klipper's state, offsets, objects and pauses; any other is a macro."""
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.commands import ALL_LOST
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import SEMICOLON, among, is_letter, name_hash, parse_number, word_hash
+from printmend.jit import inner
 
 _SAVE, _RESTORE, _OFFSET = (
     name_hash("SAVE_GCODE_STATE"),
@@ -37,7 +37,7 @@ _STILL = np.array(
 )  # fmt: skip
 
 
-@njit
+@inner
 def long_command(r, buf, p, stop, numbers, counts):
     """Obey a long name (Klipper): state, offsets, objects, pauses; any other is a macro. Return as `m_command`."""
     name, p = word_hash(buf, p, stop)
@@ -94,7 +94,7 @@ def long_command(r, buf, p, stop, numbers, counts):
     return what
 
 
-@njit
+@inner
 def _save(numbers, counts, label):
     """SAVE_GCODE_STATE: into the slot of that name, a free one, or the first. Return which."""
     key = np.int64(label)
@@ -116,7 +116,7 @@ def _save(numbers, counts, label):
     return slot
 
 
-@njit
+@inner
 def _restore(numbers, counts, label, move):
     """RESTORE_GCODE_STATE; return the slot, −1 when nothing was saved under that name."""
     key = np.int64(label)

@@ -5,10 +5,9 @@ place is E's. Two 0xFF bytes and a command switch packing and that mode.
 """
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.text import LF, SEMICOLON, SPACE
-from printmend.jit import entry
+from printmend.jit import entry, inner
 
 _TABLE = np.frombuffer(b"0123456789. \nGX", np.uint8)
 _INDEX = np.full(256, 15, np.uint8)
@@ -17,7 +16,7 @@ _SIGNAL, _PACK, _PLAIN, _RESET, _NO_SPACES, _SPACES = 255, 251, 250, 249, 247, 2
 _E = 69
 
 
-@entry()
+@entry
 def unpack(packed, out):
     """Decode ``packed`` into ``out``, which has room for twice its length and two more; return the bytes written."""
     at = 0
@@ -78,7 +77,7 @@ def unpack(packed, out):
     return at
 
 
-@entry()
+@entry
 def pack(text, no_spaces, out):
     """Encode whole lines into ``out``, which has room for twice the length and 16 more; return the bytes written.
 
@@ -123,7 +122,7 @@ def pack(text, no_spaces, out):
     return at
 
 
-@njit
+@inner
 def _nibble(byte, no_spaces):
     if no_spaces:
         if byte == SPACE:
@@ -133,7 +132,7 @@ def _nibble(byte, no_spaces):
     return _INDEX[byte]
 
 
-@njit
+@inner
 def _put_command(out, at, command):
     out[at] = out[at + 1] = _SIGNAL
     out[at + 2] = command

@@ -5,13 +5,13 @@ It does what the general way in `interpret` does to such a line, in half the tim
 """
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import CR, LF, POWERS, SEMICOLON, SPACE, digit_of
+from printmend.jit import inner
 
 
-@njit
+@inner
 def plain_move(buf, p, end, numbers, counts, records, n):
     """Obey the line at p and fill record n; return the start of the next line, or −1 if it is no plain move."""
     if p + 4 > end or buf[p] != 71 or (buf[p + 1] != 49 and buf[p + 1] != 48) or buf[p + 2] != SPACE:

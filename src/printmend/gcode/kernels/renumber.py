@@ -1,14 +1,12 @@
 """Line numbers and checksums: the last pass over a file that has them, once lines were added."""
 
-from numba import njit
-
 from printmend.gcode.kernels.text import CR, LF, SEMICOLON, STAR, digit_of, is_blank, is_digit, upper
-from printmend.jit import entry
+from printmend.jit import entry, inner
 
 _ROOM = 32  # what one line can gain: a number of 20 digits and a checksum of 4 bytes
 
 
-@njit
+@inner
 def _says_m110(buf, p, stop):
     while p < stop and buf[p] != SEMICOLON:
         if upper(buf[p]) == 77 and p + 3 < stop and buf[p + 1] == 49 and buf[p + 2] == 49 and buf[p + 3] == 48:
@@ -17,7 +15,7 @@ def _says_m110(buf, p, stop):
     return False
 
 
-@entry()
+@entry
 def renumber(buf, begin, end, lines, out):
     """Finish the intermediate text of `emit`; return (read, written).
 
@@ -96,7 +94,7 @@ def renumber(buf, begin, end, lines, out):
     return p, at
 
 
-@njit
+@inner
 def _put_integer(out, at, value):
     size, rest = 1, value
     while rest >= 10:

@@ -2,7 +2,6 @@
 """New lines: what a statement needs before its last piece."""
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import OPEN, SEMICOLON, STAR, is_blank, is_letter, upper
@@ -25,11 +24,12 @@ from printmend.gcode.kernels.words import (
     scaled_centre,
     wants_axis,
 )
+from printmend.jit import inner
 
 PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | 1 << 6 | 1 << 13  # G and N too
 
 
-@njit
+@inner
 def put_extra(buf, r, out, at):
     """Copy the words that are neither place, E nor feed (laser power, probing switches)."""
     if not r.words & ~np.uint32(PLAIN_WORDS):
@@ -54,7 +54,7 @@ def put_extra(buf, r, out, at):
     return at
 
 
-@njit
+@inner
 def put_eol(buf, r, writer, out, at):
     if r.next > r.end:
         return copy_bytes(buf, r.end, r.next, out, at)
@@ -65,7 +65,7 @@ def put_eol(buf, r, writer, out, at):
     return at + 1
 
 
-@njit
+@inner
 def put_row(buf, r, piece, cumulated, before, writer, out, at):
     """Write a whole new line for one piece; ``before`` and ``cumulated`` are the shares of E around it."""
     start = at
@@ -102,7 +102,7 @@ def put_row(buf, r, piece, cumulated, before, writer, out, at):
     return put_eol(buf, r, writer, out, at)
 
 
-@njit
+@inner
 def put_line_start(r, writer, out, at):
     """Begin a line that the file did not have; G53 holds for one line only."""
     if writer[W_NUMBERED] != 0 and r.flags & FLAG_NUMBERED:

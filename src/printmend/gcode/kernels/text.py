@@ -1,7 +1,8 @@
 """Bytes: what a character is, numbers read exactly as `float()` reads them, names as hashes."""
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import inner
 
 LF, CR, SPACE = 10, 13, 32
 SPACED, CAPITAL = 1, 2  # blanks between words; the word's letter is upper case
@@ -17,34 +18,34 @@ def name_hash(name: str) -> np.uint64:
     return np.uint64(value)
 
 
-@njit
+@inner
 def upper(byte):
     return byte - 32 if 97 <= byte <= 122 else byte
 
 
-@njit
+@inner
 def is_letter(byte):
     return 65 <= byte <= 90 or 97 <= byte <= 122
 
 
-@njit
+@inner
 def is_digit(byte):
     return 48 <= byte <= 57
 
 
-@njit
+@inner
 def digit_of(byte):
     """The value of a digit, signed: without the cast a uint8 would make unsigned sums."""
     return np.int64(byte) - 48
 
 
-@njit
+@inner
 def is_blank(byte):
     """Blanks are every control character and the space: a NUL in a file is passed over."""
     return byte <= SPACE
 
 
-@njit
+@inner
 def parse_number(buf, p, stop, style):
     """Read a number at p: (value, next, found). Found is 0 for none, which leaves next at p, and 2 with an exponent.
 
@@ -84,7 +85,7 @@ def parse_number(buf, p, stop, style):
     return (-value if negative else value), p, 1
 
 
-@njit
+@inner
 def _parse_long(buf, p, stop, style):
     """Read a number of any length, with an exponent if the line's style says that it is one."""
     negative = buf[p] == 45
@@ -130,7 +131,7 @@ def _parse_long(buf, p, stop, style):
     return (-value if negative else value), p, found
 
 
-@njit
+@inner
 def _divide(whole, power):
     """Round whole/power to the nearest double, for an integer below 10^18 and an exact power of ten.
 
@@ -151,7 +152,7 @@ def _divide(whole, power):
     return quotient + ((high - product) - error + low) / power
 
 
-@njit
+@inner
 def word_hash(buf, p, stop):
     """Hash of the upper-cased name at p, and where it ends."""
     value = _FNV_SEED
@@ -161,7 +162,7 @@ def word_hash(buf, p, stop):
     return value, p
 
 
-@njit
+@inner
 def among(value, table):
     for k in range(len(table)):  # noqa: SIM110 (numba compiles the loop, not the generator)
         if table[k] == value:
@@ -169,7 +170,7 @@ def among(value, table):
     return False
 
 
-@njit
+@inner
 def starts_with(buf, p, stop, text):
     if stop - p < len(text):
         return False

@@ -2,17 +2,17 @@
 """Words of G-code: from millimetres and shares of E to letters and fixed-point numbers, and back to where they lead."""
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import POWERS, is_digit, upper
+from printmend.jit import inner
 
 # As int64 values, not literals, or numba would compile the functions that take them once for each.
 FIRST, SECOND, THREE, FIVE = np.int64(0), np.int64(1), np.int64(3), np.int64(5)
 LETTER_E, LETTER_F, LETTER_G = np.int64(69), np.int64(70), np.int64(71)
 
 
-@njit
+@inner
 def put_fixed(out, at, scaled, decimals):
     """Write scaled/10^decimals without an exponent and without trailing zeros."""
     if scaled < 0:
@@ -39,7 +39,7 @@ def put_fixed(out, at, scaled, decimals):
     return end
 
 
-@njit
+@inner
 def copy_bytes(buf, begin, end, out, at):
     for k in range(begin, end):
         out[at] = buf[k]
@@ -47,18 +47,18 @@ def copy_bytes(buf, begin, end, out, at):
     return at
 
 
-@njit
+@inner
 def to_fixed(value, decimals):
     """Round to an integer number of 10^−decimals, kept within what no machine exceeds."""
     return np.int64(np.floor(min(max(value * POWERS[decimals], -9e14), 9e14) + 0.5))
 
 
-@njit
+@inner
 def cased(byte, r):
     return byte + 32 if r.flags & FLAG_LOWER else byte
 
 
-@njit
+@inner
 def put_word(out, at, r, byte, scaled, decimals):
     if r.flags & FLAG_SPACED:
         out[at] = 32
@@ -67,23 +67,23 @@ def put_word(out, at, r, byte, scaled, decimals):
     return put_fixed(out, at + 1, scaled, decimals)
 
 
-@njit
+@inner
 def decimals(r):
     """Decimals of X Y Z in the file's unit: a rounding error of 0.5 µm at the most (0.13 µm in inches)."""
     return 5 if r.flags & FLAG_INCH else 3
 
 
-@njit
+@inner
 def axis_value(r, piece, axis):
     return piece.x if axis == 0 else (piece.y if axis == 1 else piece.z)
 
 
-@njit
+@inner
 def axis_end(r, axis):
     return r.x1 if axis == 0 else (r.y1 if axis == 1 else r.z1)
 
 
-@njit
+@inner
 def scaled_axis(r, writer, target, axis):
     """The number to write for an axis so that the machine goes to ``target`` [mm], as an integer."""
     unit = 25.4 if r.flags & FLAG_INCH else 1.0
@@ -95,7 +95,7 @@ def scaled_axis(r, writer, target, axis):
     return to_fixed((target - offset - writer[W_SHIFT + axis]) / unit, decimals(r))
 
 
-@njit
+@inner
 def reached(r, writer, scaled, axis):
     """Where the machine goes [mm] when it reads that number."""
     unit = 25.4 if r.flags & FLAG_INCH else 1.0
@@ -108,7 +108,7 @@ def reached(r, writer, scaled, axis):
     return value + offset + writer[W_SHIFT + axis]
 
 
-@njit
+@inner
 def wants_axis(r, writer, target, scaled, axis):
     """Must a generated line name this axis?"""
     if r.flags & FLAG_RELATIVE and not r.flags & FLAG_G53:
@@ -117,7 +117,7 @@ def wants_axis(r, writer, target, scaled, axis):
     return not abs(target - writer[W_PLACE + axis]) <= half  # true for NaN
 
 
-@njit
+@inner
 def keeps_place(r, writer, target, axis):
     """Does the statement's own word take the axis to the target, as far as the writer's place is exact?"""
     start = r.x0 if axis == 0 else (r.y0 if axis == 1 else r.z0)
@@ -128,7 +128,7 @@ def keeps_place(r, writer, target, axis):
     return writer[W_SHIFT + axis] == 0.0 or (r.flags & FLAG_G53) != 0
 
 
-@njit
+@inner
 def centre_axis(r, second):
     """The axis, 0 to 2, of the first or second coordinate of an arc's plane."""
     if r.plane == 0:
@@ -138,7 +138,7 @@ def centre_axis(r, second):
     return 2 if second else 1
 
 
-@njit
+@inner
 def scaled_centre(r, piece, writer, second):
     """I, J or K of an arc piece: its centre from where the machine is at its start, or absolute after G90.1."""
     axis = centre_axis(r, second)
@@ -149,7 +149,7 @@ def scaled_centre(r, piece, writer, second):
     return to_fixed((centre - from_mm) / (25.4 if r.flags & FLAG_INCH else 1.0), decimals(r) + 1)
 
 
-@njit
+@inner
 def keeps_centre(r, piece, writer):
     """Does the statement's own I J K or R hold for this arc piece?"""
     same = piece.c0 == r.c0 and piece.c1 == r.c1 and piece.x == r.x1 and piece.y == r.y1 and piece.z == r.z1
@@ -157,7 +157,7 @@ def keeps_centre(r, piece, writer):
     return same and near and abs(writer[W_PLACE + 2] - r.z0) < 1e-9
 
 
-@njit
+@inner
 def put_feed(out, at, r, feed, writer):
     """Write F [mm/min] if the machine's own is another."""
     if feed > 0 and feed != writer[W_FEED]:
@@ -166,7 +166,7 @@ def put_feed(out, at, r, feed, writer):
     return at
 
 
-@njit
+@inner
 def e_scaled(r, cumulated):
     """E after this part of the statement, in 10^−5 of the file's unit: absolute, or since its start."""
     unit = 25.4 if r.flags & FLAG_INCH else 1.0
@@ -175,7 +175,7 @@ def e_scaled(r, cumulated):
     return to_fixed(value / unit, FIVE)
 
 
-@njit
+@inner
 def e_rest(r, before, writer):
     """The last part of a relative E, so that the sum over all lines stays exact: what rounding took is carried on."""
     exact = (r.e1 - r.e0) / (25.4 if r.flags & FLAG_INCH else 1.0) * 1e5 + writer[W_E_DEBT]
@@ -184,13 +184,13 @@ def e_rest(r, before, writer):
     return total - e_scaled(r, before)
 
 
-@njit
+@inner
 def own_motion(r):
     """The G number of the statement."""
     return 0 if r.flags & FLAG_RAPID else (1 if r.kind == KIND_LINEAR else (2 if r.kind == KIND_CW else 3))
 
 
-@njit
+@inner
 def piece_motion(r, piece):
     """The G number of a piece."""
     if piece.kind == PIECE_ARC:
@@ -198,7 +198,7 @@ def piece_motion(r, piece):
     return 0 if r.flags & FLAG_RAPID and piece.kind == PIECE_LINE else 1
 
 
-@njit
+@inner
 def put_command(buf, r, motion, out, at):
     """Write G0–G3 in the statement's own way (`G01`, `g1`)."""
     own = own_motion(r)

@@ -1,7 +1,6 @@
 """Compiled search for the longest straight command whose printed path stays close enough to the wanted one."""
 
 import numpy as np
-from numba import njit
 
 from printmend.invert.kernels.curve import (
     ARC,
@@ -33,11 +32,12 @@ from printmend.invert.kernels.lookup import (
     wanted,
 )
 from printmend.invert.kernels.state import followed, middle, motor_at
+from printmend.jit import inner
 
 _FAR_MM = 12.0  # beyond that a chord is searched for from the curvature nearby
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def ends(model, curve, state, mode0, mode1, t):
     """Return the motor positions of the place at t."""
     x, y, _ = place(curve, t)
@@ -45,7 +45,7 @@ def ends(model, curve, state, mode0, mode1, t):
     return motor_at(model, state, 0, mode0, u0), motor_at(model, state, 1, mode1, u1)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
     """Return the largest error of a chord as a multiple of what is allowed."""
     samples = max(3, np.int64(np.ceil(min((end - t) * curve[LENGTH], 4096.0) / model[M_SAMPLE])))
@@ -65,7 +65,7 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
     return worst
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _longest(model, curve, state, mode0, mode1, t, whole, bound):
     """Return the length, in t, of the longest admissible chord, by growing and shrinking a guess from the curvature."""
     length = curve[LENGTH]
@@ -95,7 +95,7 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound):
     return whole / 2 if rest < step else step  # two equal chords instead of one and a rest
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     """Return (end, m0, m1): where the longest admissible chord from t ends, and the motors there.
 

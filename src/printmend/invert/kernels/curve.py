@@ -1,10 +1,10 @@
 """Compiled geometry of one commanded move: a straight line or an arc in any plane, by a parameter t in 0…1."""
 
 import numpy as np
-from numba import njit
 
 from printmend.invert.kernels.layout import MIN_PIECE_MM, PIECES_A_RECORD
 from printmend.invert.kernels.lookup import M_COREXY, M_FRAMED, is_near, wanted
+from printmend.jit import inner
 
 # Fields of a curve, an array [CURVE] of float64.
 # SHARE is the part of its statement's E that it stands for, LEAST the shortest piece that it may be cut into [mm].
@@ -15,13 +15,13 @@ _SAME = 1e-9
 _LOOKS = 24
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def norm(x, y):
     """Return √(x² + y²): without the care that `hypot` takes of huge numbers, and its cost."""
     return np.sqrt(x * x + y * y)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def set_line(curve, x0, y0, z0, x1, y1, z1):
     curve[ARC] = 0.0
     curve[X0], curve[Y0], curve[Z0], curve[X1], curve[Y1], curve[Z1] = x0, y0, z0, x1, y1, z1
@@ -29,7 +29,7 @@ def set_line(curve, x0, y0, z0, x1, y1, z1):
     curve[SHARE], curve[LEAST] = 1.0, max(MIN_PIECE_MM, curve[LENGTH] / (PIECES_A_RECORD // 2))
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     """Fill a curve with an arc about (ca, cb) in its plane: 0 XY, 1 ZX, 2 YZ. Ends that coincide make a full circle."""
     set_line(curve, x0, y0, z0, x1, y1, z1)
@@ -51,7 +51,7 @@ def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     curve[LEAST] = max(MIN_PIECE_MM, curve[LENGTH] / (PIECES_A_RECORD // 2))
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def place(curve, t):
     """Return (x, y, z) at t."""
     if t >= 1.0:
@@ -70,7 +70,7 @@ def place(curve, t):
     return x, a, b
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def stays_near(model, curve):
     """Say whether all of a curve lies where the model knows the machine."""
     if curve[ARC] == 0.0:
@@ -82,12 +82,12 @@ def stays_near(model, curve):
     return True
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def is_flat_arc(curve):
     return curve[ARC] != 0.0 and curve[PLANE] == 0.0
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def aside_and_along(curve, x, y, t):
     """Return how far (x, y) lies from the whole curve and, along it, from the place of t [mm]."""
     at_x, at_y, _ = place(curve, t)
@@ -105,7 +105,7 @@ def aside_and_along(curve, x, y, t):
     return norm(x - at_x, y - at_y), 0.0
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def distance(curve, x, y):
     """Return the distance [mm] of (x, y) to the curve seen from above, and the parameter of its foot, unclamped."""
     if is_flat_arc(curve) and curve[R0] > 0.0:
@@ -119,7 +119,7 @@ def distance(curve, x, y):
     return line_distance(curve[X0], curve[Y0], curve[X1], curve[Y1], x, y)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def line_distance(x0, y0, x1, y1, x, y):
     dx, dy = x1 - x0, y1 - y0
     square = dx * dx + dy * dy
@@ -128,7 +128,7 @@ def line_distance(x0, y0, x1, y1, x, y):
     return norm(x - x0 - inside * dx, y - y0 - inside * dy), t
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def monotone_end(model, curve, t0):
     """Return the first t > t0 at which a motor's wanted belt position turns back; 1 when none does."""
     if curve[ARC] == 0.0:
@@ -161,12 +161,12 @@ def monotone_end(model, curve, t0):
     return 1.0
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _sign(value):
     return 1.0 if value > _SAME else (-1.0 if value < -_SAME else 0.0)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _extreme(model, curve, low, high, motor, sign):
     """Find where a motor's wanted position is largest (sign 1) or smallest (−1), by thirds."""
     for _ in range(40):
@@ -182,7 +182,7 @@ def _extreme(model, curve, low, high, motor, sign):
     return (low + high) / 2
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _next_extreme(model, curve, t0):
     """The same in closed form: x turns at φ = 0, π, y at ±π/2; the motors of a CoreXY at ±π/4, ±3π/4."""
     phi, sweep = curve[PHI] + t0 * curve[SWEEP], curve[SWEEP]

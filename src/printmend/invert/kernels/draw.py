@@ -1,7 +1,6 @@
 """Compiled pieces of an extruding move: slack taken up, then chords or arcs, and what each of them prints."""
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.layout import (
     PIECE_ARC,
@@ -62,13 +61,14 @@ from printmend.invert.kernels.state import (
     open_interval,
     prepare,
 )
+from printmend.jit import inner
 
 # Gauss's places and weights of three: exact for the square of a parabola, which is what a chord's error is.
 NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def put(pieces, n, kind, x, y, z, share, feed):
     p = pieces[n]
     p.kind, p.x, p.y, p.z, p.share, p.feed = kind, x, y, z, share, feed
@@ -76,7 +76,7 @@ def put(pieces, n, kind, x, y, z, share, feed):
     return n + 1
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _feed(state, record, ratio):
     """Return the F that keeps the speed along the wanted path; a change that nobody can see is not written."""
     feed = record.feed * min(max(ratio, 0.2), 5.0)
@@ -90,7 +90,7 @@ def _feed(state, record, ratio):
     return feed
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _dead_move(model, state, pieces, n, record, m0, m1, z, quantum):
     """Write a move that extrudes nothing and for which the nozzle stands still (or is put in its place)."""
     if m0 == state[S_M] and m1 == state[S_M + 1]:
@@ -103,7 +103,7 @@ def _dead_move(model, state, pieces, n, record, m0, m1, z, quantum):
     return put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, state[S_FEED])
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
     """Write the piece of an extruding move from t to end, and add up its error; the caller sets an arc's centre."""
     length = (end - t) * curve[LENGTH]
@@ -140,7 +140,7 @@ def _draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, ro
     return put(pieces, n, kind, x, y, end_z, (end - t) * curve[SHARE], _feed(state, record, ratio))
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, layers, errors, quantum):
     """Write the stretch of an arc as an arc, shifted by the play's sides; nothing where it would not fit."""
     x0, y0, _ = place(curve, t)
@@ -161,7 +161,7 @@ def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, lay
     return n
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum):
     """Write an extruding move: slack, then chords (or arcs) along each stretch in which no motor turns back."""
     t = 0.0

@@ -1,7 +1,6 @@
 """Compiled following of what is no planned motion: homing, events, lost places, moves that stay as they are."""
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.layout import (
     EVENT_EXCLUDE,
@@ -39,9 +38,10 @@ from printmend.invert.kernels.state import (
     open_interval,
     settle_home,
 )
+from printmend.jit import inner
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def event(model, state, counts, r):
     """Follow homing, events and lost places: what is known of the belts afterwards."""
     known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
@@ -81,7 +81,7 @@ def event(model, state, counts, r):
             counts[N_ANYWHERE] = counts[N_ANYWHERE] or r.event == EVENT_EXCLUDE
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def follow_copied(model, state, counts, r, known):
     """Follow a move that is written as it is: its place is not known, or not all of it can be read."""
     counts[N_COPIED] += 1

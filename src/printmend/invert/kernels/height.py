@@ -5,7 +5,6 @@ push (dx, dy) depends on m alone (physics.md eq. 15), so the belts have to go to
 """
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.layout import (
     EVENT_OFFSET,
@@ -67,12 +66,13 @@ from printmend.invert.kernels.lookup import (
     forward,
 )
 from printmend.invert.kernels.state import pull, travel_motor
+from printmend.jit import inner
 
 ZED = 2  # the motor of Z
 MOST_PARTS = 4096
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def push(model, m):
     """Return where the screw pushes the nozzle when its motor is at m [mm]."""
     at = M_MOTOR + MOTOR_FIELDS * ZED
@@ -83,14 +83,14 @@ def push(model, m):
     return model[x] + part * (model[x + 1] - model[x]), model[y] + part * (model[y + 1] - model[y])
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def lift(model, state, m):
     """Move the motor of Z, and the nozzle with it."""
     if m != state[S_M + ZED]:
         state[S_SIDE + ZED] = pull(model, state, S_M, S_LO, S_HI, ZED, m)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def lift_raw(model, state, counts, z):
     """Move Z of the machine that reads the file as it is; return its push and its height."""
     if counts[N_HEIGHT] == 0:
@@ -100,7 +100,7 @@ def lift_raw(model, state, counts, z):
     return x, y, (state[S_RAW_LO + ZED] + state[S_RAW_HI + ZED]) / 2
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def note_height(layers, row, which, error, weight):
     """Add one sample of the error in height, before (0) or after (1) mending."""
     error = min(abs(error), 1e6)
@@ -108,7 +108,7 @@ def note_height(layers, row, which, error, weight):
     layers[row, L_RISE_MOST + which] = max(layers[row, L_RISE_MOST + which], error)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def commanded(model, record, m, quantum):
     """Round a motor position of Z as it will be written, and keep it within the machine."""
     low, high = min(model[M_Z_LIMITS], record.z0, record.z1), max(model[M_Z_LIMITS + 1], record.z0, record.z1)
@@ -116,14 +116,14 @@ def commanded(model, record, m, quantum):
     return record.z1 if abs(m - record.z1) <= quantum / 2 else np.rint(m / quantum) * quantum
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _open(model, state, m, lo, hi):
     """The nut may be anywhere in its play."""
     state[lo + ZED] = forward(model, ZED, LOWER, state[m + ZED])
     state[hi + ZED] = forward(model, ZED, UPPER, state[m + ZED])
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def find(model, state, counts, record, quantum):
     """Make the height known again, where a move names it: return the motor position for the move's end."""
     z = record.z1
@@ -138,7 +138,7 @@ def find(model, state, counts, record, quantum):
     return m
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _settle_home(model, state, m, lo, hi, z):
     """Put Z to its end stop, and the nut on the flank that homing pressed it to (see `inverse_state.settle_home`)."""
     side = model[M_Z_HOME_SIDE]
@@ -152,7 +152,7 @@ def _settle_home(model, state, m, lo, hi, z):
         state[S_SIDE + ZED] = side if at_home else 0.0
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def height_event(model, state, counts, r):
     """Follow homing, events and lost heights: what is known of Z afterwards."""
     known = (r.flags & FLAG_KNOWN_Z1) != 0
@@ -183,7 +183,7 @@ def height_event(model, state, counts, r):
             state[S_SIDE + ZED] = 0.0
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def follow_copied_height(model, state, counts, r):
     """Follow Z through a move that is written as it is."""
     if not r.flags & FLAG_KNOWN_Z1:
@@ -193,13 +193,13 @@ def follow_copied_height(model, state, counts, r):
         lift_raw(model, state, counts, r.z1)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def is_flat(curve):
     """Say whether a curve stays at its height, so that the push on its way is one."""
     return curve[PLANE] == 0.0 and curve[Z0] == curve[Z1]
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def parts_of(model, curve):
     """Return into how many straight parts a curve that rises has to be cut, so that the push is linear on each."""
     if is_flat(curve):
@@ -213,13 +213,13 @@ def parts_of(model, curve):
     return max(1, np.int64(min(np.ceil(max(rise / model[M_RISE], chords)), 1e9)))
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def is_too_long(model, curve):
     """Say whether a rising curve is beyond what can be cut: hundreds of turns in one command."""
     return parts_of(model, curve) > MOST_PARTS
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def aim(model, curve, moved, m0, m1):
     """Fill ``moved`` with where the belts must go for a curve, the motor of Z going from m0 to m1; its Z is m."""
     for i in range(len(curve)):

@@ -6,7 +6,8 @@ the fields M_* first, then what belongs to each motor (at `_motor`) and branch (
 """
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import inner
 
 LOWER, UPPER = 0, 1
 
@@ -40,7 +41,7 @@ M_TABLES = 92
 BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def forward(model, motor, branch, m):
     """Return the belt position [mm] of a branch at motor position m [mm]; beyond the table the slope is 1."""
     at = M_MOTOR + MOTOR_FIELDS * motor
@@ -56,7 +57,7 @@ def forward(model, motor, branch, m):
     return below + (place - i) * (model[table + i + 1] - below)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def backward(model, motor, branch, u):
     """Return the motor position [mm] at which a branch is at u [mm]: the inverse of `forward`."""
     at = M_MOTOR + MOTOR_FIELDS * motor
@@ -76,13 +77,13 @@ def backward(model, motor, branch, u):
     return first + (i - 1 + (u - below) / (model[table + i] - below)) / rate
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def is_taut(model, motor):
     """Say whether both branches of a motor are the same."""
     return model[M_MOTOR + MOTOR_FIELDS * motor + TAUT] != 0.0
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _polynomial(model, a, p, q):
     """Return Σ a_ij p^i q^j in the order of `printmend.machine.mechanism.Frame.exponents`."""
     linear = model[a] + model[a + 1] * p + model[a + 2] * q
@@ -92,7 +93,7 @@ def _polynomial(model, a, p, q):
     )
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _slopes(model, a, p, q):
     """Return the derivatives of `_polynomial` by p and q."""
     by_p = model[a + 1] + 2 * model[a + 3] * p + model[a + 4] * q
@@ -102,7 +103,7 @@ def _slopes(model, a, p, q):
     return by_p, by_q
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def onto_bed(model, x, y):
     """Map a place given by the belts to the bed."""
     if model[M_FRAMED] == 0.0:
@@ -111,7 +112,7 @@ def onto_bed(model, x, y):
     return x + _polynomial(model, M_FRAME, p, q), y + _polynomial(model, M_FRAME + 10, p, q)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def off_bed(model, x, y):
     """Return the place by the belts whose image on the bed is (x, y): Newton's method on `onto_bed`."""
     if model[M_FRAMED] == 0.0:
@@ -132,7 +133,7 @@ def off_bed(model, x, y):
     return u, v
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def is_near(model, x, y):
     """Say whether a place is on the bed or within a bed's length of it: further out nothing is known."""
     wide, deep = model[M_BED + 1] - model[M_BED], model[M_BED + 3] - model[M_BED + 2]
@@ -140,7 +141,7 @@ def is_near(model, x, y):
     return across and model[M_BED + 2] - deep <= y <= model[M_BED + 3] + deep
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def to_motors(model, x, y):
     """Map a place by the belts to motor coordinates: CoreXY a = x + y, b = x − y (physics.md eq. 13)."""
     if model[M_COREXY] != 0.0:
@@ -148,7 +149,7 @@ def to_motors(model, x, y):
     return x, y
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def from_motors(model, a, b):
     """Invert `to_motors`."""
     if model[M_COREXY] != 0.0:
@@ -156,21 +157,21 @@ def from_motors(model, a, b):
     return a, b
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def printed(model, u0, u1):
     """Return the place on the bed for belt positions u0, u1 of the two motors."""
     x, y = from_motors(model, u0, u1)
     return onto_bed(model, x, y)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def wanted(model, x, y):
     """Return the belt positions of the two motors that put the nozzle at (x, y) on the bed."""
     u, v = off_bed(model, x, y)
     return to_motors(model, u, v)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def sharpest(model, motor, m0, m1):
     """Return the largest curvature [1/mm] of a motor's branches between two motor positions."""
     at = M_MOTOR + MOTOR_FIELDS * motor

@@ -7,7 +7,6 @@ The same pass simulates the file as it is and as it is written, and adds up the 
 """
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.layout import (
     FLAG_EXTRUDING,
@@ -105,10 +104,10 @@ from printmend.invert.kernels.state import (
     prepare,
     travel_motor,
 )
-from printmend.jit import entry
+from printmend.jit import entry, inner
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
     """Write a move that draws nothing: only its end must be right."""
     x, y, _ = place(curve, t)
@@ -130,7 +129,7 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
     return put(pieces, n, PIECE_LINE, x, y, z, end - t, record.feed)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _stand(model, state, pieces, n, record, quantum):
     """Write a move that names the place where the head is: that is now another number."""
     x, y, m0, m1, _ = command(model, state[S_M], state[S_M + 1], record, quantum)
@@ -139,7 +138,7 @@ def _stand(model, state, pieces, n, record, quantum):
     return put(pieces, n, PIECE_LINE, x, y, record.z1, 1.0, record.feed)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _go(model, state, counts, pieces, n, record, kind, x, y, m, quantum):
     """Write a move that draws nothing: the motor of Z goes to m, and the nozzle to (x, y) whatever the screw pushes."""
     m = commanded(model, record, m, quantum)
@@ -166,7 +165,7 @@ def _go(model, state, counts, pieces, n, record, kind, x, y, m, quantum):
     return put(pieces, n, kind, at_x, at_y, m, 0.0, state[S_FEED])
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _rise(model, state, counts, pieces, n, record, quantum):
     """Write a move that stands still in x and y, or names Z alone: the belts go against the push of the new height."""
     if not record.flags & FLAG_KNOWN_Z1:
@@ -177,7 +176,7 @@ def _rise(model, state, counts, pieces, n, record, quantum):
     return _go(model, state, counts, pieces, n, record, PIECE_LINE, record.x1, record.y1, m, quantum)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row, layers, errors, quantum):
     """Write an extruding move of a machine with a bad screw: a curve that rises is cut where the push bends."""
     if not record.flags & FLAG_KNOWN_Z1:

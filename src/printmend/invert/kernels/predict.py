@@ -1,7 +1,6 @@
 """Compiled prediction: where the model prints a file, and how far that is from the wanted path."""
 
 import numpy as np
-from numba import njit
 
 from printmend.gcode.kernels.layout import FLAG_EXTRUDING, KIND_CCW, KIND_CW, KIND_LINEAR
 from printmend.invert.kernels.curve import (
@@ -34,15 +33,16 @@ from printmend.invert.kernels.layout import (
 )
 from printmend.invert.kernels.lookup import M_LOOK, M_SCREW, printed, to_motors
 from printmend.invert.kernels.state import pull
+from printmend.jit import inner
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def samples_of(model, length):
     """Return at how many places a path of that length is looked at; no bed is longer than 4096 mm."""
     return 1 if length <= model[M_LOOK] else np.int64(np.ceil(min(length, 4096.0) / model[M_LOOK]))
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def note(layers, row, errors, which, error, weight):
     """Add one sample of the contour error, before (0) or after (1) mending."""
     error = min(error, 1e6)
@@ -51,7 +51,7 @@ def note(layers, row, errors, which, error, weight):
     errors[which, min(np.int64(error * (1.0 / ERROR_BIN_MM)), ERROR_BINS - 1)] += weight
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _nearest(records, count, i, curve, x, y):
     """Return the distance of a printed place to the wanted path around record i: it may be ahead or behind on it."""
     best, t = distance(curve, x, y)
@@ -74,7 +74,7 @@ def _nearest(records, count, i, curve, x, y):
     return best
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def follow_raw(model, state, x, y):
     """Move the machine that reads the file as it is."""
     m0, m1 = to_motors(model, x, y)
@@ -82,7 +82,7 @@ def follow_raw(model, state, x, y):
     pull(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, 1, m1)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors):
     """Print a move as the file has it; where ``noted``, add up its distance to the wanted path."""
     straight = curve[ARC] == 0.0
@@ -116,7 +116,7 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
         lift_raw(model, state, counts, curve[Z1])
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def layer_of(state, counts, layers, record):
     """Return the row of the layer that an extruding record belongs to: by the slicer's comments, else by height."""
     if record.layer > 0:

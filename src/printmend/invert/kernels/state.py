@@ -1,7 +1,6 @@
 """Compiled state of the belts: what moving the motors does, and how to bring a belt to where it is wanted."""
 
 import numpy as np
-from numba import njit
 
 from printmend.invert.kernels.layout import HOLD_MM, HOME_MM, S_HI, S_LO, S_M, S_SIDE
 from printmend.invert.kernels.lookup import (
@@ -18,9 +17,10 @@ from printmend.invert.kernels.lookup import (
     to_motors,
     wanted,
 )
+from printmend.jit import inner
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def open_interval(model, state, m, lo, hi):
     """The belts may be anywhere in their play: the interval from ``lo`` to ``hi`` becomes all of it."""
     for k in range(2):
@@ -30,7 +30,7 @@ def open_interval(model, state, m, lo, hi):
         state[hi + k] = forward(model, k, UPPER, state[m + k])
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def settle_home(model, state, m, lo, hi, axes, x, y):
     """Put the motors that homed ``axes`` (bits) to (x, y), and their belts on the side that homing pressed them to.
 
@@ -61,17 +61,17 @@ def settle_home(model, state, m, lo, hi, axes, x, y):
             state[S_SIDE + k] = side if at_home else 0.0
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def middle(state, k):
     return (state[S_LO + k] + state[S_HI + k]) / 2
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def is_sure(state, k):
     return state[S_HI + k] - state[S_LO + k] <= HOLD_MM
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def pull(model, state, m, lo, hi, k, to):
     """Move motor k to ``to`` and its belt with it; ``m``, ``lo`` and ``hi`` name the state's fields.
 
@@ -94,7 +94,7 @@ def pull(model, state, m, lo, hi, k, to):
     return side
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def arrive(model, state, m0, m1):
     """Move both motors, and what they pull."""
     if m0 != state[S_M]:
@@ -103,7 +103,7 @@ def arrive(model, state, m0, m1):
         state[S_SIDE + 1] = pull(model, state, S_M, S_LO, S_HI, 1, m1)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def command(model, m0, m1, record, quantum):
     """Round and clamp the command for motors (m0, m1): return (x, y, m0, m1, how far it was clamped)."""
     x, y = from_motors(model, m0, m1)
@@ -118,7 +118,7 @@ def command(model, m0, m1, record, quantum):
     return x, y, m0, m1, clamp
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def prepare(model, state, k, start, end, anywhere):
     """Choose how motor k goes from belt position ``start`` to ``end``.
 
@@ -156,7 +156,7 @@ def prepare(model, state, k, start, end, anywhere):
     return (1 if forwards else -1), first, second
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def motor_at(model, state, k, mode, u):
     """Return the motor position that brings the belt of motor k to u, moving only in the sense of ``mode``."""
     if mode > 0:
@@ -166,7 +166,7 @@ def motor_at(model, state, k, mode, u):
     return state[S_M + k]
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def followed(model, k, mode, now, m):
     """Return where the belt of motor k will be when the motor has gone to m from a place where it was at ``now``."""
     if mode > 0:
@@ -176,7 +176,7 @@ def followed(model, k, mode, now, m):
     return now
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def travel_motor(model, state, k, start, end):
     """Return the motor position that brings belt k to ``end`` on a move that draws nothing."""
     m, now = state[S_M + k], middle(state, k)

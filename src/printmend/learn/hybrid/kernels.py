@@ -1,9 +1,9 @@
 """The hybrid's loop. Arrays and scalars in, arrays out; checks happen in residual.py."""
 
-from numba import njit
+from printmend.jit import entry
 
 
-@njit(cache=True, nogil=True)
+@entry
 def follow_branches(lower_mm, upper_mm, start_mm, at, side, belt_mm):
     """Follow play between ``lower_mm`` and ``upper_mm`` [N], the branches at every row's motor position.
 

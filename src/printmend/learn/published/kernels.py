@@ -1,10 +1,11 @@
 """Loops over tree ensembles. Arrays and scalars in, arrays out; checks happen in ensemble.py."""
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import entry
 
 
-@njit(cache=True)
+@entry
 def predict(rows, feature, threshold, left, right, value, roots, out):
     """Add the prediction of every tree at rows [N, F] to out [N, O], in the order of the trees."""
     for i in range(rows.shape[0]):
@@ -16,7 +17,7 @@ def predict(rows, feature, threshold, left, right, value, roots, out):
                 out[i, o] += value[node, o]
 
 
-@njit(cache=True)
+@entry
 def paint(feature, split, left, right, value, roots, first_output, cells):
     """Add every tree to cells [Bx, By, 3, 3, ·], from output column ``first_output`` on, in the order of the trees.
 

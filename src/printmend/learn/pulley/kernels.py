@@ -1,10 +1,11 @@
 """What is touched of a hull of discs, and the belt that it has unwound. Arrays in, arrays out."""
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import entry
 
 
-@njit(cache=True, nogil=True)
+@entry
 def hull_edges(discs, waves, edges, which):
     """Find where the discs [M, 3] (ρ, x, y) of h = max ρ + x cos t − y sin t hand over to one another; return how many
     edges E there are, 0 where one disc is touched all around.
@@ -46,7 +47,7 @@ def hull_edges(discs, waves, edges, which):
     return count
 
 
-@njit(cache=True, nogil=True)
+@entry
 def unwind(edges, which, discs, slopes, angle, value, derivatives):
     """Fill ``value`` [N] with U − θ at angles θ [N], and ``derivatives`` [N, P].
 

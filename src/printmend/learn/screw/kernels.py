@@ -1,9 +1,9 @@
 """The play of a Z screw, followed through a print. Checks happen in screw.py."""
 
-from numba import njit
+from printmend.jit import entry
 
 
-@njit(cache=True)
+@entry
 def contacts(centre, half, share, at, side):
     """Fill at [N] with the row where the nut last touched a flank, side [N] with which: −1 pushed up, +1 let down.
 

@@ -5,7 +5,7 @@ can stand by itself or inside another kernel's array. `Frame.bed_map` and `Latti
 the caller's: mm, or full steps.
 """
 
-from numba import njit
+from printmend.jit import inner
 
 # 1 or 0: the motors are those of a CoreXY · 1 or 0: the frame is crooked · what is added to x and y, and what they are
 # divided by, before the polynomials · the polynomials of x and of y [2, 10], in the order of `Frame.exponents`
@@ -15,7 +15,7 @@ _Y = 10  # the polynomial of y comes so many numbers after that of x
 _SAME, _STEPS = 1e-10, 20
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def to_motors(values, at, x, y):
     """Map a place by the belts to motor coordinates: CoreXY a = x + y, b = x − y."""
     if values[at + BED_COREXY] != 0.0:
@@ -23,7 +23,7 @@ def to_motors(values, at, x, y):
     return x, y
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def from_motors(values, at, a, b):
     """Invert `to_motors`."""
     if values[at + BED_COREXY] != 0.0:
@@ -31,7 +31,7 @@ def from_motors(values, at, a, b):
     return a, b
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _polynomial(values, k, p, q):
     """Return Σ a_ij p^i q^j, its coefficients from ``values[k]`` on."""
     linear = values[k] + values[k + 1] * p + values[k + 2] * q
@@ -40,7 +40,7 @@ def _polynomial(values, k, p, q):
     return linear + square + cubic
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def _derivatives(values, k, p, q):
     """Return the derivatives of `_polynomial` by p and q."""
     by_p = values[k + 1] + 2 * values[k + 3] * p + values[k + 4] * q
@@ -50,7 +50,7 @@ def _derivatives(values, k, p, q):
     return by_p, by_q
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def onto_bed(values, at, x, y):
     """Map a place given by the belts to the bed: the place plus the frame's polynomials of it."""
     if values[at + BED_FRAMED] == 0.0:
@@ -60,7 +60,7 @@ def onto_bed(values, at, x, y):
     return x + _polynomial(values, at + BED_TERMS, p, q), y + _polynomial(values, at + BED_TERMS + _Y, p, q)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def slopes(values, at, x, y):
     """Return the derivatives of `onto_bed` at belts (x, y): of x by x and by y, of y by x and by y."""
     if values[at + BED_FRAMED] == 0.0:
@@ -72,7 +72,7 @@ def slopes(values, at, x, y):
     return 1.0 + xp / wide, xq / deep, yp / wide, 1.0 + yq / deep
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def off_bed(values, at, x, y):
     """Return the place by the belts whose image on the bed is (x, y): Newton's method on `onto_bed`."""
     if values[at + BED_FRAMED] == 0.0:
@@ -90,21 +90,21 @@ def off_bed(values, at, x, y):
     return u, v
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def printed(values, at, a, b):
     """Return the place on the bed for belts of the two motors at a and b."""
     x, y = from_motors(values, at, a, b)
     return onto_bed(values, at, x, y)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def wanted(values, at, x, y):
     """Return where the belts of the two motors have to be for the place (x, y) on the bed."""
     u, v = off_bed(values, at, x, y)
     return to_motors(values, at, u, v)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def anchor(values, at, x, y):
     """Move the frame's constant terms so that it leaves the place (x, y), where a layer starts, where it is."""
     if values[at + BED_FRAMED] != 0.0:

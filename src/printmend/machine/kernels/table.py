@@ -4,10 +4,11 @@ Entry i stands for motor position ``first`` + i / ``rate``; ``last`` is the inde
 """
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import inner
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def branch_at(values, table, first, rate, last, m):
     """Return a branch of a transmission at motor position m; beyond the table it goes on with slope 1."""
     place = (m - first) * rate
@@ -20,7 +21,7 @@ def branch_at(values, table, first, rate, last, m):
     return below + (place - i) * (values[table + i + 1] - below)
 
 
-@njit(error_model="numpy", _nrt=False)
+@inner(error_model="numpy", _nrt=False)
 def push_at(values, table, first, rate, last, m):
     """Return where a screw pushes the nozzle along one axis at motor position m; beyond the table that stays."""
     place = min(max((m - first) * rate, 0.0), last)

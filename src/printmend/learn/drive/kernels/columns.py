@@ -5,10 +5,11 @@ linear interpolation needs no wrap.
 """
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import entry
 
 
-@njit(cache=True, nogil=True)
+@entry
 def follow_play(
     motor_mm, origin_mm, period_mm, tables, mean_powers, play_powers, warp, warp_span, start_mm, at, side, belt_mm
 ):
@@ -56,7 +57,7 @@ def follow_play(
         belt_mm[t] = value
 
 
-@njit(cache=True, nogil=True)
+@entry
 def plain_columns(
     row, at, side, root, motor_mm, own_mm, other_mm, residual_mm,
     origin_mm, period_mm, mean_powers, play_powers, own_powers, other_powers, warp, warp_span, ripple, columns,
@@ -113,7 +114,7 @@ def plain_columns(
         columns[t, columns.shape[1] - 1] = root[i] * residual_mm[i]
 
 
-@njit(cache=True, nogil=True)
+@entry
 def bin_moments(row, at, side, root, motor_mm, origin_mm, period_mm, extras, bins, cross):
     """Add the rows ``row`` [M] to the weighted moments from which every product with a harmonic follows.
 
@@ -145,7 +146,7 @@ def bin_moments(row, at, side, root, motor_mm, origin_mm, period_mm, extras, bin
             value *= x
 
 
-@njit(cache=True, nogil=True)
+@entry
 def turning_rows(motor_mm, wanted, keep):
     """Mark in ``keep`` the wanted rows, the first and last, and every row at which the motor turns back."""
     last = motor_mm.shape[0] - 1

@@ -1,10 +1,11 @@
 """The loop that finds the cheapest history of jumps. Arrays and scalars in, arrays out; checks in ladder.py."""
 
 import numpy as np
-from numba import njit
+
+from printmend.jit import entry
 
 
-@njit(cache=True, nogil=True)
+@entry
 def cheapest_levels(cost, price, path):
     """Choose a level for every row so that the sum of ``cost`` and ``price`` for each rung climbed is least.
 

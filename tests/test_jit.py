@@ -1,0 +1,91 @@
+"""The one door to the compiler: what is kept is run again only while nothing that it was made of has changed."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import FunctionType
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import printmend
+from printmend.gcode.kernels import interpret
+from printmend.jit import digest
+
+SOURCES = Path(printmend.__file__).parent
+RENUMBER = """
+import numpy as np
+from printmend.gcode.kernels import renumber
+text, out = np.frombuffer(b"N7 G1 X1\\n", np.uint8), np.zeros(99, np.uint8)
+lines = np.array([1, 0])
+print(out[: renumber(text, 0, len(text), lines, out)[1]].tobytes().decode(), end="")
+print(*renumber.stats.cache_hits.values(), *renumber.stats.cache_misses.values())
+"""
+
+
+def test_an_edited_helper_of_another_file_is_compiled_again(tmp_path):
+    copy = tmp_path / "printmend"
+    shutil.copytree(SOURCES, copy, ignore=shutil.ignore_patterns("__pycache__", "*.safetensors"))
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+
+    def run():
+        command = [sys.executable, "-c", RENUMBER]
+        return subprocess.run(command, env=environment, capture_output=True, check=True, text=True).stdout.split("\n")
+
+    assert run() == ["N8 G1 X1", "1", ""]
+    helper = copy / "gcode" / "kernels" / "text.py"
+    helper.write_text(helper.read_text().replace("return np.int64(byte) - 48", "return np.int64(byte) - 47"))
+    assert run() == ["N9 G1 X1", "1", ""]
+
+
+def test_kernels_come_through_the_door_and_know_nothing_but_numpy_and_kernels():
+    for path in SOURCES.rglob("*.py"):
+        imported = {
+            node.module if isinstance(node, ast.ImportFrom) else name.name
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Import | ast.ImportFrom)
+            for name in node.names
+        }
+        if path.name != "jit.py":
+            assert "numba" not in {str(name).partition(".")[0] for name in imported}, path
+        if "kernels" in path.relative_to(SOURCES).as_posix():
+            allowed = {"numpy", "printmend.jit"}
+            assert {name for name in imported - allowed if ".kernels" not in str(name)} <= {"typing"}, path
+
+
+class Two(NamedTuple):
+    a: int
+    b: int
+
+
+def made(text: str, **outside: object) -> FunctionType:
+    names = {"np": np, **outside}
+    exec(text, names)  # noqa: S102 (the test's own words)
+    return names["f"]  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("text", "before", "after"),
+    [
+        ("def f(x): return x + V", 1, 2),
+        ("def f(x): return x + V[0]", (1, 2), (1, 3)),
+        ("def f(x): return x + V[0]", np.array([1.0]), np.array([2.0])),
+        ("def f(x): return V(1, x).a", Two, NamedTuple("Two", [("b", int), ("a", int)])),
+        ("def f(x): return sum([y + V for y in x])", 1, 2),
+        ("def f(x): return V(x)", made("def f(x): return x + 1"), made("def f(x): return x + 2")),
+    ],
+)
+def test_the_key_changes_with_what_a_kernel_uses_and_with_nothing_else(text, before, after):
+    assert digest(made(text, V=before)) == digest(made(text, V=before, W=7))
+    assert digest(made(text, V=before)) != digest(made(text, V=after))
+    assert digest(made(text, V=before)) != digest(made(text.replace("x", "y"), V=before))
+
+
+def test_a_value_whose_content_cannot_be_told_is_refused():
+    with pytest.raises(TypeError, match="uses V, a <class 'list'>"):
+        digest(made("def f(x): return V[x]", V=[1, 2]))
+    assert digest(interpret) == digest(interpret)
