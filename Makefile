@@ -5,7 +5,7 @@ BIN := .venv/bin
 STAMP := .venv/.stamp
 HOSTS := .venv-hosts
 
-.PHONY: demo test setup lint types layers check hosts integrations lock clean
+.PHONY: demo test setup lint types layers docs check hosts integrations lock clean
 
 demo: $(STAMP)
 	$(BIN)/printmend demo
@@ -30,6 +30,10 @@ types: $(STAMP)
 
 layers: $(STAMP)
 	$(BIN)/lint-imports
+
+# Builds build/site; a dead link or a public name without documentation stops it.
+docs: $(STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 check: lint types layers test
 

@@ -1,0 +1,227 @@
+"""Every command and code block in README and docs runs, on a twin where a printer is needed.
+
+Commands of an owner's or farm's way run in one shared folder, which holds what a printer and a scanner would have made:
+a small probe, its scans, a part, a tower's table. Commands that take minutes (bench, demo, the benchmarks) are not run:
+their subcommands, options, choices and files are looked up.
+"""
+
+import re
+import shlex
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.main import group
+from printmend.corruption import Corruption
+from printmend.corruption.toml import corruption_toml, parse_corruption
+from printmend.measure.image import write_image
+from printmend.measure.measurement import measure_scans
+from printmend.measure.table import write_trace
+from printmend.printer import read_printer
+from printmend.probe import design_probe, write_probe
+from printmend.twin import Twin
+from printmend.twin.scanner import CLEAN, render_scan
+from tests.test_docs import PAGES, ROOT
+from tests.test_learn_space import DRIVES, SCREW, measured, tower
+
+RUN = {"probe", "twin", "measure", "learn", "check", "mend", "export", "diagnose", "printer", "body"}
+LANGUAGES = {"sh", "python", "toml", "text"}
+TRUSTED = {"pip", "pre-commit"}  # programs of others
+
+
+@dataclass(frozen=True)
+class Block:
+    """Lines of a page in ``language``; what stands indented is a command, if it begins like one, or text."""
+
+    page: Path
+    line: int
+    language: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.page.relative_to(ROOT)}:{self.line}"
+
+
+def blocks(page: Path) -> Iterator[Block]:
+    """Yield a page's fenced blocks, and its indented lines one by one."""
+    lines = page.read_text(encoding="utf-8").splitlines()
+    fence: int | None = None
+    for number, line in enumerate(lines):
+        if line.lstrip().startswith("```"):
+            if fence is not None:
+                yield Block(page, fence + 1, lines[fence].strip(" `"), "\n".join(lines[fence + 1 : number]))
+            fence = number if fence is None else None
+        elif fence is None and line.startswith("    "):
+            yield Block(page, number + 1, "sh" if words(line) and is_command(words(line)) else "text", line.strip())
+    assert fence is None, f"{page}: a block is left open"
+
+
+def words(line: str) -> list[str]:
+    """Return a command line's words, without its comment; none where it is not one."""
+    try:
+        return shlex.split(line, comments=True)
+    except ValueError:
+        return []
+
+
+def is_command(line: list[str]) -> bool:
+    return Path(line[0]).name in {"printmend", "make", "python", *TRUSTED}
+
+
+def commands(block: Block) -> list[list[str]]:
+    return [found for line in block.text.replace("\\\n", " ").splitlines() if (found := words(line))]
+
+
+def inline(page: Path) -> Iterator[list[str]]:
+    """Yield the commands within a page's sentences; they may leave out what the sentence says."""
+    prose = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for text in re.findall(r"`([^`]+)`", prose):
+        found = words(" ".join(text.split()))
+        if len(found) > 1 and Path(found[0]).name == "printmend" and found[1] in group.list_commands(None):  # type: ignore[attr-defined]
+            yield found
+
+
+ALL = [block for page in PAGES for block in blocks(page)]
+
+
+@pytest.fixture(scope="module")
+def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the documents' commands read."""
+    here = tmp_path_factory.mktemp("workshop")
+    printer, fault = read_printer("ender3"), Corruption(DRIVES)
+    plan = design_probe(printer, size_mm=50, marks=100)
+    for name in ("probe", "e3-07.probe"):
+        write_probe(here / f"{name}.gcode", plan)
+    printed = Twin.of(fault, printer).follow(plan.waypoints_mm)[plan.rows]
+    for name, turns in (("scan", 0), ("scan-turned", 1)):
+        drawn = render_scan(
+            printed, plan, dpi=200, degradations=CLEAN, rng=np.random.default_rng(turns), quarter_turns=turns
+        )
+        write_image(here / f"{name}.png", drawn.image, dpi=200)
+    write_trace(here / "trace2.csv", measure_scans([here / "scan-turned.png"], plan).trace)
+    write_trace(here / "tower.csv", measured(SCREW, tower()))
+    (here / "broken.toml").write_text(corruption_toml(fault))
+    square = [f"G1 X{x} Y{y} E1 F1800" for x, y in ((130, 100), (130, 130), (100, 130), (100, 100))]
+    (here / "part.gcode").write_text("\n".join(["G21", "G90", "M83", "G28", "G1 Z0.2 F600", "G0 X100 Y100", *square]))
+    return here
+
+
+def test_blocks_say_their_language() -> None:
+    for block in ALL:
+        assert block.language in LANGUAGES, f"{block}: one of {sorted(LANGUAGES)}, not {block.language!r}"
+    assert sum(block.language == "sh" for block in ALL) > 40
+
+
+def test_an_owners_commands_run(workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the order of the pages; each command once. A probe would replace the small one that was scanned: elsewhere."""
+    aside = workshop / "aside"
+    aside.mkdir()
+    done: list[list[str]] = []
+    for page in (page for page in PAGES if page.name not in {"CHANGELOG.md", "results.md"}):
+        written = [line for block in blocks(page) if block.language == "sh" for line in commands(block)]
+        for line in [*written, *(found for found in inline(page) if complete(found))]:
+            if Path(line[0]).name != "printmend" or line[1] not in RUN or line in done:
+                continue
+            done.append(line)
+            if line[1] == "probe":
+                for path in [*workshop.glob("*.toml"), *workshop.glob("part.gcode"), *workshop.glob("*.csv")]:
+                    shutil.copy(path, aside)
+            monkeypatch.chdir(aside if line[1] == "probe" else workshop)
+            line, target = (line[: line.index(">")], line[-1]) if ">" in line else (line, None)
+            ran = CliRunner().invoke(group, line[1:], catch_exceptions=True)
+            told = f"{page.name}: {shlex.join(line)}\n{ran.output}\n{ran.exception!r}"
+            assert ran.exit_code == 0, told
+            if target is not None:
+                Path(target).write_text(ran.stdout)
+    assert {line[1] for line in done} >= RUN - {"body"}
+    assert (workshop / "part.mended.gcode").stat().st_size > 100
+
+
+def options(command: click.Command, rest: list[str]) -> dict[str, object]:
+    """Return what the words after a command set; an option that ends a sentence's command may lack its value."""
+    parser = command.make_parser(click.Context(command))
+    lacks_value = [one for one in command.params if rest and rest[-1] in one.opts and not getattr(one, "is_flag", True)]
+    return parser.parse_args([*rest, "…"] if lacks_value else rest)[0]
+
+
+def complete(line: list[str]) -> bool:
+    """Whether a command within a sentence has every argument that it needs, and is more than a name."""
+    command = group.get_command(None, line[1])  # type: ignore[attr-defined]
+    values = options(command, line[2:])
+    missing = [one for one in command.params if one.required and not isinstance(values.get(one.name), str | list)]
+    return len(line) > 2 and not missing and "…" not in values.values()
+
+
+def test_every_other_command_can_be_parsed() -> None:
+    for page in PAGES:
+        for block in blocks(page):
+            for line in commands(block) if block.language == "sh" else ():
+                look_up(line, str(block))
+        for line in inline(page):
+            look_up(line, page.name)
+
+
+def look_up(line: list[str], where: str) -> None:
+    """Check that a command, its options and the files that are its program are there."""
+    program, rest = Path(line[0]).name, line[1:]
+    told = f"{where}: {shlex.join(line)}"
+    if program == "make":
+        assert all(f"\n{target}:" in (ROOT / "Makefile").read_text() for target in rest), told
+    elif program == "python" and rest[0] == "-m":
+        assert all((ROOT / word).is_file() for word in rest if word.startswith("tests/")), told
+    elif program == "python":
+        script = (ROOT / rest[0]).read_text(encoding="utf-8")
+        assert all(f'"{word.split("=")[0]}"' in script for word in rest if word.startswith("--")), told
+    elif program == "printmend":
+        command: click.Command = group
+        while isinstance(command, click.Group):
+            if not rest or rest[0].startswith("-"):
+                break
+            name, rest = rest[0], rest[1:]
+            found = command.get_command(click.Context(command), name)
+            assert found is not None, f"{told}: no command {name!r}"
+            command = found
+        values = options(command, rest[: rest.index(">")] if ">" in rest else rest)
+        for parameter in command.params:
+            given = values.get(parameter.name)
+            if isinstance(parameter.type, click.Choice) and isinstance(given, str):
+                for one in given.split("|"):  # "--design layer|optimal"
+                    parameter.type.convert(one, parameter, None)
+    else:
+        assert program in TRUSTED, told
+
+
+def test_a_wrong_command_is_seen() -> None:
+    for wrong in (
+        "printmend mend --upside-down",
+        "printmend bench table2",
+        "python benchmarks/bench_mend.py --nonsense",
+    ):
+        with pytest.raises((click.ClickException, AssertionError)):
+            look_up(wrong.split(), "here")
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if "```python" in page.read_text()], ids=lambda page: page.name
+)
+def test_python_in_documents_runs(page: Path, workshop: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The blocks of a page are one program, run in the folder of an owner."""
+    monkeypatch.chdir(workshop)
+    names: dict[str, object] = {"__name__": page.stem}
+    for block in blocks(page):
+        if block.language == "python":
+            exec(compile("\n" * block.line + block.text, str(page), "exec"), names)  # noqa: S102 — our own documents
+    assert len(names) > 2
+
+
+def test_corruptions_in_documents_are_read() -> None:
+    found = [block for block in ALL if block.language == "toml"]
+    for block in found:
+        assert parse_corruption(block.text, subject=str(block)) != Corruption()
+    assert found
