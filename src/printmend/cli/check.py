@@ -27,6 +27,7 @@ def command(source: Path, model_path: Path, against: Path | None, as_json: bool)
         prediction = check_gcode(source, model, progress=tick)
     if against is not None:
         from printmend.repair.against import judged
+        from printmend.repair.prediction import with_doubt
 
-        prediction = judged(prediction, str(source), str(against), model.mechanism)
+        prediction = with_doubt(judged(prediction, str(source), str(against), model.mechanism), model)
     click.echo(json.dumps(prediction.json()) if as_json else prediction.summary())

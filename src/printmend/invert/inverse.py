@@ -137,6 +137,7 @@ class Planner:
     counts: np.ndarray
     errors: np.ndarray
     layers: np.ndarray
+    samples: np.ndarray
     _ring: list[tuple[np.ndarray, np.ndarray]]
     _curve: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
     _moved: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
@@ -169,7 +170,7 @@ class Planner:
             self._ring[self._turn] = (first, pieces)
         end = mend(
             self.model, records, begin, len(records), self.state, self.counts, self._curve, self._moved, first, pieces,
-            self.layers, self.errors, self.quantum_mm,
+            self.layers, self.errors, self.quantum_mm, self.samples,
         )  # fmt: skip
         return end, first, pieces
 
@@ -184,6 +185,7 @@ def start(mechanism: Mechanism, *, quantum_mm: float = 0.001) -> Planner:
     counts[k.N_LAYER] = counts[k.N_MARK] = -1
     return Planner(
         lookup(mechanism), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)), np.zeros((256, k.LAYER)),
+        np.zeros((1 + k.SAMPLES, k.SAMPLE)),
         [(np.zeros(1 << 14, np.int64), np.empty(4 * k.PIECES_A_RECORD, PIECE)) for _ in range(PLANS_AT_ONCE + 1)],
     )  # fmt: skip
 

@@ -1,6 +1,7 @@
 """Mend G-code: read → interpret → invert → write → predict, in one pass over a file of any size."""
 
+from printmend.promise.predict import Promise
 from printmend.repair.mend import Mended, check_gcode, mend_gcode
-from printmend.repair.prediction import Errors, Prediction
+from printmend.repair.prediction import Prediction
 
-__all__ = ["Errors", "Mended", "Prediction", "check_gcode", "mend_gcode"]
+__all__ = ["Mended", "Prediction", "Promise", "check_gcode", "mend_gcode"]

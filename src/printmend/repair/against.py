@@ -10,8 +10,9 @@ from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
 from printmend.machine.mechanism import Mechanism
+from printmend.promise.predict import Errors, without_doubt
 from printmend.repair.mend import check_gcode
-from printmend.repair.prediction import Errors, Heights, Prediction
+from printmend.repair.prediction import Heights, Prediction
 from printmend.saved.model import exact_model
 from printmend.twin.kernels import run_play
 from printmend.twin.twin import Twin
@@ -64,8 +65,8 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
     if mechanism.screw is not None:
         heights = (_heights(*before[2:]), _heights(*after[2:]))
     return replace(
-        prediction, before=_errors(*before[1:3]), after=_errors(*after[1:3]), layers=tuple(layers), commands=len(given),
-        distance_to="the nearest wanted line of its layer", heights=heights,
+        prediction, before=without_doubt(_errors(*before[1:3])), after=without_doubt(_errors(*after[1:3])),
+        layers=tuple(layers), commands=len(given), distance_to="the nearest wanted line of its layer", heights=heights,
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from printmend.learn.registry import learner
 from printmend.machine.mechanism import Mechanism, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.promise.section import promise_section
 from printmend.protocols import WorldModel
 from printmend.saved.branches import Branches
 from printmend.saved.model import SavedModel, saved_model, with_screw
@@ -145,6 +146,7 @@ def greybox_model(
             "residual_after_mm": round((hybrid or fit).residual_after_mm, 6),
         },
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
+        "promise": promise_section(fit, trace),
         **(more or {}),
     }
     saved: list[Branches | None] = list(branches)

@@ -18,7 +18,7 @@ from printmend.gcode.mark import find_mark, marked
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import follow, rewrite
 from printmend.invert.inverse import Planner, is_identity, start
-from printmend.repair.prediction import Prediction, prediction_of
+from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.saved.model import SavedModel
 
 _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
@@ -58,10 +58,10 @@ def mend_gcode(
             _plan(file, planner, model, progress)
             with _destination(output) as handle, file.path.open("rb") as whole:
                 shutil.copyfileobj(whole, handle, 1 << 20)
-            return Mended(output, prediction_of(planner))
+            return Mended(output, with_doubt(prediction_of(planner), model))
         with _destination(output) as handle:
             file.write(handle, lambda part: _texts(part, planner, model, progress))
-            prediction = prediction_of(planner)
+            prediction = with_doubt(prediction_of(planner), model)
             _judge(file, model, prediction, force=force)
         return Mended(output, prediction)
 
@@ -72,7 +72,7 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
         refuse_mended(file)
         planner = start(model.mechanism)
         _plan(file, planner, model, progress)
-        prediction = prediction_of(planner)
+        prediction = with_doubt(prediction_of(planner), model)
         _refuse_motionless(file, prediction)
         _refuse_other_printer(file, model, prediction)
         return prediction

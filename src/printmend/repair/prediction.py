@@ -1,24 +1,19 @@
 """What the model says about a file before and after mending."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from printmend.invert.inverse import Planner
 from printmend.invert.kernels import layout as k
+from printmend.promise.budget import parse_budget
+from printmend.promise.predict import Errors, Path, Promise, promised, without_doubt
+from printmend.saved.model import SavedModel
 
 _GAIN_MM = 0.0005
-
-
-@dataclass(frozen=True)
-class Errors:
-    """Distance of the printed path to the wanted one, over the length of the extruded path [mm]."""
-
-    rms_mm: float
-    p95_mm: float
-    max_mm: float
+_SURELY = 0.05  # of the drawn machines may print no better mended
 
 
 @dataclass(frozen=True)
@@ -31,8 +26,10 @@ class Heights:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """The predicted contour error of a file as it is (``before``) and as mended (``after``).
+    """The expected contour error of a file as it is (``before``) and as mended (``after``), with all that is not known.
 
+    ``path`` are places along the extruded path, ``gain_mm`` by how much mending lowers the error of each of some
+    machines that the model allows; None for a model that says nothing of its doubt.
     ``layers`` [L] holds for each layer z_mm, length_mm and both errors (rms, max). ``length_mm`` is the extruded path.
     ``moves`` and ``commands`` count what moves the head before and after; ``takeups`` the reversals at which slack was
     taken up, ``anchors`` the places where the engaged side had to be made certain again. ``clamped`` counts commands
@@ -45,8 +42,8 @@ class Prediction:
     """
 
     length_mm: float
-    before: Errors
-    after: Errors
+    before: Promise
+    after: Promise
     layers: tuple[dict[str, float], ...]
     moves: int
     commands: int
@@ -62,10 +59,14 @@ class Prediction:
     high_mm: tuple[float, float]
     distance_to: str = "the wanted path"
     heights: tuple[Heights, Heights] | None = None
+    path: Path | None = field(default=None, repr=False)
+    gain_mm: np.ndarray | None = field(default=None, repr=False)
 
     @property
     def is_better(self) -> bool:
-        """Say whether mending gains more than the resolution of the numbers in the file."""
+        """Say whether mending surely gains more than the resolution of the numbers in the file."""
+        if self.gain_mm is not None and self.heights is None:
+            return float(np.median(self.gain_mm)) > _GAIN_MM and float(np.quantile(self.gain_mm, _SURELY)) > 0.0
         before, after = self.before.rms_mm, self.after.rms_mm
         if self.heights is not None:
             before, after = math.hypot(before, self.heights[0].rms_mm), math.hypot(after, self.heights[1].rms_mm)
@@ -73,8 +74,10 @@ class Prediction:
 
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""
-        plain = asdict(self)
+        plain = asdict(replace(self, path=None, gain_mm=None))
+        del plain["path"], plain["gain_mm"]
         plain["layers"] = list(self.layers)
+        plain |= {"planning_rms_mm": self.after.planning_rms_mm, "made_of": dict(self.after.made_of)}
         if not self.extruding:
             plain["low_mm"] = plain["high_mm"] = None
         return plain
@@ -82,13 +85,16 @@ class Prediction:
     def summary(self) -> str:
         """Say it in a few lines for a terminal."""
         rows = [
-            f"predicted distance from {self.distance_to}, over {self.length_mm / 1000:.1f} m of extruded path [mm]:",
-            "             RMS      p95      max",
+            f"expected distance from {self.distance_to}, over {self.length_mm / 1000:.1f} m of extruded path [mm]:",
+            "             RMS   90 % range       p95      max",
         ]
         for name, errors in (("as it is", self.before), ("mended", self.after)):
-            rows.append(f"  {name:8} {errors.rms_mm:7.3f}  {errors.p95_mm:7.3f}  {errors.max_mm:7.3f}")
+            ranged = f"{errors.rms_low_mm:.3f}–{errors.rms_high_mm:.3f}"
+            rows.append(f"  {name:8} {errors.rms_mm:7.3f}  {ranged:>13}  {errors.p95_mm:7.3f}  {errors.max_mm:7.3f}")
         for name, height in zip(("as it is", "mended"), self.heights or (), strict=False):
             rows.append(f"  {name:8} {height.rms_mm:7.3f}           {height.max_mm:7.3f}  in height")
+        if self.gain_mm is not None:
+            rows.append(f"mended: {self.after.said()}")
         rows.append(
             f"moves {self.moves} → {self.commands}, slack taken up at {self.takeups} reversals"
             + (f", made certain again {self.anchors} times" if self.anchors else "")
@@ -120,8 +126,8 @@ def prediction_of(planner: Planner) -> Prediction:
         heights.append(Heights((square / length) ** 0.5 if length else 0.0, most))
     return Prediction(
         length_mm=length,
-        before=errors[0],
-        after=errors[1],
+        before=without_doubt(errors[0]),
+        after=without_doubt(errors[1]),
         layers=tuple(_layer(row, planner.has_screw) for row in layers),
         moves=int(counts[k.N_MOVES]),
         commands=int(counts[k.N_PIECES] + counts[k.N_COPIED]),
@@ -136,7 +142,37 @@ def prediction_of(planner: Planner) -> Prediction:
         low_mm=(float(state[k.S_LOW]), float(state[k.S_LOW + 1])),
         high_mm=(float(state[k.S_HIGH]), float(state[k.S_HIGH + 1])),
         heights=(heights[0], heights[1]) if planner.has_screw else None,
+        path=_path(planner.samples),
     )
+
+
+def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
+    """Return a prediction that contains what the model does not know, as far as the model says that."""
+    budget = parse_budget(model)
+    if budget is None or prediction.path is None:
+        return prediction
+    known = [Errors(each.planning_rms_mm, each.p95_mm, each.max_mm) for each in (prediction.before, prediction.after)]
+    outlook = promised(model.mechanism, budget, prediction.path, known[0], known[1])
+    if outlook is None:
+        return prediction
+    layers = []
+    for row in prediction.layers:
+        more = dict(row)
+        for name, whole in (("before", outlook.before), ("after", outlook.after)):
+            doubt2 = max(whole.rms_mm**2 - whole.planning_rms_mm**2, 0.0)
+            more[f"{name}_rms_mm"] = math.sqrt(row[f"{name}_rms_mm"] ** 2 + doubt2)
+        layers.append(more)
+    return replace(
+        prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers)
+    )
+
+
+def _path(samples: np.ndarray) -> Path:
+    found = samples[1 : 1 + int(samples[0, k.P_COUNT])]
+    return Path(
+        found[:, [k.P_X, k.P_Y]].copy(), found[:, [k.P_TX, k.P_TY]].copy(), found[:, k.P_OFF].copy(),
+        found[:, k.P_SIDE : k.P_SIDE + 2].copy(), found[:, k.P_WEIGHT].copy(),
+    )  # fmt: skip
 
 
 def _quantile(histogram: np.ndarray, most: float) -> float:

@@ -38,3 +38,10 @@ COUNTS = 14
 # layers [?, LAYER] float64: sums over a layer, before (0) and after (1); L_RISE are those of the error in height
 L_Z, L_LENGTH, L_SQUARE, L_MOST, L_RISE, L_RISE_MOST = 0, 1, 2, 4, 6, 8
 LAYER = 10
+# samples [1 + SAMPLES, SAMPLE] float64: places along the extruded path, at even distances. Row 0 is the head: how many
+# there are, the distance, the length since the last. P_X, P_Y the wanted place, P_TX and P_TY the unit tangent, P_OFF
+# by how much the file as it is lies to the left of the path there, P_SIDE the sides that the motors push (S_SIDE),
+# P_LAYER the row of `layers`, P_WEIGHT the length of path that it stands for.
+P_X, P_Y, P_TX, P_TY, P_OFF, P_SIDE, P_LAYER, P_WEIGHT = 0, 1, 2, 3, 4, 5, 7, 8
+SAMPLE, SAMPLES = 9, 2048
+P_COUNT, P_GAP, P_SINCE = 0, 1, 2

@@ -211,14 +211,17 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
 
 
 @entry(error_model="numpy", _nrt=False)
-def mend(model, records, begin, count, state, counts, curve, moved, first, pieces, layers, errors, quantum):
+def mend(
+    model, records, begin, count, state, counts, curve, moved, first, pieces, layers, errors, quantum, samples
+):  # fmt: skip
     """Plan records[begin:count]; return the record before which it stopped.
 
     Record i becomes pieces[first[i]:first[i + 1]]; ``first`` int64 [count + 1] counts from the beginning of ``pieces``,
     an array of PIECE. It stops before a record whose pieces may not fit: call again with what is left.
     ``state`` [STATE] and ``counts`` [COUNTS] pass from call to call; ``curve`` and ``moved`` [CURVE] are scratch.
     ``layers`` [L, LAYER] must have room for counts[N_LAYER] + 2 + (count − begin) rows; ``errors`` [2, ERROR_BINS] are
-    histograms of mm of path. ``quantum`` [mm] is the grid of the numbers that will be written.
+    histograms of mm of path. ``quantum`` [mm] is the grid of the numbers that will be written; ``samples`` are places
+    along the extruded path.
 
     A motion record without a piece is to be copied as it is.
     """
@@ -275,7 +278,7 @@ def mend(model, records, begin, count, state, counts, curve, moved, first, piece
             row = layer_of(state, counts, layers, r)
         elif r.feed > 0:
             state[S_TRAVEL] = r.feed
-        predict_raw(model, curve, state, counts, records, count, i - 1, drawn, row, layers, errors)
+        predict_raw(model, curve, state, counts, records, count, i - 1, drawn, row, layers, errors, samples)
         if drawn:
             layers[row, L_LENGTH] += curve[LENGTH]
             if screw:

@@ -25,10 +25,24 @@ from printmend.invert.kernels.layout import (
     L_Z,
     N_LAYER,
     N_MARK,
+    P_COUNT,
+    P_GAP,
+    P_LAYER,
+    P_OFF,
+    P_SIDE,
+    P_SINCE,
+    P_TX,
+    P_TY,
+    P_WEIGHT,
+    P_X,
+    P_Y,
     S_RAW_HI,
     S_RAW_LO,
     S_RAW_M,
+    S_SIDE,
     S_Z,
+    SAMPLE,
+    SAMPLES,
     WALK_MM,
 )
 from printmend.invert.kernels.lookup import M_LOOK, M_SCREW, printed, to_motors
@@ -83,18 +97,54 @@ def follow_raw(model, state, x, y):
 
 
 @inner(error_model="numpy", _nrt=False)
-def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors):
+def keep(samples, state, curve, s, length, x, y, row):
+    """Keep a place of the extruded path, if the last kept lies far enough back: the curve at ``s``, printed at (x, y).
+
+    Where there is no more room every other place goes, and the distance doubles.
+    """
+    samples[0, P_SINCE] += length
+    if samples[0, P_SINCE] < samples[0, P_GAP]:
+        return
+    if samples[0, P_COUNT] == SAMPLES:
+        total = 0.0
+        for j in range(SAMPLES // 2):
+            weight = samples[1 + 2 * j, P_WEIGHT] + samples[2 + 2 * j, P_WEIGHT]
+            for field in range(SAMPLE):
+                samples[1 + j, field] = samples[1 + 2 * j, field]
+            samples[1 + j, P_WEIGHT] = weight
+            total += weight
+        samples[0, P_COUNT] = SAMPLES // 2
+        samples[0, P_GAP] = max(2.0 * samples[0, P_GAP], total / (SAMPLES // 2))
+    wanted_x, wanted_y, _ = place(curve, s)
+    step = min(0.01, 0.5 - abs(s - 0.5))
+    ahead_x, ahead_y, _ = place(curve, s + step)
+    behind_x, behind_y, _ = place(curve, s - step)
+    along = norm(ahead_x - behind_x, ahead_y - behind_y)
+    tx, ty = 1.0, 0.0
+    if along > 0.0:
+        tx, ty = (ahead_x - behind_x) / along, (ahead_y - behind_y) / along
+    samples[0, P_COUNT] += 1
+    at = np.int64(samples[0, P_COUNT])
+    samples[at, P_X], samples[at, P_Y], samples[at, P_TX], samples[at, P_TY] = wanted_x, wanted_y, tx, ty
+    samples[at, P_OFF] = (y - wanted_y) * tx - (x - wanted_x) * ty
+    samples[at, P_SIDE], samples[at, P_SIDE + 1] = state[S_SIDE], state[S_SIDE + 1]
+    samples[at, P_LAYER], samples[at, P_WEIGHT] = row, samples[0, P_SINCE]
+    samples[0, P_SINCE] = 0.0
+
+
+@inner(error_model="numpy", _nrt=False)
+def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors, samples):
     """Print a move as the file has it; where ``noted``, add up its distance to the wanted path."""
     straight = curve[ARC] == 0.0
-    samples = 0
+    looks = 0
     screw = model[M_SCREW] != 0.0
     push_x = push_y = 0.0
     if noted:
-        samples = samples_of(model, curve[LENGTH])
+        looks = samples_of(model, curve[LENGTH])
     elif not straight:
-        samples = 16
-    for j in range(samples):
-        s = (j + 0.5) / samples
+        looks = 16
+    for j in range(looks):
+        s = (j + 0.5) / looks
         if straight:
             x, y = curve[X0] + s * (curve[X1] - curve[X0]), curve[Y0] + s * (curve[Y1] - curve[Y0])
         else:
@@ -104,13 +154,14 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
             _, _, z = place(curve, s)
             push_x, push_y, risen = lift_raw(model, state, counts, z)
             if noted:
-                note_height(layers, row, 0, risen - z, curve[LENGTH] / samples)
+                note_height(layers, row, 0, risen - z, curve[LENGTH] / looks)
         if noted:
             a = (state[S_RAW_LO] + state[S_RAW_HI]) / 2
             b = (state[S_RAW_LO + 1] + state[S_RAW_HI + 1]) / 2
             x, y = printed(model, a, b)
             x, y = x + push_x, y + push_y
-            note(layers, row, errors, 0, _nearest(records, count, i, curve, x, y), curve[LENGTH] / samples)
+            note(layers, row, errors, 0, _nearest(records, count, i, curve, x, y), curve[LENGTH] / looks)
+            keep(samples, state, curve, s, curve[LENGTH] / looks, x, y, row)
     follow_raw(model, state, curve[X1], curve[Y1])
     if screw:
         lift_raw(model, state, counts, curve[Z1])

@@ -9,163 +9,16 @@ error of the binning vanishes as the fit converges.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from printmend.learn.drive.kernels import columns as kernels
-from printmend.saved.branches import SCALE_MM, Branches, Wave, warp_columns
-from printmend.units import TURN_RAD
+from printmend.learn.drive.layout import Design
+from printmend.saved.branches import SCALE_MM
 
 CHUNK = 1 << 12  # rows whose columns stay in the cache
 CELLS = 1024  # phases of the moments: products of two harmonics up to 32 are seen to 2 %, of residuals
 WARP_TABLE = 2049
-TABLE = 4096  # phases of the tables that the play is simulated with
-
-
-@dataclass(frozen=True)
-class Design:
-    """Which columns there are.
-
-    Order of parameters: where the belt was at the start (counted from the first measurement), mean powers, play
-    powers, cross terms, cos and sin of the ripple, then cos and sin of the harmonics of mean, play and elastic.
-    ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1; ``ripple`` the high harmonics of
-    micro-step ripple; ``warp`` the number of cosines over ``warp_span_mm`` that make the part of the mean that repeats
-    nothing (they come after the cross terms).
-    """
-
-    mean_powers: int = 0
-    play_powers: int = 0
-    cross: tuple[tuple[int, int], ...] = ()
-    ripple: tuple[int, ...] = ()
-    mean_harmonics: tuple[int, ...] = ()
-    play_harmonics: tuple[int, ...] = ()
-    elastic_harmonics: tuple[int, ...] = ()
-    warp: int = 0
-    warp_span_mm: tuple[float, float] = (0.0, 1.0)
-
-    @cached_property
-    def parts(self) -> dict[str, slice]:
-        """The place of every part in the parameter vector."""
-        sizes = {
-            "start": 1,
-            "mean_powers": self.mean_powers,
-            "play_powers": self.play_powers,
-            "cross": len(self.cross),
-            "warp": self.warp,
-            "ripple_cos": len(self.ripple),
-            "ripple_sin": len(self.ripple),
-            "mean_cos": len(self.mean_harmonics),
-            "mean_sin": len(self.mean_harmonics),
-            "play_cos": len(self.play_harmonics),
-            "play_sin": len(self.play_harmonics),
-            "elastic_cos": len(self.elastic_harmonics),
-            "elastic_sin": len(self.elastic_harmonics),
-        }
-        parts, first = {}, 0
-        for name, size in sizes.items():
-            parts[name] = slice(first, first + size)
-            first += size
-        return parts
-
-    @cached_property
-    def size(self) -> int:
-        return self.parts["elastic_sin"].stop
-
-    @cached_property
-    def extras(self) -> int:
-        """The number of columns that are not harmonics."""
-        return 1 + self.mean_powers + self.play_powers + len(self.cross) + self.warp + 2 * len(self.ripple)
-
-    @cached_property
-    def harmonic(self) -> np.ndarray:
-        """The harmonic of every parameter [P], 0 where it has none."""
-        order = np.zeros(self.size, np.int64)
-        for name, part in self.parts.items():
-            if name.endswith(("_cos", "_sin")):
-                order[part] = self.waves(name)
-        return order
-
-    def waves(self, name: str) -> np.ndarray:
-        """Return the harmonics of ripple, mean, play or elastic (of ``mean_cos``, too)."""
-        kind = name.removesuffix("_cos").removesuffix("_sin")
-        return np.array(self.ripple if kind == "ripple" else getattr(self, f"{kind}_harmonics"), np.int64)
-
-    def mask(self, *names: str) -> np.ndarray:
-        """Mark the parameters [P] of the named parts; "mean" stands for mean_cos and mean_sin."""
-        marked = np.zeros(self.size, bool)
-        for name in names:
-            for part in (name,) if name in self.parts else (f"{name}_cos", f"{name}_sin"):
-                marked[self.parts[part]] = True
-        return marked
-
-    def moved(self, values: np.ndarray, other: "Design") -> np.ndarray:
-        """Carry parameters of ``other`` over to this design; what is new is 0."""
-        moved = np.zeros(self.size)
-        for name, part in self.parts.items():
-            mine = self._keys(name)
-            for i, key in enumerate(other._keys(name)):
-                if key in mine:
-                    moved[part.start + mine.index(key)] = values[other.parts[name].start + i]
-        return moved
-
-    def _keys(self, name: str) -> list:
-        if name in ("cross", "start"):
-            return list(self.cross) if name == "cross" else [0]
-        if name == "warp":
-            return [(k, *self.warp_span_mm) for k in range(1, self.warp + 1)]
-        return list(range(getattr(self, name)) if name.endswith("_powers") else self.waves(name))
-
-    def branches(
-        self, values: np.ndarray, *, period_mm: float, origin_mm: float, reach_mm: tuple[float, float]
-    ) -> Branches:
-        """Return the drive that parameters [P] stand for."""
-        at = {name: values[part] for name, part in self.parts.items()}
-        return Branches(
-            period_mm,
-            origin_mm,
-            reach_mm,
-            Wave(
-                at["mean_powers"],
-                np.concatenate([self.waves("mean"), self.waves("ripple")]),
-                np.concatenate([at["mean_cos"], at["ripple_cos"]]),
-                np.concatenate([at["mean_sin"], at["ripple_sin"]]),
-            ),
-            Wave(at["play_powers"], self.waves("play"), at["play_cos"], at["play_sin"]),
-            Wave(np.zeros(0), self.waves("elastic"), at["elastic_cos"], at["elastic_sin"]),
-            at["warp"],
-            self.warp_span_mm,
-        )
-
-    def columns(self, motor_mm: np.ndarray, period_mm: float, origin_mm: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the columns of mean and of play [N, P] at motor positions [N]; the frame's are 0 in both."""
-        x = (motor_mm - origin_mm) / SCALE_MM
-        phase = TURN_RAD * np.mod(motor_mm / period_mm, 1.0)[:, None]
-        mean, play = np.zeros((len(x), self.size)), np.zeros((len(x), self.size))
-        mean[:, self.parts["mean_powers"]] = x[:, None] ** np.arange(self.mean_powers)
-        mean[:, self.parts["warp"]] = warp_columns(self.warp, self.warp_span_mm, motor_mm)
-        play[:, self.parts["play_powers"]] = x[:, None] ** np.arange(self.play_powers)
-        harmonics = np.unique(self.harmonic[self.harmonic > 0])
-        turned = {"cos": np.cos(phase * harmonics), "sin": np.sin(phase * harmonics)}
-        for name, part in self.parts.items():
-            if name.endswith(("_cos", "_sin")):
-                wave = turned[name[-3:]][:, np.searchsorted(harmonics, self.waves(name))]
-                into = play if name.startswith("play") else mean
-                into[:, part] = wave * x[:, None] if name.startswith("elastic") else wave
-        return mean, play
-
-    def tables(self, values: np.ndarray) -> np.ndarray:
-        """Return the periodic parts of mean, play and elastic [3, TABLE + 1] over one turn."""
-        tables = np.zeros((3, TABLE + 1))
-        for row, kinds in enumerate((("mean", "ripple"), ("play",), ("elastic",))):
-            spectrum = np.zeros(TABLE // 2 + 1, complex)
-            for kind in kinds:
-                cos_mm, sin_mm = values[self.parts[f"{kind}_cos"]], values[self.parts[f"{kind}_sin"]]
-                spectrum[self.waves(kind)] = cos_mm - 1j * sin_mm
-            if spectrum.any():
-                tables[row, :-1] = np.fft.irfft(spectrum, TABLE) * (TABLE / 2)
-        tables[:, -1] = tables[:, 0]
-        return tables
 
 
 def warp_table(cos_mm: np.ndarray) -> np.ndarray:

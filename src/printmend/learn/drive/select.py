@@ -12,6 +12,7 @@ import numpy as np
 
 from printmend.learn.drive.design import Design, Normal, Rows
 from printmend.learn.drive.fit import Fit, Posterior, Prior, refine, solve, variances
+from printmend.learn.drive.layout import CROSS
 from printmend.learn.drive.sight import crosses
 from printmend.path import last_way
 
@@ -24,7 +25,6 @@ WORTH_PLAY = 10.0  # play also adapts the contacts to the noise, which the evide
 STARTS_MM = (0.3, 3.0)
 PLAYS = ("none", "constant", "loose", "free")
 BOTH_WAYS = 5  # measured rows that a motor must have gone either way for its play to show
-CROSS = ((0, 1), (0, 2), (1, 1), (0, 3), (1, 2), (2, 1))
 ELASTIC = (1, 3, 5)
 WARPS_MM = (10.0, 20.0, 40.0)
 WARP_MARGIN_MM = 20.0

@@ -12,11 +12,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.errors import TraceError
-from printmend.learn.drive.design import TABLE, Rows, contacts, cross_columns
+from printmend.learn.drive.design import Rows, contacts, cross_columns
 from printmend.learn.drive.doubt import Doubt, doubt
 from printmend.learn.drive.jumps import find_jumps
 from printmend.learn.drive.kernels import columns as kernels
 from printmend.learn.drive.ladder import Jump, jumped
+from printmend.learn.drive.layout import TABLE, bed_middle
 from printmend.learn.drive.rest import CENTRED, rest_shares
 from printmend.learn.drive.select import HARMONICS, Choice, Structure, fitted, folded, prune, refined, search
 from printmend.learn.drive.sight import GLIMPSED, SEEN, Sight, check_follows, sight
@@ -243,11 +244,6 @@ def motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
             )
         )
     return rows
-
-
-def bed_middle(printer: Printer) -> np.ndarray:
-    x, y = printer.x, printer.y
-    return printer.to_motor(np.array([(x.min_mm + x.max_mm) / 2, (y.min_mm + y.max_mm) / 2]))
 
 
 def ripple_harmonics(printer: Printer, motor: int) -> tuple[int, ...]:

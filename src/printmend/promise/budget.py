@@ -1,0 +1,152 @@
+"""The budget of a model: all that it does not know, as values, as a section of its file, as errors along a path.
+
+Type A, from the scatter of the measurement: the covariance C ≈ F Fᵀ of each motor's parameters, kept as the few
+directions F in which the machine on the bed may differ; and what the residuals leave unexplained. Type B, from
+elsewhere: the instrument (scale, difference of its axes, lean) and half a micro-step (JCGM 100:2008, 4.2 and 4.3).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from printmend.learn.drive.layout import CROSS, Design
+from printmend.saved.branches import SCALE_MM
+from printmend.saved.model import SavedModel
+from printmend.saved.values import number, numbers, refuse, section_of
+
+VERSION = 1
+DIRECTIONS = 48  # of a motor's parameters that are kept at most
+_MOST_PARAMETERS = 400
+LAYOUT = ("mean_harmonics", "play_harmonics", "elastic_harmonics", "ripple")
+
+
+@dataclass(frozen=True, eq=False)
+class MotorBudget:
+    """What is not known of one motor: its parameters may be off by ``factor_mm`` [P, R] @ z, z ~ N(0, 1).
+
+    ``design`` says which parameters there are; ``reach_mm`` beyond which powers above the first go on straight.
+    ``unexplained_mm2`` and ``unexplained_sd_mm2`` are the variance of what no parameter follows, and its doubt.
+    """
+
+    design: Design
+    factor_mm: np.ndarray
+    period_mm: float
+    middle_mm: float
+    reach_mm: tuple[float, float]
+    unexplained_mm2: float
+    unexplained_sd_mm2: float
+
+    def columns(self, motor_mm: np.ndarray, own_mm: np.ndarray, other_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
+        """Return by how much the belt would be off for each of the R directions [N, R].
+
+        The motor is at ``motor_mm`` [N], the belts ``own_mm`` and ``other_mm`` [N] from the bed's middle; ``side`` [N]
+        is +1 where the motor pushes the belt forwards, −1 back, 0 between the two.
+        """
+        mean, play = self.design.columns(motor_mm, self.period_mm, self.middle_mm)
+        if self.design.mean_powers > 2 or self.design.play_powers > 2:
+            inside = np.clip(motor_mm, *self.reach_mm)
+            inner = self.design.columns(inside, self.period_mm, self.middle_mm)
+            for table, clipped, name in ((mean, inner[0], "mean_powers"), (play, inner[1], "play_powers")):
+                high = slice(self.design.parts[name].start + 2, self.design.parts[name].stop)
+                table[:, high] = clipped[:, high]
+        moved = mean - 0.5 * side[:, None] * play
+        place = self.design.parts["cross"]
+        for at, (p, q) in enumerate(self.design.cross, start=place.start):
+            moved[:, at] = (own_mm / SCALE_MM) ** p * (other_mm / SCALE_MM) ** q
+        return np.asarray(moved @ self.factor_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """What is not known of a machine. ``placed``: the measurement says where on the bed things lie; else errors are
+    counted from home. ``causes`` are what a test of misfit adds: name → (root mean square, its sd) [mm]."""
+
+    motors: tuple[MotorBudget, MotorBudget]
+    placed: bool
+    causes: Mapping[str, tuple[float, float]]
+
+
+def parse_budget(model: SavedModel) -> Budget | None:
+    """Return what a saved model says about its own doubt, None for one that says nothing.
+
+    Raises `ModelError` for a section that is none of ours.
+    """
+    section = model.document.get("promise")
+    if section is None:
+        return None
+    subject = "the model [promise]"
+    if not isinstance(section, dict) or section.get("version") != VERSION:
+        refuse(subject, f"a section of version {VERSION}", "something else")
+    motors = section_of(section, "motors", dict, subject)
+    if sorted(motors) != sorted(model.printer.motors):
+        refuse(subject, f"motors {' and '.join(model.printer.motors)}", "others")
+    parsed = [_motor(motors[name], f"{subject} {name}") for name in model.printer.motors]
+    return Budget((parsed[0], parsed[1]), bool(section.get("placed")), _causes(model))
+
+
+def _causes(model: SavedModel) -> dict[str, tuple[float, float]]:
+    misfit = model.document.get("misfit")
+    table = misfit.get("unexplained") if isinstance(misfit, dict) else None
+    if table is None:
+        return {}
+    subject = "the model [misfit]"
+    if not isinstance(table, dict) or not all(isinstance(each, dict) for each in table.values()):
+        refuse(subject, "unexplained errors by cause", "something else")
+    return {
+        str(name): (abs(number(each, "rms_mm", subject)), abs(number(each, "sd_mm", subject)))
+        for name, each in table.items()
+    }
+
+
+def _motor(section: Any, subject: str) -> MotorBudget:
+    if not isinstance(section, dict):
+        refuse(subject, "a section", "something else")
+    layout = section_of(section, "parameters", dict, subject)
+    counts = {name: int(number(layout, name, subject)) for name in ("mean_powers", "play_powers", "cross", "warp")}
+    waves = {name: numbers(layout, name, subject, _MOST_PARAMETERS) for name in LAYOUT if name in layout}
+    if not all(0 <= value <= _MOST_PARAMETERS for value in counts.values()) or counts["cross"] > len(CROSS):
+        refuse(subject, "counts of parameters", "others")
+    if any((each < 1).any() or (each % 1).any() for each in waves.values()):
+        refuse(subject, "whole harmonics", "others")
+    span = numbers(layout, "warp_span_mm", subject, 2)
+    reach = numbers(section, "reach_mm", subject, 2)
+    period_mm = number(section, "period_mm", subject)
+    if len(span) != 2 or span[0] >= span[1] or len(reach) != 2 or reach[0] > reach[1] or period_mm <= 0:
+        refuse(subject, "a positive period_mm and spans that rise", "something else")
+    design = Design(
+        mean_powers=counts["mean_powers"],
+        play_powers=counts["play_powers"],
+        cross=CROSS[: counts["cross"]],
+        warp=counts["warp"],
+        warp_span_mm=(float(span[0]), float(span[1])),
+        **{name: tuple(int(k) for k in each) for name, each in waves.items()},
+    )
+    factor = _factor(section_of(section, "factor_mm", dict, subject), design, subject)
+    return MotorBudget(
+        design,
+        factor,
+        period_mm,
+        number(section, "middle_mm", subject),
+        (float(reach[0]), float(reach[1])),
+        abs(number(section, "unexplained_mm2", subject)),
+        abs(number(section, "unexplained_sd_mm2", subject)),
+    )
+
+
+def _factor(tables: dict[str, Any], design: Design, subject: str) -> np.ndarray:
+    rows: dict[int, np.ndarray] = {}
+    for name, table in tables.items():
+        part = design.parts.get(name)
+        if part is None or not isinstance(table, list) or len(table) != part.stop - part.start:
+            refuse(subject, "a factor for each parameter", "something else")
+        for i, row in enumerate(table):
+            rows[part.start + i] = numbers({"row": row}, "row", subject, DIRECTIONS)
+    widths = {len(row) for row in rows.values()}
+    if len(widths) > 1:
+        refuse(subject, "factors of one length", "several")
+    factor = np.zeros((design.size, widths.pop() if widths else 0))
+    for at, row in rows.items():
+        factor[at] = row
+    return factor

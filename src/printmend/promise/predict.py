@@ -1,0 +1,260 @@
+"""The predictive distribution of a print: how far it will be from what was wanted, all that is not known included.
+
+The machine is linear in its parameters where they are nearly right, so an error along the path is what the model itself
+says plus G z, z ~ N(0, 1), plus what differs from place to place (what nothing explains, half a micro-step). A hundred
+machines are drawn; the 90 % range is that of their prints (JCGM 101:2008, propagation by Monte Carlo).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from printmend.learn.drive.layout import bed_middle
+from printmend.machine.mechanism import Mechanism, Transmission
+from printmend.promise.budget import Budget, MotorBudget
+
+DRAWS = 256
+LOOKED_AT = 32  # of these, for the quantiles over the places of a path
+PLACES = 1024  # of the path that are looked at, at most
+LOW, HIGH = 0.05, 0.95
+UNSEEN = 0.4  # odds that there is a pattern where none was seen
+ROUNDED = (0.5, 1.1)
+STANDS = 1e-6  # the share of a move below which a motor stands still
+SEED = 11  # the same file and model always get the same promise
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Places at even distances along an extruded path: ``wanted_mm`` [N, 2], unit ``tangent`` [N, 2], by how much the
+    file as it is prints to the left of the path there, ``off_mm`` [N], the side that each motor pushed before the move,
+    ``side`` [N, 2], and the length that a place stands for, ``weight`` [N]."""
+
+    wanted_mm: np.ndarray
+    tangent: np.ndarray
+    off_mm: np.ndarray
+    side: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What a machine that is exactly as its model says makes of a print: distances from the wanted path [mm]."""
+
+    rms_mm: float
+    p95_mm: float
+    max_mm: float
+
+
+@dataclass(frozen=True)
+class Promise:
+    """The expected distance of a print from the wanted path [mm].
+
+    ``rms_mm`` with its 90 % range, ``p95_mm`` and ``max_mm`` are of the shape at its place where the measurement says
+    where that is, else of the shape alone. ``shape_rms_mm`` is the shape's, ``place_mm`` by how much all of it is
+    shifted. ``planning_rms_mm`` is what the model itself says; ``made_of`` are the shares of ``rms_mm``: their squares
+    add up to its own.
+    """
+
+    rms_mm: float
+    p95_mm: float
+    max_mm: float
+    rms_low_mm: float
+    rms_high_mm: float
+    shape_rms_mm: float
+    place_mm: float
+    planning_rms_mm: float
+    made_of: Mapping[str, float] = field(default_factory=dict)
+
+    def said(self) -> str:
+        """Say it in a line: the number, its 90 % range, what it is made of."""
+        made = [f"{name} {share:.3f}" for name, share in self.made_of.items() if name != "planning" and share >= 0.0005]
+        ranged = f"{self.rms_mm:.3f} mm, {self.rms_low_mm:.3f}–{self.rms_high_mm:.3f}"
+        return f"{ranged}: {', '.join(made) or 'nothing beyond the model'}; planning {self.planning_rms_mm:.3f}"
+
+
+def without_doubt(errors: Errors) -> Promise:
+    """Return what a model that says nothing of its own doubt can say."""
+    rms = errors.rms_mm
+    return Promise(rms, errors.p95_mm, errors.max_mm, rms, rms, rms, 0.0, rms, {"planning": rms})
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """What to expect of a file as it is (``before``) and mended (``after``).
+
+    ``gain_mm`` [DRAWS] is by how much mending lowers the error of each drawn machine, in shape and, where the
+    measurement says where that is, in place.
+    """
+
+    before: Promise
+    after: Promise
+    gain_mm: np.ndarray
+
+
+def promised(mechanism: Mechanism, budget: Budget, path: Path, before: Errors, after: Errors) -> Outlook | None:
+    """Return what to expect, None for a path without a place."""
+    if not len(path.weight) or path.weight.sum() <= 0:
+        return None
+    path = _thinned(path)
+    rng = np.random.default_rng(SEED)
+    aims = _aims(mechanism, path)
+    local = _local_mm2(mechanism, budget, path, rng)
+    columns = [_columns(mechanism, budget, path, aims, motors) for motors in (aims.before_mm, aims.after_mm)]
+    z = rng.standard_normal((columns[0].shape[1], DRAWS))
+    raw = _Side(path, path.off_mm[:, None] + columns[0] @ z, columns[0] @ z, local, before, signed=True)
+    mended = _Side(path, columns[1] @ z, columns[1] @ z, local, after, signed=False)
+    results = [_summed_up(each, budget.placed, rng) for each in (raw, mended)]
+    return Outlook(results[0][0], results[1][0], results[0][1] - results[1][1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Aims:
+    """Where the motors are at each place [N, 2] before and after mending, the belts [N, 2], the sides pushed [N, 2]."""
+
+    before_mm: np.ndarray
+    after_mm: np.ndarray
+    belt_mm: np.ndarray
+    side: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """One of the two files: errors across the path [N, DRAWS] in all, and the share that parameters have in them;
+    ``local`` cause → variance across the path [N or 1, DRAWS]; what the model itself says, with a sign or not."""
+
+    path: Path
+    error_mm: np.ndarray
+    doubt_mm: np.ndarray
+    local: dict[str, np.ndarray]
+    known: Errors
+    signed: bool
+
+
+def _thinned(path: Path) -> Path:
+    count = len(path.weight)
+    if count <= PLACES:
+        return path
+    at = np.floor((np.arange(PLACES) + 0.5) * count / PLACES).astype(np.int64)
+    edges = np.concatenate([[0], (at[1:] + at[:-1] + 1) // 2, [count]])
+    weight = np.add.reduceat(path.weight, edges[:-1])
+    return Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight)
+
+
+def _aims(mechanism: Mechanism, path: Path) -> _Aims:
+    printer = mechanism.printer
+    belt = printer.to_motor(mechanism.frame.invert(path.wanted_mm))
+    way = printer.to_motor(path.tangent)
+    side = np.where(np.abs(way) > STANDS, np.sign(way), path.side)
+    after = np.stack(
+        [_motor_at(mechanism.transmissions[i], belt[:, i], side[:, i]) for i in range(2)], axis=1
+    )  # fmt: skip
+    return _Aims(printer.to_motor(path.wanted_mm), after, belt, side)
+
+
+def _motor_at(table: Transmission, belt_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
+    """Return where a motor has to be [N] for its belt to be there."""
+    grid = table.motor_mm
+    lower, upper = (belt_mm - np.interp(belt_mm, branch, branch - grid) for branch in (table.lower_mm, table.upper_mm))
+    return np.where(side > 0, lower, np.where(side < 0, upper, (lower + upper) / 2))
+
+
+def _across(mechanism: Mechanism, path: Path) -> np.ndarray:
+    """Return by how much a print moves to the left of its path for a millimetre of each belt [N, 2]."""
+    normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
+    return np.asarray(normal @ mechanism.printer.from_motor(np.eye(2)).T)
+
+
+def _columns(mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, motor_mm: np.ndarray) -> np.ndarray:
+    """Return the error across the path for each direction of both budgets [N, R]."""
+    printer = mechanism.printer
+    across, middle = _across(mechanism, path), bed_middle(printer)
+    home = np.array(printer.home_mm)
+    at_home, belts_home = printer.to_motor(home), printer.to_motor(mechanism.frame.invert(home)) - middle
+    found = []
+    for i, motor in enumerate(budget.motors):
+        own, other = aims.belt_mm[:, i] - middle[i], aims.belt_mm[:, 1 - i] - middle[1 - i]
+        columns = motor.columns(motor_mm[:, i], own, other, aims.side[:, i])
+        if not budget.placed:
+            way = np.array([float(printer.motor_home_direction(i))])
+            columns = columns - motor.columns(at_home[[i]], belts_home[[i]], belts_home[[1 - i]], way)
+        found.append(columns * across[:, [i]])
+    return np.hstack(found)
+
+
+def _local_mm2(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return the variances across the path [N, DRAWS] of what differs from place to place, by cause."""
+    across2 = _across(mechanism, path) ** 2
+    steps = np.array([axis.mm_per_step / axis.microsteps for axis in mechanism.printer.axes[:2]])
+    drawn = np.stack(
+        [np.maximum(rng.normal(motor.unexplained_mm2, motor.unexplained_sd_mm2, DRAWS), 0.0) for motor in budget.motors]
+    )
+    local = {"unexplained": across2 @ drawn}
+    for name, (rms, sd) in budget.causes.items():
+        size = np.maximum(rng.normal(rms, sd, DRAWS), 0.0) ** 2 / 2
+        local[name] = np.broadcast_to(size, (len(path.weight), DRAWS))
+    # Some drives stop evenly on their micro-steps, others hardly hold them: half to once and a bit of their size.
+    local["rounding"] = (across2 @ (steps**2 / 12))[:, None] * rng.uniform(*ROUNDED, DRAWS) ** 2
+    return local
+
+
+def _left_mm2(motor: MotorBudget, rng: np.random.Generator) -> np.ndarray:
+    """Draw variances [DRAWS] of what nothing explains: where none was seen there mostly is none."""
+    drawn = np.maximum(rng.normal(motor.unexplained_mm2, motor.unexplained_sd_mm2, DRAWS), 0.0)
+    return drawn if motor.unexplained_mm2 > 0 else np.where(rng.random(DRAWS) < UNSEEN, drawn, 0.0)
+
+
+def _summed_up(side: _Side, placed: bool, rng: np.random.Generator) -> tuple[Promise, np.ndarray]:
+    """Return the promise and the RMS errors [DRAWS] that it sums up."""
+    weight = side.path.weight / side.path.weight.sum()
+    normal = np.stack([-side.path.tangent[:, 1], side.path.tangent[:, 0]], axis=1)
+    pull = (normal * weight[:, None]).T @ side.error_mm  # [2, DRAWS]
+    spread = (normal * weight[:, None]).T @ normal + 1e-9 * np.eye(2)
+    shift = np.linalg.solve(spread, pull)
+    seen2 = float(weight @ side.path.off_mm**2) if side.signed else 0.0
+    known2 = max(side.known.rms_mm**2 - seen2, 0.0)
+    places2 = {name: weight @ each for name, each in side.local.items()}
+    whole2 = weight @ side.error_mm**2 + known2 + sum(places2.values())
+    shape2 = np.maximum(whole2 - (shift * pull).sum(axis=0), 0.0)
+    drawn = np.sqrt(whole2 if placed else shape2)
+    rms = float(np.median(drawn))
+    doubt2 = weight @ side.doubt_mm**2
+    shares = {
+        "planning": side.known.rms_mm**2,
+        "parameters": float(np.mean(doubt2)),
+        **{name: float(np.mean(each)) for name, each in places2.items()},
+    }
+    total = max(sum(shares.values()), 1e-300)
+    p95, most = _extremes(side, shift, placed, rng)
+    low, high = np.quantile(drawn, (LOW, HIGH))
+    promise = Promise(
+        rms, p95, most, float(low), float(high), float(np.median(np.sqrt(shape2))),
+        float(np.median(np.hypot(*shift))), side.known.rms_mm,
+        {name: rms * float(np.sqrt(share / total)) for name, share in shares.items()},
+    )  # fmt: skip
+    return promise, drawn
+
+
+def _extremes(side: _Side, shift: np.ndarray, placed: bool, rng: np.random.Generator) -> tuple[float, float]:
+    """Return the 95th percentile and the largest error along the path, the median of some drawn machines."""
+    error = side.error_mm[:, :LOOKED_AT]
+    sd2 = np.full(error.shape, 0.0 if side.signed else side.known.rms_mm**2)
+    for each in side.local.values():
+        sd2 += each[:, :LOOKED_AT]
+    off = side.path.off_mm[:, None]
+    if not placed:
+        normal = np.stack([-side.path.tangent[:, 1], side.path.tangent[:, 0]], axis=1)
+        error = error - normal @ shift[:, :LOOKED_AT]
+        off = off - normal @ np.median(shift, axis=1)[:, None]
+    drawn = np.abs(error + np.sqrt(sd2) * rng.standard_normal(error.shape))
+    order = np.argsort(drawn, axis=0)
+    reached = np.cumsum(side.path.weight[order], axis=0) / side.path.weight.sum()
+    at = np.minimum((reached < 0.95).sum(axis=0), len(drawn) - 1)
+    ranked = np.take_along_axis(drawn, order, axis=0)
+    p95, most = float(np.median(ranked[at, np.arange(LOOKED_AT)])), float(np.median(ranked[-1]))
+    if not side.signed:
+        return p95, max(most, side.known.max_mm)
+    # the samples miss corners that the whole path has
+    without = np.sort(np.abs(off[:, 0]))
+    missed = side.known.max_mm - float(without[-1]) if placed else 0.0
+    return p95, most + max(missed, 0.0)

@@ -1,0 +1,95 @@
+"""Write down what a fit leaves unknown: the section ``promise`` of a saved model, which `budget` reads."""
+
+from typing import Any
+
+import numpy as np
+
+from printmend.learn.drive.layout import Design, bed_middle
+from printmend.learn.greybox.greybox import Drive, GreyboxModel, motor_rows
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.promise.budget import DIRECTIONS, LAYOUT, VERSION, MotorBudget
+from printmend.promise.unexplained import unexplained
+
+KEPT = 0.998  # share of the variance on the bed that the kept directions have
+PLACES = 400  # on the bed at which that variance is looked at
+
+
+def promise_section(fit: GreyboxModel, trace: Trace) -> dict[str, Any]:
+    """Return the budget of a learned machine as plain values: the section ``promise`` of its file."""
+    rows = motor_rows(trace, fit.printer)
+    motors = {}
+    for motor, drive in enumerate(fit.drives):
+        touch = drive.choice.fit.touch
+        left = unexplained(rows[motor], touch.residual_mm, touch.side)
+        motors[drive.name] = motor_section(drive, fit.printer, motor, left.variance_mm2, left.sd_mm2)
+    return {"version": VERSION, "placed": trace.placed, "motors": motors}
+
+
+def motor_section(drive: Drive, printer: Printer, motor: int, unexplained_mm2: float, sd_mm2: float) -> dict[str, Any]:
+    """Return one motor's budget as plain values."""
+    design, covariance = _joined(drive)
+    values, axes = np.linalg.eigh(covariance)
+    root = axes * np.sqrt(np.maximum(values, 0.0))
+    plain = MotorBudget(
+        design, root, drive.branches.period_mm, drive.branches.middle_mm, drive.branches.reach_mm, 0.0, 0.0
+    )
+    low, high = printer.motor_range_mm(motor)
+    motor_mm = np.linspace(low, high, PLACES)
+    own = motor_mm - bed_middle(printer)[motor]
+    step = np.mod(np.arange(PLACES) * 0.7548776662, 1.0)  # a fixed, even walk over the other axis
+    low, high = printer.motor_range_mm(1 - motor)
+    other = low + (high - low) * step - bed_middle(printer)[1 - motor]
+    side = np.where(np.arange(PLACES) % 2, 1.0, -1.0)
+    _, spread, turned = np.linalg.svd(plain.columns(motor_mm, own, other, side), full_matrices=False)
+    share = np.cumsum(spread**2) / max(float(np.sum(spread**2)), 1e-300)
+    kept = min(int(np.searchsorted(share, KEPT)) + 1, DIRECTIONS, len(turned))
+    factor = root @ turned[:kept].T
+    layout = {name: list(map(int, getattr(design, name))) for name in LAYOUT if getattr(design, name)}
+    powers = {"mean_powers": design.mean_powers, "play_powers": design.play_powers, "cross": len(design.cross)}
+    return {
+        "parameters": {**powers, **layout, "warp": design.warp, "warp_span_mm": list(design.warp_span_mm)},
+        "period_mm": plain.period_mm,
+        "middle_mm": plain.middle_mm,
+        "reach_mm": [round(float(value), 6) for value in plain.reach_mm],
+        "factor_mm": {
+            name: [[float(f"{value:.4g}") for value in row] for row in factor[part]]
+            for name, part in design.parts.items()
+            if part.stop > part.start and name != "start"
+        },
+        "unexplained_mm2": float(f"{unexplained_mm2:.4g}"),
+        "unexplained_sd_mm2": float(f"{sd_mm2:.4g}"),
+    }
+
+
+def _joined(drive: Drive) -> tuple[Design, np.ndarray]:
+    """Return the columns of the chosen parts and of those left out, and the covariance [P, P] of all of them."""
+    chosen = drive.choice.design
+    designs = [chosen] if drive.doubt is None else [chosen, drive.doubt.design]
+    post = drive.choice.fit.posterior
+    own = np.zeros((chosen.size, chosen.size))
+    own[np.ix_(post.active, post.active)] = post.covariance
+    covariances = [own] if drive.doubt is None else [own, drive.doubt.covariance]
+
+    def waves(name: str) -> tuple[int, ...]:
+        return tuple(sorted({k for each in designs for k in getattr(each, name)}))
+
+    warped = max(designs, key=lambda each: each.warp)
+    joined = Design(
+        mean_powers=max(each.mean_powers for each in designs),
+        play_powers=max(each.play_powers for each in designs),
+        cross=max((each.cross for each in designs), key=len),
+        ripple=waves("ripple"),
+        mean_harmonics=waves("mean_harmonics"),
+        play_harmonics=waves("play_harmonics"),
+        elastic_harmonics=waves("elastic_harmonics"),
+        warp=warped.warp,
+        warp_span_mm=warped.warp_span_mm,
+    )
+    total = np.zeros((joined.size, joined.size))
+    for design, covariance in zip(designs, covariances, strict=True):
+        place = np.stack([joined.moved(row, design) for row in np.eye(design.size)])  # [own, joined]
+        total += place.T @ covariance @ place
+    start = joined.parts["start"]
+    total[start], total[:, start] = 0.0, 0.0
+    return joined, total

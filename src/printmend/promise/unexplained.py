@@ -1,0 +1,67 @@
+"""What the residuals of a fit hold beyond white noise: the error that no part of the model follows.
+
+White noise averages out over a block of L rows, a pattern longer than that does not: with c₀ = mean r² and block means
+r̄, s² = (L mean r̄² − c₀)/(L − 1) estimates the variance of the pattern, and has the standard deviation
+c₀ √(2 L/N)/(L − 1) where there is none. A pattern may follow time, the place, the motor's angle or the other axis,
+and differ with the side of the belt that is touched: rows are put in each of these orders.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.learn.drive.design import Rows
+from printmend.learn.drive.fit import robust_sigma_mm
+
+LENGTHS = (2, 4, 8, 16, 32)
+USUAL_LENGTH = 8  # of a pattern that is too small to be seen
+LEAST_BLOCKS = 6
+SURE = 3.5  # standard deviations: of some thirty estimates the largest counts
+WILD = 4.0  # residuals beyond so many standard deviations are outliers
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """A pattern's variance [mm²] along one motor, and the standard deviation of that estimate."""
+
+    variance_mm2: float
+    sd_mm2: float
+
+
+def unexplained(rows: Rows, residual_mm: np.ndarray, side: np.ndarray) -> Unexplained:
+    """Return the largest pattern in residuals [N] (NaN where nothing was measured), ``side`` [N] the contacts'."""
+    known = np.flatnonzero((rows.weight > 0) & np.isfinite(residual_mm))
+    residual = residual_mm[known]
+    if len(residual) < 2 * LEAST_BLOCKS:
+        return Unexplained(0.0, float(np.mean(residual**2)) if len(residual) else 0.0)
+    most = WILD * robust_sigma_mm(residual)
+    residual = np.clip(residual, -most, most)
+    whole = float(np.mean(residual**2))
+    least = Unexplained(0.0, _sd(whole, USUAL_LENGTH, len(residual)))
+    found = [least]
+    for order in _orders(rows, side, known):
+        ordered = residual[order]
+        for length in LENGTHS:
+            count = len(ordered) // length
+            if count < LEAST_BLOCKS:
+                break
+            means = ordered[: count * length].reshape(count, length).mean(axis=1)
+            variance = (length * float(np.mean(means**2)) - whole) / (length - 1)
+            sd = _sd(whole, length, len(ordered))
+            if variance > SURE * sd:
+                found.append(Unexplained(min(variance, whole), sd))
+    return max(found, key=lambda each: each.variance_mm2)
+
+
+def _sd(whole_mm2: float, length: int, count: int) -> float:
+    return whole_mm2 * float(np.sqrt(2 * length / count)) / (length - 1)
+
+
+def _orders(rows: Rows, side: np.ndarray, known: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield the orders in which a pattern may show."""
+    yield np.arange(len(known))
+    touched, motor = side[known], rows.motor_mm[known]
+    keys = (np.arange(len(known)), motor, np.mod(motor, rows.period_mm), rows.other_mm[known])
+    for key in keys:
+        yield np.lexsort((key, touched))
