@@ -89,8 +89,8 @@ def test_demo_tells_the_story(printmend, vase: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("bench", "table1", "--bodies", "VASE", "--models", "naive,magic"), "--models: wanted names out of"),
-        (("bench", "table1", "--bodies", "VASE", "--families", "gremlins"), "--families: wanted names out of"),
+        (("bench", "table1", "--bodies", "VASE", "--models", "naive,magic"), "learner: wanted one of"),
+        (("bench", "table1", "--bodies", "VASE", "--families", "gremlins"), "family: wanted one of"),
         (("bench", "table1", "--bodies", "nowhere"), "no such path"),
         (("bench", "table1", "--reference", "EMPTY"), "a folder without dataset/"),
         (("bench", "table1"), "give --bodies or --reference"),

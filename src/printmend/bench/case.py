@@ -13,6 +13,7 @@ import numpy as np
 from printmend.dataset.bodies import body_rng, digest
 from printmend.errors import InputError, PrintmendError
 from printmend.path import Layer, Trace
+from printmend.plugins import CONTROLLERS, CORRUPTIONS, LEARNERS, code_digest
 from printmend.printer import Printer
 
 if TYPE_CHECKING:  # the twin needs numba, which workers import only after they are told to use one thread
@@ -51,6 +52,8 @@ class Case:
     def key(self, row: str) -> str:
         """Return the key of this case's result for a row: 16 hex digits over everything that decides it."""
         content = {name: value for name, value in asdict(self).items() if name not in ("source", "reference", "sliced")}
+        if code := code_digest((LEARNERS, CONTROLLERS, CORRUPTIONS), (*row.split("+"), self.family)):
+            content["code"] = code
         text = json.dumps({**content, "row": row, "rules": RULES, "layers": LAYERS, "printer": PRINTER}, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -91,12 +94,10 @@ def draw_cases(
 
     Files of equal content count once. What is drawn for a body does not depend on the other bodies.
     """
-    from printmend.corruption import families as known
+    from printmend.corruption.sample import check_family
 
-    if unknown := [family for family in families if family not in known()]:
-        raise InputError(
-            "--families", wanted=f"names out of {', '.join(known())}", came=repr(unknown[0]), todo="correct it"
-        )
+    for family in families:
+        check_family(family)
     identities: dict[str, Path] = {}
     for path in files:
         identities.setdefault(digest(path), path)
@@ -137,14 +138,19 @@ def evaluate_rows(case: Case, rows: Mapping[str, "Row | OwnRow"]) -> list[Result
     """Do so for rows that need not be registered, by name."""
     try:
         prepared = _prepare(case)
-    except PrintmendError as error:
-        return [failed(case, name, str(error)) for name in rows]
+    except Exception as error:  # a fault of another package may raise anything
+        return [failed(case, name, reason(error)) for name in rows]
     return [_evaluate_row(prepared, name, chosen, case) for name, chosen in rows.items()]
 
 
 def failed(case: Case, row: str, reason: str) -> Result:
     """Return the result of a case that could not be evaluated."""
     return replace(_blank(case, row), error=reason)
+
+
+def reason(error: Exception) -> str:
+    """Return what a result says of an error."""
+    return str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"
 
 
 def _blank(case: Case, row: str) -> Result:
@@ -165,7 +171,7 @@ class _Prepared:
 
 def _prepare(case: Case) -> _Prepared:
     from printmend.body import load_body
-    from printmend.corruption import sample
+    from printmend.corruption import fault
     from printmend.dataset.reference import read_reference
     from printmend.learn.published.transitions import layer_trace
     from printmend.printer import read_printer
@@ -181,7 +187,7 @@ def _prepare(case: Case) -> _Prepared:
     else:
         printer = read_printer(PRINTER)
         body = load_body(_gcode(case, printer), printer)
-        corruption = sample(case.family, body_rng(case.seed, case.identity, _CORRUPTION), case.severity)
+        corruption = fault(case.family, body_rng(case.seed, case.identity, _CORRUPTION), case.severity)
         twin = Twin.of(corruption, printer)
         training = body.training_layer
         printed = twin.run(training.controls, training.start_steps)
@@ -211,11 +217,9 @@ def _evaluate_row(prepared: _Prepared, name: str, chosen: "Row | OwnRow", case: 
         prints = [
             prepared.twin.run(plan.controls, layer.start_steps) for plan, layer in zip(plans, layers, strict=True)
         ]
-    except (PrintmendError, ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+    except Exception as error:
         # One learner's trouble with one body must not end a run of days; the reason goes into the results.
-        return failed(
-            case, name, str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"
-        )
+        return failed(case, name, reason(error))
     targets, printed = np.concatenate([layer.nominal_steps for layer in layers]), np.concatenate(prints)
     pitch_mm = np.array(prepared.printer.mm_per_step)
     return replace(

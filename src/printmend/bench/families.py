@@ -54,20 +54,21 @@ def draw_family_cases(
 
     Raises `InputError` for a family or a printer that does not exist.
     """
-    from printmend.corruption import families
+    from printmend.corruption.sample import check_family
     from printmend.printer import preset_names
 
     cases = []
     for name in names:
         family, _, printer = name.partition("@")
         planar = family.removesuffix("+screw")
-        if planar not in families() or planar == "gain-table" or (planar == "screw" and family != planar):
+        if planar == "gain-table" or (planar == "screw" and family != planar):
             raise InputError(
                 "--families",
                 wanted=f"{', '.join((*_ALONE, *_COMPOSED, 'screw'))}, then +screw and @PRINTER where wanted",
                 came=repr(name),
                 todo="correct it",
             )
+        check_family(planar)
         if printer and printer not in preset_names():
             raise InputError(
                 "--families",

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from printmend.errors import InputError, PrintmendError
+from printmend.bench.case import reason
+from printmend.errors import InputError
 from printmend.path import Body
+from printmend.plugins import CONTROLLERS, CORRUPTIONS, LEARNERS, code_digest
 from printmend.printer import Printer
 from printmend.protocols import SpaceModel, WorldModel
 
@@ -26,8 +28,6 @@ TURN_MM = 40.0
 # The purposes for which a case's generator is seeded; part of the meaning of a seed.
 _CORRUPTION, _BODY, _NOISE, _LEARNER = 1, 2, 3, 4
 _SCREW = "screw"
-# One learner's trouble with one fault must not end the run; the reason goes into the results.
-_TROUBLE = (PrintmendError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,9 @@ class FamilyCase:
 
     def key(self, row: str) -> str:
         """Return the key of this case's result for a row: 16 hex digits over everything that decides it."""
-        text = json.dumps({**asdict(self), "row": row, "rules": RULES}, sort_keys=True)
+        code = code_digest((LEARNERS, CONTROLLERS, CORRUPTIONS), (*row.partition("@")[0].split("+"), self.family))
+        content = {**asdict(self), "row": row, "rules": RULES, **({"code": code} if code else {})}
+        text = json.dumps(content, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def rng(self, purpose: int, *more: object) -> np.random.Generator:
@@ -97,8 +99,8 @@ def evaluate_family(case: FamilyCase, rows: tuple[str, ...]) -> list[FamilyResul
         body = body_of(case, printer)
         layer = body.layers[0]
         printed = twin.run(layer.controls, layer.start_steps)
-    except PrintmendError as error:
-        return [failed_family(case, name, str(error)) for name in rows]
+    except Exception as error:  # a fault of another package may raise anything
+        return [failed_family(case, name, reason(error)) for name in rows]
     prepared = _Prepared(printer, Twin(twin.mechanism), body, printed, {})
     return [_row(prepared, case, name) for name in rows]
 
@@ -110,9 +112,11 @@ def has_screw(family: str) -> bool:
 
 def corruption_of(case: FamilyCase) -> Any:
     """Draw the case's fault; FAMILY+screw has the faults of both."""
-    from printmend.corruption import sample
+    from printmend.corruption import fault
 
-    drawn = [sample(name, case.rng(_CORRUPTION, name, case.severity), case.severity) for name in case.family.split("+")]
+    drawn: list[Any] = [
+        fault(name, case.rng(_CORRUPTION, name, case.severity), case.severity) for name in case.family.split("+")
+    ]
     return drawn[0] if len(drawn) == 1 else replace(drawn[0], screw=drawn[1].screw)
 
 
@@ -178,8 +182,8 @@ def _row(prepared: _Prepared, case: FamilyCase, name: str) -> FamilyResult:
         prints = [
             prepared.twin.run(plan.controls, layer.start_steps) for plan, layer in zip(plans, layers, strict=True)
         ]
-    except _TROUBLE as error:
-        return failed_family(case, name, _reason(error))
+    except Exception as error:  # one learner's trouble with one fault must not end the run
+        return failed_family(case, name, reason(error))
     targets = np.concatenate([layer.nominal_steps for layer in layers])
     return replace(
         _blank(case, name),
@@ -218,8 +222,8 @@ def _space_row(
         plan = plan_space(chosen.controller, model, second.nominal_steps[1:], second.start_steps)
         plan_s = time.perf_counter() - begun
         printed = prints.twin.run(plan.controls, second.start_steps)
-    except _TROUBLE as error:
-        return failed_family(case, name, _reason(error))
+    except Exception as error:  # one learner's trouble with one fault must not end the run
+        return failed_family(case, name, reason(error))
     return replace(
         _blank(case, name),
         rmse_steps=space_rmse_steps(prints, printed),
@@ -227,10 +231,6 @@ def _space_row(
         learn_s=learn_s,
         plan_s=plan_s,
     )
-
-
-def _reason(error: Exception) -> str:
-    return str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"
 
 
 def _blank(case: FamilyCase, row: str) -> FamilyResult:

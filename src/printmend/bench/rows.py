@@ -1,7 +1,8 @@
 """The rows of Table I: how each makes its world model, and which controller plans with it.
 
-A row is named LEARNER or LEARNER+CONTROLLER: `lightgbm`, `greybox+lookahead`. The learner `oracle` is given the true
-mechanism. Without a controller it is the paper's greedy Algorithm 1. `optimum` is `oracle+optimal`: the lower bound.
+A row is named LEARNER or LEARNER+CONTROLLER: `lightgbm`, `greybox+lookahead`, `my_module:MINE+optimal`. The learner
+`oracle` is given the true mechanism. Without a controller it is the paper's greedy Algorithm 1. `optimum` is
+`oracle+optimal`: the lower bound.
 """
 
 from dataclasses import dataclass
@@ -9,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.control.registry import controller
-from printmend.errors import InputError
-from printmend.learn.registry import fit, model_names
+from printmend.learn.registry import check_model_name, fit, fitted
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import Controller, Learner, WorldModel
@@ -41,15 +41,13 @@ class OwnRow:
 
     def model(self, trace: Trace, printer: Printer, twin: Twin, rng: np.random.Generator) -> WorldModel:
         """Learn from the trace."""
-        return self.learner.fit(trace, printer, rng=rng)
+        return fitted(self.learner, trace, printer, rng=rng)
 
 
 def row(name: str) -> Row:
-    """Return the row of that name. Raise `InputError` where its learner or its controller does not exist."""
+    """Return the row of that name. Raise `ConfigError` where its learner or its controller does not exist."""
     model, _, planner = ("oracle+optimal" if name == OPTIMUM else name).partition("+")
-    if model not in model_names():
-        wanted = f"names out of {', '.join(model_names())}"
-        raise InputError("--models", wanted=wanted, came=repr(model), todo="correct it")
+    check_model_name(model)
     return Row(model, controller(planner or "greedy"))
 
 

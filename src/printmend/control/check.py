@@ -1,9 +1,13 @@
-"""The one check of what a controller is given."""
+"""The one check of what a controller is given, and of what one from outside gives back."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.errors import InputError
+from printmend.errors import InputError, ModelError
+from printmend.path import Plan
 from printmend.printer import Printer
+from printmend.protocols import Controller, IncrementTables, JointTables, PlayTables, Tables, WorldModel
 
 
 def check_plan(
@@ -30,3 +34,65 @@ def check_plan(
     if not 1 <= c_max <= 63:
         raise InputError("c_max", wanted="1 to 63 steps a tick", came=f"{c_max}", todo="correct it")
     return targets, lattice
+
+
+def tables_of(model: WorldModel, start: np.ndarray, c_max: int) -> Tables | None:
+    """Return a model's tables, None where it has none. Kernels trust them: raise `ModelError` where they may not."""
+    tables = model.tabulate(start, c_max=c_max)
+    if tables is not None and (wrong := _wrong(tables, model.printer, start, c_max)):
+        wanted, came = wrong
+        raise ModelError("the model's tables", wanted=wanted, came=came, todo="correct its `tabulate`")
+    return tables
+
+
+def _wrong(tables: Tables, printer: Printer, start: np.ndarray, c_max: int) -> tuple[str, str] | None:
+    """Return what is wanted of tables and what came, None where all is well."""
+    bed = printer.bed_steps
+    match tables:
+        case PlayTables():
+            values: tuple[np.ndarray, ...] = (*tables.lower_steps, *tables.upper_steps)
+            at = printer.to_motor(start) - np.array(tables.first_steps)
+            for lower, upper, index in zip(tables.lower_steps, tables.upper_steps, at, strict=True):
+                if lower.shape != upper.shape or lower.ndim != 1:
+                    return "a lower and an upper branch of one length", f"{lower.shape} and {upper.shape}"
+                if not 0 <= index < len(lower):
+                    return "branches over the layer's start", f"{len(lower)} entries, the start being number {index}"
+        case IncrementTables():
+            values = tables.displacement_steps
+            shapes = tuple((steps + 1, 2 * c_max + 1) for steps in bed)
+            if tuple(table.shape for table in values) != shapes or tables.c_max != c_max:
+                return f"displacements {shapes}", f"{tuple(table.shape for table in values)}"
+        case JointTables():
+            values = (tables.unit_steps,)
+            counts = tables.unit_steps.shape[:2]
+            for cells, count, steps in zip(tables.cells, counts, bed, strict=True):
+                if len(cells) != steps + 1 or cells.min() < 0 or cells.max() >= count:
+                    return f"a cell out of {count} for each of {steps + 1} places", f"{len(cells)} cells"
+        case _:
+            return "PlayTables, IncrementTables, JointTables or None", type(tables).__name__
+    return None if all(np.isfinite(value).all() for value in values) else ("finite numbers", "nan or infinity")
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A controller from outside; what it plans is checked, for twins trust it."""
+
+    controller: Controller
+
+    @property
+    def name(self) -> str:
+        return self.controller.name
+
+    def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
+        """Plan as the controller does. Raise `InputError` where that is no plan for these targets."""
+        plan = self.controller.plan(model, targets_steps, start_steps, c_max=c_max)
+        controls = np.asarray(getattr(plan, "controls", None))
+        imagined = np.asarray(getattr(plan, "imagined_steps", None))
+        count, todo = len(targets_steps), "correct its `plan`"
+        if controls.shape != (count, 2) or controls.dtype.kind != "i" or np.abs(controls).max(initial=0) > c_max:
+            wanted, came = f"integer controls ({count}, 2) of −{c_max}…{c_max}", f"{controls.dtype} {controls.shape}"
+            raise InputError(f"controller {self.name}", wanted=wanted, came=came, todo=todo)
+        if imagined.shape != (count + 1, 2) or not np.isfinite(imagined.astype(float)).all():
+            wanted, came = f"finite imagined positions ({count + 1}, 2)", f"{imagined.dtype} {imagined.shape}"
+            raise InputError(f"controller {self.name}", wanted=wanted, came=came, todo=todo)
+        return plan

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.control.check import check_plan
+from printmend.control.check import check_plan, tables_of
 from printmend.control.kernels import greedy as kernels
+from printmend.errors import ModelError
 from printmend.path import Plan
 from printmend.printer import Printer
 from printmend.protocols import IncrementTables, JointTables, PlayTables, WorldModel
@@ -25,7 +26,7 @@ class Greedy:
     def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
         """Choose controls [T, 2] for targets [T, 2] from ``start_steps`` [2]. Raise `InputError` off the bed."""
         targets, start = check_plan(model.printer, targets_steps, start_steps, c_max)
-        tables = model.tabulate(start, c_max=c_max)
+        tables = tables_of(model, start, c_max)
         controls = np.empty((len(targets), 2), np.int8)
         imagined = np.empty((len(targets) + 1, 2))
         match tables:
@@ -90,7 +91,12 @@ def _plan_batched(
     imagined[0] = state.position_steps[0]
     for t, target in enumerate(targets):
         after = model.advance(state, candidates)
-        error = target - after.position_steps
+        error = target - np.asarray(after.position_steps, float)
+        if error.shape != candidates.shape or not np.isfinite(error).all():
+            came = f"{error.shape}, nan or infinity among them" if error.shape == candidates.shape else f"{error.shape}"
+            raise ModelError(
+                "the model", wanted=f"finite positions {candidates.shape}", came=came, todo="correct its `advance`"
+            )
         best = int(np.argmin(error[:, 0] * error[:, 0] + error[:, 1] * error[:, 1]))
         controls[t] = candidates[best]
         state = after[best]

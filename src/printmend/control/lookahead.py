@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.control.check import check_plan
+from printmend.control.check import check_plan, tables_of
 from printmend.control.greedy import Greedy, first_motors, frame_arrays
 from printmend.control.kernels import lookahead as kernels
 from printmend.path import Plan
@@ -24,7 +24,7 @@ class Lookahead:
     def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
         """Choose controls [T, 2] for targets [T, 2] from ``start_steps`` [2]. Raise `InputError` off the bed."""
         targets, start = check_plan(model.printer, targets_steps, start_steps, c_max)
-        tables = model.tabulate(start, c_max=c_max)
+        tables = tables_of(model, start, c_max)
         if not isinstance(tables, PlayTables):
             return Greedy().plan(model, targets, start, c_max=c_max)
         controls = np.empty((len(targets), 2), np.int8)

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from printmend.control.check import tables_of
 from printmend.control.greedy import first_motors, frame_arrays
 from printmend.control.kernels import refine as kernels
 from printmend.control.optimal import Optimal
@@ -43,7 +44,7 @@ class Refined:
         """Choose controls [T, 2] for targets [T, 2] from ``start_steps`` [2]. Raise `InputError` off the bed."""
         plan = Optimal().plan(model, targets_steps, start_steps, c_max=c_max)
         start = np.asarray(start_steps, np.int64)
-        tables = model.tabulate(start, c_max=c_max)
+        tables = tables_of(model, start, c_max)
         if not isinstance(tables, PlayTables) or len(plan.controls) == 0:
             return plan
         wanted = np.concatenate([start[None], np.asarray(targets_steps, float)])

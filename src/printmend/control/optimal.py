@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.control.check import check_plan
+from printmend.control.check import check_plan, tables_of
 from printmend.control.coupled import Breadth, plan_coupled
 from printmend.control.greedy import Greedy, first_motors
 from printmend.control.kernels import optimal as kernels
@@ -37,7 +37,7 @@ class Optimal:
     def plan(self, model: WorldModel, targets_steps: np.ndarray, start_steps: np.ndarray, *, c_max: int = 3) -> Plan:
         """Choose controls [T, 2] for targets [T, 2] from ``start_steps`` [2]. Raise `InputError` off the bed."""
         targets, start = check_plan(model.printer, targets_steps, start_steps, c_max)
-        tables = model.tabulate(start, c_max=c_max)
+        tables = tables_of(model, start, c_max)
         if not isinstance(tables, PlayTables) or len(targets) == 0:
             return Greedy().plan(model, targets, start, c_max=c_max)
         if tables.corexy or tables.frame is not None:

@@ -1,7 +1,7 @@
 """What is broken, as frozen values that go to TOML and lower to arrays."""
 
 from printmend.corruption.belt import ElasticBelt, Friction, LooseBelt, Play
-from printmend.corruption.corruption import HEALTHY, Corruption, Drive
+from printmend.corruption.corruption import HEALTHY, Corruption, Drive, Fault
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.gain_table import GainTable
 from printmend.corruption.jump import MissedSteps, ToothSkips
@@ -16,7 +16,7 @@ from printmend.corruption.pulley import (
     WrongRadius,
     published_names,
 )
-from printmend.corruption.sample import families, sample
+from printmend.corruption.sample import families, fault, sample
 from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.toml import corruption_toml, parse_corruption, read_corruption
@@ -30,6 +30,7 @@ __all__ = [
     "EccentricBore",
     "ElasticBelt",
     "Ellipse",
+    "Fault",
     "FlatSpot",
     "FourierHull",
     "Friction",
@@ -48,6 +49,7 @@ __all__ = [
     "WrongRadius",
     "corruption_toml",
     "families",
+    "fault",
     "parse_corruption",
     "published_names",
     "read_corruption",

@@ -1,6 +1,7 @@
 """A whole broken machine: what is wrong with each motor's drive and with the frame; composed, lowered to arrays."""
 
 from dataclasses import dataclass, field, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -93,6 +94,20 @@ def _unwound_mm(pulley: Pulley, radius_mm: float, span_rad: float, angle_rad: np
     return turns * turn[-1] + np.interp(rest, t, turn)
 
 
+@runtime_checkable
+class Fault(Protocol):
+    """What can be wrong with a whole machine: a `Corruption`, or a value of another package."""
+
+    @property
+    def jumps(self) -> tuple[Jumps, Jumps]:
+        """What no table of each motor holds: the twin adds it."""
+        ...
+
+    def lower(self, printer: Printer) -> Mechanism | GainMechanism:
+        """Return this machine as arrays."""
+        ...
+
+
 @dataclass(frozen=True)
 class Corruption:
     """The faults of a machine: one `Drive` a planar motor (x and y, or a and b on a CoreXY), the frame, the Z screw."""
@@ -113,6 +128,11 @@ class Corruption:
                 came="a mixture",
                 todo="remove the other sections, or the gain tables",
             )
+
+    @property
+    def jumps(self) -> tuple[Jumps, Jumps]:
+        """What no table of each motor holds."""
+        return self.drives[0].jumps, self.drives[1].jumps
 
     def lower(self, printer: Printer) -> Mechanism | GainMechanism:
         """Return this fault as arrays on that printer. Raise `ConfigError` where the two do not fit."""

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from printmend.corruption.belt import ElasticBelt, Friction, LooseBelt, Play
-from printmend.corruption.corruption import Corruption, Drive
+from printmend.corruption.corruption import Corruption, Drive, Fault
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.gain_table import GainTable
 from printmend.corruption.jump import MissedSteps, ToothSkips
@@ -29,6 +29,7 @@ from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.warp import Warp
 from printmend.errors import ConfigError
+from printmend.plugins import CORRUPTIONS, is_plugin, load_plugin, plugin_names
 from printmend.units import TURN_RAD, radius_mm
 
 Severity = Literal["damaged", "realistic"]
@@ -254,6 +255,36 @@ _DRIVES: dict[str, Callable[[np.random.Generator, Severity], Drive]] = {
 def families() -> tuple[str, ...]:
     """Return the names that `sample` takes."""
     return (*_DRIVES, "frame", "screw", "everything")
+
+
+def check_family(family: str) -> None:
+    """Raise `ConfigError` for a family that `fault` does not know; a plug-in is imported to see."""
+    if family in families():
+        return
+    if not is_plugin(CORRUPTIONS, family):
+        known = ", ".join((*families(), *plugin_names(CORRUPTIONS)))
+        raise ConfigError("family", wanted=f"one of {known}, or module:NAME", came=repr(family), todo="correct it")
+    _foreign(family)
+
+
+def fault(family: str, rng: np.random.Generator, severity: Severity = "damaged") -> Fault:
+    """Draw a fault of that family, of other packages' too. Raise `ConfigError` where there is none.
+
+    A plug-in is a function of ``rng`` and ``severity`` that returns a `Corruption`, or any value that lowers.
+    """
+    if family in families():
+        return sample(family, rng, severity)
+    check_family(family)
+    drawn = _foreign(family)(rng, severity)
+    if not isinstance(drawn, Fault):
+        came, todo = type(drawn).__name__, "return a Corruption, or a value with lower and jumps"
+        raise ConfigError(family, wanted="a function that draws a fault", came=came, todo=todo)
+    return drawn
+
+
+def _foreign(family: str) -> Callable[[np.random.Generator, Severity], Fault]:
+    draw: Callable = load_plugin(CORRUPTIONS, family, wanted="a function of rng and severity", has=("__call__",))
+    return draw
 
 
 def sample(family: str, rng: np.random.Generator, severity: Severity = "damaged") -> Corruption:

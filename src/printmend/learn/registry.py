@@ -1,16 +1,17 @@
 """World models by name. Names cost nothing: a learner's module is imported when it is asked for.
 
 To add a learner: give its module a dict ``LEARNERS`` from name to learner, and add a line here. The conformance suite
-then runs on it.
+then runs on it. Those of other packages need no line: `printmend.plugins`.
 """
 
 import importlib
 
 import numpy as np
 
-from printmend.errors import ConfigError
+from printmend.errors import ConfigError, ModelError
 from printmend.machine.mechanism import GainMechanism, Mechanism
 from printmend.path import Trace
+from printmend.plugins import LEARNERS, is_plugin, load_plugin, plugin_names
 from printmend.printer import Printer
 from printmend.protocols import Learner, WorldModel
 
@@ -32,21 +33,31 @@ _MODULES = {
 
 
 def learner_names() -> tuple[str, ...]:
-    """Return the names that `learner` takes."""
+    """Return the names of the learners that come with printmend."""
     return tuple(_MODULES)
 
 
 def model_names() -> tuple[str, ...]:
-    """Return the names that `fit` takes: the learners and the Oracle."""
+    """Return the names that `fit` takes, places of plug-ins aside: the learners and the Oracle."""
     return (*_MODULES, ORACLE)
 
 
 def learner(name: str) -> Learner:
-    """Return the learner of that name. Raise `ConfigError` where there is none."""
-    if name not in _MODULES:
-        raise ConfigError("learner", wanted=f"one of {', '.join(_MODULES)}", came=repr(name), todo="correct the name")
-    found: Learner = importlib.import_module(_MODULES[name]).LEARNERS[name]
+    """Return the learner of that name, or at that place `module:NAME`. Raise `ConfigError` where there is none."""
+    if name in _MODULES:
+        found: Learner = importlib.import_module(_MODULES[name]).LEARNERS[name]
+    elif is_plugin(LEARNERS, name):
+        found = load_plugin(LEARNERS, name, wanted="a learner, with name and fit", has=("name", "fit"))
+    else:
+        known = ", ".join((*_MODULES, *plugin_names(LEARNERS)))
+        raise ConfigError("learner", wanted=f"one of {known}, or module:NAME", came=repr(name), todo="correct the name")
     return found
+
+
+def check_model_name(name: str) -> None:
+    """Raise `ConfigError` for a name that `fit` does not take; a plug-in is imported to see."""
+    if name not in model_names():
+        learner(name)
 
 
 def fit(
@@ -63,9 +74,20 @@ def fit(
     `TraceError` where the trace cannot support a model.
     """
     if name != ORACLE:
-        return learner(name).fit(trace, printer, rng=rng)
+        return fitted(learner(name), trace, printer, rng=rng)
     if truth is None:
         raise ConfigError(ORACLE, wanted="the true mechanism", came="none", todo="use a learner on real prints")
     from printmend.learn.mechanism_model import MechanismModel
 
     return MechanismModel(truth)
+
+
+def fitted(chosen: Learner, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> WorldModel:
+    """Return what a learner, of any package, makes of a trace. Raise `ModelError` where that is no world model."""
+    model = chosen.fit(trace, printer, rng=rng)
+    if not isinstance(model, WorldModel):
+        raise ModelError(
+            f"learner {chosen.name}", wanted="a model with printer, start, advance and tabulate",
+            came=type(model).__name__, todo="return one from fit: see `printmend.protocols`",
+        )  # fmt: skip
+    return model

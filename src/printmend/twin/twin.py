@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.corruption import Corruption
+from printmend.corruption import Fault
 from printmend.corruption.jump import Jumps
 from printmend.errors import InputError
 from printmend.machine.mechanism import GainMechanism, Mechanism
@@ -20,15 +20,15 @@ from printmend.twin.height import follow_height, run_height
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """A printer with a mechanism, true (from a `Corruption`) or learned, and the jumps of its motors."""
+    """A printer with a mechanism, true (from a `Fault`) or learned, and the jumps of its motors."""
 
     mechanism: Mechanism | GainMechanism
     jumps: tuple[Jumps, Jumps] = (Jumps(), Jumps())
 
     @classmethod
-    def of(cls, corruption: Corruption, printer: Printer) -> "Twin":
-        """Build the twin of ``printer`` broken by ``corruption``."""
-        return cls(corruption.lower(printer), (corruption.drives[0].jumps, corruption.drives[1].jumps))
+    def of(cls, corruption: Fault, printer: Printer) -> "Twin":
+        """Build the twin of ``printer`` broken by ``corruption``, a `Corruption` or a fault of another package."""
+        return cls(corruption.lower(printer), corruption.jumps)
 
     @property
     def printer(self) -> Printer:

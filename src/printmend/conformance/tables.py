@@ -1,4 +1,4 @@
-"""Slow, obvious versions of what tables mean."""
+"""What tables mean, slowly and obviously."""
 
 import numpy as np
 
@@ -26,7 +26,6 @@ def follow_tables(tables: Tables, printer: Printer, start: np.ndarray, controls:
             position = position + step
             nominal = np.clip(nominal + c, 0, printer.bed_steps)
         else:
-            assert isinstance(tables, JointTables)
             position = position + joint_step(tables, printer, nominal, c)
             nominal = np.clip(nominal + c, 0, printer.bed_steps)
         out.append(np.array(position))

@@ -1,0 +1,89 @@
+"""Learners, controllers and families of faults of other packages.
+
+Either by an entry point of an installed package,
+
+    [project.entry-points."printmend.learners"]
+    ours = "my_package.my_module:OURS"
+
+or by saying where it is, `my_package.my_module:OURS`, found from the current folder too. Loading one runs its code.
+"""
+
+import hashlib
+import importlib
+import sys
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+from printmend.errors import ConfigError
+
+LEARNERS, CONTROLLERS, CORRUPTIONS = "printmend.learners", "printmend.controllers", "printmend.corruptions"
+
+
+def plugin_names(group: str) -> tuple[str, ...]:
+    """Return the names that installed packages give in a group."""
+    return tuple(sorted(_points(group)))
+
+
+def is_plugin(group: str, name: str) -> bool:
+    """Tell whether a name stands for something of another package; a place `module:NAME` always does."""
+    return ":" in name or name in _points(group)
+
+
+def load_plugin(group: str, name: str, *, wanted: str, has: tuple[str, ...]) -> Any:
+    """Import what a name stands for; ``wanted`` says in words what it must be, ``has`` the attributes that it needs.
+
+    Raises `ConfigError` where it cannot be imported or is something else.
+    """
+    place = name if ":" in name else _points(group)[name].value
+    module_name, _, attribute = place.partition(":")
+    module = _imported(module_name, name)
+    try:
+        found = getattr(module, attribute)
+    except AttributeError:
+        raise ConfigError(name, wanted=f"{wanted} in {module_name}", came="no such name", todo="correct it") from None
+    missing = [key for key in has if not hasattr(found, key)]
+    if missing or isinstance(found, type):
+        came = f"a class: {attribute}() would be one" if isinstance(found, type) else f"one without {missing[0]}"
+        raise ConfigError(name, wanted=wanted, came=came, todo="see `printmend.protocols`")
+    return found
+
+
+def code_digest(groups: tuple[str, ...], names: tuple[str, ...]) -> str | None:
+    """Return a digest of the code behind the plug-ins among ``names``, None where there are none.
+
+    Results that are kept are those of this code. It is all of a plug-in's package, or its module where it is in none.
+    """
+    digest, found = hashlib.sha256(), False
+    for name in names:
+        for group in groups:
+            if not is_plugin(group, name):
+                continue
+            place = name if ":" in name else _points(group)[name].value
+            module = _imported(place.partition(":")[0], name)
+            top = sys.modules[module.__name__.partition(".")[0]]
+            folders = [Path(folder) for folder in getattr(top, "__path__", ())]
+            files = sorted(file for folder in folders for file in folder.rglob("*.py")) or [Path(str(module.__file__))]
+            for file in files:
+                digest.update(file.read_bytes())
+            found = True
+            break
+    return digest.hexdigest()[:16] if found else None
+
+
+@cache
+def _points(group: str) -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=group)}
+
+
+def _imported(module: str, name: str) -> Any:
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))  # as `python -m` does: a module of one's own lies where one works
+    try:
+        return importlib.import_module(module)
+    except Exception as error:  # a plug-in may raise anything
+        raise ConfigError(
+            name, wanted=f"a module {module!r} that can be imported", came=f"{type(error).__name__}: {error}",
+            todo="correct it, install it, or run this where it lies",
+        ) from None  # fmt: skip

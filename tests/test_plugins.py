@@ -1,0 +1,189 @@
+"""Learners, controllers and faults of other packages, by entry point and by place; what they do wrong stays theirs."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from printmend import plugins
+from printmend.bench.case import Case, evaluate
+from printmend.bench.rows import row
+from printmend.cli.bench import command as bench
+from printmend.cli.conformance import command as conformance
+from printmend.control.registry import controller
+from printmend.corruption import fault
+from printmend.errors import ConfigError
+from printmend.learn.registry import learner
+from tests.mending import ENDER5
+from tests.test_mend_laws import part
+
+MODULE = '''
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from printmend.control.greedy import Greedy
+from printmend.corruption import Corruption, Drive, Play
+from printmend.learn.naive import NaiveModel
+from printmend.path import Plan
+
+
+@dataclass(frozen=True)
+class Same:
+    name: str = "same"
+
+    def fit(self, trace, printer, *, rng):
+        return NaiveModel(printer)
+
+
+@dataclass(frozen=True)
+class Nan(NaiveModel):
+    def tabulate(self, start_steps, *, c_max=3):
+        tables = super().tabulate(start_steps, c_max=c_max)
+        return replace(tables, displacement_steps=tuple(table * np.nan for table in tables.displacement_steps))
+
+
+@dataclass(frozen=True)
+class Asked(NaiveModel):
+    """No tables, and positions of nan."""
+
+    def tabulate(self, start_steps, *, c_max=3):
+        return None
+
+    def advance(self, state, controls):
+        after = super().advance(state, controls)
+        return replace(after, position_steps=after.position_steps * np.nan)
+
+
+@dataclass(frozen=True)
+class Makes:
+    name: str
+    model: type
+
+    def fit(self, trace, printer, *, rng):
+        return self.model(printer)
+
+
+@dataclass(frozen=True)
+class Raises:
+    name: str = "raises"
+
+    def fit(self, trace, printer, *, rng):
+        raise KeyError("a column")
+
+
+@dataclass(frozen=True)
+class Far:
+    """A controller that leaves the range."""
+
+    name: str = "far"
+
+    def plan(self, model, targets_steps, start_steps, *, c_max=3):
+        plan = Greedy().plan(model, targets_steps, start_steps, c_max=c_max)
+        return Plan(plan.controls * 100, plan.imagined_steps)
+
+
+SAME, NAN, ASKED = Same(), Makes("nan", Nan), Makes("asked", Asked)
+TEXT, RAISES = Makes("text", lambda printer: "x"), Raises()
+GREEDY, FAR = Greedy("mine"), Far()
+
+
+def slack(rng, severity):
+    return Corruption((Drive(belt=Play(float(rng.uniform(0.1, 0.3)))), Drive()))
+'''
+ROWS = ("naive", "my_plugin:SAME", "my_plugin:NAN", "my_plugin:ASKED", "my_plugin:TEXT", "my_plugin:RAISES",
+        "naive+my_plugin:GREEDY", "naive+my_plugin:FAR", "ours+theirs")  # fmt: skip
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a module of one's own, and with a package that is installed."""
+    (tmp_path / "my_plugin.py").write_text(MODULE)
+    (tmp_path / "body.gcode").write_bytes(part(ENDER5))
+    info = tmp_path / "ours-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: ours\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[printmend.learners]\nours = my_plugin:SAME\n[printmend.controllers]\ntheirs = my_plugin:GREEDY\n"
+        "[printmend.corruptions]\nslack = my_plugin:slack\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.delitem(sys.modules, "my_plugin", raising=False)
+    plugins._points.cache_clear()
+    return tmp_path
+
+
+def test_names_and_places_are_found(place: Path) -> None:
+    assert learner("ours") is learner("my_plugin:SAME")
+    assert plugins.plugin_names(plugins.LEARNERS) == ("ours",)
+    assert controller("theirs").name == "mine"
+    assert fault("slack", __import__("numpy").random.default_rng(1)) != fault(
+        "slack", __import__("numpy").random.default_rng(2)
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nobody", "wanted one of naive, .*, ours, or module:NAME"),
+        ("no_such_module:MINE", "ModuleNotFoundError"),
+        ("my_plugin:MINE", "no such name"),
+        ("my_plugin:Same", r"a class: Same\(\) would be one"),
+        ("my_plugin:GREEDY", "wanted a learner, with name and fit, got one without fit"),
+    ],
+)
+def test_what_is_no_learner_is_refused_in_words(place: Path, name: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        row(name)
+
+
+def test_the_row_of_a_plugin_that_fails_says_so_and_the_others_stand(place: Path) -> None:
+    case = Case("body.gcode", "0" * 16, "heldout", "slack", "damaged", 0)
+    found = dict(zip(ROWS, evaluate(case, ROWS), strict=True))
+    assert found["naive"].rmse_steps is not None
+    for name in ("my_plugin:SAME", "naive+my_plugin:GREEDY", "ours+theirs"):
+        assert found[name].rmse_steps == found["naive"].rmse_steps
+    for name, said in (
+        ("my_plugin:NAN", "the model's tables: wanted finite numbers"),
+        ("my_plugin:ASKED", "the model: wanted finite positions"),
+        ("my_plugin:TEXT", "learner text: wanted a model with printer"),
+        ("my_plugin:RAISES", "KeyError: 'a column'"),
+        ("naive+my_plugin:FAR", "controller far: wanted integer controls"),
+    ):
+        assert said in (found[name].error or "")
+        assert found[name].rmse_steps is None
+
+
+def test_kept_results_are_those_of_the_code_that_made_them(place: Path) -> None:
+    case = Case("body.gcode", "0" * 16, "heldout", "pulley", "damaged", 0)
+    naive, mine = case.key("naive"), case.key("my_plugin:SAME")
+    (place / "my_plugin.py").write_text(MODULE + "# changed\n")
+    assert case.key("naive") == naive
+    assert case.key("my_plugin:SAME") != mine
+
+
+def test_bench_takes_a_place(place: Path) -> None:
+    arguments = ["table1", "--bodies", "body.gcode", "--models", "naive,my_plugin:SAME,my_plugin:RAISES", "--json"]
+    done = CliRunner().invoke(bench, arguments)
+    assert done.exit_code == 0, done.output
+    naive, same, raises = json.loads(done.stdout)["table"]
+    assert same["abrmse_steps"] == naive["abrmse_steps"]
+    assert raises["failures"] == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "kept", "said"),
+    [
+        ("my_plugin:SAME", True, "learner my_plugin:SAME: "),
+        ("my_plugin:NAN", False, "the model's tables: wanted finite numbers"),
+        ("slack", True, "family slack: "),
+    ],
+)
+def test_conformance_from_outside(place: Path, name: str, kept: bool, said: str) -> None:
+    done = CliRunner().invoke(conformance, [name])
+    assert (done.exit_code == 0) == kept, done.output
+    assert ("FAILED" in done.output) != kept
+    assert said in done.output
