@@ -16,7 +16,7 @@ from printmend.corruption import (
     sample,
 )
 from printmend.learn.greybox.greybox import Greybox
-from printmend.learn.pulley.outline import OUTLINES, PLAIN, Outline
+from printmend.learn.pulley.outline import ANY_PULLEY, OUTLINES, Outline
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
@@ -25,7 +25,7 @@ from tests.naive_greybox import unwound
 PRINTER = read_printer("ender5")
 
 
-@pytest.mark.parametrize("outline", [*OUTLINES[:3], *OUTLINES[9:], PLAIN[0]], ids=lambda each: each.kind)
+@pytest.mark.parametrize("outline", [*OUTLINES[:3], *OUTLINES[9:], ANY_PULLEY[0]], ids=lambda each: each.kind)
 def test_unwinds_what_its_heights_say(outline: Outline, rng: np.random.Generator) -> None:
     angle = np.linspace(-4.0, 9.0, 25)
     centre = np.where(np.isnan(outline.centre), rng.uniform(0, 6), outline.centre)

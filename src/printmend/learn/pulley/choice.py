@@ -1,8 +1,9 @@
-"""Where less than a turn was seen: is the pulley of a kind whose seen part says all of it?
+"""Complete a pulley of which less than a turn was seen, where its kind has so few parameters that a part tells them.
 
-The outlines of `outline` are fitted to the rows of a motor at the contacts of its grey box. One is believed where it
-explains them decisively better than any pulley could, and leaves no pattern: without noise that is next to certain,
-with noise only regular shapes pass. Those that pass are mixed by evidence, into the grey box's own parameters.
+The outlines of `outline` are fitted to a motor's rows at the contacts of its grey box. An outline is believed where it
+explains the rows decisively better than a series that fits any pulley, and where its residuals have no pattern. Without
+noise the truth is then next to certain; with noise only regular shapes pass. The outlines that pass are mixed by their
+evidence, and the mixture is written in the grey box's own parameters.
 """
 
 from collections.abc import Callable
@@ -14,46 +15,50 @@ from printmend.learn.drive.design import Design, Rows, contacts
 from printmend.learn.drive.fit import Fit, Posterior, robust_weights
 from printmend.learn.drive.select import HARMONICS, Choice
 from printmend.learn.drive.sight import sight
-from printmend.learn.pulley.fit import FLOOR_MM, Fitted, Places, fitted
-from printmend.learn.pulley.outline import OUTLINES, PLAIN, ROUND, Egg, Flat, Outline
+from printmend.learn.pulley.fit import LEAST_LEFT_MM, OutlineFit, Places, fitted_outline
+from printmend.learn.pulley.outline import ANY_PULLEY, OUTLINES, ROUND, EggOutline, FlatOutline, Outline
 from printmend.learn.pulley.shapes import ANGLES, series
 from printmend.saved.branches import SCALE_MM
 from printmend.units import TURN_RAD
 
-WHOLE = 0.999  # of a turn
-DECISIVE = 6.0  # nats over any pulley
-NEAR = 12.0  # nats below the best that still count
-WHITE = 1.0  # of Σ (r_i − r_{i−1})² / Σ r²: 2 for noise, 0 for a pattern
-EXACT_MM = 20 * FLOOR_MM  # a smaller pattern is arithmetic's
-MOST = 160  # places that are looked at
-CALM_MM = 0.005  # a print with less noise has none: then its rows are taken one by one, not averaged
-CELLS = 256
-LEAST = 12  # places that are too few to tell anything
-REST_MM = (50.0, 5.0)  # where the plate lay, and play
-SETTLED_RAD = 0.3
-HIDDEN, HIDDEN_MM = 0.3, 1e-6  # how likely a round pulley has a flat where nobody looked; what would have shown
-CUT_MM = 1e-4  # corners end at the last harmonic
+WHOLE_TURN = 0.999  # share of a turn that counts as all of it: nothing is left to complete
+DECISIVE_NATS = 6.0  # log evidence that an outline must have over every series of `ANY_PULLEY` (odds of 400 to 1)
+RIVALS_NATS = 12.0  # outlines whose log evidence is less than the best by more than this are not mixed (6e-6 of it)
+# von Neumann's ratio Σ (r_i − r_{i−1})² / Σ r² of the residuals by angle: 2 for white noise, 0 for a smooth pattern
+LEAST_NEUMANN_RATIO = 1.0
+ARITHMETIC_MM = 20 * LEAST_LEFT_MM  # residuals below this are rounding, and their pattern says nothing
+MOST_PLACES = 160  # places of a print without noise that are fitted, evenly spread: more cost time and tell nothing new
+NOISELESS_MM = 0.005  # a print with less noise than this is fitted place by place, not averaged
+CELLS_PER_TURN = 256  # cells in which a noisy print is averaged: 0.16 mm of a turn of 40 mm
+LEAST_PLACES = 12  # fewer places than this tell no outline
+# Prior standard deviations of where the plate lay and of the play: hardly anything is known of either.
+OFFSET_PLAY_SD_MM = (50.0, 5.0)
+SETTLED_ANGLE_RAD = 0.3  # an outline whose turn is less well known than this says no more than a round one
+HIDDEN_FLAT_ODDS = 0.3  # prior odds that a round pulley has a flat where nobody looked: filed on a shaft, or worn
+HIDDEN_FLAT_MM = 1e-6  # a flat that would move a seen place by more than this would have shown
+SERIES_END_MM = 1e-4  # standard deviation that a corner keeps because its series ends at the last harmonic
 _PHI = np.linspace(0.0, TURN_RAD, ANGLES, endpoint=False)
 
 
 def outlined(rows: Rows, choice: Choice, complete: Callable[[Rows, Choice], Choice]) -> Choice:
-    """Return the choice with its pulley as an outline says it is; ``complete`` says it where none is believed.
+    """Return the choice with its pulley replaced by the believed outline; where none is, return ``complete``'s answer.
 
-    Where there is noise an outline must also be surer of the turn than what it replaces: half a rounded triangle looks
-    like one with sharp corners, of which nothing is known beyond them.
+    In a noisy print an outline must also leave the turn more certain than ``complete`` does: half a rounded triangle
+    looks like half of one with sharp corners, and beyond these nothing is known.
     """
     found = None
-    if sight(rows, choice.fit.touch).angles < WHOLE and _applies(choice):
+    if sight(rows, choice.fit.touch).angles < WHOLE_TURN and _applies(choice):
         found = _found(rows, choice)
-    if found is not None and found.fit.posterior.sigma_mm < CALM_MM:
+    if found is not None and found.fit.posterior.sigma_mm < NOISELESS_MM:
         return found
     usual = complete(rows, choice)
     return usual if found is None or _unsure_mm(rows, found) > _unsure_mm(rows, usual) else found
 
 
 def _found(rows: Rows, choice: Choice) -> Choice | None:
+    """Return the choice with the believed outlines as its pulley; None where no outline is believed."""
     places = _places(rows, choice)
-    believed = _believed(places) if len(places) >= LEAST else []
+    believed = _believed(places) if len(places) >= LEAST_PLACES else []
     if not believed:
         return None
     structure = replace(choice.structure, pulley="all", scale=True, offset=True)
@@ -75,16 +80,16 @@ def _unsure_mm(rows: Rows, choice: Choice) -> float:
 
 
 def _applies(choice: Choice) -> bool:
-    """An outline says what both branches do where play is constant, or a belt hangs loose about the pulley."""
+    """Tell whether an outline says all about both branches: play is constant, or that of a loose belt."""
     structure = choice.structure
     plain = structure.play != "free" and not (structure.elastic or structure.drift or structure.warp_mm)
     return plain and not structure.friction and (structure.scale or structure.pulley != "none")
 
 
 def _places(rows: Rows, choice: Choice) -> Places:
-    """Return what was measured where the belt last touched, what the frame adds taken off as the grey box has it."""
+    """Return what was measured at the last contacts; what the frame adds is subtracted with the grey box's estimate."""
     touch, post = choice.fit.touch, choice.fit.posterior
-    weight = robust_weights(rows, touch.residual_mm, max(post.sigma_mm, CALM_MM), drop=True)
+    weight = robust_weights(rows, touch.residual_mm, max(post.sigma_mm, NOISELESS_MM), drop=True)
     used = np.flatnonzero((weight > 0) & (touch.at >= 0))
     motor, side = rows.motor_mm[touch.at[used]], touch.side[used].astype(float)
     error, residual = touch.belt_mm[used] + touch.residual_mm[used] - motor, touch.residual_mm[used]
@@ -92,14 +97,14 @@ def _places(rows: Rows, choice: Choice) -> Places:
     side *= played
     keys = np.column_stack([np.round(motor, 7), side])
     first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)[1:]
-    if len(first) > MOST and post.sigma_mm < CALM_MM:
-        first = first[np.linspace(0, len(first) - 1, MOST).astype(np.int64)]
-        group, error, motor, side = np.arange(MOST), error[first], motor[first], side[first]
+    if len(first) > MOST_PLACES and post.sigma_mm < NOISELESS_MM:
+        first = first[np.linspace(0, len(first) - 1, MOST_PLACES).astype(np.int64)]
+        group, error, motor, side = np.arange(MOST_PLACES), error[first], motor[first], side[first]
         first = group
-    elif len(first) > MOST:
-        keys = np.column_stack([np.floor(motor * (CELLS / rows.period_mm)), side])
+    elif len(first) > MOST_PLACES:
+        keys = np.column_stack([np.floor(motor * (CELLS_PER_TURN / rows.period_mm)), side])
         first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)[1:]
-        # carried to the first place of its cell by the grey box, which is right as far as there is noise
+        # The grey box carries each error to the first place of its cell; over a cell it is right to within the noise.
         error = (error - residual)[first][group.ravel()] + residual
     group = group.ravel()
     count = np.bincount(group).astype(float)
@@ -107,47 +112,51 @@ def _places(rows: Rows, choice: Choice) -> Places:
     spare = len(error) - len(count)
     noise = float(np.sqrt(((error - mean[group]) ** 2).sum() / spare)) if spare else 0.0
     motor, side = motor[first], side[first]
-    half = np.pi * (side > 0) if choice.structure.play == "loose" else 0.0  # the other span leaves on the other side
+    # the second span of a loose belt leaves the pulley half a turn away from the first
+    half = np.pi * (side > 0) if choice.structure.play == "loose" else 0.0
     columns = np.column_stack([np.ones(len(motor)), side / 2] if played else [np.ones(len(motor))])
     radius = rows.period_mm / TURN_RAD
     angle = motor / radius - half
-    return Places(radius, motor, angle, side, mean, columns, np.array(REST_MM)[: columns.shape[1]], count, noise)
+    return Places(
+        radius, motor, angle, side, mean, columns, np.array(OFFSET_PLAY_SD_MM)[: columns.shape[1]], count, noise
+    )
 
 
-def _believed(places: Places) -> list[Fitted]:
-    """Return the outlines that pass, the most likely first."""
-    found = [fitted(outline, places) for outline in OUTLINES]
+def _believed(places: Places) -> list[OutlineFit]:
+    """Return the outlines that are believed, the most likely first."""
+    found = [fitted_outline(outline, places) for outline in OUTLINES]
     best = max(each.log_evidence for each in found)
-    passed = [each for each in found if each.log_evidence > best - NEAR]
-    passed = [each for each in passed if _is_white(each, places) and _is_settled(each)]
-    for outline in PLAIN if passed else ():
-        least = fitted(outline, places).log_evidence + DECISIVE
+    passed = [each for each in found if each.log_evidence > best - RIVALS_NATS]
+    passed = [each for each in passed if _is_patternless(each, places) and _is_settled(each)]
+    for outline in ANY_PULLEY if passed else ():
+        least = fitted_outline(outline, places).log_evidence + DECISIVE_NATS
         passed = [each for each in passed if each.log_evidence > least]
-        if not passed:  # the others need no look
+        if not passed:  # the remaining series need not be fitted
             break
     passed.sort(key=lambda each: -each.log_evidence)
-    # what is round where it was seen is not thought to be one end of something longer
+    # A pulley that is round where it was seen is taken for round, not for the round end of an egg.
     return [each for each in passed if each.outline in ROUND] if passed and passed[0].outline in ROUND else passed
 
 
-def _is_white(found: Fitted, places: Places) -> bool:
-    if found.left_mm <= EXACT_MM:
+def _is_patternless(found: OutlineFit, places: Places) -> bool:
+    """Tell whether the residuals, in the order of their angles, look like noise."""
+    if found.left_mm <= ARITHMETIC_MM:
         return True
     left = found.residual_mm[np.argsort(places.angle_rad)] * np.sqrt(places.rows)
-    return float((np.diff(left) ** 2).sum()) > WHITE * float((left**2).sum())
+    return float((np.diff(left) ** 2).sum()) > LEAST_NEUMANN_RATIO * float((left**2).sum())
 
 
-def _is_settled(found: Fitted) -> bool:
-    """An outline with an angle that may be any, or a disc that nothing touched, says no more than a simpler one."""
+def _is_settled(found: OutlineFit) -> bool:
+    """Tell whether the rows settle every angle of an outline, and every disc: else a simpler outline says as much."""
     sds = np.sqrt(np.diag(found.covariance))[: len(found.q)]
-    disc = found.outline.spread / 2 if isinstance(found.outline, Egg) else np.inf
-    return bool((sds < np.where(np.isnan(found.outline.centre), SETTLED_RAD, disc)).all())
+    disc = found.outline.spread / 2 if isinstance(found.outline, EggOutline) else np.inf
+    return bool((sds < np.where(np.isnan(found.outline.centre), SETTLED_ANGLE_RAD, disc)).all())
 
 
 def _posterior(
-    design: Design, start: np.ndarray, choice: Choice, rows: Rows, places: Places, believed: list[Fitted]
+    design: Design, start: np.ndarray, choice: Choice, rows: Rows, places: Places, believed: list[OutlineFit]
 ) -> Posterior:
-    """Mix the outlines by evidence: the mean and covariance [P] of the grey box's parameters."""
+    """Mix the outlines by their evidence; return the mean [P] and covariance [P, P] of the grey box's parameters."""
     shares = np.exp([each.log_evidence - believed[0].log_evidence for each in believed])
     shares /= shares.sum()
     loose = choice.structure.play == "loose"
@@ -162,7 +171,7 @@ def _posterior(
 
 
 def _lowered(
-    found: Fitted, design: Design, start: np.ndarray, rows: Rows, places: Places, loose: bool
+    found: OutlineFit, design: Design, start: np.ndarray, rows: Rows, places: Places, loose: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return an outline as parameters [P] of the grey box, and their covariance [P, P]."""
     q, count = found.q, len(found.q)
@@ -173,7 +182,7 @@ def _lowered(
     values = np.where(shaped, to @ _series(found.outline, q), start)
     jacobian = np.zeros((design.size, count + len(found.rest)))
     jacobian[:, :count] = to @ np.array(slopes).T / 2e-6
-    # offset and play are what puts the series where the outline was at the places
+    # Offset and play are chosen such that the series lies on the outline at the measured places.
     mean, play = design.columns(places.motor_mm, rows.period_mm, rows.origin_mm)
     columns = mean + places.side[:, None] / 2 * play
     rest = [design.parts[part].start for part in ("mean_powers", "play_powers")][: len(found.rest)]
@@ -184,21 +193,22 @@ def _lowered(
     nearest = np.linalg.pinv(places.columns)
     values[rest] = nearest @ (at - columns @ values)
     jacobian[rest] = nearest @ (moved - columns @ jacobian)
-    covariance = jacobian @ found.covariance @ jacobian.T + CUT_MM**2 * np.diag(shaped)
+    covariance = jacobian @ found.covariance @ jacobian.T + SERIES_END_MM**2 * np.diag(shaped)
     if found.outline in ROUND:
-        flats = Flat(bored=True)
+        flats = FlatOutline(bored=True)
         bore = (q[1], q[2]) if count > 1 else (0.0, 0.0)
         for size, turn, half, *_ in flats.starts():
             flat = np.array([size * (1 + q[0]), turn, half, *bore])
             gone = places.radius_mm * (flats.unwound(flat, places.angle_rad)[0] - value)
-            if np.abs(gone - places.columns @ (nearest @ gone)).max() < HIDDEN_MM:
+            if np.abs(gone - places.columns @ (nearest @ gone)).max() < HIDDEN_FLAT_MM:
                 away = to @ (_series(flats, flat) - _series(found.outline, q))
                 away[rest] = -nearest @ (columns @ away)
-                covariance += HIDDEN / len(flats.starts()) * np.outer(away, away)
+                covariance += HIDDEN_FLAT_ODDS / len(flats.starts()) * np.outer(away, away)
     return values, covariance
 
 
 def _series(outline: Outline, q: np.ndarray) -> np.ndarray:
+    """Return an outline as a shape [1 + 2K] of `shapes`."""
     return series(outline.heights(q, _PHI)[None])[0]
 
 

@@ -1,9 +1,10 @@
-"""Fit outlines to what a motor's rows say, and weigh them by their evidence.
+"""Fit outlines to a motor's measured places, and weigh them by their evidence.
 
-At the angle θ the belt is at m + r₀ (U(θ; q) − θ) + Σ l (columns · nuisance), U from `outline`. The places of a lattice
-are visited many times: their means are fitted. What scatters at one place is noise; what the means leave is a second
-variance, estimated for each outline: next to nothing for the true one where the print has no noise, and then all of q
-is known, seen or not. The evidence is Laplace's, every prior proper.
+At the motor's angle θ the belt is at m + r₀ (U(θ; q) − θ) + Σ columns · nuisance, with U of `outline`. A print on a
+lattice visits each place many times, and the means of the places are fitted. The scatter at one place is noise. What
+an outline leaves of the means is a second variance, estimated for each outline: for the true one it is next to zero
+where the print has no noise, and then all of q is known, whether it was seen or not. The evidence is Laplace's
+(physics.md eq. 20), with proper priors.
 """
 
 from dataclasses import dataclass
@@ -12,22 +13,27 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dgeqrf, dtrtrs
 
-from printmend.learn.pulley.outline import Outline, Series
+from printmend.learn.pulley.outline import Outline, SeriesOutline
 
-FLOOR_MM = 1e-7  # nothing is simulated or written more finely
-FIRST_MM = 0.05
-STEPS = 12
-LOOKS, LOOK_MM = 2, 0.005  # steps of the first look, before all but the best starts are left, and its σ
-KEPT = 3
-ROUNDS = 8  # of what is left at a place
-SAME = 0.05
+LEAST_LEFT_MM = 1e-7  # smallest standard deviation of what an outline leaves: tables are not written more finely
+FIRST_LEFT_MM = 0.05  # first guess of that standard deviation, the noise of an ordinary scan
+NEWTON_STEPS = 12  # most Gauss–Newton steps from a start; three to six are usual
+FIRST_LOOK_STEPS = 2  # steps from every start before the best of them are chosen
+FIRST_LOOK_LEFT_MM = 0.005  # standard deviation of what is left that the first look assumes
+KEPT_STARTS = 3  # starts that are followed to the end
+MOST_VARIANCE_ROUNDS = 8  # most updates of the variance that is left
+SAME_VARIANCE_LOG = 0.05  # a smaller change of that variance's logarithm ends the updates
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """What was measured: G means. ``angle_rad`` [G] is where the outline unwinds, ``error_mm`` [G] the belt less
-    ``motor_mm`` [G], ``side`` [G] the branch (±1, 0 without play), ``columns`` [G, L] what is no pulley, of the sizes
-    ``spread`` [L]; ``rows`` [G] are behind each mean, the ``noise_mm`` of one 0 where no place was visited twice."""
+    """The measured places of one motor, G of them, each the mean of its rows.
+
+    ``angle_rad`` [G] is the angle from which the outline has unwound, ``error_mm`` [G] how far the belt is ahead of
+    ``motor_mm`` [G], and ``side`` [G] the branch (±1; 0 without play). ``columns`` [G, L] are those of the nuisance
+    parameters, offset and play, with prior standard deviations ``spread`` [L] mm. ``rows`` [G] counts the rows behind
+    each mean; ``noise_mm`` is the standard deviation of one row, 0 where no place was visited twice.
+    """
 
     radius_mm: float
     motor_mm: np.ndarray
@@ -44,9 +50,12 @@ class Places:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
-    """An outline at its best parameters ``q`` [P] and nuisance ``rest`` [L]; their ``covariance`` [P + L, P + L], the
-    standard deviation ``left_mm`` of what is left at a place, the residuals [G], and the log evidence."""
+class OutlineFit:
+    """An outline with its best parameters ``q`` [P] and nuisance parameters ``rest`` [L].
+
+    ``covariance`` [P + L, P + L] is theirs, ``left_mm`` the standard deviation of what the outline leaves at a place,
+    ``residual_mm`` [G] what it leaves there.
+    """
 
     outline: Outline
     q: np.ndarray
@@ -57,26 +66,26 @@ class Fitted:
     log_evidence: float
 
 
-def fitted(outline: Outline, places: Places) -> Fitted:
-    """Return the best fit from the outline's starts."""
+def fitted_outline(outline: Outline, places: Places) -> OutlineFit:
+    """Fit an outline from each of its starts; return the best fit."""
     starts = list(outline.starts())
     if len(starts) > 1:
-        problem = _Problem(outline, places, LOOK_MM**2)
-        looked = [problem.improved(q, LOOKS) for q in starts]
+        problem = _Problem(outline, places, FIRST_LOOK_LEFT_MM**2)
+        looked = [problem.improved(q, FIRST_LOOK_STEPS) for q in starts]
         order = np.argsort([problem.cost(q) for q in looked])
-        starts = sorted((problem.improved(looked[i], STEPS) for i in order[:KEPT]), key=problem.cost)
-    return _settled(outline, places, starts[0])
+        starts = sorted((problem.improved(looked[i], NEWTON_STEPS) for i in order[:KEPT_STARTS]), key=problem.cost)
+    return _with_variance(outline, places, starts[0])
 
 
-def _settled(outline: Outline, places: Places, q: np.ndarray) -> Fitted:
-    """Fit from near, what is left at a place being estimated along the way."""
-    variance, noise = FIRST_MM**2, places.noise_mm**2 / places.rows
-    for _ in range(ROUNDS):
+def _with_variance(outline: Outline, places: Places, q: np.ndarray) -> OutlineFit:
+    """Fit an outline from parameters near the best, in turn with the variance of what it leaves at a place."""
+    variance, noise = FIRST_LEFT_MM**2, places.noise_mm**2 / places.rows
+    for _ in range(MOST_VARIANCE_ROUNDS):
         problem = _Problem(outline, places, variance)
-        q = problem.stepped(q) if isinstance(outline, Series) else problem.improved(q, STEPS)
+        q = problem.stepped(q) if isinstance(outline, SeriesOutline) else problem.improved(q, NEWTON_STEPS)
         solution = problem.solved(q)
-        after = max(float((solution.residual_mm**2).sum() / solution.spare - noise.mean()), FLOOR_MM**2)
-        if abs(np.log(after / variance)) < SAME:
+        after = max(float((solution.residual_mm**2).sum() / solution.spare - noise.mean()), LEAST_LEFT_MM**2)
+        if abs(np.log(after / variance)) < SAME_VARIANCE_LOG:
             break
         variance = after
     factor = solution.factor
@@ -84,15 +93,18 @@ def _settled(outline: Outline, places: Places, q: np.ndarray) -> Fitted:
     evidence = (solution.residual_mm**2 / whole).sum() + np.log(whole).sum() + problem.away(q, solution.rest)
     evidence += 2 * np.log(np.abs(np.diag(factor))).sum() + 2 * np.log(problem.spread).sum()
     fine = solve_triangular(factor, np.eye(len(factor)))
-    return Fitted(
+    return OutlineFit(
         outline, q, solution.rest, fine @ fine.T, float(np.sqrt(variance)), solution.residual_mm, -0.5 * float(evidence)
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """The linear solution about some q: ``rest`` [L], the triangular ``factor`` of the posterior's precision, the
-    residuals [G], and how many of them nothing was spent on."""
+    """The least-squares solution of the equations linearised about some q.
+
+    ``rest`` [L] are the nuisance parameters, ``factor`` [P + L, P + L] the triangular factor of the posterior's
+    precision, ``residual_mm`` [G] the residuals and ``spare`` their degrees of freedom.
+    """
 
     rest: np.ndarray
     factor: np.ndarray
@@ -101,7 +113,7 @@ class _Solution:
 
 
 class _Problem:
-    """An outline, places, and the variance of what is left at them."""
+    """An outline to fit to places, with a given variance [mm²] of what it leaves at them."""
 
     def __init__(self, outline: Outline, places: Places, variance: float) -> None:
         self.outline, self.places = outline, places
@@ -113,7 +125,7 @@ class _Problem:
         self.last: tuple[bytes, np.ndarray, np.ndarray] = b"", np.zeros(0), np.zeros(0)
 
     def away(self, q: np.ndarray, rest: np.ndarray) -> float:
-        """Return the square of the parameters' distance from what is usual."""
+        """Return the squared distance of the parameters from the prior's mean, in its standard deviations."""
         return self._unusual(q) + float(((rest / self.places.spread) ** 2).sum())
 
     def _unusual(self, q: np.ndarray) -> float:
@@ -121,19 +133,19 @@ class _Problem:
         return float(usual @ usual)
 
     def _unwound(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        key = q.tobytes()  # a cost is often followed by a step from there
+        key = q.tobytes()  # a cost is often followed by a step from the same q
         if key != self.last[0]:
             self.last = key, *self.outline.unwound(q, self.places.angle_rad)
         return self.last[1:]
 
     def cost(self, q: np.ndarray) -> float:
-        """Return the misfit [σ²] at q with the best nuisance parameters."""
+        """Return the misfit [σ²] of q, its distance from the prior included, with the best nuisance parameters."""
         left = self.root * (self.places.error_mm - self.places.radius_mm * self._unwound(q)[0])
         left -= self.basis @ (self.basis.T @ left)
         return float(left @ left) + self._unusual(q)
 
     def _stacked(self, q: np.ndarray) -> np.ndarray:
-        """Return the weighted equations for (q, rest) [G + P + L, P + L + 1] about some q, the wanted values last."""
+        """Return the weighted equations for (q, rest), linearised about q: [G + P + L, P + L + 1], right side last."""
         value, slope = self._unwound(q)
         places, count = self.places, len(self.root)
         stacked = np.zeros((count + len(self.spread), len(self.spread) + 1), order="F")
@@ -147,10 +159,11 @@ class _Problem:
 
     def stepped(self, q: np.ndarray) -> np.ndarray:
         """Return q after a whole Gauss–Newton step."""
-        packed, size = dgeqrf(self._stacked(q))[0], len(self.spread)  # the last column becomes what it is in the basis
+        packed, size = dgeqrf(self._stacked(q))[0], len(self.spread)  # the right side is multiplied by Qᵀ, too
         return np.asarray(dtrtrs(packed[:size, :size], packed[:size, size])[0][: len(q)])
 
     def solved(self, q: np.ndarray) -> _Solution:
+        """Return the solution linearised about q."""
         stacked, places = self._stacked(q), self.places
         basis, factor = np.linalg.qr(stacked[:, :-1])
         error = places.error_mm - places.radius_mm * self._unwound(q)[0]
@@ -159,7 +172,7 @@ class _Problem:
         return _Solution(rest, factor, error - places.columns @ rest, max(float(len(self.root) - known), 1.0))
 
     def improved(self, q: np.ndarray, steps: int) -> np.ndarray:
-        """Return q after so many Gauss–Newton steps, each shortened until it helps."""
+        """Return q after at most so many Gauss–Newton steps, each shortened until it lowers the cost."""
         cost = self.cost(q)
         for _ in range(steps):
             step = self.stepped(q) - q

@@ -1,8 +1,9 @@
 """Outlines of pulleys with few parameters, and the belt that they unwind: physics.md eq. 4.
 
 Lengths are in radii of a sound pulley. At the motor's angle θ a belt has unwound U(θ) = ∫ h(−t) dt (eq. 1). An outline
-gives U and its derivatives exactly, so that a print without noise settles its parameters to the last digits, and with
-them all that was not seen. Parameters are a vector q [P], of which ``centre`` and ``spread`` [P] are usual.
+gives U and its derivatives exactly, so that a print without noise settles its parameters to the last digit, and with
+them the part of the pulley that was not seen. Parameters are a vector q [P] with the prior mean ``centre`` and the
+prior standard deviation ``spread``.
 """
 
 from dataclasses import dataclass
@@ -13,17 +14,18 @@ import numpy as np
 from printmend.learn.pulley import kernels as kernels
 from printmend.units import TURN_RAD
 
-ANGLES = 512  # the series of an ellipse ends far below
-FINE = 1024  # a corner that fewer of so many angles see is lost
-ANY_TURN = 1.8  # rad: as wide as knowing nothing of an angle
-SIZE = 0.25
-BORE = 0.15
-HALF_FLAT = (0.5, 0.25)  # rad
-CORNER = (1.1, 0.1)
-DISCS = (0.6, 0.5)
-_GRID = np.linspace(0.0, TURN_RAD, ANGLES, endpoint=False)
-_FINE = TURN_RAD / FINE * np.arange(FINE)
-_FINE_WAVES = np.stack([np.ones(FINE), np.cos(_FINE), -np.sin(_FINE)])
+# Lengths are in radii of a sound pulley; pairs are a prior mean and its standard deviation.
+ELLIPSE_ANGLES = 512  # samples of an ellipse's h: its series ends far below their Nyquist limit
+HULL_ANGLES = 1024  # angles at which a hull is looked at: a corner seen by none of them is lost
+ANY_ANGLE_SD_RAD = 1.8  # standard deviation of an angle of which nothing is known: 2π/√12
+SIZE_SD = 0.25
+BORE_SD = 0.15  # of the shaft hole's place, each way
+HALF_FLAT_RAD = (0.5, 0.25)  # half the angle of a flat
+CORNER_RADII = (1.1, 0.1)  # distance of a polygon's corners
+DISC_RADII = (0.6, 0.5)  # radius of a rounded polygon's discs, distance of their centres: the prior means of both
+_GRID = np.linspace(0.0, TURN_RAD, ELLIPSE_ANGLES, endpoint=False)
+_HULL_PHI = TURN_RAD / HULL_ANGLES * np.arange(HULL_ANGLES)
+_HULL_WAVES = np.stack([np.ones(HULL_ANGLES), np.cos(_HULL_PHI), -np.sin(_HULL_PHI)])
 
 
 class Outline(Protocol):
@@ -34,12 +36,12 @@ class Outline(Protocol):
 
     @property
     def centre(self) -> np.ndarray:
-        """The usual parameters [P], NaN for an angle, which may be any."""
+        """The prior mean of the parameters [P]; NaN for an angle, of which nothing is known."""
         ...
 
     @property
     def spread(self) -> np.ndarray:
-        """Their standard deviations [P]."""
+        """The prior standard deviations [P] of the parameters."""
         ...
 
     def heights(self, q: np.ndarray, phi_rad: np.ndarray) -> np.ndarray:
@@ -51,13 +53,13 @@ class Outline(Protocol):
         ...
 
     def starts(self) -> np.ndarray:
-        """Return parameters [S, P], near one of which the truth lies."""
+        """Return first guesses [S, P], one of which is near the truth."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
-    """h = 1 + q₀ + Σ k (A_k cos kφ + B_k sin kφ) for the ``harmonics``; q = (q₀, A, B), of the size ``spread``."""
+class SeriesOutline:
+    """A Fourier series: h = 1 + q₀ + Σ k (A_k cos kφ + B_k sin kφ) over the ``harmonics`` k, with q = (q₀, A, B)."""
 
     kind: str
     harmonics: np.ndarray
@@ -81,16 +83,16 @@ class Series:
         return np.zeros((1, len(self.spread)))
 
 
-def cut_series(harmonics: int) -> Series:
-    """Return the series of the first harmonics alone, each as large as a convex hull allows (physics.md eq. 3)."""
+def cut_series(harmonics: int) -> SeriesOutline:
+    """Return the series of the first ``harmonics``, of the sizes that a convex hull allows (physics.md eq. 3)."""
     k = np.arange(1, harmonics + 1)
     wave = np.minimum(0.3, 2.0 / np.maximum(k**2 - 1, 1)) / k / 2
-    return Series(f"fourier-{harmonics}", k, np.concatenate([[SIZE], wave, wave]))
+    return SeriesOutline(f"fourier-{harmonics}", k, np.concatenate([[SIZE_SD], wave, wave]))
 
 
 @dataclass(frozen=True)
-class Ellipse:
-    """h = √(a² cos² + b² sin²) about φ₀; q = (a, b, φ₀), and (x, y) where the shaft may be off its centre."""
+class EllipseOutline:
+    """An ellipse: h = √(a² cos² + b² sin²) about φ₀; q = (a, b, φ₀), and the bore's (x, y) where ``bored``."""
 
     bored: bool
 
@@ -104,7 +106,7 @@ class Ellipse:
 
     @property
     def spread(self) -> np.ndarray:
-        return np.array([SIZE, SIZE, ANY_TURN, BORE, BORE][: 5 if self.bored else 3])
+        return np.array([SIZE_SD, SIZE_SD, ANY_ANGLE_SD_RAD, BORE_SD, BORE_SD][: 5 if self.bored else 3])
 
     def heights(self, q: np.ndarray, phi_rad: np.ndarray) -> np.ndarray:
         a, b, turn = q[:3]
@@ -114,15 +116,15 @@ class Ellipse:
         a, b, turn = q[:3]
         c, s = np.cos(_GRID), np.sin(_GRID)
         h = np.hypot(a * c, b * s)
-        # h and its derivatives have even harmonics alone; U = −∫ h over φ from 0 to −θ
+        # h and its derivatives have even harmonics only; U = −∫ h dφ from 0 to −θ
         rows = np.stack([h, a * c**2 / h, b * s**2 / h])
-        spectrum = np.fft.rfft(rows)[:, : ANGLES // 4 : 2] / ANGLES
+        spectrum = np.fft.rfft(rows)[:, : ELLIPSE_ANGLES // 4 : 2] / ELLIPSE_ANGLES
         last = max(4, int((np.abs(spectrum[0]) > 1e-14).sum()))
         k = np.arange(2, 2 * last, 2)
         wave = np.multiply.outer(-angle_rad - turn, k)
         cosines = (2 * spectrum[:, 1:last].real / k).T
         moved = np.outer(angle_rad + turn, spectrum[:, 0].real) - np.sin(wave) @ cosines
-        # turning the outline by δ moves U by ∫ h over δ: h at the span, but for a constant
+        # Turning the outline by δ adds ∫ h over δ to U: its derivative is h at the span, up to a constant.
         turned = np.hypot(a * np.cos(angle_rad + turn), b * np.sin(angle_rad + turn))
         value, derivatives = moved[:, 0] - angle_rad, np.column_stack([moved[:, 1:], turned])
         return _with_bore(value, derivatives, q[3:], angle_rad)
@@ -134,8 +136,8 @@ class Ellipse:
 
 
 @dataclass(frozen=True)
-class Flat:
-    """A disc of radius r with a flat that is seen under 2β about φ₀ (physics.md eq. 4); q = (r, φ₀, β), and (x, y)."""
+class FlatOutline:
+    """A disc of radius r with a flat of angle 2β at φ₀ (physics.md eq. 4); q = (r, φ₀, β), and the bore's (x, y)."""
 
     bored: bool
 
@@ -145,11 +147,11 @@ class Flat:
 
     @property
     def centre(self) -> np.ndarray:
-        return np.array([1.0, np.nan, HALF_FLAT[0], 0.0, 0.0][: 5 if self.bored else 3])
+        return np.array([1.0, np.nan, HALF_FLAT_RAD[0], 0.0, 0.0][: 5 if self.bored else 3])
 
     @property
     def spread(self) -> np.ndarray:
-        return np.array([SIZE, ANY_TURN, HALF_FLAT[1], BORE, BORE][: 5 if self.bored else 3])
+        return np.array([SIZE_SD, ANY_ANGLE_SD_RAD, HALF_FLAT_RAD[1], BORE_SD, BORE_SD][: 5 if self.bored else 3])
 
     def heights(self, q: np.ndarray, phi_rad: np.ndarray) -> np.ndarray:
         r, turn, half = q[:3]
@@ -176,8 +178,8 @@ class Flat:
 
 
 @dataclass(frozen=True)
-class Polygon:
-    """Corners at equal angles: h = max r_i cos(φ − φ₀ − 2πi/n); q = (φ₀, r₁ … r_n)."""
+class PolygonOutline:
+    """A polygon with corners at equal angles: h = max r_i cos(φ − φ₀ − 2πi/n), with q = (φ₀, r₁ … r_n)."""
 
     corners: int
 
@@ -187,11 +189,11 @@ class Polygon:
 
     @property
     def centre(self) -> np.ndarray:
-        return np.append(np.nan, np.full(self.corners, CORNER[0]))
+        return np.append(np.nan, np.full(self.corners, CORNER_RADII[0]))
 
     @property
     def spread(self) -> np.ndarray:
-        return np.append(ANY_TURN, np.full(self.corners, CORNER[1]))
+        return np.append(ANY_ANGLE_SD_RAD, np.full(self.corners, CORNER_RADII[1]))
 
     def heights(self, q: np.ndarray, phi_rad: np.ndarray) -> np.ndarray:
         return (self._discs(q)[0] @ _waves(phi_rad)).max(axis=0)
@@ -202,7 +204,7 @@ class Polygon:
     def starts(self) -> np.ndarray:
         count = max(3, 36 // self.corners)
         turn = TURN_RAD / self.corners * np.arange(count) / count
-        return np.column_stack([turn, np.full((count, self.corners), CORNER[0])])
+        return np.column_stack([turn, np.full((count, self.corners), CORNER_RADII[0])])
 
     def _discs(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         towards, across = _spokes(self.corners, q[0])
@@ -213,8 +215,8 @@ class Polygon:
 
 
 @dataclass(frozen=True)
-class Rounded:
-    """Equal discs at equal angles, wrapped: h = ρ + R max cos(φ − φ₀ − 2πi/n); q = (ρ, R, φ₀)."""
+class RoundedOutline:
+    """The hull of equal discs at equal angles: h = ρ + R max cos(φ − φ₀ − 2πi/n), with q = (ρ, R, φ₀)."""
 
     corners: int
 
@@ -224,11 +226,11 @@ class Rounded:
 
     @property
     def centre(self) -> np.ndarray:
-        return np.array([*DISCS, np.nan])
+        return np.array([*DISC_RADII, np.nan])
 
     @property
     def spread(self) -> np.ndarray:
-        return np.array([SIZE, SIZE, ANY_TURN])
+        return np.array([SIZE_SD, SIZE_SD, ANY_ANGLE_SD_RAD])
 
     def heights(self, q: np.ndarray, phi_rad: np.ndarray) -> np.ndarray:
         return (self._discs(q)[0] @ _waves(phi_rad)).max(axis=0)
@@ -238,7 +240,7 @@ class Rounded:
 
     def starts(self) -> np.ndarray:
         count = max(4, 24 // self.corners)
-        return np.array([[*DISCS, TURN_RAD / self.corners * i / count] for i in range(count)])
+        return np.array([[*DISC_RADII, TURN_RAD / self.corners * i / count] for i in range(count)])
 
     def _discs(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         towards, across = _spokes(self.corners, q[2])
@@ -248,8 +250,8 @@ class Rounded:
 
 
 @dataclass(frozen=True)
-class Egg:
-    """Two discs anywhere, wrapped; q = (ρ₁, x₁, y₁, ρ₂, x₂, y₂)."""
+class EggOutline:
+    """The hull of two discs anywhere: q = (ρ₁, x₁, y₁, ρ₂, x₂, y₂)."""
 
     kind: str = "egg"
 
@@ -283,10 +285,10 @@ def _spokes(count: int, turn: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _hull_unwound(discs: np.ndarray, slopes: np.ndarray, angle_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return U − θ [N] of the hull of discs [M, 3] (ρ, x, y), h = max ρ_i + x_i cos φ + y_i sin φ, with the derivatives
-    [M, 3, P], and its derivatives [N, P]."""
-    edges, which = np.empty(FINE + 1), np.zeros(FINE, np.int64)
-    count = kernels.hull_edges(discs, _FINE_WAVES, edges, which)
+    """Return U − θ [N] and its derivatives [N, P] for a hull of discs [M, 3] (ρ, x, y), which have the derivatives
+    ``slopes`` [M, 3, P]: h = max ρ_i + x_i cos φ + y_i sin φ."""
+    edges, which = np.empty(HULL_ANGLES + 1), np.zeros(HULL_ANGLES, np.int64)
+    count = kernels.hull_edges(discs, _HULL_WAVES, edges, which)
     if count == 0:
         edges[0], count = 0.0, 1
     edges[count] = edges[0] + TURN_RAD
@@ -296,9 +298,9 @@ def _hull_unwound(discs: np.ndarray, slopes: np.ndarray, angle_rad: np.ndarray) 
 def _unwound(
     edges: np.ndarray, which: np.ndarray, discs: np.ndarray, slopes: np.ndarray, angle_rad: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same where ``which`` [E] disc is touched between ``edges`` [E + 1], which go once round in t = −φ.
+    """Return the same, given the disc ``which`` [E] that is touched between ``edges`` [E + 1], a whole turn of t = −φ.
 
-    Where two discs meet their heights are equal, so that moving an edge changes no integral of h.
+    Where two discs meet they are equally high, so that an edge may move without changing any integral of h.
     """
     value, derivatives = np.empty(len(angle_rad)), np.empty((len(angle_rad), slopes.shape[2]))
     kernels.unwind(edges, which, discs, slopes, angle_rad, value, derivatives)
@@ -326,19 +328,22 @@ ROUND: tuple[Outline, ...] = (cut_series(0), cut_series(1))
 OUTLINES: tuple[Outline, ...] = (
     *ROUND,
     *(cut_series(k) for k in range(2, 9)),
-    *(shape(bored) for shape in (Ellipse, Flat) for bored in (False, True)),
-    *(Polygon(n) for n in range(3, 9)),
-    *(Rounded(n) for n in range(2, 7)),
-    Egg(),
+    *(shape(bored) for shape in (EllipseOutline, FlatOutline) for bored in (False, True)),
+    *(PolygonOutline(n) for n in range(3, 9)),
+    *(RoundedOutline(n) for n in range(2, 7)),
+    EggOutline(),
 )
 
 
-def _plain_series(fold: int, size: float) -> Series:
-    """Return the series of 32 harmonics of usual sizes (physics.md eq. 18), or those of a symmetry: any pulley."""
+def _any_pulley(fold: int, size: float) -> SeriesOutline:
+    """Return a series of 32 harmonics of usual sizes (physics.md eq. 18), which fits any pulley.
+
+    With a ``fold`` above 1 its multiples have these sizes, with 1 the eccentricity alone, and the others 3 % of them.
+    """
     k = np.arange(1, 33)
     on = k % fold == 0 if fold > 1 else k == 1
     wave = 0.126 * size * k**-2.5 * np.where(on | (fold == 0), 1.0, 0.03)
-    return Series(f"plain-{fold}", k, np.concatenate([[SIZE], wave, wave]))
+    return SeriesOutline(f"plain-{fold}", k, np.concatenate([[SIZE_SD], wave, wave]))
 
 
-PLAIN: tuple[Series, ...] = tuple(_plain_series(fold, size) for fold in range(9) for size in (4.0, 1.0, 0.3))
+ANY_PULLEY: tuple[SeriesOutline, ...] = tuple(_any_pulley(fold, size) for fold in range(9) for size in (4.0, 1.0, 0.3))

@@ -1,10 +1,10 @@
 """Random pulleys to learn a prior from: what printed, bored, worn and bruised pulleys look like.
 
-A shape is the Fourier series of its position error for a round pulley of radius 1: a vector [1 + 2K] of the radius less
-1, then c_k/k for the cosines and for the sines of h = r + Σ c_k (k = 1…K), so that all entries are in the same unit
-(radii) and of the size that they have in a print. The kinds are families of the twin; to them come the convex hulls of
-equal and unequal discs, and outlines of arcs and flats with equal sides: most of what a lathe, a file or a 3-D printer
-makes. The authors' hulls (family ``published``) are the test and never drawn from.
+A shape is a pulley's position error as a Fourier series, with lengths in radii of a sound pulley: a vector [1 + 2K] of
+the mean radius less 1, then c_k/k for the cosines and for the sines of h = r + Σ c_k (k = 1…K). So all entries have the
+size that they have in a print. The kinds are the twin's families, the convex hulls of equal and of unequal discs, and
+outlines of arcs and flats with equal sides: most of what a lathe, a file or a 3-D printer makes. The authors' hulls
+(family ``published``) are kept for the test, and none is drawn.
 """
 
 from collections.abc import Callable
@@ -61,12 +61,12 @@ def _of_twin(family: str) -> Callable[[np.random.Generator], np.ndarray]:
 
 
 def _discs(centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Return h of the convex hull of discs [M, 2]: the largest p·n + ρ."""
+    """Return h [ANGLES] of the convex hull of discs, max p·n + ρ, with centres p [M, 2] and radii ρ [M]."""
     return (centres @ np.stack([np.cos(_PHI), np.sin(_PHI)]) + radii[:, None]).max(axis=0)
 
 
 def _rounded(corners: int) -> Callable[[np.random.Generator], np.ndarray]:
-    """A regular polygon with round corners, up to sharp ones: the hull of equal discs."""
+    """Return a drawer of regular polygons with more or less round corners, the hulls of equal discs."""
 
     def heights(rng: np.random.Generator) -> np.ndarray:
         angle, share = TURN_RAD * np.arange(corners) / corners, rng.uniform(0.1, 1.0)
@@ -78,8 +78,11 @@ def _rounded(corners: int) -> Callable[[np.random.Generator], np.ndarray]:
 
 
 def _arcs(fold: int) -> Callable[[np.random.Generator], np.ndarray]:
-    """An outline of arcs, corners and flats with ``fold`` equal, mirror-symmetric sides: the radius of curvature
-    R = h + h″ ≥ 0 is constant by pieces, a flat is a peak of it (physics.md eq. 3); h_k = R_k/(1 − k²)."""
+    """Return a drawer of outlines of arcs, corners and flats with ``fold`` equal, mirror-symmetric sides.
+
+    The radius of curvature R = h + h″ ≥ 0 is piecewise constant, and a flat is a peak of it (physics.md eq. 3); the
+    Fourier coefficients follow as h_k = R_k/(1 − k²).
+    """
     k = np.arange(HARMONICS * 4 + 1)
     inverse = np.where(k == 1, 0.0, 1.0 / np.where(k == 1, 1.0, 1.0 - k.astype(float) ** 2))
 
@@ -105,7 +108,7 @@ def _arcs(fold: int) -> Callable[[np.random.Generator], np.ndarray]:
 
 
 def _egg(rng: np.random.Generator) -> np.ndarray:
-    """The hull of a large disc about the shaft or near it and a small one beside it."""
+    """Draw the hull of a large disc about the shaft, or near it, and a small disc beside it."""
     small, apart, shaft = rng.uniform(0.2, 0.95), rng.uniform(0.2, 1.2), rng.uniform(-0.1, 0.5)
     centres = np.array([[-shaft * apart, 0.0], [(1 - shaft) * apart, 0.0]])
     heights = _discs(centres, np.array([1.0, small]))
@@ -113,7 +116,7 @@ def _egg(rng: np.random.Generator) -> np.ndarray:
 
 
 def _uneven(rng: np.random.Generator) -> np.ndarray:
-    """The hull of three to six unequal discs at uneven angles."""
+    """Draw the hull of three to six unequal discs at uneven angles."""
     count = int(rng.integers(3, 7))
     angle = TURN_RAD * (np.arange(count) + rng.uniform(-0.2, 0.2, count)) / count
     away, radii = rng.uniform(0.3, 1.0, count), rng.uniform(0.1, 0.5, count)
