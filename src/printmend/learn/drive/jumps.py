@@ -36,6 +36,8 @@ BETTER = 0.6  # the whole trace must fit that much better without the jumps
 BETTER_WHITE = 0.9  # where they explain all but noise
 MOST = 64
 ROUNDS = 4
+MOST_SEARCHES = 8  # of models in all: where there are jumps, the first few show them
+MOST_FITTED = 600_000  # rows in all, for increments: the same
 SPARSE = 25  # measured rows for each jump: more frequent ones imitate something else
 WHITE = 0.4  # a larger share of independent residuals leaves no room for jumps
 SOFT_MM = 0.05  # a finer sieve would throw out what the contacts, not yet known, still put in the wrong place
@@ -45,40 +47,58 @@ WORTH_MORE_MM = 0.05  # less is not worth the slower beliefs
 Believed = tuple[tuple[Jump, ...], Choice]
 
 
+@dataclass
+class Effort:
+    """What may still be spent on one motor's jumps: whatever was measured, the search ends, always the same."""
+
+    searches: int = MOST_SEARCHES
+    rows: int = MOST_FITTED
+
+    @property
+    def is_spent(self) -> bool:
+        return self.searches <= 0 or self.rows <= 0
+
+    def search(self, rows: Rows) -> Choice:
+        """Return the best model of rows."""
+        self.searches -= 1
+        return search(rows)
+
+
 def find_jumps(rows: Rows, found: Choice, axis: Axis) -> Believed:
     """Return the jumps of one motor's rows and the search's fit without them; none where they explain too little."""
     calm = found.fit.loss_mm < CALM_MM or found.fit.share > WHITE
     if calm or int((rows.weight > 0).sum()) < 4 * COARSE_HARMONICS:
         return (), found
     best: Believed = (), found
-    for belief in _beliefs(rows, found, axis):
-        best = _climbed(rows, belief, best, axis)
-        if best[1].fit.loss_mm < WORTH_MORE_MM or (best[0] and best[1].fit.share > WHITE):
+    effort = Effort()
+    for belief in _beliefs(rows, found, axis, effort):
+        best = _climbed(rows, belief, best, axis, effort)
+        if effort.is_spent or best[1].fit.loss_mm < WORTH_MORE_MM or (best[0] and best[1].fit.share > WHITE):
             break
     least = BETTER_WHITE if best[1].fit.share > WHITE else BETTER
     return best if best[1].fit.loss_mm < least * found.fit.loss_mm else ((), found)
 
 
-def _beliefs(rows: Rows, found: Choice, axis: Axis) -> Iterator[Believed]:
+def _beliefs(rows: Rows, found: Choice, axis: Axis, effort: Effort) -> Iterator[Believed]:
     """Return jumps and models to start from, the likeliest first: a few steps taken out, fitted to increments, healthy,
     jumps taken out one by one, uneven."""
     least_mm = WILD * MISSED_STEPS * axis.mm_per_step
     plain, uneven = Structure(play="free"), Structure(play="free", warp_mm=WARPS_MM[1])
     design = plain.design(COARSE_HARMONICS, ())
     if jumps := _stepped(rows, design, axis):
-        yield jumps, search(jumped(rows, jumps))
+        yield jumps, effort.search(jumped(rows, jumps))
     # Many jumps show in increments, whatever else a model lacks.
     if np.abs(np.diff(found.fit.touch.residual_mm[rows.weight > 0])).max(initial=0.0) < least_mm:
         return
-    calm = _calm(rows, design, least_mm)
+    calm = _calm(rows, design, least_mm, effort)
     if np.abs(calm.left_mm).max(initial=0.0) < least_mm:
         return
     yield (), _believed(found, plain, design, calm.values)
     yield (), _believed(found, plain, design, np.zeros(design.size))
-    if jumps := _calmed(rows, design, calm, axis):
-        yield jumps, search(jumped(rows, jumps))
+    if jumps := _calmed(rows, design, calm, axis, effort):
+        yield jumps, effort.search(jumped(rows, jumps))
     design = uneven.design(COARSE_HARMONICS, (), rows.reach_mm)
-    yield (), _believed(found, uneven, design, _calm(rows, design, least_mm).values)
+    yield (), _believed(found, uneven, design, _calm(rows, design, least_mm, effort).values)
 
 
 def _believed(found: Choice, structure: Structure, design: Design, values: np.ndarray) -> Choice:
@@ -87,36 +107,38 @@ def _believed(found: Choice, structure: Structure, design: Design, values: np.nd
     return Choice(structure, design, replace(found.fit, posterior=posterior))
 
 
-def _climbed(rows: Rows, belief: Believed, best: Believed, axis: Axis) -> Believed:
+def _climbed(rows: Rows, belief: Believed, best: Believed, axis: Axis, effort: Effort) -> Believed:
     """Find the jumps under a model, then the model without them, and so on while it fits better; return the best."""
     taken, model = belief
     if taken and model.fit.loss_mm < best[1].fit.loss_mm:
         best = belief
     for _ in range(ROUNDS):
         more = climbed(rows, model, axis)
-        if not more or more == taken or len(more) * SPARSE > int((rows.weight > 0).sum()):
+        much = len(more) * SPARSE > int((rows.weight > 0).sum())
+        if not more or more == taken or much or effort.is_spent:
             break
-        taken, model = more, search(jumped(rows, more))
+        taken, model = more, effort.search(jumped(rows, more))
         if model.fit.loss_mm >= best[1].fit.loss_mm:
             break
         best = taken, model
     return best
 
 
-def _calm(rows: Rows, design: Design, least_mm: float) -> "Increments":
-    starts = [_increments(rows, design, _started(design, play_mm), least_mm, PASSES) for play_mm in STARTS_MM]
+def _calm(rows: Rows, design: Design, least_mm: float, effort: Effort) -> "Increments":
+    starts = [_increments(rows, design, _started(design, play_mm), least_mm, PASSES, effort) for play_mm in STARTS_MM]
     return min(starts, key=lambda fit: fit.loss_mm)
 
 
-def _calmed(rows: Rows, design: Design, best: "Increments", axis: Axis) -> tuple[Jump, ...]:
+def _calmed(rows: Rows, design: Design, best: "Increments", axis: Axis, effort: Effort) -> tuple[Jump, ...]:
     """Return the jumps that calm the increments most, taken out one at a time: a loss of steps turns the pulley for
     all that follows, so what comes later is seen clearly only once it is taken out."""
     least_mm = WILD * MISSED_STEPS * axis.mm_per_step
     jumps: tuple[Jump, ...] = ()
-    while len(jumps) < MOST:
+    while len(jumps) < MOST and not effort.is_spent:
+        more_jumps = [(*jumps, *more) for more in _suspects(rows, best, axis)]
         tried = [
-            ((*jumps, *more), _increments(jumped(rows, (*jumps, *more)), design, best.values, least_mm, FEW_PASSES))
-            for more in _suspects(rows, best, axis)
+            (more, _increments(jumped(rows, more), design, best.values, least_mm, FEW_PASSES, effort))
+            for more in more_jumps
         ]
         if not tried:
             break
@@ -250,9 +272,12 @@ def _started(design: Design, play_mm: float) -> np.ndarray:
     return values
 
 
-def _increments(rows: Rows, design: Design, values: np.ndarray, least_mm: float, passes: int) -> Increments:
+def _increments(
+    rows: Rows, design: Design, values: np.ndarray, least_mm: float, passes: int, effort: Effort
+) -> Increments:
     """Fit the measured increments robustly, from parameters [P]."""
     measured = np.flatnonzero(rows.weight > 0)
+    effort.rows -= passes * len(measured)
     precision = np.diag(1.0 / variances(design, Prior()))
     left = np.zeros(len(measured) - 1)
     for _ in range(passes):

@@ -45,8 +45,24 @@ def _goes_on(
     inside = np.arange(reach_mm[0], reach_mm[1] + PITCH_MM / 2, PITCH_MM)
     terms = repeating(inside, np.interp(inside, motor_mm, error_mm), turn_mm, sloped=sloped)
     edge = np.clip(motor_mm, *reach_mm)
-    away = (_columns(motor_mm, turn_mm, sloped) - _columns(edge, turn_mm, sloped)) @ terms
-    return np.asarray(np.interp(edge, motor_mm, error_mm) + away)
+    errors = np.asarray(np.interp(edge, motor_mm, error_mm))
+    beyond = edge != motor_mm
+    for edge_mm in reach_mm:
+        past = beyond & (edge == edge_mm)
+        errors[past] += _evaluated(terms, motor_mm[past], turn_mm, sloped)
+        errors[past] -= _evaluated(terms, np.array([edge_mm]), turn_mm, sloped)
+    return errors
+
+
+def _evaluated(terms: np.ndarray, motor_mm: np.ndarray, turn_mm: float, sloped: bool) -> np.ndarray:
+    """Return what repeats [N] at motor positions [N], by Horner's rule: one cosine and one sine a place."""
+    slope, a, b = terms[0] if sloped else 0.0, terms[-2 * HARMONICS : -HARMONICS], terms[-HARMONICS:]
+    angle = np.mod(motor_mm, turn_mm) * (TURN_RAD / turn_mm)
+    turn = np.exp(1j * angle)
+    total = np.zeros(len(motor_mm), complex)
+    for coefficient in (a - 1j * b)[::-1]:
+        total = (total + coefficient) * turn
+    return np.asarray(slope * motor_mm / SCALE_MM + total.real)
 
 
 def repeating(motor_mm: np.ndarray, error_mm: np.ndarray, turn_mm: float, *, sloped: bool) -> np.ndarray:
