@@ -5,7 +5,7 @@ BIN := .venv/bin
 STAMP := .venv/.stamp
 HOSTS := .venv-hosts
 
-.PHONY: demo test setup lint types layers docs check hosts integrations lock clean
+.PHONY: demo test setup lint types layers docs wheel check hosts integrations lock clean
 
 demo: $(STAMP)
 	$(BIN)/printmend demo
@@ -34,6 +34,10 @@ layers: $(STAMP)
 # Builds build/site; a dead link or a public name without documentation stops it.
 docs: $(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+
+# Does the wheel work where the lock and the extras are not?
+wheel: $(STAMP)
+	tools/try_wheel.sh $(BIN)/python
 
 check: lint types layers test
 

@@ -30,9 +30,20 @@ from pathlib import Path
 import lazy_loader
 
 from printmend.cache import kernel_folder, user_cache
+from printmend.extras import missing_extra
 
 __version__ = "0.1.0"
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_import_name, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    try:
+        return _import_name(name)
+    except ImportError as error:
+        if (missing := missing_extra(error)) is not None:
+            raise missing from None
+        raise
+
 
 if os.name == "posix" and "NUMBA_CACHE_DIR" not in os.environ:  # numba reads it once, when it is imported
     _kernels = kernel_folder(Path(__file__).parent, user_cache(), Path(tempfile.gettempdir()))

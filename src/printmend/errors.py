@@ -8,7 +8,7 @@ PrintmendError                   exit code 2: the input or the machine's set-up 
 │   ├── TraceError               measured traces and reference data sets
 │   ├── ModelError               saved models
 │   └── ScanError                images of printed plates
-├── MissingToolError             an external program is not installed
+├── MissingToolError             an external program, or an extra of printmend, is not installed
 └── RefusedError                 exit code 3: the work is possible, but would not help
 """
 
@@ -64,7 +64,7 @@ class ScanError(InputError):
 
 
 class MissingToolError(PrintmendError):
-    """An external program is not installed."""
+    """An external program, or an extra of printmend, is not installed."""
 
 
 class RefusedError(PrintmendError):

@@ -12,6 +12,7 @@ import numpy as np
 
 from printmend.dataset.bodies import body_rng, digest
 from printmend.errors import InputError, PrintmendError
+from printmend.extras import missing_extra
 from printmend.path import Layer, Trace
 from printmend.plugins import CONTROLLERS, CORRUPTIONS, LEARNERS, code_digest
 from printmend.printer import Printer
@@ -150,6 +151,8 @@ def failed(case: Case, row: str, reason: str) -> Result:
 
 def reason(error: Exception) -> str:
     """Return what a result says of an error."""
+    if isinstance(error, ImportError):
+        error = missing_extra(error) or error
     return str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"
 
 

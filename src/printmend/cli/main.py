@@ -12,6 +12,7 @@ import click
 
 from printmend import __version__
 from printmend.errors import PrintmendError
+from printmend.extras import missing_extra
 
 # name → (group, one line of help). The module printmend.cli.NAME holds a click command called `command`; it is
 # imported only when that command runs, so that `printmend --help` stays instant.
@@ -95,6 +96,8 @@ def main() -> None:
     except MemoryError:
         _end("wanted more memory than there is; give a smaller file, or close other programs", 2)
     except Exception as error:
+        if isinstance(error, ImportError) and (missing := missing_extra(error)) is not None:
+            _end(str(missing), missing.exit_code)
         if os.environ.get("PRINTMEND_TRACEBACK"):
             raise
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]

@@ -44,7 +44,6 @@ def command(
     import numpy as np
 
     from printmend.gcode.read import read_gcode
-    from printmend.measure.sheet import window_mm, write_sheet
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
@@ -53,6 +52,8 @@ def command(
     if printer_name is None and sheet is None:
         raise click.UsageError("--printer says which bed the test print is for")
     if sheet is not None:
+        from printmend.measure.sheet import window_mm, write_sheet
+
         write_sheet(sheet)
         click.echo(f"{sheet}: print it at 100 %")
     if printer_name is None:

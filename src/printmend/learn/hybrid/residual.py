@@ -11,7 +11,9 @@ or by nothing. Cross-validation chooses, in blocks of at least one turn of trave
 and their slack, so folds of single points would praise whatever remembers them (physics.md §4).
 """
 
+import logging
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,8 @@ from printmend.learn.hybrid.continued import continued
 from printmend.machine.mechanism import Transmission
 from printmend.saved.branches import rising, warp_columns
 from printmend.units import TURN_RAD
+
+log = logging.getLogger(__name__)
 
 LENGTHS_MM = (2.0, 5.0, 12.0, 30.0)
 MARGIN_MM = 20.0
@@ -216,15 +220,27 @@ def _weights(gram: _Gram, root: np.ndarray) -> np.ndarray:
 
 
 def trees(data: Points, seed: int) -> Any:
-    """Fit LightGBM to (position mod turn, position, side)."""
-    from lightgbm import LGBMRegressor
+    """Fit LightGBM to (position mod turn, position, side); through its own interface, which needs no scikit-learn."""
+    import lightgbm
 
-    model = LGBMRegressor(
-        n_estimators=TREES, num_leaves=15, min_child_samples=20, random_state=seed, n_jobs=1, verbosity=-1,
-        deterministic=True, force_col_wise=True,
-    )  # fmt: skip
+    options = {
+        "objective": "regression", "num_leaves": 15, "min_data_in_leaf": 20, "seed": seed, "num_threads": 1,
+        "verbosity": -1, "deterministic": True, "force_col_wise": True,
+    }  # fmt: skip
     clipped = np.clip(data.residual_mm, -CLIP * data.sigma_mm, CLIP * data.sigma_mm)
-    return model.fit(_features(data.motor_mm, data.side, data.turn_mm), clipped, sample_weight=data.weight)
+    rows = _features(data.motor_mm, data.side, data.turn_mm)
+    return lightgbm.train(options, lightgbm.Dataset(rows, clipped, weight=data.weight), num_boost_round=TREES)
+
+
+@cache
+def has_trees() -> bool:
+    """Say whether LightGBM can be loaded: it wants the system's OpenMP library, which not every system has."""
+    try:
+        import lightgbm  # noqa: F401
+    except OSError as error:
+        log.warning("no trees are tried: LightGBM cannot be loaded (%s); install libgomp (macOS: libomp)", error)
+        return False
+    return True
 
 
 def _features(motor_mm: np.ndarray, side: np.ndarray, turn_mm: float) -> np.ndarray:
@@ -238,7 +254,7 @@ def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, 
     if kind.name == "trees":
         for held in masks:
             model = trees(data.where(~held), seed)
-            guess[held] = model.predict(_features(data.motor_mm[held], data.side[held], data.turn_mm))
+            guess[held] = model.predict(_features(data.motor_mm[held], data.side[held], data.turn_mm), num_threads=1)
         return guess
     root = np.sqrt(variances(kind, reach_mm))
     scaled = columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm) * root
@@ -272,7 +288,7 @@ def chosen(data: Points, reach_mm: tuple[float, float], *, patterned: bool, seed
 
     gains = {kind: gained(kind) for kind in PROCESSES}
     best = max(gains, key=lambda kind: gains[kind].sum())
-    if patterned or _sure(gains[best], before):
+    if (patterned or _sure(gains[best], before)) and has_trees():
         both = Kind("trees", sides=True)
         gains[both] = gained(both)
         # a staircase must be worth its steps
@@ -294,7 +310,9 @@ def learned(kind: Kind, data: Points, reach_mm: tuple[float, float], grid_mm: np
         branches.append(where)
     if kind.name == "trees":
         model = trees(data, seed)
-        low, high = (np.asarray(model.predict(_features(b.motor_mm, b.side, b.turn_mm))) for b in branches)
+        low, high = (
+            np.asarray(model.predict(_features(b.motor_mm, b.side, b.turn_mm), num_threads=1)) for b in branches
+        )
     else:
         design = columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm)
         weights = process(design, np.sqrt(variances(kind, reach_mm)), data)

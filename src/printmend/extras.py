@@ -1,0 +1,28 @@
+"""Which extra brings a library that is not installed."""
+
+from printmend.errors import MissingToolError
+
+# pyproject.toml says what each extra installs.
+_EXTRAS = {
+    "cv2": "scan",
+    "PIL": "scan",
+    "matplotlib": "report",
+    "mpl_toolkits": "report",
+    "lxml": "paper",
+    "networkx": "paper",
+    "sklearn": "paper",
+    "trimesh": "paper",
+    "gymnasium": "rl",
+}
+
+
+def missing_extra(error: ImportError) -> MissingToolError | None:
+    """Return in words which extra is missing, None where the module that cannot be imported is of none."""
+    module = (error.name or "").partition(".")[0]
+    if module not in _EXTRAS or not isinstance(error, ModuleNotFoundError):
+        return None
+    extra = _EXTRAS[module]
+    return MissingToolError(
+        module, wanted=f"the extra {extra!r} of printmend", came="an installation without it",
+        todo=f"pip install 'printmend[{extra}]'",
+    )  # fmt: skip

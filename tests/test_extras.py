@@ -1,0 +1,50 @@
+"""An installation without extras does its job, and says which extra is missing where one is."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+from printmend.extras import _EXTRAS
+
+BASE = """
+import sys
+sys.modules.update(dict.fromkeys({names}))  # what is None cannot be imported
+import printmend
+for name in set(printmend.__all__) - {{"measure_scans"}}:
+    getattr(printmend, name)
+import printmend.export.firmware, printmend.learn.callipers, printmend.learn.prior.prior, printmend.repair.update
+import printmend.cli.main as cli
+try:
+    printmend.measure_scans
+except printmend.PrintmendError as error:
+    print(error)
+sys.argv = ["printmend", "probe", "--sheet", "sheet.pdf"]
+cli.main()
+"""
+
+
+def test_every_module_is_in_the_extra_that_is_named() -> None:
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    extras = {
+        extra: {re.split(r"[>\[]", item)[0] for item in items}
+        for extra, items in project["optional-dependencies"].items()
+    }
+    homes = packages_distributions()
+    for module, extra in _EXTRAS.items():
+        assert set(homes[module]) & extras[extra], module
+    assert "printmend" in extras["all"]
+    base = {re.split(r"[>\[]", item)[0] for item in project["dependencies"]}
+    assert not base & set().union(*(extras[extra] for extra in _EXTRAS.values()))
+
+
+def test_without_extras_all_but_scans_is_there_and_those_name_theirs(tmp_path: Path) -> None:
+    done = subprocess.run(  # noqa: S603 - our own
+        [sys.executable, "-c", BASE.format(names=sorted(_EXTRAS))], capture_output=True, text=True, cwd=tmp_path
+    )
+    said = "wanted the extra 'scan' of printmend, got an installation without it; pip install 'printmend[scan]'"
+    assert done.stdout.splitlines() == [f"cv2: {said}"], done.stderr
+    assert done.stderr.splitlines() == [f"printmend: cv2: {said}"]
+    assert done.returncode == 2

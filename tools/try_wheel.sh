@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+# Build the wheel, install it without the lock and without extras into a new environment, and do its job there:
+# probe, twin, learn, mend, check, export. Usage: tools/try_wheel.sh PYTHON, where PYTHON has hatchling.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+build=$(cd "$(dirname "$1")" && pwd)/$(basename "$1") # not resolved: a link into its environment
+place=$(mktemp -d)
+trap 'rm -rf "$place"' EXIT
+
+"$build" -m hatchling build -t wheel -d "$place/dist" >/dev/null
+"$build" -m venv "$place/venv"
+"$place/venv/bin/python" -m pip install --quiet --disable-pip-version-check "$place"/dist/*.whl
+site=$("$place/venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+echo "installed: $(du -sm --exclude=pip --exclude='pip-*' --exclude=setuptools --exclude='setuptools-*' "$site" | cut -f1) MB"
+
+cd "$place"
+export PATH="$place/venv/bin:$PATH" NUMBA_CACHE_DIR="$place/kernels" PYTHONPATH=
+say() { echo "+ $*"; "$@"; }
+cat >broken.toml <<'TOML'
+[x.belt]
+kind = "play"
+play_mm = 0.4
+[y.pulley]
+kind = "eccentric"
+eccentricity_mm = 0.3
+TOML
+cat >part.gcode <<'GCODE'
+G21
+G90
+M83
+G28
+G1 Z0.2 F600
+G0 X60 Y60 F6000
+G1 X120 Y60 E2 F1800
+G1 X120 Y120 E2
+G1 X60 Y120 E2
+G1 X60 Y60 E2
+GCODE
+say printmend probe --printer ender3 --marks 150 -o probe.gcode
+say printmend twin probe.gcode --printer ender3 --corruption broken.toml -o trace.csv
+say printmend learn trace.csv --printer ender3 -o printer.mend.json
+say printmend mend part.gcode -m printer.mend.json -o mended.gcode
+say printmend check part.gcode -m printer.mend.json --against mended.gcode
+say printmend export -m printer.mend.json --to klipper
+# what an extra would bring is named in one line
+if said=$(printmend measure scan.png --probe probe.json 2>&1); then exit 1; fi
+echo "+ printmend measure scan.png: $said"
+[ "$(wc -l <<<"$said")" = 1 ] && grep -q "printmend\[scan\]" <<<"$said"
