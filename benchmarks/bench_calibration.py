@@ -15,7 +15,7 @@ import numpy as np
 
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
-from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.greybox import Greybox
 from printmend.learn.published.transitions import layer_trace
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace

@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 from printmend.corruption import HEALTHY, families, sample
-from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.greybox import Greybox
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer

@@ -11,7 +11,7 @@ from printmend.corruption import sample
 from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.learn.drive.kernels.jumps import cheapest_levels
 from printmend.learn.drive.ladder import Jump, lasting
-from printmend.learn.greybox.greybox import Greybox, motor_rows
+from printmend.learn.greybox import Greybox, motor_rows
 from printmend.learn.published.transitions import layer_trace
 from printmend.machine.mechanism import Transmission, healthy_mechanism
 from printmend.path import Trace

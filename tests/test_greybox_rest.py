@@ -8,7 +8,7 @@ import pytest
 from printmend.bench.drawn_body import drawn_body
 from printmend.control.registry import controller
 from printmend.corruption import sample
-from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.greybox import Greybox
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.published.transitions import layer_trace
 from printmend.metrics import rmse

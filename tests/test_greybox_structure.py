@@ -8,7 +8,7 @@ import pytest
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play, sample
 from printmend.diagnosis.diagnosis import diagnose
-from printmend.learn.greybox.greybox import Greybox, GreyboxModel
+from printmend.learn.greybox import Greybox, GreyboxModel
 from printmend.learn.published.transitions import layer_trace
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
@@ -93,7 +93,7 @@ def test_parts_that_were_left_out_count_in_the_standard_deviations() -> None:
         ):
             motor_mm = np.linspace(*drive.branches.reach_mm, 200)
             off = np.stack(table.branches_mm(motor_mm)) - np.stack(truth.branches_mm(motor_mm))
-            sds, bare = (np.stack(each.sd_mm(motor_mm)) for each in (drive, dataclasses.replace(drive, doubt=None)))
+            sds, bare = (np.stack(each.sd_mm(motor_mm)) for each in (drive, dataclasses.replace(drive, left_out=None)))
             inside.append(np.abs(off - np.median(off)) < 2 * sds)
             widened.append(float(np.min(sds / bare)))
     assert np.mean(inside) > 0.85

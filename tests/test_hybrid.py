@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, sample
-from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.greybox import Greybox
 from printmend.learn.hybrid.continued import continued
 from printmend.learn.hybrid.gains import learned_gains
 from printmend.learn.hybrid.hybrid import Hybrid, HybridModel, completed

@@ -23,7 +23,7 @@ from printmend.corruption import (
 from printmend.corruption.frame import CrookedFrame
 from printmend.errors import ConfigError, PrintmendError
 from printmend.export.firmware import EXPORTS, simple_part
-from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.greybox import Greybox
 from printmend.machine.mechanism import Mechanism
 from printmend.measure import write_trace
 from printmend.path import Trace

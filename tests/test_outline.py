@@ -15,7 +15,7 @@ from printmend.corruption import (
     PublishedHull,
     sample,
 )
-from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.greybox import Greybox
 from printmend.learn.pulley.outline import ANY_PULLEY, OUTLINES, Outline
 from printmend.path import Trace
 from printmend.printer import read_printer

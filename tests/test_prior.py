@@ -7,7 +7,7 @@ import pytest
 
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Polygon
-from printmend.learn.greybox.greybox import Greybox, GreyboxModel
+from printmend.learn.greybox import Greybox, GreyboxModel
 from printmend.learn.prior.mixture import SIZE, Component, Mixture, believe, parse_weights, shipped
 from printmend.learn.prior.prior import PriorLearner
 from printmend.learn.prior.training import COMPONENTS, train

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon
 from printmend.errors import ModelError
-from printmend.learn.greybox.previous import remember
+from printmend.learn.greybox import remember
 from printmend.measure import ProbePlan
 from printmend.measure.table import write_trace
 from printmend.path import Trace

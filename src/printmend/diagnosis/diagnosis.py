@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.learn.drive.ladder import Jump
-from printmend.learn.drive.sight import SEEN
-from printmend.learn.greybox.greybox import Drive, GreyboxModel
+from printmend.learn.drive.sight import ALL_SEEN
+from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.path import Trace
 
 SURE = 3.0  # standard deviations that a fault must have to be named
@@ -86,12 +86,12 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     return Diagnosis(tuple(faults), "; ".join(parts), tuple(gaps))
 
 
-def drive_faults(drive: Drive, doubt: Doubt) -> list[Fault]:
+def drive_faults(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     """Name the faults of one motor's drive, the pulley first."""
     return [*_scale(drive, doubt), *_pulley(drive, doubt), *_play(drive, doubt), *_rest(drive, doubt)]
 
 
-def _sds(drive: Drive) -> np.ndarray:
+def _sds(drive: LearnedDrive) -> np.ndarray:
     """Return the standard deviation of every parameter [P] of the drive's fit."""
     post = drive.choice.fit.posterior
     sds = np.zeros(drive.choice.design.size)
@@ -99,7 +99,7 @@ def _sds(drive: Drive) -> np.ndarray:
     return sds
 
 
-def _fault(drive: Drive, kind: str, value: float, sd: float, words: str, unit: str = "mm") -> Fault:
+def _fault(drive: LearnedDrive, kind: str, value: float, sd: float, words: str, unit: str = "mm") -> Fault:
     return Fault(drive.name, kind, float(value), float(sd), unit, words)
 
 
@@ -109,7 +109,7 @@ def amount(value: float, sd: float, unit: str = "mm") -> str:
     return f"{value:.{digits}f} ± {max(sd, 10.0**-digits):.{digits}f} {unit}"
 
 
-def _scale(drive: Drive, doubt: Doubt) -> list[Fault]:
+def _scale(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     powers, part = drive.branches.mean.powers_mm, drive.choice.design.parts["mean_powers"]
     if len(powers) < 2 or not powers[1]:
         return []
@@ -122,7 +122,7 @@ def _scale(drive: Drive, doubt: Doubt) -> list[Fault]:
     return [_fault(drive, "scale", percent, sd, words, "%")]
 
 
-def _pulley(drive: Drive, doubt: Doubt) -> list[Fault]:
+def _pulley(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     """Name the largest harmonics of the pulley; those of a loose belt's play are twice the pulley's odd ones."""
     design, values, sds = drive.choice.design, drive.choice.fit.posterior.values, _sds(drive)
     loose = drive.structure.play == "loose"
@@ -147,7 +147,7 @@ def _pulley(drive: Drive, doubt: Doubt) -> list[Fault]:
     return faults
 
 
-def _play(drive: Drive, doubt: Doubt) -> list[Fault]:
+def _play(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     if drive.structure.play == "none":
         return []
     low, high = drive.branches.reach_mm
@@ -169,7 +169,7 @@ def _play(drive: Drive, doubt: Doubt) -> list[Fault]:
     return [_fault(drive, kind, value, sd, words)]
 
 
-def _rest(drive: Drive, doubt: Doubt) -> list[Fault]:
+def _rest(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     faults: list[Fault] = []
     structure, branches = drive.structure, drive.branches
     motor = np.linspace(*branches.reach_mm, 2001)
@@ -195,7 +195,7 @@ def _rest(drive: Drive, doubt: Doubt) -> list[Fault]:
     return faults
 
 
-def _elastic(drive: Drive, doubt: Doubt) -> list[Fault]:
+def _elastic(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     """Name the largest wave that changes along the axis: by how much it changes from one end to the other."""
     branches, design = drive.branches, drive.choice.design
     span = (branches.reach_mm[1] - branches.reach_mm[0]) / 100.0
@@ -212,7 +212,7 @@ def _elastic(drive: Drive, doubt: Doubt) -> list[Fault]:
     return [_fault(drive, "elastic", size, sd, words)]
 
 
-def _jumps(drive: Drive, jumps: tuple[Jump, ...]) -> list[Fault]:
+def _jumps(drive: LearnedDrive, jumps: tuple[Jump, ...]) -> list[Fault]:
     """Name what happened while the trace was printed; the model cannot mend it."""
     faults = []
     for belt, what in ((True, "skipped tooth"), (False, "loss of steps")):
@@ -249,17 +249,17 @@ def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[Fault]:
     return faults
 
 
-def _skew_sd(drive: Drive) -> float:
+def _skew_sd(drive: LearnedDrive) -> float:
     part = drive.choice.design.parts["cross"]
     return float(_sds(drive)[part][0]) / 100.0 if part.stop > part.start else 0.0
 
 
-def _gaps(drive: Drive) -> list[str]:
+def _gaps(drive: LearnedDrive) -> list[str]:
     """Say what the trace could not tell of one motor, and what print would."""
     seen, name = drive.sight, drive.name.upper()
     turn = drive.branches.period_mm
     gaps = []
-    if seen.angles < SEEN:
+    if seen.angles < ALL_SEEN:
         longer = f"Print at least {turn:.0f} mm along {name}, better two turns ({2 * turn:.0f} mm)."
         spread = f"Its points lie at the same few angles of each turn: space them by no part of {turn:.0f} mm."
         gaps.append(
@@ -269,7 +269,7 @@ def _gaps(drive: Drive) -> list[str]:
     if min(seen.forward, seen.backward) < 5:
         way = "forwards" if seen.forward > seen.backward else "backwards"
         gaps.append(f"{name} was measured moving {way} only, so its play is unknown. Print it there and back.")
-    elif drive.structure.play != "none" and min(seen.lower_angles, seen.upper_angles) < SEEN <= seen.angles:
+    elif drive.structure.play != "none" and min(seen.lower_angles, seen.upper_angles) < ALL_SEEN <= seen.angles:
         less = "forwards" if seen.lower_angles < seen.upper_angles else "backwards"
         share = 100 * min(seen.lower_angles, seen.upper_angles)
         gaps.append(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.diagnosis.diagnosis import SURE
-from printmend.learn.greybox.greybox import Drive, GreyboxModel
+from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
@@ -61,17 +61,19 @@ def portrait(model: GreyboxModel, motor: int, trace: Trace) -> Portrait:
     )  # fmt: skip
 
 
-def _scale_percent(drive: Drive) -> float:
+def _scale_percent(drive: LearnedDrive) -> float:
     powers = drive.branches.mean.powers_mm
     return float(powers[1]) if len(powers) > 1 else 0.0
 
 
-def _errors_mm(drive: Drive, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _errors_mm(drive: LearnedDrive, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     mean, play = drive.branches.errors_mm(motor_mm)
     return np.stack([mean - play / 2, mean + play / 2]), play
 
 
-def _points(drive: Drive, printer: Printer, motor: int, trace: Trace) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _points(
+    drive: LearnedDrive, printer: Printer, motor: int, trace: Trace
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     touch = drive.choice.fit.touch
     used = np.flatnonzero(np.isfinite(touch.residual_mm) & (touch.side != 0))
     # A point says something about the place of its last contact, which play may have left behind.
@@ -81,7 +83,7 @@ def _points(drive: Drive, printer: Printer, motor: int, trace: Trace) -> tuple[n
     return place, error[side, np.arange(len(used))] + touch.residual_mm[used], side
 
 
-def hull_mm(drive: Drive) -> np.ndarray:
+def hull_mm(drive: LearnedDrive) -> np.ndarray:
     """Return the outline [ANGLES, 2] of the pulley's convex hull about the shaft.
 
     The belt moves by dx/dθ = h(−θ) (physics.md eq. 1, the span's direction is not known and set to 0), so the slope of

@@ -12,7 +12,7 @@ import numpy as np
 
 from printmend.diagnosis.diagnosis import SURE, amount
 from printmend.errors import TraceError
-from printmend.learn.drive.sight import GAINS, TOGETHER
+from printmend.learn.drive.sight import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
 from printmend.learn.screw.screw import first_push_mm, fit_height
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
@@ -187,7 +187,7 @@ def _check_follows(z_mm: np.ndarray, measured_mm: np.ndarray) -> None:
     wanted, came = (height[seen] - height[seen].mean() for height in (z_mm, measured_mm))
     followed = float(wanted @ came / (wanted @ wanted))
     together = float(wanted @ came / max(np.linalg.norm(wanted) * np.linalg.norm(came), 1e-9))
-    if together < TOGETHER or not GAINS[0] < followed < GAINS[1]:
+    if together < LEAST_RANK_CORRELATION or not POSSIBLE_GAINS[0] < followed < POSSIBLE_GAINS[1]:
         raise TraceError(
             "trace", wanted="z_measured_mm that follows z_mm",
             came=f"{followed:.2f} mm a commanded millimetre, correlation {together:.2f}",

@@ -14,7 +14,7 @@ import numpy as np
 from printmend.learn.drive.fit import Prior, variances
 from printmend.learn.drive.layout import Design, bed_middle
 from printmend.learn.drive.select import EVERYTHING, TRIAL_HARMONICS
-from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.greybox import Greybox
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.saved.branches import SCALE_MM, Branches, Wave

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from printmend.learn.drive.layout import Design, bed_middle
-from printmend.learn.greybox.greybox import Drive, GreyboxModel, motor_rows
+from printmend.learn.greybox import GreyboxModel, LearnedDrive, motor_rows
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.budget import DIRECTIONS, LAYOUT, VERSION, MotorBudget
@@ -26,7 +26,9 @@ def promise_section(fit: GreyboxModel, trace: Trace) -> dict[str, Any]:
     return {"version": VERSION, "placed": trace.placed, "motors": motors}
 
 
-def motor_section(drive: Drive, printer: Printer, motor: int, unexplained_mm2: float, sd_mm2: float) -> dict[str, Any]:
+def motor_section(
+    drive: LearnedDrive, printer: Printer, motor: int, unexplained_mm2: float, sd_mm2: float
+) -> dict[str, Any]:
     """Return one motor's budget as plain values."""
     design, covariance = _joined(drive)
     values, axes = np.linalg.eigh(covariance)
@@ -62,14 +64,14 @@ def motor_section(drive: Drive, printer: Printer, motor: int, unexplained_mm2: f
     }
 
 
-def _joined(drive: Drive) -> tuple[Design, np.ndarray]:
+def _joined(drive: LearnedDrive) -> tuple[Design, np.ndarray]:
     """Return the columns of the chosen parts and of those left out, and the covariance [P, P] of all of them."""
     chosen = drive.choice.design
-    designs = [chosen] if drive.doubt is None else [chosen, drive.doubt.design]
+    designs = [chosen] if drive.left_out is None else [chosen, drive.left_out.design]
     post = drive.choice.fit.posterior
     own = np.zeros((chosen.size, chosen.size))
     own[np.ix_(post.active, post.active)] = post.covariance
-    covariances = [own] if drive.doubt is None else [own, drive.doubt.covariance]
+    covariances = [own] if drive.left_out is None else [own, drive.left_out.covariance]
 
     def waves(name: str) -> tuple[int, ...]:
         return tuple(sorted({k for each in designs for k in getattr(each, name)}))

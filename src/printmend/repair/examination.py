@@ -15,7 +15,7 @@ from printmend.diagnosis.diagnosis import Diagnosis, Fault, diagnose, doubt_of
 from printmend.diagnosis.portrait import Portrait, portrait
 from printmend.errors import InputError
 from printmend.files import replacing
-from printmend.learn.greybox.greybox import GreyboxModel
+from printmend.learn.greybox import GreyboxModel
 from printmend.learn.hybrid.hybrid import Hybrid
 from printmend.path import Trace
 from printmend.printer import Printer

@@ -9,8 +9,8 @@ import numpy as np
 from printmend.diagnosis.diagnosis import Diagnosis, diagnose, doubt_of
 from printmend.diagnosis.screw import ScrewFound, find_screw
 from printmend.errors import ConfigError
-from printmend.learn.drive.sight import SEEN
-from printmend.learn.greybox.greybox import Drive, Greybox, GreyboxModel
+from printmend.learn.drive.sight import ALL_SEEN
+from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
 from printmend.learn.hybrid.hybrid import HybridModel
 from printmend.learn.registry import learner
 from printmend.machine.mechanism import Mechanism, healthy_mechanism
@@ -110,7 +110,7 @@ def told(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace
 
 
 def _is_partial(fit: GreyboxModel) -> bool:
-    return any(drive.sight.angles < SEEN for drive in fit.drives)
+    return any(drive.sight.angles < ALL_SEEN for drive in fit.drives)
 
 
 def greybox_model(
@@ -216,7 +216,7 @@ def todo(gaps: Sequence[str]) -> tuple[str, ...]:
     return tuple(what for screw, what in ((False, _PROBE_TODO), (True, _TOWER_TODO)) if screw in of_z)
 
 
-def _uncertainty(drive: Drive) -> dict[str, Any]:
+def _uncertainty(drive: LearnedDrive) -> dict[str, Any]:
     """Return the standard deviations of a drive's parameters, and of its branches where the trace went."""
     motor = np.linspace(*drive.branches.reach_mm, 201)
     lower, upper = drive.sd_mm(motor)

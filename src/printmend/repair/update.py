@@ -16,7 +16,7 @@ from printmend.diagnosis.diagnosis import LEAST_MM, SURE, Doubt, amount, doubt_o
 from printmend.errors import ModelError, TraceError
 from printmend.learn.drive.design import Rows, contacts, normal_equations
 from printmend.learn.drive.fit import (
-    NOISE_FLOOR_MM,
+    LEAST_SIGMA_MM,
     Fit,
     Posterior,
     Prior,
@@ -25,8 +25,7 @@ from printmend.learn.drive.fit import (
     robust_weights,
 )  # fmt: skip
 from printmend.learn.drive.select import Choice, Structure
-from printmend.learn.greybox.greybox import Greybox, GreyboxModel, model_of, motor_rows, with_belts
-from printmend.learn.greybox.previous import Drift, Remembered, remember
+from printmend.learn.greybox import Drift, Greybox, GreyboxModel, Remembered, model_of, motor_rows, remember, with_belts
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -236,7 +235,7 @@ def _fit(rows: Rows, past: Remembered, active: np.ndarray, phase: float, drift: 
         matrix = normal.matrix[np.ix_(active, active)]
         away = (values - mean)[active]  # about the prior's mean
         slope = normal.slope[active] + matrix @ away
-        sigma2 = max(sigma**2, NOISE_FLOOR_MM**2)
+        sigma2 = max(sigma**2, LEAST_SIGMA_MM**2)
         for _ in range(3):
             factor = cho_factor(matrix / sigma2 + precision, lower=True)
             step = cho_solve(factor, slope / sigma2)
@@ -244,7 +243,7 @@ def _fit(rows: Rows, past: Remembered, active: np.ndarray, phase: float, drift: 
             misfit = max(normal.square - 2 * normal.slope[active] @ change + change @ matrix @ change, 0.0)
             covariance = cho_solve(factor, np.eye(len(step)))
             known = len(step) - float(np.trace(covariance @ precision))
-            sigma2 = max(misfit / max(normal.count - known, 1.0), NOISE_FLOOR_MM**2)
+            sigma2 = max(misfit / max(normal.count - known, 1.0), LEAST_SIGMA_MM**2)
         log_det = 2 * np.log(np.diag(factor[0])).sum() + log_prior
         evidence = -0.5 * (misfit / sigma2 + step @ precision @ step + log_det + normal.count * np.log(sigma2))
         values = np.zeros(past.design.size)

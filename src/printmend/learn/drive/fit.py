@@ -1,8 +1,7 @@
-"""Fit one motor's columns: contacts, robust ridge least squares with priors learned from the data, repeat.
+"""Fit one motor's columns: find the contacts, solve robust ridge least squares, and repeat (physics.md eq. 17).
 
-The posterior of a linear model with Gaussian noise σ² and independent priors N(0, v) has the covariance
-C = (ΦᵀWΦ/σ² + V⁻¹)⁻¹. The scale of the priors of each group of harmonics and σ are those that maximise the evidence
-(MacKay's fixed point), so that a group without support shrinks to nothing.
+The posterior covariance is that of physics.md eq. 19. σ and the scale of each group of harmonics' priors are those that
+maximise the evidence (MacKay's fixed point), so that a group without support in the data shrinks to nothing.
 """
 
 import math
@@ -16,25 +15,30 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 from printmend.learn.drive.design import Contacts, Design, Normal, Rows, contacts, normal_equations
 from printmend.path import frozen
 
-NOISE_FLOOR_MM = 2e-4
-HUBER = 2.0
-HUBER_SHARE = 0.9545  # E[w r²] of Gaussian residuals under Huber's weights at 2 σ: what the misfit keeps of σ²
-LOST = 6.0  # residuals beyond so many σ tell nothing
-LOST_MM = 0.02  # but smaller ones than this are the model's own fault: corners between its harmonics
-HARMONIC_MM = 0.8  # physics.md eq. 18: c_k ~ N(0, (0.8 k^−1.5 mm)²), hence c_k/k in position
-POWER_MM = {"mean": (5.0, 25.0, 2.0, 1.0), "play": (1.5, 0.2, 0.2, 0.1)}
-CROSS_MM = {1: 3.0, 2: 0.3, 3: 0.1}
-RIPPLE_MM = 0.02
-OFF_FOLD = 0.15  # a symmetric pulley whose other harmonics are larger is not symmetric
-START_MM = 2.0
+LEAST_SIGMA_MM = 2e-4  # smallest σ that is believed: tables and G-code are written no finer
+HUBER_SIGMAS = 2.0  # residuals beyond so many σ are weighted down (Huber)
+HUBER_VARIANCE_SHARE = 0.9545  # share of σ² that Huber's weights at 2 σ leave of Gaussian residuals, E[w r²]/σ²
+OUTLIER_SIGMAS = 6.0  # residuals beyond so many σ are left out
+LEAST_OUTLIER_MM = 0.02  # smaller residuals are never left out: they are the model's own, at corners between harmonics
+# Prior standard deviations. A harmonic's is physics.md eq. 18; those of powers are of (m/100 mm)^0…3, sized by the
+# damaged printers of physics.md §3; those of the frame's terms are by their order.
+HARMONIC_SD_MM = 0.8
+POWER_SD_MM = {"mean": (5.0, 25.0, 2.0, 1.0), "play": (1.5, 0.2, 0.2, 0.1)}
+CROSS_SD_MM = {1: 3.0, 2: 0.3, 3: 0.1}
+RIPPLE_SD_MM = 0.02  # a tenth of a full step
+START_SD_MM = 2.0  # of the belt's place in its play at the start
+MOST_OFF_FOLD = 0.15  # largest scale of the harmonics off a symmetry: a pulley with larger ones is not symmetric
 
 
 @dataclass(frozen=True)
 class Prior:
-    """The scale τ of each group of harmonics; 1 is the prior of physics.md eq. 18. The part that repeats nothing is a
-    Gaussian process of standard deviation ``warp`` mm with the length ``warp_mm``. With a ``fold``, the pulley is
-    thought to be symmetric: the multiples of ``fold`` (for 1, the eccentricity alone) are ``mean_on``, others
-    ``mean_off``. σ is thought to be no smaller than ``floor_mm``."""
+    """The scale τ of the prior of each group of harmonics; 1 is physics.md eq. 18.
+
+    The part that repeats nothing is a Gaussian process with the standard deviation ``warp`` mm and the length
+    ``warp_mm``. With a ``fold`` the pulley is believed to be symmetric: the harmonics that are multiples of ``fold``
+    (with fold 1 the eccentricity alone) have the scale ``mean_on``, the others ``mean_off``. ``floor_mm`` is the
+    smallest σ.
+    """
 
     mean_odd: float = 1.0
     mean_even: float = 1.0
@@ -46,7 +50,7 @@ class Prior:
     fold: int = 0
     mean_on: float = 1.0
     mean_off: float = 0.1
-    floor_mm: float = NOISE_FLOOR_MM
+    floor_mm: float = LEAST_SIGMA_MM
 
 
 @lru_cache(maxsize=256)
@@ -77,22 +81,22 @@ def variances(design: Design, prior: Prior) -> np.ndarray:
 
 @lru_cache(maxsize=256)
 def _usual_variances(design: Design, warp_mm: float) -> np.ndarray:
-    """Return the variances [P] mm² where all scales are 1."""
+    """Return the prior variances [P] mm² of the parameters with all scales 1."""
     v = np.empty(design.size)
-    v[design.parts["start"]] = START_MM**2
-    v[design.parts["mean_powers"]] = np.square(POWER_MM["mean"][: design.mean_powers])
-    v[design.parts["play_powers"]] = np.square(POWER_MM["play"][: design.play_powers])
-    v[design.parts["cross"]] = [CROSS_MM[p + q] ** 2 for p, q in design.cross]
+    v[design.parts["start"]] = START_SD_MM**2
+    v[design.parts["mean_powers"]] = np.square(POWER_SD_MM["mean"][: design.mean_powers])
+    v[design.parts["play_powers"]] = np.square(POWER_SD_MM["play"][: design.play_powers])
+    v[design.parts["cross"]] = [CROSS_SD_MM[p + q] ** 2 for p, q in design.cross]
     k = design.harmonic
     wave = k > 0
-    v[wave] = (HARMONIC_MM * k[wave] ** -2.5) ** 2
-    v[design.mask("ripple")] = RIPPLE_MM**2
+    v[wave] = (HARMONIC_SD_MM * k[wave] ** -2.5) ** 2
+    v[design.mask("ripple")] = RIPPLE_SD_MM**2
     v[design.parts["warp"]] = _warp_variances(design, warp_mm)
     return frozen(v)
 
 
 def _warp_variances(design: Design, length_mm: float) -> np.ndarray:
-    """Return the variances of the cosines of a Gaussian process with the kernel exp(−d²/2ℓ²): its spectrum, sampled."""
+    """Return the variances [W] of the cosines that make a Gaussian process of kernel exp(−d²/2ℓ²): its spectrum."""
     span_mm = design.warp_span_mm[1] - design.warp_span_mm[0]
     waves = np.pi * np.arange(1, design.warp + 1) / span_mm
     power = 2 * length_mm * np.sqrt(2 * np.pi) / span_mm * np.exp(-((waves * length_mm) ** 2) / 2)
@@ -114,9 +118,9 @@ class Posterior:
 def solve(
     design: Design, normal: Normal, active: np.ndarray, prior: Prior, sigma_mm: float, *, rounds: int
 ) -> Posterior:
-    """Return the posterior of the ``active`` parameters [P]; the prior's scales and σ get ``rounds`` updates."""
+    """Return the posterior of the ``active`` parameters [P] after ``rounds`` updates of the prior's scales and of σ."""
     matrix = normal.matrix[np.ix_(active, active)]
-    # about 0 instead of about normal.values; inactive parameters leave the model, so their share returns to the data
+    # The equations are moved from about normal.values to about 0: what inactive parameters explained is data again.
     slope = (normal.slope + normal.matrix @ normal.values)[active]
     masks = {name: mask[active] for name, mask in groups(design, prior.fold).items()}
     sigma2 = max(sigma_mm, prior.floor_mm) ** 2
@@ -125,7 +129,7 @@ def solve(
         root = np.sqrt(v)
         scaled = matrix * (root[:, None] * (root / sigma2))
         scaled.flat[:: len(v) + 1] += 1.0
-        # Cholesky's factor and its inverse; the matrix, which is its own transpose, is at least the identity.
+        # The matrix is symmetric and at least the identity, so that Cholesky's factor always exists.
         factor, _ = dpotrf(scaled.T, lower=1, overwrite_a=1)
         whitened, _ = dtrtri(factor, lower=1)
         values = root * (whitened.T @ (whitened @ (root * slope))) / sigma2
@@ -134,7 +138,7 @@ def solve(
             break
         spread = np.einsum("ij,ij->j", whitened, whitened)  # C_ii/v_i
         known = len(v) - spread.sum()
-        sigma2 = max(misfit / max(normal.count - known, 1.0) / HUBER_SHARE, prior.floor_mm**2)
+        sigma2 = max(misfit / max(normal.count - known, 1.0) / HUBER_VARIANCE_SHARE, prior.floor_mm**2)
         prior = _rescaled(prior, masks, values, v, spread)
     log_det = 2 * np.log(np.diag(factor)).sum()
     evidence = -0.5 * (misfit / sigma2 + (values**2 / v).sum() + log_det + normal.count * np.log(sigma2))
@@ -153,23 +157,24 @@ def _misfit(normal: Normal, active: np.ndarray, values: np.ndarray) -> float:
 def _rescaled(
     prior: Prior, masks: dict[str, np.ndarray], values: np.ndarray, v: np.ndarray, spread: np.ndarray
 ) -> Prior:
-    """MacKay's update: τ² ← τ² Σ w²/v / γ with γ = Σ (1 − C_ii/v_i), the number of parameters that the data settle."""
+    """Return the prior after MacKay's update τ² ← τ² Σ w²/v / γ; γ = Σ (1 − C_ii/v_i) counts what the data settle."""
     scales: dict[str, Any] = {}
     for name, mask in masks.items():
         if not mask.any():
             continue
         settled = float((1 - spread[mask]).sum())
         ratio = (float((values[mask] ** 2 / v[mask]).sum()) + 0.1) / (settled + 0.1)
-        largest = OFF_FOLD if name == "mean_off" else 10.0
+        largest = MOST_OFF_FOLD if name == "mean_off" else 10.0
         scales[name] = min(max(getattr(prior, name) * math.sqrt(min(max(ratio, 0.01), 100.0)), 1e-3), largest)
     return replace(prior, **scales)
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fit of one motor: the posterior, the normal equations it came from, the contacts and the mean |residual|.
+    """A fit of one motor: the posterior, the normal equations that it solves, and the contacts.
 
-    ``share`` is how many of the rows were independent: 1 for white residuals, less where the model leaves a pattern.
+    ``loss_mm`` is the mean absolute residual. ``share`` is the share of rows that are independent: 1 for white
+    residuals, less where the model leaves a pattern.
     """
 
     posterior: Posterior
@@ -180,25 +185,26 @@ class Fit:
 
 
 def robust_sigma_mm(residual_mm: np.ndarray) -> float:
-    """Return 1.4826 times the median |residual|."""
-    return max(1.4826 * float(np.median(np.abs(residual_mm))), NOISE_FLOOR_MM)
+    """Return the standard deviation of Gaussian residuals with this median absolute value (1.4826 times it)."""
+    return max(1.4826 * float(np.median(np.abs(residual_mm))), LEAST_SIGMA_MM)
 
 
 def robust_weights(rows: Rows, residual_mm: np.ndarray, sigma_mm: float, *, drop: bool) -> np.ndarray:
-    """Return Huber's weights [N] times the rows' own; with ``drop``, 0 for outliers."""
+    """Return Huber's weights [N] times the rows' own; with ``drop`` outliers get 0."""
     with np.errstate(invalid="ignore", divide="ignore"):
         away = np.abs(residual_mm) * (np.sqrt(rows.weight) / sigma_mm)
-        weight = rows.weight * np.minimum(1.0, HUBER / away)
-        lost = drop & (away > LOST) & (np.abs(residual_mm) > LOST_MM)
+        weight = rows.weight * np.minimum(1.0, HUBER_SIGMAS / away)
+        lost = drop & (away > OUTLIER_SIGMAS) & (np.abs(residual_mm) > LEAST_OUTLIER_MM)
     weight[~(rows.weight > 0) | lost] = 0.0
     return weight
 
 
 def independent_share(residual_mm: np.ndarray, sigma_mm: float) -> float:
-    """Return which share of residuals [M], in the order of motion, is independent: variance/(length × block variance).
+    """Return the share of residuals [M], in the order of motion, that is independent.
 
-    Residuals that keep their sign for many rows are a pattern that the model lacks; taken for noise they would
-    make every part of a model look certain.
+    It is the variance over (length × variance of the means of blocks of that length), for the worst length. Residuals
+    that keep their sign for many rows are a pattern that the model lacks; taken for noise they would make every part of
+    the model look certain.
     """
     clipped = np.clip(residual_mm, -3 * sigma_mm, 3 * sigma_mm)
     variance = float(np.mean(clipped**2)) + 1e-18
@@ -207,7 +213,7 @@ def independent_share(residual_mm: np.ndarray, sigma_mm: float) -> float:
         count = len(clipped) // length
         if count >= 8:
             blocks = clipped[: count * length].reshape(count, length).mean(axis=1)
-            # the mean square of block means has a relative error of √(2/count): allow for two of them
+            # The mean square of the block means has a relative error of √(2/count); two of them are allowed for.
             excess = float(np.mean(blocks**2)) * length / variance / (1 + 2 * np.sqrt(2 / count))
             worst = max(worst, excess)
     return 1.0 / worst
@@ -225,10 +231,11 @@ def refine(
     patience: int = 3,
     drop: bool = True,
 ) -> Fit:
-    """Iterate contacts and least squares from ``values`` [P]; return the pass with the smallest mean |residual|.
+    """Iterate contacts and least squares from ``values`` [P]; return the pass with the smallest mean absolute residual.
 
-    A pass: simulate the play, weigh the rows, solve for the ``active`` parameters. Ends after ``patience`` passes that
-    bring nothing. ``drop`` outliers only once the contacts are known: before, they are most of what there is to learn.
+    A pass simulates the play, weighs the rows and solves for the ``active`` parameters, with ``rounds`` updates of the
+    prior. The iteration ends after ``passes``, or after ``patience`` passes without gain. ``drop`` leaves outliers out;
+    it is only right once the contacts are known, for before that large residuals are what there is to learn.
     """
     measured = rows.weight > 0
     best: Fit | None = None

@@ -12,7 +12,7 @@ import numpy as np
 from printmend.errors import ModelError
 from printmend.learn.drive.layout import Design, bed_middle
 from printmend.learn.drive.select import CROSS, HARMONICS
-from printmend.learn.greybox.greybox import ripple_harmonics
+from printmend.learn.greybox.rows import ripple_harmonics
 from printmend.printer import Printer
 from printmend.saved.branches import SCALE_MM, Branches
 from printmend.saved.model import SavedModel, branches_of

@@ -11,7 +11,7 @@ Student's distribution. A smooth r hardly disturbs the rest either, as every ang
 
 import numpy as np
 
-from printmend.learn.drive.fit import HARMONIC_MM, POWER_MM
+from printmend.learn.drive.fit import HARMONIC_SD_MM, POWER_SD_MM
 from printmend.machine.mechanism import Transmission
 from printmend.saved.branches import SCALE_MM, rising
 from printmend.units import TURN_RAD
@@ -69,9 +69,9 @@ def repeating(motor_mm: np.ndarray, error_mm: np.ndarray, turn_mm: float, *, slo
     """Return the terms (c if ``sloped``, a_1 … a_K, b_1 … b_K) of errors [N] at motor positions [N]."""
     design, change = np.diff(_columns(motor_mm, turn_mm, sloped), axis=0), np.diff(error_mm)
     k = np.arange(1, HARMONICS + 1)
-    variance = np.tile((HARMONIC_MM * k**-2.5) ** 2, 2)
+    variance = np.tile((HARMONIC_SD_MM * k**-2.5) ** 2, 2)
     if sloped:
-        variance = np.concatenate([[POWER_MM["mean"][1] ** 2], variance])
+        variance = np.concatenate([[POWER_SD_MM["mean"][1] ** 2], variance])
     square = max(float(np.median(np.abs(change))), FLOOR_MM) ** 2
     terms: np.ndarray = np.zeros(len(variance))
     weight = np.ones(len(change))

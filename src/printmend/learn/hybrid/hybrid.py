@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from printmend.learn.drive.fit import robust_sigma_mm
 from printmend.learn.drive.ladder import jumped
 from printmend.learn.drive.select import PATTERN, SELECT_FLOOR_MM
-from printmend.learn.greybox.greybox import Drive, Greybox, GreyboxModel, motor_rows
+from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive, motor_rows
 from printmend.learn.hybrid.gains import learned_gains
 from printmend.learn.hybrid.kernels import follow_branches
 from printmend.learn.hybrid.residual import MARGIN_MM, PASSES, Residual, chosen, learned, points
@@ -143,7 +143,7 @@ def _published(box: GreyboxModel, trace: Trace) -> GainMechanism | None:
     return gains.mechanism if better > SURELY and whole and left > right + SEEN_MM**2 else None
 
 
-def _left_mm2(drive: Drive) -> float:
+def _left_mm2(drive: LearnedDrive) -> float:
     """Return the mean square of what the grey box leaves of a motor."""
     return float(np.nanmean(np.square(drive.choice.fit.touch.residual_mm)))
 

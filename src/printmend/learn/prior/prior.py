@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 from printmend.learn.drive.design import Design, Normal, Rows, contacts, normal_equations
 from printmend.learn.drive.fit import Fit, Posterior, Prior, refine, robust_weights, variances
 from printmend.learn.drive.select import HARMONICS, Choice
-from printmend.learn.drive.sight import GLIMPSED, SEEN, sight
-from printmend.learn.greybox.greybox import GreyboxModel, learned
+from printmend.learn.drive.sight import ALL_SEEN, GLIMPSED_TURN, sight
+from printmend.learn.greybox import GreyboxModel, fit_greybox
 from printmend.learn.prior.mixture import Mixture, believe, shipped
 from printmend.learn.pulley.choice import to_parameters
 from printmend.path import Trace
@@ -35,10 +35,10 @@ class PriorLearner:
     def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> GreyboxModel:
         """Learn from a trace as the grey box does; raises what it raises."""
         with threadpool_limits(1, user_api="blas"):
-            return learned(trace, printer, rng, complete=self._complete)
+            return fit_greybox(trace, printer, rng, complete=self._complete)
 
     def _complete(self, rows: Rows, choice: Choice) -> Choice:
-        if not GLIMPSED < sight(rows, choice.fit.touch).angles < SEEN or not _applies(choice):
+        if not GLIMPSED_TURN < sight(rows, choice.fit.touch).angles < ALL_SEEN or not _applies(choice):
             return choice
         return completed(rows, choice, self.mixture or shipped())
 

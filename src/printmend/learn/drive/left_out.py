@@ -1,11 +1,11 @@
-"""What the parts that were left out may still do: the share of the error bars that no chosen part has.
+"""What the parts that a fit left out may still do to a motor's branches: a share of the error bars.
 
-A part is left out unless the evidence for it is strong, so that models stay simple; that says little about how small it
-is. So the chosen model is averaged with each model of one part more, at their odds p under the same rows:
+A part is left out unless the evidence for it is strong, which keeps models simple but does not prove that the part is
+small. So the chosen model is averaged with each model that has one part more, at their odds p under the same rows:
 
     variance = C + Σ p (C' − C + δ²),   p = 1/(1 + exp(evidence − evidence'))
 
-with δ the distance between the two models (Hoeting et al., Bayesian model averaging, Stat. Sci. 14, 1999).
+where δ is the difference of the two models (Hoeting et al., Bayesian model averaging, Stat. Sci. 14, 1999).
 """
 
 from collections.abc import Iterator
@@ -20,20 +20,22 @@ from printmend.learn.drive.select import EVERYTHING, TRIAL_HARMONICS, Choice, St
 
 
 @dataclass(frozen=True, eq=False)
-class Doubt:
-    """By how much the parts that were left out may move a motor's branches: ``covariance`` [P, P] mm² over the
-    parameters of ``design``, to be added to that of the parts that were chosen."""
+class LeftOut:
+    """What the parts that were left out add to the uncertainty of a motor's branches.
+
+    ``covariance`` [P, P] mm² is over the parameters of ``design``; it comes on top of that of the chosen parts.
+    """
 
     design: Design
     covariance: np.ndarray
 
     def variances(self, columns: np.ndarray) -> np.ndarray:
-        """Return the variances [N] mm² of what has the columns [N, P]."""
+        """Return the variances [N] mm² that parameters with this covariance give to places with columns [N, P]."""
         return np.maximum(np.einsum("ij,jk,ik->i", columns, self.covariance, columns, optimize=True), 0.0)
 
 
-def doubt(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> Doubt:
-    """Return what the parts that ``choice`` left out may do to the branches, given its rows."""
+def left_out(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> LeftOut:
+    """Return what the parts that ``choice`` left out may do to the branches, given the rows that it was fitted to."""
     mine, fit = choice.structure, choice.fit
     most = replace(EVERYTHING, cross=mine.cross, ripple=mine.ripple, warp_mm=mine.warp_mm)
     design = most.design(TRIAL_HARMONICS, ripple, rows.reach_mm)
@@ -54,11 +56,11 @@ def doubt(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> Doubt:
         inside = own[more]
         added[np.ix_(inside, inside)] -= chosen.covariance
         covariance[np.ix_(more, more)] += expit(larger.log_evidence - chosen.log_evidence) * added
-    return Doubt(design, covariance)
+    return LeftOut(design, covariance)
 
 
 def _larger(mine: Structure) -> Iterator[Structure]:
-    """Return the structure with one part more, for every part that may move a branch by much."""
+    """Return every structure with one part more, of the parts that can move a branch by much."""
     played = "constant" if mine.play == "none" else mine.play
     yield replace(mine, offset=True)
     yield replace(mine, scale=True)
