@@ -8,7 +8,7 @@ import pytest
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Polygon
 from printmend.learn.greybox import Greybox, GreyboxModel
-from printmend.learn.prior.mixture import SIZE, Component, Mixture, believe, parse_weights, shipped
+from printmend.learn.prior.mixture import ENTRIES, Component, Mixture, parse_weights, shape_posterior, shipped
 from printmend.learn.prior.prior import PriorLearner
 from printmend.learn.prior.training import COMPONENTS, train
 from printmend.learn.published.transitions import layer_trace
@@ -69,10 +69,10 @@ def test_broken_weights_are_refused() -> None:
 
 def test_one_component_gives_the_linear_posterior(rng: np.random.Generator) -> None:
     usual = np.append(0.2, 0.1 * np.tile(np.arange(1, HARMONICS + 1), 2) ** -2.5)
-    only = Component("plain", 1.0, np.zeros(SIZE), np.zeros((SIZE, 0)), usual**2, False)
-    columns = rng.normal(size=(30, SIZE)) / usual
+    only = Component("plain", 1.0, np.zeros(ENTRIES), np.zeros((ENTRIES, 0)), usual**2, False)
+    columns = rng.normal(size=(30, ENTRIES)) / usual
     matrix, slope = columns.T @ columns * 30, columns.T @ rng.normal(size=30)
-    found = believe(Mixture((), (only,)), matrix, slope)
+    found = shape_posterior(Mixture((), (only,)), matrix, slope)
     covariance = np.linalg.inv(matrix + np.diag(usual**-2))
     scale = np.outer(usual, usual)
     np.testing.assert_allclose(found.covariance / scale, covariance / scale, rtol=0, atol=1e-6)

@@ -100,7 +100,7 @@ def model_of(trace: Trace, printer: Printer, rows: list[Rows], chosen: list[Choi
             choice.fit.posterior.values, period_mm=row.period_mm, origin_mm=row.origin_mm, reach_mm=row.reach_mm
         )
         drives.append(LearnedDrive(printer.motors[i], branches, choice, sight(row, choice.fit.touch)))
-    frame = _frame(printer, chosen)
+    frame = frame_of(printer, chosen)
     tables = (drives[0].branches.lower(printer, 0), drives[1].branches.lower(printer, 1))
     known = trace.measured_rows
     before = np.sqrt(np.mean(np.sum((trace.measured_mm - trace.commanded_mm)[known] ** 2, axis=1)))
@@ -112,7 +112,7 @@ def model_of(trace: Trace, printer: Printer, rows: list[Rows], chosen: list[Choi
     return GreyboxModel(mechanism, (drives[0], drives[1]), int(known.sum()), float(before), float(after))
 
 
-def _frame(printer: Printer, chosen: list[Choice]) -> Frame:
+def frame_of(printer: Printer, chosen: list[Choice]) -> Frame:
     """Return the learned cross terms as a `Frame`: cubic in motor coordinates, hence cubic on the bed."""
     if not any(choice.design.cross for choice in chosen):
         return Frame()

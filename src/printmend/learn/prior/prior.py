@@ -1,9 +1,9 @@
 """The grey box with a learned prior over pulleys, for parts that show less than a whole turn of a motor.
 
-Where a trace saw the whole turn this is the grey box, to the last bit. Where it did not, the grey box has found play,
-frame, noise and contacts; what the rest of the pulley is like is asked of `mixture`, through the grey box's own
-normal equations, all other parameters marginalised. The answer is a mean and a covariance again, so the uncertainty
-grows where nothing was seen.
+Where a trace saw the whole turn this is the grey box, to the last bit. Where it did not, the grey box still finds play,
+frame, noise and contacts. The shape of the whole pulley then follows from `mixture` as its prior and the grey box's own
+normal equations, with all other parameters marginalised. The answer is again a mean and a covariance, and the
+uncertainty grows where nothing was seen.
 """
 
 from dataclasses import dataclass, replace
@@ -16,53 +16,53 @@ from printmend.learn.drive.fit import Fit, Posterior, Prior, refine, robust_weig
 from printmend.learn.drive.select import HARMONICS, Choice
 from printmend.learn.drive.sight import ALL_SEEN, GLIMPSED_TURN, sight
 from printmend.learn.greybox import GreyboxModel, fit_greybox
-from printmend.learn.prior.mixture import Mixture, believe, shipped
+from printmend.learn.prior.mixture import Mixture, shape_posterior, shipped
 from printmend.learn.pulley.choice import to_parameters
 from printmend.path import Trace
 from printmend.printer import Printer
 
-FLOOR_MM = 0.005
-ROUNDS = 2  # of contacts and posterior
+LEAST_SIGMA_MM = 0.005  # smallest noise that is assumed: no component of the mixture is exact to less
+CONTACT_ROUNDS = 2  # how often contacts and posterior are found in turn
 
 
 @dataclass(frozen=True, eq=False)
 class PriorLearner:
-    """The learner ``prior``; ``mixture`` None is the one that is shipped."""
+    """The learner ``prior``; with ``mixture`` None it uses the mixture that comes with printmend."""
 
     name: str = "prior"
     mixture: Mixture | None = None
 
     def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> GreyboxModel:
-        """Learn from a trace as the grey box does; raises what it raises."""
+        """Learn from a trace as the grey box does. Raise `TraceError` where it does."""
         with threadpool_limits(1, user_api="blas"):
             return fit_greybox(trace, printer, rng, complete=self._complete)
 
     def _complete(self, rows: Rows, choice: Choice) -> Choice:
         if not GLIMPSED_TURN < sight(rows, choice.fit.touch).angles < ALL_SEEN or not _applies(choice):
             return choice
-        return completed(rows, choice, self.mixture or shipped())
+        return with_learned_pulley(rows, choice, self.mixture or shipped())
 
 
 def _applies(choice: Choice) -> bool:
-    """The prior knows pulleys whose error is in the mean alone: no odd play, no fading, nothing that repeats not."""
+    """Tell whether the mixture knows drives of this kind: the pulley bends both branches alike, everywhere."""
     structure = choice.structure
     plain = structure.play in ("none", "constant") and not (structure.elastic or structure.drift or structure.warp_mm)
     return plain and (structure.scale or structure.pulley != "none")
 
 
-def completed(rows: Rows, choice: Choice, mixture: Mixture) -> Choice:
-    """Return the choice with its pulley as the mixture believes it, given the rows."""
+def with_learned_pulley(rows: Rows, choice: Choice, mixture: Mixture) -> Choice:
+    """Return the choice with its pulley's shape replaced by the posterior under the mixture, given the rows."""
     structure = replace(choice.structure, pulley="all", scale=True, offset=True)
     design = structure.design(HARMONICS, choice.design.ripple, rows.reach_mm)
     active = structure.active(design)
     start = design.moved(choice.fit.posterior.values, choice.design)
-    fit = refine(design, rows, start, active, prior=Prior(floor_mm=FLOOR_MM), passes=3, rounds=4)
-    sigma = max(fit.posterior.sigma_mm, FLOOR_MM)
+    fit = refine(design, rows, start, active, prior=Prior(floor_mm=LEAST_SIGMA_MM), passes=3, rounds=4)
+    sigma = max(fit.posterior.sigma_mm, LEAST_SIGMA_MM)
     normal, touch, share = fit.normal, fit.touch, fit.share
-    for round_ in range(ROUNDS):
+    for round_ in range(CONTACT_ROUNDS):
         post = _posterior(design, normal.tempered(share), sigma, rows.period_mm, mixture)
         touch = contacts(design, post.values, rows)
-        if round_ < ROUNDS - 1:
+        if round_ < CONTACT_ROUNDS - 1:
             weight = robust_weights(rows, touch.residual_mm, sigma, drop=True)
             normal = normal_equations(design, post.values, rows, touch, weight)
     loss = float(np.abs(touch.residual_mm[rows.weight > 0]).mean())
@@ -70,7 +70,7 @@ def completed(rows: Rows, choice: Choice, mixture: Mixture) -> Choice:
 
 
 def _posterior(design: Design, normal: Normal, sigma_mm: float, period_mm: float, mixture: Mixture) -> Posterior:
-    """Return the posterior of all parameters, the mixture being the prior of the pulley's."""
+    """Return the posterior of all parameters, with the mixture as the prior of those of the pulley's shape."""
     shape = np.zeros(design.size, bool)
     shape[design.parts["mean_powers"].start + 1] = True
     shape |= design.mask("mean")
@@ -78,13 +78,13 @@ def _posterior(design: Design, normal: Normal, sigma_mm: float, period_mm: float
     unit = to_parameters(design, period_mm)[shape]  # [1 + 2K, D]: parameters = unit @ θ
     matrix = normal.matrix / sigma_mm**2
     slope = (normal.slope + normal.matrix @ normal.values) / sigma_mm**2
-    # the rest has wide priors of its own; given the shape it is linear
+    # Given the shape, the rest is linear with wide Gaussian priors, and can be marginalised in closed form.
     inner = matrix[np.ix_(rest, rest)] + np.diag(1 / variances(design, Prior())[rest])
     inverse = np.linalg.inv(inner)
     tie = matrix[np.ix_(rest, shape)]
     narrowed = matrix[np.ix_(shape, shape)] - tie.T @ inverse @ tie
     pull = slope[shape] - tie.T @ inverse @ slope[rest]
-    found = believe(mixture, unit.T @ narrowed @ unit, unit.T @ pull)
+    found = shape_posterior(mixture, unit.T @ narrowed @ unit, unit.T @ pull)
     values, covariance = np.zeros(design.size), np.zeros((design.size, design.size))
     values[shape] = unit @ found.mean
     values[rest] = inverse @ (slope[rest] - tie @ values[shape])
@@ -95,7 +95,7 @@ def _posterior(design: Design, normal: Normal, sigma_mm: float, period_mm: float
     covariance[np.ix_(shape, rest)] = (along @ wide).T
     covariance[np.ix_(rest, rest)] = inverse + along @ wide @ along.T
     everything = np.ones(design.size, bool)
-    return Posterior(values, covariance, everything, sigma_mm, Prior(floor_mm=FLOOR_MM), found.log_evidence)
+    return Posterior(values, covariance, everything, sigma_mm, Prior(floor_mm=LEAST_SIGMA_MM), found.log_evidence)
 
 
 LEARNERS = {"prior": PriorLearner()}

@@ -1,8 +1,8 @@
 """Learn a mixture of factor analysers from random shapes, each known up to its turn on the shaft.
 
-Classification EM: every shape goes to the component and the turn under which it is most likely, then every component
-is fitted to its shapes in closed form (the largest eigenvectors of their covariance, the rest as independent noise of
-each harmonic). Deterministic for a seed.
+It is classification EM: every shape is assigned to the component and the turn under which it is most likely; then every
+component is fitted to its shapes in closed form, with the largest eigenvectors of their covariance as factors and the
+rest as independent noise of each harmonic. A seed gives the same weights again.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,22 +13,25 @@ import numpy as np
 from printmend.learn.pulley.shapes import HARMONICS, draw, kinds, turned
 from printmend.units import TURN_RAD
 
-TURNS = 96
-FINE = 8  # turns between two of the coarse ones, in the last passes
-PASSES = 24
-RANK = 6
+TURNS_TRIED = 96  # turns of the first passes
+FINE_TURNS = 8  # steps between two of them in the last passes
+EM_PASSES = 24  # half of them with the first turns; assignments hardly change in the last ones
+RANK = 6  # factors of a component
 COMPONENTS = {
     "round": 1, "ellipse": 2, "polygon": 10, "flat": 6, "fourier": 6, "tabulated": 4, "egg": 14, "uneven": 10,
     "rounded-2": 2, "rounded-3": 2, "rounded-4": 2, "rounded-5": 2, "rounded-6": 2,
     "arcs-2": 8, "arcs-3": 8, "arcs-4": 8, "arcs-5": 4, "arcs-6": 4, "arcs-8": 4,
 }  # fmt: skip
-SHAPES = 150  # to learn a component from
-FLOOR = 5e-5  # radii: 0.3 µm of a usual pulley
+SHAPES_PER_COMPONENT = 150
+LEAST_NOISE_SD = 5e-5  # radii: 0.3 µm on a usual pulley
 
 
 @dataclass(frozen=True, eq=False)
 class Analysers:
-    """``weight`` [J], ``mean`` [J, D], ``factors`` [J, D, Q], ``noise`` [J, D] (variances, turn-invariant)."""
+    """J factor analysers: ``weight`` [J], ``mean`` [J, D], ``factors`` [J, D, Q] and ``noise`` [J, D].
+
+    ``noise`` are variances, equal for a harmonic's cosine and sine, so that turning a shape leaves them as they are.
+    """
 
     weight: np.ndarray
     mean: np.ndarray
@@ -48,7 +51,7 @@ def train_all(
         if kind in without:
             continue
         components = COMPONENTS[kind]
-        found = train(kind, SHAPES * (components + 2), components, np.random.default_rng([seed, place]))
+        found = train(kind, SHAPES_PER_COMPONENT * (components + 2), components, np.random.default_rng([seed, place]))
         for part in ("weight", "mean", "factors", "noise"):
             tensors[f"{kind}.{part}"] = np.ascontiguousarray(getattr(found, part), np.float32)
         tick(kind)
@@ -58,14 +61,15 @@ def train_all(
 def train(kind: str, count: int, components: int, rng: np.random.Generator) -> Analysers:
     """Fit ``components`` to ``count`` shapes of a kind."""
     shapes = draw(kind, count, rng)
-    grid = TURN_RAD * np.arange(TURNS) / TURNS
+    grid = TURN_RAD * np.arange(TURNS_TRIED) / TURNS_TRIED
     label, angle = _first_labels(shapes, components, rng), np.zeros(count)
     for j in range(components):
         angle[label == j] = _aligned(shapes[label == j])
     found = _fitted(shapes, angle, label, components)
-    for round_ in range(PASSES):
-        fine = round_ >= PASSES // 2
-        offsets = angle[:, None] + (grid[None] if not fine else TURN_RAD / TURNS * np.linspace(-1, 1, 2 * FINE + 1))
+    for round_ in range(EM_PASSES):
+        fine = round_ >= EM_PASSES // 2
+        between = TURN_RAD / TURNS_TRIED * np.linspace(-1, 1, 2 * FINE_TURNS + 1)
+        offsets = angle[:, None] + (between if fine else grid[None])
         tried = turned(shapes[:, None], offsets)  # [N, G, D]
         likely = np.stack([_log_density(found, j, tried) for j in range(len(found.weight))])  # [J, N, G]
         best = likely.max(axis=2)
@@ -77,7 +81,7 @@ def train(kind: str, count: int, components: int, rng: np.random.Generator) -> A
 
 
 def _first_labels(shapes: np.ndarray, components: int, rng: np.random.Generator) -> np.ndarray:
-    """Group by the amplitudes of the harmonics, which do not turn: k-means from far-apart seeds."""
+    """Group shapes by their harmonics' amplitudes, which turning leaves as they are: k-means from far-apart seeds."""
     size = np.hypot(shapes[:, 1 : HARMONICS + 1], shapes[:, HARMONICS + 1 :])
     size = np.concatenate([shapes[:, :1], size], axis=1)
     centres = size[rng.integers(len(size))][None]
@@ -95,8 +99,8 @@ def _first_labels(shapes: np.ndarray, components: int, rng: np.random.Generator)
 
 
 def _aligned(shapes: np.ndarray) -> np.ndarray:
-    """Return the angles [N] that turn shapes onto their common mean, in a few rounds from the first one."""
-    grid = TURN_RAD * np.arange(TURNS) / TURNS
+    """Return the angles [N] that turn shapes onto their common mean, found in five rounds from the first shape."""
+    grid = TURN_RAD * np.arange(TURNS_TRIED) / TURNS_TRIED
     if not len(shapes):
         return np.zeros(0)
     mean = shapes[0]
@@ -120,7 +124,7 @@ def _fitted(shapes: np.ndarray, angle: np.ndarray, label: np.ndarray, components
         factors = (axes[:RANK] * size[:RANK, None]).T
         rest = (centred**2).mean(axis=0) - (factors**2).sum(axis=1)
         wave = (rest[1 : HARMONICS + 1] + rest[HARMONICS + 1 :]) / 2
-        noise = np.maximum(np.concatenate([rest[:1], wave, wave]), FLOOR**2)
+        noise = np.maximum(np.concatenate([rest[:1], wave, wave]), LEAST_NOISE_SD**2)
         lists.append((len(mine) / len(shapes), mean, factors, noise))
     weight, mean, factors, noise = (np.stack(part) for part in zip(*lists, strict=True))
     return Analysers(weight / weight.sum(), mean, factors, noise)
