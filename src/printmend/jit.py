@@ -13,9 +13,13 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.core import config
 from numba.core.caching import FunctionCache
 from numba.core.event import Event, Listener, register
+from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
+
+from printmend.compiler import EntryCompiler, InnerCompiler
 
 log = logging.getLogger(__name__)
 
@@ -42,17 +46,27 @@ def entry(function: Callable | None = None, **options: Any) -> Any:
     """Decorate a kernel that Python calls: compiled, kept on disk, run beside other threads. ``options`` are njit's."""
     if function is None:
         return lambda function: entry(function, **options)
-    compiled = njit(nogil=True, **options)(function)
-    if hasattr(compiled, "_cache"):  # not where NUMBA_DISABLE_JIT is set
-        compiled._cache = _Kept(compiled)
+    if config.DISABLE_JIT:
+        return function
+    compiled = njit(nogil=True, pipeline_class=EntryCompiler, **options)(function)
+    compiled._cache = _Kept(compiled)
     return compiled
 
 
 def inner(function: Callable | None = None, **options: Any) -> Any:
-    """Decorate a kernel that other kernels call: compiled with each of them, not kept. ``options`` are njit's."""
+    """Decorate a kernel that only other kernels call: compiled with each of them. ``options`` are njit's."""
     if function is None:
         return lambda function: inner(function, **options)
-    return njit(**options)(function)
+    if config.DISABLE_JIT:
+        return function
+    return _Inner(function, targetoptions={"nopython": True, **options}, pipeline_class=InnerCompiler)
+
+
+class _Inner(CPUDispatcher):
+    """A kernel that only kernels call. Called from Python, from a test, it runs as Python."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.py_func(*arguments)
 
 
 class _Kept(FunctionCache):
