@@ -8,26 +8,28 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from printmend.bench.case import Result
 from printmend.bench.drawn_body import drawn_body
 from printmend.bench.families import (
     FAMILIES,
-    OPTIMUM,
-    RESULTS,
     ROWS,
     TEST_SEED,
+    body_of,
+    corruption_of,
     draw_family_cases,
+    drawn_case,
     families_table,
     family_cells,
+    family_markdown,
     family_tables,
 )
-from printmend.bench.family_case import FamilyCase, FamilyResult, body_of, corruption_of, evaluate_family, row_parts
-from printmend.bench.family_report import family_markdown
-from printmend.bench.rows import row
+from printmend.bench.rows import OPTIMUM, row, row_parts
+from printmend.bench.trial import evaluate
 from printmend.corruption import families as corruption_families
 from printmend.errors import InputError
 from printmend.printer import Printer, read_printer
 
-CASE = FamilyCase("play", "damaged", "ender5", 0.5, 0, 7)
+CASE = drawn_case("families", "play", "damaged", 0.5, 0, 7)
 
 
 @pytest.mark.parametrize("turns", [0.5, 1.0, 2.5])
@@ -58,30 +60,28 @@ def test_draws_depend_on_nothing_else() -> None:
 
 
 def test_a_perfect_model_is_the_optimum_and_naive_is_not() -> None:
-    results = {item.row: item for item in evaluate_family(CASE, ("naive+greedy", "oracle+lookahead", OPTIMUM))}
+    results = {item.row: item for item in evaluate(CASE, ("naive+greedy", "oracle+lookahead", OPTIMUM))}
     assert all(item.error is None for item in results.values())
-    errors = {name: item.rmse_steps or 0.0 for name, item in results.items()}
+    errors = {name: item.value("rmse_steps") or 0.0 for name, item in results.items()}
     assert errors[OPTIMUM] <= errors["oracle+lookahead"] + 1e-9
     assert errors[OPTIMUM] < 0.7
     assert errors["naive+greedy"] > 1.5 * errors[OPTIMUM]
 
 
 def test_learning_from_a_noisy_print_comes_near() -> None:
-    (noisy, best) = evaluate_family(CASE, ("greybox+optimal@0.05", OPTIMUM))
+    (noisy, best) = evaluate(CASE, ("greybox+optimal@0.05", OPTIMUM))
     assert noisy.error is None
-    assert noisy.noise_mm == 0.05
-    assert noisy.rmse_steps is not None
-    assert best.rmse_steps is not None
-    assert noisy.rmse_steps < 1.3 * best.rmse_steps
+    assert noisy.values["rmse_steps"] < 1.3 * best.values["rmse_steps"]
 
 
 def test_jumps_spoil_only_the_test_print() -> None:
-    (best,) = evaluate_family(replace(CASE, family="jumps"), (OPTIMUM,))
-    assert best.rmse_steps == pytest.approx(0.0, abs=1e-9)
+    (best,) = evaluate(replace(CASE, family="jumps"), (OPTIMUM,))
+    assert best.value("rmse_steps") == pytest.approx(0.0, abs=1e-9)
 
 
-def result(row: str, sample: int, rmse: float | None, noise: float = 0.0) -> FamilyResult:
-    return FamilyResult(f"{row}{sample}{noise}", "play", "damaged", "ender5", 1.0, sample, 0, row, noise, rmse)
+def result(row: str, sample: int, rmse: float | None) -> Result:
+    case = drawn_case("families", "play", "damaged", 1.0, sample, 0)
+    return Result(case, row, {} if rmse is None else {"rmse_steps": rmse}, None if rmse is not None else "no reason")
 
 
 def test_a_cell_is_the_mean_and_its_ratio() -> None:
@@ -107,7 +107,11 @@ def test_what_failed_is_left_out_and_marked() -> None:
 
 def test_the_docs_table_has_a_line_a_family_and_both_severities() -> None:
     results = [result(OPTIMUM, 0, 0.5), result("naive+greedy", 0, 100.0), result("greybox+optimal", 0, 0.6)]
-    results += [replace(item, severity="realistic", rmse_steps=0.25) for item in results if item.row != "naive+greedy"]
+    results += [
+        Result(replace(item.case, severity="realistic"), item.row, {"rmse_steps": 0.25})
+        for item in results
+        if item.row != "naive+greedy"
+    ]
     text = family_markdown(family_cells(results, (0.0,)), (1.0,), (0.0,))
     assert "**naive+greedy**" in text
     assert text.splitlines()[-3:] == [
@@ -129,13 +133,13 @@ def test_an_optimum_of_no_error_has_no_ratio_but_its_equal_has() -> None:
 def test_a_run_resumes(tmp_path: Path) -> None:
     cases = draw_family_cases(["play", "ripple@corexy"], severities=["damaged"], coverages=[0.5], samples=1, seed=3)
     first = families_table(cases[:1], ["naive+greedy"], (0.0,), tmp_path)
-    lines = (tmp_path / RESULTS).read_text().splitlines()
+    lines = (tmp_path / "families.jsonl").read_text().splitlines()
     assert len(lines) == len(first) == 2  # the row and the optimum
     second = families_table(cases, ["naive+greedy"], (0.0,), tmp_path)
-    again = (tmp_path / RESULTS).read_text().splitlines()
+    again = (tmp_path / "families.jsonl").read_text().splitlines()
     assert again[:2] == lines
     assert second[:2] == first
-    assert {item.printer for item in second} == {"ender5", "corexy"}
+    assert {item.case.printer for item in second} == {"ender5", "corexy"}
 
 
 def test_the_command_prints_cells(tmp_path: Path) -> None:

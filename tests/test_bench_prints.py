@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from printmend.bench.family_case import FamilyCase, body_of
-from printmend.bench.print_case import OPTIMUM, PrintResult, evaluate_prints, print_row
+from printmend.bench.case import Result
+from printmend.bench.families import body_of, drawn_case
 from printmend.bench.print_shapes import SHAPES, body_program, layer_mm, path_print
-from printmend.bench.prints import RESULTS, draw_print_cases, print_lines
+from printmend.bench.prints import draw_print_cases, print_lines, read_row
+from printmend.bench.rows import OPTIMUM
+from printmend.bench.trial import evaluate
 from printmend.cli.bench import command
 from printmend.errors import InputError
 from printmend.printer import Printer
 
-CASE = FamilyCase("pulley-play", "damaged", "ender5", 1.0, 0, 11)
+CASE = drawn_case("prints", "pulley-play", "damaged", 1.0, 0, 11)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -42,19 +44,20 @@ def test_a_body_is_the_same_as_g_code(printer: Printer):
 
 def test_a_whole_print_teaches_what_half_a_turn_cannot():
     rows = (OPTIMUM, "fixed@120@0.05", "active@120@0.05", "half-turn@120@0.05")
-    found = {one.test_print: one for one in evaluate_prints(CASE, rows)}
+    found = {one.row.partition("@")[0]: one for one in evaluate(CASE, rows)}
     assert all(one.error is None for one in found.values())
-    best = found[OPTIMUM].rmse_steps
+    best = found[OPTIMUM].values["rmse_steps"]
     for name in ("fixed", "active"):
-        assert best <= found[name].rmse_steps < 1.3 * best
-        assert 100 < found[name].measured <= 130
-    assert found["half-turn"].rmse_steps > found["fixed"].rmse_steps
+        assert best <= found[name].values["rmse_steps"] < 1.3 * best
+        assert 100 < found[name].values["measured"] <= 130
+    assert found["half-turn"].values["rmse_steps"] > found["fixed"].values["rmse_steps"]
 
 
 def test_cells_are_means_and_their_ratio():
-    def result(label: str, sample: int, rmse: float | None) -> PrintResult:
-        points = 0 if label == OPTIMUM else 60
-        return PrintResult(f"{label}{sample}", "play", 1.0, sample, 0, label, points, 0.0, rmse)
+    def result(label: str, sample: int, rmse: float | None) -> Result:
+        case = drawn_case("prints", "play", "damaged", 1.0, sample, 0)
+        name = label if label == OPTIMUM else f"{label}@60@0"
+        return Result(case, name, {"rmse_steps": rmse}, None if rmse is not None else "no reason")
 
     results = [result(OPTIMUM, 0, 0.5), result(OPTIMUM, 1, 1.5), result("fixed", 0, 1.0), result("fixed", 1, 2.0),
                result("circle", 0, 1.0), result("circle", 1, None)]  # fmt: skip
@@ -65,7 +68,7 @@ def test_cells_are_means_and_their_ratio():
 
 def test_what_does_not_exist_is_refused():
     with pytest.raises(InputError, match="diagonal-and-back"):
-        print_row("spiral@60@0")
+        read_row("spiral@60@0")
     with pytest.raises(InputError, match="gain-table"):
         draw_print_cases(["gain-table"], samples=1, seed=0)
 
@@ -75,8 +78,8 @@ def test_the_command_writes_and_resumes(tmp_path: Path):
             "--samples", "1", "--out", str(tmp_path)]  # fmt: skip
     first = CliRunner().invoke(command, args)
     assert first.exit_code == 0, first.output
-    kept = (tmp_path / RESULTS).read_text()
+    kept = (tmp_path / "prints.jsonl").read_text()
     assert len(kept.splitlines()) == 2
     assert CliRunner().invoke(command, args).stdout == first.stdout
-    assert (tmp_path / RESULTS).read_text() == kept
+    assert (tmp_path / "prints.jsonl").read_text() == kept
     assert (tmp_path / "prints.md").read_text().startswith("| test print | 60 pts σ 0.1 |")

@@ -10,10 +10,10 @@ from click.testing import CliRunner
 
 from printmend.bench.real.evidence import Trace1d
 from printmend.bench.real.periodic import fit
-from printmend.bench.real.real import PROTOCOLS, plain_fit, real_lines, scatter_mm2
+from printmend.bench.real.real import PROTOCOLS, plain_fit, real_cases, real_table, scatter_mm2
 from printmend.bench.real.shipped import shipped_fit
 from printmend.bench.real.traverse import COLUMNS, Traverse, detrended, middles_mm, read_traverses
-from printmend.errors import TraceError
+from printmend.errors import InputError, TraceError
 
 TURN_MM, LAG_MM, MIDDLE_MM = 42.3, 0.8, 85.0
 
@@ -134,17 +134,20 @@ def test_the_command_prints_and_saves(tmp_path: Path, rng: np.random.Generator) 
 
     items = [traverse(rng, sign, walk=0.2) for sign in (1, -1, 1, -1, 1, -1, 1, 1, -1, 1, -1)]
     data = write_csv(tmp_path / "made.csv", items)
-    done = CliRunner().invoke(command, ["real", str(data), "--out", str(tmp_path / "out.json"), "--json"])
+    done = CliRunner().invoke(command, ["real", str(data), "--out", str(tmp_path / "out"), "--json"])
     assert done.exit_code == 0, done.output
-    saved = json.loads((tmp_path / "out.json").read_text())
-    (line,) = saved["lines"]
+    (line,) = json.loads(done.stdout)["lines"]
     assert line["later"] == 9
     assert 0.8 * line["floor_mm"] < line["ours_mm"] < line["plain_mm"] < line["raw_mm"]
     assert line["periodic_mm"] < line["ours_mm"]
     assert PROTOCOLS == ("first", "pooled")
-    assert real_lines(read_traverses(data), "pooled")[0].ours_mm == pytest.approx(line["ours_mm"])
-    with pytest.raises(TraceError, match="made 80 mm/s: wanted three"):
-        real_lines(read_traverses(data)[:4], "first")
+    (pooled,), _ = real_table(real_cases(data, items, "pooled"), tmp_path / "out")
+    assert pooled.ours_mm == pytest.approx(line["ours_mm"])
+    assert len((tmp_path / "out" / "real.jsonl").read_text().splitlines()) == 14
+    few = write_csv(tmp_path / "few.csv", items[:4])
+    done = CliRunner().invoke(command, ["real", str(few), "--out", str(tmp_path / "few")])
+    assert "made 80 mm/s: wanted three" in done.stderr
+    assert isinstance(done.exception, InputError)
 
 
 @pytest.mark.parametrize(
@@ -164,12 +167,12 @@ def test_wrong_files_are_named(tmp_path: Path, text: str, named: str) -> None:
         read_traverses(path)
 
 
-def test_real_pulleys(corpus: Path) -> None:
+def test_real_pulleys(corpus: Path, tmp_path: Path) -> None:
     """A measured pulley's error falls by 4 and more, not below the floor."""
     path = corpus / "measured" / "noncircular_pulleys_mocap" / "position_error_by_travel.csv"
     items = read_traverses(path)
     assert len({(item.shape, item.speed_mm_s) for item in items}) == 9
-    (line,) = real_lines([t for t in items if (t.shape, t.speed_mm_s) == ("line", 40.0)], "first")
+    (line,), _ = real_table([case for case in real_cases(path, items, "first") if case.body == "line 40"], tmp_path)
     assert line.floor_mm < line.periodic_mm < line.ours_mm < line.plain_mm < 0.25 * line.raw_mm
     assert line.turn_mm == pytest.approx(42, abs=0.5)  # 21 teeth
 

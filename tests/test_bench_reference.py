@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printmend.bench.case import evaluate, reference_cases
-from printmend.bench.table1 import table1
+from printmend.bench.table1 import reference_cases, table1
+from printmend.bench.trial import evaluate
 from printmend.dataset.export import export_reference
 from printmend.dataset.reference import write_reference
 from tests import naive_reference
@@ -34,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_each_body_and_the_mean_equal_the_literal_rules(folder: Path, model: str, tmp_path: Path) -> None:
     published = naive_reference.published_results(folder, model)
     lines, results = table1(reference_cases(folder, protocol="paper", seed=0), [model], tmp_path)
-    assert {result.body: result.rmse_steps for result in results} == pytest.approx(published, abs=1e-9)
+    assert {result.case.body: result.values["rmse_steps"] for result in results} == pytest.approx(published, abs=1e-9)
     assert lines[0].abrmse_steps == pytest.approx(np.mean(list(published.values())), abs=1e-9)
     assert lines[0].bodies == len(published) == 4
 
@@ -46,8 +46,8 @@ def test_an_export_of_real_gcode_with_three_layers_leaves_nothing_to_chance(tmp_
     for seed in range(3):
         (case,) = reference_cases(tmp_path / "data", protocol="paper", seed=seed)
         (result,) = evaluate(case, ("oracle",))
-        assert result.layers == (0, 2, 4)
-        errors.append(result.rmse_steps)
+        assert result.values["judged"] == [0, 2, 4]
+        errors.append(result.values["rmse_steps"])
     published = naive_reference.published_results(tmp_path / "data", "oracle")["vase"]
     assert errors == pytest.approx([published] * 3, abs=1e-9)
 

@@ -9,17 +9,22 @@ import numpy as np
 import pytest
 import trimesh
 
-from printmend.bench.case import Case, Result, draw_cases, evaluate
+from printmend.bench.case import Case, Result, code_version
 from printmend.bench.executor import Processes, Serial, WorkerDied
-from printmend.bench.report import body_table, cells, failure_texts, lines, text_table
+from printmend.bench.report import body_table, failure_texts, text_table
 from printmend.bench.rows import PAPER_ROWS, row
-from printmend.bench.run import TABLE1, read_results, run
-from printmend.bench.table1 import table1
+from printmend.bench.run import read_results, run
+from printmend.bench.table1 import cells, draw_cases, lines, table1
+from printmend.bench.trial import evaluate
 from printmend.errors import ConfigError, InputError
 from tests.bodies import write_vase
 from tests.mortal import dies_on_two
 
-TIMES = {"learn_s": None, "plan_s": None}
+
+def timeless(results: list[Result]) -> list[Result]:
+    """Results without what a clock says."""
+    no_times = {"learn_s": None, "plan_s": None}
+    return [replace(item, values={**item.values, **no_times}) for item in results]
 
 
 @pytest.fixture(scope="module")
@@ -70,24 +75,24 @@ def test_heldout_never_prints_the_training_layer_and_paper_may(vases: list[Path]
     for protocol, results in seen.items():
         for seed in range(6):
             (result,) = evaluate(drawn(vases[:1], protocol=protocol, seed=seed)[0], ("naive",))
-            assert len(set(result.layers)) == 3
-            results.add(result.training_layer in result.layers)
+            assert len(set(result.values["judged"])) == 3
+            results.add(result.values["training_layer"] in result.values["judged"])
     assert seen == {"paper": {True, False}, "heldout": {False}}
 
 
 def test_a_seed_repeats_every_row(vases: list[Path]) -> None:
     case = drawn(vases[:1])[0]
     first, second = (evaluate(case, PAPER_ROWS) for _ in range(2))
-    assert [replace(result, **TIMES) for result in first] == [replace(result, **TIMES) for result in second]
+    assert timeless(first) == timeless(second)
     assert all(result.error is None for result in first)
-    errors = {result.row: result.rmse_steps for result in first}
+    errors = {result.row: result.values["rmse_steps"] for result in first}
     assert errors["oracle"] < errors["naive"]
-    assert first[0].rmse_mm == pytest.approx(0.2 * first[0].rmse_steps)
+    assert first[0].values["rmse_mm"] == pytest.approx(0.2 * errors["naive"])
 
 
 def test_a_second_run_evaluates_nothing_and_an_interrupted_one_goes_on(vases: list[Path], tmp_path: Path) -> None:
-    path, cases = tmp_path / "results.jsonl", drawn(vases)
-    whole = run(cases, ("naive", "oracle"), path, Serial())
+    path, cases = tmp_path / "table1.jsonl", drawn(vases)
+    whole = run(cases, ("naive", "oracle"), tmp_path, Serial())
     assert len(whole) == 6
     text = path.read_text()
     evaluated = []
@@ -96,19 +101,18 @@ def test_a_second_run_evaluates_nothing_and_an_interrupted_one_goes_on(vases: li
         evaluated.append((case.source, rows))
         return evaluate(case, rows)
 
-    table = replace(TABLE1, evaluate=counted)
-    assert run(cases, ("naive", "oracle"), path, Serial(), table=table) == whole
+    assert run(cases, ("naive", "oracle"), tmp_path, Serial(), evaluate=counted) == whole
     assert not evaluated
     # The machine went down in the middle of the fourth line.
     kept = text.splitlines(keepends=True)
     path.write_text("".join(kept[:3]) + kept[3][:40])
-    again = run(cases, ("naive", "oracle"), path, Serial(), table=table)
-    assert [replace(result, **TIMES) for result in again] == [replace(result, **TIMES) for result in whole]
+    again = run(cases, ("naive", "oracle"), tmp_path, Serial(), evaluate=counted)
+    assert timeless(again) == timeless(whole)
     assert evaluated == [(cases[1].source, ("oracle",)), (cases[2].source, ("naive", "oracle"))]
     assert len(read_results(path)) == 6
     # More rows on the same bodies: only the new row runs.
     evaluated.clear()
-    run(cases, ("naive", "greybox", "oracle"), path, Serial(), table=table)
+    run(cases, ("naive", "greybox", "oracle"), tmp_path, Serial(), evaluate=counted)
     assert [rows for _, rows in evaluated] == [("greybox",)] * 3
 
 
@@ -121,9 +125,9 @@ def test_results_that_are_something_else_are_refused(tmp_path: Path) -> None:
 
 def test_processes_give_what_serial_gives(vases: list[Path], tmp_path: Path) -> None:
     cases = drawn(vases[:2])
-    here = run(cases, ("naive", "lightgbm-axis"), tmp_path / "a.jsonl", Serial())
-    there = run(cases, ("naive", "lightgbm-axis"), tmp_path / "b.jsonl", Processes(2))
-    assert [replace(result, **TIMES) for result in here] == [replace(result, **TIMES) for result in there]
+    here = run(cases, ("naive", "lightgbm-axis"), tmp_path / "a", Serial())
+    there = run(cases, ("naive", "lightgbm-axis"), tmp_path / "b", Processes(2))
+    assert timeless(here) == timeless(there)
 
 
 def test_a_killed_worker_costs_its_own_item_only() -> None:
@@ -144,13 +148,13 @@ def test_a_broken_body_is_a_failure_with_its_reason(vases: list[Path], tmp_path:
     assert "a layer besides the training layer" in result.error
 
 
-def result(body: str, name: str, rmse: float | None, **values: object) -> Result:
-    base = Result(
-        key=body + name, body=body, source=body, protocol="paper", family="play", severity="damaged", seed=0, row=name,
-        rmse_steps=rmse, rmse_mm=None if rmse is None else 0.2 * rmse, learn_s=0.5, plan_s=0.1, targets=100,
-        error=None if rmse is not None else "no reason",
-    )  # fmt: skip
-    return replace(base, **values)
+def result(body: str, name: str, rmse: float | None) -> Result:
+    case = Case("table1", body, body, "play", "damaged", "paper", 0)
+    if rmse is None:
+        return Result(case, name, error="no reason")
+    return Result(
+        case, name, {"rmse_steps": rmse, "rmse_mm": 0.2 * rmse, "learn_s": 0.5, "plan_s": 0.1, "targets": 100}
+    )
 
 
 def test_the_lines_of_the_table_are_the_statistics_of_its_bodies() -> None:
@@ -186,7 +190,9 @@ def test_unknown_names_are_refused_before_anything_is_written(vases: list[Path],
 def test_every_result_is_one_line_of_json(vases: list[Path], tmp_path: Path) -> None:
     table1(drawn(vases[:1]), ("naive",), tmp_path / "out")
     (line,) = (tmp_path / "out" / "table1.jsonl").read_text().splitlines()
-    assert json.loads(line)["row"] == "naive"
+    record = json.loads(line)
+    assert (record["row"], record["code"]) == ("naive", code_version())
+    assert Result.of(record).flat() == record
     assert (tmp_path / "out" / "figure6-pulley-paper.png").read_bytes().startswith(b"\x89PNG")
 
 

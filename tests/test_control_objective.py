@@ -1,21 +1,21 @@
 """Plans for other objectives than the RMSE: the kernels against slow versions, and never worse by the objective."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import shapely
 
-from printmend.bench.drawn_body import drawn_body
-from printmend.bench.objectives import objective_lines
+from printmend.bench.objectives import objective_cases, objectives_table
 from printmend.control.kernels import refine as kernels
 from printmend.control.objective import OBJECTIVES, Objective, _Search, objective_value
 from printmend.control.registry import controller
 from printmend.corruption import sample
-from printmend.errors import InputError
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.path import Body
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from tests import naive_refine
+from tests.bodies import write_vase
 from tests.shapes import layer_along, ring_layer
 
 LAYER = ring_layer((530.0, 530.0), 30.0)
@@ -86,14 +86,14 @@ def test_area_forgives_most_of_what_is_early_or_late() -> None:
     assert objective_value("area", line, line + np.array([0.0, 0.5])) == pytest.approx(19 * (0.5 + 0.3 * 0.25))
 
 
-def test_the_table_measures_what_was_planned(ender5: Printer) -> None:
-    body = drawn_body(np.random.default_rng(1), ender5, size_mm=16.0, layers=2)
-    lines = objective_lines(
-        body, ender5, families=["pulley-loose"], objectives=["rmse", "area"], learner="oracle", layers=1, seed=2
-    )
-    best, area = lines
+def test_the_table_measures_what_was_planned(tmp_path: Path) -> None:
+    vase = write_vase(tmp_path / "vase.gcode", layers=2, radius_mm=18.0)
+    options = {"severity": "damaged", "layers": 1, "seed": 2, "printer": "ender5"}
+    cases = objective_cases(vase, families=["pulley-loose"], **options)
+    (best, area), _ = objectives_table(cases, ["rmse", "area"], tmp_path, learner="oracle")
     assert best.rmse_mm < area.rmse_mm
     assert area.area_mm2 < best.area_mm2
     assert 0 < best.p95_mm <= best.frechet_mm
-    with pytest.raises(InputError, match="a layer besides"):
-        objective_lines(Body("one", body.layers[:1]), ender5, families=["play"], objectives=["rmse"])
+    coin = write_vase(tmp_path / "coin.gcode", layers=1, radius_mm=45.0)
+    _, (failure,) = objectives_table(objective_cases(coin, families=["play"], **options), ["rmse"], tmp_path)
+    assert "a layer besides" in failure.error

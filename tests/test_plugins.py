@@ -8,8 +8,9 @@ import pytest
 from click.testing import CliRunner
 
 from printmend import plugins
-from printmend.bench.case import Case, evaluate
+from printmend.bench.case import Case
 from printmend.bench.rows import row
+from printmend.bench.trial import evaluate
 from printmend.cli.bench import command as bench
 from printmend.cli.conformance import command as conformance
 from printmend.control.registry import controller
@@ -141,11 +142,11 @@ def test_what_is_no_learner_is_refused_in_words(place: Path, name: str, said: st
 
 
 def test_the_row_of_a_plugin_that_fails_says_so_and_the_others_stand(place: Path) -> None:
-    case = Case("body.gcode", "0" * 16, "heldout", "slack", "damaged", 0)
+    case = Case("table1", "body", "0" * 16, "slack", "damaged", "heldout", 0, source="body.gcode")
     found = dict(zip(ROWS, evaluate(case, ROWS), strict=True))
-    assert found["naive"].rmse_steps is not None
+    assert found["naive"].value("rmse_steps") is not None
     for name in ("my_plugin:SAME", "naive+my_plugin:GREEDY", "ours+theirs"):
-        assert found[name].rmse_steps == found["naive"].rmse_steps
+        assert found[name].value("rmse_steps") == found["naive"].value("rmse_steps")
     for name, said in (
         ("my_plugin:NAN", "the model's tables: wanted finite numbers"),
         ("my_plugin:ASKED", "the model: wanted finite positions"),
@@ -154,11 +155,11 @@ def test_the_row_of_a_plugin_that_fails_says_so_and_the_others_stand(place: Path
         ("naive+my_plugin:FAR", "controller far: wanted integer controls"),
     ):
         assert said in (found[name].error or "")
-        assert found[name].rmse_steps is None
+        assert found[name].value("rmse_steps") is None
 
 
 def test_kept_results_are_those_of_the_code_that_made_them(place: Path) -> None:
-    case = Case("body.gcode", "0" * 16, "heldout", "pulley", "damaged", 0)
+    case = Case("table1", "body", "0" * 16, "pulley", "damaged", "heldout", 0)
     naive, mine = case.key("naive"), case.key("my_plugin:SAME")
     (place / "my_plugin.py").write_text(MODULE + "# changed\n")
     assert case.key("naive") == naive

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from printmend.bench.drawn_body import drawn_tower
-from printmend.bench.family_case import FamilyCase, corruption_of, evaluate_family
+from printmend.bench.families import corruption_of, drawn_case
+from printmend.bench.trial import evaluate
 from printmend.body.space import SpacePath, space_path
 from printmend.control.registry import controller
 from printmend.control.space import plan_space
@@ -165,14 +166,14 @@ def test_bad_input_is_refused(ender5: Printer) -> None:
 
 
 def test_a_row_of_the_families_table() -> None:
-    case = FamilyCase("play+screw", "damaged", "ender5", 0.3, 0, 1)
+    case = drawn_case("families", "play+screw", "damaged", 0.3, 0, 1)
     assert corruption_of(case).screw is not None
-    naive, grey, best = evaluate_family(case, ("naive+greedy@0", "greybox+optimal@0", "oracle+optimal@0"))
+    naive, grey, best = evaluate(case, ("naive+greedy@0", "greybox+optimal@0", "oracle+optimal@0"))
     for result in (naive, grey, best):
         assert result.error is None
-        assert result.targets > 1000
-    assert best.rmse_steps <= grey.rmse_steps < naive.rmse_steps
-    (tree,) = evaluate_family(replace(case, family="screw"), ("lightgbm-axis+greedy@0",))
+        assert result.values["targets"] > 1000
+    assert best.values["rmse_steps"] <= grey.values["rmse_steps"] < naive.values["rmse_steps"]
+    (tree,) = evaluate(replace(case, family="screw"), ("lightgbm-axis+greedy@0",))
     assert tree.error is None  # learns no screw, but prints
 
 

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from printmend.bench.case import Result, draw_cases, evaluate_rows
-from printmend.bench.report import HEADER, Line, cells, failure_texts, lines, text_table
-from printmend.bench.rows import OPTIMUM, OwnRow, Row, row
+from printmend.bench.case import Result
+from printmend.bench.report import failure_texts, text_table
+from printmend.bench.rows import OPTIMUM, Row, row
+from printmend.bench.table1 import HEADER, Line, cells, draw_cases, lines
+from printmend.bench.trial import evaluate_rows
 from printmend.control.registry import controller as controller_of
 from printmend.dataset.bodies import body_files
 from printmend.protocols import Learner
@@ -53,7 +55,7 @@ def evaluate(
     return Evaluation(tuple(lines(results, tuple(rows))), tuple(results))
 
 
-def _row(item: str | Learner, controller: str) -> tuple[str, Row | OwnRow]:
+def _row(item: str | Learner, controller: str) -> tuple[str, Row]:
     if not isinstance(item, str):
-        return item.name, OwnRow(item, controller_of(controller))
+        return item.name, Row(item.name, controller_of(controller), own=item)
     return item, row(item if item == OPTIMUM or "+" in item else f"{item}+{controller}")

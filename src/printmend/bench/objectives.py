@@ -4,18 +4,76 @@ One body, one fault a family: learn from the training layer, plan held-out layer
 model, print them on the twin, and measure every print by every metric.
 """
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
+from printmend.bench.case import Case, Result
+from printmend.bench.executor import executor
+from printmend.bench.layers import LayerStand
+from printmend.bench.rows import row
+from printmend.bench.run import run
+from printmend.bench.table1 import drawn_layers
+from printmend.body import body_of, demo_body_gcode, load_body
+from printmend.corruption import families as known_families
+from printmend.corruption import sample
+from printmend.dataset.bodies import digest
 from printmend.errors import InputError
-from printmend.path import Body, Layer
-from printmend.printer import Printer
+from printmend.learn.published.transitions import layer_trace
+from printmend.metrics import rmse
+from printmend.metrics.shape import bead_difference_area, frechet
+from printmend.path import Layer
+from printmend.printer import Printer, read_printer
+from printmend.twin import Twin
 
+TABLE, PULLEY = "objectives", "timing pulley"
 BEAD_MM = 0.4
 HEADER = ("fault", "planned for", "RMSE mm", "p95 mm", "area mm²", "Fréchet mm", "plan s")
+
+
+def objective_cases(
+    source: Path | None,
+    *,
+    families: Sequence[str],
+    severity: Literal["damaged", "realistic"],
+    layers: int,
+    seed: int,
+    printer: str,
+) -> list[Case]:
+    """Return a case a family, on the body of a file or on a timing pulley. Raise `InputError` for unknown families."""
+    if unknown := [family for family in families if family not in known_families() or family == "gain-table"]:
+        raise InputError(
+            "--families", wanted=f"names out of {', '.join(known_families())}", came=repr(unknown[0]), todo="correct it"
+        )
+    pulley = hashlib.sha256(demo_body_gcode()).hexdigest()[:16]
+    name, identity = (PULLEY, pulley) if source is None else (source.stem, digest(source))
+    place = "" if source is None else str(source)
+    return [
+        Case(TABLE, name, identity, family, severity, "heldout", seed, printer, layers=layers, source=place)
+        for family in families
+    ]
+
+
+def set_up(case: Case) -> LayerStand:
+    """Print the training layer, and draw others to hold out; the layers and the faults are drawn from the seed."""
+    printer = read_printer(case.printer)
+    body = load_body(case.source, printer) if case.source else body_of(demo_body_gcode(), printer, name=case.body)
+    training, severity = body.training_layer, "realistic" if case.severity == "realistic" else "damaged"
+    layers = drawn_layers(
+        body.layers, training, case.protocol, case.layers, np.random.default_rng(case.seed), subject=body.name
+    )
+    twin = Twin.of(sample(case.family, np.random.default_rng([case.seed, 1]), severity), printer)  # type: ignore[arg-type]
+    trace = layer_trace(training, twin.run(training.controls, training.start_steps), printer)
+    return LayerStand(
+        printer, twin, lambda row: trace, layers, lambda: np.random.default_rng([case.seed, 2]), figures=_figures
+    )
+
+
+read_row = row
 
 
 @dataclass(frozen=True)
@@ -35,63 +93,43 @@ class ObjectiveLine:
     plan_s: float
 
 
-def objective_lines(
-    body: Body,
-    printer: Printer,
-    *,
-    families: Sequence[str],
+def objectives_table(
+    cases: Sequence[Case],
     objectives: Sequence[str],
+    out: Path,
+    *,
     learner: str = "greybox",
-    severity: Literal["damaged", "realistic"] = "damaged",
-    layers: int = 2,
-    seed: int = 0,
+    workers: int = 1,
     tick: Callable[[str], None] = lambda what: None,
-) -> list[ObjectiveLine]:
-    """Return a line a family and objective; the layers and the faults are drawn from the seed.
+) -> tuple[list[ObjectiveLine], list[Result]]:
+    """Return a line a family and objective; keep results in ``out``/objectives.jsonl."""
+    names = {f"{learner}+optimal" + ("" if name == "rmse" else f"-{name}"): name for name in objectives}
+    for name in names:
+        row(name)
+    results = run(cases, tuple(names), out, executor(workers), tick=tick)
+    figures = ("rmse_mm", "p95_mm", "area_mm2", "frechet_mm", "plan_s")
+    lines = [
+        ObjectiveLine(item.case.family, names[item.row], *(item.values[name] for name in figures))
+        for item in results
+        if item.error is None
+    ]
+    return lines, results
 
-    Raises `InputError` for a name that does not exist or a body without a layer to hold out.
-    """
-    import time
 
-    from printmend.bench.rows import row
-    from printmend.corruption import families as known
-    from printmend.corruption import sample
-    from printmend.learn.published.transitions import layer_trace
-    from printmend.twin import Twin
+def cells(line: ObjectiveLine) -> tuple[str, ...]:
+    """Return a line as the table's texts, in the order of `HEADER`."""
+    numbers = (line.rmse_mm, line.p95_mm, line.area_mm2, line.frechet_mm)
+    return (line.family, line.objective, *(f"{number:.4f}" for number in numbers), f"{line.plan_s:.2f}")
 
-    if unknown := [family for family in families if family not in known() or family == "gain-table"]:
-        raise InputError(
-            "--families", wanted=f"names out of {', '.join(known())}", came=repr(unknown[0]), todo="correct it"
-        )
-    rows = [(name, row(f"{learner}+optimal" + ("" if name == "rmse" else f"-{name}"))) for name in objectives]
-    training = body.training_layer
-    others = [layer for layer in body.layers if layer is not training]
-    if not others:
-        raise InputError(body.name, wanted="a layer besides the training layer", came="one", todo="take another body")
-    drawn = np.random.default_rng(seed).choice(len(others), min(layers, len(others)), replace=False)
-    lines = []
-    for family in families:
-        twin = Twin.of(sample(family, np.random.default_rng([seed, 1]), severity), printer)
-        trace = layer_trace(training, twin.run(training.controls, training.start_steps), printer)
-        model = rows[0][1].model(trace, printer, twin, np.random.default_rng([seed, 2]))
-        for objective, chosen in rows:
-            measured, plan_s = [], 0.0
-            for layer in [others[index] for index in sorted(drawn)]:
-                begun = time.perf_counter()
-                plan = chosen.controller.plan(model, layer.nominal_steps[1:], layer.start_steps)
-                plan_s += time.perf_counter() - begun
-                printed = twin.run(plan.controls, layer.start_steps)
-                measured.append(_measured(layer, printed, np.array(printer.mm_per_step)))
-            rmse_mm, p95_mm, area_mm2, frechet_mm = map(float, np.mean(measured, axis=0))
-            lines.append(ObjectiveLine(family, objective, rmse_mm, p95_mm, area_mm2, frechet_mm, plan_s))
-            tick(f"{family} {objective}")
-    return lines
+
+def _figures(layers: Sequence[Layer], prints: Sequence[np.ndarray], printer: Printer) -> dict[str, Any]:
+    pitch_mm = np.array(printer.mm_per_step)
+    measured = [_measured(layer, printed, pitch_mm) for layer, printed in zip(layers, prints, strict=True)]
+    names = ("rmse_mm", "p95_mm", "area_mm2", "frechet_mm")
+    return dict(zip(names, map(float, np.mean(measured, axis=0)), strict=True))
 
 
 def _measured(layer: Layer, printed: np.ndarray, pitch_mm: np.ndarray) -> tuple[float, float, float, float]:
-    from printmend.metrics import rmse
-    from printmend.metrics.shape import bead_difference_area, frechet
-
     wanted_mm, printed_mm = layer.nominal_steps * pitch_mm, printed * pitch_mm
     distances = np.hypot(*(printed_mm - wanted_mm).T)
     area = bead_difference_area(_strokes(layer, wanted_mm), _strokes(layer, printed_mm), BEAD_MM)
@@ -102,9 +140,3 @@ def _strokes(layer: Layer, points_mm: np.ndarray) -> list[np.ndarray]:
     """Return the points [N, 2] of each run of extruding ticks."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], layer.extruding.astype(np.int8), [0]])))
     return [points_mm[begin : end + 1] for begin, end in edges.reshape(-1, 2)]
-
-
-def cells(line: ObjectiveLine) -> tuple[str, ...]:
-    """Return a line as the table's texts, in the order of `HEADER`."""
-    numbers = (line.rmse_mm, line.p95_mm, line.area_mm2, line.frechet_mm)
-    return (line.family, line.objective, *(f"{number:.4f}" for number in numbers), f"{line.plan_s:.2f}")

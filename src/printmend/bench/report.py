@@ -1,74 +1,70 @@
-"""Table I and Fig. 6 from results."""
+"""What all tables are made of in the end: means against a reference, and rows of text."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from printmend.bench.case import Result
+from printmend.bench.case import Case, Result
 from printmend.files import replacing
-from printmend.metrics import abrmse
+
+Group = TypeVar("Group", bound=Hashable)
+_NOTHING = 1e-9  # full steps: a machine that only jumps is healthy when it does not, its optimum is no error at all
 
 
 @dataclass(frozen=True)
-class Line:
-    """One row of Table I over its bodies. Errors in full steps unless named; None where nothing succeeded."""
+class Summary:
+    """A figure over results: how many there are and failed; mean, median and 95th percentile of the others.
 
-    row: str
-    bodies: int
-    failures: int
-    abrmse_steps: float | None
-    abrmse_mm: float | None
-    median_steps: float | None
-    p95_steps: float | None
-    ratio_to_oracle: float | None
-    learn_s: float | None
-    targets_s: float | None
-
-
-HEADER = ("model", "bodies", "ABRMSE steps", "mm", "median", "p95", "÷ oracle", "learn s", "targets/s")
-
-
-def lines(results: Sequence[Result], rows: Sequence[str]) -> list[Line]:
-    """Return one line a row: ABRMSE is the mean over bodies, the ratio to the oracle is over the bodies that both have.
-
-    ``learn s`` and ``targets/s`` are medians over bodies, so that compiling in a worker's first body does not show.
+    ``reference`` is the mean of a reference row over the cases that both have, ``ratio`` the mean over these divided by
+    it; ``median_ratio`` and ``worst_ratio`` are of the cases' own ratios. None where nothing succeeded, or where the
+    reference is no error at all and this is one.
     """
-    oracle = {result.source: result.rmse_steps for result in results if result.row == "oracle" and result.error is None}
-    return [_line(row, [result for result in results if result.row == row], oracle) for row in rows]
+
+    results: int
+    failures: int
+    mean: float | None = None
+    median: float | None = None
+    p95: float | None = None
+    reference: float | None = None
+    ratio: float | None = None
+    median_ratio: float | None = None
+    worst_ratio: float | None = None
 
 
-def _line(row: str, results: list[Result], oracle: dict[str, float | None]) -> Line:
-    good = [result for result in results if result.error is None]
+def summary(results: Sequence[Result], reference: Sequence[Result] = (), *, name: str = "rmse_steps") -> Summary:
+    """Summarise one figure of ``results`` and compare it with ``reference``'s, case by case."""
+    known: dict[Case, float] = {item.case: item.values[name] for item in reference if item.error is None}
+    good = [item for item in results if item.error is None]
     failures = len(results) - len(good)
     if not good:
-        return Line(row, 0, failures, None, None, None, None, None, None, None)
-    steps = np.array([result.rmse_steps for result in good], float)
-    both = [(result.rmse_steps, oracle[result.source]) for result in good if result.source in oracle]
-    mine, truth = (np.mean(column) for column in zip(*both, strict=True)) if both else (np.nan, 0.0)
-    speeds = [result.targets / result.plan_s for result in good if result.plan_s]
-    return Line(
-        row=row,
-        bodies=len(good),
-        failures=failures,
-        abrmse_steps=abrmse(steps),
-        abrmse_mm=abrmse(result.rmse_mm or 0.0 for result in good),
-        median_steps=float(np.median(steps)),
-        p95_steps=float(np.percentile(steps, 95)),
-        ratio_to_oracle=float(mine / truth) if truth else None,
-        learn_s=float(np.median([result.learn_s or 0.0 for result in good])),
-        targets_s=float(np.median(speeds)) if speeds else None,
-    )
+        return Summary(len(results), failures)
+    values = np.array([item.values[name] for item in good], float)
+    found = {"mean": values.mean(), "median": np.median(values), "p95": np.percentile(values, 95)}
+    both = [(value, known[item.case]) for item, value in zip(good, values, strict=True) if item.case in known]
+    if both:
+        mine, best = np.array(both).T
+        perfect = best < _NOTHING
+        matched = perfect & (mine < _NOTHING)
+        ratios = np.where(matched, 1.0, mine / np.where(perfect, 1.0, best))[matched | ~perfect]
+        found["reference"] = best.mean()
+        if best.mean() >= _NOTHING:
+            found["ratio"] = mine.mean() / best.mean()
+        elif matched.all():
+            found["ratio"] = 1.0
+        if len(ratios):
+            found |= {"median_ratio": np.median(ratios), "worst_ratio": ratios.max()}
+    return Summary(len(results), failures, **{key: float(value) for key, value in found.items()})
 
 
-def cells(line: Line) -> tuple[str, ...]:
-    """Return a line as the table's texts, in the order of `HEADER`."""
-    numbers = (line.abrmse_steps, line.abrmse_mm, line.median_steps, line.p95_steps, line.ratio_to_oracle)
-    texts = ["–" if number is None else f"{number:.3f}" for number in numbers]
-    learn = "–" if line.learn_s is None else f"{line.learn_s:.3f}"
-    speed = "–" if line.targets_s is None else f"{line.targets_s:,.0f}".replace(",", " ")
-    return (line.row, str(line.bodies), *texts, learn, speed)
+def grouped(results: Sequence[Result], group: Callable[[Result], Group]) -> dict[Group, list[Result]]:
+    """Return the results of each group, in the order in which the groups first come."""
+    found: dict[Group, list[Result]] = {}
+    for item in results:
+        found.setdefault(group(item), []).append(item)
+    return found
 
 
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -95,8 +91,8 @@ def write_markdown(path: Path, header: Sequence[str], rows: Sequence[Sequence[st
 
 def body_table(results: Sequence[Result], rows: Sequence[str]) -> str:
     """Return the RMSE [steps] of every body and row, for comparisons body by body."""
-    bodies = list(dict.fromkeys(result.body for result in results))
-    value = {(result.body, result.row): result.rmse_steps for result in results}
+    bodies = list(dict.fromkeys(result.case.body for result in results))
+    value = {(result.case.body, result.row): result.value("rmse_steps") for result in results}
 
     def shown(body: str, row: str) -> str:
         number = value.get((body, row))
@@ -106,9 +102,10 @@ def body_table(results: Sequence[Result], rows: Sequence[str]) -> str:
 
 
 def failure_texts(results: Sequence[Result]) -> list[str]:
-    """Return one text for each body and reason that failed, with the rows concerned."""
+    """Return one text for each case and reason that failed, with the rows concerned."""
     found: dict[tuple[str, str], list[str]] = {}
     for result in results:
         if result.error is not None:
-            found.setdefault((result.body, result.error), []).append(result.row)
-    return [f"{body} ({', '.join(rows)}): {reason}" for (body, reason), rows in found.items()]
+            what = result.case.body if result.case.coverage is None else str(result.case)
+            found.setdefault((what, result.error), []).append(result.row)
+    return [f"{what} ({', '.join(rows)}): {reason}" for (what, reason), rows in found.items()]

@@ -1,15 +1,17 @@
-"""The rows of Table I: how each makes its world model, and which controller plans with it.
+"""The rows of a table: how each makes its world model, and which controller plans with it.
 
-A row is named LEARNER or LEARNER+CONTROLLER: `lightgbm`, `greybox+lookahead`, `my_module:MINE+optimal`. The learner
-`oracle` is given the true mechanism. Without a controller it is the paper's greedy Algorithm 1. `optimum` is
-`oracle+optimal`: the lower bound.
+A row is named LEARNER, LEARNER+CONTROLLER or LEARNER+CONTROLLER@SIGMA: `lightgbm`, `greybox+lookahead`,
+`my_module:MINE+optimal@0.05`; SIGMA is the noise of the measurement in mm. The learner `oracle` is given the true
+mechanism. Without a controller it is the paper's greedy Algorithm 1. `optimum` is `oracle+optimal`: the lower bound.
 """
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
 
 from printmend.control.registry import controller
+from printmend.errors import InputError
 from printmend.learn.registry import check_model_name, fit, fitted
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -18,37 +20,56 @@ from printmend.twin import Twin
 
 OPTIMUM = "optimum"
 PAPER_ROWS = ("naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "greybox", "oracle", OPTIMUM)
+MAX_NOISE_MM = 10.0
 
 
 @dataclass(frozen=True)
 class Row:
-    """One row of a table: a learner's name and the controller."""
+    """One row of a table: a learner's name, the controller, the noise of the measurement, and, where test prints are
+    compared, which is printed and at how many points it is measured. ``own`` is a learner that has no name here."""
 
     learner: str
     controller: Controller
+    own: Learner | None = None
+    noise_mm: float = 0.0
+    test_print: str = ""
+    points: int = 0
+
+    @property
+    def lesson(self) -> Hashable:
+        """What decides the model: rows that share it learn once."""
+        return self.learner, self.test_print, self.points, self.noise_mm
 
     def model(self, trace: Trace, printer: Printer, twin: Twin, rng: np.random.Generator) -> WorldModel:
         """Learn from the trace; the oracle looks at the twin instead."""
+        if self.own is not None:
+            return fitted(self.own, trace, printer, rng=rng)
         return fit(self.learner, trace, printer, rng=rng, truth=twin.mechanism)
 
 
-@dataclass(frozen=True)
-class OwnRow:
-    """A row whose learner has no name here."""
-
-    learner: Learner
-    controller: Controller
-
-    def model(self, trace: Trace, printer: Printer, twin: Twin, rng: np.random.Generator) -> WorldModel:
-        """Learn from the trace."""
-        return fitted(self.learner, trace, printer, rng=rng)
-
-
 def row(name: str) -> Row:
-    """Return the row of that name. Raise `ConfigError` where its learner or its controller does not exist."""
-    model, _, planner = ("oracle+optimal" if name == OPTIMUM else name).partition("+")
+    """Return the row of that name. Raise `ConfigError` or `InputError` where a part of it does not exist."""
+    label, noise_mm = row_parts(name)
+    model, _, planner = ("oracle+optimal" if label == OPTIMUM else label).partition("+")
     check_model_name(model)
-    return Row(model, controller(planner or "greedy"))
+    return Row(model, controller(planner or "greedy"), noise_mm=noise_mm)
+
+
+def row_parts(name: str) -> tuple[str, float]:
+    """Split ROW@SIGMA. Raise `InputError` for a noise that is no length."""
+    label, _, noise = name.partition("@")
+    return label, read_noise(noise)
+
+
+def read_noise(text: str) -> float:
+    """Read a noise in mm, none where nothing is said. Raise `InputError` for one that is no length."""
+    try:
+        noise_mm = float(text or 0.0)
+    except ValueError:
+        noise_mm = -1.0
+    if not 0.0 <= noise_mm <= MAX_NOISE_MM:
+        raise InputError("noise", wanted=f"0 to {MAX_NOISE_MM:g} mm", came=repr(text), todo="correct it")
+    return noise_mm
 
 
 def planned_for(name: str, objective: str) -> str:

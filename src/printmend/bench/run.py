@@ -1,37 +1,23 @@
 """Run cases, keep their results, resume where a run was interrupted."""
 
 import json
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from printmend.bench.case import Result, evaluate, failed
+from printmend.bench.case import Case, Result
 from printmend.bench.executor import Executor, WorkerDied
+from printmend.bench.trial import evaluate, failed
 from printmend.errors import InputError
+
+Evaluate = Callable[[Case, tuple[str, ...]], list[Result]]
 
 
 @dataclass(frozen=True)
 class _Task:
-    case: Any
+    case: Case
     rows: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Table:
-    """What the cases of a table are: importable functions and the class of their results.
-
-    ``evaluate(case, rows)`` returns a result a row, ``failed(case, row, reason)`` the result of what could not be
-    evaluated. A case has a ``source`` and a ``key(row)``; a result is a dataclass with that ``key``.
-    """
-
-    evaluate: Callable[[Any, tuple[str, ...]], list]
-    failed: Callable[[Any, str, str], Any]
-    result: type
-
-
-TABLE1 = Table(evaluate, failed, Result)
+    evaluate: Evaluate
 
 
 def results_folder(out: Path) -> Path:
@@ -45,42 +31,46 @@ def results_folder(out: Path) -> Path:
 
 
 def run(
-    cases: list,
-    rows: tuple[str, ...],
-    results_path: Path,
+    cases: Sequence[Case],
+    rows: Sequence[str],
+    out: Path,
     executor: Executor,
     *,
-    tick: Callable[[str], None] = lambda body: None,
-    table: Table = TABLE1,
-) -> list:
-    """Evaluate every case for every row that is not in ``results_path`` yet; append each result as it comes.
+    tick: Callable[[str], None] = lambda case: None,
+    evaluate: Evaluate = evaluate,
+) -> list[Result]:
+    """Evaluate every case, all of one table, for every row that is not in ``out``/TABLE.jsonl yet.
 
-    The file has one JSON object a line and may hold other runs' results; those of these cases and rows are returned,
-    in their order. A line that an interruption cut short is dropped.
+    Each result is appended as it comes: one JSON object a line, which says the version of the code that made it. The
+    file may hold other runs' results; those of these cases and rows are returned, in their order. A line that an
+    interruption cut short is dropped.
     """
-    known = {result.key: result for result in read_results(results_path, table.result)}
+    if not cases:
+        raise InputError("the table", wanted="at least one case", came="none", todo="ask for more")
+    path = results_folder(out) / f"{cases[0].table}.jsonl"
+    known = {result.key: result for result in read_results(path)}
     tasks = []
     for case in cases:
         missing = tuple(row for row in rows if case.key(row) not in known)
         if missing:
-            tasks.append(_Task(case, missing))
+            tasks.append(_Task(case, missing, evaluate))
         else:
-            tick(case.source)
-    with results_path.open("a", encoding="utf-8") as file:
-        for task, outcome in executor.map(partial(_work, table.evaluate), tasks):
+            tick(str(case))
+    with path.open("a", encoding="utf-8") as file:
+        for task, outcome in executor.map(_work, tasks):
             if isinstance(outcome, WorkerDied):
-                results = [table.failed(task.case, row, outcome.reason) for row in task.rows]
+                results = [failed(task.case, row, outcome.reason) for row in task.rows]
             else:
                 results = outcome
             for result in results:
                 known[result.key] = result
-                file.write(json.dumps(asdict(result)) + "\n")
+                file.write(json.dumps(result.flat()) + "\n")
             file.flush()
-            tick(task.case.source)
+            tick(str(task.case))
     return [known[case.key(row)] for case in cases for row in rows]
 
 
-def read_results(path: Path, kind: type = Result) -> list:
+def read_results(path: Path) -> list[Result]:
     """Read a results file; nothing where it does not exist. A cut last line is removed from the file.
 
     Raises `InputError` for a file that is something else.
@@ -89,22 +79,20 @@ def read_results(path: Path, kind: type = Result) -> list:
         return []
     data = path.read_bytes()
     whole, cut = data.rpartition(b"\n")[0], data.rpartition(b"\n")[2]
-    results = list(_parse(whole.decode("utf-8", "replace"), path, kind))
+    results = list(_parse(whole.decode("utf-8", "replace"), path))
     if cut:  # only now that the file is known to be ours
         path.write_bytes(whole + b"\n" if whole else b"")
     return results
 
 
-def _parse(text: str, path: Path, kind: type) -> Iterator:
+def _parse(text: str, path: Path) -> Iterator[Result]:
     for number, line in enumerate(text.splitlines(), start=1):
         try:
-            values = json.loads(line)
-            yield kind(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
-        except (ValueError, TypeError, AttributeError, RecursionError) as error:
-            raise InputError(
-                path, wanted="results of an earlier run", came=f"line {number}: {error}", todo="name another --out"
-            ) from None
+            yield Result.of(json.loads(line))
+        except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+            came = f"line {number}: {type(error).__name__} {error}"
+            raise InputError(path, wanted="results of an earlier run", came=came, todo="name another --out") from None
 
 
-def _work(evaluate: Callable[[Any, tuple[str, ...]], list], task: _Task) -> list:
-    return evaluate(task.case, task.rows)
+def _work(task: _Task) -> list[Result]:
+    return task.evaluate(task.case, task.rows)

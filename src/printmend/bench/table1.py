@@ -1,18 +1,166 @@
-"""The paper's Table I and Fig. 6 over real bodies: draw the cases, run them, report them."""
+"""The paper's Table I and Fig. 6: bodies in files, a random fault each; what is learned from their largest layer."""
 
-from collections.abc import Callable, Sequence
+import hashlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from printmend.bench.case import Case, Result
 from printmend.bench.executor import executor
-from printmend.bench.report import Line, lines
-from printmend.bench.rows import row
-from printmend.bench.run import results_folder, run
+from printmend.bench.layers import LayerStand
+from printmend.bench.report import Summary, summary
+from printmend.bench.rows import Row, row
+from printmend.bench.run import run
+from printmend.body import load_body
+from printmend.body.load import is_mesh
+from printmend.corruption import fault
+from printmend.corruption.sample import check_family
+from printmend.dataset.bodies import body_rng, digest
+from printmend.dataset.reference import read_reference
 from printmend.errors import InputError
+from printmend.learn.published.transitions import layer_trace
+from printmend.path import Layer, Trace
+from printmend.printer import Printer, read_printer
+from printmend.twin import Twin
 
-RESULTS = "table1.jsonl"
+Protocol = Literal["paper", "heldout"]
+TABLE = "table1"
+
+# The purposes for which a body's generator is seeded; part of the meaning of a seed.
+_FAMILY, _CORRUPTION, _LAYERS, _LEARNER, _NOISE = 1, 2, 3, 4, 5
+
+
+def draw_cases(
+    files: Iterable[Path],
+    *,
+    protocol: Protocol,
+    families: tuple[str, ...],
+    severity: Literal["damaged", "realistic"],
+    seed: int,
+    limit: int | None = None,
+    sliced: Path | None = None,
+) -> list[Case]:
+    """Draw ``limit`` bodies of ``files``, and a family for each, from the seed.
+
+    Files of equal content count once. What is drawn for a body does not depend on the other bodies.
+    """
+    for family in families:
+        check_family(family)
+    identities: dict[str, Path] = {}
+    for path in files:
+        identities.setdefault(digest(path), path)
+    order = sorted(identities)
+    np.random.default_rng(seed).shuffle(order)
+    cases = []
+    for identity in order[:limit]:
+        path = identities[identity]
+        family = str(body_rng(seed, identity, _FAMILY).choice(families))
+        cases.append(
+            Case(
+                TABLE, path.stem, identity, family, severity, protocol, seed, source=str(path),
+                sliced=None if sliced is None else str(sliced),
+            )
+        )  # fmt: skip
+    return cases
+
+
+def reference_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | None = None) -> list[Case]:
+    """Return the bodies of a data set in the published layout; their corruptions are in it."""
+    reference = read_reference(root)
+    matrix = digest(Path(root) / "simulation" / "add_dudw_data.mat")
+    cases = []
+    for name in reference.names[:limit]:
+        path = reference.path(name)
+        identity = hashlib.sha256((digest(path) + matrix).encode()).hexdigest()[:16]
+        cases.append(
+            Case(
+                TABLE, name, identity, "gain-table", "damaged", protocol, seed, source=str(path), reference=str(root)
+            )
+        )  # fmt: skip
+    return cases
+
+
+def set_up(case: Case) -> LayerStand:
+    """Print a case's largest layer, and draw the layers that are judged."""
+    if case.reference is not None:
+        reference = read_reference(Path(case.reference))
+        item = reference.body(Path(case.source).stem)
+        printer, body = reference.printer, item.body
+        twin = Twin(reference.mechanism(item.corruption_ids))
+        training = body.training_layer
+        printed = item.printed_steps[body.layers.index(training)]
+    else:
+        printer = read_printer(case.printer)
+        body = load_body(_gcode(case, printer), printer)
+        twin = Twin.of(fault(case.family, case.rng(_CORRUPTION), _severity(case)), printer)
+        training = body.training_layer
+        printed = twin.run(training.controls, training.start_steps)
+    layers = drawn_layers(body.layers, training, case.protocol, case.layers, case.rng(_LAYERS), subject=body.name)
+    measured = layer_trace(training, printed, printer)
+
+    def trace(row: Row) -> Trace:
+        if row.noise_mm == 0.0:
+            return measured
+        return replace(measured, measured_mm=case.noisy(measured, _NOISE, row.noise_mm))
+
+    facts = {"training_layer": training.index, "judged": [layer.index for layer in layers]}
+    return LayerStand(printer, twin, trace, layers, lambda: case.rng(_LEARNER), facts=facts)
+
+
+read_row = row
+
+
+def drawn_layers(
+    layers: Sequence[Layer], training: Layer, protocol: str, count: int, rng: np.random.Generator, *, subject: str
+) -> tuple[Layer, ...]:
+    """Draw at most ``count`` layers: of all (protocol paper), or of those that were not learned from.
+
+    Raises `InputError` where none is left.
+    """
+    candidates = [layer for layer in layers if protocol == "paper" or layer is not training]
+    if not candidates:
+        raise InputError(
+            subject, wanted="a layer besides the training layer", came="one layer", todo="use --protocol paper"
+        )
+    drawn = rng.choice(len(candidates), min(count, len(candidates)), replace=False)
+    return tuple(candidates[i] for i in sorted(drawn))
+
+
+def _severity(case: Case) -> Literal["damaged", "realistic"]:
+    return "realistic" if case.severity == "realistic" else "damaged"
+
+
+def _gcode(case: Case, printer: Printer) -> Path:
+    """Return the case's G-code: the source itself, or what it was sliced into."""
+    path = Path(case.source)
+    if case.sliced is None or not is_mesh(path):
+        return path
+    from printmend.body.mesh import read_solid  # meshes need an extra
+    from printmend.body.slicer import slice_to
+
+    return slice_to(read_solid(path), printer, Path(case.sliced))
+
+
+@dataclass(frozen=True)
+class Line:
+    """One row of Table I over its bodies. Errors in full steps unless named; None where nothing succeeded."""
+
+    row: str
+    bodies: int
+    failures: int
+    abrmse_steps: float | None
+    abrmse_mm: float | None
+    median_steps: float | None
+    p95_steps: float | None
+    ratio_to_oracle: float | None
+    learn_s: float | None
+    targets_s: float | None
+
+
+HEADER = ("model", "bodies", "ABRMSE steps", "mm", "median", "p95", "÷ oracle", "learn s", "targets/s")
 
 
 def table1(
@@ -32,18 +180,55 @@ def table1(
         row(name)
     if not cases:
         raise InputError("bodies", wanted="at least one", came="none", todo="check --bodies, --reference and --limit")
-    out = results_folder(out)
-    results = run(list(cases), rows, out / RESULTS, executor(workers), tick=tick)
+    results = run(cases, rows, out, executor(workers), tick=tick)
     drawn = sorted({case.family for case in cases})
     world = drawn[0] if len(drawn) == 1 else "mixed"
-    draw_figure6(results, rows, out / f"figure6-{world}-{cases[0].protocol}.png")
+    draw_figure6(results, rows, Path(out) / f"figure6-{world}-{cases[0].protocol}.png")
     return lines(results, rows), results
+
+
+def lines(results: Sequence[Result], rows: Sequence[str]) -> list[Line]:
+    """Return one line a row: ABRMSE is the mean over bodies, the ratio to the oracle is over the bodies that both have.
+
+    ``learn s`` and ``targets/s`` are medians over bodies, so that compiling in a worker's first body does not show.
+    """
+    of_row = {name: [result for result in results if result.row == name] for name in rows}
+    oracle = [result for result in results if result.row == "oracle"]
+    return [_line(name, items, summary(items, oracle)) for name, items in of_row.items()]
+
+
+def _line(row: str, results: list[Result], found: Summary) -> Line:
+    good = [result for result in results if result.error is None]
+    if not good:
+        return Line(row, 0, found.failures, None, None, None, None, None, None, None)
+    speeds = [result.values["targets"] / result.values["plan_s"] for result in good if result.values["plan_s"]]
+    return Line(
+        row=row,
+        bodies=len(good),
+        failures=found.failures,
+        abrmse_steps=found.mean,
+        abrmse_mm=float(np.mean([result.values["rmse_mm"] for result in good])),
+        median_steps=found.median,
+        p95_steps=found.p95,
+        ratio_to_oracle=found.ratio,
+        learn_s=float(np.median([result.values["learn_s"] for result in good])),
+        targets_s=float(np.median(speeds)) if speeds else None,
+    )
+
+
+def cells(line: Line) -> tuple[str, ...]:
+    """Return a line as the table's texts, in the order of `HEADER`."""
+    numbers = (line.abrmse_steps, line.abrmse_mm, line.median_steps, line.p95_steps, line.ratio_to_oracle)
+    texts = ["–" if number is None else f"{number:.3f}" for number in numbers]
+    learn = "–" if line.learn_s is None else f"{line.learn_s:.3f}"
+    speed = "–" if line.targets_s is None else f"{line.targets_s:,.0f}".replace(",", " ")
+    return (line.row, str(line.bodies), *texts, learn, speed)
 
 
 def draw_figure6(results: Sequence[Result], rows: Sequence[str], path: Path) -> None:
     """Draw the paper's Fig. 6 (clipped at 100 steps) beside every model's unclipped errors over a logarithmic axis."""
     values = {
-        name: np.array([result.rmse_steps for result in results if result.row == name and result.error is None], float)
+        name: np.array([item.values["rmse_steps"] for item in results if item.row == name and item.error is None])
         for name in rows
     }
     values = {name: errors for name, errors in values.items() if len(errors)}

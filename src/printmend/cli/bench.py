@@ -52,10 +52,9 @@ def table1(
     planned and printed: any layers with --protocol paper, never the training layer with heldout. An interrupted run
     goes on where it was; OUT/sliced keeps the G-code of meshes.
     """
-    from printmend.bench.case import draw_cases, reference_cases
-    from printmend.bench.report import HEADER, body_table, cells, failure_texts
+    from printmend.bench.report import body_table
     from printmend.bench.rows import PAPER_ROWS, planned_for
-    from printmend.bench.table1 import table1
+    from printmend.bench.table1 import HEADER, cells, draw_cases, reference_cases, table1
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
     from printmend.dataset.bodies import body_files
@@ -77,9 +76,9 @@ def table1(
         lines, results = table1(cases, rows, out, workers=workers, tick=tick)
     if as_json:
         table = [asdict(line) for line in lines]
-        click.echo(json.dumps({"table": table, "bodies": [asdict(result) for result in results]}))
+        click.echo(json.dumps({"table": table, "bodies": [item.flat() for item in results]}))
     else:
         show_table(f"Table I, protocol {protocol}, {len(cases)} bodies", HEADER, [cells(line) for line in lines])
         if per_body or reference is not None:
             click.echo("\n" + body_table(results, rows))
-    show_failures(failure_texts(results), all_failed=all(item.error for item in results))
+    show_failures(results)

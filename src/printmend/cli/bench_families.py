@@ -51,8 +51,8 @@ def families(
         families_table,
         family_cells,
         family_tables,
+        write_families,
     )
-    from printmend.bench.family_report import write_families
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
 
@@ -71,5 +71,4 @@ def families(
     else:
         for title, header, lines in family_tables(cells, coverages, noises):
             show_table(title, header, lines)
-    reasons = sorted({f"{item.row}: {item.error}" for item in results if item.error})
-    show_failures(reasons, all_failed=all(item.error for item in results))
+    show_failures(results)

@@ -22,26 +22,28 @@ NAMES = ("rmse", "p95", "area", "frechet")
 @click.option("--layers", type=click.IntRange(1), default=2, show_default=True, help="How many to hold out and print.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--printer", default="ender5", show_default=True, help="A preset or a TOML file.")
+@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@click.option("--out", type=click.Path(path_type=Path), default="printmend-objectives", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def objectives(
     chosen: tuple[str, ...], body: Path | None, families: str, severity: Any, learner: str, layers: int, seed: int,
-    printer: str, as_json: bool,
+    printer: str, workers: int, out: Path, as_json: bool,
 ) -> None:  # fmt: skip
-    """Learn from one layer, plan others for each objective, print them, measure them by every metric."""
-    from printmend.bench.objectives import HEADER, cells, objective_lines
-    from printmend.body import body_of, demo_body_gcode, load_body
-    from printmend.cli.progress import progress
-    from printmend.cli.table import show_table
-    from printmend.printer import read_printer
+    """Learn from one layer, plan others for each objective, print them, measure them by every metric.
 
-    machine, names, wanted = read_printer(printer), families.split(","), chosen or NAMES
-    part = load_body(body, machine) if body else body_of(demo_body_gcode(), machine, name="timing pulley")
-    with progress("plans", len(names) * len(wanted)) as tick:
-        lines = objective_lines(
-            part, machine, families=names, objectives=wanted, learner=learner, severity=severity, layers=layers,
-            seed=seed, tick=tick,
-        )  # fmt: skip
+    Results go to OUT/objectives.jsonl; an interrupted run goes on where it was.
+    """
+    from printmend.bench.objectives import HEADER, cells, objective_cases, objectives_table
+    from printmend.cli.progress import progress
+    from printmend.cli.table import show_failures, show_table
+
+    cases = objective_cases(
+        body, families=families.split(","), severity=severity, layers=layers, seed=seed, printer=printer
+    )
+    with progress("faults", len(cases)) as tick:
+        lines, results = objectives_table(cases, chosen or NAMES, out, learner=learner, workers=workers, tick=tick)
     if as_json:
         click.echo(json.dumps([asdict(line) for line in lines]))
-        return
-    show_table(f"Planned for, then measured: {part.name}", HEADER, [cells(line) for line in lines])
+    else:
+        show_table(f"Planned for, then measured: {cases[0].body}", HEADER, [cells(line) for line in lines])
+    show_failures(results)

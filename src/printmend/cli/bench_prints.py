@@ -1,7 +1,6 @@
 """`printmend bench prints`: which test print teaches most."""
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -32,21 +31,19 @@ def prints(
     Results go to OUT/prints.jsonl and the table to OUT/prints.md; an interrupted run goes on where it was.
     """
     from printmend.bench import prints as bench
-    from printmend.bench.print_case import PRINTS
     from printmend.bench.report import write_markdown
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
 
     counts, noises = tuple(int(count) for count in numbers(points)), numbers(noise)
     cases = bench.draw_print_cases(families.split(",") if families else bench.FAMILIES, samples=samples, seed=seed)
-    chosen = prints.split(",") if prints else PRINTS
+    chosen = prints.split(",") if prints else bench.PRINTS
     with progress("cases", len(cases)) as tick:
         results = bench.prints_table(cases, chosen, counts, noises, out, workers=workers, tick=tick)
     if as_json:
-        click.echo(json.dumps([asdict(item) for item in results]))
+        click.echo(json.dumps([item.flat() for item in results]))
     header, lines = bench.print_lines(results, counts, noises)
     write_markdown(out / bench.MARKDOWN, header, lines)
     if not as_json:
         show_table(f"Test prints, {len(cases)} damaged printers", header, lines)
-    reasons = sorted({f"{item.test_print}: {item.error}" for item in results if item.error})
-    show_failures(reasons, all_failed=all(item.error for item in results))
+    show_failures(results)

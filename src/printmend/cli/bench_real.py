@@ -14,28 +14,26 @@ import click
 )
 @click.argument("data", type=click.Path(path_type=Path))
 @click.option("--protocol", type=click.Choice(["first", "pooled"]), default="first", show_default=True)
-@click.option("--out", type=click.Path(path_type=Path), help="Also save the table as JSON to this file.")
+@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@click.option("--out", type=click.Path(path_type=Path), default="printmend-real", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
-def real(data: Path, protocol: Any, out: Path | None, as_json: bool) -> None:
+def real(data: Path, protocol: Any, workers: int, out: Path, as_json: bool) -> None:
     """Learn from the first measured traverse of each direction, predict the later ones.
 
     DATA is a CSV of traverses (motion capture of real pulleys). --protocol pooled learns a shape from the first
-    traverses of all its speeds. The floor is the scatter of the later traverses about their own mean.
+    traverses of all its speeds. The floor is the scatter of the later traverses about their own mean. Results go to
+    OUT/real.jsonl; an interrupted run goes on where it was.
     """
-    from printmend.bench.real.real import HEADER, cells, real_lines
+    from printmend.bench.real.real import HEADER, cells, real_cases, real_table
     from printmend.bench.real.traverse import read_traverses
     from printmend.cli.progress import progress
-    from printmend.cli.table import show_table
-    from printmend.files import replacing
+    from printmend.cli.table import show_failures, show_table
 
-    traverses = read_traverses(data)
-    with progress("pulleys and speeds", len({(item.shape, item.speed_mm_s) for item in traverses})) as tick:
-        lines = real_lines(traverses, protocol, tick=tick)
-    text = json.dumps({"protocol": protocol, "lines": [asdict(line) for line in lines]}, indent=1)
-    if out is not None:
-        with replacing(out) as file:
-            file.write(text + "\n")
+    cases = real_cases(data, read_traverses(data), protocol)
+    with progress("pulleys and speeds", len(cases)) as tick:
+        lines, results = real_table(cases, out, workers=workers, tick=tick)
     if as_json:
-        click.echo(text)
+        click.echo(json.dumps({"protocol": protocol, "lines": [asdict(line) for line in lines]}))
     else:
         show_table(f"Measured traverses, protocol {protocol}", HEADER, [cells(line) for line in lines])
+    show_failures(results)

@@ -2,17 +2,34 @@
 
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import click
 
+if TYPE_CHECKING:
+    from printmend.bench.case import Result
 
-def show_failures(texts: Sequence[str], *, all_failed: bool) -> None:
-    """Say on stderr what failed. Raise `InputError` where nothing else is left: then there is no table."""
+
+def show_failures(results: "Sequence[Result]") -> None:
+    """Say on stderr what failed, and what was kept from other versions of the code.
+
+    Raise `InputError` where there is nothing but failures: then there is no table.
+    """
+    from printmend.bench.case import code_version
+    from printmend.bench.report import failure_texts
     from printmend.errors import InputError
 
-    for text in texts:
+    for text in failure_texts(results):
         click.echo(f"failed: {text}", err=True)
-    if all_failed:
+    others = [item.code for item in results if item.code != code_version()]
+    if others:
+        versions = ", ".join(sorted(set(others)))
+        click.echo(
+            f"{len(others)} of {len(results)} results were kept from printmend {versions}; this is {code_version()}. "
+            "Another --out makes all anew.",
+            err=True,
+        )
+    if all(item.error for item in results):
         raise InputError("the table", wanted="a result", came="failures only", todo="see the reasons above")
 
 

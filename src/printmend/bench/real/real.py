@@ -11,21 +11,32 @@ same kind as the later ones. Places are counted from the middle of the bed (`mid
 the later traverses but never their errors; ``blind`` counts travel from each traverse's first sample instead.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields
-from typing import Literal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from printmend.bench.case import Case, Result
+from printmend.bench.executor import executor
 from printmend.bench.real.evidence import Trace1d
 from printmend.bench.real.periodic import Periodic, fit
 from printmend.bench.real.shipped import shipped_fit
-from printmend.bench.real.traverse import Traverse, detrended, middles_mm
+from printmend.bench.real.traverse import Traverse, detrended, middles_mm, read_traverses
+from printmend.bench.report import grouped
+from printmend.bench.run import run
+from printmend.dataset.bodies import digest
 from printmend.errors import TraceError
 
 RealProtocol = Literal["first", "pooled"]
 PROTOCOLS: tuple[RealProtocol, ...] = ("first", "pooled")
+Guess = Callable[[int, np.ndarray], np.ndarray]
+TABLE, FLOOR = "real", "floor"
+ROWS = ("raw", "copy", "plain", "shipped", "ours", "periodic", FLOOR)
+BLIND = ("plain", "ours", FLOOR)
 _SAMPLES = 2  # averaged into one before learning: it is three times faster and no less accurate
 
 
@@ -82,72 +93,147 @@ class _File:
         return model.settings.shift_mm(direction, self.number)
 
 
-def real_lines(
-    traverses: Sequence[Traverse], protocol: RealProtocol, *, tick: Callable[[str], None] = lambda name: None
-) -> list[RealLine]:
-    """Evaluate every shape and speed; calls ``tick`` with each name. Raise `TraceError` for too few traverses."""
-    lines = []
-    for shape in dict.fromkeys(item.shape for item in traverses):
-        files = list(_files([item for item in traverses if item.shape == shape]))
-        for group in [files] if protocol == "pooled" else [[file] for file in files]:
-            with threadpool_limits(1, user_api="blas"):  # small systems: a second thread only waits
-                numbered = [_File(number, file.items, file.middles) for number, file in enumerate(group)]
-                model = fit([file.trace(direction) for file in numbered for direction in (1, -1)])
-                shipped = shipped_fit(
-                    [(direction, *file.samples(file.first(direction), model.settings.phases_mm[file.number]))
-                     for file in numbered for direction in (1, -1)], model.settings.turn_mm,
-                )  # fmt: skip
-                for file in numbered:
-                    lines.append(_line(file, numbered, model, shipped))
-                    tick(f"{shape} {file.items[0].speed_mm_s:g}")
-    return lines
+def real_cases(data: Path, traverses: Sequence[Traverse], protocol: RealProtocol) -> list[Case]:
+    """Return a case for each shape and speed of a CSV that `read_traverses` has read."""
+    content = digest(data)
+    return [
+        Case(TABLE, f"{shape} {speed:g}", f"{content} {shape} {speed:g}", "", "", protocol, 0, "", source=str(data))
+        for shape, speed in dict.fromkeys((item.shape, item.speed_mm_s) for item in traverses)
+    ]
 
 
-def _files(traverses: Sequence[Traverse]) -> Iterable[_File]:
-    for speed in dict.fromkeys(item.speed_mm_s for item in traverses):
-        items = [item for item in traverses if item.speed_mm_s == speed]
-        counts = [sum(item.direction == direction for item in items) for direction in (1, -1)]
-        if min(counts) < 3:
-            raise TraceError(
-                f"{items[0].shape} {speed:g} mm/s",
-                wanted="three traverses in each direction: one to learn from, two to predict",
-                came=" and ".join(map(str, counts)),
-                todo="leave this pulley out",
-            )
-        yield _File(0, items, middles_mm(items))
+@dataclass(frozen=True)
+class RealRow:
+    """A predictor, by name; all learn at once."""
+
+    name: str
+    lesson = TABLE
 
 
-def _line(
-    file: _File, learned: Sequence[_File], model: Periodic, shipped: Callable[[int, np.ndarray], np.ndarray]
-) -> RealLine:
-    sums: dict[str, list[float]] = {}
-    for direction in (1, -1):
-        first = file.first(direction)
-        later = [n for n, item in enumerate(file.items) if item.direction == direction and n != first]
-        plain = plain_fit([f.samples(f.first(direction), f.shift_mm(model, direction)) for f in learned])
-        periodic = plain_fit([file.samples(n, 0.0) for n in later])
+def read_row(name: str) -> RealRow:
+    return RealRow(name)
+
+
+@dataclass(frozen=True, eq=False)
+class _Learned:
+    """What was learned from ``files``, together: the periodic model, and what printmend ships."""
+
+    files: tuple[_File, ...]
+    model: Periodic
+    shipped: Guess
+
+
+@dataclass(frozen=True, eq=False)
+class RealStand:
+    """A shape at a speed: its later traverses are predicted from what was learned."""
+
+    file: _File
+    learned: _Learned
+
+    def measure(self, row: RealRow) -> None:
+        return None
+
+    def fit(self, measured: None, row: RealRow) -> dict[int, Callable[[int, float, str], np.ndarray]]:
+        return {direction: self._predictor(direction) for direction in (1, -1)}
+
+    def judge(self, model: dict[int, Callable[[int, float, str], np.ndarray]], row: RealRow) -> dict[str, Any]:
+        sums: dict[str, list[float]] = {"mm": [], "blind_mm": []}
+        for direction in (1, -1):
+            first = self.file.first(direction)
+            blind = np.full(len(self._later(direction)), self.file.middles[first])
+            for name, middles in (("mm", self.file.middles[self._later(direction)]), ("blind_mm", blind)):
+                if row.name == FLOOR:
+                    items = [self.file.items[n] for n in self._later(direction)]
+                    sums[name].append(scatter_mm2(items, middles))
+                    continue
+                for n, middle in zip(self._later(direction), middles, strict=True):
+                    item = self.file.items[n]
+                    guess = detrended(item.travel_mm, model[direction](n, middle, row.name))
+                    sums[name].append(float(((item.error_mm - guess) ** 2).mean()))
+        later = sum(len(self._later(direction)) for direction in (1, -1))
+        settings = self.learned.model.settings
+        means = {name: float(np.sqrt(np.mean(values))) for name, values in sums.items()}
+        return {**means, "later": later, "turn_mm": settings.turn_mm, "shared": settings.share}
+
+    def _later(self, direction: int) -> list[int]:
+        first = self.file.first(direction)
+        return [n for n, item in enumerate(self.file.items) if item.direction == direction and n != first]
+
+    def _predictor(self, direction: int) -> Callable[[int, float, str], np.ndarray]:
+        """Return what guesses the error [N] of traverse n, its middle at a travel, by the name of a row."""
+        file, learned = self.file, self.learned
+        model, first = learned.model, file.first(direction)
+        plain = plain_fit([f.samples(f.first(direction), f.shift_mm(model, direction)) for f in learned.files])
+        periodic = plain_fit([file.samples(n, 0.0) for n in self._later(direction)])
         own, shift = file.place_mm(first), file.shift_mm(model, direction)
-        blind = np.full(len(later), file.middles[first])
-        for name, middles in (("mm", file.middles[later]), ("blind_mm", blind)):
-            for n, middle in zip(later, middles, strict=True):
-                item = file.items[n]
-                place = direction * (item.travel_mm - middle)
-                guesses = {
-                    "raw": np.zeros_like(place),
-                    "copy": np.interp(direction * place, direction * own, file.items[first].error_mm),
-                    "plain": plain(place + shift),
-                    "shipped": shipped(direction, place + model.settings.phases_mm[file.number]),
-                    "ours": model.error_mm(direction, place, file.number),
-                    "periodic": periodic(place),
-                }
-                for label, guess in guesses.items():
-                    residual = item.error_mm - detrended(item.travel_mm, guess)
-                    sums.setdefault(f"{label}_{name}", []).append(float((residual**2).mean()))
-            sums.setdefault(f"floor_{name}", []).append(scatter_mm2([file.items[n] for n in later], middles))
-    names = [field.name for field in fields(RealLine) if field.name in sums]
-    means = {name: float(np.sqrt(np.mean(sums[name]))) for name in names}
-    turn, shared, head = model.settings.turn_mm, model.settings.share, file.items[0]
-    return RealLine(head.shape, head.speed_mm_s, len(sums["raw_mm"]), turn_mm=turn, shared=shared, **means)
+
+        def guess(n: int, middle: float, name: str) -> np.ndarray:
+            place = direction * (file.items[n].travel_mm - middle)
+            if name == "copy":
+                return np.interp(direction * place, direction * own, file.items[first].error_mm)
+            if name == "plain":
+                return plain(place + shift)
+            if name == "shipped":
+                return learned.shipped(direction, place + model.settings.phases_mm[file.number])
+            if name == "ours":
+                return model.error_mm(direction, place, file.number)
+            return periodic(place) if name == "periodic" else np.zeros_like(place)
+
+        return guess
+
+
+def set_up(case: Case) -> RealStand:
+    """Learn from the first traverses of a case: of its shape and speed alone, or of all speeds of the shape."""
+    shape, _, speed = case.body.rpartition(" ")
+    learned = _learned(case.source, shape, speed if case.protocol == "first" else "")
+    (file,) = (file for file in learned.files if f"{file.items[0].speed_mm_s:g}" == speed)
+    return RealStand(file, learned)
+
+
+@lru_cache(maxsize=1)
+def _learned(source: str, shape: str, speed: str) -> _Learned:
+    """Learn a shape at one speed, or at all; kept, because the speeds of a pooled shape come one after the other."""
+    items = [item for item in read_traverses(source) if item.shape == shape]
+    files = [_file(number, items, at) for number, at in enumerate(dict.fromkeys(item.speed_mm_s for item in items))
+             if not speed or f"{at:g}" == speed]  # fmt: skip
+    numbered = tuple(_File(number, file.items, file.middles) for number, file in enumerate(files))
+    with threadpool_limits(1, user_api="blas"):  # small systems: a second thread only waits
+        model = fit([file.trace(direction) for file in numbered for direction in (1, -1)])
+        shipped = shipped_fit(
+            [(direction, *file.samples(file.first(direction), model.settings.phases_mm[file.number]))
+             for file in numbered for direction in (1, -1)], model.settings.turn_mm,
+        )  # fmt: skip
+    return _Learned(numbered, model, shipped)
+
+
+def _file(number: int, traverses: Sequence[Traverse], speed: float) -> _File:
+    items = [item for item in traverses if item.speed_mm_s == speed]
+    counts = [sum(item.direction == direction for item in items) for direction in (1, -1)]
+    if min(counts) < 3:
+        raise TraceError(
+            f"{items[0].shape} {speed:g} mm/s",
+            wanted="three traverses in each direction: one to learn from, two to predict",
+            came=" and ".join(map(str, counts)),
+            todo="leave this pulley out",
+        )
+    return _File(number, items, middles_mm(items))
+
+
+def real_table(
+    cases: Sequence[Case], out: Path, *, workers: int = 1, tick: Callable[[str], None] = lambda name: None
+) -> tuple[list[RealLine], list[Result]]:
+    """Evaluate every shape and speed; keep results in ``out``/real.jsonl."""
+    results = run(cases, ROWS, out, executor(workers), tick=tick)
+    groups = grouped([item for item in results if item.error is None], lambda item: item.case)
+    return [_line(items) for items in groups.values()], results
+
+
+def _line(items: Sequence[Result]) -> RealLine:
+    shape, _, speed = items[0].case.body.rpartition(" ")
+    sizes = {f"{item.row}_mm": item.values["mm"] for item in items}
+    sizes |= {f"{item.row}_blind_mm": item.values["blind_mm"] for item in items if item.row in BLIND}
+    facts = {name: items[0].values[name] for name in ("later", "turn_mm", "shared")}
+    return RealLine(shape=shape, speed_mm_s=float(speed), **facts, **sizes)
 
 
 def _averaged(values: np.ndarray) -> np.ndarray:
