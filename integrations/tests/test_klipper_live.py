@@ -1,0 +1,117 @@
+"""The live transform for Klipper, judged by Klippy: where the plastic lands without any rewriting."""
+
+import importlib.util
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hosts import INTEGRATIONS
+from parts import part
+
+from klippy_judge import Track, judge, wanted_path
+from klippy_run import RefusedByPlanner, plan
+from printmend.corruption import corruption_toml, sample
+from printmend.printer import read_printer
+from printmend.saved.model import exact_model, read_model, write_model
+from true_printer import TruePrinter
+
+ENDER3, COREXY = read_printer("ender3"), read_printer("corexy")
+
+
+def extra():
+    spec = importlib.util.spec_from_file_location("printmend_live", INTEGRATIONS / "klipper/printmend.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+CASES = [("pulley-play", ENDER3, 1.0), ("pulley-loose", COREXY, 1.0), ("elastic", COREXY, 0.5)]
+
+
+@pytest.mark.parametrize(
+    ("family", "printer", "segment_mm"), CASES, ids=lambda value: getattr(value, "name", str(value))
+)
+def test_the_plastic_lands_where_it_should(family: str, printer, segment_mm: float, tmp_path: Path) -> None:
+    corruption = sample(family, np.random.default_rng([5, *family.encode()]), "realistic")
+    model = tmp_path / "printer.mend.json"
+    write_model(model, exact_model(corruption.lower(printer)))
+    text = part(1, arcs=True)
+    original = plan(text, printer, tmp_path / "a")
+    extras = f"[printmend]\nmodel: {model}\nsegment: {segment_mm}\n"
+    live = plan(text, printer, tmp_path / "b", around=original, extras=extras)
+    true, wanted = TruePrinter.of(corruption_toml(corruption), printer), wanted_path(original)
+    before = judge(original, wanted, Track(original, printer, true), Track(original, printer), text)
+    track = Track(live, printer, true)
+    after = judge(live, wanted, track, track, text)
+    assert not set(live.complaints) - set(original.complaints)
+    assert after.rms_mm < 0.012
+    assert after.max_mm < 0.05
+    assert before.rms_mm > 4 * after.rms_mm
+    assert after.samples == pytest.approx(before.samples, rel=1e-3)
+
+
+def test_what_it_cannot_hold_is_refused_in_words(tmp_path: Path) -> None:
+    model = tmp_path / "printer.mend.json"
+    lines = f"[printmend]\nmodel: {model}\n"
+
+    def refusal(printer) -> str:
+        with pytest.raises(RefusedByPlanner):
+            plan(b"G28\nG1 X10 F600\n", printer, tmp_path, extras=lines)
+        return (tmp_path / "log").read_text(errors="replace")
+
+    assert "cannot be read" in refusal(ENDER3)
+    write_model(model, exact_model(sample("screw", np.random.default_rng(1)).lower(ENDER3)))
+    assert "bad Z screw" in refusal(ENDER3)
+    write_model(model, exact_model(sample("play", np.random.default_rng(1)).lower(ENDER3)))
+    assert "not corexy" in refusal(COREXY)
+    write_model(model, exact_model(sample("ripple", np.random.default_rng(1)).lower(ENDER3)))
+    assert "waves that are too short" in refusal(ENDER3)
+    document = json.loads(model.read_text())
+    model.write_text(json.dumps({**document, "noise_mm": 1.0}))
+    assert "changed or damaged" in refusal(ENDER3)
+
+
+@pytest.mark.parametrize("family", ["pulley-loose", "elastic", "smooth", "ripple"])
+def test_its_tables_are_the_models(family: str, tmp_path: Path) -> None:
+    path = tmp_path / "printer.mend.json"
+    write_model(path, exact_model(sample(family, np.random.default_rng(2), "realistic").lower(ENDER3)))
+    live, model = extra(), read_model(path)
+    machine = live.Machine(live.read_model(path))
+    places = np.linspace(3.0, 215.0, 997)
+    for drive, transmission in zip(machine.drives, model.mechanism.transmissions, strict=True):
+        lower, upper = transmission.branches_mm(places)
+        assert np.abs(lower - [drive.at(drive.lower, m) for m in places]).max() < 2e-4
+        assert np.abs(upper - [drive.at(drive.upper, m) for m in places]).max() < 2e-4
+        back = [drive.inverse(drive.lower, drive.at(drive.lower, m)) for m in places]
+        assert np.abs(places - back).max() < 1e-6
+
+
+class Recorder:
+    """The end of the chain, without Klipper: remembers where it was sent."""
+
+    def __init__(self) -> None:
+        self.place = [0.0] * 4
+
+    def get_position(self) -> list[float]:
+        return list(self.place)
+
+    def move(self, to: list[float], speed: float) -> None:
+        self.place = list(to)
+
+
+def test_a_segment_takes_less_than_80_microseconds(tmp_path: Path) -> None:
+    path = tmp_path / "printer.mend.json"
+    write_model(path, exact_model(sample("pulley-loose", np.random.default_rng(2)).lower(ENDER3)))
+    live = extra()
+    chain = live.Printmend.__new__(live.Printmend)
+    chain.machine, chain.next, chain.segment_mm = live.Machine(live.read_model(path)), Recorder(), 1.0
+    chain.active, chain.known = True, False
+    times = []
+    for k in range(5):
+        begin = time.process_time()
+        for i in range(10):
+            chain.move([20.0 + 150 * (i % 2), 30.0 + 10 * i, 0.2, 1.0 * (10 * k + i)], 50.0)
+        times.append((time.process_time() - begin) / 1500)
+    assert min(times) < 80e-6
