@@ -146,8 +146,8 @@ COMMANDED, MEASURED = points()
         (lines(COMMANDED, MEASURED).replace(",", "\t"), "tabs"),
         (lines(COMMANDED, MEASURED).replace("x_measured_mm", "xm"), "column x_measured_mm"),
         (lines(COMMANDED, MEASURED).replace("x_mm,y_mm", "x_mm,x_mm,y_mm"), "one column x_mm"),
-        (lines(COMMANDED, MEASURED[:, ::-1]), "slope"),
-        (lines(COMMANDED, [[220, 0]] + MEASURED * [-1, 1]), "in x"),
+        (lines(COMMANDED, MEASURED[:, ::-1]), "swapped"),
+        (lines(COMMANDED, [[220, 0]] + MEASURED * [-1, 1]), "x mirrored"),
         (b"\xff\xfe\x00\x01", "UTF-8"),
     ],
 )

@@ -16,6 +16,7 @@ import numpy as np
 
 from printmend.errors import TraceError
 from printmend.files import replacing
+from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
@@ -229,6 +230,8 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
     )
     spread = np.sqrt((x**2).mean())
     slope = _slope(x.ravel(), y.ravel())
+    if (wrong := wrong_axes(commanded, measured)) is not None:
+        raise TraceError(path, wanted="positions along the printer's own x and y", came=wrong, todo=AXES_TODO)
     for factor, unit in ((MM_PER_INCH, "inches"), (10.0, "centimetres")):
         for column, ratio in (("measured", slope * factor), ("commanded", slope / factor)):
             # a commanded table in inches spans a few units only, hence no lower limit on its spread

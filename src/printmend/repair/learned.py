@@ -16,6 +16,8 @@ from printmend.learn.registry import learner
 from printmend.machine.mechanism import Mechanism, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.promise.misfit import misfit_section, misfit_words
+from printmend.promise.misfit_rows import in_order
 from printmend.promise.section import promise_section
 from printmend.protocols import WorldModel
 from printmend.saved.branches import Branches
@@ -42,11 +44,14 @@ def learn_model(
     """
     rng = np.random.default_rng(0) if rng is None else rng
     name = "hybrid" if model == AUTO else model
+    ordered = in_order(trace, printer)
+    trace = ordered.trace
     fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
     if (box := _box_of(fit)) is not None:
         # what is too small to be said is not worth a model that a second print cannot bring up to date
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
-        saved = greybox_model(box, trace if found is None else found.trace, hybrid=hybrid)
+        misfit = {"misfit": misfit_section(ordered.found)}
+        saved = greybox_model(box, trace if found is None else found.trace, hybrid=hybrid, more=misfit)
         return saved if found is None or found.is_silent else told(saved, found, found.series, trace)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
@@ -207,7 +212,9 @@ def report(model: SavedModel) -> str:
             f"measured points are {trace['residual_before_mm']:.3f} mm (RMS) off, {trace['residual_after_mm']:.3f} mm "
             f"with this model; noise {model.noise_mm:.3f} mm a coordinate, {trace['measured']} points"
         )
-    return "\n".join([*lines, *(f"not told by this trace: {gap}" for gap in gaps), *todo(gaps)])
+    return "\n".join(
+        [*lines, *misfit_words(model.document), *(f"not told by this trace: {gap}" for gap in gaps), *todo(gaps)]
+    )
 
 
 def todo(gaps: Sequence[str]) -> tuple[str, ...]:

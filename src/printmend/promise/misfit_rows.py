@@ -1,0 +1,247 @@
+"""Does each row have its own point? Rows of a table that were reversed, shuffled or shifted, found and put right.
+
+A shift shows by the cheapest history of it under a rough map of the bed (dynamic programming over the shift); an order
+by the map under which places and commands agree. Either is believed only where the drives, learned from the rows put
+right, fit them far better than the rows as they came: play in a fine path looks like a shift, too.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+from threadpoolctl import threadpool_limits
+
+from printmend.errors import TraceError
+from printmend.learn.drive.design import contacts, cross_columns
+from printmend.learn.drive.select import search
+from printmend.learn.greybox.rows import FARTHEST_MM, motor_rows, trial_of
+from printmend.measure.axes import AXES_TODO, wrong_axes
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.promise.misfit import WARNING, Misfit
+
+LEAST = 24  # measured rows
+LEAST_MM = 20.0  # spread of the places below which nothing is looked for
+SHIFTS = 12  # rows either way
+LOOKED_AT = 3000  # measured rows
+MAPPED = 20_000  # measured rows that a rough map looks at
+SCALE_MM = 0.05  # the least that a rough map leaves
+CAPPED = 12.0  # nats that one place may cost at most
+CHANGE = 30.0  # nats for each change of the shift
+WORTH = 60.0  # nats that a history of shifts must save
+ROUNDS = 3  # of a history, the first under a rough map
+CALM = 0.5  # by this factor must the rows put right fit better
+CLOSE = 0.2  # shuffled places are told apart where they are missed by less than this share of their distance
+MATCHED = 0.98  # share of shuffled rows that must find one place of their own
+GAIN_SD, LEAN_SD = 0.2, 0.05  # of the rough map: what damaged printers do
+
+
+@dataclass(frozen=True, eq=False)
+class InOrder:
+    """A trace with its rows put right, and what was found."""
+
+    trace: Trace
+    found: tuple[Misfit, ...] = ()
+
+
+def in_order(trace: Trace, printer: Printer) -> InOrder:
+    """Return the trace with every measured place in its own row, where that is certain.
+
+    Raises `TraceError` where the rows are certainly in no order that can be put right, or the axes are not the bed's.
+    """
+    if (wrong := wrong_axes(trace.commanded_mm, trace.measured_mm)) is not None:
+        raise TraceError(
+            "trace", wanted="measured positions along the printer's own x and y", came=wrong, todo=AXES_TODO
+        )
+    seen = np.flatnonzero(trace.measured_rows)
+    if len(seen) < LEAST or not np.isfinite(trace.commanded_mm).all():
+        return InOrder(trace)
+    commanded, measured = trace.commanded_mm[seen], np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
+    if np.ptp(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).max() < LEAST_MM:
+        return InOrder(trace)
+    plain = _map(commanded, measured)
+    plain_mm = _missed_mm(plain, commanded, measured)
+    backwards = _map(commanded, measured[::-1])
+    if _missed_mm(backwards, commanded, measured[::-1]) < CALM * plain_mm:
+        again = _with(trace, seen, measured[::-1])
+        if _learned(again, printer).left_mm < CALM * _learned(trace, printer).left_mm:
+            return _put_right(again, "the measured rows were in the reversed order", plain_mm, kind="rows-reversed")
+    shifted = _shifted(trace, seen, printer, _mapped(plain, trace.commanded_mm))
+    if shifted is not None:
+        return _put_right(*shifted, plain_mm)
+    if plain_mm < LEAST_MM / 4 or len(seen) > MAPPED:
+        return InOrder(trace)
+    return _unshuffled(trace, seen, plain_mm)
+
+
+def _put_right(trace: Trace, words: str, size_mm: float, *, kind: str = "rows-shifted") -> InOrder:
+    found = Misfit(kind, WARNING, size_mm, WORTH, f"{words}; they were put right. Check the table all the same.")
+    return InOrder(trace, (found,))
+
+
+def _with(trace: Trace, rows: np.ndarray, measured_mm: np.ndarray) -> Trace:
+    """Return the trace with these places [M, 2] in these rows [M] and no others."""
+    moved = np.full(trace.measured_mm.shape, np.nan)
+    moved[rows] = measured_mm
+    return replace(trace, measured_mm=moved)
+
+
+def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """Return a robust affine map [3, 2] from commands to places, thought to be next to a plain shift."""
+    every = max(1, len(commanded) // MAPPED)
+    commanded, measured = commanded[::every], measured[::every]
+    middle = np.median(commanded, axis=0)
+    columns = np.column_stack([np.ones(len(commanded)), commanded - middle])
+    fit = np.vstack([np.median(measured - commanded, axis=0) + middle, np.eye(2)])
+    prior = np.stack([[0.0, 0.0], *np.where(np.eye(2) > 0, GAIN_SD, LEAN_SD) ** -2.0])
+    for _ in range(12):
+        left = measured - columns @ fit
+        scale = np.maximum(1.4826 * np.median(np.abs(left), axis=0), SCALE_MM)
+        weight = 1.0 / (1.0 + np.square(left / (2 * scale)))
+        for axis in range(2):
+            ridge = np.diag(prior[:, axis]) * scale[axis] ** 2
+            aim = np.zeros(3)
+            aim[1 + axis] = 1.0
+            matrix = (columns * weight[:, [axis]]).T @ columns + ridge
+            fit[:, axis] = np.linalg.solve(matrix, columns.T @ (weight[:, axis] * measured[:, axis]) + ridge @ aim)
+    return np.vstack([fit[0] - middle @ fit[1:], fit[1:]])
+
+
+def _mapped(fit: np.ndarray, commanded: np.ndarray) -> np.ndarray:
+    return np.asarray(fit[0] + commanded @ fit[1:])
+
+
+def _missed_mm(fit: np.ndarray, commanded: np.ndarray, measured: np.ndarray) -> float:
+    """Return the median distance of places from where a map has them."""
+    return float(np.median(np.hypot(*(measured - _mapped(fit, commanded)).T)))
+
+
+def _shifted(trace: Trace, seen: np.ndarray, printer: Printer, places_mm: np.ndarray) -> tuple[Trace, str] | None:
+    """Return the trace with shifts of its rows undone, and what they were; None without any.
+
+    ``places_mm`` [N, 2] is where a rough map has every row; later rounds ask the drives that were learned from the
+    rows put right. Cells move by rows of the table, or by measured places where others are empty.
+    """
+    best: tuple[Trace, str] | None = None
+    least_mm = np.inf
+    for _ in range(ROUNDS):
+        learned = None
+        for again, words in _undone(trace, seen, places_mm):
+            one = _learned(again, printer)
+            if not np.isfinite(least_mm):
+                least_mm = CALM * _learned(trace, printer).left_mm
+            if one.left_mm < least_mm:
+                best, least_mm, learned = (again, words), one.left_mm, one
+        if learned is None:
+            break
+        places_mm = learned.places_mm
+    return best
+
+
+def _undone(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[tuple[Trace, str]]:
+    """Yield what the trace would be without the likeliest history of shifts, and without its commonest shift."""
+    found = []
+    everywhere = np.arange(len(trace))
+    for places in (everywhere, seen) if len(seen) < len(trace) else (everywhere,):
+        at = np.searchsorted(places, seen)  # the number of each measured row among the places
+        measured = np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
+        history, saved = _history(places_mm[places], at, measured)
+        if saved > WORTH and history.any():
+            found.append((saved, places, at, history))
+    if not found:
+        return
+    _, places, at, history = max(found, key=lambda each: each[0])
+    commonest = np.full(len(history), np.bincount(history + SHIFTS).argmax() - SHIFTS)
+    for shifts in (history, commonest) if (commonest != history).any() and commonest.any() else (history,):
+        to = at - shifts
+        kept = (to >= 0) & (to < len(places)) & (np.diff(to, prepend=-1) > 0)
+        yield _with(trace, places[to[kept]], trace.measured_mm[seen[kept]]), _history_words(seen, shifts)
+
+
+def _history(places_mm: np.ndarray, at: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return by how many places each measured row is shifted [M], and by how many nats that is cheaper than not at all.
+
+    ``places_mm`` [P, 2] is where a rough map has every place, ``at`` [M] the place whose row a measurement is in.
+    """
+    every = max(1, len(at) // LOOKED_AT)
+    looked = np.arange(0, len(at), every)
+    shifts = np.arange(-SHIFTS, SHIFTS + 1)
+    to = np.clip(at[looked, None] - shifts, 0, len(places_mm) - 1)
+    away = np.square(measured[looked, None] - places_mm[to]).sum(axis=2)
+    # the scale is that of the best shift at each row: what a shift cannot explain is the machine's
+    scale2 = max(float(np.median(away.min(axis=1))), float(np.median(away[:, SHIFTS])) / 100.0, SCALE_MM**2)
+    cost = np.minimum(away / (2 * scale2), CAPPED)
+    total, back = cost[0].copy(), np.zeros(cost.shape, np.int64)
+    stay = np.arange(len(shifts))
+    for row in range(1, len(cost)):
+        cheapest = int(np.argmin(total))
+        changed = total[cheapest] + CHANGE < total
+        back[row] = np.where(changed, cheapest, stay)
+        total = np.where(changed, total[cheapest] + CHANGE, total) + cost[row]
+    state = int(np.argmin(total))
+    saved = float(cost[:, SHIFTS].sum() - total[state])
+    states = np.empty(len(cost), np.int64)
+    for row in range(len(cost) - 1, -1, -1):
+        states[row] = state
+        state = int(back[row, state])
+    return shifts[states][np.minimum(np.arange(len(at)) // every, len(states) - 1)], saved
+
+
+def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
+    starts = np.flatnonzero(np.diff(history, prepend=0))
+    parts = []
+    for start in starts[:3]:
+        shift = int(history[start])
+        way = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''} too {'low' if shift > 0 else 'high'}"
+        parts.append(f"from row {seen[start] + 1} on " + (way if shift else "right again"))
+    return "the measured cells stood " + ", ".join(parts) + (", …" if len(starts) > 3 else "")
+
+
+@dataclass(frozen=True, eq=False)
+class _Learned:
+    """What roughly learned drives leave of a trace, a mean distance, and where they have every row [N, 2]."""
+
+    left_mm: float
+    places_mm: np.ndarray
+
+
+def _learned(trace: Trace, printer: Printer) -> _Learned:
+    full = motor_rows(trace, printer)
+    with threadpool_limits(1, user_api="blas"):
+        found = [search(row) for row in trial_of(full, np.random.default_rng(0)).rows(full)]
+    belts = []
+    for row, choice in zip(full, found, strict=True):
+        values = choice.fit.posterior.values
+        cross = cross_columns(choice.design, row, slice(None)) @ values[choice.design.parts["cross"]]
+        belts.append(contacts(choice.design, values, row).belt_mm + cross)
+    places = np.asarray(printer.from_motor(np.stack(belts, axis=1)))
+    return _Learned(sum(choice.fit.loss_mm for choice in found), places)
+
+
+def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
+    """Return the trace with shuffled places put back, where each has but one row that it can belong to."""
+    commanded, measured = trace.commanded_mm[seen], trace.measured_mm[seen]
+    fit = np.vstack([np.zeros(2), np.eye(2)])
+    if not trace.placed:
+        fit[0] = np.median(measured, axis=0) - np.median(commanded, axis=0)
+    for _ in range(8):
+        away, to = cKDTree(_mapped(fit, commanded)).query(measured)
+        near = away <= np.quantile(away, 0.8)
+        fit = _map(commanded[to[near]], measured[near])
+    expected = _mapped(fit, commanded)
+    apart = float(np.median(cKDTree(expected).query(expected, k=2)[0][:, 1]))
+    away, to = cKDTree(expected).query(measured)
+    if np.median(away) > min(plain_mm * CALM, LEAST_MM / 4):
+        return InOrder(trace)  # no order of these rows makes them a measurement of this print
+    counts = np.bincount(to, minlength=len(seen))
+    single = counts[to] == 1
+    if np.quantile(away, MATCHED) > CLOSE * apart or single.mean() < MATCHED:
+        raise TraceError(
+            "trace", wanted="each measured point in the row of its own command",
+            came="the same points in another order",
+            todo="measure again in the order of the rows, or let `printmend measure` write the table",
+        )  # fmt: skip
+    again = _with(trace, seen[to[single]], measured[single])
+    words = f"the measured rows were shuffled ({int(single.sum())} of {len(seen)} are certain)"
+    return _put_right(again, words, plain_mm, kind="rows-shuffled")

@@ -1,0 +1,80 @@
+"""What does not fit: found, named, put right where that is certain, and not seen where all is well."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from printmend.corruption import sample
+from printmend.errors import TraceError
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.promise.misfit_rows import in_order
+from printmend.twin import Twin
+
+PRINTER = read_printer("ender5")
+Change = Callable[[np.ndarray], np.ndarray]
+
+
+def measured_once(rng: np.random.Generator, count: int = 400) -> Trace:
+    corners = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (30, 2))])
+    along = np.linspace(0, len(corners) - 1, count)
+    points = np.stack([np.interp(along, np.arange(len(corners)), corners[:, axis]) for axis in range(2)], axis=1)
+    twin = Twin.of(sample("pulley-play", rng), PRINTER)
+    return Trace(points, twin.follow(points) + rng.normal(0, 0.05, points.shape), homed=True)
+
+
+ORDERS: dict[str, Change] = {
+    "rows-reversed": lambda mm: mm[::-1],
+    "rows-shifted": lambda mm: np.vstack([mm[:1], mm[:-1]]),
+    "rows-shifted by three": lambda mm: np.vstack([mm[:3], mm[:-3]]),
+    "rows-shifted from the middle on": lambda mm: np.vstack([mm[:200], mm[199:-1]]),
+}
+
+
+@pytest.mark.parametrize("spoiled", ORDERS)
+def test_rows_in_another_order_are_named_and_put_right(spoiled: str, rng: np.random.Generator) -> None:
+    trace = measured_once(rng)
+    again = in_order(Trace(trace.commanded_mm, ORDERS[spoiled](trace.measured_mm), homed=True), PRINTER)
+    assert [found.kind for found in again.found] == [spoiled.split()[0]]
+    known = again.trace.measured_rows
+    assert known.mean() > 0.98
+    assert np.mean(again.trace.measured_mm[known] == trace.measured_mm[known]) > 0.99
+
+
+def test_shuffled_marks_are_put_back_and_shuffled_lines_refused(rng: np.random.Generator) -> None:
+    trace = measured_once(rng, count=4000)
+    apart = np.zeros(len(trace), bool)
+    apart[::40] = True
+    marks = np.where(apart[:, None], trace.measured_mm, np.nan)
+    shuffled = marks.copy()
+    shuffled[apart] = rng.permutation(marks[apart])
+    again = in_order(Trace(trace.commanded_mm, shuffled), PRINTER)
+    assert [found.kind for found in again.found] == ["rows-shuffled"]
+    known = again.trace.measured_rows
+    assert known.sum() >= 0.9 * apart.sum()
+    assert np.array_equal(again.trace.measured_mm[known], marks[known])
+    with pytest.raises(TraceError, match="the same points in another order"):
+        in_order(Trace(trace.commanded_mm, rng.permutation(trace.measured_mm)), PRINTER)
+
+
+def test_rows_in_order_stay_as_they_are(rng: np.random.Generator) -> None:
+    trace = measured_once(rng)
+    assert in_order(trace, PRINTER).trace is trace
+
+
+AXES: dict[str, Change] = {
+    "x and y swapped": lambda mm: mm[:, ::-1],
+    "x mirrored": lambda mm: mm * [-1, 1] + [220, 0],
+    "y mirrored": lambda mm: mm * [1, -1],
+    "half a turn": lambda mm: 220 - mm,
+    "a quarter, left": lambda mm: np.stack([220 - mm[:, 1], mm[:, 0]], axis=1),
+    "a quarter, right": lambda mm: np.stack([mm[:, 1], 220 - mm[:, 0]], axis=1),
+}
+
+
+@pytest.mark.parametrize("wrong", AXES)
+def test_wrong_axes_are_named(wrong: str, rng: np.random.Generator) -> None:
+    trace = measured_once(rng)
+    with pytest.raises(TraceError, match=wrong):
+        in_order(Trace(trace.commanded_mm, AXES[wrong](trace.measured_mm)), PRINTER)
