@@ -74,6 +74,29 @@ class Body:
         return max(self.layers, key=lambda layer: layer.transitions)
 
 
+@dataclass(frozen=True)
+class Instrument:
+    """What all points of a measurement share and no fit can see, as standard deviations.
+
+    ``scale_sd`` of its scale, ``axes_sd`` of half the difference between the scales of x and y (shares), ``lean_sd``
+    [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness. All 0 for one that is exact.
+    """
+
+    scale_sd: float = 0.0
+    axes_sd: float = 0.0
+    lean_sd: float = 0.0
+    wave_mm: float = 0.0
+
+    @property
+    def is_exact(self) -> bool:
+        return not (self.scale_sd or self.axes_sd or self.lean_sd or self.wave_mm)
+
+
+# Flatbeds state their resolution to one or two parts in a thousand, their two axes by themselves, and their carriages
+# run uneven by micrometres (physics.md §4).
+FLATBED = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.002)
+
+
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Commanded way-points and where they were measured, in the order of motion.
@@ -83,6 +106,7 @@ class Trace:
     where unknown. ``z_mm`` [N], the commanded height, ``z_measured_mm`` [N] and ``layer`` [N] are optional. ``homed``
     says that row 0 is the home position, reached from the home side, so that the engaged side of the belt is known
     there. ``placed`` says that measured positions are the bed's own; those of a scan have an origin of their own.
+    ``instrument`` is what all points share; None for one that nobody described: exact, or for a scan a flatbed.
     """
 
     commanded_mm: np.ndarray
@@ -93,6 +117,7 @@ class Trace:
     homed: bool = False
     z_measured_mm: np.ndarray | None = None
     placed: bool = True
+    instrument: Instrument | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in (
@@ -109,6 +134,11 @@ class Trace:
 
     def __len__(self) -> int:
         return len(self.commanded_mm)
+
+    @property
+    def instrument_doubt(self) -> Instrument:
+        """What is not known of the instrument."""
+        return self.instrument or (Instrument() if self.placed else FLATBED)
 
     @property
     def measured_rows(self) -> np.ndarray:

@@ -25,16 +25,19 @@ if TYPE_CHECKING:
 @click.option(
     "--overlay", type=click.Path(path_type=Path, dir_okay=False), help="Draw what was found over the first scan."
 )
+@click.option("--distance", "distance_mm", metavar="MM", type=Finite(min=1, max=1000),
+              help="What callipers say of the two dots that `measure` names: settles the scale.")  # fmt: skip
 @click.option("--callipers", is_flag=True, help="Ask for a few distances instead; SCAN may be a list of them.")
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="With --callipers: learn a model of it.")
 def command(
     scans: tuple[Path, ...], plan_path: Path, dpi: float | None, output: Path | None, overlay: Path | None,
-    callipers: bool, printer_name: str | None,
+    distance_mm: float | None, callipers: bool, printer_name: str | None,
 ) -> None:  # fmt: skip
     """Find the marks of the printed probe in SCANs and write where they are.
 
-    A second scan of the same plate, turned by a quarter, removes the errors of the scanner itself. A photo needs
-    the reference sheet (`printmend probe --sheet sheet.pdf`) around the print.
+    A second scan of the same plate, turned by a quarter, removes the errors of the scanner's axes, and one distance by
+    callipers (--distance) that of its scale. A photo needs the reference sheet (`printmend probe --sheet sheet.pdf`)
+    around the print.
     """
     from printmend.cli.outputs import spare
     from printmend.measure import read_plan
@@ -50,7 +53,7 @@ def command(
     from printmend.measure import write_trace
     from printmend.measure.measurement import measure_scans
 
-    measurement = measure_scans(scans, plan, dpi=dpi, overlay=overlay)
+    measurement = measure_scans(scans, plan, dpi=dpi, overlay=overlay, distance_mm=distance_mm)
     write_trace(output, measurement.trace)
     for note in measurement.notes:
         click.echo(note)

@@ -44,13 +44,11 @@ class Doubt:
     wave_mm: float = 0.0
 
 
-# A flatbed states its resolution to a part in a thousand; its carriage runs uneven by micrometres (physics.md §4).
-SCANNED = Doubt(scale_percent=0.1, skew_deg=0.02, wave_mm=0.002)
-
-
 def doubt_of(trace: Trace) -> Doubt:
-    """Return the doubt about a trace: one whose positions have an origin of their own is a scan."""
-    return Doubt() if trace.placed else SCANNED
+    """Return the doubt about a trace that its instrument brings in."""
+    unsure = trace.instrument_doubt
+    percent = 100 * float(np.hypot(unsure.scale_sd, unsure.axes_sd))
+    return Doubt(percent, float(np.degrees(2 * unsure.lean_sd)), unsure.wave_mm)
 
 
 @dataclass(frozen=True)

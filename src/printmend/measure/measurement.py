@@ -1,20 +1,22 @@
 """Scans of one print, put together: the scanner's own axes removed, every mark with its standard deviation."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from printmend.measure.distance import asked, choose_span, scaled_by
 from printmend.measure.image import write_image
 from printmend.measure.plan import ProbePlan, read_plan
 from printmend.measure.register import find_pose, turn_onto
 from printmend.measure.scan import Reading, read_scan
-from printmend.path import Trace
+from printmend.path import Instrument, Trace
 from printmend.units import MM_PER_INCH
 
+SETTLED_AXES = 1e-4  # what two turns of the plate leave open of the scanner's axes
 QUARTER = 0.35  # |sin| of the turn between two scans that tells the scanner's axes apart
 DISAGREEMENT = 6.0  # standard deviations between two scans of one mark: one of them saw dirt
 OVERLAY_PX = 3000
@@ -24,12 +26,14 @@ FOUND, MISSING, ERROR = (60, 170, 60), (40, 40, 230), (230, 120, 30)
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Measured marks [M, 2] in the bed's frame, NaN where missing; ``sigma_mm`` [M]; ``notes`` for the owner."""
+    """Measured marks [M, 2] in the bed's frame, NaN where missing; ``sigma_mm`` [M]; ``notes`` for the owner; how far
+    the ``instrument`` is to be trusted, x and y those of the bed."""
 
     plan: ProbePlan
     measured_mm: np.ndarray
     sigma_mm: np.ndarray
     notes: tuple[str, ...]
+    instrument: Instrument
 
     @property
     def missing(self) -> np.ndarray:
@@ -38,24 +42,33 @@ class Measurement:
 
     @property
     def trace(self) -> Trace:
-        return self.plan.trace(self.measured_mm, self.sigma_mm)
+        return replace(self.plan.trace(self.measured_mm, self.sigma_mm), instrument=self.instrument)
 
 
 def measure_scans(
-    paths: Sequence[str | Path], plan: ProbePlan | str | Path, *, dpi: float | None = None, overlay: Path | None = None
+    paths: Sequence[str | Path],
+    plan: ProbePlan | str | Path,
+    *,
+    dpi: float | None = None,
+    overlay: Path | None = None,
+    distance_mm: float | None = None,
 ) -> Measurement:
     """Measure one print from one or more scans; draw what was found over the first into ``overlay``.
 
     ``plan`` is what `write_probe` wrote beside the G-code, or its path. The result's ``trace`` is what to learn from.
+    ``distance_mm`` is what callipers say of the two dots that a measurement without it names, outer edge to outer edge:
+    it settles the scale. Raises `ScanError` as `read_scan` does, `TraceError` for a distance that cannot be theirs.
     """
     if not isinstance(plan, ProbePlan):
         plan = read_plan(plan)
     # many small matrices: threads of a linear-algebra library would only wait for each other
     with threadpool_limits(1, "blas"):
-        return _measured(paths, plan, dpi, overlay)
+        return _measured(paths, plan, dpi, overlay, distance_mm)
 
 
-def _measured(paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, overlay: Path | None) -> Measurement:
+def _measured(
+    paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, overlay: Path | None, distance_mm: float | None
+) -> Measurement:
     readings: list[Reading] = []
     notes: list[str] = []
     for path in paths:
@@ -65,12 +78,13 @@ def _measured(paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, o
         # the pixels of one scan at a time
         readings.append(_without_image(reading))
         notes.append(_described(reading))
-    places = [reading.image_mm for reading in readings]
+    places, settled = [reading.image_mm for reading in readings], False
     if len(readings) > 1:
-        stretch, note = scanner_axes(places)
+        stretch, note, settled = scanner_axes(places)
         places = [place @ np.linalg.inv(stretch).T for place in places]
         notes.append(note)
-    first = find_pose(places[0], plan, mirrored=readings[0].marks.match.mirrored).apply(places[0])
+    pose = find_pose(places[0], plan, mirrored=readings[0].marks.match.mirrored)
+    first, instrument = pose.apply(places[0]), _on_bed(readings[0].instrument, pose.matrix, settled=settled)
     on_bed = [
         first,
         *(_aligned(place, first, reading) for place, reading in zip(places[1:], readings[1:], strict=True)),
@@ -78,11 +92,37 @@ def _measured(paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, o
     measured, sigma = _merged(on_bed, [reading.sigma_mm for reading in readings])
     kept = "the x axis keeps its direction" if plan.kinematics == "cartesian" else "the motors share the turn"
     notes.append(f"position and turn are those that fit the commanded marks best ({kept})")
-    return Measurement(plan, measured, sigma, tuple(notes))
+    span = choose_span(plan, measured)
+    if span is not None:
+        dots_mm = _widths(readings[0])[list(span)] if distance_mm is not None else np.zeros(2)
+        if distance_mm is not None:
+            measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
+        else:
+            note = asked(plan, span, measured, float(plan.big_dot_mm))
+        notes.append(note)
+    return Measurement(plan, measured, sigma, tuple(notes), instrument)
 
 
-def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str]:
-    """Return the scanner's own linear map [2, 2] relative to a scanner with equal, square axes, and a note.
+def _on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bool) -> Instrument:
+    """Return how far an instrument is to be trusted along the bed's axes; ``settled``: two turns show its own."""
+    if settled:
+        return replace(instrument, axes_sd=SETTLED_AXES, lean_sd=SETTLED_AXES)
+    double = 2 * np.arctan2(matrix[0, 1], matrix[0, 0])
+    c, s = np.cos(double), np.sin(double)
+    axes, lean = instrument.axes_sd, instrument.lean_sd
+    return replace(instrument, axes_sd=float(np.hypot(c * axes, s * lean)), lean_sd=float(np.hypot(s * axes, c * lean)))
+
+
+def _widths(reading: Reading) -> np.ndarray:
+    """Return the diameters of the marks' dots as the image shows them [M] mm, NaN where missing."""
+    widths, found = np.full(len(reading.marks.found), np.nan), reading.marks.found
+    widths[found] = reading.dots.diameter_px[reading.marks.match.dot[found]] * reading.mm_per_px
+    return widths
+
+
+def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str, bool]:
+    """Return the scanner's own linear map [2, 2] relative to a scanner with equal, square axes, a note, and whether the
+    scans could tell.
 
     Two scans of one plate are linked by A = S·R·S⁻¹ with a rotation R. For S = 1 + E, E symmetric and without
     trace, A·Rᵀ − 1 ≈ E − R·E·Rᵀ, which gives E unless R is a half turn.
@@ -101,12 +141,13 @@ def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str]:
         rows.append(np.eye(2) - double)
         sines.append(abs(s))
     if max(sines) < QUARTER:
-        return np.eye(2), "the scans are not turned by a quarter: the scanner's own axes stay unknown"
+        return np.eye(2), "the scans are not turned by a quarter: the scanner's own axes stay unknown", False
     (even, skew), *_ = np.linalg.lstsq(np.vstack(rows), np.array(wanted), rcond=None)
     stretch = np.eye(2) + np.array([[even, skew], [skew, -even]])
     return (
         stretch,
         f"the scanner's axes differ by {200 * even:+.2f} % and lean by {np.degrees(2 * skew):+.3f}°: removed",
+        True,
     )
 
 
@@ -146,8 +187,7 @@ def _described(reading: Reading) -> str:
 
 
 def _without_image(reading: Reading) -> Reading:
-    empty = np.empty((0, 0, 3), np.uint8)
-    return Reading(reading.path, empty, reading.dots, reading.dots_mm, reading.marks, reading.sigma_mm, reading.scale)
+    return replace(reading, image=np.empty((0, 0, 3), np.uint8))
 
 
 def draw_overlay(path: Path, reading: Reading, plan: ProbePlan) -> None:

@@ -13,6 +13,7 @@ from printmend.measure.image import read_image
 from printmend.measure.marks import Marks, read_marks
 from printmend.measure.plan import ProbePlan
 from printmend.measure.sheet import tag_corners_mm
+from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH
 
 USUAL_DPI = 600.0
@@ -20,6 +21,9 @@ COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
 SCALE_DOUBT = 1.22  # both spacing and size of the dots off by this: the resolution is wrong, not the printer
 LEAST_FOUND = 0.85  # with fewer the printer skipped steps, and marks beyond a skip could be others
 LEAST_TAG_SPREAD_MM = 60.0
+# What a sheet of tags leaves open: the printer that made it, and in a photo the lens.
+SHEET = Instrument(scale_sd=0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002)
+PHOTO = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +31,8 @@ class Reading:
     """What one scan says.
 
     ``image`` [H, W, 3] is the scan, or a photo rectified; ``dots`` are all its dots, ``dots_mm`` [N, 2] their places
-    (y down); ``marks`` says which is which; ``sigma_mm`` [M]; ``scale`` says in words where the scale came from.
+    (y down); ``marks`` says which is which; ``sigma_mm`` [M]; ``scale`` says in words where the scale came from, and
+    ``instrument`` how far it and the axes of the image are to be trusted; ``mm_per_px`` is the size of a pixel.
     """
 
     path: str
@@ -37,6 +42,8 @@ class Reading:
     marks: Marks
     sigma_mm: np.ndarray
     scale: str
+    instrument: Instrument
+    mm_per_px: float
 
     @property
     def image_mm(self) -> np.ndarray:
@@ -61,20 +68,21 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) ->
             return _read_photo(path, image, lens, _tags_said(tags, error_mm), plan)
     dpi = dpi or stated or USUAL_DPI
     dots = find_dots(image, dpi / MM_PER_INCH, plan.dot_mm, plan.big_dot_mm, subject=str(path))
-    dots_mm, scale = _scaled(dots, tags, dpi)
+    dots_mm, scale, instrument = _scaled(dots, tags, dpi)
     marks = read_marks(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
     if marks is None or _scale_ratio(dots, dots_mm, marks, dpi, plan) is not None:
         raise _explained(path, image, dots, marks, dpi, plan)
     _check_whole(path, marks, plan)
-    return _reading(path, image, dots, dots_mm, marks, MM_PER_INCH / dpi, scale)
+    return _reading(path, image, dots, dots_mm, marks, MM_PER_INCH / dpi, scale, instrument)
 
 
 def _reading(
-    path: str | Path, image: np.ndarray, dots: Dots, dots_mm: np.ndarray, marks: Marks, mm_per_px: float, scale: str
-) -> Reading:
+    path: str | Path, image: np.ndarray, dots: Dots, dots_mm: np.ndarray, marks: Marks, mm_per_px: float, scale: str,
+    instrument: Instrument,
+) -> Reading:  # fmt: skip
     sigma = np.full(len(marks.found), np.nan)
     sigma[marks.found] = dots.sigma_px[marks.match.dot[marks.found]] * mm_per_px
-    return Reading(str(path), image, dots, dots_mm, marks, sigma, scale)
+    return Reading(str(path), image, dots, dots_mm, marks, sigma, scale, instrument, mm_per_px)
 
 
 def _read_photo(path: str | Path, image: np.ndarray, lens: Lens, scale: str, plan: ProbePlan) -> Reading:
@@ -85,22 +93,24 @@ def _read_photo(path: str | Path, image: np.ndarray, lens: Lens, scale: str, pla
     if marks is None:
         raise _stranger(path, dots, plan)
     _check_whole(path, marks, plan)
-    return _reading(path, flat, dots, dots_mm, marks, 1 / px_per_mm, scale)
+    return _reading(path, flat, dots, dots_mm, marks, 1 / px_per_mm, scale, PHOTO)
 
 
 def _tags_said(tags: Tags, error_mm: float) -> str:
     return f"perspective and lens from {len(tags)} tags, which fit to {error_mm:.2f} mm"
 
 
-def _scaled(dots: Dots, tags: Tags, dpi: float) -> tuple[np.ndarray, str]:
-    """Return the dots [N, 2] in mm by the reference sheet where it is in the scan, else by the resolution."""
+def _scaled(dots: Dots, tags: Tags, dpi: float) -> tuple[np.ndarray, str, Instrument]:
+    """Return the dots [N, 2] in mm by the reference sheet where it is in the scan, else by the resolution; how far
+    that is to be trusted."""
     plain = dots.centre_px * (MM_PER_INCH / dpi)
     if len(tags) < LEAST_TAGS:
-        return plain, f"scale from {dpi:g} dpi"
+        return plain, f"scale from {dpi:g} dpi", FLATBED
     fit, _ = fit_affine(tags)
     if np.ptp(tag_corners_mm()[tags.ids].reshape(-1, 2), axis=0).min() >= LEAST_TAG_SPREAD_MM:
-        return np.hstack([dots.centre_px, np.ones((len(dots), 1))]) @ fit, f"scale and axes from {len(tags)} tags"
-    return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), f"scale from {len(tags)} tags"
+        placed = np.hstack([dots.centre_px, np.ones((len(dots), 1))]) @ fit
+        return placed, f"scale and axes from {len(tags)} tags", SHEET
+    return dots.centre_px * np.sqrt(abs(np.linalg.det(fit[:2]))), f"scale from {len(tags)} tags", FLATBED
 
 
 def _scale_ratio(dots: Dots, dots_mm: np.ndarray, marks: Marks, dpi: float, plan: ProbePlan) -> float | None:

@@ -3,8 +3,9 @@
 The format is fixed: UTF-8, a header with at least ``x_mm,y_mm,x_measured_mm,y_measured_mm``, one row for each
 commanded way-point in the order of motion since homing, the first row the home position, straight moves between
 rows, the measured cells empty where nothing was measured. ``z_mm``, ``z_measured_mm``, ``layer`` and ``sigma_mm`` are
-used where present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's; other
-columns are ignored.
+used where present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's. ``scale_sd``,
+``axes_sd``, ``lean_sd`` and ``wave_mm``, the same in every row, say how far the instrument is to be trusted (see
+`Instrument`). Other columns are ignored.
 """
 
 import csv
@@ -17,13 +18,15 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.files import replacing
 from printmend.measure.axes import AXES_TODO, wrong_axes
-from printmend.path import Trace
+from printmend.path import Instrument, Trace
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
 REQUIRED = ("x_mm", "y_mm", "x_measured_mm", "y_measured_mm")
 OPTIONAL = ("sigma_mm", "z_mm", "layer", "z_measured_mm")
 PLACED = "placed"
+INSTRUMENT = ("scale_sd", "axes_sd", "lean_sd", "wave_mm")
+_MOST_DOUBT = 0.5  # of an instrument: one that is less sure of a length measures nothing
 MIN_MEASURED = 10
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
 AT_HOME_MM = 0.05
@@ -68,7 +71,19 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
         layer=None if layer is None else np.where(np.isnan(layer), -1, layer).astype(np.int64),
         homed=bool(np.abs(commanded[0] - home).max() <= AT_HOME_MM),
         placed=PLACED not in columns or bool((columns[PLACED] != 0).any()),
+        instrument=_instrument(path, columns),
     )
+
+
+def _instrument(path: Path, columns: dict[str, np.ndarray]) -> Instrument | None:
+    """Return the instrument that the first row describes, None where no column does."""
+    found = {name: float(columns[name][0]) for name in INSTRUMENT if name in columns}
+    for name, value in found.items():
+        if not 0 <= value <= _MOST_DOUBT:
+            raise TraceError(
+                path, wanted=f"{name} from 0 to {_MOST_DOUBT}", came=f"{value:g}", todo="leave the column out"
+            )
+    return Instrument(**found) if found else None
 
 
 def write_trace(path: str | Path, trace: Trace) -> None:
@@ -81,6 +96,9 @@ def write_trace(path: str | Path, trace: Trace) -> None:
     if not trace.placed:
         names.append(PLACED)
         columns.append(np.zeros(len(trace)))
+    if trace.instrument is not None:
+        names += INSTRUMENT
+        columns += [np.full(len(trace), getattr(trace.instrument, name)) for name in INSTRUMENT]
     row = ",".join("%d" if name in ("layer", PLACED) else "%.6f" for name in names) + "\n"
     with replacing(Path(path)) as file:
         file.write(",".join(names) + "\n")
@@ -104,7 +122,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
     first, _, rest = data.partition(b"\n")
     names = [name.strip().strip('"') for name in first.decode().split(",")]
     _check_header(path, names, first.decode())
-    wanted = [name for name in (*REQUIRED, *OPTIONAL, PLACED) if name in names]
+    wanted = [name for name in (*REQUIRED, *OPTIONAL, PLACED, *INSTRUMENT) if name in names]
     places = [names.index(name) for name in wanted]
     values = _parse_fast(rest, places)
     if values is None:
@@ -133,7 +151,7 @@ def _check_header(path: Path, names: list[str], line: str) -> None:
     if missing:
         came = f"the header {line[:80]!r}" if line.strip() else "an empty first line"
         raise TraceError(path, wanted=f"a column {missing[0]}", came=came, todo=HEADER_TODO)
-    known = [name for name in names if name in (*REQUIRED, *OPTIONAL, PLACED)]
+    known = [name for name in names if name in (*REQUIRED, *OPTIONAL, PLACED, *INSTRUMENT)]
     if twice := sorted({name for name in known if known.count(name) > 1}):
         raise TraceError(path, wanted=f"one column {twice[0]}", came="two", todo="remove one of them")
 

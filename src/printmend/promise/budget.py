@@ -60,11 +60,17 @@ class MotorBudget:
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """What is not known of a machine. ``placed``: the measurement says where on the bed things lie; else errors are
-    counted from home. ``causes`` are what a test of misfit adds: name → (root mean square, its sd) [mm]."""
+    """What is not known of a machine.
+
+    ``placed``: the measurement says where on the bed things lie; else errors are counted from home. ``stretch`` are
+    weighed Gaussians of how the bed may be stretched beyond what acts, because the instrument cannot tell: (weight,
+    mean [3], covariance [3, 3]) of common scale, half the difference of both axes' scales, half the skew [rad]; empty
+    where the instrument is exact. ``causes`` are what a test of misfit adds: name → (root mean square, its sd) [mm].
+    """
 
     motors: tuple[MotorBudget, MotorBudget]
     placed: bool
+    stretch: tuple[tuple[float, np.ndarray, np.ndarray], ...]
     causes: Mapping[str, tuple[float, float]]
 
 
@@ -83,7 +89,21 @@ def parse_budget(model: SavedModel) -> Budget | None:
     if sorted(motors) != sorted(model.printer.motors):
         refuse(subject, f"motors {' and '.join(model.printer.motors)}", "others")
     parsed = [_motor(motors[name], f"{subject} {name}") for name in model.printer.motors]
-    return Budget((parsed[0], parsed[1]), bool(section.get("placed")), _causes(model))
+    return Budget((parsed[0], parsed[1]), bool(section.get("placed")), _stretch(section, subject), _causes(model))
+
+
+def _stretch(section: dict[str, Any], subject: str) -> tuple[tuple[float, np.ndarray, np.ndarray], ...]:
+    found = []
+    for one in section_of(section, "stretch", list, subject) if "stretch" in section else []:
+        if not isinstance(one, dict):
+            refuse(subject, "stretches as weight, mean and covariance", "something else")
+        rows = section_of(one, "covariance", list, subject)
+        weight, mean = number(one, "weight", subject), numbers(one, "mean", subject, 3)
+        covariance = np.array([numbers({"row": row}, "row", subject, 3) for row in rows])
+        if weight < 0 or mean.shape != (3,) or covariance.shape != (3, 3):
+            refuse(subject, "stretches as weight, mean [3] and covariance [3, 3]", "something else")
+        found.append((weight, mean, covariance))
+    return tuple(found)
 
 
 def _causes(model: SavedModel) -> dict[str, tuple[float, float]]:

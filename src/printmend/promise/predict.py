@@ -102,8 +102,10 @@ def promised(mechanism: Mechanism, budget: Budget, path: Path, before: Errors, a
     local = _local_mm2(mechanism, budget, path, rng)
     columns = [_columns(mechanism, budget, path, aims, motors) for motors in (aims.before_mm, aims.after_mm)]
     z = rng.standard_normal((columns[0].shape[1], DRAWS))
-    raw = _Side(path, path.off_mm[:, None] + columns[0] @ z, columns[0] @ z, local, before, signed=True)
-    mended = _Side(path, columns[1] @ z, columns[1] @ z, local, after, signed=False)
+    stretch = _stretch_mm(mechanism, budget, path, rng)
+    doubts = [{"parameters": each @ z, **stretch} for each in columns]
+    raw = _Side(path, path.off_mm[:, None], doubts[0], local, before, signed=True)
+    mended = _Side(path, np.zeros((1, 1)), doubts[1], local, after, signed=False)
     results = [_summed_up(each, budget.placed, rng) for each in (raw, mended)]
     return Outlook(results[0][0], results[1][0], results[0][1] - results[1][1])
 
@@ -120,15 +122,21 @@ class _Aims:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One of the two files: errors across the path [N, DRAWS] in all, and the share that parameters have in them;
-    ``local`` cause → variance across the path [N or 1, DRAWS]; what the model itself says, with a sign or not."""
+    """One of the two files: errors across the path that are sure, ``off_mm`` [N or 1, 1], and that the drawn machines
+    have, ``doubt_mm`` cause → [N, DRAWS]; ``local`` cause → variance across the path [N, DRAWS]; what the model itself
+    says, ``known``, of which ``off_mm`` is all where ``signed``."""
 
     path: Path
-    error_mm: np.ndarray
-    doubt_mm: np.ndarray
+    off_mm: np.ndarray
+    doubt_mm: dict[str, np.ndarray]
     local: dict[str, np.ndarray]
     known: Errors
     signed: bool
+
+    @property
+    def error_mm(self) -> np.ndarray:
+        """The errors across the path of each drawn machine [N, DRAWS]."""
+        return np.asarray(self.off_mm + sum(self.doubt_mm.values()))
 
 
 def _thinned(path: Path) -> Path:
@@ -182,6 +190,29 @@ def _columns(mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, moto
     return np.hstack(found)
 
 
+def _stretch_mm(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return the error across the path [N, DRAWS] of what an instrument cannot tell from the printer."""
+    if not budget.stretch:
+        return {}
+    weights = np.array([weight for weight, _, _ in budget.stretch])
+    which = rng.choice(len(weights), DRAWS, p=weights / weights.sum())
+    drawn = np.zeros((3, DRAWS))
+    for at, (_, mean, covariance) in enumerate(budget.stretch):
+        values, axes = np.linalg.eigh(covariance)
+        normal = rng.standard_normal((3, DRAWS))
+        mine = mean[:, None] + (axes * np.sqrt(np.maximum(values, 0.0))) @ normal
+        drawn[:, which == at] = mine[:, which == at]
+    home = np.array(mechanism.printer.home_mm)
+    x, y = (path.wanted_mm - home).T[:, :, None]
+    common, half, lean = drawn
+    across_x, across_y = (-path.tangent[:, [1]], path.tangent[:, [0]])
+    if mechanism.printer.kinematics == "corexy":
+        moved = across_x * ((common + half) * x + lean * y) + across_y * ((common - half) * y + lean * x)
+    else:  # the x axis keeps its direction
+        moved = across_x * ((common + half) * x + 2 * lean * y) + across_y * (common - half) * y
+    return {"instrument": np.asarray(moved)}
+
+
 def _local_mm2(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Return the variances across the path [N, DRAWS] of what differs from place to place, by cause."""
     across2 = _across(mechanism, path) ** 2
@@ -208,20 +239,23 @@ def _summed_up(side: _Side, placed: bool, rng: np.random.Generator) -> tuple[Pro
     """Return the promise and the RMS errors [DRAWS] that it sums up."""
     weight = side.path.weight / side.path.weight.sum()
     normal = np.stack([-side.path.tangent[:, 1], side.path.tangent[:, 0]], axis=1)
-    pull = (normal * weight[:, None]).T @ side.error_mm  # [2, DRAWS]
+    error = side.error_mm
+    pull = (normal * weight[:, None]).T @ error  # [2, DRAWS]
     spread = (normal * weight[:, None]).T @ normal + 1e-9 * np.eye(2)
     shift = np.linalg.solve(spread, pull)
     seen2 = float(weight @ side.path.off_mm**2) if side.signed else 0.0
     known2 = max(side.known.rms_mm**2 - seen2, 0.0)
     places2 = {name: weight @ each for name, each in side.local.items()}
-    whole2 = weight @ side.error_mm**2 + known2 + sum(places2.values())
+    whole2 = weight @ error**2 + known2 + sum(places2.values())
     shape2 = np.maximum(whole2 - (shift * pull).sum(axis=0), 0.0)
     drawn = np.sqrt(whole2 if placed else shape2)
     rms = float(np.median(drawn))
-    doubt2 = weight @ side.doubt_mm**2
     shares = {
         "planning": side.known.rms_mm**2,
-        "parameters": float(np.mean(doubt2)),
+        **{
+            name: float(np.mean(weight @ _level(each, normal, weight, placed) ** 2))
+            for name, each in side.doubt_mm.items()
+        },
         **{name: float(np.mean(each)) for name, each in places2.items()},
     }
     total = max(sum(shares.values()), 1e-300)
@@ -233,6 +267,14 @@ def _summed_up(side: _Side, placed: bool, rng: np.random.Generator) -> tuple[Pro
         {name: rms * float(np.sqrt(share / total)) for name, share in shares.items()},
     )  # fmt: skip
     return promise, drawn
+
+
+def _level(error_mm: np.ndarray, normal: np.ndarray, weight: np.ndarray, placed: bool) -> np.ndarray:
+    """Return errors [N, DRAWS] that count: without what a shift of the whole part takes off, where only shape does."""
+    if placed:
+        return error_mm
+    spread = (normal * weight[:, None]).T @ normal + 1e-9 * np.eye(2)
+    return np.asarray(error_mm - normal @ np.linalg.solve(spread, (normal * weight[:, None]).T @ error_mm))
 
 
 def _extremes(side: _Side, shift: np.ndarray, placed: bool, rng: np.random.Generator) -> tuple[float, float]:

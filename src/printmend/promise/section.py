@@ -1,13 +1,15 @@
 """Write down what a fit leaves unknown: the section ``promise`` of a saved model, which `budget` reads."""
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from printmend.learn.drive.layout import Design, bed_middle
-from printmend.learn.greybox import GreyboxModel, LearnedDrive, motor_rows
+from printmend.learn.greybox import LearnedDrive, motor_rows
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.promise.apply import Acting
 from printmend.promise.budget import DIRECTIONS, LAYOUT, VERSION, MotorBudget
 from printmend.promise.unexplained import unexplained
 
@@ -15,15 +17,21 @@ KEPT = 0.998  # share of the variance on the bed that the kept directions have
 PLACES = 400  # on the bed at which that variance is looked at
 
 
-def promise_section(fit: GreyboxModel, trace: Trace) -> dict[str, Any]:
-    """Return the budget of a learned machine as plain values: the section ``promise`` of its file."""
+def promise_section(acts: Acting, trace: Trace) -> dict[str, Any]:
+    """Return the budget of what acts of a learned machine as plain values: the section ``promise`` of its file."""
+    fit = acts.fit
     rows = motor_rows(trace, fit.printer)
     motors = {}
     for motor, drive in enumerate(fit.drives):
         touch = drive.choice.fit.touch
         left = unexplained(rows[motor], touch.residual_mm, touch.side)
         motors[drive.name] = motor_section(drive, fit.printer, motor, left.variance_mm2, left.sd_mm2)
-    return {"version": VERSION, "placed": trace.placed, "motors": motors}
+    section: dict[str, Any] = {"version": VERSION, "placed": trace.placed, "instrument": asdict(trace.instrument_doubt)}
+    if acts.believed is not None:
+        section["stretch"] = acts.believed.json()
+    if acts.left_out:
+        section["left_out"] = [asdict(each) for each in acts.left_out]
+    return {**section, "motors": motors}
 
 
 def motor_section(

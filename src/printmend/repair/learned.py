@@ -16,6 +16,7 @@ from printmend.learn.registry import learner
 from printmend.machine.mechanism import Mechanism, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.promise.apply import acting
 from printmend.promise.misfit import misfit_section, misfit_words
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.section import promise_section
@@ -126,14 +127,17 @@ def greybox_model(
     anew: tuple[str, ...] = (),
     more: Mapping[str, Any] | None = None,
     hybrid: HybridModel | None = None,
+    old: SavedModel | None = None,
 ) -> SavedModel:
     """Return a grey box as a saved model, its diagnosis and uncertainties included.
 
     A ``hybrid`` adds its residuals: a motor that has one is saved as tables.
 
     An update passes the ``known_gaps`` of the old model, whose print saw more: new ones count for motors learned
-    ``anew`` only. ``more`` goes into the document.
+    ``anew`` only. ``more`` goes into the document; ``old`` is the model that is brought up to date.
     """
+    acts = acting(fit, trace, old)
+    fit = acts.fit
     diagnosis = diagnose(fit, doubt_of(trace))
     if known_gaps is not None:
         new = tuple(gap for gap in diagnosis.gaps if gap.startswith(tuple(f"{name} " for name in anew)))
@@ -151,7 +155,7 @@ def greybox_model(
             "residual_after_mm": round((hybrid or fit).residual_after_mm, 6),
         },
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
-        "promise": promise_section(fit, trace),
+        "promise": promise_section(acts, trace),
         **(more or {}),
     }
     saved: list[Branches | None] = list(branches)

@@ -150,7 +150,11 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated
         }
     }  # fmt: skip
     gaps = [gap for gap in old.findings[1:] if not any(gap.startswith(f"{name} ") for name in names)]
-    return Updated(greybox_model(fit, trace, known_gaps=tuple(gaps), anew=names, more=details), tuple(changes), names)
+    return Updated(
+        greybox_model(fit, trace, known_gaps=tuple(gaps), anew=names, more=details, old=None if any(anew) else old),
+        tuple(changes),
+        names,
+    )
 
 
 def _with_reach(fit: GreyboxModel, past: list[Remembered], anew: list[bool]) -> GreyboxModel:

@@ -1,0 +1,291 @@
+"""Mend only what is known: which parts of a learned machine may act, given what its instrument cannot tell.
+
+A scanner stretches, its axes differ and lean; a printer does so too, and one print shows their sum o = H f + i with the
+printer's faults f (a motor's scale, the frame's skew) and the instrument's errors i ~ N(0, S). Each set of faults H is
+weighed by its evidence N(o; 0, S + H V Hᵀ); the likeliest acts, with f as large as the least squares with S say, and
+the rest stays out. The weighed sets together are what is believed of the printer (`Believed`), for its promise.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from printmend.learn.drive.layout import CROSS
+from printmend.learn.greybox.model import GreyboxModel, LearnedDrive, frame_of
+from printmend.machine.mechanism import Frame, Mechanism
+from printmend.path import Instrument, Trace
+from printmend.saved.branches import SCALE_MM
+from printmend.saved.model import SavedModel, branches_of
+
+SCALE_SD, SKEW_SD = 0.02, 0.01  # of a scale and of half a skew [rad] that are faults
+ODDS = np.exp(-2.0)  # of each fault
+LIKELY = 1e-3  # weight of a set of faults that counts
+SETTLED = 1e-5  # share to which a fit without a part knows that it is none
+WAVES = 3.0  # times the unevenness of the instrument: a smaller wave may be its own
+PLACES = 400
+_PART_WORDS = {
+    "mean": "pulley",
+    "ripple": "micro-step ripple",
+    "play": "play",
+    "elastic": "elastic belt",
+    "warp": "uneven belt",
+}
+_OF_STRETCH = (np.eye(2), np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]]))
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A part that was found and does not act: its size ± ``sd`` in ``unit``, and why."""
+
+    part: str
+    value: float
+    sd: float
+    unit: str
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class Believed:
+    """How the bed may differ from what acts, as a weighed set of Gaussians: ``weight`` [K], ``mean`` [K, 3] and
+    ``covariance`` [K, 3, 3] of common scale, half the difference of both scales, half the skew [rad]."""
+
+    weight: np.ndarray
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    def json(self) -> list[dict[str, Any]]:
+        """Return plain values."""
+        return [
+            {
+                "weight": round(float(weight), 4),
+                "mean": [float(f"{value:.4g}") for value in mean],
+                "covariance": [[float(f"{value:.4g}") for value in row] for row in covariance],
+            }
+            for weight, mean, covariance in zip(self.weight, self.mean, self.covariance, strict=True)
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Acting:
+    """The machine that may act, what was left out of the one that was learned, what is believed of its stretch."""
+
+    fit: GreyboxModel
+    left_out: tuple[LeftOut, ...]
+    believed: Believed | None
+
+
+def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Acting:
+    """Return what of a learned machine may act.
+
+    A new measurement of the machine of an ``old`` model is judged by what it changes: what acted before was known.
+    """
+    instrument = trace.instrument_doubt
+    if instrument.is_exact:
+        return Acting(fit, (), None)
+    base = np.zeros(3) if old is None else _stretch_of_model(old)
+    values = [drive.choice.fit.posterior.values.copy() for drive in fit.drives]
+    left_out = [each for motor in range(2) for each in _waves(fit, motor, values[motor], instrument)]
+    found = _observed(fit)
+    corexy = fit.printer.kinematics == "corexy"
+    believed, applied = believe(found.value - base, found.covariance, instrument, corexy)
+    excess = found.value - base - applied
+    off = _bed(excess, corexy) if trace.placed else found.matrix - _bed(base + applied, corexy)
+    if np.abs(off).max() > 0:
+        _take_off(fit, values, off)
+        sd = np.sqrt(np.diag(found.covariance) + _instrument_variance(instrument))
+        names = ("scale of both axes", "difference of the axes' scales", "skew")
+        units, factors = ("%", "%", "°"), (100.0, 200.0, float(np.degrees(2.0)))
+        for at in np.flatnonzero(np.abs(excess) > SETTLED):
+            size, doubt = excess[at] * factors[at], sd[at] * factors[at]
+            why = "as likely the instrument's as the printer's"
+            left_out.append(LeftOut(names[at], round(float(size), 5), round(float(doubt), 5), units[at], why))
+    if all(
+        np.array_equal(mine, drive.choice.fit.posterior.values) for mine, drive in zip(values, fit.drives, strict=True)
+    ):
+        return Acting(fit, (), believed)
+    return Acting(_rebuilt(fit, values, trace.placed), tuple(left_out), believed)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """The linear part of a machine's errors on the bed, ``matrix`` [2, 2]; of this the common scale, half the
+    difference of scales, half the skew, ``value`` [3], and their covariance [3, 3] by the fit alone."""
+
+    matrix: np.ndarray
+    value: np.ndarray
+    covariance: np.ndarray
+
+
+def believe(
+    observed: np.ndarray, fitted: np.ndarray, instrument: Instrument, corexy: bool
+) -> tuple[Believed, np.ndarray]:
+    """Return how the printer's stretch may differ from what acts, and what acts [3]; ``fitted`` [3, 3] is the
+    covariance of ``observed`` [3] by the scatter of the points alone."""
+    spread = fitted + np.diag(_instrument_variance(instrument))
+    parts = _faults(corexy)
+    logs, means, covariances, best = [], [], [], None
+    for sets in _sets(len(parts)):
+        columns = np.stack([parts[i] for i in sets], axis=1) if sets else np.zeros((3, 0))
+        sds = np.array([SKEW_SD if parts[i][2] == 1.0 else SCALE_SD for i in sets])
+        whole = spread + (columns * sds**2) @ columns.T
+        log = len(sets) * np.log(ODDS) - 0.5 * (
+            np.linalg.slogdet(whole)[1] + observed @ np.linalg.solve(whole, observed)
+        )
+        gain = (columns * sds**2) @ columns.T @ np.linalg.inv(whole)
+        logs.append(float(log))
+        means.append(gain @ observed)
+        covariances.append((columns * sds**2) @ columns.T - gain @ (columns * sds**2) @ columns.T)
+        if best is None or log > best[0]:
+            best = (log, _least_squares(columns, spread, observed))
+    assert best is not None
+    weight = np.exp(np.array(logs) - max(logs))
+    weight /= weight.sum()
+    keep = weight > LIKELY
+    believed = Believed(weight[keep] / weight[keep].sum(), np.array(means)[keep] - best[1], np.array(covariances)[keep])
+    return believed, best[1]
+
+
+def _least_squares(columns: np.ndarray, spread: np.ndarray, observed: np.ndarray) -> np.ndarray:
+    if columns.shape[1] == 0:
+        return np.zeros(3)
+    if np.linalg.matrix_rank(columns) == 3:
+        return observed.copy()
+    weighed = np.linalg.solve(spread, columns)
+    return np.asarray(columns @ np.linalg.solve(columns.T @ weighed, weighed.T @ observed))
+
+
+def _instrument_variance(instrument: Instrument) -> np.ndarray:
+    sds = np.array([instrument.scale_sd, instrument.axes_sd, instrument.lean_sd])
+    return np.maximum(sds, SETTLED) ** 2
+
+
+def _faults(corexy: bool) -> list[np.ndarray]:
+    """Return what a printer's own faults do [3]: both scales alike, each motor's scale, the frame's skew."""
+    if corexy:  # a motor's belt runs along a diagonal: its scale stretches and leans
+        motors = [np.array([0.5, 0.0, 0.5]), np.array([0.5, 0.0, -0.5])]
+    else:
+        motors = [np.array([0.5, 0.5, 0.0]), np.array([0.5, -0.5, 0.0])]
+    return [np.array([1.0, 0.0, 0.0]), *motors, np.array([0.0, 0.0, 1.0])]
+
+
+def _sets(count: int) -> list[tuple[int, ...]]:
+    """Return all sets of faults but those that name both scales alike and one of them."""
+    every = itertools.chain.from_iterable(itertools.combinations(range(count), size) for size in range(count + 1))
+    return [each for each in every if not (0 in each and (1 in each or 2 in each))]
+
+
+def _observed(fit: GreyboxModel) -> _Stretch:
+    """Return the stretch of a learned machine on the bed."""
+    to_motor = fit.printer.to_motor(np.eye(2)).T
+    stretch, columns, variances = np.zeros((2, 2)), [], []
+    for motor, drive in enumerate(fit.drives):
+        post, parts = drive.choice.fit.posterior, drive.choice.design.parts
+        sds = np.zeros(drive.choice.design.size)
+        sds[post.active] = np.sqrt(np.diag(post.covariance))
+        own, cross = parts["mean_powers"], parts["cross"]
+        places = ((own.start + 1, own.stop - own.start > 1, motor), (cross.start, cross.stop > cross.start, 1 - motor))
+        for at, there, column in places:
+            unit = np.zeros((2, 2))
+            unit[motor, column] = 1.0
+            on_bed = np.linalg.inv(to_motor) @ unit @ to_motor
+            if there:
+                stretch += on_bed * post.values[at] / SCALE_MM
+            columns.append(_stretch_of(on_bed))
+            variances.append(max(sds[at] / SCALE_MM if there else 0.0, SETTLED) ** 2)
+    gather = np.stack(columns, axis=1)
+    return _Stretch(stretch, _stretch_of(stretch), (gather * np.array(variances)) @ gather.T)
+
+
+def _stretch_of_model(model: SavedModel) -> np.ndarray:
+    """Return the stretch [3] of a saved machine, by the slopes of its series and the linear part of its frame."""
+    printer, frame = model.printer, model.mechanism.frame
+    to_motor = printer.to_motor(np.eye(2)).T
+    slopes = np.zeros(2)
+    for motor in range(2):
+        branches = branches_of(model, motor)
+        if branches is not None and len(branches.mean.powers_mm) > 1:
+            slopes[motor] = branches.mean.powers_mm[1] / SCALE_MM
+    linear = [Frame.exponents.index((1, 0)), Frame.exponents.index((0, 1))]
+    on_bed = np.linalg.inv(to_motor) @ np.diag(slopes) @ to_motor
+    return _stretch_of(on_bed + frame.coefficients_mm[:, linear] / frame.scale_mm)
+
+
+def _stretch_of(matrix: np.ndarray) -> np.ndarray:
+    return np.array([matrix[0, 0] + matrix[1, 1], matrix[0, 0] - matrix[1, 1], matrix[0, 1] + matrix[1, 0]]) / 2
+
+
+def _bed(stretch: np.ndarray, corexy: bool) -> np.ndarray:
+    """Return a stretch [3] as a matrix [2, 2]: no turn on a CoreXY, on a cartesian printer x keeps its direction."""
+    matrix = np.asarray(sum(part * size for part, size in zip(_OF_STRETCH, stretch, strict=True)))
+    return matrix if corexy else np.array([[matrix[0, 0], 2 * matrix[0, 1]], [0.0, matrix[1, 1]]])
+
+
+def _take_off(fit: GreyboxModel, values: list[np.ndarray], matrix: np.ndarray) -> None:
+    """Take a linear error on the bed [2, 2] off the parameters [P] of both motors, where they have a place for it."""
+    to_motor = fit.printer.to_motor(np.eye(2)).T
+    belts = SCALE_MM * to_motor @ matrix @ np.linalg.inv(to_motor)
+    for motor, drive in enumerate(fit.drives):
+        parts = drive.choice.design.parts
+        own, cross = parts["mean_powers"], parts["cross"]
+        if own.stop - own.start > 1:
+            values[motor][own.start + 1] -= belts[motor, motor]
+        if cross.stop > cross.start:
+            values[motor][cross.start] -= belts[motor, 1 - motor]
+
+
+def _waves(fit: GreyboxModel, motor: int, values: np.ndarray, instrument: Instrument) -> Sequence[LeftOut]:
+    """Set to 0 what is no larger than the unevenness of the instrument, and return it."""
+    drive = fit.drives[motor]
+    design, branches = drive.choice.design, drive.branches
+    motor_mm = np.linspace(*branches.reach_mm, PLACES)
+    mean, play = design.columns(motor_mm, branches.period_mm, branches.middle_mm)
+    found = []
+    for name, word in _PART_WORDS.items():
+        mask = design.mask(name) if name != "play" else design.mask("play_powers", "play")
+        if not values[mask].any():
+            continue
+        columns = play if name == "play" else mean
+        size = float(np.sqrt(np.mean((columns[:, mask] @ values[mask]) ** 2)))
+        if size <= WAVES * instrument.wave_mm:
+            values[mask] = 0.0
+            part = f"{drive.name.upper()} {word}"
+            found.append(LeftOut(part, round(size, 5), instrument.wave_mm, "mm", "no more than the instrument makes"))
+    bent = design.mask("cross")
+    bent[design.parts["cross"]] = [p + q > 1 for p, q in CROSS[: len(design.cross)]]
+    size = float(np.linalg.norm(values[bent]))
+    if 0 < size <= WAVES * instrument.wave_mm:
+        values[bent] = 0.0
+        found.append(
+            LeftOut(
+                f"{drive.name.upper()} bent guides",
+                round(size, 5),
+                instrument.wave_mm,
+                "mm",
+                "no more than the instrument makes",
+            )
+        )
+    return found
+
+
+def _rebuilt(fit: GreyboxModel, values: list[np.ndarray], placed: bool) -> GreyboxModel:
+    drives: list[LearnedDrive] = []
+    for drive, mine in zip(fit.drives, values, strict=True):
+        offset = drive.choice.design.parts["mean_powers"]
+        if not placed and not np.delete(mine, [0, offset.start] if offset.stop > offset.start else [0]).any():
+            mine[offset] = 0.0  # where the plate lay is no fault
+        branches = drive.choice.design.branches(
+            mine,
+            period_mm=drive.branches.period_mm,
+            origin_mm=drive.branches.middle_mm,
+            reach_mm=drive.branches.reach_mm,
+        )
+        post = replace(drive.choice.fit.posterior, values=mine)
+        choice = replace(drive.choice, fit=replace(drive.choice.fit, posterior=post))
+        drives.append(replace(drive, branches=branches, choice=choice))
+    frame = frame_of(fit.printer, [drive.choice for drive in drives])
+    tables = (drives[0].branches.lower(fit.printer, 0), drives[1].branches.lower(fit.printer, 1))
+    mechanism = Mechanism(fit.printer, tables, frame, rest_share=fit.mechanism.rest_share)
+    return replace(fit, mechanism=mechanism, drives=(drives[0], drives[1]))

@@ -1,0 +1,205 @@
+"""What a model promises: the budget, the range, what may act; each against a machine that is known."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
+from printmend.errors import ModelError, TraceError
+from printmend.learn.drive.design import Rows
+from printmend.learn.greybox import motor_rows
+from printmend.measure.distance import scaled_by
+from printmend.measure.table import read_trace, write_trace
+from printmend.path import FLATBED, Instrument, Trace
+from printmend.printer import read_printer
+from printmend.promise.apply import believe
+from printmend.promise.budget import parse_budget
+from printmend.promise.unexplained import unexplained
+from printmend.repair import check_gcode, mend_gcode
+from printmend.repair.against import judge_gcode
+from printmend.repair.learned import learn_model
+from printmend.saved.model import SavedModel, exact_model
+from printmend.twin import Twin
+from tests.test_greybox_learning import stairs
+
+ENDER3 = read_printer("ender3")
+HEALTHY = Corruption((Drive(), Drive()))
+BENT = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.3)), Drive(belt=Play(0.2))))
+CIRCLE = "G21\nG90\nM83\nG28\nG1 Z0.2 F600\nG0 X140 Y110 F6000\n" + "".join(
+    f"G1 X{110 + 30 * np.cos(t):.3f} Y{110 + 25 * np.sin(t):.3f} E0.05 F1800\n"
+    for t in np.linspace(0, 2 * np.pi, 181)[1:]
+)
+
+
+def measured(corruption: Corruption, noise_mm: float, seed: int, points: int = 700) -> Trace:
+    way = stairs(points)
+    noise = np.random.default_rng(seed).normal(0, noise_mm, way.shape)
+    return Trace(way, Twin.of(corruption, ENDER3).follow(way) + noise, homed=True)
+
+
+def scanned(trace: Trace, stretch: np.ndarray, instrument: Instrument | None = None) -> Trace:
+    """Return the trace as an instrument sees it that stretches and knows no place."""
+    moved = (trace.measured_mm - 100.0) @ (np.eye(2) + stretch).T + [95.0, 104.0]
+    return replace(trace, measured_mm=moved, placed=False, instrument=instrument)
+
+
+@pytest.fixture(scope="module")
+def bent() -> SavedModel:
+    return learn_model(measured(BENT, 0.05, 1), ENDER3)
+
+
+@pytest.fixture
+def part(tmp_path: Path) -> Path:
+    (tmp_path / "part.gcode").write_text(CIRCLE)
+    return tmp_path / "part.gcode"
+
+
+def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part: Path) -> None:
+    done = mend_gcode(part, bent, part.with_name("out.gcode"))
+    plain = json.loads(json.dumps(done.prediction.json()))
+    after = plain["after"]
+    assert plain["made_of"] == after["made_of"]
+    assert plain["planning_rms_mm"] == after["planning_rms_mm"] < 0.003
+    assert {"parameters", "unexplained", "rounding", "planning"} <= set(after["made_of"])
+    assert sum(share**2 for share in after["made_of"].values()) == pytest.approx(after["rms_mm"] ** 2, rel=1e-6)
+    truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(BENT, ENDER3))
+    assert 0.5 * after["rms_low_mm"] < truth.after.rms_mm < after["rms_high_mm"] < 0.02  # the twin has no micro-steps
+    assert after["rms_low_mm"] < after["rms_mm"] < after["rms_high_mm"]
+    assert after["rms_mm"] < after["p95_mm"] < after["max_mm"] < 0.08
+    before = plain["before"]
+    assert before["rms_low_mm"] < truth.before.rms_mm < before["rms_high_mm"]
+    said = done.prediction.summary()
+    assert "90 % range" in said
+    assert "parameters 0.00" in said
+
+
+def test_less_is_promised_where_less_was_measured(bent: SavedModel, part: Path) -> None:
+    poor = learn_model(measured(BENT, 0.2, 1, 250), ENDER3)
+    promises = [check_gcode(part, model).after for model in (bent, poor)]
+    assert promises[1].rms_mm > 2 * promises[0].rms_mm
+    assert promises[1].rms_high_mm - promises[1].rms_low_mm > 2 * (promises[0].rms_high_mm - promises[0].rms_low_mm)
+
+
+def test_a_model_that_says_nothing_of_its_doubt_promises_what_it_plans(part: Path) -> None:
+    after = check_gcode(part, exact_model(BENT.lower(ENDER3))).after
+    assert after.rms_low_mm == after.rms_mm == after.rms_high_mm == after.planning_rms_mm
+    assert set(after.made_of) == {"planning"}
+
+
+def test_the_budget_follows_the_machine(bent: SavedModel) -> None:
+    """Each direction of a motor's budget, added to its parameters, moves its belt as its columns say."""
+    budget = parse_budget(bent)
+    assert budget is not None
+    at = np.linspace(20, 200, 301)
+    for motor in budget.motors:
+        for which in range(0, motor.factor_mm.shape[1], 5):
+            branches = motor.design.branches(
+                motor.factor_mm[:, which], period_mm=motor.period_mm, origin_mm=motor.middle_mm, reach_mm=motor.reach_mm
+            )
+            raised = replace(
+                branches, play=replace(branches.play, powers_mm=np.add(branches.play.powers_mm, [50.0, 0.0, 0.0]))
+            )
+            mean, play = raised.errors_mm(at)  # above zero, where play is not clipped
+            for side in (-1.0, 1.0):
+                column = motor.columns(at, at - 110, 0 * at, np.full(len(at), side))[:, which]
+                assert np.abs(mean - side * (play - 50.0) / 2 - column).max() < 1e-6
+
+
+def test_no_scanner_mends_a_healthy_printer(part: Path) -> None:
+    trace = measured(HEALTHY, 0.01, 3)
+    for stretch in (np.diag([0.0013, 0.0013]), np.array([[0.002, 0.0004], [0.0004, 0.001]])):
+        model = learn_model(scanned(trace, stretch), ENDER3)
+        done = mend_gcode(part, model, part.with_name("out.gcode"))
+        assert done.output is not None
+        assert done.output.read_bytes() == part.read_bytes()
+        assert done.prediction.after.rms_high_mm < 0.2
+        left_out = model.document["promise"]["left_out"]
+        assert left_out[0]["part"] == "scale of both axes"
+        assert left_out[0]["value"] == pytest.approx(100 * np.trace(stretch) / 2, abs=0.02)
+
+
+def test_a_scale_that_no_scanner_has_is_mended(part: Path) -> None:
+    skewed = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.015, skew_deg=1.0))
+    model = learn_model(scanned(measured(skewed, 0.01, 4), np.diag([0.0005, 0.0003])), ENDER3)
+    said = check_gcode(part, model)
+    assert said.before.rms_mm > 0.1
+    assert said.after.made_of["instrument"] > 0.5 * said.after.rms_mm
+    mend_gcode(part, model, part.with_name("out.gcode"))
+    truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(skewed, ENDER3))
+    assert truth.after.rms_mm < 0.1 * truth.before.rms_mm
+    surer = replace(FLATBED, scale_sd=0.0003, axes_sd=1e-4, lean_sd=1e-4)
+    known = learn_model(scanned(measured(skewed, 0.01, 4), np.zeros((2, 2)), surer), ENDER3)
+    assert check_gcode(part, known).after.rms_mm < 0.5 * said.after.rms_mm
+
+
+def test_what_is_believed_of_a_stretch() -> None:
+    exact = 1e-10 * np.eye(3)
+    doubtful, none = believe(np.array([0.0015, 0.0, 0.0]), exact, FLATBED, False)
+    assert not none.any()
+    assert 0 < doubtful.weight[0] < 1
+    assert doubtful.weight.sum() == pytest.approx(1)
+    _, one_axis = believe(np.array([0.01, 0.0099, 0.0]), exact, FLATBED, False)
+    assert one_axis[0] == one_axis[1] == pytest.approx(0.01, rel=0.05)  # X alone: Y keeps its length
+    _, skew = believe(np.array([0.0, 0.0, 0.01]), exact, FLATBED, True)
+    assert skew == pytest.approx([0, 0, 0.01])  # of a CoreXY: a crooked frame before two opposite scales
+
+
+def test_one_distance_settles_the_scale(rng: np.random.Generator) -> None:
+    true = rng.uniform(0, 150, (50, 2))
+    true[:2] = [[10, 20], [110, 110]]
+    stretch = np.array([[1.0025, 0.0], [0.0, 1.0025]])
+    span_mm = float(np.hypot(100, 90)) + 1.6
+    dots = np.full(2, 1.6 * 1.0025)
+    again, left, note = scaled_by(span_mm, (0, 1), dots, true @ stretch, replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4))
+    assert np.ptp(again - true, axis=0).max() < 0.2 * np.ptp(true @ stretch - true, axis=0).max()
+    assert left.scale_sd < 0.0005
+    assert "0.25 % too large" in note
+    with pytest.raises(TraceError, match="dot 0 to dot 1"):
+        scaled_by(120.0, (0, 1), dots, true, FLATBED)
+
+
+def test_a_trace_keeps_what_its_instrument_cannot_tell(tmp_path: Path) -> None:
+    trace = replace(measured(HEALTHY, 0.01, 5, 30), placed=False, instrument=FLATBED)
+    write_trace(tmp_path / "t.csv", trace)
+    assert read_trace(tmp_path / "t.csv", ENDER3).instrument == FLATBED
+    assert replace(trace, instrument=None).instrument_doubt == FLATBED
+    assert replace(trace, instrument=None, placed=True).instrument_doubt.is_exact
+    text = (tmp_path / "t.csv").read_text()
+    (tmp_path / "bad.csv").write_text(text.replace("0.001300", "7"))
+    with pytest.raises(TraceError, match="scale_sd from 0"):
+        read_trace(tmp_path / "bad.csv", ENDER3)
+
+
+def test_patterns_are_told_from_noise(rng: np.random.Generator) -> None:
+    rows: Rows = motor_rows(measured(HEALTHY, 0.01, 6), ENDER3)[0]
+    side = np.sign(np.diff(rows.motor_mm, prepend=0.0)).astype(np.int8)
+    noise = rng.normal(0, 0.05, len(rows))
+    assert unexplained(rows, noise, side).variance_mm2 == 0
+    for pattern in (
+        0.05 * np.sin(rows.motor_mm / 5),  # by place
+        0.05 * side,  # by direction
+        0.05 * np.sin(np.arange(len(rows)) / 60),  # by time
+        0.05 * np.sin(rows.other_mm / 9),  # by the other axis
+    ):
+        found = unexplained(rows, noise + pattern, side)
+        assert np.sqrt(found.variance_mm2) == pytest.approx(np.std(pattern), rel=0.35)
+
+
+def test_a_budget_that_is_none_of_ours_is_refused(bent: SavedModel) -> None:
+    section = dict(bent.document["promise"])
+    motors = section["motors"]
+    for changed in (
+        {**section, "version": 2},
+        {**section, "motors": {"x": motors["x"]}},
+        {**section, "motors": {**motors, "y": {**motors["y"], "factor_mm": {"mean_powers": [[1.0]]}}}},
+        {**section, "motors": {**motors, "y": {**motors["y"], "period_mm": -1}}},
+        {**section, "stretch": [{"weight": 1, "mean": [0, 0], "covariance": [[0]]}]},
+        [],
+    ):
+        with pytest.raises(ModelError):
+            parse_budget(replace(bent, document={**bent.document, "promise": changed}))
+    older = {key: value for key, value in bent.document.items() if key != "promise"}
+    assert parse_budget(replace(bent, document=older)) is None
