@@ -13,6 +13,8 @@ _EXTRAS = {
     "sklearn": "paper",
     "trimesh": "paper",
     "gymnasium": "rl",
+    "manifold3d": "dataset",
+    "pyarrow": "dataset",
 }
 
 

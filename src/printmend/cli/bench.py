@@ -25,7 +25,12 @@ command.add_command(objectives)
 
 
 @command.command(epilog="Example: printmend bench table1 --bodies models/ --protocol heldout --limit 60 --workers 2")
-@click.option("--bodies", multiple=True, type=click.Path(path_type=Path), help="Files or folders; repeat.")
+@click.option(
+    "--bodies",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Files, folders, or generated:N for N bodies that are made here; repeat.",
+)
 @click.option(
     "--reference", type=click.Path(path_type=Path), help="A data set in the published layout, instead of --bodies."
 )
@@ -69,8 +74,8 @@ def table1(
     else:
         names = tuple(families.split(","))
         cases = draw_cases(
-            body_files(bodies), protocol=protocol, families=names, severity=severity, seed=seed, limit=limit,
-            sliced=out / "sliced",
+            body_files(bodies, made=out / "generated", seed=seed), protocol=protocol, families=names,
+            severity=severity, seed=seed, limit=limit, sliced=out / "sliced",
         )  # fmt: skip
     with progress("bodies", len(cases)) as tick:
         lines, results = table1(cases, rows, out, workers=workers, tick=tick)

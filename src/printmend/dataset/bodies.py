@@ -6,24 +6,32 @@ from pathlib import Path
 
 import numpy as np
 
+from printmend.body.generated import generated_name, generated_solid
+from printmend.body.solid import stl_bytes
 from printmend.errors import InputError
+from printmend.files import replacing
 from printmend.path import Body
 
+GENERATED, MAX_GENERATED = "generated:", 100_000
 SUFFIXES = (
     ".stl", ".obj", ".3mf", ".ply",
     ".gcode", ".gco", ".g", ".nc", ".ngc", ".bgcode",
 )  # fmt: skip
 
 
-def body_files(paths: Iterable[str | Path]) -> list[Path]:
+def body_files(paths: Iterable[str | Path], *, made: Path | None = None, seed: int = 0) -> list[Path]:
     """Return the meshes and G-code files given and those below the folders given, each once, sorted within a folder.
 
-    Raises `InputError` for a path that does not exist and where nothing is found.
+    With a folder ``made``, `generated:N` stands for the first N bodies that are made from a ``seed``
+    (`printmend.body.generated`); they are written there as STL. Raises `InputError` for a path that does not exist and
+    where nothing is found.
     """
     found: dict[Path, None] = {}
     asked = [Path(path) for path in paths]
     for path in asked:
-        if path.is_dir():
+        if made is not None and str(path).startswith(GENERATED):
+            found.update(dict.fromkeys(_generated(str(path), made, seed)))
+        elif path.is_dir():
             inside = (item for item in path.rglob("*") if item.suffix.lower() in SUFFIXES and item.is_file())
             found.update(dict.fromkeys(sorted(inside)))
         elif path.is_file():
@@ -38,6 +46,21 @@ def body_files(paths: Iterable[str | Path]) -> list[Path]:
             todo="name files or folders that hold some",
         )
     return list(found)
+
+
+def _generated(text: str, folder: Path, seed: int) -> list[Path]:
+    """Write the bodies that `generated:N` stands for, where they are not there yet."""
+    count = text.removeprefix(GENERATED)
+    if not (count.isascii() and count.isdigit() and 1 <= int(count) <= MAX_GENERATED):
+        raise InputError(text, wanted=f"{GENERATED}1 to {GENERATED}{MAX_GENERATED}", came="another", todo="correct it")
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / f"{generated_name(seed, number)}.stl" for number in range(int(count))]
+    for number, path in enumerate(files):
+        if not path.exists():
+            solid = generated_solid(seed, number)
+            with replacing(path, "wb") as file:
+                file.write(stl_bytes(solid))
+    return files
 
 
 def digest(path: Path) -> str:
