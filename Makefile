@@ -5,7 +5,7 @@ BIN := .venv/bin
 STAMP := .venv/.stamp
 HOSTS := .venv-hosts
 
-.PHONY: demo test setup lint types layers docs wheel check hosts integrations lock clean
+.PHONY: demo test setup lint types layers docs wheel notebook check hosts integrations lock clean
 
 demo: $(STAMP)
 	$(BIN)/printmend demo
@@ -38,6 +38,10 @@ docs: $(STAMP)
 # Does the wheel work where the lock and the extras are not?
 wheel: $(STAMP)
 	tools/try_wheel.sh $(BIN)/python
+
+# Runs examples/story.ipynb; what it claims, it asserts.
+notebook: $(STAMP)
+	$(BIN)/jupyter execute examples/story.ipynb
 
 check: lint types layers test
 

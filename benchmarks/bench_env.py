@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from printmend.env import PrintVectorEnv, algorithm1_agent, naive_agent, random_agent
+from printmend.env import PrintVectorEnv, algorithm1_agent, naive_agent, planning_agent, random_agent
 
 
 def measured(envs: int, ticks: int) -> list[dict]:
@@ -24,6 +24,7 @@ def measured(envs: int, ticks: int) -> list[dict]:
         "random": random_agent(np.random.default_rng(0)),
         "naive": naive_agent,
         "algorithm 1": algorithm1_agent(env),
+        "look-ahead": planning_agent(env),
     }
     rows = []
     for name, agent in agents.items():

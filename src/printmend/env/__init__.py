@@ -5,7 +5,7 @@
 
 import gymnasium
 
-from printmend.env.agents import algorithm1_agent, naive_agent, random_agent
+from printmend.env.agents import algorithm1_agent, naive_agent, planning_agent, random_agent
 from printmend.env.fleet import random_layer
 from printmend.env.print_env import PrintEnv, draw_damaged
 from printmend.env.vector_env import PrintVectorEnv
@@ -16,6 +16,7 @@ __all__ = [
     "algorithm1_agent",
     "draw_damaged",
     "naive_agent",
+    "planning_agent",
     "random_agent",
     "random_layer",
 ]

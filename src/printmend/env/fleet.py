@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from printmend.corruption import Corruption
+from printmend.corruption import Fault
 from printmend.errors import ConfigError, InputError
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Layer
@@ -61,17 +61,23 @@ class Fleet(NamedTuple):
     squares: np.ndarray
 
 
-def machines_of(corruptions: Sequence[Corruption], printer: Printer) -> Machines:
-    """Lower corruptions to a pool. Raise `ConfigError` for gain tables, which have no hidden mechanics."""
+def mechanisms_of(corruptions: Sequence[Fault], printer: Printer) -> tuple[Mechanism, ...]:
+    """Lower corruptions. Raise `ConfigError` for gain tables, which have no hidden mechanics."""
     mechanisms = [corruption.lower(printer) for corruption in corruptions]
-    if not all(isinstance(mechanism, Mechanism) for mechanism in mechanisms):
+    whole = tuple(mechanism for mechanism in mechanisms if isinstance(mechanism, Mechanism))
+    if len(whole) < len(mechanisms):
         raise ConfigError(
             "environment", wanted="conservative corruptions", came="a gain table", todo="choose another family"
         )
+    return whole
+
+
+def machines_of(mechanisms: Sequence[Mechanism], printer: Printer) -> Machines:
+    """Return a pool of machines as the kernels take it."""
     middle = np.array(printer.bed_steps) // 2
-    tables = [lattice_tables(mechanism, middle) for mechanism in mechanisms]  # type: ignore[arg-type]
+    tables = [lattice_tables(mechanism, middle) for mechanism in mechanisms]
     entries = max(len(row) for row in tables[0].lower_steps)
-    frames = [mechanism.frame for mechanism in mechanisms]  # type: ignore[union-attr]
+    frames = [mechanism.frame for mechanism in mechanisms]
 
     def padded(rows: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         return np.stack([np.pad(row, (0, entries - len(row)), mode="edge") for row in rows])

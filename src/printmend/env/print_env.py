@@ -12,7 +12,8 @@ import numpy as np
 
 from printmend.corruption import Corruption, sample
 from printmend.env import kernels
-from printmend.env.fleet import Fleet, Machines, Tasks, fleet_of, machines_of, random_layer, tasks_of
+from printmend.env.fleet import Fleet, Machines, Tasks, fleet_of, machines_of, mechanisms_of, random_layer, tasks_of
+from printmend.machine.mechanism import Mechanism
 from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 
@@ -71,6 +72,7 @@ class PrintEnv(gymnasium.Env):
         self._layers = None if layers is None else tuple(layers)
         self._skip = np.zeros(1, bool)
         self.fleet: Fleet = fleet_of(1)
+        self.mechanisms: tuple[Mechanism, ...]
         self.machines: Machines
         self.tasks: Tasks
 
@@ -79,7 +81,8 @@ class PrintEnv(gymnasium.Env):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Draw a machine and a path; the nozzle stands at the start with its belts' play centred."""
         super().reset(seed=seed)
-        self.machines = machines_of([self._corruption(self.np_random)], self.printer)
+        self.mechanisms = mechanisms_of([self._corruption(self.np_random)], self.printer)
+        self.machines = machines_of(self.mechanisms, self.printer)
         if self._layers is None:
             layer = random_layer(self.np_random, self.printer, self._ticks)
         else:

@@ -9,8 +9,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from printmend.env import kernels
-from printmend.env.fleet import Fleet, Machines, Tasks, fleet_of, machines_of, random_layer, tasks_of
+from printmend.env.fleet import Fleet, Machines, Tasks, fleet_of, machines_of, mechanisms_of, random_layer, tasks_of
 from printmend.env.print_env import C_MAX, DrawCorruption, Reward, draw_damaged, observation_space
+from printmend.machine.mechanism import Mechanism
 from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 
@@ -53,6 +54,7 @@ class PrintVectorEnv(VectorEnv):
         self._done = np.zeros(num_envs, bool)
         self._drawn = False
         self.fleet: Fleet = fleet_of(num_envs)
+        self.mechanisms: tuple[Mechanism, ...]
         self.machines: Machines
         self.tasks: Tasks
 
@@ -63,7 +65,8 @@ class PrintVectorEnv(VectorEnv):
         super().reset(seed=seed)
         if seed is not None or not self._drawn:
             rng, (machines, paths) = self.np_random, self._pools
-            self.machines = machines_of([self._corruption(rng) for _ in range(machines)], self.printer)
+            self.mechanisms = mechanisms_of([self._corruption(rng) for _ in range(machines)], self.printer)
+            self.machines = machines_of(self.mechanisms, self.printer)
             layers = self._layers or [random_layer(rng, self.printer, self._ticks) for _ in range(paths)]
             self.tasks = tasks_of(layers)
             self._drawn = True

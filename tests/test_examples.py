@@ -1,0 +1,50 @@
+"""The examples do what they say; the notebook is run by `make notebook`."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printmend import evaluate
+from printmend.conformance.controllers import CHECKS as CONTROLLER_CHECKS
+from printmend.conformance.controllers import ControllerCandidate
+from printmend.conformance.learners import CHECKS as LEARNER_CHECKS
+from printmend.conformance.learners import LearnerCandidate
+from printmend.learn.registry import learner
+from tests.mending import ENDER5
+from tests.test_mend_laws import part
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+QUICK = ("controls to 3 lead where imagined (play)", "leaves a healthy ender5 alone", "plans no targets (joint)",
+         "refuses a start off the bed")  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [str(EXAMPLES), *sys.path])
+
+
+def test_the_learner_keeps_what_it_must_and_learns(tmp_path: Path) -> None:
+    candidate = LearnerCandidate("own_learner:MINE")
+    for check in LEARNER_CHECKS.values():
+        check(candidate)
+    (tmp_path / "body.gcode").write_bytes(part(ENDER5))
+    table = evaluate(["naive", "own_learner:MINE", learner("own_learner:MINE")], [tmp_path], families=["play"])
+    naive, mine, same = (line.abrmse_steps for line in table.lines)
+    assert mine < 0.6 * naive
+    assert same == mine
+
+
+def test_the_controller_keeps_what_it_must() -> None:
+    for check in QUICK:
+        CONTROLLER_CHECKS[check](ControllerCandidate("own_controller:MINE"))
+
+
+def test_the_agent_that_takes_up_play_does_not_deadlock() -> None:
+    returns = runpy.run_path(str(EXAMPLES / "rl_agents.py"))["returns"](envs=12, ticks=300)
+    random, naive, greedy, ahead = returns.values()
+    assert ahead > -1.0 > naive > greedy
+    assert naive > random
+    assert np.isfinite(list(returns.values())).all()
