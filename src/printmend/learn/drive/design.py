@@ -2,10 +2,10 @@
 
 With the last contact (row l, side s) of every row known, the model is linear: column values depend on the motor's
 position at the contact through its phase φ and x = (m − origin)/100 mm, on s, and on the position of the other motor.
-All harmonics are orthogonal trigonometric columns, so the products of any two follow from the weighted moments
-T_j = Σ w e^{ijφ}: cos kφ cos lφ = (cos (k − l)φ + cos (k + l)φ)/2, and so on. The moments come from one pass over the
-rows and a Fourier transform, whatever the number of harmonics; residuals, not positions, are fitted, so that the tiny
-error of the binning vanishes as the fit converges.
+The sums of products of any two harmonics follow from the weighted moments T_j = Σ w e^{ijφ}, because cos kφ cos lφ =
+(cos (k − l)φ + cos (k + l)φ)/2, and so on. The moments come from one pass over the rows, which bins them by phase, and
+a Fourier transform, whatever the number of harmonics. Residuals are fitted, not positions, so that the small error of
+the binning vanishes as the fit converges.
 """
 
 from dataclasses import dataclass, replace
@@ -16,28 +16,30 @@ from printmend.learn.drive.kernels import columns as kernels
 from printmend.learn.drive.layout import Design
 from printmend.saved.branches import SCALE_MM
 
-CHUNK = 1 << 12  # rows whose columns stay in the cache
-CELLS = 1024  # phases of the moments: products of two harmonics up to 32 are seen to 2 %, of residuals
-WARP_TABLE = 2049
+CHUNK_ROWS = 1 << 12  # rows that are summed at once: their columns stay in the processor's cache
+PHASE_CELLS = 1024  # cells of a turn for the moments: of two harmonics up to 32 their product is off by 2 % at most
+WARP_PLACES = 2049  # places at which the part that repeats nothing is tabulated
 
 
 def warp_table(cos_mm: np.ndarray) -> np.ndarray:
-    """Return Σ_k c_k cos(πk t) at 2049 even places t of its span [0, 1]; nothing where there are no cosines."""
+    """Return Σ_k c_k cos(πk t) at `WARP_PLACES` even places t of [0, 1]; an empty array where there are no cosines."""
     if not len(cos_mm):
         return np.zeros(0)
-    last = WARP_TABLE - 1
-    spectrum = np.zeros(WARP_TABLE)
+    last = WARP_PLACES - 1
+    spectrum = np.zeros(WARP_PLACES)
     spectrum[1 : 1 + len(cos_mm)] = last * cos_mm
-    return np.fft.irfft(spectrum, 2 * last)[:WARP_TABLE]
+    return np.fft.irfft(spectrum, 2 * last)[:WARP_PLACES]
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """One motor's side of a trace, as the fit sees it. ``middle_mm`` is the bed's middle (own, other).
+    """One motor's side of a trace, as the fit sees it.
 
-    ``motor_mm`` [N]; ``measured_mm`` [N], NaN where nothing was measured; ``weight`` [N] relative, 0 where NaN;
-    ``own_mm`` and ``other_mm`` [N] are where the belts are along this motor and the other, counted from the bed's
-    middle: the frame's terms act on them. ``start_mm`` is where the belt is thought to be at row 0.
+    ``motor_mm`` [N] are the commanded positions, ``measured_mm`` [N] the measured ones of its belt, NaN where there is
+    none, and ``weight`` [N] their relative weights, 0 where NaN. ``own_mm`` and ``other_mm`` [N] are where the belts of
+    this motor and of the other are, counted from the bed's middle ``middle_mm`` (own, other): the frame's terms depend
+    on them. ``start_mm`` is where the belt is thought to be at row 0, ``period_mm`` the motor's turn, and the powers
+    count from ``origin_mm``.
     """
 
     motor_mm: np.ndarray
@@ -71,8 +73,11 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Where a model puts the belt: per row the last contact (−1 before the first), its side (0 before the first), the
-    belt's place, and the residual (NaN where nothing was measured)."""
+    """Where a model puts the belt, row by row.
+
+    ``at`` [N] is the row of the last contact (−1 before the first), ``side`` [N] its branch (0 before the first),
+    ``belt_mm`` [N] the belt's place and ``residual_mm`` [N] what was measured beyond it, NaN where nothing was.
+    """
 
     at: np.ndarray
     side: np.ndarray
@@ -89,7 +94,7 @@ def cross_columns(design: Design, rows: Rows, part: slice | np.ndarray) -> np.nd
 
 
 def contacts(design: Design, values: np.ndarray, rows: Rows) -> Contacts:
-    """Simulate the play with parameters [P]."""
+    """Follow the rows through the play of a drive with the parameters ``values`` [P]; return its contacts."""
     at, side = np.empty(len(rows), np.int64), np.empty(len(rows), np.int8)
     belt = np.empty(len(rows))
     part = {name: values[place] for name, place in design.parts.items()}
@@ -109,16 +114,18 @@ def contacts(design: Design, values: np.ndarray, rows: Rows) -> Contacts:
     )
     residual = rows.measured_mm - belt
     if part["cross"].any():
-        for first in range(0, len(rows), CHUNK):
-            chunk = slice(first, first + CHUNK)
+        for first in range(0, len(rows), CHUNK_ROWS):
+            chunk = slice(first, first + CHUNK_ROWS)
             residual[chunk] -= cross_columns(design, rows, chunk) @ part["cross"]
     return Contacts(at, side, belt, residual)
 
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Weighted normal equations about the parameters ``values`` [P]: ``matrix`` = ΦᵀWΦ [P, P], ``slope`` = ΦᵀWr [P] and
-    ``square`` = rᵀWr, over ``count`` rows."""
+    """Weighted normal equations about the parameters ``values`` [P], at which the residuals are r.
+
+    ``matrix`` = ΦᵀWΦ [P, P], ``slope`` = ΦᵀWr [P], ``square`` = rᵀWr, over ``count`` rows.
+    """
 
     values: np.ndarray
     matrix: np.ndarray
@@ -132,16 +139,20 @@ class Normal:
 
 
 def normal_equations(design: Design, values: np.ndarray, rows: Rows, touch: Contacts, weight: np.ndarray) -> Normal:
-    """Assemble the normal equations of all columns for weights [N], by moments over the phase."""
+    """Assemble the normal equations of all columns for rows with weights [N], from their moments over the phase."""
     extra = design.extras + 1
     # only an elastic belt needs the powers of x
     powers, crossed = (3, 2) if design.elastic_harmonics else (1, 1)
-    bins, cross, gram = np.zeros((2, powers, CELLS)), np.zeros((2, crossed, CELLS, extra)), np.zeros((extra, extra))
+    bins, cross, gram = (
+        np.zeros((2, powers, PHASE_CELLS)),
+        np.zeros((2, crossed, PHASE_CELLS, extra)),
+        np.zeros((extra, extra)),
+    )
     _bin_start(design, rows, touch, weight, gram)
     used, root = np.flatnonzero((weight > 0) & (touch.at >= 0)), np.sqrt(weight)
     own_powers, other_powers = np.array(design.cross, np.int64).reshape(-1, 2).T.copy()
-    for first in range(0, len(used), CHUNK):
-        row = used[first : first + CHUNK]
+    for first in range(0, len(used), CHUNK_ROWS):
+        row = used[first : first + CHUNK_ROWS]
         contact = row, touch.at, touch.side, root, rows.motor_mm
         columns = np.empty((len(row), extra))
         kernels.plain_columns(
@@ -156,7 +167,9 @@ def normal_equations(design: Design, values: np.ndarray, rows: Rows, touch: Cont
 
 
 def _bin_start(design: Design, rows: Rows, touch: Contacts, weight: np.ndarray, gram: np.ndarray) -> None:
-    """Add the rows before the first contact: the belt is where it started, and only the frame moves the carriage."""
+    """Add the rows before the first contact to ``gram``: the belt is where it started; only the frame moves the
+    carriage.
+    """
     row = np.flatnonzero((weight > 0) & (touch.at < 0))
     columns = np.zeros((len(row), design.extras + 1))
     columns[:, 0] = 1.0

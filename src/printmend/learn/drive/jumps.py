@@ -1,9 +1,10 @@
-"""Teeth skipped and steps missed within a trace: models that jumps hardly bend, and what each makes of the jumps.
+"""Find the teeth that were skipped and the steps that were missed within a trace.
 
-A skipped tooth moves the belt by 10 full steps from then on, a missed electrical turn the motor by 4 (physics.md
-eq. 11). They say nothing of the next print, but would bend every part of a model that is fitted across them. The
-increments from one measured row to the next feel a jump once only: fitted to them, robustly, a model is hardly bent.
-From there the jumps follow (`ladder`), from them a better model, and so on.
+A skipped tooth moves the belt by 10 full steps from then on, a missed electrical turn the motor by 4 (physics.md eq.
+11). Jumps say nothing about the next print, but would bend every part of a model that is fitted across them. So the
+search starts from models that jumps hardly bend, such as one that is fitted robustly to the increments from one
+measured row to the next: of these a jump disturbs only one. Such a model shows where the jumps are (`ladder`); without
+them a better model can be fitted, and so on.
 """
 
 from collections.abc import Iterator
@@ -14,42 +15,43 @@ import numpy as np
 from printmend.learn.drive.design import Contacts, Design, Rows, contacts
 from printmend.learn.drive.fit import Prior, variances
 from printmend.learn.drive.ladder import MISSED_STEPS, TOOTH_STEPS, Jump, climbed, jumped, lasting
-from printmend.learn.drive.select import COARSE_HARMONICS, WARPS_MM, Choice, Structure, search
+from printmend.learn.drive.select import COARSE_HARMONICS, WARPS_MM, Choice, Structure, main_parts
 from printmend.printer import Axis
 
-STARTS_MM = (0.0, 0.5, 2.0)
-PASSES, FEW_PASSES = 10, 3
-SUSPECTS = 10
-MOST_STEPS = 10
-LOCAL_ROOM = 4.0  # a step that the columns can hardly tell from themselves
-MORE_JUMPS_MM = 0.2  # by so much another jump at one place must come nearer to its size
-CALMER = 0.4  # one jump must calm at least this share of one wild increment
-WILD = 0.35  # of the smallest jump
-CALM = 5.0  # standard deviations of the other increments
+STARTS_PLAY_MM = (0.0, 0.5, 2.0)  # first guesses of the play
+MOST_PASSES, FEW_PASSES = 10, 3  # of contacts and least squares: from a first guess, and from a fit that is near
+MOST_SUSPECTS = 10  # increments, the largest first, that are tried as a jump
+MOST_STEPS = 10  # steps of any size that are added to a model
+LEAST_ROOM = 4.0  # least squared norm of a step beside the columns: with less, the columns can imitate the step
+JUMP_PRICE_MM = 0.2  # how much nearer to a step's size one more jump at its place must come
+JUMP_SHOWS_SHARE = 0.35  # share of the smallest jump's size from which an increment may be a jump
+JUMP_SHOWS_SIGMAS = 5.0  # … and how many standard deviations of the other increments it must have
+LEAST_GAIN_SHARE = 0.4  # share of one such increment by which a jump must lower the sum of all
 # Teeth and missed turns between two measured rows, the fewest first.
 COMBINATIONS = sorted(
     ((a, b) for a in range(-2, 3) for b in range(-2, 3) if 0 < abs(a) + abs(b) < 4),
     key=lambda ab: abs(ab[0]) + abs(ab[1]),
 )
-NEAR_TOOTH, NEAR_STEP = 0.2, 0.35  # how far from its size a jump may seem, of a missed turn
-BETTER = 0.6  # the whole trace must fit that much better without the jumps
-BETTER_WHITE = 0.9  # where they explain all but noise
-MOST = 64
-ROUNDS = 4
-MOST_SEARCHES = 8  # of models in all: where there are jumps, the first few show them
-MOST_FITTED = 600_000  # rows in all, for increments: the same
-SPARSE = 25  # measured rows for each jump: more frequent ones imitate something else
-WHITE = 0.4  # a larger share of independent residuals leaves no room for jumps
-SOFT_MM = 0.05  # a finer sieve would throw out what the contacts, not yet known, still put in the wrong place
-CALM_MM = 0.02  # without jumps, or with so small ones that they do no harm
-WORTH_MORE_MM = 0.05  # less is not worth the slower beliefs
+# How far from its size an increment may be, in sizes of a missed turn: for any jump, and for each missed turn in it.
+TOOTH_TOLERANCE, STEP_TOLERANCE = 0.2, 0.35
+PATTERNED_LOSS_SHARE = 0.6  # jumps are believed where they lower the mean residual to less than this share
+WHITE_LOSS_SHARE = 0.9  # … or than this one, where nothing but noise remains
+MOST_JUMPS = 64  # jumps of one motor that are taken out one by one
+CLIMBS = 4  # rounds of jumps and model
+MOST_SEARCHES = 8  # searches for a model of one motor: where there are jumps, the first few show them
+MOST_FITTED = 600_000  # rows whose increments are fitted for one motor, in all fits together
+ROWS_PER_JUMP = 25  # measured rows for each jump: more frequent jumps imitate something else
+WHITE_SHARE = 0.4  # with a larger share of independent residuals there are no jumps
+LEAST_SIGMA_MM = 0.05  # smallest noise of an increment: less would leave out rows whose contacts are not yet right
+HARMLESS_LOSS_MM = 0.02  # with a smaller mean residual there are no jumps, or none that harm
+GOOD_LOSS_MM = 0.05  # with a smaller mean residual the slower beliefs are not tried
 
-Believed = tuple[tuple[Jump, ...], Choice]
+Belief = tuple[tuple[Jump, ...], Choice]
 
 
 @dataclass
 class Effort:
-    """What may still be spent on one motor's jumps: whatever was measured, the search ends, always the same."""
+    """What may still be spent on one motor's jumps, counted and not timed: a search always ends at the same place."""
 
     searches: int = MOST_SEARCHES
     rows: int = MOST_FITTED
@@ -58,83 +60,95 @@ class Effort:
     def is_spent(self) -> bool:
         return self.searches <= 0 or self.rows <= 0
 
-    def search(self, rows: Rows) -> Choice:
-        """Return the best model of rows."""
+    def searched(self, rows: Rows) -> Choice:
+        """Return the best model of rows with a drive's main parts."""
         self.searches -= 1
-        return search(rows)
+        return main_parts(rows)
 
 
-def find_jumps(rows: Rows, found: Choice, axis: Axis) -> Believed:
-    """Return the jumps of one motor's rows and the search's fit without them; none where they explain too little."""
-    calm = found.fit.loss_mm < CALM_MM or found.fit.share > WHITE
+def find_jumps(rows: Rows, found: Choice, axis: Axis) -> Belief:
+    """Return the jumps of one motor's rows and the fit without them; no jumps where they explain too little.
+
+    ``found`` is the fit of the rows as they are.
+    """
+    calm = found.fit.loss_mm < HARMLESS_LOSS_MM or found.fit.share > WHITE_SHARE
     if calm or int((rows.weight > 0).sum()) < 4 * COARSE_HARMONICS:
         return (), found
-    best: Believed = (), found
+    best: Belief = (), found
     effort = Effort()
     for belief in _beliefs(rows, found, axis, effort):
         best = _climbed(rows, belief, best, axis, effort)
-        if effort.is_spent or best[1].fit.loss_mm < WORTH_MORE_MM or (best[0] and best[1].fit.share > WHITE):
+        if effort.is_spent or best[1].fit.loss_mm < GOOD_LOSS_MM or (best[0] and best[1].fit.share > WHITE_SHARE):
             break
-    least = BETTER_WHITE if best[1].fit.share > WHITE else BETTER
+    least = WHITE_LOSS_SHARE if best[1].fit.share > WHITE_SHARE else PATTERNED_LOSS_SHARE
     return best if best[1].fit.loss_mm < least * found.fit.loss_mm else ((), found)
 
 
-def _beliefs(rows: Rows, found: Choice, axis: Axis, effort: Effort) -> Iterator[Believed]:
-    """Return jumps and models to start from, the likeliest first: a few steps taken out, fitted to increments, healthy,
-    jumps taken out one by one, uneven."""
-    least_mm = WILD * MISSED_STEPS * axis.mm_per_step
+def _beliefs(rows: Rows, found: Choice, axis: Axis, effort: Effort) -> Iterator[Belief]:
+    """Yield pairs of jumps and model to start from, the likeliest first.
+
+    They are the model without a few steps, the model of the increments, the healthy machine, the model without jumps
+    that were taken out one by one, and the model of the increments with a part that repeats nothing.
+    """
+    least_mm = JUMP_SHOWS_SHARE * MISSED_STEPS * axis.mm_per_step
     plain, uneven = Structure(play="free"), Structure(play="free", warp_mm=WARPS_MM[1])
     design = plain.design(COARSE_HARMONICS, ())
-    if jumps := _stepped(rows, design, axis):
-        yield jumps, effort.search(jumped(rows, jumps))
+    if jumps := _jumps_of_steps(rows, design, axis):
+        yield jumps, effort.searched(jumped(rows, jumps))
     # Many jumps show in increments, whatever else a model lacks.
     if np.abs(np.diff(found.fit.touch.residual_mm[rows.weight > 0])).max(initial=0.0) < least_mm:
         return
-    calm = _calm(rows, design, least_mm, effort)
+    calm = _fitted_increments(rows, design, least_mm, effort)
     if np.abs(calm.left_mm).max(initial=0.0) < least_mm:
         return
-    yield (), _believed(found, plain, design, calm.values)
-    yield (), _believed(found, plain, design, np.zeros(design.size))
-    if jumps := _calmed(rows, design, calm, axis, effort):
-        yield jumps, effort.search(jumped(rows, jumps))
+    yield (), _model_of(found, plain, design, calm.values)
+    yield (), _model_of(found, plain, design, np.zeros(design.size))
+    if jumps := _taken_out(rows, design, calm, axis, effort):
+        yield jumps, effort.searched(jumped(rows, jumps))
     design = uneven.design(COARSE_HARMONICS, (), rows.reach_mm)
-    yield (), _believed(found, uneven, design, _calm(rows, design, least_mm, effort).values)
+    yield (), _model_of(found, uneven, design, _fitted_increments(rows, design, least_mm, effort).values)
 
 
-def _believed(found: Choice, structure: Structure, design: Design, values: np.ndarray) -> Choice:
-    """Return a model of given parameters [P]."""
+def _model_of(found: Choice, structure: Structure, design: Design, values: np.ndarray) -> Choice:
+    """Return a fit with other parts and with the parameters ``values`` [P]."""
     posterior = replace(found.fit.posterior, values=values)
     return Choice(structure, design, replace(found.fit, posterior=posterior))
 
 
-def _climbed(rows: Rows, belief: Believed, best: Believed, axis: Axis, effort: Effort) -> Believed:
-    """Find the jumps under a model, then the model without them, and so on while it fits better; return the best."""
+def _climbed(rows: Rows, belief: Belief, best: Belief, axis: Axis, effort: Effort) -> Belief:
+    """Find jumps under a model, then a model without them, and so on while the fit gets better; return the best."""
     taken, model = belief
     if taken and model.fit.loss_mm < best[1].fit.loss_mm:
         best = belief
-    for _ in range(ROUNDS):
+    for _ in range(CLIMBS):
         more = climbed(rows, model, axis)
-        much = len(more) * SPARSE > int((rows.weight > 0).sum())
+        much = len(more) * ROWS_PER_JUMP > int((rows.weight > 0).sum())
         if not more or more == taken or much or effort.is_spent:
             break
-        taken, model = more, effort.search(jumped(rows, more))
+        taken, model = more, effort.searched(jumped(rows, more))
         if model.fit.loss_mm >= best[1].fit.loss_mm:
             break
         best = taken, model
     return best
 
 
-def _calm(rows: Rows, design: Design, least_mm: float, effort: Effort) -> "Increments":
-    starts = [_increments(rows, design, _started(design, play_mm), least_mm, PASSES, effort) for play_mm in STARTS_MM]
+def _fitted_increments(rows: Rows, design: Design, least_mm: float, effort: Effort) -> "Increments":
+    starts = [
+        _increments(rows, design, _started(design, play_mm), least_mm, MOST_PASSES, effort)
+        for play_mm in STARTS_PLAY_MM
+    ]
     return min(starts, key=lambda fit: fit.loss_mm)
 
 
-def _calmed(rows: Rows, design: Design, best: "Increments", axis: Axis, effort: Effort) -> tuple[Jump, ...]:
-    """Return the jumps that calm the increments most, taken out one at a time: a loss of steps turns the pulley for
-    all that follows, so what comes later is seen clearly only once it is taken out."""
-    least_mm = WILD * MISSED_STEPS * axis.mm_per_step
+def _taken_out(rows: Rows, design: Design, best: "Increments", axis: Axis, effort: Effort) -> tuple[Jump, ...]:
+    """Return the jumps without which the increments are smallest, found one at a time.
+
+    A loss of steps turns the pulley for all rows that follow, so a later jump shows clearly only when the earlier ones
+    are taken out.
+    """
+    least_mm = JUMP_SHOWS_SHARE * MISSED_STEPS * axis.mm_per_step
     jumps: tuple[Jump, ...] = ()
-    while len(jumps) < MOST and not effort.is_spent:
+    while len(jumps) < MOST_JUMPS and not effort.is_spent:
         more_jumps = [(*jumps, *more) for more in _suspects(rows, best, axis)]
         tried = [
             (more, _increments(jumped(rows, more), design, best.values, least_mm, FEW_PASSES, effort))
@@ -143,7 +157,7 @@ def _calmed(rows: Rows, design: Design, best: "Increments", axis: Axis, effort: 
         if not tried:
             break
         more, fit = min(tried, key=lambda pair: pair[1].loss_mm)
-        if fit.loss_mm > best.loss_mm - CALMER * least_mm / len(best.left_mm):
+        if fit.loss_mm > best.loss_mm - LEAST_GAIN_SHARE * least_mm / len(best.left_mm):
             break
         jumps, best = more, fit
     return lasting(rows, sorted(jumps, key=lambda jump: jump.row))
@@ -151,8 +165,11 @@ def _calmed(rows: Rows, design: Design, best: "Increments", axis: Axis, effort: 
 
 @dataclass(frozen=True, eq=False)
 class Increments:
-    """A robust fit of the increments: its parameters [P], what it leaves of them [M − 1], and the mean of that, each
-    cut at the least that a jump shows."""
+    """A robust fit of the increments between the M measured rows.
+
+    ``values`` [P] are its parameters and ``left_mm`` [M − 1] the residual increments; ``loss_mm`` is the mean of their
+    absolute values, each at most what a jump shows at least. ``gain`` is the carriage's mean way for a commanded one.
+    """
 
     values: np.ndarray
     left_mm: np.ndarray
@@ -161,37 +178,38 @@ class Increments:
 
 
 def _suspects(rows: Rows, fit: Increments, axis: Axis) -> list[tuple[Jump, ...]]:
-    """Return what may have happened at the wildest increments, each the simplest jumps of its size."""
+    """Return the jumps that may explain the largest increments, for each at most two of the simplest of its size."""
     measured = np.flatnonzero(rows.weight > 0)
     step, tooth = MISSED_STEPS * axis.mm_per_step, TOOTH_STEPS * axis.mm_per_step
     size = np.abs(fit.left_mm)
-    wild = np.flatnonzero(size > max(WILD * step, CALM * 1.4826 * float(np.median(size))))
-    wild = wild[np.argsort(-size[wild], kind="stable")][:SUSPECTS]
+    wild = np.flatnonzero(size > max(JUMP_SHOWS_SHARE * step, JUMP_SHOWS_SIGMAS * 1.4826 * float(np.median(size))))
+    wild = wild[np.argsort(-size[wild], kind="stable")][:MOST_SUSPECTS]
     suspects = []
     for i in wild:
         row, options = int(measured[i]) + 1, 0
         for teeth, missed in COMBINATIONS:
             away = abs(fit.left_mm[i] - teeth * tooth - missed * step * fit.gain)
-            # pulleys turn the same loss of angle into more or less than the mean
-            if away < (NEAR_TOOTH + NEAR_STEP * fit.gain * abs(missed)) * step and options < 2:
+            # A pulley turns the same loss of angle into more or less than its mean gain does.
+            if away < (TOOTH_TOLERANCE + STEP_TOLERANCE * fit.gain * abs(missed)) * step and options < 2:
                 options += 1
                 belt, motor = Jump(row, True, teeth * tooth), Jump(row, False, missed * step)
                 suspects.append((belt,) * (teeth != 0) + (motor,) * (missed != 0))
     return suspects
 
 
-def _stepped(rows: Rows, design: Design, axis: Axis) -> tuple[Jump, ...]:
-    """Return the jumps nearest to the steps that, with a model, explain the measured places best.
+def _jumps_of_steps(rows: Rows, design: Design, axis: Axis) -> tuple[Jump, ...]:
+    """Return the jumps nearest to the steps that, together with a model, explain the measured places best.
 
-    Where a gain changes abruptly, as on a pulley with corners, one increment says little of a jump; all places after it
-    do. Steps of any size are added one at a time, those that remain small are dropped, the others snapped.
+    Where a gain changes abruptly, as on a pulley with corners, one increment says little about a jump, but all places
+    after it do. Steps of any size are added one at a time. Those that stay small are dropped, the others are rounded to
+    the sizes of jumps.
     """
-    found = [_steps(rows, design, _started(design, play_mm), axis) for play_mm in STARTS_MM[1:]]
+    found = [_steps(rows, design, _started(design, play_mm), axis) for play_mm in STARTS_PLAY_MM[1:]]
     at, sizes_mm, gain, _ = min(found, key=lambda each: each[-1])
     step, tooth = MISSED_STEPS * axis.mm_per_step, TOOTH_STEPS * axis.mm_per_step
     jumps: list[Jump] = []
     for row, size_mm in sorted(zip(at, sizes_mm, strict=True)):
-        away = [abs(size_mm - a * tooth - b * step * gain) + MORE_JUMPS_MM * (abs(a) + abs(b)) for a, b in COMBINATIONS]
+        away = [abs(size_mm - a * tooth - b * step * gain) + JUMP_PRICE_MM * (abs(a) + abs(b)) for a, b in COMBINATIONS]
         teeth, missed = COMBINATIONS[int(np.argmin(away))]
         jumps += [Jump(row, True, teeth * tooth)] * (teeth != 0)
         jumps += [Jump(row, False, missed * step)] * (missed != 0)
@@ -199,10 +217,10 @@ def _stepped(rows: Rows, design: Design, axis: Axis) -> tuple[Jump, ...]:
 
 
 def _steps(rows: Rows, design: Design, values: np.ndarray, axis: Axis) -> tuple[list[int], list[float], float, float]:
-    """Return the rows of the steps, their sizes [mm], the gain, and the mean of what is left, from parameters [P]."""
+    """Return the rows of the steps, their sizes [mm], the gain and the mean residual, starting from parameters [P]."""
     measured = np.flatnonzero(rows.weight > 0)
-    count, least_mm = len(measured), WILD * MISSED_STEPS * axis.mm_per_step
-    ridge = np.diag(SOFT_MM / np.sqrt(variances(design, Prior())))
+    count, least_mm = len(measured), JUMP_SHOWS_SHARE * MISSED_STEPS * axis.mm_per_step
+    ridge = np.diag(LEAST_SIGMA_MM / np.sqrt(variances(design, Prior())))
     offset = np.zeros(len(rows))
     at: list[int] = []
     sizes, left = np.zeros(0), np.zeros(count)
@@ -213,7 +231,7 @@ def _steps(rows: Rows, design: Design, values: np.ndarray, axis: Axis) -> tuple[
         base, target = np.vstack([columns, ridge]), np.concatenate([wanted, np.zeros(design.size)])
         at = _breaks(base, target, count)
         small = True
-        while small:  # what is small is dropped, the rest fitted again
+        while small:  # small steps are dropped, and the others fitted again
             after = (np.arange(len(target))[:, None] >= np.array(at, int)) & (np.arange(len(target)) < count)[:, None]
             both = np.column_stack([base, after])
             solved = np.linalg.lstsq(both, target, rcond=None)[0]
@@ -234,13 +252,13 @@ def _steps(rows: Rows, design: Design, values: np.ndarray, axis: Axis) -> tuple[
 
 
 def _breaks(base: np.ndarray, target: np.ndarray, count: int) -> list[int]:
-    """Return after which of the first ``count`` entries of ``target`` steps help most beside the columns ``base``."""
+    """Return where steps within the first ``count`` entries of ``target`` help most beside the columns ``base``."""
     q = np.linalg.qr(base)[0]
     left = target - q @ (q.T @ target)
     room = np.arange(count, 0, -1.0) - np.square(np.cumsum(q[:count][::-1], axis=0)[::-1]).sum(axis=1)
     at: list[int] = []
     for _ in range(MOST_STEPS):
-        score = np.square(np.cumsum(left[:count][::-1])[::-1]) / np.maximum(room, LOCAL_ROOM)
+        score = np.square(np.cumsum(left[:count][::-1])[::-1]) / np.maximum(room, LEAST_ROOM)
         k = int(np.argmax(score))
         step = np.zeros(len(target))
         step[k:count] = 1.0
@@ -286,7 +304,7 @@ def _increments(
         wanted = np.diff(touch.residual_mm[measured]) + steps @ values
         for _ in range(3):
             left = wanted - steps @ values
-            sigma = max(1.4826 * float(np.median(np.abs(left))), SOFT_MM)
+            sigma = max(1.4826 * float(np.median(np.abs(left))), LEAST_SIGMA_MM)
             weight = 1.0 / (1.0 + np.square(left / (2 * sigma)))  # Cauchy: a jump counts for next to nothing
             matrix = (steps * weight[:, None]).T @ steps / sigma**2
             values = np.linalg.solve(matrix + precision, (steps.T @ (weight * wanted)) / sigma**2)

@@ -9,21 +9,19 @@ from printmend.printer import Printer
 from printmend.saved.branches import SCALE_MM, Branches, Wave, warp_columns
 from printmend.units import TURN_RAD
 
-TABLE = 4096  # phases of the tables that the play is simulated with
-
-
+TABLE_PHASES = 4096  # phases of the tables over a turn with which the play is followed
 CROSS = ((0, 1), (0, 2), (1, 1), (0, 3), (1, 2), (2, 1))  # exponents (own, other) of the frame's terms
 
 
 @dataclass(frozen=True)
 class Design:
-    """Which columns there are.
+    """The columns of a motor's drive, in the order of its parameters.
 
-    Order of parameters: where the belt was at the start (counted from the first measurement), mean powers, play
-    powers, cross terms, cos and sin of the ripple, then cos and sin of the harmonics of mean, play and elastic.
-    ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1; ``ripple`` the high harmonics of
-    micro-step ripple; ``warp`` the number of cosines over ``warp_span_mm`` that make the part of the mean that repeats
-    nothing (they come after the cross terms).
+    The parameters are: where the belt was at the start (counted from the first measurement), powers of the mean, powers
+    of the play, cross terms, warp, cosines and sines of the ripple, then cosines and sines of the harmonics of mean,
+    play and elastic. ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1. ``warp`` is the number
+    of cosines over ``warp_span_mm`` that make the part of the mean that repeats nothing. ``ripple`` are the high
+    harmonics of micro-step ripple. ``elastic`` harmonics grow along the axis (physics.md eq. 8).
     """
 
     mean_powers: int = 0
@@ -38,7 +36,7 @@ class Design:
 
     @cached_property
     def parts(self) -> dict[str, slice]:
-        """The place of every part in the parameter vector."""
+        """The slice of every part in the parameter vector."""
         sizes = {
             "start": 1,
             "mean_powers": self.mean_powers,
@@ -148,14 +146,14 @@ class Design:
 
     def tables(self, values: np.ndarray) -> np.ndarray:
         """Return the periodic parts of mean, play and elastic [3, TABLE + 1] over one turn."""
-        tables = np.zeros((3, TABLE + 1))
+        tables = np.zeros((3, TABLE_PHASES + 1))
         for row, kinds in enumerate((("mean", "ripple"), ("play",), ("elastic",))):
-            spectrum = np.zeros(TABLE // 2 + 1, complex)
+            spectrum = np.zeros(TABLE_PHASES // 2 + 1, complex)
             for kind in kinds:
                 cos_mm, sin_mm = values[self.parts[f"{kind}_cos"]], values[self.parts[f"{kind}_sin"]]
                 spectrum[self.waves(kind)] = cos_mm - 1j * sin_mm
             if spectrum.any():
-                tables[row, :-1] = np.fft.irfft(spectrum, TABLE) * (TABLE / 2)
+                tables[row, :-1] = np.fft.irfft(spectrum, TABLE_PHASES) * (TABLE_PHASES / 2)
         tables[:, -1] = tables[:, 0]
         return tables
 

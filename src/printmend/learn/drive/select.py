@@ -1,7 +1,6 @@
-"""Choose the simplest drive that a motor's rows support: the nested list of physics.md §4, by Laplace evidence.
+"""Choose the simplest drive that a motor's rows support, from the nested list of physics.md eq. 20.
 
-{healthy} < {offset, scale} < {+ Fourier} < {+ play, or a loose belt} < {+ play that follows the angle or the position}
-< {+ odd harmonics × position, ripple, bent guides}: every part must pay for itself, else it is switched off.
+Every part must pay for itself in Laplace evidence, else it is switched off.
 """
 
 import math
@@ -16,35 +15,36 @@ from printmend.learn.drive.layout import CROSS
 from printmend.learn.drive.sight import crosses
 from printmend.path import last_way
 
-COARSE_HARMONICS = 8
-TRIAL_HARMONICS = 16
-HARMONICS = 32
-WORTH = 6.0  # nats of evidence that a part must bring
-SURE_PLAY = 3.0  # play above so many standard deviations of one point cannot be adapted noise
-WORTH_PLAY = 10.0  # play also adapts the contacts to the noise, which the evidence does not see
-STARTS_MM = (0.3, 3.0)
-PLAYS = ("none", "constant", "loose", "free")
-BOTH_WAYS = 5  # measured rows that a motor must have gone either way for its play to show
-ELASTIC = (1, 3, 5)
-WARPS_MM = (10.0, 20.0, 40.0)
-WARP_MARGIN_MM = 20.0
-SETTLED = 12
-FOLD_FLOOR_MM = 0.02
-REPEATS_TURNS = 1.6  # a shorter reach shows too little twice
-AS_GOOD, AS_GOOD_MM = 1.02, 0.002
-SELECT_FLOOR_MM = 0.003  # parts that explain less than a micro-step imitate the corners between the harmonics
-FOLDS = (0, 1, 2, 3, 4, 5, 6, 7, 8)
+COARSE_HARMONICS = 8  # of the search for contacts
+TRIAL_HARMONICS = 16  # of the choice of parts
+HARMONICS = 32  # of the last fit: corners of a pulley need them
+PART_NATS = 6.0  # log evidence that a part must bring (odds of 400 to 1)
+PLAY_NATS = 10.0  # play must bring more: it also adapts the contacts to the noise, which the evidence does not count
+SURE_PLAY_SIGMAS = 3.0  # play larger than so many standard deviations of one point is no adaptation to noise
+STARTS_PLAY_MM = (0.3, 3.0)  # first guesses of the play
+PLAYS = ("none", "constant", "loose", "free")  # from simple to general
+LEAST_ROWS_EITHER_WAY = 5  # measured rows that a motor must have gone either way, or its play cannot show
+ELASTIC_HARMONICS = (1, 3, 5)  # odd harmonics that fade along a stretching belt (physics.md eq. 8)
+WARPS_MM = (10.0, 20.0, 40.0)  # lengths of the part that repeats nothing
+WARP_MARGIN_MM = 20.0  # how far beyond the rows its cosines span, so that they are not mirrored within
+SETTLING_PASSES = 12  # passes, or rounds of the prior, after which a fit no longer changes
+FOLD_LEAST_SIGMA_MM = 0.02  # smallest noise when symmetries are compared: real ones are no better
+LEAST_TURNS_TWICE = 1.6  # turns that a reach must have, or too little was seen twice to tell what repeats
+AS_GOOD_SHARE, AS_GOOD_MM = 1.02, 0.002  # a simpler drive may have this much more mean residual
+# Smallest noise when parts are chosen: what explains less than a micro-step imitates the corners between the harmonics.
+SELECT_LEAST_SIGMA_MM = 0.003
+FOLDS = (0, 1, 2, 3, 4, 5, 6, 7, 8)  # symmetries of a pulley; 0 is none, 1 an eccentric round one
 LOOKS_WRONG_MM = 0.02  # a mean residual above this, with a pattern, is more than the corners of a pulley
-PATTERN = 0.8  # a smaller share of independent rows says that the model lacks something smooth
+PATTERN_SHARE = 0.8  # with a smaller share of independent rows the model lacks something smooth
 
 
 @dataclass(frozen=True)
 class Structure:
-    """Which parts of a drive there are.
+    """Which parts a drive has.
 
-    ``cross`` is the highest order of the frame's terms, ``pulley`` the harmonics of the mean (none, even, all),
-    ``play`` none, constant, loose (odd harmonics on top) or free (all harmonics), ``warp_mm`` the length of what
-    repeats nothing, 0 for none.
+    ``cross`` is the highest order of the frame's terms. ``pulley`` names the harmonics of the mean (none, even or all)
+    and ``play`` those of the play (none; constant; loose, with odd harmonics; free, with all). ``drift`` lets the mean
+    bend along the axis, ``friction`` the play. ``warp_mm`` is the length of the part that repeats nothing, 0 for none.
     """
 
     offset: bool = True
@@ -64,7 +64,7 @@ class Structure:
 
     @property
     def waves(self) -> bool:
-        """Tell whether the mean has parts with a zero of their own: then it has an offset, too."""
+        """Tell whether the mean has parts that average to 0 over a turn or the axis: they need an offset, too."""
         return self.pulley != "none" or self.ripple or self.elastic or self.warp_mm > 0
 
     def active(self, design: Design) -> np.ndarray:
@@ -85,11 +85,11 @@ class Structure:
         return on
 
     def _cosines(self, span_mm: tuple[float, float]) -> int:
-        """Return how many cosines over a span a Gaussian process of length ``warp_mm`` needs, to 3e-4 of its size."""
+        """Return how many cosines over a span make a Gaussian process of length ``warp_mm``, to 3e-4 of its size."""
         return math.ceil(4.0 * (span_mm[1] - span_mm[0]) / (np.pi * self.warp_mm)) if self.warp_mm else 0
 
     def design(self, harmonics: int, ripple: tuple[int, ...], reach_mm: tuple[float, float] = (0.0, 1.0)) -> Design:
-        """Return the columns of these parts only, with that many harmonics, for motor positions within ``reach_mm``."""
+        """Return the columns of these parts, with that many harmonics, for motor positions within ``reach_mm``."""
         span_mm = (reach_mm[0] - WARP_MARGIN_MM, reach_mm[1] + WARP_MARGIN_MM)
         waves = tuple(range(1, harmonics + 1))
         even, odd = waves[1::2], waves[::2]
@@ -100,7 +100,7 @@ class Structure:
             ripple=ripple if self.ripple else (),
             mean_harmonics={"none": (), "even": even, "all": waves}[self.pulley],
             play_harmonics={"none": (), "constant": (), "loose": odd, "free": waves}[self.play],
-            elastic_harmonics=ELASTIC if self.elastic else (),
+            elastic_harmonics=ELASTIC_HARMONICS if self.elastic else (),
             warp=self._cosines(span_mm),
             warp_span_mm=span_mm if self.warp_mm else (0.0, 1.0),
         )
@@ -120,19 +120,21 @@ class Choice:
 
 
 def supported(rows: Rows, structure: Structure) -> Structure:
-    """Return the structure without what these rows cannot tell from other parts: play where the motor was measured
-    going one way only, the frame where the axes moved together only."""
+    """Return the structure without what these rows cannot tell from other parts.
+
+    This is the play of a motor that was measured going one way only, and the frame where the axes only moved together.
+    """
     went = last_way(rows.motor_mm)[rows.weight > 0]
-    if min((went > 0).sum(), (went < 0).sum()) < BOTH_WAYS:
+    if min((went > 0).sum(), (went < 0).sum()) < LEAST_ROWS_EITHER_WAY:
         structure = replace(structure, play="none", friction=False)
     return structure if crosses(rows) else replace(structure, cross=0)
 
 
-def search(rows: Rows) -> Choice:
-    """Find the contacts with few harmonics from several starts; return the best of the drive's main structures."""
+def main_parts(rows: Rows) -> Choice:
+    """Find the contacts, with few harmonics and from several first guesses; return the best of the main structures."""
     plain = supported(rows, Structure(play="free"))
     best = _searched(rows, plain)
-    if best.fit.share > PATTERN / 2 or best.fit.loss_mm < LOOKS_WRONG_MM:
+    if best.fit.share > PATTERN_SHARE / 2 or best.fit.loss_mm < LOOKS_WRONG_MM:
         return best
     warped = _searched(rows, replace(plain, warp_mm=WARPS_MM[1]))
     return warped if warped.fit.loss_mm < 0.7 * best.fit.loss_mm else best
@@ -152,7 +154,9 @@ def _searched(rows: Rows, base: Structure) -> Choice:
 
     if base.play == "none":
         return tried("none", "all", 0.0)
-    played = min((tried("constant", "all", start_mm) for start_mm in STARTS_MM), key=lambda choice: choice.fit.loss_mm)
+    played = min(
+        (tried("constant", "all", start_mm) for start_mm in STARTS_PLAY_MM), key=lambda choice: choice.fit.loss_mm
+    )
     play_mm = float(played.fit.posterior.values[place][0])
     best = tried("none", "all", 0.0)
     for choice in (played, tried("loose", "even", play_mm), tried("free", "all", play_mm)):
@@ -162,7 +166,7 @@ def _searched(rows: Rows, base: Structure) -> Choice:
 
 
 def refined(rows: Rows, found: Choice) -> Choice:
-    """Repeat a search's fit on rows that hardly differ."""
+    """Fit the same parts again, from the values that they have, to rows that hardly differ from those of the fit."""
     post = found.fit.posterior
     active = found.structure.active(found.design)
     fit = refine(found.design, rows, post.values, active, prior=post.prior, passes=3, rounds=1, drop=False)
@@ -170,14 +174,14 @@ def refined(rows: Rows, found: Choice) -> Choice:
 
 
 def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
-    """Fit everything at once, then drop, part by part, what does not pay.
+    """Fit all parts at once, then drop one by one those that do not pay; return what remains.
 
-    What repeats nothing can imitate all else where a trace is short, so it is offered only to residuals with a pattern,
-    and instead of what grows along the axis, which imitates it where noise hides the pattern.
+    The part that repeats nothing can imitate all others where a trace is short. So it is offered only where the
+    residuals have a pattern, or in place of parts that grow along the axis, which may imitate it under noise.
     """
     most = supported(rows, EVERYTHING)
     structure, share = _chosen(rows, found, ripple, most)
-    if share < PATTERN or structure.drift or structure.elastic:
+    if share < PATTERN_SHARE or structure.drift or structure.elastic:
         warped = _chosen(rows, found, ripple, replace(most, warp_mm=WARPS_MM[0]))[0]
         if warped.warp_mm:
             structure = _likelier(rows, found, ripple, structure, warped)
@@ -187,18 +191,18 @@ def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
 def _likelier(rows: Rows, found: Choice, ripple: tuple[int, ...], plain: Structure, warped: Structure) -> Structure:
     """Return the likelier of two structures, each fitted until its own contacts and outliers are settled.
 
-    Those of the fit that they were pruned from may be those of another machine, which only the larger one can follow.
+    The contacts of the fit from which both were pruned may be those of a machine that only the larger one can follow.
     """
-    choices = [fitted(rows, structure, ripple, found, passes=SETTLED) for structure in (plain, warped)]
+    choices = [fitted(rows, structure, ripple, found, passes=SETTLING_PASSES) for structure in (plain, warped)]
     share = max(choice.fit.share for choice in choices)
-    ours, theirs = (_settled(choice, share, SELECT_FLOOR_MM) for choice in choices)
-    return warped if theirs > ours + WORTH else plain
+    ours, theirs = (_settled(choice, share, SELECT_LEAST_SIGMA_MM) for choice in choices)
+    return warped if theirs > ours + PART_NATS else plain
 
 
 def _repeating(rows: Rows, found: Choice, ripple: tuple[int, ...], structure: Structure) -> Structure:
-    """Prefer what repeats every turn where little more than a turn was seen and it explains as much.
+    """Prefer parts that repeat every turn, where little more than a turn was seen and they explain as much.
 
-    Then nothing tells it from what grows or bends along the axis, but only it goes on beyond what was seen.
+    Nothing tells them from parts that grow or bend along the axis then, but only they say how the drive goes on.
     """
     simple = replace(
         structure, warp_mm=0.0, drift=False, elastic=False, offset=True, scale=True,
@@ -206,44 +210,44 @@ def _repeating(rows: Rows, found: Choice, ripple: tuple[int, ...], structure: St
     )  # fmt: skip
     low_mm, high_mm = rows.reach_mm
     grows = structure.warp_mm or structure.drift or structure.elastic
-    if not grows or high_mm - low_mm > REPEATS_TURNS * rows.period_mm:
+    if not grows or high_mm - low_mm > LEAST_TURNS_TWICE * rows.period_mm:
         return structure
     losses = [fitted(rows, each, ripple, found, passes=4).fit.loss_mm for each in (structure, simple)]
-    return simple if losses[1] <= AS_GOOD * losses[0] + AS_GOOD_MM else structure
+    return simple if losses[1] <= AS_GOOD_SHARE * losses[0] + AS_GOOD_MM else structure
 
 
 def _chosen(rows: Rows, found: Choice, ripple: tuple[int, ...], base: Structure) -> tuple[Structure, float]:
-    """Return what remains of ``base``, and the share of independent residuals when all of it is fitted.
+    """Return what remains of ``base``, and the share of independent residuals of the fit with all of ``base``.
 
-    Contacts adapt to the play that a model has, so a taut machine is fitted with contacts of its own before play is
-    preferred to it: at the other's contacts it would look worse than it is.
+    Contacts adapt to the play that a model has: at the contacts of a machine with play a taut one looks worse than it
+    is. So a taut machine is fitted with contacts of its own before play is preferred to it.
     """
-    base = replace(base, ripple=base.ripple and bool(ripple))  # nothing to drop later where none can be seen
+    base = replace(base, ripple=base.ripple and bool(ripple))  # where no ripple can be seen there is none to drop
     design = base.design(TRIAL_HARMONICS, ripple, rows.reach_mm)
     values = design.moved(found.fit.posterior.values, found.design)
-    prior = replace(found.fit.posterior.prior, floor_mm=SELECT_FLOOR_MM)
+    prior = replace(found.fit.posterior.prior, floor_mm=SELECT_LEAST_SIGMA_MM)
     played, full = _pruned(rows, design, base, values, prior)
     play_mm = full.posterior.values[design.parts["play_powers"]]
-    if played.play == "none" or play_mm[0] > SURE_PLAY * full.posterior.sigma_mm:
+    if played.play == "none" or play_mm[0] > SURE_PLAY_SIGMAS * full.posterior.sigma_mm:
         return played, full.share
     without = replace(base, play="none", friction=False)
     values = full.posterior.values * without.active(design)
-    taut, loser = _pruned(rows, design, without, values, replace(full.posterior.prior, floor_mm=SELECT_FLOOR_MM))
+    taut, loser = _pruned(rows, design, without, values, replace(full.posterior.prior, floor_mm=SELECT_LEAST_SIGMA_MM))
     ours, theirs = (
         _evidence(rows, design, structure, fit, full.share) for structure, fit in ((played, full), (taut, loser))
     )
-    return played if ours > theirs + WORTH_PLAY else taut, full.share
+    return played if ours > theirs + PLAY_NATS else taut, full.share
 
 
 def _evidence(rows: Rows, design: Design, structure: Structure, start: Fit, share: float) -> float:
-    """Return the log evidence of a structure with contacts of its own."""
+    """Return the log evidence of a structure, fitted with contacts of its own."""
     active, post = structure.active(design), start.posterior
     fit = refine(design, rows, post.values * active, active, prior=_prior(post.prior, structure), passes=3, rounds=2)
     return _posterior(design, fit.normal.tempered(share), structure, fit.posterior).log_evidence
 
 
 def _pruned(rows: Rows, design: Design, base: Structure, values: np.ndarray, prior: Prior) -> tuple[Structure, Fit]:
-    """Return what remains of ``base``, and the fit of all of it."""
+    """Return what remains of ``base`` when parts that do not pay are dropped, and the fit of all of it."""
     full = refine(design, rows, values, base.active(design), prior=_prior(prior, base), passes=5, rounds=2)
     normal = full.normal.tempered(full.share)
     best, post = base, _posterior(design, normal, base, full.posterior)
@@ -271,7 +275,7 @@ def _pruned(rows: Rows, design: Design, base: Structure, values: np.ndarray, pri
             if not tried:
                 continue
             candidate, structure = max(tried, key=lambda pair: pair[0].log_evidence)
-            if candidate.log_evidence > post.log_evidence - WORTH:
+            if candidate.log_evidence > post.log_evidence - PART_NATS:
                 best, post, changed = structure, candidate, True
     return best, full
 
@@ -286,11 +290,11 @@ def _prior(prior: Prior, structure: Structure) -> Prior:
 
 
 def folded(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> Choice:
-    """Let a pulley that was seen in part be symmetric, where the evidence says so: then the rest of it is known.
+    """Fit a pulley that was seen in part as a symmetric one, where the evidence says so: then its rest is known.
 
-    Half a turn shows all of an oval, a third all of a triangle. The folds are compared with the plain prior on the
-    same parts, which a short trace cannot tell from stranger ones. No pulley is symmetric to the micrometre: its
-    deviations count as noise, lest they speak against the symmetry that they hardly disturb.
+    Half a turn shows all of an oval, a third of a turn all of a triangle. The symmetries are compared with the prior
+    without any, on the same simple parts, which a short trace cannot tell from stranger ones. No pulley is symmetric to
+    the micrometre, so its deviations count as noise; else they would speak against a symmetry that they hardly disturb.
     """
     simple = replace(choice.structure, pulley="all", drift=False, elastic=False, warp_mm=0.0, offset=True, scale=True)
     if simple.play in ("loose", "free"):
@@ -302,27 +306,31 @@ def folded(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> Choice:
         design = structure.design(HARMONICS, ripple, rows.reach_mm)
         start = design.moved(choice.fit.posterior.values, choice.design)
         for fold in folds:
-            prior = Prior(fold=fold, floor_mm=FOLD_FLOOR_MM)
+            prior = Prior(fold=fold, floor_mm=FOLD_LEAST_SIGMA_MM)
             on = ~design.mask("mean") | (variances(design, prior) >= variances(design, Prior()) * 0.99)
             fit = refine(design, rows, start * on, structure.active(design), prior=prior, passes=5, rounds=6)
             found.append(Choice(structure, design, fit))
     share = max(each.fit.share for each in found)
     return max(
         found,
-        key=lambda each: _settled(each, share, FOLD_FLOOR_MM) - (0.0 if each.structure in (simple, taut) else WORTH),
+        key=lambda each: (
+            _settled(each, share, FOLD_LEAST_SIGMA_MM) - (0.0 if each.structure in (simple, taut) else PART_NATS)
+        ),
     )
 
 
 def _settled(choice: Choice, share: float, floor_mm: float) -> float:
-    """Return the log evidence of a fit at its own contacts, its prior's scales settled."""
+    """Return the log evidence of a fit at its own contacts, after the prior's scales have settled."""
     fit = choice.fit
     active, post = choice.structure.active(choice.design), fit.posterior
     prior = replace(post.prior, floor_mm=floor_mm)
-    return solve(choice.design, fit.normal.tempered(share), active, prior, post.sigma_mm, rounds=SETTLED).log_evidence
+    return solve(
+        choice.design, fit.normal.tempered(share), active, prior, post.sigma_mm, rounds=SETTLING_PASSES
+    ).log_evidence
 
 
 def fitted(rows: Rows, structure: Structure, ripple: tuple[int, ...], start: Choice, *, passes: int) -> Choice:
-    """Fit the chosen structure with all harmonics, from the values of another fit."""
+    """Fit a structure with all harmonics, from the values of another fit."""
     design = structure.design(HARMONICS, ripple, rows.reach_mm)
     values = design.moved(start.fit.posterior.values, start.design)
     prior = _prior(start.fit.posterior.prior, structure)

@@ -15,7 +15,7 @@ from printmend.learn.drive.design import Rows
 from printmend.learn.drive.jumps import find_jumps
 from printmend.learn.drive.ladder import Jump, jumped
 from printmend.learn.drive.left_out import left_out
-from printmend.learn.drive.select import Choice, Structure, fitted, folded, prune, refined, search
+from printmend.learn.drive.select import Choice, Structure, fitted, folded, main_parts, prune, refined
 from printmend.learn.drive.sight import ALL_SEEN, GLIMPSED_TURN, check_follows, sight
 from printmend.learn.greybox.model import GreyboxModel, model_of
 from printmend.learn.greybox.rows import (
@@ -104,7 +104,7 @@ class Stage:
 
 def _searched(rows: list[Rows]) -> Stage:
     """Find the contacts of either motor, and the main parts of its drive."""
-    return Stage(rows, [search(row) for row in rows])
+    return Stage(rows, [main_parts(row) for row in rows])
 
 
 def _rounded(stage: Stage, printer: Printer) -> tuple[Stage, bool]:

@@ -9,7 +9,7 @@ from printmend.errors import TraceError
 from printmend.learn.drive.design import Rows, contacts, cross_columns
 from printmend.learn.drive.kernels import columns as kernels
 from printmend.learn.drive.ladder import Jump
-from printmend.learn.drive.layout import TABLE, bed_middle
+from printmend.learn.drive.layout import TABLE_PHASES, bed_middle
 from printmend.learn.drive.select import HARMONICS, Choice
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -79,7 +79,7 @@ def motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
 def ripple_harmonics(printer: Printer, motor: int) -> tuple[int, ...]:
     """Return the harmonics of micro-step ripple, of periods of 4, 2 and 1 full steps (physics.md eq. 16)."""
     steps = printer.axes[motor].steps_per_turn
-    return tuple(k for k in (steps // 4, steps // 2, steps) if HARMONICS < k <= TABLE // 8)
+    return tuple(k for k in (steps // 4, steps // 2, steps) if HARMONICS < k <= TABLE_PHASES // 8)
 
 
 def visible_ripple(rows: Rows, harmonics: tuple[int, ...]) -> tuple[int, ...]:

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.learn.drive.fit import robust_sigma_mm
 from printmend.learn.drive.ladder import jumped
-from printmend.learn.drive.select import PATTERN, SELECT_FLOOR_MM
+from printmend.learn.drive.select import PATTERN_SHARE, SELECT_LEAST_SIGMA_MM
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive, motor_rows
 from printmend.learn.hybrid.gains import learned_gains
 from printmend.learn.hybrid.kernels import follow_branches
@@ -26,7 +26,7 @@ GRID_MM = 0.2
 STAGES = 3  # residual learners, each of what the ones before leave
 SURELY = 30.0  # nats by which the published world must fit better
 NOTHING_LEFT = 0.1  # of the machine's residual
-SEEN_MM = SELECT_FLOOR_MM  # a machine that leaves no more than this, or on top of the noise, is good enough
+SEEN_MM = SELECT_LEAST_SIGMA_MM  # a machine that leaves no more than this, or on top of the noise, is good enough
 LEAST_SAID_MM = 0.01
 BEYOND_MM = 20.0  # what is not known there is said
 
@@ -101,7 +101,7 @@ class Hybrid:
 def completed(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
     """Add to a grey box what its own trace shows beyond it."""
     plain = HybridModel(box, box.mechanism, box.noise_mm, box.residual_after_mm)
-    patterned = [drive.choice.fit.share < PATTERN and _left_mm2(drive) > SEEN_MM**2 for drive in box.drives]
+    patterned = [drive.choice.fit.share < PATTERN_SHARE and _left_mm2(drive) > SEEN_MM**2 for drive in box.drives]
     if any(patterned) and (world := _published(box, trace)) is not None:
         return replace(plain, world=world)
     x, y = (_residual(box, trace, motor, patterned=patterned[motor], seed=seed) for motor in range(2))
@@ -139,7 +139,7 @@ def _published(box: GreyboxModel, trace: Trace) -> GainMechanism | None:
     right = max(gains.residual_mm**2, np.finfo(float).tiny)
     better = box.measured * np.log(left / right) - gains.known  # two coordinates, half a nat each; half a nat a number
     # that world has gains and nothing else: what they leave is noise, or next to nothing
-    whole = gains.share > PATTERN or right < NOTHING_LEFT**2 * left
+    whole = gains.share > PATTERN_SHARE or right < NOTHING_LEFT**2 * left
     return gains.mechanism if better > SURELY and whole and left > right + SEEN_MM**2 else None
 
 
