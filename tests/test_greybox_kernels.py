@@ -65,7 +65,7 @@ def test_long_traces_are_added_in_chunks(monkeypatch: pytest.MonkeyPatch, rng: n
     row, parameters = rows(rng), values(rng)
     touch = contacts(DESIGN, parameters, row)
     whole = normal_equations(DESIGN, parameters, row, touch, row.weight)
-    monkeypatch.setattr(greybox_design, "CHUNK", 37)
+    monkeypatch.setattr(greybox_design, "CHUNK_ROWS", 37)
     again: Contacts = contacts(DESIGN, parameters, row)
     np.testing.assert_allclose(again.residual_mm, touch.residual_mm, atol=1e-12)
     parts = normal_equations(DESIGN, parameters, row, again, row.weight)
