@@ -194,7 +194,7 @@ def test_linuxcnc_tables_hold_pulleys_and_play() -> None:
     ("firmware", "words"),
     [
         ("klipper", ["[stepper_x]", "rotation_distance: 39.58", "SET_SKEW XY="]),
-        ("marlin", ["M92 X80.8", "M852 I0.0087", "M425 F1 X0.4000 Y0.3000", "M500"]),
+        ("marlin", ["M92 X80.8", "M852 I0.0087", "M425 F1 X0.4000 Y0.3000", "; to undo now: M92 X80.0"]),
         ("rrf", ["M92 X80.8", "M556 S100 X-0.87", "M425 X0.4000 Y0.3000 S1"]),
         ("linuxcnc", ["COMP_FILE = joint0.comp", "COMP_FILE_TYPE = 0"]),
     ],

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
-from printmend.errors import ModelError, TraceError
+from printmend.errors import ModelError, RefusedError, TraceError
+from printmend.export.supported import export_supported
 from printmend.learn.drive.design import Rows
 from printmend.learn.greybox import motor_rows
 from printmend.measure.distance import scaled_by
@@ -203,3 +204,20 @@ def test_a_budget_that_is_none_of_ours_is_refused(bent: SavedModel) -> None:
             parse_budget(replace(bent, document={**bent.document, "promise": changed}))
     older = {key: value for key, value in bent.document.items() if key != "promise"}
     assert parse_budget(replace(bent, document=older)) is None
+
+
+def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel) -> None:
+    export = export_supported(bent, "marlin")
+    assert set(export.settings) == {"backlash of X", "backlash of Y"}
+    assert export.after_mm < export.before_mm
+    text = dict(export.files)["marlin.gcode"]
+    assert "M500" not in text
+    assert "to undo" in text
+    healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.diag([0.0013, 0.0013])), ENDER3)
+    for firmware in ("marlin", "klipper", "rrf", "linuxcnc"):
+        with pytest.raises(RefusedError):
+            export_supported(healthy, firmware)
+    unsure = replace(FLATBED, scale_sd=0.01, axes_sd=0.01)
+    scaled = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.2))
+    model = learn_model(scanned(measured(scaled, 0.01, 4), np.zeros((2, 2)), unsure), ENDER3)
+    assert export_supported(model, "klipper").settings == ("scale of X",)

@@ -17,13 +17,18 @@ import click
     help="Write the files into this folder instead of printing them.",
 )  # fmt: skip
 def command(model_path: Path, firmware: str, folder: Path | None) -> None:
-    """Write the part of the fault that a firmware can hold by itself, and say what remains for `printmend mend`."""
-    from printmend.export.firmware import EXPORTS, remainder
+    """Write the part of the fault that a firmware can hold by itself, and say what remains for `printmend mend`.
+
+    A setting that would not help by more than its doubt stays out; where none is left nothing is written (exit code 3).
+    Nothing is stored in the firmware: the files say how to undo what they set.
+    """
+    from printmend.export.firmware import remainder
+    from printmend.export.supported import export_supported
     from printmend.files import replacing
     from printmend.saved.model import read_model
 
     model = read_model(model_path)
-    export = EXPORTS[firmware](model.mechanism)
+    export = export_supported(model, firmware)
     for name, text in export.files:
         if folder is None:
             click.echo(f"; {name}\n{text}" if len(export.files) > 1 else text, nl=False)

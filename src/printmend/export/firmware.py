@@ -38,11 +38,14 @@ class Simple:
 @dataclass(frozen=True)
 class Export:
     """What to give to a firmware: ``files`` (name, text) and the predicted RMS error over the bed [mm], the part as a
-    whole allowed to shift, without it (``before_mm``) and with it (``after_mm``)."""
+    whole allowed to shift, without it (``before_mm``) and with it (``after_mm``). ``settings`` says in words what is in
+    the files, ``left_out`` which settings would not help by more than their doubt, and why."""
 
     files: tuple[tuple[str, str], ...]
     before_mm: float
     after_mm: float
+    settings: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
 
 def simple_part(mechanism: Mechanism) -> Simple:
@@ -76,13 +79,16 @@ def _whole_turns_mm(printer: Printer, motor: int) -> np.ndarray:
     return (low + high) / 2 + length * (np.arange(4000) / 4000 - 0.5)
 
 
-def export_klipper(mechanism: Mechanism) -> Export:
+def export_klipper(mechanism: Mechanism, simple: Simple | None = None) -> Export:
     """Return printer.cfg lines and SET_SKEW: Klipper has no backlash compensation of its own."""
-    simple, printer = simple_part(mechanism), mechanism.printer
-    lines = []
+    simple, printer = simple or simple_part(mechanism), mechanism.printer
+    lines = [
+        "# Compare each value with the one in your printer.cfg and keep a copy of that file: it undoes all of this."
+    ]
     for motor, name in enumerate(("stepper_x", "stepper_y")):
-        distance = printer.axes[motor].mm_per_turn * simple.gain[motor]
-        lines += [f"[{name}]", f"rotation_distance: {distance:.6f}", ""]
+        turn_mm = printer.axes[motor].mm_per_turn
+        distance = turn_mm * simple.gain[motor]
+        lines += [f"[{name}]", f"rotation_distance: {distance:.6f}", f"# to undo: rotation_distance: {turn_mm:.6f}", ""]
     if simple.skew:
         # SET_SKEW wants three lengths of a printed square: the diagonals AC and BD, and the side AD.
         angle = math.pi / 2 - math.atan(simple.skew)
@@ -93,38 +99,38 @@ def export_klipper(mechanism: Mechanism) -> Export:
             "",
             "# once, at the console:",
             f"# SET_SKEW XY={ac:.4f},{bd:.4f},{SKEW_SIDE_MM:.4f}",
-            "# SKEW_PROFILE SAVE=printmend",
-            "# SAVE_CONFIG",
+            "# to undo: SET_SKEW CLEAR=1; only you can store it, once a print has shown that it helps",
         ]
     return _export(mechanism, (("klipper.cfg", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=False))
 
 
-def export_marlin(mechanism: Mechanism) -> Export:
+def export_marlin(mechanism: Mechanism, simple: Simple | None = None) -> Export:
     """Return M92, M852 and M425; backlash only where motors are axes."""
-    simple, printer = simple_part(mechanism), mechanism.printer
+    simple, printer = simple or simple_part(mechanism), mechanism.printer
     play = printer.kinematics == "cartesian" and any(simple.play_mm)
     lines = [_steps_line(printer, simple)]
     if simple.skew:
         lines.append(f"M852 I{simple.skew:.6f} ; skew")
     if play:
         lines.append(f"M425 F1 X{simple.play_mm[0]:.4f} Y{simple.play_mm[1]:.4f} ; backlash")
-    lines.append("M500 ; save")
+    lines += _undo(printer, ["M852 I0"] * bool(simple.skew) + ["M425 F0"] * play)
     return _export(mechanism, (("marlin.gcode", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=play))
 
 
-def export_rrf(mechanism: Mechanism) -> Export:
+def export_rrf(mechanism: Mechanism, simple: Simple | None = None) -> Export:
     """Return config.g lines for RepRapFirmware: M92, M556 and M425; backlash only where motors are axes.
 
     M556 is added, x + tan·y, where Marlin subtracts: an acute angle between the axes is negative. M425 spreads the
     backlash over S times itself, ten times by default; S1 takes it up at once.
     """
-    simple, printer = simple_part(mechanism), mechanism.printer
+    simple, printer = simple or simple_part(mechanism), mechanism.printer
     play = printer.kinematics == "cartesian" and any(simple.play_mm)
     lines = [_steps_line(printer, simple)]
     if simple.skew:
         lines.append(f"M556 S{SKEW_SIDE_MM:.0f} X{-SKEW_SIDE_MM * simple.skew:.4f} ; skew")
     if play:
         lines.append(f"M425 X{simple.play_mm[0]:.4f} Y{simple.play_mm[1]:.4f} S1 ; backlash")
+    lines += _undo(printer, ["M556 S100 X0"] * bool(simple.skew) + ["M425 X0 Y0"] * play)
     return _export(mechanism, (("config.g", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=play))
 
 
@@ -159,7 +165,7 @@ def export_linuxcnc(mechanism: Mechanism) -> Export:
     return _export(mechanism, (("joints.ini", "\n".join(ini)), *files), drive)
 
 
-EXPORTS: dict[str, Callable[[Mechanism], Export]] = {
+EXPORTS: dict[str, Callable[..., Export]] = {
     "klipper": export_klipper,
     "marlin": export_marlin,
     "rrf": export_rrf,
@@ -168,13 +174,21 @@ EXPORTS: dict[str, Callable[[Mechanism], Export]] = {
 
 
 def remainder(export: Export) -> str:
-    """Say in one line what the firmware takes and what remains."""
-    if export.before_mm < 1e-6:
-        return "this machine is healthy: there is nothing to export"
-    return (
-        f"predicted over the bed: {export.before_mm:.3f} mm (RMS) without, {export.after_mm:.3f} mm with this; what "
+    """Say what the firmware takes, what remains, and which settings stay out."""
+    said = (
+        f"expected over the bed: {export.before_mm:.3f} mm (RMS) without, {export.after_mm:.3f} mm with this; what "
         "remains is for `printmend mend`, with a model learned after these settings are in place"
     )
+    return "\n".join([said, *(f"left out: {each}" for each in export.left_out)])
+
+
+def _undo(printer: Printer, more: list[str]) -> list[str]:
+    """Return comments that say how to undo the settings, and that nothing stores them."""
+    healthy = _steps_line(printer, Simple((1.0, 1.0), (0.0, 0.0), 0.0)).split(" ;")[0]
+    return [
+        "; these hold until the printer restarts: nothing here stores them in the firmware",
+        f"; to undo now: {', '.join([healthy, *more])} (or the values that your firmware had)",
+    ]
 
 
 def _steps_line(printer: Printer, simple: Simple) -> str:
