@@ -12,8 +12,9 @@ from sys import path as import_path
 import numpy as np
 
 from printmend.corruption import Corruption, Drive, EccentricBore, GainTable, Play
+from printmend.machine import lattice_tables
 from printmend.printer import read_printer
-from printmend.twin import Twin, lattice_tables
+from printmend.twin import Twin
 
 import_path.insert(0, str(Path(__file__).parents[1]))
 from tests import naive_twin
@@ -57,8 +58,9 @@ def _slow(twin: Twin, controls: np.ndarray, start: np.ndarray, axis: int) -> np.
         gains, bed = twin.mechanism.gains[axis], twin.printer.bed_steps[axis]
         return np.array(naive_twin.gain_run(controls[:, axis], int(start[axis]), gains, bed))
     tables = lattice_tables(twin.mechanism, start)
-    motor = start[axis] + np.cumsum(controls[:, axis]) - tables.first_steps[axis]
-    return np.array(naive_twin.play(motor, float(start[axis]), tables.lower_steps[axis], tables.upper_steps[axis]))
+    motor = tables.motors[axis]
+    index = motor.start + np.cumsum(controls[:, axis])
+    return np.array(naive_twin.play(index, motor.origin_steps, motor.lower_steps, motor.upper_steps))
 
 
 if __name__ == "__main__":

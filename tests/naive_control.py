@@ -5,8 +5,9 @@ import itertools
 import numpy as np
 
 from printmend.control.window import Window
+from printmend.machine import PlayTables
 from printmend.path import Plan
-from printmend.protocols import PlayTables, WorldModel
+from printmend.protocols import WorldModel
 
 
 def greedy(model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int = 3) -> Plan:
@@ -74,14 +75,14 @@ def least_cost_corexy(
     controls = np.array(list(itertools.product(range(-c_max, c_max + 1), repeat=2)))
     moves = np.column_stack([controls.sum(axis=1), controls[:, 0] - controls[:, 1]])
     origin = np.array([start[0] + start[1], start[0] - start[1]])
-    motors, belts, costs = (origin - tables.first_steps)[None], origin[None].astype(float), np.zeros(1)
+    motors, belts, costs = np.array([[motor.start for motor in tables.motors]]), origin[None].astype(float), np.zeros(1)
     for target in targets:
         motors = (motors[:, None] + moves).reshape(-1, 2)
         belts, costs = np.repeat(belts, len(moves), axis=0), np.repeat(costs, len(moves))
         belts = np.column_stack(
             [
-                np.clip(belts[:, k], tables.lower_steps[k][motors[:, k]], tables.upper_steps[k][motors[:, k]])
-                for k in (0, 1)
+                np.clip(belts[:, k], motor.lower_steps[motors[:, k]], motor.upper_steps[motors[:, k]])
+                for k, motor in enumerate(tables.motors)
             ]
         )
         place = np.column_stack([belts.sum(axis=1), belts[:, 0] - belts[:, 1]]) / 2

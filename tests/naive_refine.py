@@ -4,10 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-LEASH = 6
-REJOIN = 60
-ANCHOR = {"p95": 0.02, "area": 0.3, "frechet": 0.02}
-
 
 def area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
     """The area of a triangle."""
@@ -15,37 +11,27 @@ def area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
     return abs(x * v - y * u) / 2
 
 
-def tick_cost(objective: str, wanted: np.ndarray, printed: np.ndarray, t: int, threshold: float) -> float:
+def tick_cost(shares: tuple[float, float], wanted: np.ndarray, printed: np.ndarray, t: int) -> float:
     """What tick t of a print costs, see the kernel."""
-    squared = float(((printed[t] - wanted[t]) ** 2).sum())
-    if objective == "rmse":
-        return squared
-    if objective == "p95":
-        own = min(max(squared - threshold**2, 0.0), threshold**2 / 2)
-    elif objective == "area":
-        own = area(wanted[t - 1], wanted[t], printed[t]) + area(wanted[t - 1], printed[t], printed[t - 1])
-    else:
-        near = wanted[max(t - LEASH, 0) : t + LEASH + 1]
-        own = max(float(((near - printed[t]) ** 2).sum(axis=1).min()) - threshold**2, 0.0)
-    return own + ANCHOR[objective] * squared
+    swept = area(wanted[t - 1], wanted[t], printed[t]) + area(wanted[t - 1], printed[t], printed[t - 1])
+    return shares[0] * swept + shares[1] * float(((printed[t] - wanted[t]) ** 2).sum())
 
 
-def cost(objective: str, wanted: np.ndarray, printed: np.ndarray, threshold: float) -> float:
-    return sum(tick_cost(objective, wanted, printed, t, threshold) for t in range(1, len(wanted)))
+def cost(shares: tuple[float, float], wanted: np.ndarray, printed: np.ndarray) -> float:
+    return sum(tick_cost(shares, wanted, printed, t) for t in range(1, len(wanted)))
 
 
 def refine(
-    objective: str,
+    shares: tuple[float, float],
     wanted: np.ndarray,
     controls: np.ndarray,
     run: Callable[[np.ndarray], np.ndarray],
-    threshold: float,
     c_max: int,
     apart: tuple[int, ...],
 ) -> np.ndarray:
     """One pass over controls [T, 2]: print everything again, by ``run``, for every edit of the plan."""
     controls = controls.copy()
-    least = cost(objective, wanted, run(controls), threshold)
+    least = cost(shares, wanted, run(controls))
     for t in range(len(controls)):
         for distance in apart:
             for axis in range(2):
@@ -57,20 +43,7 @@ def refine(
                     edit[t + distance, axis] -= step
                     if np.abs(edit).max() > c_max:
                         continue
-                    value = cost(objective, wanted, run(edit), threshold)
+                    value = cost(shares, wanted, run(edit))
                     if value < least - 1e-9:
                         controls, least = edit, value
     return controls
-
-
-def frechet(one: np.ndarray, other: np.ndarray, reach: int) -> float:
-    """The discrete Fréchet distance of paths whose walkers are at most ``reach`` points apart."""
-    table = np.full((len(one), len(other)), np.inf)
-    for i in range(len(one)):
-        for j in range(len(other)):
-            if abs(i - j) > reach:
-                continue
-            ways = [table[i - 1, j] if i else np.inf, table[i, j - 1] if j else np.inf]
-            ways.append(table[i - 1, j - 1] if i and j else np.inf)
-            table[i, j] = max(np.hypot(*(one[i] - other[j])), 0.0 if i == j == 0 else min(ways))
-    return float(table[-1, -1])

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from printmend.control import coupled, optimal
-from printmend.control.beam import Beam
 from printmend.control.kernels import coupled as kernels
 from printmend.control.registry import controller
 from printmend.control.window import window
 from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
 from printmend.learn.mechanism_model import MechanismModel
+from printmend.machine import lattice_tables
 from printmend.path import Plan
 from printmend.printer import Printer, read_printer
-from printmend.twin import Twin, lattice_tables
+from printmend.twin import Twin
 from tests import naive_control
 from tests.shapes import layer_along, ring_layer
 
@@ -41,21 +41,21 @@ def test_optimal_is_the_optimum(hull: str, play: float, c_max: int, ender5: Prin
     tables = lattice_tables(model.mechanism, start)  # type: ignore[arg-type]
     least = sum(
         naive_control.least_cost_axis(
-            targets[:, a], float(start[a]), start[a] - tables.first_steps[a],
-            tables.lower_steps[a], tables.upper_steps[a], c_max,
+            targets[:, a], motor.origin_steps, motor.start, motor.lower_steps, motor.upper_steps, c_max,
         )
-        for a in range(2)
+        for a, motor in enumerate(tables.motors)
     )  # fmt: skip
     plan = controller("optimal").plan(model, targets, start, c_max=c_max)
     assert ((plan.imagined_steps[1:] - targets) ** 2).sum() == pytest.approx(least, abs=1e-9)
 
 
 @pytest.mark.parametrize("family", ["pulley-play", "frame", "everything"])
-def test_a_wide_beam_is_the_optimum_of_coupled_axes(family: str, printer: Printer) -> None:
+def test_a_wide_search_is_the_optimum_of_coupled_axes(family: str, printer: Printer) -> None:
     model = MechanismModel(sample(family, np.random.default_rng(4), "realistic").lower(printer))
     targets, start = np.array([[531, 530], [532, 531], [531, 531], [530, 530]], float), np.array([530, 530])
     least = naive_control.least_cost(model, targets, start, 1)
-    plan = Beam(width=500).plan(model, targets, start, c_max=1)
+    everything = coupled.Breadth(slack=0.6, most=0.6, width=500)
+    plan = coupled.plan_coupled(model, model.tabulate(start), targets, start, 1, everything)  # type: ignore[arg-type]
     assert ((plan.imagined_steps[1:] - targets) ** 2).sum() == pytest.approx(least, abs=1e-9)
 
 
@@ -80,7 +80,7 @@ def test_costs_of_arriving_are_the_slow_costs(
     tables = lattice_tables(model.mechanism, START)  # type: ignore[arg-type]
     targets = TARGETS[:30, 0] + rng.uniform(-2.0, 2.0, 30)
     belt = controller("lookahead").plan(model, TARGETS[:30], START).imagined_steps[:, 0]
-    states = window(tables, 0, targets, float(START[0]), belt, reach)
+    states = window(tables.motors[0], targets, belt, reach)
     weight, price = rng.uniform(0.5, 1.0, 30), rng.normal(size=(30, 2))
     out = np.full((31, int((states.right - states.left).max()), states.longest), np.nan)
     kernels.arrivals(
@@ -114,10 +114,8 @@ def test_planning_ahead_is_never_worse(family: str, seed: int, printer: Printer)
     targets = TARGETS[200 * seed : 200 * seed + 150]
     start = LAYER.nominal_steps[200 * seed]
     errors = {name: rmse(controller(name).plan(model, targets, start), targets) for name in
-              ("greedy", "lookahead", "beam", "optimal")}  # fmt: skip
+              ("greedy", "lookahead", "optimal")}  # fmt: skip
     assert errors["optimal"] <= min(errors["greedy"], errors["lookahead"]) + 1e-9
-    assert errors["beam"] <= min(errors["greedy"], errors["lookahead"]) + 1e-9
-    assert errors["optimal"] <= errors["beam"] * 1.001
 
 
 def test_without_play_one_step_greedy_is_optimal(ender5: Printer) -> None:
@@ -138,7 +136,7 @@ def test_long_layers_in_blocks_are_planned_alike(preset: str, monkeypatch: pytes
     assert rmse(blocks) == pytest.approx(rmse(whole), abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["lookahead", "beam", "optimal"])
+@pytest.mark.parametrize("name", ["lookahead", "optimal"])
 def test_targets_that_run_away(name: str, ender5: Printer) -> None:
     """Where one control cannot keep up the plan lags, but stays finite and no worse than greedy."""
     model = worn("small", 5.0, ender5)

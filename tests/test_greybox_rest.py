@@ -11,10 +11,10 @@ from printmend.corruption import sample
 from printmend.learn.greybox import Greybox
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.published.transitions import layer_trace
+from printmend.machine import PlayTables
 from printmend.metrics import rmse
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.protocols import PlayTables
 from printmend.twin import Twin
 
 ENDER5 = read_printer("ender5")
@@ -57,8 +57,8 @@ def test_a_layer_begins_at_its_start_wherever_the_belts_rest():
         tables = MechanismModel(resting("pulley-play", rest, seed=2).mechanism).tabulate(np.array([500, 600]))
         assert isinstance(tables, PlayTables)
         for motor, start in enumerate((500, 600)):
-            at = start - tables.first_steps[motor]
-            lower, upper = tables.lower_steps[motor][at], tables.upper_steps[motor][at]
+            each = tables.motors[motor]
+            lower, upper = each.lower_steps[each.start], each.upper_steps[each.start]
             assert lower + rest[motor] * (upper - lower) == pytest.approx(start, abs=1e-9)
 
 

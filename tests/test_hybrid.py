@@ -10,10 +10,10 @@ from printmend.learn.greybox import Greybox
 from printmend.learn.hybrid.continued import continued
 from printmend.learn.hybrid.gains import learned_gains
 from printmend.learn.hybrid.hybrid import Hybrid, HybridModel, completed
-from printmend.learn.hybrid.kernels import follow_branches
 from printmend.learn.hybrid.residual import Kind, Points, chosen, columns, learned, points, process, variances
 from printmend.learn.published.transitions import layer_trace
-from printmend.machine.mechanism import Mechanism, Transmission, healthy_mechanism
+from printmend.machine import Mechanism, Transmission, healthy_mechanism
+from printmend.machine.kernels import run
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.repair.learned import learn_model
@@ -185,8 +185,8 @@ def test_contacts_agree_with_the_slow_loop(seed: int) -> None:
     rng = np.random.default_rng(seed)
     motor = np.cumsum(rng.normal(0, 1.0, 300))
     lower, upper = motor - rng.uniform(0, 1, 300), motor + rng.uniform(0, 1, 300)
-    at, side, belt = np.empty(300, np.int64), np.empty(300, np.int8), np.empty(300)
-    follow_branches(lower, upper, 0.3, at, side, belt)
+    at, side, belt = np.empty(300, np.int64), np.empty(300), np.empty(300)
+    run.contacts(0.3, lower, upper, at, side, belt)
     slow = follow_tables_slowly(lower, upper, 0.3)
     np.testing.assert_array_equal(np.stack([at, side, belt]), np.array(slow))
 

@@ -19,14 +19,12 @@ from printmend.errors import InputError, TraceError
 from printmend.learn.hybrid.hybrid import HybridModel
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.naive import NaiveModel
-from printmend.learn.screw.kernels import contacts
-from printmend.learn.screw.screw import fit_height
+from printmend.learn.screw.screw import _touched, fit_height
 from printmend.learn.space import fit_space, space_trace
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism, lattice_screw
 from printmend.printer import Printer, read_printer
 from printmend.protocols import SpaceModel
 from printmend.twin import Twin
-from printmend.twin.height import height_tables
 from tests import naive_control
 
 SCREW = Screw(0.03, 0.1, 1.0, 0.3, 2.0, 0.3)
@@ -67,7 +65,7 @@ def test_prints_what_it_imagines(family: str, preset: str) -> None:
     assert rmse_mm(printed, path, printer) < rmse_mm(twin.run(path.controls, path.start_steps), path, printer)
 
 
-@pytest.mark.parametrize("name", ["greedy", "lookahead", "optimal", "beam"])
+@pytest.mark.parametrize("name", ["greedy", "lookahead", "optimal", "optimal-area"])
 def test_leaves_a_healthy_printer_alone(name: str, ender5: Printer) -> None:
     path = tower(ender5, height_mm=0.6)
     healthy = HEALTHY.lower(ender5)
@@ -87,10 +85,8 @@ def test_height_is_planned_optimally(ender5: Printer) -> None:
     targets = np.column_stack([np.full((len(heights), 2), 500), heights]).astype(float)
     twin = Twin.of(Corruption(screw=SCREW), ender5)
     plan = plan_space(controller("optimal"), truth(twin), targets, np.array([500, 500, 100]))
-    tables = height_tables(truth(twin).screw, ender5, 100)  # type: ignore[arg-type]
-    least = naive_control.least_cost_axis(
-        targets[:, 2], 100.0, 100 - tables.first_step, tables.lower_steps, tables.upper_steps
-    )
+    motor = lattice_screw(truth(twin).screw, ender5, 100).motor  # type: ignore[arg-type]
+    least = naive_control.least_cost_axis(targets[:, 2], 100.0, motor.start, motor.lower_steps, motor.upper_steps)
     assert ((plan.imagined_steps[1:, 2] - targets[:, 2]) ** 2).sum() == pytest.approx(least, abs=1e-9)
 
 
@@ -98,9 +94,8 @@ def test_height_is_planned_optimally(ender5: Printer) -> None:
 @given(st.integers(0, 2**31), st.sampled_from([0.0, 0.3, 2.0]), st.sampled_from([0.0, 0.5, 1.0]))
 def test_contacts_are_the_slow_contacts(seed: int, half: float, share: float) -> None:
     centre = np.cumsum(np.random.default_rng(seed).integers(-1, 2, 60)).astype(float)
-    at, side = np.empty(60, np.int64), np.empty(60)
-    contacts(centre, half, share, at, side)
-    start = u = centre[0] + (2 * share - 1) * half
+    at, side = _touched(centre, 2 * half, share)
+    start = u = centre[0] + (share - 0.5) * (2 * half)
     for t in range(60):
         before, u = u, float(np.clip(u, centre[t] - half, centre[t] + half))
         if u != before:

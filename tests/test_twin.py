@@ -7,8 +7,9 @@ import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, GainTable, LooseBelt, Play, sample
 from printmend.errors import InputError
+from printmend.machine import lattice_tables
 from printmend.printer import Printer
-from printmend.twin import Twin, lattice_tables
+from printmend.twin import Twin
 from tests import naive_twin
 
 
@@ -31,15 +32,9 @@ def test_play_world_equals_the_slow_version(family: str, printer: Printer, rng: 
     start = middle(printer)
     tables = lattice_tables(twin.mechanism, start)
     moves = printer.to_motor(controls)
-    origin = printer.to_motor(start)
     slow = [
-        naive_twin.play(
-            origin[m] + np.cumsum(moves[:, m]) - tables.first_steps[m],
-            origin[m],
-            tables.lower_steps[m],
-            tables.upper_steps[m],
-        )
-        for m in range(2)
+        naive_twin.play(motor.start + np.cumsum(moves[:, m]), motor.origin_steps, motor.lower_steps, motor.upper_steps)
+        for m, motor in enumerate(tables.motors)
     ]
     assert np.array_equal(twin.run(controls, start), printer.from_motor(np.array(slow).T))
 

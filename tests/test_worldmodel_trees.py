@@ -14,9 +14,10 @@ from printmend.learn.published.increments import AxisModel
 from printmend.learn.published.transitions import layer_trace
 from printmend.learn.published.trees import JointTreeModel
 from printmend.learn.registry import fit
+from printmend.machine import lattice_tables
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.twin import Twin, lattice_tables
+from printmend.twin import Twin
 from tests.shapes import layer_along, ring_layer
 
 LAYER = ring_layer((530.0, 530.0), 60.0)
@@ -168,10 +169,10 @@ def test_mechanism_of_axis_gains_returns_to_where_it_was(ender5: Printer, rng: n
     assert mechanism is not None
     assert all(transmission.is_taut for transmission in mechanism.transmissions)
     tables = lattice_tables(mechanism, np.array([500, 500]))
-    at = 500 - tables.first_steps[0]
-    step = tables.lower_steps[0][at + 1] - tables.lower_steps[0][at]
+    motor = tables.motors[0]
+    step = motor.lower_steps[motor.start + 1] - motor.lower_steps[motor.start]
     assert step == pytest.approx((gains[0][500] + gains[0][501]) / 2)
-    beyond = tables.lower_steps[0][-1] - tables.lower_steps[0][-2]
+    beyond = motor.lower_steps[-1] - motor.lower_steps[-2]
     assert beyond == pytest.approx(1.0)
 
 

@@ -9,8 +9,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from printmend.machine.mechanism import Frame, ScrewDrive
-from printmend.path import Plan, Trace, frozen
+from printmend.machine import PlayTables, ScrewDrive
+from printmend.path import Plan, Trace
 from printmend.printer import Printer
 
 
@@ -28,65 +28,6 @@ class State:
         """Return the state [1] of machine k."""
         memory = None if self.memory is None else self.memory[k : k + 1]
         return State(self.nominal_steps[k : k + 1], self.position_steps[k : k + 1], memory)
-
-
-@dataclass(frozen=True, eq=False)
-class LatticeFrame:
-    """A crooked frame in full steps: bed position = belts + ``coefficients_steps`` [2, 10] · monomials of
-    (belts + ``origin_steps``) / ``scale_steps`` in the order of `Frame.exponents`. The constant terms hold the anchor:
-    the start maps to itself."""
-
-    coefficients_steps: np.ndarray
-    origin_steps: np.ndarray
-    scale_steps: np.ndarray
-
-    def __post_init__(self) -> None:
-        for name in ("coefficients_steps", "origin_steps", "scale_steps"):
-            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), float)))
-
-    def apply(self, belts_steps: np.ndarray) -> np.ndarray:
-        """Map belt positions along x and y [..., 2] to the bed [..., 2]."""
-        u, v = np.moveaxis((belts_steps + self.origin_steps) / self.scale_steps, -1, 0)
-        terms = np.stack([u**p * v**q for p, q in Frame.exponents], axis=-1)
-        return belts_steps + terms @ self.coefficients_steps.T
-
-    def invert(self, bed_steps: np.ndarray) -> np.ndarray:
-        """Return the belt positions whose image is ``bed_steps`` [..., 2], by fixed-point iteration."""
-        belts = np.asarray(bed_steps, float)
-        for _ in range(60):
-            step = bed_steps - self.apply(belts)
-            belts = belts + step
-            if np.abs(step).max(initial=0.0) < 1e-10:
-                break
-        return belts
-
-    def slopes(self, belts_steps: np.ndarray) -> np.ndarray:
-        """Return the derivatives of the bed position by the belts' [..., 2, 2]."""
-        u, v = np.moveaxis((belts_steps + self.origin_steps) / self.scale_steps, -1, 0)
-        by_u = np.stack([p * u ** max(p - 1, 0) * v**q for p, q in Frame.exponents], axis=-1)
-        by_v = np.stack([q * u**p * v ** max(q - 1, 0) for p, q in Frame.exponents], axis=-1)
-        terms = np.stack([by_u / self.scale_steps[0], by_v / self.scale_steps[1]], axis=-1)
-        return np.eye(2) + self.coefficients_steps @ terms
-
-
-@dataclass(frozen=True, eq=False)
-class PlayTables:
-    """Hysteretic, conservative: per motor, position ← clip(position, lower[m], upper[m]) [full steps].
-
-    ``lower_steps`` and ``upper_steps`` are pairs of arrays; entry i stands for motor position
-    ``first_steps[motor] + i``. ``corexy`` says that motors are a = x + y, b = x − y of the controls. ``frame``, where
-    it is not None, maps the belts' x and y to the bed.
-    """
-
-    lower_steps: tuple[np.ndarray, np.ndarray]
-    upper_steps: tuple[np.ndarray, np.ndarray]
-    first_steps: tuple[int, int]
-    corexy: bool = False
-    frame: LatticeFrame | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "lower_steps", tuple(frozen(np.asarray(t, float)) for t in self.lower_steps))
-        object.__setattr__(self, "upper_steps", tuple(frozen(np.asarray(t, float)) for t in self.upper_steps))
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ def read_noise(text: str) -> float:
 
 
 def planned_for(name: str, objective: str) -> str:
-    """Return the name of a row that plans as well as possible for ``objective``: rmse, p95, area or frechet.
+    """Return the name of a row that plans as well as possible for ``objective``: rmse or area.
 
     The naive row, which shows what was broken, and the optimum of the RMSE stay as they are.
     """

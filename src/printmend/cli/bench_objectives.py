@@ -1,4 +1,4 @@
-"""`printmend bench objectives`: plans for the RMSE, the 95th percentile, the area or the Fréchet distance."""
+"""`printmend bench objectives`: plans for the RMSE or for the area."""
 
 import json
 from dataclasses import asdict
@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
-NAMES = ("rmse", "p95", "area", "frechet")
+NAMES = ("rmse", "area")
 
 
 @click.command(
-    short_help="Does planning for p95, area or Fréchet pay?",
-    epilog="Example: printmend bench objectives --objective rmse --objective area --families pulley-loose",
+    short_help="Does planning for the area instead of the RMSE pay?",
+    epilog="Example: printmend bench objectives --objective area --families pulley-loose",
 )
 @click.option("--objective", "chosen", multiple=True, type=click.Choice(NAMES), help="Repeat; all without it.")
 @click.option("--body", type=click.Path(path_type=Path), help="A G-code file or mesh; without it, a timing pulley.")

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from printmend.machine import PlayTables
 from printmend.printer import Printer
-from printmend.protocols import IncrementTables, JointTables, PlayTables, Tables
+from printmend.protocols import IncrementTables, JointTables, Tables
 
 
 def follow_tables(tables: Tables, printer: Printer, start: np.ndarray, controls: np.ndarray) -> np.ndarray:
@@ -15,12 +16,10 @@ def follow_tables(tables: Tables, printer: Printer, start: np.ndarray, controls:
         if isinstance(tables, PlayTables):
             nominal = nominal + c
             motors = printer.to_motor(nominal)
-            for m in range(2):
-                i = motors[m] - tables.first_steps[m]
-                belts[m] = min(max(belts[m], tables.lower_steps[m][i]), tables.upper_steps[m][i])
-            position = printer.from_motor(belts)
-            if tables.frame is not None:
-                position = tables.frame.apply(position)
+            for m, motor in enumerate(tables.motors):
+                i = motors[m] - motor.first_step
+                belts[m] = min(max(belts[m], motor.lower_steps[i]), motor.upper_steps[i])
+            position = tables.bed.printed(belts)
         elif isinstance(tables, IncrementTables):
             step = [tables.displacement_steps[a][nominal[a], c[a] + tables.c_max] for a in range(2)]
             position = position + step

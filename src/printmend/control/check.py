@@ -50,13 +50,14 @@ def _wrong(tables: Tables, printer: Printer, start: np.ndarray, c_max: int) -> t
     bed = printer.bed_steps
     match tables:
         case PlayTables():
-            values: tuple[np.ndarray, ...] = (*tables.lower_steps, *tables.upper_steps)
-            at = printer.to_motor(start) - np.array(tables.first_steps)
-            for lower, upper, index in zip(tables.lower_steps, tables.upper_steps, at, strict=True):
+            values = tuple(table for motor in tables.motors for table in (motor.lower_steps, motor.upper_steps))
+            for motor, at in zip(tables.motors, printer.to_motor(start), strict=True):
+                lower, upper = motor.lower_steps, motor.upper_steps
                 if lower.shape != upper.shape or lower.ndim != 1:
                     return "a lower and an upper branch of one length", f"{lower.shape} and {upper.shape}"
-                if not 0 <= index < len(lower):
-                    return "branches over the layer's start", f"{len(lower)} entries, the start being number {index}"
+                if not 0 <= motor.start < len(lower) or motor.origin_steps != at:
+                    came = f"{len(lower)} entries from {motor.first_step} on, the start being number {motor.start}"
+                    return f"branches over the layer's start, motor position {at}", came
         case IncrementTables():
             values = tables.displacement_steps
             shapes = tuple((steps + 1, 2 * c_max + 1) for steps in bed)

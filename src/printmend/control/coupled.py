@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.control.greedy import Greedy, first_motors
+from printmend.control.greedy import Greedy
 from printmend.control.kernels import coupled as kernels
 from printmend.control.lookahead import Lookahead
 from printmend.control.window import Window, better, followed, window
+from printmend.machine import PlayTables, run_motors
 from printmend.path import Plan
-from printmend.protocols import PlayTables, WorldModel
+from printmend.protocols import WorldModel
 
 # Targets whose costs to go are kept at a time, and how far beyond them those look.
 _BLOCK, _HORIZON = 1024, 128
@@ -30,35 +31,25 @@ def plan_coupled(
 ) -> Plan:
     """Plan both motors together for targets [T, 2], T > 0; never worse than `Greedy` and `Lookahead` on the model."""
     greedy = Greedy().plan(model, targets, start, c_max=c_max)
-    if all(map(np.array_equal, tables.lower_steps, tables.upper_steps)) and np.abs(greedy.controls).max() < c_max:
+    if tables.is_taut and np.abs(greedy.controls).max() < c_max:
         # Every target had the choice of all its neighbours, and nothing is remembered: nothing can be better.
         return greedy
     known = better(greedy, Lookahead().plan(model, targets, start, c_max=c_max), targets)
-    motors, origin = first_motors(model.printer, tables, start), model.printer.to_motor(start).astype(float)
-    found = _search(tables, targets, motors, origin, known.controls, c_max, breadth)
-    imagined = model.printer.from_motor(followed(tables, motors, origin, found)[1])
-    if tables.frame is not None:
-        imagined = tables.frame.apply(imagined)
+    moves = _search(tables, targets, model.printer.to_motor(known.controls.astype(np.int64)), c_max, breadth)
+    imagined = tables.bed.printed(run_motors(tables.motors, moves))
+    found = model.printer.from_motor(moves).astype(np.int8)
     return better(known, Plan(found, imagined), targets)
 
 
-def _search(
-    tables: PlayTables,
-    targets: np.ndarray,
-    motors: tuple[int, int],
-    origin: np.ndarray,
-    known: np.ndarray,
-    c_max: int,
-    breadth: Breadth,
-) -> np.ndarray:
-    """Return the controls [T, 2] of the cheapest plan found, from motor indices ``motors`` and belts at ``origin``."""
+def _search(tables: PlayTables, targets: np.ndarray, known: np.ndarray, c_max: int, breadth: Breadth) -> np.ndarray:
+    """Return the motors' moves [T, 2] of the cheapest plan found; ``known`` [T, 2] are those of one that works."""
     ticks = len(targets)
     seen, weights = _seen(tables, targets)
-    index, belts = followed(tables, motors, origin, known)
-    reach = 2 * c_max if tables.corexy else c_max
-    windows = [window(tables, motor, seen[:, motor], origin[motor], belts[:, motor], reach) for motor in range(2)]
+    index, belts = followed(tables, known)
+    reach = 2 * c_max if tables.bed.corexy else c_max
+    windows = [window(motor, seen[:, k], belts[:, k], reach) for k, motor in enumerate(tables.motors)]
     prices = np.zeros((2, ticks, 2))
-    if tables.corexy:
+    if tables.bed.corexy:
         prices = _prices(tables, seen, weights, index[1:], belts[1:], windows)
     places, first, low, high, left, right = (
         _padded([getattr(each, name) for each in windows])
@@ -84,7 +75,7 @@ def _search(
                 each.first, each.last, each.low, each.high, edges[0][motor], edges[1][motor], reach, togo[motor],
             )  # fmt: skip
         states, paid, *way = kernels.search(
-            states, paid, reach, 2 * c_max, tables.corexy, breadth.slack, breadth.most, breadth.width,
+            states, paid, reach, 2 * c_max, tables.bed.corexy, breadth.slack, breadth.most, breadth.width,
             places, first, low, high, size, *edges, wanted[:, begin:end].copy(), cross[begin:end], togo,
             plan[:, begin : end + 1].copy(),
         )  # fmt: skip
@@ -92,9 +83,7 @@ def _search(
     moves, state = np.empty((ticks, 2), np.int8), int(np.argmin(paid))
     for n, way in reversed(list(enumerate(ways))):
         state = kernels.way_back(*way, state, moves[n * _BLOCK : (n + 1) * _BLOCK])
-    if tables.corexy:
-        return np.stack([moves[:, 0] + moves[:, 1], moves[:, 0] - moves[:, 1]], axis=1) // 2
-    return moves
+    return moves.astype(np.int64)
 
 
 def _padded(pair: list[np.ndarray]) -> np.ndarray:
@@ -106,16 +95,11 @@ def _padded(pair: list[np.ndarray]) -> np.ndarray:
 def _seen(tables: PlayTables, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return where the targets are for the motors' belts [T, 2], and the weights [T, 3] of e_a², e_b² and 2 e_a e_b.
 
-    Near a target the squared error is eᵀ Mᵀ JᵀJ M e in the belts' distances e, with J the frame's slopes, and M what
-    the motors make of x and y.
+    Near a target the squared error is eᵀ JᵀJ e in the belts' distances e, with J the derivatives of the place on the
+    bed by the belts.
     """
-    seen, slopes = targets, np.broadcast_to(np.eye(2), (len(targets), 2, 2))
-    if tables.frame is not None:
-        seen = tables.frame.invert(targets)
-        slopes = tables.frame.slopes(seen)
-    if tables.corexy:
-        seen = np.stack([seen[:, 0] + seen[:, 1], seen[:, 0] - seen[:, 1]], axis=1)
-        slopes = slopes @ np.array([[0.5, 0.5], [0.5, -0.5]])
+    seen = tables.bed.wanted(targets)
+    slopes = tables.bed.slopes(seen)
     squares = np.swapaxes(slopes, -1, -2) @ slopes
     return seen, np.ascontiguousarray(np.stack([squares[:, 0, 0], squares[:, 1, 1], squares[:, 0, 1]], axis=1))
 
@@ -136,18 +120,18 @@ def _prices(
     costs the one that gives way: then neither's own cost to go forgets it.
     """
     price = np.zeros((2, len(seen)))
-    for motor, (lower, upper) in enumerate(zip(tables.lower_steps, tables.upper_steps, strict=True)):
-        for branch in (upper, lower):
+    for motor, each in enumerate(tables.motors):
+        for branch in (each.upper_steps, each.lower_steps):
             at = np.flatnonzero(belts[:, motor] == branch[index[:, motor]])
             wanted = seen[at, motor, None]
             near = np.clip(np.searchsorted(branch, wanted) + np.arange(-2, 2), 0, len(branch) - 1)
             missed = weights[at, motor, None] * (branch[near] - wanted) ** 2
-            odd = ((near + tables.first_steps[motor]) & 1).astype(bool)
+            odd = ((near + each.first_step) & 1).astype(bool)
             costs = [np.where(which, missed, np.inf).min(axis=1) for which in (odd, ~odd)]
             price[motor, at] = costs[0] - costs[1]
     a, b = price
     agreed = np.where(a * b < 0, np.sign(b) * np.minimum(np.abs(a), np.abs(b)), 0.0)
     paid = np.zeros((2, len(seen), 2))
     for motor, sign in enumerate((1.0, -1.0)):
-        paid[motor, :, 1 ^ ((windows[motor].offset + tables.first_steps[motor]) & 1)] = sign * agreed
+        paid[motor, :, 1 ^ ((windows[motor].offset + tables.motors[motor].first_step) & 1)] = sign * agreed
     return paid

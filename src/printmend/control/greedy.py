@@ -8,9 +8,9 @@ import numpy as np
 from printmend.control.check import check_plan, tables_of
 from printmend.control.kernels import greedy as kernels
 from printmend.errors import ModelError
+from printmend.machine import PlayTables
 from printmend.path import Plan
-from printmend.printer import Printer
-from printmend.protocols import IncrementTables, JointTables, PlayTables, WorldModel
+from printmend.protocols import IncrementTables, JointTables, WorldModel
 
 
 @dataclass(frozen=True)
@@ -37,44 +37,11 @@ class Greedy:
                     targets, start, *tables.cells, tables.unit_steps, tables.rolled, c_max, controls, imagined
                 )
             case PlayTables():
-                _plan_play(model.printer, tables, targets, start, c_max, controls, imagined)
+                plan = kernels.plan_coupled if tables.is_coupled else kernels.plan_play
+                plan(targets, tables.arrays, c_max, controls, imagined)
             case None:
                 _plan_batched(model, targets, start, c_max, controls, imagined)
         return Plan(controls, imagined)
-
-
-def first_motors(printer: Printer, tables: PlayTables, start: np.ndarray) -> tuple[int, int]:
-    """Return the indices in the tables at which the motors stand at the layer's start."""
-    first = printer.to_motor(start) - np.array(tables.first_steps)
-    return int(first[0]), int(first[1])
-
-
-def frame_arrays(tables: PlayTables) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the frame as the kernels take it; coefficients [2, 0] stand for a straight one."""
-    frame = tables.frame
-    if frame is None:
-        return np.empty((2, 0)), np.zeros(2), np.ones(2)
-    return frame.coefficients_steps, frame.origin_steps, frame.scale_steps
-
-
-def _plan_play(
-    printer: Printer,
-    tables: PlayTables,
-    targets: np.ndarray,
-    start: np.ndarray,
-    c_max: int,
-    controls: np.ndarray,
-    imagined: np.ndarray,
-) -> None:
-    (lower_a, lower_b), (upper_a, upper_b) = tables.lower_steps, tables.upper_steps
-    machine = (*first_motors(printer, tables, start), lower_a, upper_a, lower_b, upper_b, c_max)
-    if tables.frame is not None:
-        frame = frame_arrays(tables)
-        kernels.plan_framed(targets, start, *machine, tables.corexy, *frame, controls, imagined)
-    elif tables.corexy:
-        kernels.plan_corexy(targets, start, *machine, controls, imagined)
-    else:
-        kernels.plan_play(targets, start, *machine, controls, imagined)
 
 
 def _plan_batched(

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.control.check import check_plan, tables_of
-from printmend.control.greedy import Greedy, first_motors, frame_arrays
+from printmend.control.greedy import Greedy
 from printmend.control.kernels import lookahead as kernels
+from printmend.machine import LatticeMotor, PlayTables
 from printmend.path import Plan
-from printmend.protocols import PlayTables, WorldModel
+from printmend.protocols import WorldModel
 
 
 @dataclass(frozen=True)
@@ -29,25 +30,31 @@ class Lookahead:
             return Greedy().plan(model, targets, start, c_max=c_max)
         controls = np.empty((len(targets), 2), np.int8)
         imagined = np.empty((len(targets) + 1, 2))
-        motors = first_motors(model.printer, tables, start)
-        seen = targets if tables.frame is None else tables.frame.invert(targets)
-        seen = model.printer.to_motor(seen)
+        seen = tables.bed.wanted(targets)
         following = np.empty((2, len(targets)), np.int64)
-        for motor in range(2):
-            kernels.next_different(seen[:, motor], following[motor])
-        if tables.corexy or tables.frame is not None:
-            (lower_a, lower_b), (upper_a, upper_b) = tables.lower_steps, tables.upper_steps
-            kernels.plan_coupled(
-                targets, seen, following[0], following[1], start, *motors, lower_a, upper_a, lower_b, upper_b, c_max,
-                tables.corexy, *frame_arrays(tables), controls, imagined,
-            )  # fmt: skip
-            return Plan(controls, imagined)
         for axis in range(2):
-            kernels.plan_axis(
-                targets[:, axis], following[axis], motors[axis], float(start[axis]),
-                tables.lower_steps[axis], tables.upper_steps[axis], c_max, controls[:, axis], imagined[:, axis],
-            )  # fmt: skip
+            kernels.next_different(seen[:, axis], following[axis])
+        if tables.is_coupled:
+            kernels.plan_coupled(targets, seen, following, tables.arrays, c_max, controls, imagined)
+            return Plan(controls, imagined)
+        for axis, motor in enumerate(tables.motors):
+            plan_motor(motor, targets[:, axis], following[axis], c_max, controls[:, axis], imagined[:, axis])
         return Plan(controls, imagined)
+
+
+def plan_motor(
+    motor: LatticeMotor,
+    targets: np.ndarray,
+    following: np.ndarray,
+    c_max: int,
+    controls: np.ndarray,
+    imagined: np.ndarray,
+) -> None:
+    """Fill the controls [T] and imagined positions [T + 1] of one motor for targets [T] along it."""
+    lower, upper = motor.lower_steps, motor.upper_steps
+    kernels.plan_axis(
+        targets, following, motor.start, motor.origin_steps, lower, upper, c_max, controls, imagined
+    )  # fmt: skip
 
 
 CONTROLLERS = {"lookahead": Lookahead()}

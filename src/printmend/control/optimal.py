@@ -6,12 +6,13 @@ import numpy as np
 
 from printmend.control.check import check_plan, tables_of
 from printmend.control.coupled import Breadth, plan_coupled
-from printmend.control.greedy import Greedy, first_motors
+from printmend.control.greedy import Greedy
 from printmend.control.kernels import optimal as kernels
 from printmend.control.lookahead import Lookahead
 from printmend.control.window import better, window
+from printmend.machine import LatticeMotor, PlayTables, run_motors
 from printmend.path import Plan
-from printmend.protocols import PlayTables, WorldModel
+from printmend.protocols import WorldModel
 
 # Costs kept at a time: about a megabyte, which stays in the processor's cache, whatever the layer's length.
 _ROOM = 1 << 17
@@ -40,26 +41,23 @@ class Optimal:
         tables = tables_of(model, start, c_max)
         if not isinstance(tables, PlayTables) or len(targets) == 0:
             return Greedy().plan(model, targets, start, c_max=c_max)
-        if tables.corexy or tables.frame is not None:
+        if tables.is_coupled:
             return plan_coupled(model, tables, targets, start, c_max, _BREADTH)
         greedy = Greedy().plan(model, targets, start, c_max=c_max)
         known = better(greedy, Lookahead().plan(model, targets, start, c_max=c_max), targets)
-        motors = first_motors(model.printer, tables, start)
         controls, imagined = known.controls.copy(), known.imagined_steps.copy()
-        for axis in range(2):
+        for axis, motor in enumerate(tables.motors):
             wanted, belt = targets[:, axis], known.imagined_steps[:, axis]
-            if not always_nearest(tables, axis, wanted, belt):
-                controls[:, axis], imagined[:, axis] = solve(
-                    wanted, int(start[axis]), motors[axis], tables, axis, belt, c_max
-                )
+            if not always_nearest(motor, wanted, belt):
+                controls[:, axis], imagined[:, axis] = solve(motor, wanted, belt, c_max)
         return Plan(controls, imagined)
 
 
-def always_nearest(tables: PlayTables, axis: int, targets: np.ndarray, belt: np.ndarray) -> bool:
+def always_nearest(motor: LatticeMotor, targets: np.ndarray, belt: np.ndarray) -> bool:
     """Say whether a plan's belt [T + 1] is, at every tick, at a place nearest to its target: then no plan is better."""
     for part in (targets[:_SHORT], targets):  # with play the answer is no, soon
         least = np.abs(belt[0] - part)
-        for branch in (tables.lower_steps[axis], tables.upper_steps[axis]):
+        for branch in (motor.lower_steps, motor.upper_steps):
             at = np.clip(np.searchsorted(branch, part), 1, len(branch) - 1)
             np.minimum(least, np.minimum(np.abs(branch[at] - part), np.abs(branch[at - 1] - part)), out=least)
         if (np.abs(belt[1 : len(part) + 1] - part) > least).any():
@@ -67,30 +65,20 @@ def always_nearest(tables: PlayTables, axis: int, targets: np.ndarray, belt: np.
     return True
 
 
-def solve(
-    targets: np.ndarray,
-    start: int,
-    motor: int,
-    tables: PlayTables,
-    axis: int,
-    known: np.ndarray,
-    c_max: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the controls [T] and positions [T + 1] of a cheapest plan for one motor.
+def solve(motor: LatticeMotor, targets: np.ndarray, known: np.ndarray, c_max: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the controls [T] and positions [T + 1] of a cheapest plan for one motor and targets [T] along it.
 
     ``known`` [T + 1] are the positions of a plan that can be carried out; the search stays within a window about them
     and the targets, so its plan is never worse.
     """
-    states = window(tables, axis, targets, float(start), known, c_max)
-    motors = np.empty(len(targets) + 1, np.int64)
+    states = window(motor, targets, known, c_max)
+    index = np.empty(len(targets) + 1, np.int64)
     kernels.search(
-        targets, states.start, motor - states.offset, states.places, states.first, states.last, states.low, states.high,
-        states.left, states.right, c_max, _ROOM, motors,
+        targets, states.start, motor.start - states.offset, states.places, states.first, states.last, states.low,
+        states.high, states.left, states.right, c_max, _ROOM, index,
     )  # fmt: skip
-    controls = np.diff(motors).astype(np.int8)
-    positions = np.empty(len(motors))
-    kernels.follow(motors + states.offset, float(start), tables.lower_steps[axis], tables.upper_steps[axis], positions)
-    return controls, positions
+    moves = np.diff(index)
+    return moves.astype(np.int8), run_motors((motor,), moves[:, None])[:, 0]
 
 
 CONTROLLERS = {"optimal": Optimal()}

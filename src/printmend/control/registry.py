@@ -14,9 +14,8 @@ from printmend.protocols import Controller
 _MODULES = {
     "greedy": "printmend.control.greedy",
     "lookahead": "printmend.control.lookahead",
-    "beam": "printmend.control.beam",
     "optimal": "printmend.control.optimal",
-    **{f"optimal-{objective}": "printmend.control.objective" for objective in ("p95", "area", "frechet")},
+    "optimal-area": "printmend.control.area",
 }
 
 

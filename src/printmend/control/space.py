@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from printmend.control.kernels import lookahead
+from printmend.control.kernels.lookahead import next_different
+from printmend.control.lookahead import plan_motor
 from printmend.control.optimal import always_nearest, solve
 from printmend.errors import InputError
-from printmend.protocols import Controller, PlayTables, SpaceModel
-from printmend.twin.height import height_tables
+from printmend.machine import lattice_screw
+from printmend.protocols import Controller, SpaceModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +56,11 @@ def _plan_height(
         controls[:] = np.clip(np.diff(lattice), -c_max, c_max)
         height[:] = start + np.concatenate([[0], np.cumsum(controls, dtype=np.int64)])
         return controls, height, np.zeros((ticks + 1, 2))
-    screw = height_tables(model.screw, model.printer, start)
-    lower, upper, motor = screw.lower_steps, screw.upper_steps, start - screw.first_step
+    screw = lattice_screw(model.screw, model.printer, start)
     following = np.empty(ticks, np.int64)
-    lookahead.next_different(targets, following)
-    lookahead.plan_axis(targets, following, motor, float(start), lower, upper, c_max, controls, height)
-    tables = PlayTables((lower, lower), (upper, upper), (screw.first_step, screw.first_step))
-    if ticks and not always_nearest(tables, 0, targets, height):
-        controls, height = solve(np.ascontiguousarray(targets), start, motor, tables, 0, height, c_max)
-    moved = motor + np.concatenate([[0], np.cumsum(controls, dtype=np.int64)])
+    next_different(targets, following)
+    plan_motor(screw.motor, targets, following, c_max, controls, height)
+    if ticks and not always_nearest(screw.motor, targets, height):
+        controls, height = solve(screw.motor, np.ascontiguousarray(targets), height, c_max)
+    moved = screw.motor.start + np.concatenate([[0], np.cumsum(controls, dtype=np.int64)])
     return controls, height, screw.push_steps[moved]

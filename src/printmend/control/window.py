@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.control.kernels.optimal import follow
+from printmend.machine import LatticeMotor, PlayTables, run_motors
 from printmend.path import Plan
-from printmend.protocols import PlayTables
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +47,11 @@ def _highest(values: np.ndarray) -> np.ndarray:
     return np.lib.stride_tricks.sliding_window_view(padded, 2 * _REACH + 1).max(axis=1)
 
 
-def window(tables: PlayTables, motor: int, targets: np.ndarray, start: float, known: np.ndarray, c_max: int) -> Window:
+def window(motor: LatticeMotor, targets: np.ndarray, known: np.ndarray, c_max: int) -> Window:
     """Return the states about the targets [T] and about ``known`` [T + 1], the belt in a plan that works."""
+    start = motor.origin_steps
     wanted = np.concatenate([[start], targets])
-    lower, upper = tables.lower_steps[motor], tables.upper_steps[motor]
+    lower, upper = motor.lower_steps, motor.upper_steps
     # Only the part of the tables that the plan uses, with a margin beyond any room.
     reach = (min(known.min(), wanted.min()), max(known.max(), wanted.max()))
     offset = max(int(np.searchsorted(upper, reach[0])) - _MARGIN, 0)
@@ -72,23 +72,13 @@ def window(tables: PlayTables, motor: int, targets: np.ndarray, start: float, kn
     return Window(offset, places, first, last, low, high, left, right, int(np.searchsorted(places, start)))
 
 
-def followed(
-    tables: PlayTables, motors: tuple[int, int], origin: np.ndarray, controls: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the motors' indices in the tables and the belts' positions, each [T + 1, 2], under controls [T, 2].
-
-    ``motors`` are the first indices, ``origin`` [2] the first positions.
-    """
-    moves = np.concatenate([np.zeros((1, 2), np.int64), controls])
-    if tables.corexy:
-        moves = np.stack([moves[:, 0] + moves[:, 1], moves[:, 0] - moves[:, 1]], axis=1)
-    index = np.cumsum(moves, axis=0) + np.array(motors)
-    belts = np.empty(index.shape)
-    for motor in range(2):
-        column = np.empty(len(index))
-        follow(index[:, motor], float(origin[motor]), tables.lower_steps[motor], tables.upper_steps[motor], column)
-        belts[:, motor] = column
-    return index, belts
+def followed(tables: PlayTables, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the motors' indices in the tables and the belts' positions, each [T + 1, 2], for their moves [T, 2]."""
+    index = np.empty((len(moves) + 1, 2), np.int64)
+    index[0] = [motor.start for motor in tables.motors]
+    np.cumsum(moves, axis=0, out=index[1:])
+    index[1:] += index[0]
+    return index, run_motors(tables.motors, moves)
 
 
 def better(one: Plan, other: Plan, targets: np.ndarray) -> Plan:

@@ -1,16 +1,16 @@
 """What the environments run on: pools of machines and of tasks, and the state of N prints side by side."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from printmend.corruption import Fault
 from printmend.errors import ConfigError, InputError
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism, lattice_bed, lattice_tables
+from printmend.machine.kernels.bed import BED_FIELDS
 from printmend.path import Layer
 from printmend.printer import Printer
-from printmend.twin import lattice_tables
 from printmend.units import TURN_RAD
 
 
@@ -18,19 +18,15 @@ class Machines(NamedTuple):
     """K broken machines of one printer as arrays.
 
     ``lower`` and ``upper`` [K, 2, M] full steps: the branches of each motor's play, entry i at motor position
-    ``first[motor] + i``. ``frames`` [K, 2, 10] mm: the coefficients of `mechanism.Frame`.
+    ``first[motor] + i``. ``beds`` [K · `BED_FIELDS`]: how the belts of each machine reach the bed, the values of a
+    `BedMap` one after the other. ``size`` [2]: the bed's full steps.
     """
 
     lower: np.ndarray
     upper: np.ndarray
     first: np.ndarray
-    frames: np.ndarray
-    frame_scale_mm: float
-    has_frame: bool
-    corexy: bool
-    bed: np.ndarray
-    low_mm: np.ndarray
-    pitch_mm: np.ndarray
+    beds: np.ndarray
+    size: np.ndarray
 
 
 class Tasks(NamedTuple):
@@ -46,7 +42,9 @@ class Fleet(NamedTuple):
 
     ``nominal`` [N, 2] is the sum of the controls, hence the motors' angles; ``position`` [N, 2] is where each
     motor's belt holds its carriage, the memory of the play [full steps]; ``last`` and ``direction`` [N, 2] are
-    the last control and the sign of the last motion; ``squares`` [N] the sum of squared errors so far.
+    the last control and the sign of the last motion; ``squares`` [N] the sum of squared errors so far. What anchors a
+    machine where its print starts: ``shift`` [N, 2] is added to its branches, ``beds`` [N · `BED_FIELDS`] are its way
+    to the bed.
     """
 
     machine: np.ndarray
@@ -54,8 +52,8 @@ class Fleet(NamedTuple):
     tick: np.ndarray
     nominal: np.ndarray
     position: np.ndarray
-    origin: np.ndarray
-    anchor: np.ndarray
+    shift: np.ndarray
+    beds: np.ndarray
     last: np.ndarray
     direction: np.ndarray
     squares: np.ndarray
@@ -76,23 +74,17 @@ def machines_of(mechanisms: Sequence[Mechanism], printer: Printer) -> Machines:
     """Return a pool of machines as the kernels take it."""
     middle = np.array(printer.bed_steps) // 2
     tables = [lattice_tables(mechanism, middle) for mechanism in mechanisms]
-    entries = max(len(row) for row in tables[0].lower_steps)
-    frames = [mechanism.frame for mechanism in mechanisms]
+    entries = max(len(motor.lower_steps) for motor in tables[0].motors)
 
-    def padded(rows: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    def padded(rows: Iterable[np.ndarray]) -> np.ndarray:
         return np.stack([np.pad(row, (0, entries - len(row)), mode="edge") for row in rows])
 
     return Machines(
-        lower=np.stack([padded(table.lower_steps) for table in tables]),
-        upper=np.stack([padded(table.upper_steps) for table in tables]),
-        first=np.array(tables[0].first_steps, np.int64),
-        frames=np.stack([frame.coefficients_mm for frame in frames]),
-        frame_scale_mm=float(frames[0].scale_mm),
-        has_frame=not all(frame.is_identity for frame in frames),
-        corexy=printer.kinematics == "corexy",
-        bed=np.array(printer.bed_steps, np.int64),
-        low_mm=np.array([printer.x.min_mm, printer.y.min_mm]),
-        pitch_mm=np.array(printer.mm_per_step),
+        lower=np.stack([padded(motor.lower_steps for motor in table.motors) for table in tables]),
+        upper=np.stack([padded(motor.upper_steps for motor in table.motors) for table in tables]),
+        first=np.array([motor.first_step for motor in tables[0].motors], np.int64),
+        beds=np.concatenate([lattice_bed(mechanism).values for mechanism in mechanisms]),
+        size=np.array(printer.bed_steps, np.int64),
     )
 
 
@@ -148,8 +140,8 @@ def fleet_of(count: int) -> Fleet:
         tick=np.zeros(count, np.int64),
         nominal=whole(),
         position=real(),
-        origin=real(),
-        anchor=real(),
+        shift=real(),
+        beds=np.zeros(count * BED_FIELDS),
         last=whole(),
         direction=whole(),
         squares=np.zeros(count),

@@ -5,49 +5,24 @@
 
 import numpy as np
 
-from printmend.jit import entry
+from printmend.jit import entry, inner
+from printmend.machine.kernels import bed
+from printmend.machine.kernels.bed import BED_FIELDS
+from printmend.machine.kernels.play import anchor, clip
 
 
-@entry
-def _on_bed(machines, k, belt_x, belt_y):
-    """Return where belt (motor) positions [full steps] put the nozzle of machine k (mechanism.Frame)."""
-    x, y = belt_x, belt_y
-    if machines.corexy:
-        x, y = (belt_x + belt_y) / 2, (belt_x - belt_y) / 2
-    if not machines.has_frame:
-        return x, y
-    u = (machines.low_mm[0] + x * machines.pitch_mm[0]) / machines.frame_scale_mm
-    v = (machines.low_mm[1] + y * machines.pitch_mm[1]) / machines.frame_scale_mm
-    a, b = machines.frames[k, 0], machines.frames[k, 1]
-    u2, uv, v2 = u * u, u * v, v * v
-    dx = a[0] + a[1] * u + a[2] * v + a[3] * u2 + a[4] * uv + a[5] * v2
-    dx += a[6] * u2 * u + a[7] * u2 * v + a[8] * u * v2 + a[9] * v2 * v
-    dy = b[0] + b[1] * u + b[2] * v + b[3] * u2 + b[4] * uv + b[5] * v2
-    dy += b[6] * u2 * u + b[7] * u2 * v + b[8] * u * v2 + b[9] * v2 * v
-    return x + dx / machines.pitch_mm[0], y + dy / machines.pitch_mm[1]
-
-
-@entry
+@inner
 def _played(machines, fleet, n, axis, motor):
     """Return the belt position of environment n after its motor ``axis`` went to lattice position ``motor``."""
-    k = fleet.machine[n]
-    i = motor - machines.first[axis]
-    low = machines.lower[k, axis, i] - fleet.origin[n, axis]
-    high = machines.upper[k, axis, i] - fleet.origin[n, axis]
-    return min(max(fleet.position[n, axis], low), high)
+    k, i = fleet.machine[n], motor - machines.first[axis]
+    shift = fleet.shift[n, axis]
+    return clip(fleet.position[n, axis], machines.lower[k, axis, i] + shift, machines.upper[k, axis, i] + shift)
 
 
-@entry
-def _motors(machines, x, y):
-    if machines.corexy:
-        return x + y, x - y
-    return x, y
-
-
-@entry
+@inner
 def _reached(machines, axis, nominal, control):
     """Return the nominal position after a control: one bed's length beyond the bed the motors stop."""
-    return min(max(nominal + control, -machines.bed[axis]), 2 * machines.bed[axis])
+    return min(max(nominal + control, -machines.size[axis]), 2 * machines.size[axis])
 
 
 @entry
@@ -57,16 +32,18 @@ def restart(rows, machines, tasks, fleet):
         k = fleet.machine[n]
         x, y = tasks.starts[fleet.task[n], 0], tasks.starts[fleet.task[n], 1]
         fleet.nominal[n, 0], fleet.nominal[n, 1] = x, y
-        motors = _motors(machines, x, y)
+        at = n * BED_FIELDS
+        fleet.beds[at : at + BED_FIELDS] = machines.beds[k * BED_FIELDS : (k + 1) * BED_FIELDS]
+        bed.anchor(fleet.beds, at, x, y)
+        motors = bed.to_motors(fleet.beds, at, x, y)
         for axis in range(2):
             m = motors[axis]
             i = m - machines.first[axis]
-            fleet.origin[n, axis] = (machines.lower[k, axis, i] + machines.upper[k, axis, i]) / 2 - m
+            # The branches are those of a layer in the middle of the bed: a shift anchors them here.
+            fleet.shift[n, axis] = anchor(machines.lower[k, axis, i] - m, machines.upper[k, axis, i] - m, 0.5)
             fleet.position[n, axis] = m
             fleet.last[n, axis] = 0
             fleet.direction[n, axis] = 0
-        bed_x, bed_y = _on_bed(machines, k, fleet.position[n, 0], fleet.position[n, 1])
-        fleet.anchor[n, 0], fleet.anchor[n, 1] = x - bed_x, y - bed_y
         fleet.tick[n] = 0
         fleet.squares[n] = 0.0
 
@@ -87,13 +64,13 @@ def advance(controls, skip, machines, tasks, fleet, dense, reward, done):
             if moved != 0:
                 fleet.direction[n, axis] = 1 if moved > 0 else -1
             fleet.nominal[n, axis] = reached
-        motors = _motors(machines, fleet.nominal[n, 0], fleet.nominal[n, 1])
+        at = n * BED_FIELDS
+        motors = bed.to_motors(fleet.beds, at, fleet.nominal[n, 0], fleet.nominal[n, 1])
         for axis in range(2):
             fleet.position[n, axis] = _played(machines, fleet, n, axis, motors[axis])
-        x, y = _on_bed(machines, fleet.machine[n], fleet.position[n, 0], fleet.position[n, 1])
+        x, y = bed.printed(fleet.beds, at, fleet.position[n, 0], fleet.position[n, 1])
         t = fleet.tick[n]
-        error_x = x + fleet.anchor[n, 0] - tasks.targets[job, t, 0]
-        error_y = y + fleet.anchor[n, 1] - tasks.targets[job, t, 1]
+        error_x, error_y = x - tasks.targets[job, t, 0], y - tasks.targets[job, t, 1]
         points = tasks.lengths[job] + 1.0  # the start counts, as in the published evaluation
         before = np.sqrt(fleet.squares[n] / points)
         fleet.squares[n] += error_x * error_x + error_y * error_y
@@ -126,20 +103,20 @@ def greedy(c_max, machines, tasks, fleet, out):
     """Fill controls [N, 2]: Algorithm 1 on the true machines, all (2 c_max + 1)² candidates, first minimum wins."""
     for n in range(out.shape[0]):
         job = fleet.task[n]
-        t = min(fleet.tick[n], tasks.lengths[job] - 1)
+        t, at = min(fleet.tick[n], tasks.lengths[job] - 1), n * BED_FIELDS
         best = np.inf
         for cx in range(-c_max, c_max + 1):
             for cy in range(-c_max, c_max + 1):
-                motors = _motors(
-                    machines,
+                motors = bed.to_motors(
+                    fleet.beds,
+                    at,
                     _reached(machines, 0, fleet.nominal[n, 0], cx),
                     _reached(machines, 1, fleet.nominal[n, 1], cy),
                 )
                 a = _played(machines, fleet, n, 0, motors[0])
                 b = _played(machines, fleet, n, 1, motors[1])
-                x, y = _on_bed(machines, fleet.machine[n], a, b)
-                error_x = x + fleet.anchor[n, 0] - tasks.targets[job, t, 0]
-                error_y = y + fleet.anchor[n, 1] - tasks.targets[job, t, 1]
+                x, y = bed.printed(fleet.beds, at, a, b)
+                error_x, error_y = x - tasks.targets[job, t, 0], y - tasks.targets[job, t, 1]
                 error = error_x * error_x + error_y * error_y
                 if error < best:
                     best = error

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.machine.mechanism import Mechanism, Transmission
+from printmend.machine import Mechanism, Transmission, print_path
 from printmend.printer import Printer
 
 LINUXCNC_POINTS = 256
@@ -240,13 +240,7 @@ def _error_mm(mechanism: Mechanism, drive: Drive) -> float:
     motors = printer.to_motor(targets)
     direction = np.sign(np.diff(motors, axis=0, prepend=motors[:1] - 1.0))
     commands = drive(motors, direction)
-    belts = np.empty_like(motors)
-    for motor, table in enumerate(mechanism.transmissions):
-        lower, upper = table.branches_mm(commands[:, motor])
-        place = lower[0]
-        for i in range(len(belts)):
-            place = min(max(place, lower[i]), upper[i])
-            belts[i, motor] = place
-    error = mechanism.frame.apply(printer.from_motor(belts)) - targets
+    # The belts begin where the first move pushes them.
+    error = print_path(mechanism, commands, np.full(2, -np.inf)) - targets
     error = error - error.mean(axis=0)
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))

@@ -6,11 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
-from printmend.errors import InputError
-from printmend.machine.mechanism import GainMechanism, Mechanism
+from printmend.machine import GainMechanism, Mechanism, lattice_tables
+from printmend.machine.kernels import run
 from printmend.printer import Printer
 from printmend.protocols import IncrementTables, State, Tables
-from printmend.twin import kernels, lattice_bed, lattice_tables
+from printmend.twin import kernels
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,18 +47,13 @@ class MechanismModel:
         for start in np.unique(starts, axis=0):
             mine = (starts == start).all(axis=1)
             tables = lattice_tables(self.mechanism, start.astype(np.int64))
-            for motor in range(2):
-                index = motors[mine, motor] - tables.first_steps[motor]
-                lower, upper = tables.lower_steps[motor], tables.upper_steps[motor]
-                if index.min() < 0 or index.max() >= len(lower):
-                    raise InputError(
-                        f"motor {self.printer.motors[motor]}",
-                        wanted="controls that stay within a bed's length of the bed",
-                        came="controls that leave it",
-                        todo="check the start and the controls",
-                    )
-                after[mine, motor] = np.minimum(np.maximum(belts[mine, motor], lower[index]), upper[index])
-            position[mine] = lattice_bed(self.mechanism, after[mine], start)
+            for k, motor in enumerate(tables.motors):
+                index = motors[mine, k] - motor.first_step
+                motor.check(index)
+                held = np.empty(len(index))
+                run.clip_each(belts[mine, k], motor.lower_steps[index], motor.upper_steps[index], held)
+                after[mine, k] = held
+            position[mine] = tables.bed.printed(after[mine])
         return State(nominal, position, np.concatenate([after, starts], axis=1))
 
     def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> Tables | None:

@@ -12,11 +12,10 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.learn.registry import ORACLE, fit
 from printmend.learn.screw.screw import first_push_mm, fit_height, fit_push, screw_drive
-from printmend.machine.mechanism import GainMechanism, Mechanism
+from printmend.machine import GainMechanism, Mechanism, PlayTables, run_motors
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.protocols import PlayTables, SpaceModel, WorldModel
-from printmend.twin import kernels
+from printmend.protocols import SpaceModel, WorldModel
 
 # Times that the planar model and the push are learned in turn, at most: until the push stays where it was.
 _ROUNDS = 3
@@ -71,15 +70,8 @@ def _planar_mm(model: WorldModel, trace: Trace) -> np.ndarray | None:
     tables = model.tabulate(nominal[0])
     if not isinstance(tables, PlayTables):
         return None
-    motors = printer.to_motor(nominal)
-    belts = np.empty(motors.shape)
-    for motor in range(2):
-        column = np.empty(len(motors))
-        index = motors[:, motor] - tables.first_steps[motor]
-        kernels.run_play(index, float(motors[0, motor]), tables.lower_steps[motor], tables.upper_steps[motor], column)
-        belts[:, motor] = column
-    bed = printer.from_motor(belts)
-    return low_mm + (bed if tables.frame is None else tables.frame.apply(bed)) * pitch_mm
+    moves = np.diff(printer.to_motor(nominal), axis=0)
+    return low_mm + tables.bed.printed(run_motors(tables.motors, moves)) * pitch_mm
 
 
 def space_trace(nominal_steps: np.ndarray, printed_steps: np.ndarray, printer: Printer) -> Trace:

@@ -1,0 +1,50 @@
+"""A machine as arrays, and the one forward law of each of its effects: x, y and Z are motors of one machine.
+
+`Mechanism` is the value that corruptions lower to, learners produce, twins run and planners invert. `lattice_tables`
+puts it on the full-step lattice, `print_path` prints way-points in mm. The laws themselves are the scalar functions of
+`printmend.machine.kernels`.
+"""
+
+from printmend.machine.bed import BedMap
+from printmend.machine.lattice import (
+    LatticeMotor,
+    LatticeScrew,
+    PlayTables,
+    lattice_bed,
+    lattice_screw,
+    lattice_tables,
+    run_motors,
+    run_screw,
+)
+from printmend.machine.mechanism import (
+    Frame,
+    GainMechanism,
+    Mechanism,
+    ScrewDrive,
+    Transmission,
+    healthy_mechanism,
+    healthy_transmission,
+)
+from printmend.machine.printing import drive_belts, print_path, reach_bed
+
+__all__ = [
+    "BedMap",
+    "Frame",
+    "GainMechanism",
+    "LatticeMotor",
+    "LatticeScrew",
+    "Mechanism",
+    "PlayTables",
+    "ScrewDrive",
+    "Transmission",
+    "drive_belts",
+    "healthy_mechanism",
+    "healthy_transmission",
+    "lattice_bed",
+    "lattice_screw",
+    "lattice_tables",
+    "print_path",
+    "reach_bed",
+    "run_motors",
+    "run_screw",
+]

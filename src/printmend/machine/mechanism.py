@@ -10,10 +10,14 @@ monotone map (eq. 10), play after it, and friction that grows with the distance 
 because a clip passes through a monotone map. A `Frame` then maps the two belt positions to the bed.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
+from printmend.machine.bed import BedMap
+from printmend.machine.kernels import run
 from printmend.path import frozen
 from printmend.printer import Printer
 
@@ -40,21 +44,25 @@ class Transmission:
         """The motor positions of the entries [N]."""
         return self.first_mm + self.pitch_mm * np.arange(len(self.lower_mm))
 
-    @property
+    @cached_property
     def is_taut(self) -> bool:
         return bool(np.array_equal(self.lower_mm, self.upper_mm))
 
     def branches_mm(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (lower, upper) [mm] at any motor positions [mm]."""
-        grid = self.motor_mm
-        motor_mm = np.asarray(motor_mm, float)
-        inside = np.clip(motor_mm, grid[0], grid[-1])
-        beyond = motor_mm - inside
-        return np.interp(inside, grid, self.lower_mm) + beyond, np.interp(inside, grid, self.upper_mm) + beyond
+        lower = _each(run.branch_each, self.lower_mm, self, motor_mm)
+        return lower, lower.copy() if self.is_taut else _each(run.branch_each, self.upper_mm, self, motor_mm)
 
     def shifted(self, by_mm: float) -> "Transmission":
         """Move the carriage's origin: add ``by_mm`` to both tables."""
         return Transmission(self.first_mm, self.pitch_mm, self.lower_mm + by_mm, self.upper_mm + by_mm)
+
+
+def _each(law: Callable[..., None], table_mm: np.ndarray, at: Transmission, motor_mm: np.ndarray) -> np.ndarray:
+    motors = np.asarray(motor_mm, float)
+    out = np.empty(motors.shape)
+    law(table_mm, at.first_mm, 1.0 / at.pitch_mm, np.ascontiguousarray(motors.reshape(-1)), out.reshape(-1))
+    return out
 
 
 def healthy_transmission(printer: Printer, motor: int) -> Transmission:
@@ -97,24 +105,21 @@ class Frame:
         x, y = np.asarray(xy_mm)[..., 0] / self.scale_mm, np.asarray(xy_mm)[..., 1] / self.scale_mm
         return np.stack([x**p * y**q for p, q in self.exponents], axis=-1)
 
+    @cached_property
+    def _straight_motors(self) -> BedMap:
+        return self.bed_map(corexy=False)
+
+    def bed_map(self, *, corexy: bool) -> BedMap:
+        """Return the frame behind two motors, in mm: how their belts reach the bed."""
+        return BedMap(corexy, self.coefficients_mm, np.zeros(2), np.full(2, self.scale_mm))
+
     def apply(self, xy_mm: np.ndarray) -> np.ndarray:
         """Map positions given by the belts [..., 2] to positions on the bed [..., 2]."""
-        if self.is_identity:
-            return np.asarray(xy_mm)
-        return xy_mm + self.terms(xy_mm) @ self.coefficients_mm.T
+        return self._straight_motors.printed(xy_mm)
 
     def invert(self, xy_mm: np.ndarray) -> np.ndarray:
-        """Return the belt positions whose image is ``xy_mm`` [..., 2], by fixed-point iteration to 1e-9 mm."""
-        target = np.asarray(xy_mm, float)
-        if self.is_identity:
-            return target
-        belt = target
-        for _ in range(60):
-            step = target - self.apply(belt)
-            belt = belt + step
-            if np.abs(step).max(initial=0.0) < 1e-10:
-                break
-        return belt
+        """Return the belt positions whose image is ``xy_mm`` [..., 2], to 1e-10 mm."""
+        return self._straight_motors.wanted(xy_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +138,12 @@ class ScrewDrive:
 
     def wobble_at_mm(self, motor_mm: np.ndarray) -> np.ndarray:
         """Return the push [N, 2] mm at commanded heights [N] mm."""
-        grid = self.transmission.motor_mm
-        return np.stack([np.interp(motor_mm, grid, self.wobble_mm[:, axis]) for axis in range(2)], axis=1)
+        push_mm = (_each(run.push_each, column, self.transmission, motor_mm) for column in self._columns_mm)
+        return np.stack(list(push_mm), axis=-1)
+
+    @cached_property
+    def _columns_mm(self) -> tuple[np.ndarray, np.ndarray]:
+        return frozen(self.wobble_mm[:, 0]), frozen(self.wobble_mm[:, 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,33 +160,44 @@ class Mechanism:
     screw: ScrewDrive | None = None
     rest_share: tuple[float, float] = (0.5, 0.5)
 
+    @cached_property
+    def bed(self) -> BedMap:
+        """How the belts of the planar motors reach the bed [mm]."""
+        return self.frame.bed_map(corexy=self.printer.kinematics == "corexy")
+
+    @property
+    def motors(self) -> tuple[Transmission, ...]:
+        """The transmissions of the two planar motors, and of Z where there is a screw."""
+        return self.transmissions if self.screw is None else (*self.transmissions, self.screw.transmission)
+
+    def engaged_mm(self) -> np.ndarray:
+        """Return where the belts [2], or with a screw the belts and the nozzle's height [3], are at the end stops.
+
+        The branch of the direction in which a motor homes is the one that is engaged there.
+        """
+        printer = self.printer
+        home_mm = [*printer.to_motor(np.array(printer.home_mm)), printer.z.home_mm]
+        ways = [*map(printer.motor_home_direction, range(2)), printer.z.home_direction]
+        return np.array([table.branches_mm(home_mm[k])[0 if ways[k] > 0 else 1] for k, table in enumerate(self.motors)])
+
     def homed(self) -> "Mechanism":
         """Return this machine with the origin that homing gives it.
 
-        The end stop fixes the carriage: at the home position, reached from the homing direction, the bed
-        position is the home position. So the branch engaged there is shifted to pass through it.
+        The end stops fix the carriage: at the home position, reached from the homing direction, the bed position and
+        the height are the home position's, and the screw pushes nowhere. So the branches engaged there are shifted to
+        pass through it.
         """
-        home_xy = np.array(self.printer.home_mm)
-        motors_mm = self.printer.to_motor(home_xy)
-        belts_mm = self.printer.to_motor(self.frame.invert(home_xy))
-        shifted = []
-        for motor, transmission in enumerate(self.transmissions):
-            lower, upper = transmission.branches_mm(motors_mm[motor])
-            engaged = lower if self.printer.motor_home_direction(motor) > 0 else upper
-            shifted.append(transmission.shifted(float(belts_mm[motor] - engaged)))
-        screw = None if self.screw is None else self._homed_screw(self.screw)
-        return replace(self, transmissions=(shifted[0], shifted[1]), screw=screw)
-
-    def _homed_screw(self, screw: ScrewDrive) -> ScrewDrive:
-        z = self.printer.z
-        lower, upper = screw.transmission.branches_mm(np.array(z.home_mm))
-        engaged = lower if z.home_direction > 0 else upper
-        at_home = screw.wobble_at_mm(np.array([z.home_mm]))
-        return replace(
-            screw,
-            transmission=screw.transmission.shifted(float(z.home_mm - engaged)),
-            wobble_mm=screw.wobble_mm - at_home,
+        z_mm = self.printer.z.home_mm
+        wanted_mm = np.array([*self.bed.wanted(np.array(self.printer.home_mm)), z_mm])
+        a, b, *z = (
+            table.shifted(float(to_mm - from_mm))
+            for table, from_mm, to_mm in zip(self.motors, self.engaged_mm(), wanted_mm, strict=False)
         )
+        screw = self.screw
+        if screw is not None:
+            at_home = screw.wobble_at_mm(np.array([z_mm]))
+            screw = replace(screw, transmission=z[0], wobble_mm=screw.wobble_mm - at_home)
+        return replace(self, transmissions=(a, b), screw=screw)
 
 
 def healthy_mechanism(printer: Printer) -> Mechanism:

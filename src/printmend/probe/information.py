@@ -15,6 +15,7 @@ from printmend.learn.drive.fit import Prior, variances
 from printmend.learn.drive.layout import Design, bed_middle
 from printmend.learn.drive.select import EVERYTHING, TRIAL_HARMONICS
 from printmend.learn.greybox import Greybox
+from printmend.machine.kernels import run
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.saved.branches import SCALE_MM, Branches, Wave
@@ -41,16 +42,9 @@ class MotorBelief:
         mean, play = self.branches.errors_mm(motor_mm)
         play = np.maximum(play, LEAST_PLAY_MM)
         lower, upper = motor_mm + mean - play / 2, motor_mm + mean + play / 2
-        belt, at, side = float(upper[0]), float(motor_mm[0]), 1.0
-        places, sides = [], []
-        for m, low, high in zip(motor_mm.tolist(), lower.tolist(), upper.tolist(), strict=True):
-            if belt <= low:
-                belt, at, side = low, m, -1.0
-            elif belt >= high:
-                belt, at, side = high, m, 1.0
-            places.append(at)
-            sides.append(side)
-        return np.array(places), np.array(sides)
+        at, side, belt = np.empty(len(motor_mm), np.int64), np.empty(len(motor_mm)), np.empty(len(motor_mm))
+        run.contacts(np.inf, lower, upper, at, side, belt)  # the first row pulls
+        return motor_mm[at], side
 
     def columns(self, at_mm: np.ndarray, side: np.ndarray, own_mm: np.ndarray, other_mm: np.ndarray) -> np.ndarray:
         """Return the columns φ [N, P] of contacts [N], with the belts ``own_mm`` and ``other_mm`` from the middle."""

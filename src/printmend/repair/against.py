@@ -9,12 +9,11 @@ import shapely
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism, print_path
 from printmend.promise.predict import Errors, without_doubt
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Heights, Prediction
 from printmend.saved.model import exact_model
-from printmend.twin.kernels import run_play
 from printmend.twin.twin import Twin
 
 _CHORD_MM = 0.002
@@ -164,20 +163,8 @@ def _sampled(moves: Moves) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
 def _printed(commanded_mm: np.ndarray, mechanism: Mechanism) -> np.ndarray:
     """Print places [S, 3] one after the other, from the home position; return where and how high [S, 3]."""
     printer = mechanism.printer
-    home_mm = np.array(printer.home_mm)
-    motors = printer.to_motor(np.concatenate([home_mm[None], commanded_mm[:, :2]]))
-    at_home = printer.to_motor(mechanism.frame.invert(home_mm))
-    belts = np.empty_like(motors)
-    for motor, transmission in enumerate(mechanism.transmissions):
-        lower, upper = transmission.branches_mm(motors[:, motor])
-        column = np.empty(len(motors))
-        run_play(np.arange(len(motors)), at_home[motor], lower, upper, column)
-        belts[:, motor] = column
-    bed = mechanism.frame.apply(printer.from_motor(belts))[1:]
-    if mechanism.screw is None:
-        return np.column_stack([bed, commanded_mm[:, 2]])
-    z_mm = np.concatenate([[printer.z.home_mm], commanded_mm[:, 2]])
-    lower, upper = mechanism.screw.transmission.branches_mm(z_mm)
-    height = np.empty(len(z_mm))
-    run_play(np.arange(len(z_mm)), printer.z.home_mm, lower, upper, height)
-    return np.column_stack([bed + mechanism.screw.wobble_at_mm(commanded_mm[:, 2]), height[1:]])
+    home_mm = np.array([*printer.home_mm, printer.z.home_mm])
+    motors_mm = np.concatenate([home_mm[None], commanded_mm])
+    motors_mm[:, :2] = printer.to_motor(motors_mm[:, :2])
+    at_home_mm = np.array([*mechanism.bed.wanted(home_mm[:2]), home_mm[2]])
+    return print_path(mechanism, motors_mm, at_home_mm)[1:]

@@ -11,11 +11,17 @@ import numpy as np
 from printmend.corruption import Fault
 from printmend.corruption.jump import Jumps
 from printmend.errors import InputError
-from printmend.machine.mechanism import GainMechanism, Mechanism
+from printmend.machine import (
+    GainMechanism,
+    Mechanism,
+    drive_belts,
+    lattice_tables,
+    reach_bed,
+    run_motors,
+    run_screw,
+)
 from printmend.printer import Printer
-from printmend.protocols import LatticeFrame, PlayTables
 from printmend.twin import kernels
-from printmend.twin.height import follow_height, run_height
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,41 +57,30 @@ class Twin:
                 came=f"{controls.shape} and {start.shape}",
                 todo="reshape them",
             )
+        if isinstance(self.mechanism, GainMechanism):
+            printed = self._run_gains(self.mechanism, controls, start)
+        else:
+            printed = self._run_motors(self.mechanism, controls[:, :2], start[:2])
         if len(start) == 2:
-            return self._run(controls, start)
+            return printed
         screw = self.mechanism.screw if isinstance(self.mechanism, Mechanism) else None
-        height, push = run_height(screw, self.printer, controls[:, 2], int(start[2]))
-        printed = self._run(np.ascontiguousarray(controls[:, :2]), start[:2])
+        height, push = run_screw(screw, self.printer, controls[:, 2], int(start[2]))
         return np.concatenate([printed + push, height[:, None]], axis=1)
 
-    def _run(self, controls: np.ndarray, start: np.ndarray) -> np.ndarray:
+    def _run_gains(self, mechanism: GainMechanism, controls: np.ndarray, start: np.ndarray) -> np.ndarray:
         printed = np.empty((len(controls) + 1, 2))
-        if isinstance(self.mechanism, GainMechanism):
-            for axis in range(2):
-                bed = self.printer.bed_steps[axis]
-                kernels.run_gain(controls, axis, int(start[axis]), self.mechanism.gains[axis], bed, printed)
-            return printed
-        tables = lattice_tables(self.mechanism, start)
-        moves = controls
-        if tables.corexy:
-            moves = np.stack([controls[:, 0] + controls[:, 1], controls[:, 0] - controls[:, 1]], axis=1)
-        origin = self.printer.to_motor(start)
-        skipped = None
+        for axis in range(2):
+            bed = self.printer.bed_steps[axis]
+            kernels.run_gain(controls, axis, int(start[axis]), mechanism.gains[axis], bed, printed)
+        return printed
+
+    def _run_motors(self, mechanism: Mechanism, controls: np.ndarray, start: np.ndarray) -> np.ndarray:
+        tables = lattice_tables(mechanism, start)
+        moves, skipped = self.printer.to_motor(controls), None
         if any(map(any, self.jumps)):
             moves, skipped = self._jumped(moves)
-        for motor in range(2):
-            index = int(origin[motor]) - tables.first_steps[motor]
-            lower, upper = tables.lower_steps[motor], tables.upper_steps[motor]
-            if not kernels.run_play_controls(moves, motor, index, float(origin[motor]), lower, upper, printed):
-                raise InputError(
-                    f"motor {self.printer.motors[motor]}",
-                    wanted="controls that stay within a bed's length of the bed",
-                    came="controls that leave it",
-                    todo="check the start and the controls",
-                )
-        if skipped is not None:
-            printed += skipped
-        return lattice_bed(self.mechanism, printed, start)
+        belts = run_motors(tables.motors, moves)
+        return tables.bed.printed(belts if skipped is None else belts + skipped)
 
     def _jumped(self, moves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the motors' moves [T, 2] with the steps they miss, and the belts' skips [T + 1, 2], full steps."""
@@ -104,12 +99,20 @@ class Twin:
         Returns printed [N, 2] mm at the way-points; [N, 3] with Z, for way-points [N, 3]. Motors stop on micro-steps.
         Raises `InputError` for a gain table, which knows only the lattice.
         """
-        mechanism, waypoints_mm = self.homed(), np.asarray(waypoints_mm, float)
-        printed = _follow(mechanism, waypoints_mm[:, :2], self.jumps)
-        if waypoints_mm.shape[1] == 2:
-            return printed
-        height, push = follow_height(mechanism.screw, self.printer, waypoints_mm[:, 2])
-        return np.concatenate([printed + push, height[:, None]], axis=1)
+        mechanism, printer = self.homed(), self.printer
+        motors_mm = np.array(waypoints_mm, float)
+        motors_mm[:, :2] = printer.to_motor(motors_mm[:, :2])
+        skipped_mm = np.zeros((len(motors_mm), 2))
+        for k, table in enumerate(mechanism.motors[: motors_mm.shape[1]]):
+            axis = printer.axes[k]
+            if k < 2 and any(self.jumps[k]):
+                lost_mm, skipped_mm[:, k] = self.jumps[k].along(motors_mm[:, k], axis)
+                motors_mm[:, k] += lost_mm
+            microstep_mm = axis.mm_per_step / axis.microsteps
+            motors_mm[:, k] = table.first_mm + np.rint((motors_mm[:, k] - table.first_mm) / microstep_mm) * microstep_mm
+        belts_mm = drive_belts(mechanism, motors_mm, mechanism.engaged_mm())
+        belts_mm[:, :2] += skipped_mm
+        return reach_bed(mechanism, motors_mm, belts_mm)
 
     def homed(self) -> Mechanism:
         """Return the machine with the origin that homing gives it. Raises `InputError` for a gain table."""
@@ -121,87 +124,3 @@ class Twin:
                 todo="use `bench table1 --protocol paper` for gain tables",
             )
         return self.mechanism.homed()
-
-
-def lattice_tables(mechanism: Mechanism, start_steps: np.ndarray) -> PlayTables:
-    """Return a mechanism on the full-step lattice, in full steps, anchored at a layer's start.
-
-    At the start each belt rests where the mechanism says: with the play centred, (lower + upper)/2 is the nominal
-    motor position.
-    """
-    printer = mechanism.printer
-    origin = printer.to_motor(np.asarray(start_steps, np.int64))
-    lowers, uppers, firsts = [], [], []
-    for motor, table in enumerate(mechanism.transmissions):
-        axis = printer.axes[motor]
-        stride = axis.microsteps
-        # Errors, not positions, go through the change of units: a healthy motor stays exact.
-        motor_mm = table.first_mm + table.pitch_mm * np.arange(0, len(table.lower_mm), stride)
-        errors = [(branch[::stride] - motor_mm) / axis.mm_per_step for branch in (table.lower_mm, table.upper_mm)]
-        # Lattice motor positions count from the motor's image of the bed's lower corner.
-        corner_mm = printer.to_motor(np.array([printer.x.min_mm, printer.y.min_mm]))[motor]
-        first = round((table.first_mm - corner_mm) / axis.mm_per_step)
-        at = int(origin[motor]) - first
-        share = mechanism.rest_share[motor]
-        shift = -((1 - share) * errors[0][at] + share * errors[1][at])
-        lattice = first + np.arange(len(errors[0]))
-        # Where a table is flat, rounding could make it fall by 1e-13.
-        lowers.append(np.maximum.accumulate(lattice + (errors[0] + shift)))
-        uppers.append(np.maximum(np.maximum.accumulate(lattice + (errors[1] + shift)), lowers[-1]))
-        firsts.append(first)
-    return PlayTables(
-        (lowers[0], lowers[1]),
-        (uppers[0], uppers[1]),
-        (firsts[0], firsts[1]),
-        corexy=printer.kinematics == "corexy",
-        frame=lattice_frame(mechanism, start_steps),
-    )
-
-
-def lattice_frame(mechanism: Mechanism, start_steps: np.ndarray) -> LatticeFrame | None:
-    """Return a mechanism's frame in full steps, anchored so that the start stays put; None for the identity."""
-    frame, printer = mechanism.frame, mechanism.printer
-    if frame.is_identity:
-        return None
-    pitch_mm = np.array(printer.mm_per_step)
-    coefficients = frame.coefficients_mm / pitch_mm[:, None]
-    origin = np.array([printer.x.min_mm, printer.y.min_mm]) / pitch_mm
-    loose = LatticeFrame(coefficients, origin, frame.scale_mm / pitch_mm)
-    start = np.asarray(start_steps, float)
-    anchored = coefficients.copy()
-    anchored[:, 0] += start - loose.apply(start)
-    return LatticeFrame(anchored, origin, loose.scale_steps)
-
-
-def lattice_bed(mechanism: Mechanism, motors_steps: np.ndarray, start_steps: np.ndarray) -> np.ndarray:
-    """Map belt positions of the motors [N, 2] to the bed [N, 2] in full steps; the start maps to itself."""
-    printer = mechanism.printer
-    belts = printer.from_motor(motors_steps)
-    if mechanism.frame.is_identity:
-        return belts
-    low_mm, pitch_mm = np.array([printer.x.min_mm, printer.y.min_mm]), np.array(printer.mm_per_step)
-    start = np.asarray(start_steps, float)[None]
-    bed, bed_start = np.empty((len(belts), 2)), np.empty((1, 2))
-    for place, out in ((np.ascontiguousarray(belts, float), bed), (start, bed_start)):
-        kernels.bend(place, low_mm, pitch_mm, mechanism.frame.coefficients_mm, mechanism.frame.scale_mm, out)
-    bed += start - bed_start
-    return bed
-
-
-def _follow(mechanism: Mechanism, waypoints_mm: np.ndarray, jumps: tuple[Jumps, Jumps]) -> np.ndarray:
-    printer = mechanism.printer
-    motors_mm = printer.to_motor(waypoints_mm)
-    belts_mm = np.empty_like(motors_mm)
-    for motor, table in enumerate(mechanism.transmissions):
-        microstep_mm = printer.axes[motor].mm_per_step / printer.axes[motor].microsteps
-        commanded_mm, skipped_mm = motors_mm[:, motor], None
-        if any(jumps[motor]):
-            lost_mm, skipped_mm = jumps[motor].along(commanded_mm, printer.axes[motor])
-            commanded_mm = commanded_mm + lost_mm
-        at_mm = table.first_mm + np.rint((commanded_mm - table.first_mm) / microstep_mm) * microstep_mm
-        lower, upper = table.branches_mm(at_mm)
-        home = lower if printer.motor_home_direction(motor) > 0 else upper
-        column = np.empty(len(at_mm))
-        kernels.run_play(np.arange(len(at_mm)), home[0], lower, upper, column)
-        belts_mm[:, motor] = column if skipped_mm is None else column + skipped_mm
-    return mechanism.frame.apply(printer.from_motor(belts_mm))

@@ -18,7 +18,7 @@ tuple each access would count references.
 
 import numpy as np
 
-from printmend.jit import entry
+from printmend.jit import entry, inner
 
 # Ticks between the places to which a search may go back.
 _CHUNK = 16
@@ -87,7 +87,7 @@ def arrivals(wanted, weight, price, places, first, last, low, high, left, right,
                 row[n] += here + price[t - 1, (m0 + n) & 1]
 
 
-@entry
+@inner
 def cost_to_go(motor, t, k, m, reach, first, low, high, size, left, right, togo):
     """Return one motor's least cost to go from state (k, m) of tick t."""
     if t + 1 == togo.shape[1]:
@@ -100,7 +100,7 @@ def cost_to_go(motor, t, k, m, reach, first, low, high, size, left, right, togo)
     return least
 
 
-@entry
+@inner
 def sweep(
     t0, t1, clock, slack, reach, together, parted, places, first, low, high, size, left, right, wanted, cross, togo,
     known, found, index, stamp, losses, ids, moves, many, least, built, costs, slots, slot_stamp, after, after_bounds,

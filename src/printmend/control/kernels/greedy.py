@@ -8,6 +8,9 @@ differ by a rounding. All kernels fill controls [T, 2] and imagined [T + 1, 2].
 import numpy as np
 
 from printmend.jit import entry, inner
+from printmend.machine.kernels.bed import printed, to_motors
+from printmend.machine.kernels.lattice import motors_reach
+from printmend.machine.kernels.play import clip
 
 
 @inner(inline="always")
@@ -65,17 +68,18 @@ def reach(position, motor, c_max, lower, upper, out):
     for k in range(out.shape[0]):
         m = motor + k - c_max
         if 0 <= m < lower.shape[0]:
-            out[k] = min(max(position, lower[m]), upper[m])
+            out[k] = clip(position, lower[m], upper[m])
         else:
             out[k] = np.nan
 
 
 @entry
-def plan_play(targets, start, mx, my, lower_x, upper_x, lower_y, upper_y, c_max, controls, imagined):
-    """Plan with play tables of two axes that do not couple; (mx, my) are the motors' first indices."""
+def plan_play(targets, machine, c_max, controls, imagined):
+    """Plan with a `Lattice` whose axes do not couple."""
     width = 2 * c_max + 1
     qx, qy, ex, ey = np.empty(width), np.empty(width), np.empty(width), np.empty(width)
-    px, py = float(start[0]), float(start[1])
+    mx, my, px, py = machine.start_a, machine.start_b, machine.origin_a, machine.origin_b
+    lower_x, upper_x, lower_y, upper_y = machine.lower_a, machine.upper_a, machine.lower_b, machine.upper_b
     imagined[0, 0], imagined[0, 1] = px, py
     for t in range(targets.shape[0]):
         reach(px, mx, c_max, lower_x, upper_x, qx)
@@ -93,30 +97,33 @@ def plan_play(targets, start, mx, my, lower_x, upper_x, lower_y, upper_y, c_max,
 
 
 @entry
-def plan_corexy(targets, start, ma, mb, lower_a, upper_a, lower_b, upper_b, c_max, controls, imagined):
-    """Plan with play tables of the motors a = x + y and b = x − y; the carriage is at ((a + b)/2, (a − b)/2)."""
-    width = 4 * c_max + 1
-    qa, qb = np.empty(width), np.empty(width)
-    pa, pb = float(start[0] + start[1]), float(start[0] - start[1])
-    imagined[0, 0], imagined[0, 1] = (pa + pb) / 2, (pa - pb) / 2
+def plan_coupled(targets, machine, c_max, controls, imagined):
+    """Plan with any `Lattice`: motors may couple, on a CoreXY or behind a crooked frame."""
+    bed = machine.bed
+    span = motors_reach(bed, c_max)
+    qa, qb = np.empty(2 * span + 1), np.empty(2 * span + 1)
+    ma, mb, pa, pb = machine.start_a, machine.start_b, machine.origin_a, machine.origin_b
+    lower_a, upper_a, lower_b, upper_b = machine.lower_a, machine.upper_a, machine.lower_b, machine.upper_b
+    imagined[0, 0], imagined[0, 1] = printed(bed, 0, pa, pb)
     for t in range(targets.shape[0]):
-        reach(pa, ma, 2 * c_max, lower_a, upper_a, qa)
-        reach(pb, mb, 2 * c_max, lower_b, upper_b, qb)
+        reach(pa, ma, span, lower_a, upper_a, qa)
+        reach(pb, mb, span, lower_b, upper_b, qb)
         tx, ty = targets[t, 0], targets[t, 1]
         least = np.inf
-        best_x, best_y = 0, 0
+        best_a, best_b = 0, 0
         for cx in range(-c_max, c_max + 1):
             for cy in range(-c_max, c_max + 1):
-                a, b = qa[cx + cy + 2 * c_max], qb[cx - cy + 2 * c_max]
-                dx, dy = tx - (a + b) / 2, ty - (a - b) / 2
+                ca, cb = to_motors(bed, 0, cx, cy)
+                x, y = printed(bed, 0, qa[ca + span], qb[cb + span])
+                dx, dy = tx - x, ty - y
                 value = dx * dx + dy * dy
                 if value < least:
-                    least, best_x, best_y = value, cx, cy
-        pa, pb = qa[best_x + best_y + 2 * c_max], qb[best_x - best_y + 2 * c_max]
-        ma += best_x + best_y
-        mb += best_x - best_y
-        controls[t, 0], controls[t, 1] = best_x, best_y
-        imagined[t + 1, 0], imagined[t + 1, 1] = (pa + pb) / 2, (pa - pb) / 2
+                    least, best_a, best_b = value, ca, cb
+                    controls[t, 0], controls[t, 1] = cx, cy
+        pa, pb = qa[best_a + span], qb[best_b + span]
+        ma += best_a
+        mb += best_b
+        imagined[t + 1, 0], imagined[t + 1, 1] = printed(bed, 0, pa, pb)
 
 
 @inner(inline="always")
@@ -165,61 +172,3 @@ def plan_joint(targets, start, cells_x, cells_y, unit, rolled, c_max, controls, 
         ny = min(max(ny + best_y, 0), cells_y.shape[0] - 1)
         controls[t, 0], controls[t, 1] = best_x, best_y
         imagined[t + 1, 0], imagined[t + 1, 1] = px, py
-
-
-@inner(inline="always")
-def polynomial(u, v, coefficients, axis):
-    """Return the cubic of one axis, its terms in the order of `Frame.exponents`."""
-    by_u = coefficients[axis, 1] + u * (coefficients[axis, 3] + u * coefficients[axis, 6])
-    by_uv = coefficients[axis, 4] + u * coefficients[axis, 7] + v * coefficients[axis, 8]
-    by_v = coefficients[axis, 2] + v * (coefficients[axis, 5] + v * coefficients[axis, 9])
-    return coefficients[axis, 0] + u * by_u + u * v * by_uv + v * by_v
-
-
-@inner(inline="always")
-def bend(x, y, coefficients, origin, scale):
-    """Return the bed position of belts at (x, y) through a crooked frame (`LatticeFrame`)."""
-    u, v = (x + origin[0]) / scale[0], (y + origin[1]) / scale[1]
-    return x + polynomial(u, v, coefficients, 0), y + polynomial(u, v, coefficients, 1)
-
-
-@inner(inline="always")
-def bed_position(a, b, corexy, coefficients, origin, scale):
-    """Return the bed position of motors' belts at (a, b); ``coefficients`` [2, 0] stands for a straight frame."""
-    x, y = ((a + b) / 2, (a - b) / 2) if corexy else (a, b)
-    if coefficients.shape[1] == 0:
-        return x, y
-    return bend(x, y, coefficients, origin, scale)
-
-
-@entry
-def plan_framed(
-    targets, start, ma, mb, lower_a, upper_a, lower_b, upper_b, c_max, corexy, coefficients, origin, scale,
-    controls, imagined,
-):  # fmt: skip
-    """Plan with play tables behind a crooked frame."""
-    span = 2 * c_max if corexy else c_max
-    qa, qb = np.empty(2 * span + 1), np.empty(2 * span + 1)
-    pa, pb = float(start[0]), float(start[1])
-    if corexy:
-        pa, pb = pa + pb, pa - pb
-    imagined[0, 0], imagined[0, 1] = start[0], start[1]
-    for t in range(targets.shape[0]):
-        reach(pa, ma, span, lower_a, upper_a, qa)
-        reach(pb, mb, span, lower_b, upper_b, qb)
-        tx, ty = targets[t, 0], targets[t, 1]
-        least = np.inf
-        best_a, best_b = 0, 0
-        for cx in range(-c_max, c_max + 1):
-            for cy in range(-c_max, c_max + 1):
-                ca, cb = (cx + cy, cx - cy) if corexy else (cx, cy)
-                x, y = bed_position(qa[ca + span], qb[cb + span], corexy, coefficients, origin, scale)
-                dx, dy = tx - x, ty - y
-                value = dx * dx + dy * dy
-                if value < least:
-                    least, best_a, best_b = value, ca, cb
-                    controls[t, 0], controls[t, 1] = cx, cy
-        pa, pb = qa[best_a + span], qb[best_b + span]
-        ma += best_a
-        mb += best_b
-        imagined[t + 1, 0], imagined[t + 1, 1] = bed_position(pa, pb, corexy, coefficients, origin, scale)

@@ -2,8 +2,11 @@
 
 import numpy as np
 
-from printmend.control.kernels.greedy import bed_position, reach
-from printmend.jit import entry
+from printmend.control.kernels.greedy import reach
+from printmend.jit import entry, inner
+from printmend.machine.kernels.bed import printed, to_motors
+from printmend.machine.kernels.lattice import motors_reach
+from printmend.machine.kernels.play import clip
 
 _TIE = 1e-12  # of a squared error: equal but for rounding
 
@@ -19,7 +22,7 @@ def next_different(targets, out):
             out[t] = t + 1 if targets[t + 1] != targets[t] else out[t + 1]
 
 
-@entry
+@inner
 def direction(targets, following, t, position):
     """Return the sign of the next move that a carriage at ``position`` will have to make: to the first target, from t
     on, that is more than half a step away. Looks at a few changes of target; 0 where none of them is."""
@@ -47,7 +50,7 @@ def plan_axis(targets, following, motor, position, lower, upper, c_max, controls
         for c in range(-c_max, c_max + 1):
             m = motor + c
             if 0 <= m < size:
-                q = min(max(position, lower[m]), upper[m])
+                q = clip(position, lower[m], upper[m])
                 error = (target - q) * (target - q)
                 if error < least:
                     least, second, best, best_q = error, least, c, q
@@ -60,7 +63,7 @@ def plan_axis(targets, following, motor, position, lower, upper, c_max, controls
             c = (step + 1) // 2 if step % 2 else -(step // 2)  # 0, 1, −1, 2, …: rest where nothing is gained
             m = motor + c
             if 0 <= m < size:
-                q = min(max(position, lower[m]), upper[m])
+                q = clip(position, lower[m], upper[m])
                 error = (target - q) * (target - q)
                 if error <= least + _TIE:
                     value = 0.0
@@ -77,19 +80,19 @@ def plan_axis(targets, following, motor, position, lower, upper, c_max, controls
 
 
 @entry
-def plan_coupled(
-    targets, motor_targets, following_a, following_b, start, ma, mb, lower_a, upper_a, lower_b, upper_b, c_max,
-    corexy, coefficients, origin, scale, controls, imagined,
-):  # fmt: skip
-    """Plan both motors together, as `plan_axis`: ``motor_targets`` [T, 2] are the targets seen by the motors' belts."""
-    span = 2 * c_max if corexy else c_max
+def plan_coupled(targets, motor_targets, following, machine, c_max, controls, imagined):
+    """Plan both motors of a `Lattice` together, as `plan_axis`.
+
+    ``motor_targets`` [T, 2] are the targets seen by the motors' belts, ``following`` [2, T] their `next_different`.
+    """
+    bed = machine.bed
+    span = motors_reach(bed, c_max)
     width = 2 * c_max + 1
     qa, qb = np.empty(2 * span + 1), np.empty(2 * span + 1)
     errors = np.empty((width, width))
-    pa, pb = float(start[0]), float(start[1])
-    if corexy:
-        pa, pb = pa + pb, pa - pb
-    imagined[0, 0], imagined[0, 1] = start[0], start[1]
+    ma, mb, pa, pb = machine.start_a, machine.start_b, machine.origin_a, machine.origin_b
+    lower_a, upper_a, lower_b, upper_b = machine.lower_a, machine.upper_a, machine.lower_b, machine.upper_b
+    imagined[0, 0], imagined[0, 1] = printed(bed, 0, pa, pb)
     for t in range(targets.shape[0]):
         reach(pa, ma, span, lower_a, upper_a, qa)
         reach(pb, mb, span, lower_b, upper_b, qb)
@@ -97,23 +100,23 @@ def plan_coupled(
         for i in range(width):
             for j in range(width):
                 cx, cy = i - c_max, j - c_max
-                ca, cb = (cx + cy, cx - cy) if corexy else (cx, cy)
-                x, y = bed_position(qa[ca + span], qb[cb + span], corexy, coefficients, origin, scale)
+                ca, cb = to_motors(bed, 0, cx, cy)
+                x, y = printed(bed, 0, qa[ca + span], qb[cb + span])
                 dx, dy = targets[t, 0] - x, targets[t, 1] - y
                 value = dx * dx + dy * dy
                 errors[i, j] = np.inf if np.isnan(value) else value
                 if value < least:
                     least, near_a, near_b = value, qa[ca + span], qb[cb + span]
         goal_a, goal_b = motor_targets[t, 0], motor_targets[t, 1]
-        ahead_a = direction(motor_targets[:, 0], following_a, t, near_a)
-        ahead_b = direction(motor_targets[:, 1], following_b, t, near_b)
+        ahead_a = direction(motor_targets[:, 0], following[0], t, near_a)
+        ahead_b = direction(motor_targets[:, 1], following[1], t, near_b)
         best_value, best_x, best_y = np.inf, 0, 0
         for i in range(width):
             for j in range(width):
                 if errors[i, j] > least + _TIE:
                     continue
                 cx, cy = i - c_max, j - c_max
-                ca, cb = (cx + cy, cx - cy) if corexy else (cx, cy)
+                ca, cb = to_motors(bed, 0, cx, cy)
                 value = 1e-9 * (cx * cx + cy * cy)  # rest where nothing is gained
                 if ahead_a != 0:
                     value += ((lower_a if ahead_a > 0 else upper_a)[ma + ca] - goal_a) ** 2
@@ -121,9 +124,9 @@ def plan_coupled(
                     value += ((lower_b if ahead_b > 0 else upper_b)[mb + cb] - goal_b) ** 2
                 if value < best_value:
                     best_value, best_x, best_y = value, cx, cy
-        ca, cb = (best_x + best_y, best_x - best_y) if corexy else (best_x, best_y)
+        ca, cb = to_motors(bed, 0, best_x, best_y)
         pa, pb = qa[ca + span], qb[cb + span]
         ma += ca
         mb += cb
         controls[t, 0], controls[t, 1] = best_x, best_y
-        imagined[t + 1, 0], imagined[t + 1, 1] = bed_position(pa, pb, corexy, coefficients, origin, scale)
+        imagined[t + 1, 0], imagined[t + 1, 1] = printed(bed, 0, pa, pb)

@@ -14,17 +14,17 @@ its ends.
 
 import numpy as np
 
-from printmend.jit import entry
+from printmend.jit import entry, inner
 
 
-@entry
+@inner
 def lesser(one, other, out):
     """Fill out with the lesser of two arrays, entry by entry of the first."""
     for i in range(one.shape[0]):
         out[i] = min(one[i], other[i])
 
 
-@entry
+@inner
 def spread(costs, base, m0, m1, rows, n0, n1, c_max, first, second):
     """Return the least costs about each of the motor indices n0…n1, c_max to either side, in one of the scratches.
 
@@ -61,7 +61,7 @@ def spread(costs, base, m0, m1, rows, n0, n1, c_max, first, second):
     return second
 
 
-@entry
+@inner
 def advance(
     costs, base0, left0, right0, base, left, right, target, places, first, last, low, high, c_max, missed, one, other
 ):  # fmt: skip
@@ -91,7 +91,7 @@ def advance(
             costs[at + highest] = min(costs[at + highest], best + missed[highest - left])
 
 
-@entry
+@inner
 def parent(costs, base0, left0, right0, k, m, first, last, low, high, c_max):
     """Return the state (k, m) of the tick before from which (k, m) is reached at the least cost."""
     best, best_k, best_m = np.inf, -1, -1
@@ -115,7 +115,7 @@ def parent(costs, base0, left0, right0, k, m, first, last, low, high, c_max):
     return best_k, best_m
 
 
-@entry
+@inner
 def settled(costs, base, begin, end, left, right, first, last, low, high, c_max, states, seen):
     """Return the last tick, and its state, that the cheapest ways to all states of tick ``end`` have in common.
 
@@ -151,7 +151,7 @@ def settled(costs, base, begin, end, left, right, first, last, low, high, c_max,
     return t, states[now, 0, 0], states[now, 0, 1]
 
 
-@entry
+@inner
 def way_back(costs, base, begin, t, k, m, left, right, first, last, low, high, c_max, motor):
     """Fill motor[begin : t + 1] with the indices of the cheapest way to state (k, m) of tick t."""
     motor[t] = m
@@ -209,12 +209,3 @@ def search(targets, k_start, m_start, places, first, last, low, high, left, righ
                 total, k_end, m_end = value, k, m
     way_back(costs, base, begin, ticks, k_end, m_end, left, right, first, last, low, high, c_max, motor)
     return total
-
-
-@entry
-def follow(motor, position, lower, upper, out):
-    """Fill out [T + 1] with the positions of a carriage whose motor takes the indices [T + 1]."""
-    out[0] = position
-    for t in range(1, motor.shape[0]):
-        position = min(max(position, lower[motor[t]]), upper[motor[t]])
-        out[t] = position

@@ -15,10 +15,10 @@ from printmend.learn.drive.ladder import jumped
 from printmend.learn.drive.select import PATTERN_SHARE, SELECT_LEAST_SIGMA_MM
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive, motor_rows
 from printmend.learn.hybrid.gains import learned_gains
-from printmend.learn.hybrid.kernels import follow_branches
 from printmend.learn.hybrid.residual import MARGIN_MM, PASSES, Residual, chosen, learned, points
 from printmend.learn.mechanism_model import MachineLearned
-from printmend.machine.mechanism import GainMechanism, Mechanism, Transmission
+from printmend.machine import GainMechanism, Mechanism, Transmission
+from printmend.machine.kernels import run
 from printmend.path import Trace
 from printmend.printer import Printer
 
@@ -122,9 +122,8 @@ def _left_mm(box: GreyboxModel, trace: Trace, motor: int, table: Transmission) -
     """Return what a motor's tables leave of the measurement [N], NaN where there is none."""
     touch = box.drives[motor].choice.fit.touch
     belt = np.empty(len(trace))
-    at, side = np.empty(len(belt), np.int64), np.empty(len(belt), np.int8)
     lower, upper = table.branches_mm(jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor]).motor_mm)
-    follow_branches(lower, upper, float(touch.belt_mm[0]), at, side, belt)
+    run.follow(float(touch.belt_mm[0]), lower, upper, belt)
     return np.asarray(touch.belt_mm + touch.residual_mm - belt)
 
 

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from printmend.learn.hybrid import kernels as kernels
 from printmend.learn.hybrid.continued import continued
-from printmend.machine.mechanism import Transmission
+from printmend.machine import Transmission
+from printmend.machine.kernels import run
 from printmend.saved.branches import rising, warp_columns
 from printmend.units import TURN_RAD
 
@@ -131,16 +131,16 @@ def points(
 ) -> Points:
     """Follow a motor's path [N] through its tables; return the measured rows in contact and what they leave."""
     lower, upper = table.branches_mm(motor_mm)
-    at, side = np.empty(len(motor_mm), np.int64), np.empty(len(motor_mm), np.int8)
+    at, side = np.empty(len(motor_mm), np.int64), np.empty(len(motor_mm))
     belt = np.empty(len(motor_mm))
-    kernels.follow_branches(lower, upper, start_mm, at, side, belt)
+    run.contacts(start_mm, lower, upper, at, side, belt)
     travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(motor_mm)))])
     used = np.flatnonzero((weight > 0) & (at >= 0))
     residual = (measured_mm - belt)[used]
     sigma = max(1.4826 * float(np.median(np.abs(residual))) if len(used) else 0.0, FLOOR_MM)
     return Points(
         motor_mm[at[used]],
-        side[used].astype(float),
+        side[used],
         residual,
         weight[used],
         (travel[used] / turn_mm).astype(np.int64),

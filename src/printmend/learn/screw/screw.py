@@ -13,12 +13,11 @@ from itertools import product
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.learn.screw.kernels import contacts
-from printmend.machine.mechanism import ScrewDrive
+from printmend.machine import ScrewDrive
+from printmend.machine.kernels import run
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
-from printmend.twin.kernels import run_play
 
 # Prior standard deviations: of the lead's relative error, of a harmonic's amplitude and of the backlash, mm.
 _LEAD, _AMPLITUDE_MM, _BACKLASH_MM = 0.1, 0.5, 1.0
@@ -85,8 +84,7 @@ def fit_height(
         terms, backlash_mm, sigma_mm = np.zeros(count), guess_mm, 0.1
         for _ in range(_PASSES):
             centre = commanded_mm + columns @ terms
-            at, side = np.empty(len(centre), np.int64), np.empty(len(centre))
-            contacts(centre, backlash_mm / 2, share, at, side)
+            at, side = _touched(centre, backlash_mm, share)
             # Until it first touches a flank the nut is where it was: a place of its own.
             free = side == 0.0
             rest = np.column_stack([~free, free])[seen]
@@ -123,6 +121,19 @@ def _closer(height: Height, than: Height, points: int) -> bool:
     return bool(2 * points * np.log(there / here) > _ASIDE)
 
 
+def _touched(centre_mm: np.ndarray, backlash_mm: float, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return for each row [N] the row where the nut last touched a flank and which, −1 pushed up, +1 let down.
+
+    ``centre_mm`` [N] is the height in the middle of the play. Until it first touches one, the nut is where row 0 put
+    it, at ``share`` of its play: row 0 and side 0.
+    """
+    lower_mm, upper_mm = centre_mm - backlash_mm / 2, centre_mm + backlash_mm / 2
+    at, side, place_mm = np.empty(len(centre_mm), np.int64), np.empty(len(centre_mm)), np.empty(len(centre_mm))
+    start_mm = float(np.clip(centre_mm[0] + (share - 0.5) * backlash_mm, lower_mm[0], upper_mm[0]))
+    run.contacts(start_mm, lower_mm, upper_mm, at, side, place_mm)
+    return np.maximum(at, 0), side
+
+
 def _rested(height: Height, centre_mm: np.ndarray, measured_mm: np.ndarray, *, met: bool) -> Height:
     """Say where in its play the nut rested at row 0, where the fit alone does not: in the middle unless the heights
     speak against it.
@@ -136,11 +147,11 @@ def _rested(height: Height, centre_mm: np.ndarray, measured_mm: np.ndarray, *, m
     if height.backlash_mm == 0.0 or not (here & seen).any():
         return height
     start_mm, sigma_mm = float(measured_mm[here & seen].mean()), max(height.sigma_mm, _RESTS_SIGMA_MM)
-    index, place_mm = np.arange(len(centre_mm)), np.empty(len(centre_mm))
+    place_mm = np.empty(len(centre_mm))
 
     def squares(share: float, backlash_mm: float) -> float:
         lower_mm = centre_mm - centre_mm[0] + start_mm - share * backlash_mm
-        run_play(index, start_mm, lower_mm, lower_mm + backlash_mm, place_mm)
+        run.follow(start_mm, lower_mm, lower_mm + backlash_mm, place_mm)
         return float(np.minimum(((measured_mm - place_mm)[seen] / sigma_mm) ** 2, _LOST).sum())
 
     centred, backlash_mm = squares(0.5, height.backlash_mm), height.backlash_mm

@@ -3,9 +3,14 @@
 ``lower`` and ``upper`` are what the two branches of a transmission say at the motor's position; `table` looks them up.
 """
 
+import numpy as np
+
 from printmend.jit import inner
 
 PUSHED, FREE, PULLED = -1, 0, 1  # the branch that holds the belt: lower, none, upper
+# Places on the lattice are multiples of 2^-36 of a full step, 1.5e-11: then sums, differences and halves of them are
+# exact up to 2^16 steps, in whatever order they are taken.
+RESOLUTION = 2.0**36
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -25,3 +30,18 @@ def contact(position, lower, upper):
 def rest(lower, upper, share):
     """Return where a belt rests that nothing has moved yet: at ``share`` of its play, 0 pushed, 1 pulled."""
     return (1 - share) * lower + share * upper
+
+
+@inner(error_model="numpy", _nrt=False)
+def fine(steps):
+    """Round a number of full steps to the lattice's resolution."""
+    return np.rint(steps * RESOLUTION) / RESOLUTION
+
+
+@inner(error_model="numpy", _nrt=False)
+def anchor(lower, upper, share):
+    """Return what to add to both branches so that the belt, at rest between them, is at its nominal position.
+
+    ``lower`` and ``upper`` are the branches at the start, less that position, in full steps.
+    """
+    return -fine(rest(fine(lower), fine(upper), share))

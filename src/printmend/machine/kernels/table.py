@@ -24,7 +24,11 @@ def branch_at(values, table, first, rate, last, m):
 @inner(error_model="numpy", _nrt=False)
 def push_at(values, table, first, rate, last, m):
     """Return where a screw pushes the nozzle along one axis at motor position m; beyond the table that stays."""
-    place = min(max((m - first) * rate, 0.0), last)
-    i = min(np.int64(place), np.int64(last) - 1)
+    place = (m - first) * rate
+    if not place > 0.0:
+        return values[table]
+    if place >= last:
+        return values[table + np.int64(last)]
+    i = np.int64(place)
     below = values[table + i]
     return below + (place - i) * (values[table + i + 1] - below)

@@ -7,6 +7,7 @@ linear interpolation needs no wrap.
 import numpy as np
 
 from printmend.jit import entry
+from printmend.machine.kernels.play import FREE, contact
 
 
 @entry
@@ -48,10 +49,9 @@ def follow_play(
         play = max(play, 0.0)
         lower = motor_mm[t] + mean - play / 2
         upper = motor_mm[t] + mean + play / 2
-        if value < lower:
-            value, row, branch = lower, t, -1
-        if value > upper:
-            value, row, branch = upper, t, 1
+        value, touched = contact(value, lower, upper)
+        if touched != FREE:
+            row, branch = t, touched
         at[t] = row
         side[t] = branch
         belt_mm[t] = value

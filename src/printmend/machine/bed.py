@@ -1,0 +1,76 @@
+"""How the belts of two motors reach the bed, as a value: CoreXY mixing and a crooked frame, in any unit."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from printmend.machine.kernels import bed as law
+from printmend.machine.kernels import run
+from printmend.path import frozen
+
+
+@dataclass(frozen=True, eq=False)
+class BedMap:
+    """The way from motors to bed: CoreXY mixing where ``corexy``, then x' = x + Σ a_pq ((x + x0)/Lx)^p ((y + y0)/Ly)^q
+    for belts at (x, y), and y' with b_pq (physics.md eq. 13 and 14).
+
+    ``terms`` [2, 10] are a and b in the order of `Frame.exponents`, ``origin`` [2] is (x0, y0) and ``scale`` [2] is
+    (Lx, Ly), all in one unit: mm, or full steps.
+    """
+
+    corexy: bool
+    terms: np.ndarray
+    origin: np.ndarray
+    scale: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name in ("terms", "origin", "scale"):
+            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), float)))
+
+    @cached_property
+    def is_straight(self) -> bool:
+        """Say whether the frame leaves every place where it is."""
+        return not self.terms.any()
+
+    @property
+    def values(self) -> np.ndarray:
+        """The map as the kernels take it [26]; see `kernels.bed`."""
+        values = np.empty(law.BED_FIELDS)
+        values[law.BED_COREXY], values[law.BED_FRAMED] = self.corexy, not self.is_straight
+        values[law.BED_ORIGIN : law.BED_ORIGIN + 2] = self.origin
+        values[law.BED_SCALE : law.BED_SCALE + 2] = self.scale
+        values[law.BED_TERMS :] = self.terms.ravel()
+        return values
+
+    def anchored(self, place: np.ndarray) -> "BedMap":
+        """Return the map shifted so that the frame leaves ``place`` [2], where a layer starts, where it is."""
+        if self.is_straight:
+            return self
+        values = self.values
+        run.anchor(values, float(place[0]), float(place[1]))
+        return BedMap(self.corexy, values[law.BED_TERMS :].reshape(2, 10), self.origin, self.scale)
+
+    def printed(self, belts: np.ndarray) -> np.ndarray:
+        """Return the places on the bed [..., 2] of the motors' belts [..., 2]."""
+        return self._each(run.printed_each, belts)
+
+    def wanted(self, places: np.ndarray) -> np.ndarray:
+        """Return where the motors' belts [..., 2] have to be for places on the bed [..., 2]: the inverse."""
+        return self._each(run.wanted_each, places)
+
+    def _each(self, law_each: Callable[..., None], places: np.ndarray) -> np.ndarray:
+        places = np.asarray(places, float)
+        if self.is_straight and not self.corexy:
+            return places
+        flat = np.ascontiguousarray(places.reshape(-1, 2))
+        out = np.empty(flat.shape)
+        law_each(self.values, flat, out)
+        return out.reshape(places.shape)
+
+    def slopes(self, belts: np.ndarray) -> np.ndarray:
+        """Return the derivatives [N, 2, 2] of the places on the bed by the motors' belts, at belts [N, 2]."""
+        out = np.empty((len(belts), 2, 2))
+        run.slopes_each(self.values, np.ascontiguousarray(belts, float), out)
+        return out
