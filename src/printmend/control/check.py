@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.errors import InputError, ModelError
+from printmend.machine import PlayTables
 from printmend.path import Plan
 from printmend.printer import Printer
-from printmend.protocols import Controller, IncrementTables, JointTables, PlayTables, Tables, WorldModel
+from printmend.protocols import Controller, IncrementTables, JointTables, Tables, WorldModel
 
 
 def check_plan(
