@@ -1,7 +1,5 @@
 """The laws over arrays: what Python calls. Arrays and scalars in, arrays out; checks happen where they are called."""
 
-import numpy as np
-
 from printmend.jit import entry
 from printmend.machine.kernels import bed, play, table
 
@@ -69,7 +67,8 @@ def push_each(entries, first, rate, motors, out):
     """
     last = float(entries.shape[0] - 1)
     for n in range(out.shape[0]):
-        out[n] = table.push_at(entries, 0, first, rate, last, motors[n]) if motors[n] == motors[n] else np.nan
+        m = motors[n]
+        out[n] = table.push_at(entries, 0, first, rate, last, m) if m == m else m
 
 
 @entry
