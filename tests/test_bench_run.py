@@ -10,13 +10,13 @@ import pytest
 import trimesh
 
 from printmend.bench.case import Case, Result, code_version
-from printmend.bench.executor import Processes, Serial, WorkerDied
 from printmend.bench.report import body_table, failure_texts, text_table
 from printmend.bench.rows import PAPER_ROWS, row
 from printmend.bench.run import read_results, run
 from printmend.bench.table1 import cells, draw_cases, lines, table1
 from printmend.bench.trial import evaluate
 from printmend.errors import ConfigError, InputError
+from printmend.executor import Processes, Serial, WorkerDied
 from tests.bodies import write_vase
 from tests.mortal import dies_on_two
 

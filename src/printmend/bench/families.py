@@ -13,7 +13,6 @@ from typing import Any, Literal
 
 from printmend.bench.case import PRINTER, Case, Result
 from printmend.bench.drawn_body import drawn_body
-from printmend.bench.executor import executor
 from printmend.bench.layers import LayerStand
 from printmend.bench.report import grouped, markdown_table, summary
 from printmend.bench.rows import OPTIMUM, Row, row, row_parts
@@ -22,6 +21,7 @@ from printmend.bench.towers import TowerStand, tower_stand
 from printmend.corruption import fault
 from printmend.corruption.sample import check_family
 from printmend.errors import InputError
+from printmend.executor import executor
 from printmend.files import replacing
 from printmend.learn.published.transitions import layer_trace
 from printmend.path import Body, Trace

@@ -13,7 +13,6 @@ from typing import Any, Literal
 import numpy as np
 
 from printmend.bench.case import Case, Result
-from printmend.bench.executor import executor
 from printmend.bench.layers import LayerStand
 from printmend.bench.rows import row
 from printmend.bench.run import run
@@ -23,6 +22,7 @@ from printmend.corruption import families as known_families
 from printmend.corruption import sample
 from printmend.dataset.bodies import digest
 from printmend.errors import InputError
+from printmend.executor import executor
 from printmend.learn.published.transitions import layer_trace
 from printmend.metrics import rmse
 from printmend.metrics.shape import bead_difference_area, frechet

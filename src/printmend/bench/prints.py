@@ -13,7 +13,6 @@ import numpy as np
 
 from printmend.bench.case import Case, Result
 from printmend.bench.drawn_body import drawn_body
-from printmend.bench.executor import executor
 from printmend.bench.families import body_of, corruption_of, drawn_case
 from printmend.bench.layers import LayerStand
 from printmend.bench.print_shapes import SHAPES, MeasuredPath, body_program, designed, layer_mm, path_print
@@ -22,6 +21,7 @@ from printmend.bench.rows import OPTIMUM, Row, read_noise, row
 from printmend.bench.run import run
 from printmend.corruption import families as known_families
 from printmend.errors import InputError
+from printmend.executor import executor
 from printmend.path import Body, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from printmend.bench.case import Case, Result
-from printmend.bench.executor import Executor, WorkerDied
 from printmend.bench.trial import evaluate, failed
 from printmend.errors import InputError
+from printmend.executor import Executor, WorkerDied
 
 Evaluate = Callable[[Case, tuple[str, ...]], list[Result]]
 

@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 
 from printmend.bench.case import Case, Result
-from printmend.bench.executor import executor
 from printmend.bench.layers import LayerStand
 from printmend.bench.report import Summary, summary
 from printmend.bench.rows import Row, row
@@ -21,6 +20,7 @@ from printmend.corruption.sample import check_family
 from printmend.dataset.bodies import body_rng, digest
 from printmend.dataset.reference import read_reference
 from printmend.errors import InputError
+from printmend.executor import executor
 from printmend.learn.published.transitions import layer_trace
 from printmend.path import Layer, Trace
 from printmend.printer import Printer, read_printer

@@ -1,14 +1,110 @@
-"""`printmend dataset`: exchange bodies and corruptions with the paper's published code."""
+"""`printmend dataset`: bodies and their prints on broken printers as Parquet; exchange with the published code."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
 
 @click.group(epilog="Example: printmend dataset export-reference data --bodies models/ --corruptions 50 --layers 3")
 def command() -> None:
-    """Write or check a data set in the layout of the paper's published code."""
+    """Build, check and fetch data sets; exchange them with the paper's published code."""
+
+
+@command.command(
+    short_help="Slice bodies and print them on broken printers, as Parquet.",
+    epilog="Example: printmend dataset build --bodies generated:100 --corruptions 3 -o data --workers 2",
+)
+@click.option(
+    "--bodies", required=True, multiple=True, type=click.Path(path_type=Path),
+    help="Files, folders, or generated:N for N bodies that are made here; repeat.",
+)  # fmt: skip
+@click.option("--corruptions", default=1, show_default=True, help="Broken printers that each body is printed on.")
+@click.option("--families", default="pulley", show_default=True, help="What is broken on them by turns, with commas.")
+@click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of corruptions and generated bodies."
+)
+@click.option("--licence", default="unknown", show_default=True, help="Of the bodies' files, noted with each.")
+@click.option("--timeout", default=600.0, show_default=True, help="Seconds that slicing a body may take.")
+@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="The data set's folder.")
+@click.option("--json", "as_json", is_flag=True, help="The summary as JSON on stdout.")
+def build(
+    bodies: tuple[Path, ...], corruptions: int, families: str, severity: Any, seed: int, licence: str, timeout: float,
+    workers: int, out: Path, as_json: bool,
+) -> None:  # fmt: skip
+    """Build a data set: STL or G-code to layers of controls, and where broken printers put the nozzle.
+
+    A build that was interrupted goes on with the same command. Bodies that fail are listed in OUT/failures.jsonl.
+    """
+    import pyarrow  # noqa: F401 (says at once which extra is missing)
+
+    from printmend.cli.progress import progress
+    from printmend.dataset.bodies import body_files
+    from printmend.dataset.build import Recipe, build_dataset
+    from printmend.executor import executor
+
+    recipe = Recipe(corruptions, tuple(families.split(",")), severity, seed, timeout_s=timeout)
+    files = body_files(bodies, made=out.with_name(out.name + "-generated"), seed=seed)
+    with progress("bodies", len(files)) as tick:
+        built = build_dataset(out, files, recipe, executor(workers), licence=licence, tick=tick)
+    if as_json:
+        click.echo(json.dumps({"folder": str(out), "bodies": built.bodies, "failures": dict(built.failures)}))
+        return
+    click.echo(f"{out}: {built.bodies} bodies, {corruptions} corruptions")
+    for name, reason in built.failures:
+        click.echo(f"left out {name}: {reason}", err=True)
+
+
+@command.command(epilog="Example: printmend dataset info data")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="JSON on stdout.")
+def info(folder: Path, as_json: bool) -> None:
+    """Say what a data set holds."""
+    from printmend.dataset.verify import contents
+
+    found = contents(folder)
+    if as_json:
+        click.echo(json.dumps(asdict(found)))
+        return
+    click.echo(
+        f"{folder}: {found.bodies} bodies ({found.failures} failed), {found.layers} layers, {found.points} points; "
+        f"{found.prints} prints on {found.recipe.corruptions} broken printers ({', '.join(found.recipe.families)}, "
+        f"{found.recipe.severity}, seed {found.recipe.seed})\n{found.size_bytes / 1e6:.1f} MB, "
+        f"{found.bytes_a_value:.2f} bytes a point and column; licences: {', '.join(found.licences) or 'none'}"
+    )
+
+
+@command.command(epilog="Example: printmend dataset verify data")
+@click.argument("folder", type=click.Path(path_type=Path))
+def verify(folder: Path) -> None:
+    """Check every file's checksum, and print a sample of the prints again on the twin."""
+    from printmend.cli.progress import progress
+    from printmend.dataset.verify import contents, verify_dataset
+    from printmend.errors import InputError
+
+    count = contents(folder).bodies
+    with progress("bodies", count) as tick:
+        wrong = verify_dataset(folder, tick=tick)
+    for text in wrong:
+        click.echo(text, err=True)
+    if wrong:
+        raise InputError(folder, wanted="a whole data set", came=f"{len(wrong)} faults", todo="fetch or build it again")
+    click.echo(f"{folder}: {count} bodies, whole")
+
+
+@command.command(epilog="Example: printmend dataset fetch https://example.org/data -o data")
+@click.argument("source")
+@click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="The data set's new folder.")
+def fetch(source: str, out: Path) -> None:
+    """Copy a published data set from a folder or an address, checking every file."""
+    from printmend.dataset.verify import contents, fetch_dataset
+
+    came = fetch_dataset(source, out)
+    click.echo(f"{out}: {contents(out).bodies} bodies, {came} files fetched")
 
 
 @command.command(

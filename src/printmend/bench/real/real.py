@@ -21,7 +21,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.bench.case import Case, Result
-from printmend.bench.executor import executor
 from printmend.bench.real.evidence import Trace1d
 from printmend.bench.real.periodic import Periodic, fit
 from printmend.bench.real.shipped import shipped_fit
@@ -30,6 +29,7 @@ from printmend.bench.report import grouped
 from printmend.bench.run import run
 from printmend.dataset.bodies import digest
 from printmend.errors import TraceError
+from printmend.executor import executor
 
 RealProtocol = Literal["first", "pooled"]
 PROTOCOLS: tuple[RealProtocol, ...] = ("first", "pooled")

@@ -1,0 +1,229 @@
+"""Build a data set: bodies are sliced, cut into layers and printed on broken printers, each body once.
+
+dataset.json                        what was asked, so that an interrupted build goes on as it began
+corruptions/0003.toml               what is broken on printer 3
+bodies/NAME.parquet                 a body (`parquet.py`)
+prints/corruption=0003/NAME.parquet its print on printer 3
+bodies.jsonl                        a line a body that is whole: source, licence, slicing, points, checksums
+failures.jsonl                      a line a body that is not, and why; delete the file to try these again
+sliced/                             the G-code of meshes
+"""
+
+import json
+import re
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+import printmend
+from printmend.body.generated import LICENCE
+from printmend.dataset.bodies import digest
+from printmend.dataset.parquet import SCHEMA, write_body, write_print
+from printmend.errors import InputError, PrintmendError
+from printmend.executor import Executor, WorkerDied
+from printmend.files import read_text, replacing
+
+RECIPE, BODIES, FAILURES = "dataset.json", "bodies.jsonl", "failures.jsonl"
+MAX_CORRUPTIONS = 9999
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a data set is made of: everything that decides its bodies' files, but the bodies."""
+
+    corruptions: int
+    families: tuple[str, ...]
+    severity: Literal["damaged", "realistic"]
+    seed: int
+    printer: str = "ender5"
+    timeout_s: float = 600.0
+    schema: int = SCHEMA
+
+
+@dataclass(frozen=True)
+class Built:
+    """What a build came to: bodies that are whole, and (body, reason) of those that are not."""
+
+    bodies: int
+    failures: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class _Task:
+    root: str
+    source: str
+    name: str
+    identity: str
+    licence: str
+    recipe: Recipe
+
+
+def build_dataset(
+    root: Path,
+    files: Sequence[Path],
+    recipe: Recipe,
+    executor: Executor,
+    *,
+    licence: str = "unknown",
+    tick: Callable[[str], None] = lambda name: None,
+) -> Built:
+    """Build what is missing of a data set in ``root``; files of equal content count once.
+
+    ``licence`` is noted for every body but those that are made here. A body that cannot be sliced, or whose worker
+    dies, is a failure with its reason. Raises `InputError` where ``root`` holds something else or was begun otherwise.
+    """
+    from printmend.corruption.sample import check_family
+
+    for family in recipe.families:
+        check_family(family)
+    if not 1 <= recipe.corruptions <= MAX_CORRUPTIONS:
+        raise InputError(
+            "--corruptions", wanted=f"1 to {MAX_CORRUPTIONS}", came=f"{recipe.corruptions}", todo="correct it"
+        )
+    root = Path(root)
+    _begin(root, recipe)
+    done = {line["identity"] for name in (BODIES, FAILURES) for line in read_lines(root / name)}
+    tasks: dict[str, _Task] = {}
+    for path in files:
+        identity = digest(path)
+        name = f"{re.sub(r'[^A-Za-z0-9._-]', '_', path.stem)[:60].lstrip('.')}-{identity[:8]}"
+        made = re.match(r"[a-z]+-g\d+-s\d+-\d{5}$", path.stem) is not None
+        if identity in done:
+            tick(path.stem)
+        else:
+            task = _Task(str(root), str(path), name, identity, LICENCE if made else licence, recipe)
+            tasks.setdefault(identity, task)
+    with (root / BODIES).open("a", encoding="utf-8") as good, (root / FAILURES).open("a", encoding="utf-8") as bad:
+        for task, outcome in executor.map(_build_body, list(tasks.values())):
+            failed = outcome.reason if isinstance(outcome, WorkerDied) else outcome.get("error")
+            if failed is None:
+                line, file = outcome, good
+            else:
+                line, file = {"identity": task.identity, "body": task.name, "source": task.source, "why": failed}, bad
+            file.write(json.dumps(line) + "\n")
+            file.flush()
+            tick(task.name)
+    failures = tuple((line["body"], line["why"]) for line in read_lines(root / FAILURES))
+    return Built(len(read_lines(root / BODIES)), failures)
+
+
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """Read JSON lines, none where there is no file. A last line that was cut short is removed from the file."""
+    if not path.exists():
+        return []
+    data = path.read_bytes()
+    whole, _, cut = data.rpartition(b"\n")
+    try:
+        lines = [json.loads(line) for line in whole.decode().splitlines()]
+    except (UnicodeDecodeError, ValueError) as error:
+        raise InputError(path, wanted="lines of JSON", came=f"{error}", todo="name another folder") from None
+    if cut:
+        path.write_bytes(whole + b"\n" if whole else b"")
+    return lines
+
+
+def read_recipe(root: Path) -> Recipe:
+    """Read what a data set is made of. Raise `InputError` for a folder that holds none, or one of another schema."""
+    path = Path(root) / RECIPE
+    todo = "build one with `printmend dataset build`"
+    text = read_text(path, wanted="the folder of a data set", todo=todo)
+    try:
+        values = json.loads(text)
+        if values["schema"] != SCHEMA:
+            raise InputError(path, wanted=f"schema {SCHEMA}", came=f"schema {values['schema']}", todo="build it again")
+        return Recipe(**{**values["recipe"], "families": tuple(values["recipe"]["families"])})
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(path, wanted="the folder of a data set", came=f"{error}", todo=todo) from None
+
+
+def corruption_file(root: Path, number: int) -> Path:
+    """Return where the description of a broken printer lies."""
+    return Path(root) / "corruptions" / f"{number:04d}.toml"
+
+
+def body_file(root: Path, name: str) -> Path:
+    return Path(root) / "bodies" / f"{name}.parquet"
+
+
+def print_file(root: Path, name: str, number: int) -> Path:
+    return Path(root) / "prints" / f"corruption={number:04d}" / f"{name}.parquet"
+
+
+def _begin(root: Path, recipe: Recipe) -> None:
+    """Write the recipe and the corruptions, or check that the folder was begun with the same."""
+    from printmend.corruption import corruption_toml, sample
+
+    if (root / RECIPE).exists():
+        if (found := read_recipe(root)) != recipe:
+            other = next(name for name, value in asdict(recipe).items() if getattr(found, name) != value)
+            raise InputError(
+                root, wanted=f"{other} {getattr(found, other)}, as the build began", came=f"{getattr(recipe, other)}",
+                todo="ask for the same, or name another folder",
+            )  # fmt: skip
+        return
+    if root.exists() and (not root.is_dir() or any(root.iterdir())):
+        raise InputError(root, wanted="a new or empty folder", came="one that holds something", todo="name another")
+    (root / "corruptions").mkdir(parents=True)
+    for number in range(recipe.corruptions):
+        family = recipe.families[number % len(recipe.families)]
+        drawn = sample(family, np.random.default_rng([recipe.seed, number]), recipe.severity)
+        with replacing(corruption_file(root, number)) as file:
+            file.write(corruption_toml(drawn))
+    with replacing(root / RECIPE) as file:
+        about = {"schema": SCHEMA, "recipe": asdict(recipe), "printmend": printmend.__version__}
+        file.write(json.dumps(about, indent=1) + "\n")
+
+
+def _build_body(task: _Task) -> dict[str, Any]:
+    """Write one body and its prints; return its line for the list, or ``error``."""
+    try:
+        return _built(task)
+    except OSError:
+        raise  # a full disk is no fault of the body: the build ends, and goes on when there is room
+    except PrintmendError as error:
+        return {"error": str(error)}
+    except Exception as error:  # one body must not end the build
+        return {"error": f"{type(error).__name__}: {error}"}
+
+
+def _built(task: _Task) -> dict[str, Any]:
+    from printmend.body.load import body_of, is_mesh
+    from printmend.corruption import read_corruption
+    from printmend.path import Body
+    from printmend.printer import read_printer
+    from printmend.twin import Twin
+
+    recipe, root, source = task.recipe, Path(task.root), Path(task.source)
+    if not (root / RECIPE).exists():
+        raise InputError(root, wanted="a folder that every worker sees", came="none", todo="put it on a shared disk")
+    begun = time.perf_counter()
+    printer, sliced = read_printer(recipe.printer), "as given"
+    if is_mesh(source):
+        from printmend.body.mesh import read_solid
+        from printmend.body.slicer import slice_to
+
+        gcode = slice_to(read_solid(source), printer, root / "sliced", timeout_s=recipe.timeout_s)
+        sliced = "PrusaSlicer, profile ender5_abs"
+    else:
+        gcode = source
+    ready = time.perf_counter()
+    body = Body(task.name, body_of(str(gcode), printer, name=source.stem).layers)
+    about = {
+        "body": task.name, "source": source.name, "identity": task.identity, "licence": task.licence,
+        "sliced": sliced, "printer": recipe.printer,
+    }  # fmt: skip
+    files = {str(body_file(Path(), task.name)): write_body(body_file(root, task.name), body, about)}
+    for number in range(recipe.corruptions):
+        twin = Twin.of(read_corruption(corruption_file(root, number)), printer)
+        printed = [twin.run(layer.controls, layer.start_steps) for layer in body.layers]
+        what = {**about, "corruption": number, "family": recipe.families[number % len(recipe.families)]}
+        place = print_file(Path(), task.name, number)
+        files[str(place)] = write_print(root / place, body.layers, printed, what)
+    return {
+        **about, "layer_count": len(body.layers), "points": body.transitions + len(body.layers), "files": files,
+        "slice_s": round(ready - begun, 3), "print_s": round(time.perf_counter() - ready, 3),
+    }  # fmt: skip

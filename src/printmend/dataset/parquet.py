@@ -1,0 +1,153 @@
+"""The files of a data set: one for each body, one for each of its prints on a broken printer.
+
+Both are Parquet with a row for each position of the nozzle on the lattice and a row group for each layer, so that row i
+of a body is row i of each of its prints. A layer's first row is where it starts; every other row is one tick after the
+row before. The columns are in `BODY_COLUMNS` and `PRINT_COLUMNS`. Whole numbers are stored as differences
+(DELTA_BINARY_PACKED), positions byte by byte (BYTE_STREAM_SPLIT), all packed with zstd. The metadata of each file, JSON
+under the key `printmend`, say what body it is, from which source, under which licence, how it was sliced, and where its
+layers are.
+"""
+
+import hashlib
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from printmend.errors import TraceError
+from printmend.files import replacing
+from printmend.path import Body, Layer
+
+SCHEMA = 1
+KEY = b"printmend"
+_ZSTD_LEVEL = 3
+_DELTA, _SPLIT = "DELTA_BINARY_PACKED", "BYTE_STREAM_SPLIT"
+
+# name → (type of Arrow, what it is)
+BODY_COLUMNS = {
+    "layer": ("int32", "the layer's number, from 0"),
+    "x_control": ("int8", "full steps of x commanded in the tick that leads here, −1, 0 or 1; 0 where a layer starts"),
+    "y_control": ("int8", "the same of y"),
+    "x_nominal": ("int32", "where a healthy printer's nozzle is, full steps of x from the lower corner of the bed"),
+    "y_nominal": ("int32", "the same of y"),
+    "extruding": ("bool", "whether plastic is laid down in the tick that leads here"),
+}
+PRINT_COLUMNS = {
+    "layer": ("int32", "the layer's number, from 0"),
+    "x_printed": ("float32", "where the broken printer's nozzle is, full steps of x"),
+    "y_printed": ("float32", "the same of y"),
+}
+
+
+def write_body(path: Path, body: Body, about: dict[str, Any]) -> str:
+    """Write a body and what is known ``about`` it; return the SHA-256 of the file."""
+    parts = []
+    for layer in body.layers:
+        nominal, start = layer.nominal_steps, np.zeros((1, 2), np.int8)
+        control = np.concatenate([start, layer.controls])
+        extruding = np.concatenate([[False], layer.extruding])
+        number = np.full(len(nominal), layer.index, np.int32)
+        parts.append([number, *control.T, *nominal.T.astype(np.int32), extruding])
+    layers = [{"layer": item.index, "z_mm": item.z_mm, "rows": item.transitions + 1} for item in body.layers]
+    return _write(path, BODY_COLUMNS, parts, {**about, "layers": layers})
+
+
+def write_print(path: Path, layers: Sequence[Layer], printed_steps: Sequence[np.ndarray], about: dict[str, Any]) -> str:
+    """Write a body's printed positions [T + 1, 2] of every layer; return the SHA-256 of the file."""
+    parts = [
+        [np.full(len(printed), layer.index, np.int32), *printed.T.astype(np.float32)]
+        for layer, printed in zip(layers, printed_steps, strict=True)
+    ]
+    return _write(path, PRINT_COLUMNS, parts, about)
+
+
+def read_body(path: Path, rows: Sequence[int] | None = None) -> Body:
+    """Read a body, or only some of its row groups. Raise `TraceError` for a file that is none."""
+    about, tables = _read(path, BODY_COLUMNS, rows)
+    places = about["layers"]
+    layers = []
+    for group, columns in tables:
+        start = np.array([columns["x_nominal"][0], columns["y_nominal"][0]])
+        controls = np.stack([columns["x_control"], columns["y_control"]], axis=1)[1:]
+        layers.append(Layer(places[group]["layer"], places[group]["z_mm"], start, controls, columns["extruding"][1:]))
+    return Body(about["body"], tuple(layers))
+
+
+def read_print(path: Path, rows: Sequence[int] | None = None) -> list[np.ndarray]:
+    """Read the printed positions [T + 1, 2] of every layer, or of some row groups."""
+    _, tables = _read(path, PRINT_COLUMNS, rows)
+    return [np.stack([columns["x_printed"], columns["y_printed"]], axis=1) for _, columns in tables]
+
+
+def read_about(path: Path) -> dict[str, Any]:
+    """Return a file's metadata. Raise `TraceError` for a file that is not of this schema."""
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    try:
+        metadata = parquet.read_schema(path).metadata or {}
+        about = json.loads(metadata[KEY])
+        version = about["schema"]
+    except (OSError, arrow.ArrowException, KeyError, ValueError, TypeError) as error:
+        raise _strange(path, f"{type(error).__name__}: {error}") from None
+    if version != SCHEMA:
+        raise TraceError(path, wanted=f"schema {SCHEMA}", came=f"schema {version}", todo="build or fetch it again")
+    return dict(about)
+
+
+def digest_of(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _write(path: Path, columns: dict[str, tuple[str, str]], parts: Sequence[list], about: dict[str, Any]) -> str:
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    fields = [
+        arrow.field(name, getattr(arrow, kind if kind != "bool" else "bool_")(), nullable=False, metadata={"is": text})
+        for name, (kind, text) in columns.items()
+    ]
+    schema = arrow.schema(fields, metadata={KEY: json.dumps({"schema": SCHEMA, **about})})
+    encodings = {name: _SPLIT if kind == "float32" else _DELTA for name, (kind, _) in columns.items() if kind != "bool"}
+    buffer = io.BytesIO()
+    with parquet.ParquetWriter(
+        buffer, schema, compression="zstd", compression_level=_ZSTD_LEVEL, use_dictionary=False,
+        column_encoding=encodings, write_page_checksum=True, write_statistics=["layer"],
+    ) as writer:  # fmt: skip
+        for part in parts:
+            arrays = [arrow.array(values, field.type) for values, field in zip(part, fields, strict=True)]
+            writer.write_table(arrow.Table.from_arrays(arrays, schema=schema), row_group_size=max(len(part[0]), 1))
+    data = buffer.getvalue()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path, "wb") as file:
+        file.write(data)
+    return hashlib.sha256(data).hexdigest()
+
+
+def _read(
+    path: Path, columns: dict[str, tuple[str, str]], rows: Sequence[int] | None
+) -> tuple[dict[str, Any], list[tuple[int, dict[str, np.ndarray]]]]:
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    about = read_about(path)
+    try:
+        with parquet.ParquetFile(path) as file:
+            wanted = range(file.num_row_groups) if rows is None else rows
+            tables = [(group, file.read_row_group(group, columns=list(columns))) for group in wanted]
+        found = [
+            (group, {name: table.column(name).to_numpy(zero_copy_only=False) for name in columns})
+            for group, table in tables
+        ]
+    except (OSError, arrow.ArrowException, KeyError, IndexError) as error:
+        raise _strange(path, f"{type(error).__name__}: {error}") from None
+    return about, found
+
+
+def _strange(path: Path, came: str) -> TraceError:
+    return TraceError(path, wanted="a Parquet file of this data set", came=came, todo="build or fetch it again")

@@ -1,0 +1,144 @@
+"""Look at a data set that is there: what it holds, whether it is whole, and a copy of a published one."""
+
+import shutil
+import urllib.parse
+import urllib.request
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from printmend.dataset.build import (
+    BODIES,
+    FAILURES,
+    RECIPE,
+    Recipe,
+    body_file,
+    corruption_file,
+    print_file,
+    read_lines,
+    read_recipe,
+)
+from printmend.dataset.parquet import digest_of, read_body, read_print
+from printmend.errors import InputError, TraceError
+from printmend.files import replacing
+
+REPLAYED = 8  # prints that `verify_dataset` makes again on the twin
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a data set holds; ``bytes_a_value`` is the size of the files over rows and columns."""
+
+    recipe: Recipe
+    bodies: int
+    failures: int
+    layers: int
+    points: int
+    prints: int
+    size_bytes: int
+    bytes_a_value: float
+    licences: tuple[str, ...]
+
+
+def contents(root: Path) -> Contents:
+    """Return what a data set holds. Raise `InputError` for a folder that holds none."""
+    recipe, lines = read_recipe(root), read_lines(Path(root) / BODIES)
+    points = sum(line["points"] for line in lines)
+    size = sum((Path(root) / name).stat().st_size for line in lines for name in _names(line))
+    values = points * (6 + 3 * recipe.corruptions)
+    return Contents(
+        recipe=recipe,
+        bodies=len(lines),
+        failures=len(read_lines(Path(root) / FAILURES)),
+        layers=sum(line["layer_count"] for line in lines),
+        points=points,
+        prints=len(lines) * recipe.corruptions,
+        size_bytes=size,
+        bytes_a_value=size / values if values else 0.0,
+        licences=tuple(sorted({line["licence"] for line in lines})),
+    )
+
+
+def verify_dataset(root: Path, *, tick: Callable[[str], None] = lambda name: None) -> list[str]:
+    """Check every file's checksum, and print a sample again on the twin; return what is wrong, in words."""
+    from printmend.corruption import read_corruption
+    from printmend.printer import read_printer
+    from printmend.twin import Twin
+
+    root, recipe = Path(root), read_recipe(root)
+    lines, wrong = read_lines(root / BODIES), []
+    for line in lines:
+        for name, digest in _names(line).items():
+            path = root / name
+            if not path.is_file():
+                wrong.append(f"{name}: missing")
+            elif digest_of(path) != digest:
+                wrong.append(f"{name}: not the file that was written")
+        tick(line["body"])
+    rng = np.random.default_rng(recipe.seed)
+    for at in rng.permutation(len(lines))[:REPLAYED]:
+        name, number = lines[at]["body"], int(rng.integers(recipe.corruptions))
+        try:
+            body, printed = read_body(body_file(root, name)), read_print(print_file(root, name, number))
+        except TraceError as error:
+            wrong.append(str(error))
+            continue
+        twin = Twin.of(read_corruption(corruption_file(root, number)), read_printer(recipe.printer))
+        again = [twin.run(layer.controls, layer.start_steps).astype(np.float32) for layer in body.layers]
+        if len(again) != len(printed) or not all(map(np.array_equal, again, printed)):
+            wrong.append(f"{print_file(Path(), name, number)}: the twin prints something else")
+    return wrong
+
+
+def fetch_dataset(source: str, root: Path, *, tick: Callable[[str], None] = lambda name: None) -> int:
+    """Copy a published data set from a folder or an http(s) address, checking every file; return how many came.
+
+    Files that are there already with the right checksum stay, so that an interrupted fetch goes on. Raises `InputError`
+    for a file that is missing or is not the one in the list.
+    """
+    root = Path(root)
+    if root.exists() and any(root.iterdir()) and not (root / BODIES).exists():
+        raise InputError(root, wanted="a new or empty folder", came="one that holds something", todo="name another")
+    root.mkdir(parents=True, exist_ok=True)
+    for name in (RECIPE, BODIES):
+        _fetch(source, root, name)
+    recipe, came = read_recipe(root), 0
+    for number in range(recipe.corruptions):
+        _fetch(source, root, str(corruption_file(Path(), number)))
+    for line in read_lines(root / BODIES):
+        for name, digest in _names(line).items():
+            path = root / name
+            if not path.is_file() or digest_of(path) != digest:
+                _fetch(source, root, name)
+                came += 1
+                if digest_of(path) != digest:
+                    path.unlink()
+                    raise InputError(name, wanted="the file in the list", came="another", todo="ask its publisher")
+        tick(line["body"])
+    return came
+
+
+def _names(line: dict[str, Any]) -> dict[str, str]:
+    """Return a body's files and their checksums. Raise `InputError` for a name that leads out of the folder."""
+    for name in line["files"]:
+        parts = PurePosixPath(name).parts
+        if not parts or parts[0] not in ("bodies", "prints") or ".." in parts or not name.endswith(".parquet"):
+            raise InputError(BODIES, wanted="files below bodies/ and prints/", came=name, todo="ask its publisher")
+    return dict(line["files"])
+
+
+def _fetch(source: str, root: Path, name: str) -> None:
+    (root / name).parent.mkdir(parents=True, exist_ok=True)
+    try:
+        if urllib.parse.urlparse(source).scheme in ("http", "https"):
+            address = source.rstrip("/") + "/" + urllib.parse.quote(name)
+            with urllib.request.urlopen(address, timeout=60) as stream, replacing(root / name, "wb") as file:  # noqa: S310 (http only)
+                shutil.copyfileobj(stream, file)
+        else:
+            with (Path(source) / name).open("rb") as stream, replacing(root / name, "wb") as file:
+                shutil.copyfileobj(stream, file)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{source} {name}", wanted="a published data set", came=f"{error}", todo="check it") from None

@@ -1,0 +1,145 @@
+"""Data sets in Parquet: what is written is read back, a build goes on where it was killed, wrong files are named."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from printmend.corruption import read_corruption
+from printmend.dataset import build as builder
+from printmend.dataset.build import Recipe, body_file, build_dataset, corruption_file, print_file, read_lines
+from printmend.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, read_about, read_body, read_print
+from printmend.dataset.verify import contents, fetch_dataset, verify_dataset
+from printmend.errors import InputError, TraceError
+from printmend.executor import Serial
+from printmend.printer import read_printer
+from printmend.twin import Twin
+from tests.bodies import write_vase
+
+RECIPE = Recipe(2, ("pulley-play", "gain-table"), "damaged", 3)
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("sources")
+    files = [write_vase(folder / f"vase{n}.gcode", layers=4, radius_mm=9.0 + n) for n in range(3)]
+    (folder / "broken.gcode").write_text("M104 S200\n")
+    return [*files, folder / "broken.gcode"]
+
+
+@pytest.fixture(scope="module")
+def data(sources: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("data") / "set"
+    built = build_dataset(root, sources, RECIPE, Serial(), licence="CC0-1.0")
+    assert built.bodies == 3
+    ((name, why),) = built.failures
+    assert name.startswith("broken-")
+    assert "no G0–G3 move" in why
+    return root
+
+
+def test_a_body_and_its_prints_come_back(data: Path) -> None:
+    line = read_lines(data / "bodies.jsonl")[0]
+    body = read_body(body_file(data, line["body"]))
+    assert len(body.layers) == line["layer_count"] == 4
+    printer = read_printer("ender5")
+    for number in range(2):
+        twin = Twin.of(read_corruption(corruption_file(data, number)), printer)
+        printed = read_print(print_file(data, line["body"], number))
+        for layer, places in zip(body.layers, printed, strict=True):
+            np.testing.assert_array_equal(twin.run(layer.controls, layer.start_steps).astype(np.float32), places)
+    (one,) = read_body(body_file(data, line["body"]), [2]).layers
+    assert one.index == body.layers[2].index
+    assert np.array_equal(one.controls, body.layers[2].controls)
+    assert np.array_equal(read_print(print_file(data, line["body"], 1), [2])[0], printed[2])
+
+
+def test_files_are_typed_encoded_a_row_group_a_layer_and_say_what_they_are(data: Path) -> None:
+    line = read_lines(data / "bodies.jsonl")[0]
+    for path, columns in (
+        (body_file(data, line["body"]), BODY_COLUMNS),
+        (print_file(data, line["body"], 0), PRINT_COLUMNS),
+    ):
+        with pq.ParquetFile(path) as file:
+            assert {field.name: str(field.type) for field in file.schema_arrow} == {
+                name: kind.replace("float32", "float") for name, (kind, _) in columns.items()
+            }
+            assert file.num_row_groups == 4
+            chunks = {file.metadata.row_group(0).column(i).path_in_schema: file.metadata.row_group(0).column(i)
+                      for i in range(len(columns))}  # fmt: skip
+        assert {chunk.compression for chunk in chunks.values()} == {"ZSTD"}
+        for name, (kind, _) in columns.items():
+            wanted = {"float32": "BYTE_STREAM_SPLIT", "bool": "PLAIN"}.get(kind, "DELTA_BINARY_PACKED")
+            assert wanted in chunks[name].encodings
+        about = read_about(path)
+        assert about["licence"] == "CC0-1.0"
+        assert about["source"].startswith("vase")
+    found = contents(data)
+    assert (found.bodies, found.failures, found.prints) == (3, 1, 6)
+    assert found.points == sum(sum(part["rows"] for part in read_about(body_file(data, one["body"]))["layers"])
+                               for one in read_lines(data / "bodies.jsonl"))  # fmt: skip
+    assert verify_dataset(data) == []
+
+
+def test_a_build_that_was_killed_goes_on_and_writes_each_body_once(
+    sources: list[Path], data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, written, real = tmp_path / "set", [], builder._build_body
+
+    def counted(task: builder._Task) -> dict:
+        written.append(task.name)
+        if len(written) == 2:
+            raise KeyboardInterrupt
+        return real(task)
+
+    monkeypatch.setattr(builder, "_build_body", counted)
+    with pytest.raises(KeyboardInterrupt):
+        build_dataset(root, sources, RECIPE, Serial())
+    with (root / "bodies.jsonl").open("a") as file:
+        file.write('{"identity": "cut')  # the machine went down in the middle of a line
+    before = {path: path.stat().st_mtime_ns for path in (root / "bodies").iterdir()}
+    assert len(before) == 1
+    assert build_dataset(root, sources, RECIPE, Serial()).bodies == 3
+    assert sorted(written) == sorted([*set(written), written[1]])  # only what was under way is done again
+    for path, at in before.items():
+        assert path.stat().st_mtime_ns == at
+    for path in (data / "prints").rglob("*.parquet"):  # and nothing differs from a build in one go but the licence
+        assert np.array_equal(
+            np.concatenate(read_print(path)), np.concatenate(read_print(root / path.relative_to(data)))
+        )
+
+
+def test_a_data_set_is_fetched_whole_and_faults_are_named(data: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    assert fetch_dataset(str(data), copy) == 9
+    assert fetch_dataset(str(data), copy) == 0
+    assert verify_dataset(copy) == []
+    names = [line["body"] for line in read_lines(copy / "bodies.jsonl")]
+    os.truncate(body_file(copy, names[0]), 100)
+    print_file(copy, names[1], 1).unlink()
+    wrong = "\n".join(verify_dataset(copy))
+    assert f"{names[0]}.parquet: not the file that was written" in wrong
+    assert f"{names[1]}.parquet: missing" in wrong
+    with pytest.raises(TraceError, match="a Parquet file of this data set"):
+        read_body(body_file(copy, names[0]))
+    line = read_lines(copy / "bodies.jsonl")[0]
+    line["files"] = {"../../escape.parquet": "0"}
+    (copy / "bodies.jsonl").write_text(json.dumps(line) + "\n")
+    with pytest.raises(InputError, match="below bodies/ and prints/"):
+        fetch_dataset(str(copy), tmp_path / "other")
+
+
+def test_what_does_not_fit_is_refused(data: Path, sources: list[Path], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="wanted corruptions 2, as the build began"):
+        build_dataset(data, sources, Recipe(3, RECIPE.families, "damaged", 3), Serial())
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds something"):
+        build_dataset(tmp_path, sources, RECIPE, Serial())
+    with pytest.raises(InputError, match="the folder of a data set"):
+        contents(tmp_path)
+    (tmp_path / "dataset.json").write_text('{"schema": 99}')
+    with pytest.raises(InputError, match="wanted schema 1"):
+        contents(tmp_path)
