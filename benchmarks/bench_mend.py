@@ -70,7 +70,7 @@ def speed(gcode: Path, megabytes: list[int]) -> None:
             with source.open("wb") as file:
                 while file.tell() < size * 1_000_000:
                     file.write(body)
-            command = [PROGRAM, "mend", str(source), "-m", str(model), "-o", str(output), "--force"]
+            command = [PROGRAM, "mend", str(source), "-m", str(model), "-o", str(output), "--force", "--overwrite"]
             for _ in range(2):
                 wall_s, usage = timed(command)
             total = source.stat().st_size / 1e6

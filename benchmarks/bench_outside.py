@@ -155,7 +155,7 @@ def judge(
     text = part if part is not None else part_gcode(rng, bed)
     source.write_text(text)
     mended.unlink(missing_ok=True)
-    done = run("mend", str(source), "-m", str(saved), "-o", str(mended), ok=(0, 3))
+    done = run("mend", str(source), "-m", str(saved), "-o", str(mended), "--overwrite", ok=(0, 3))
     ideal = outside.read_moves(text, home)
     before = contour_error_mm(ideal, ideal, print_moves(ideal))
     after_moves = outside.read_moves(mended.read_text() if mended.exists() else text, home)

@@ -61,7 +61,7 @@ def judge(case: tuple, seed: int, folder: Path) -> str:
     part = part_gcode(rng, bed)
     source.write_text(part)
     mended.unlink(missing_ok=True)
-    run("mend", str(source), "-m", str(saved), "-o", str(mended), ok=(0, 3))
+    run("mend", str(source), "-m", str(saved), "-o", str(mended), "--overwrite", ok=(0, 3))
     ideal = outside.read_moves(part, home)
     ways = [outside.print_moves(ideal, drives, home, corexy=corexy)]
     after_moves = outside.read_moves(mended.read_text() if mended.exists() else part, home)

@@ -91,7 +91,7 @@ def judge(at: Path, seed: int, noise_mm: float) -> None:
     said = run("learn", trace, "--printer", PRESET, "-o", model)
     for name in ("tower", "spiral"):
         wanted, out = str(at / f"{name}.gcode"), str(at / f"{name}.mended.gcode")
-        run("mend", wanted, "-m", model, "-o", out)
+        run("mend", wanted, "-m", model, "-o", out, "--overwrite")
         found = json.loads(run("check", wanted, "-m", exact, "--against", out, "--json"))
         errors = [found["before"], found["after"], *found["heights"]]
         cells = "".join(f"{each['rms_mm']:7.3f} ({each['max_mm']:5.3f})".rjust(15) for each in errors)

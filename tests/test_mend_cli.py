@@ -39,7 +39,8 @@ def test_mend_writes_beside_the_part(folder: Path) -> None:
 
 def test_reports(folder: Path) -> None:
     for name in ("report.html", "report.json"):
-        result = run("mend", folder / "part.gcode", "-m", folder / "printer.mend.json", "--report", folder / name)
+        result = run("mend", folder / "part.gcode", "-m", folder / "printer.mend.json", "--report", folder / name,
+                     "--overwrite")  # fmt: skip
         assert result.exit_code == 0, result.output
     page = (folder / "report.html").read_text()
     assert "<svg" in page
@@ -51,6 +52,47 @@ def test_reports(folder: Path) -> None:
         run("mend", folder / "part.gcode", "-m", folder / "printer.mend.json", "--report", folder / "r.txt").exception,
         InputError,
     )
+
+
+def test_an_output_that_exists_is_spared(folder: Path) -> None:
+    (folder / "part.mended.gcode").write_text("mine\n")
+    arguments = ("mend", folder / "part.gcode", "-m", folder / "printer.mend.json")
+    refused = run(*arguments)
+    assert isinstance(refused.exception, InputError)
+    assert "--overwrite" in str(refused.exception)
+    assert (folder / "part.mended.gcode").read_text() == "mine\n"
+    quiet = run(*arguments, "--overwrite", "--quiet")
+    assert (quiet.exit_code, quiet.output) == (0, "")
+    assert b"; mended by printmend" in (folder / "part.mended.gcode").read_bytes()
+
+
+def test_many_files_and_folders(folder: Path) -> None:
+    """Each has its line; what is wrong with one costs the others nothing; a second evening mends nothing twice."""
+    jobs = folder / "jobs"
+    (jobs / "new").mkdir(parents=True)
+    for name in ("a.gcode", "new/b.gcode", ".hidden.gcode"):
+        (jobs / name).write_bytes(SQUARE)
+    (jobs / "c.gcode").write_text("M104 S0\n")
+    (jobs / "far.gcode").write_bytes(START + b"G1 X219.95 E9 F1800\nG1 Y219.9 E9\n")
+    arguments = ("mend", jobs, folder / "part.gcode", "-m", folder / "printer.mend.json", "--jobs", "2", "--json")
+    done = run(*arguments)
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [(Path(line["source"]).name, line["code"]) for line in lines] == [
+        ("a.gcode", 0), ("c.gcode", 2), ("far.gcode", 3), ("b.gcode", 0), ("part.gcode", 0),
+    ]  # fmt: skip
+    assert done.exit_code == 2
+    assert lines[0]["output"] == str(jobs / "a.mended.gcode")
+    assert lines[0]["prediction"]["after"]["rms_mm"] < 0.006 < lines[0]["prediction"]["before"]["rms_mm"]
+    assert "wanted" in lines[1]["error"]
+    assert not (jobs / "far.mended.gcode").exists()
+    again = run("mend", jobs, "-m", folder / "printer.mend.json", "--quiet")
+    assert again.exit_code == 2
+    assert again.stdout == ""
+    assert sorted(item.name for item in jobs.rglob("*.mended.*")) == ["a.mended.gcode", "b.mended.gcode"]
+    apart = run("mend", jobs / "a.gcode", jobs / "new", "-m", folder / "printer.mend.json", "-o", folder / "out")
+    assert apart.exit_code == 0, apart.output
+    assert sorted(item.name for item in (folder / "out").iterdir()) == ["a.gcode", "b.gcode"]
+    assert (folder / "out" / "a.gcode").read_bytes() == (jobs / "a.mended.gcode").read_bytes()
 
 
 def test_pipes(folder: Path) -> None:

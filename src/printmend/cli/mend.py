@@ -1,42 +1,107 @@
 """`printmend mend`: rewrite G-code for a broken printer."""
 
+import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+if TYPE_CHECKING:
+    from printmend.saved.model import SavedModel
+
 
 @click.command(epilog="Example: printmend mend part.gcode -m printer.mend.json --report part.html")
-@click.argument("source", metavar="PART.gcode|-", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True))
+@click.argument("sources", metavar="FILE|FOLDER|-...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path),
     help="What `printmend learn` wrote about this printer.",
 )  # fmt: skip
-@click.option("-o", "--output", metavar="FILE|-", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True),
-              help="Default PART.mended.gcode; - is the standard output.")  # fmt: skip
+@click.option("-o", "--output", metavar="FILE|FOLDER|-", type=click.Path(path_type=Path),
+              help="Default PART.mended.gcode; - is the standard output. Of several files a folder.")  # fmt: skip
 @click.option("--in-place", is_flag=True, help="Replace PART.gcode: for slicers' post-processing.")
+@click.option("--overwrite", is_flag=True, help="Write over an output that exists.")
 @click.option("--report", metavar="FILE.html|json", type=click.Path(path_type=Path, dir_okay=False),
               help="Write the prediction, layer by layer.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Write even where the prediction is not better.")
+@click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Files at a time.")
+@click.option("--json", "as_json", is_flag=True, help="A line of JSON for each file.")
+@click.option("--quiet", is_flag=True, help="Say only what went wrong.")
+@click.pass_context
 def command(
-    source: Path, model_path: Path, output: Path | None, in_place: bool, report: Path | None, force: bool
-) -> None:
-    """Rewrite PART.gcode so that this printer prints it right, and predict the error before and after.
+    ctx: click.Context, sources: tuple[Path, ...], model_path: Path, output: Path | None, in_place: bool,
+    overwrite: bool, report: Path | None, force: bool, jobs: int, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Rewrite G-code so that this printer prints it right, and predict the error before and after.
 
-    .bgcode and .gcode.3mf work too. Writes nothing and ends with 3 where the prediction is not better.
+    .bgcode and .gcode.3mf work too. Of a FOLDER it is all G-code in it that is not mended yet. An output that exists
+    is written over only with --overwrite.
+
+    \b
+    Ends with 0  written
+              1  a fault of printmend itself
+              2  a file, a model or a printer is not as it should be; nothing written
+              3  the prediction is not better; nothing written
+    Of several files the others are written all the same, and it ends with the worst of theirs: 1, then 2, then 3.
     """
+    from printmend.saved.model import read_model
+
+    if len(sources) > 1 or sources[0].is_dir() or as_json:
+        if str(output) == "-" or any(str(source) == "-" for source in sources) or report is not None:
+            raise click.UsageError("standard input or output and --report go with one file, without --json")
+        _many(ctx, sources, read_model(model_path), output, in_place, overwrite, force, jobs, as_json, quiet)
+        return
+    _one(sources[0], model_path, output, in_place, overwrite, report, force, quiet)
+
+
+def _one(
+    source: Path, model_path: Path, output: Path | None, in_place: bool, overwrite: bool, report: Path | None,
+    force: bool, quiet: bool,
+) -> None:  # fmt: skip
     from printmend.cli.mend_output import output_path, progress
     from printmend.cli.outputs import spare
     from printmend.repair import mend_gcode
+    from printmend.repair.many import refuse_overwriting
     from printmend.repair.report import check_report_name, write_report
     from printmend.saved.model import read_model
 
     check_report_name(report)
     target = output_path(source, output, in_place=in_place)
     spare((target, report), (model_path, None if in_place else source))
+    if not overwrite:
+        refuse_overwriting(target, source)
     model = read_model(model_path)
     with progress(source) as tick:
         done = mend_gcode(source, model, target, force=force, progress=tick)
     if report is not None:
         write_report(report, str(source), model, done.prediction)
-    click.echo(done.prediction.summary(), err=target is None)
-    click.echo(f"written: {target or 'standard output'}", err=target is None)
+    if not quiet:
+        click.echo(done.prediction.summary(), err=target is None)
+        click.echo(f"written: {target or 'standard output'}", err=target is None)
+
+
+def _many(
+    ctx: click.Context, sources: tuple[Path, ...], model: "SavedModel", output: Path | None, in_place: bool,
+    overwrite: bool, force: bool, jobs: int, as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    from printmend.repair.many import gcode_files, mend_files, mended_path
+
+    if in_place and output is not None:
+        raise click.UsageError("--in-place needs files and no -o")
+    files = gcode_files(sources)
+    single = len(files) == 1 and not sources[0].is_dir()
+    if output is not None and not (single and not output.is_dir()):
+        output.mkdir(parents=True, exist_ok=True)
+        targets = [mended_path(file, output) for file in files]
+    else:
+        targets = [file if in_place else output or mended_path(file) for file in files]
+    codes = []
+    for outcome in mend_files(files, targets, model, force=force, overwrite=overwrite or in_place, jobs=jobs):
+        codes.append(outcome.code)
+        if as_json:
+            click.echo(json.dumps(outcome.json(), ensure_ascii=False))
+        elif outcome.code:
+            click.echo(f"printmend: {outcome}", err=True)
+        elif not quiet:
+            click.echo(str(outcome))
+    if worst := [code for code in codes if code]:
+        ctx.exit(min(worst))

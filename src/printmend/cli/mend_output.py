@@ -9,7 +9,6 @@ from pathlib import Path
 import click
 
 _LARGE_BYTES = 20_000_000  # below that it is done before a bar could be read
-_SUFFIXES = (".gcode.3mf", ".bgcode", ".gcode", ".gco", ".g", ".nc", ".3mf")
 
 
 def output_path(source: Path, output: Path | None, *, in_place: bool) -> Path | None:
@@ -19,13 +18,14 @@ def output_path(source: Path, output: Path | None, *, in_place: bool) -> Path | 
             raise click.UsageError("--in-place needs a file and no -o")
         return source
     if output is not None:
-        return None if str(output) == "-" else output
+        if str(output) == "-":
+            return None
+        return output / source.name if output.is_dir() else output
     if str(source) == "-":
         return None
-    name = source.name
-    suffix = next((s for s in _SUFFIXES if name.lower().endswith(s)), "")
-    stem = name[: len(name) - len(suffix)] if suffix else name
-    return source.with_name(f"{stem}.mended{name[len(stem) :] or '.gcode'}")
+    from printmend.repair.many import mended_path
+
+    return mended_path(source)
 
 
 @contextlib.contextmanager
