@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
 from printmend.errors import ModelError, RefusedError, TraceError
 from printmend.export.supported import export_supported
@@ -14,7 +16,7 @@ from printmend.learn.drive.design import Rows
 from printmend.learn.greybox import motor_rows
 from printmend.measure.distance import scaled_by
 from printmend.measure.table import read_trace, write_trace
-from printmend.path import FLATBED, Instrument, Trace
+from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import read_printer
 from printmend.promise.apply import believe
 from printmend.promise.budget import parse_budget
@@ -22,13 +24,15 @@ from printmend.promise.unexplained import unexplained
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
 from printmend.repair.learned import learn_model
-from printmend.saved.model import SavedModel, exact_model
+from printmend.repair.verify import verify
+from printmend.saved.model import SavedModel, exact_model, read_model, write_model
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
 
 ENDER3 = read_printer("ender3")
 HEALTHY = Corruption((Drive(), Drive()))
 BENT = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.3)), Drive(belt=Play(0.2))))
+SLIPPED = Corruption((Drive(pulley=EccentricBore(0.4, 2.0), belt=Play(0.3)), Drive(belt=Play(0.2))))
 CIRCLE = "G21\nG90\nM83\nG28\nG1 Z0.2 F600\nG0 X140 Y110 F6000\n" + "".join(
     f"G1 X{110 + 30 * np.cos(t):.3f} Y{110 + 25 * np.sin(t):.3f} E0.05 F1800\n"
     for t in np.linspace(0, 2 * np.pi, 181)[1:]
@@ -221,3 +225,32 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     scaled = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.2))
     model = learn_model(scanned(measured(scaled, 0.01, 4), np.zeros((2, 2)), unsure), ENDER3)
     assert export_supported(model, "klipper").settings == ("scale of X",)
+
+
+def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path: Path) -> None:
+    write_model(tmp_path / "printer.mend.json", bent)
+    wanted = stairs(300)
+    motors = ENDER3.to_motor(bent.mechanism.frame.invert(wanted))
+    for motor, table in enumerate(bent.mechanism.transmissions):
+        side = last_way(motors[:, motor])
+        branches = [np.interp(motors[:, motor], each, table.motor_mm) for each in (table.lower_mm, table.upper_mm)]
+        motors[:, motor] = np.where(side > 0, branches[0], np.where(side < 0, branches[1], motors[:, motor]))
+    motors[0] = wanted[0]
+    for name, corruption, kept in (("same", BENT, True), ("slipped", SLIPPED, False)):
+        printed = Twin.of(corruption, ENDER3).follow(motors)
+        noise = np.random.default_rng(9).normal(0, 0.05, wanted.shape)
+        write_trace(tmp_path / f"{name}.csv", Trace(wanted, printed + noise, homed=True))
+        new = tmp_path / f"{name}.mend.json"
+        done = CliRunner().invoke(
+            group, ["verify", str(tmp_path / f"{name}.csv"), "-m", str(tmp_path / "printer.mend.json"), "-o", str(new)]
+        )
+        assert done.exit_code == 0, done.output
+        assert "was promised: " + ("kept" if kept else "broken") in done.output
+        assert (read_model(new).digest != bent.digest) or kept
+    history = [json.loads(line) for line in (tmp_path / "printer.mend.history.jsonl").read_text().splitlines()]
+    assert [each["kept"] for each in history] == [True, False]
+    assert history[0]["before_mm"] == pytest.approx(0.3, abs=0.15)
+    assert history[0]["now_mm"] < 0.03
+    assert history[1]["now_mm"] > 0.1
+    with pytest.raises(ModelError):
+        verify(exact_model(BENT.lower(ENDER3)), Trace(wanted, wanted))

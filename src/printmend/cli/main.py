@@ -31,6 +31,7 @@ COMMANDS: dict[str, str] = {
     "printer": "Print a printer preset as TOML, to start your own from.",
     "probe": "Write a test print that shows every fault, and its plan.",
     "twin": "Print G-code on a broken printer that exists only here.",
+    "verify": "Measure a mended check print: was the promise kept?",
 }
 
 

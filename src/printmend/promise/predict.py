@@ -18,7 +18,7 @@ DRAWS = 256
 LOOKED_AT = 32  # of these, for the quantiles over the places of a path
 PLACES = 1024  # of the path that are looked at, at most
 LOW, HIGH = 0.05, 0.95
-UNSEEN = 0.4  # odds that there is a pattern where none was seen
+UNSEEN = 0.25  # odds that there is a pattern where none was seen
 ROUNDED = (0.5, 1.1)
 STANDS = 1e-6  # the share of a move below which a motor stands still
 SEED = 11  # the same file and model always get the same promise
@@ -92,13 +92,16 @@ class Outlook:
     gain_mm: np.ndarray
 
 
-def promised(mechanism: Mechanism, budget: Budget, path: Path, before: Errors, after: Errors) -> Outlook | None:
-    """Return what to expect, None for a path without a place."""
+def promised(
+    mechanism: Mechanism, budget: Budget, path: Path, before: Errors, after: Errors, *, at_rest: bool = False
+) -> Outlook | None:
+    """Return what to expect, None for a path without a place. With ``at_rest`` the sides that are pushed are those of
+    the path, not those of its tangents: its places are marks."""
     if not len(path.weight) or path.weight.sum() <= 0:
         return None
     path = _thinned(path)
     rng = np.random.default_rng(SEED)
-    aims = _aims(mechanism, path)
+    aims = _aims(mechanism, path, at_rest)
     local = _local_mm2(mechanism, budget, path, rng)
     columns = [_columns(mechanism, budget, path, aims, motors) for motors in (aims.before_mm, aims.after_mm)]
     z = rng.standard_normal((columns[0].shape[1], DRAWS))
@@ -149,11 +152,11 @@ def _thinned(path: Path) -> Path:
     return Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight)
 
 
-def _aims(mechanism: Mechanism, path: Path) -> _Aims:
+def _aims(mechanism: Mechanism, path: Path, at_rest: bool) -> _Aims:
     printer = mechanism.printer
     belt = printer.to_motor(mechanism.frame.invert(path.wanted_mm))
     way = printer.to_motor(path.tangent)
-    side = np.where(np.abs(way) > STANDS, np.sign(way), path.side)
+    side = path.side if at_rest else np.where(np.abs(way) > STANDS, np.sign(way), path.side)
     after = np.stack(
         [_motor_at(mechanism.transmissions[i], belt[:, i], side[:, i]) for i in range(2)], axis=1
     )  # fmt: skip

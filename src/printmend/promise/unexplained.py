@@ -17,7 +17,7 @@ from printmend.learn.drive.fit import robust_sigma_mm
 LENGTHS = (2, 4, 8, 16, 32)
 USUAL_LENGTH = 8  # of a pattern that is too small to be seen
 LEAST_BLOCKS = 6
-SURE = 3.5  # standard deviations: of some thirty estimates the largest counts
+SURE = 4.5  # standard deviations: of some thirty estimates the largest counts
 WILD = 4.0  # residuals beyond so many standard deviations are outliers
 
 

@@ -1,0 +1,63 @@
+"""`printmend verify`: measure a mended check print, and state the result against the promise."""
+
+import json
+from pathlib import Path
+
+import click
+
+from printmend.cli.number import Finite
+
+
+@click.command(
+    epilog="Example: printmend probe --printer ender3 -o check.gcode; printmend mend check.gcode -m printer.mend.json; "
+    "print check.mended.gcode, scan it; printmend verify scan.png --probe check.json -m printer.mend.json"
+)
+@click.argument("measured", nargs=-1, required=True, metavar="TRACE.csv|SCAN...", type=click.Path(path_type=Path))
+@click.option(
+    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path),
+    help="The model that the check print was mended with.",
+)  # fmt: skip
+@click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The plan of the check print, for SCANs.")
+@click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution of the scans, where the files do not say it.")
+@click.option("--distance", "distance_mm", metavar="MM", type=Finite(min=1, max=1000), help="As in `measure`.")
+@click.option("-o", "--output", metavar="NEW.mend.json", type=click.Path(path_type=Path, dir_okay=False),
+              help="Write the model, brought up to date with this measurement.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+def command(
+    measured: tuple[Path, ...], model_path: Path, plan_path: Path | None, dpi: float | None, distance_mm: float | None,
+    output: Path | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Compare a check print with what was promised, and note the result in the model's history.
+
+    The check print is the G-code of a probe, mended with the model and printed. TRACE.csv has the places that were
+    wanted and the measured ones. The history lies beside the model, printer.mend.history.jsonl.
+    """
+    from printmend.cli.outputs import spare
+    from printmend.measure import read_plan, read_trace
+    from printmend.repair.verify import history_of, remember_verdict, updated, verify
+    from printmend.saved.model import read_model, write_model
+
+    is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
+    if not is_table and plan_path is None:
+        raise click.UsageError("scans need --probe, the plan of the check print")
+    spare((output,), (*measured, plan_path, history_of(model_path)))
+    model = read_model(model_path)
+    if is_table:
+        trace = read_trace(measured[0], model.printer)
+    else:
+        from printmend.measure.measurement import measure_scans
+
+        assert plan_path is not None
+        trace = measure_scans(measured, read_plan(plan_path), dpi=dpi, distance_mm=distance_mm).trace
+    verdict = verify(model, trace)
+    newer = None if output is None else updated(model, trace)
+    history = remember_verdict(model_path, model, verdict)
+    if output is not None and newer is not None:
+        write_model(output, newer.model)
+    if as_json:
+        click.echo(json.dumps({**verdict.json(), "history": str(history)}))
+        return
+    click.echo(verdict.words)
+    if newer is not None:
+        click.echo(f"{newer.words}\nwritten: {output}")
+    click.echo(f"noted in {history}")

@@ -1,0 +1,156 @@
+"""Measure again after mending: was the promise kept? And bring the model up to date with what was measured.
+
+The check print is any probe's G-code, mended with the model and printed. Its plan says where marks were wanted; what
+is measured of them is compared with what was promised for these places, the noise of the measurement taken off.
+"""
+
+import json
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from printmend.errors import ModelError, TraceError
+from printmend.files import read_text, replacing
+from printmend.path import Trace, last_way
+from printmend.promise.budget import parse_budget
+from printmend.promise.predict import Errors, promised
+from printmend.promise.predict import Path as Places
+from printmend.repair.update import Updated, update
+from printmend.saved.model import SavedModel
+from printmend.twin import Twin
+
+LEAST_MARKS = 10
+ROUND = 2**0.5  # a distance on the bed has two coordinates
+_SURE = 2.0  # standard deviations that a measured error may exceed its promise by
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Distances of the marks from where they were wanted, root mean square [mm]: unmended as the model says
+    (``before_mm``), as measured now with its standard deviation, and as was promised with its 90 % range. ``placed``:
+    they contain where on the bed the print lies; else a shift of the whole is taken off."""
+
+    marks: int
+    before_mm: float
+    now_mm: float
+    now_sd_mm: float
+    promised_mm: float
+    promised_low_mm: float
+    promised_high_mm: float
+    placed: bool
+
+    @property
+    def kept(self) -> bool:
+        """True where the error is within what was promised, as far as this measurement can tell."""
+        return self.now_mm - _SURE * self.now_sd_mm <= self.promised_high_mm
+
+    @property
+    def words(self) -> str:
+        """Say it in one line, the numbers first."""
+        numbers = (
+            f"{self.before_mm:.3f} mm before, {self.now_mm:.3f} now, "
+            f"{self.promised_low_mm:.3f}–{self.promised_high_mm:.3f} was promised"
+        )
+        if self.kept:
+            return f"{numbers}: kept ({self.marks} marks)"
+        return f"{numbers}: broken. Bring the model up to date with this measurement (-o), and mend again"
+
+    def json(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {**asdict(self), "kept": self.kept}
+
+
+def verify(model: SavedModel, trace: Trace) -> Verdict:
+    """Compare a measured check print, whose G-code was mended with ``model``, with what the model promised.
+
+    ``trace`` has the places that were wanted as commanded ones. Raises `TraceError` for fewer than ten marks,
+    `ModelError` for a model that promises nothing.
+    """
+    budget = parse_budget(model)
+    if budget is None:
+        raise ModelError(
+            "the model", wanted="one that says what it does not know", came="one of an older printmend or learner",
+            todo="learn it again from its trace",
+        )  # fmt: skip
+    known = np.flatnonzero(trace.measured_rows)
+    if len(known) < LEAST_MARKS:
+        raise TraceError(
+            "the check print", wanted=f"at least {LEAST_MARKS} measured marks", came=f"{len(known)}",
+            todo="measure more of it",
+        )  # fmt: skip
+    wanted, printer = trace.commanded_mm, model.printer
+    placed = trace.placed and budget.placed
+    raw = Twin(model.mechanism).follow(wanted)
+    sides = np.stack([last_way(column) for column in printer.to_motor(wanted).T], axis=1)
+    off = (raw - wanted)[known]
+    # each mark counts along x and along y; across a path along x lies y, across one along y lies −x
+    path = Places(
+        np.repeat(wanted[known], 2, axis=0),
+        np.tile(np.eye(2), (len(known), 1)),
+        np.stack([off[:, 1], -off[:, 0]], axis=1).ravel(),
+        np.repeat(sides[known].astype(float), 2, axis=0),
+        np.ones(2 * len(known)),
+    )
+    before = Errors(float(np.sqrt(np.mean(path.off_mm**2))), 0.0, float(np.abs(path.off_mm).max()))
+    outlook = promised(model.mechanism, budget, path, before, Errors(0.0, 0.0, 0.0), at_rest=True)
+    if outlook is None:
+        raise TraceError("the check print", wanted="marks", came="none", todo="measure it again")
+    error = (trace.measured_mm - wanted)[known]
+    if not placed:
+        error = error - error.mean(axis=0)
+        off = off - off.mean(axis=0)
+    sigma = model.noise_mm if trace.sigma_mm is None else float(np.sqrt(np.nanmean(trace.sigma_mm[known] ** 2)))
+    square = np.sum(error**2, axis=1)
+    now2, now2_sd = float(square.mean()) - 2 * sigma**2, float(square.std()) / np.sqrt(len(known))
+    now = float(np.sqrt(max(now2, 0.0)))
+    now_sd = float(np.sqrt(max(now2, 0.0) + now2_sd)) - now
+    after = outlook.after
+    before_mm = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+    return Verdict(
+        len(known), before_mm, now, now_sd, ROUND * after.rms_mm, ROUND * after.rms_low_mm, ROUND * after.rms_high_mm,
+        placed,
+    )  # fmt: skip
+
+
+def updated(model: SavedModel, trace: Trace, *, rng: np.random.Generator | None = None) -> Updated:
+    """Bring the model up to date with a mended check print: what was really commanded is what mending had made of it.
+
+    Raises `ModelError` for a model that is no grey box, `TraceError` as `learn_model` does.
+    """
+    printer, mechanism = model.printer, model.mechanism
+    belts = printer.to_motor(mechanism.frame.invert(trace.commanded_mm))
+    motors = np.empty_like(belts)
+    for motor, table in enumerate(mechanism.transmissions):
+        side, grid = last_way(belts[:, motor]), table.motor_mm
+        forward, back = (
+            belts[:, motor] - np.interp(belts[:, motor], branch, branch - grid)
+            for branch in (table.lower_mm, table.upper_mm)
+        )
+        motors[:, motor] = np.where(side > 0, forward, np.where(side < 0, back, belts[:, motor]))
+    commanded = printer.from_motor(motors)
+    commanded[0] = trace.commanded_mm[0]
+    made = Trace(
+        commanded, trace.measured_mm, sigma_mm=trace.sigma_mm, homed=trace.homed, placed=trace.placed,
+        instrument=trace.instrument,
+    )  # fmt: skip
+    return update(model, made, rng=np.random.default_rng(0) if rng is None else rng)
+
+
+def history_of(model_path: Path) -> Path:
+    """Return where the history of a model lies: beside it."""
+    return model_path.with_name(model_path.name.removesuffix(".json") + ".history.jsonl")
+
+
+def remember_verdict(model_path: Path, model: SavedModel, verdict: Verdict) -> Path:
+    """Add a verdict to the model's history, one JSON object a line; return the file."""
+    path = history_of(model_path)
+    past = read_text(path, wanted="a history", todo="move it away", error=ModelError) if path.exists() else ""
+    when = datetime.now(UTC).isoformat(timespec="seconds")
+    line = {"event": "verified", "time": when, "model": model.digest, **verdict.json()}
+    rounded = {key: round(value, 5) if isinstance(value, float) else value for key, value in line.items()}
+    with replacing(path) as file:
+        file.write(past + ("\n" if past and not past.endswith("\n") else "") + json.dumps(rounded) + "\n")
+    return path
