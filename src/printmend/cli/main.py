@@ -30,6 +30,7 @@ COMMANDS: dict[str, str] = {
     "mend": "Rewrite G-code so that a broken printer prints it right.",
     "printer": "Print a printer preset as TOML, to start your own from.",
     "probe": "Write a test print that shows every fault, and its plan.",
+    "watch": "Mend whatever is put into a folder.",
     "twin": "Print G-code on a broken printer that exists only here.",
     "verify": "Measure a mended check print: was the promise kept?",
 }

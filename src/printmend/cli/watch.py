@@ -1,0 +1,52 @@
+"""`printmend watch`: mend whatever is put into a folder."""
+
+import json
+from pathlib import Path
+
+import click
+
+from printmend.cli.number import Finite
+
+
+@click.command(epilog="Example: printmend watch jobs/ mended/ -m printer.mend.json")
+@click.argument("source", metavar="IN", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("target", metavar="OUT", type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path),
+    help="What `printmend learn` wrote about this printer; read again when it changes.",
+)  # fmt: skip
+@click.option("--every", "every_s", type=Finite(min=0.1, max=3600), default=2.0, show_default=True,
+              help="Seconds between two looks; a file that changes between two is still being copied.")  # fmt: skip
+@click.option("--once", is_flag=True, help="Mend what is there, and end.")
+@click.option("--force", is_flag=True, help="Write even where the prediction is not better.")
+@click.option("--json", "as_json", is_flag=True, help="A line of JSON for each file.")
+@click.option("--quiet", is_flag=True, help="Say only what went wrong.")
+@click.pass_context
+def command(
+    ctx: click.Context, source: Path, target: Path, model_path: Path, every_s: float, once: bool, force: bool,
+    as_json: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Mend all G-code that is in the folder IN or comes into it, to OUT under the same name, until it is stopped.
+
+    Where a file cannot be mended, OUT/NAME.error.txt says why. A restart goes on where it was: a file is mended once,
+    and again when it has changed.
+    """
+    from printmend.repair.many import Outcome
+    from printmend.repair.watch import Watch, watch
+
+    def tell(outcome: Outcome) -> None:
+        if as_json:
+            click.echo(json.dumps(outcome.json(), ensure_ascii=False))
+        elif outcome.code:
+            click.echo(f"printmend: {outcome}", err=True)
+        elif not quiet:
+            click.echo(str(outcome))
+
+    job = Watch(source, target, model_path, force=force, told=lambda words: click.echo(f"printmend: {words}", err=True))
+    try:
+        worst = watch(job, every_s=every_s, once=once, tell=tell)
+    except KeyboardInterrupt:
+        click.echo("stopped; the same command goes on where it was", err=True)
+        ctx.exit(130)
+    if worst:
+        ctx.exit(worst)

@@ -1,0 +1,98 @@
+"""The watched folder: half-copied files, restarts, changed files and models, files that cannot be mended."""
+
+import os
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.main import group
+from printmend.errors import InputError
+from printmend.repair.watch import JOURNAL, Watch
+from printmend.saved.model import exact_model, write_model
+from tests.mending import BENT, PLAY, SQUARE
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Watch:
+    write_model(tmp_path / "printer.mend.json", exact_model(BENT))
+    return Watch(tmp_path / "in", tmp_path / "out", tmp_path / "printer.mend.json")
+
+
+def again(job: Watch) -> Watch:
+    """A new process on the same folders."""
+    return Watch(job.source, job.target, job.model_path)
+
+
+def test_a_file_is_taken_when_it_has_come_to_rest(job: Watch) -> None:
+    (job.source / "sub").mkdir()
+    part = job.source / "sub" / "part.gcode"
+    part.write_bytes(SQUARE[:40])
+    assert job.look() == []
+    part.write_bytes(SQUARE)
+    assert job.look() == []
+    (done,) = job.look()
+    assert (done.code, done.output) == (0, job.target / "sub" / "part.gcode")
+    assert b"; mended by printmend" in (job.target / "sub" / "part.gcode").read_bytes()
+    assert part.read_bytes() == SQUARE
+    assert job.look() == []
+
+
+def test_a_restart_does_nothing_twice_but_what_has_changed(job: Watch) -> None:
+    part, out = job.source / "part.gcode", job.target / "part.gcode"
+    part.write_bytes(SQUARE)
+    job.look(), job.look()
+    first = out.read_bytes()
+    with (job.target / JOURNAL).open("a") as journal:
+        journal.write('{"file": ["cut sho')  # a kill while it was written
+    new = again(job)
+    assert new.look() == new.look() == []
+    assert (job.target / JOURNAL).read_text().endswith("cut sho\n")
+    write_model(job.model_path, exact_model(PLAY))
+    part.write_bytes(SQUARE.replace(b"X80", b"X90"))
+    new.look()
+    (done,) = new.look()
+    assert done.code == 0
+    assert out.read_bytes() != first
+    assert new.model is not None
+    assert new.model.digest == exact_model(PLAY).digest
+
+
+def test_what_cannot_be_mended_says_why_and_others_go_on(job: Watch) -> None:
+    (job.source / "a.gcode").write_text("M104 S0\n")
+    (job.source / "b.gcode").write_bytes(SQUARE)
+    (job.source / "c.gcode").write_bytes(SQUARE)
+    (job.target / "c.gcode").write_text("somebody's\n")
+    (job.source / ".d.gcode").write_bytes(SQUARE)
+    job.look()
+    assert [(item.source.name, item.code) for item in job.look()] == [("a.gcode", 2), ("b.gcode", 0), ("c.gcode", 2)]
+    assert "wanted" in (job.target / "a.gcode.error.txt").read_text()
+    assert (job.target / "c.gcode").read_text() == "somebody's\n"
+    (job.source / "a.gcode").write_bytes(SQUARE)
+    job.look(), job.look()
+    assert (job.target / "a.gcode").exists()
+    assert not (job.target / "a.gcode.error.txt").exists()
+
+
+def test_a_file_that_changes_while_it_is_read_is_taken_later(job: Watch, monkeypatch: pytest.MonkeyPatch) -> None:
+    part = job.source / "part.gcode"
+    part.write_bytes(SQUARE)
+    job.look()
+    model = job._model
+    monkeypatch.setattr(job, "_model", lambda: (part.write_bytes(SQUARE + b"G1 X60 Y70 E1\n"), model())[1])
+    assert job.look() == []
+    monkeypatch.undo()
+    job.look()
+    assert [item.code for item in job.look()] == [0]
+
+
+def test_the_command(job: Watch) -> None:
+    (job.source / "part.gcode").write_bytes(SQUARE)
+    os.utime(job.source / "part.gcode", (1, 1))
+    arguments = ["watch", str(job.source), str(job.target), "-m", str(job.model_path), "--once", "--every", "0.1"]
+    done = CliRunner().invoke(group, arguments)
+    assert done.exit_code == 0, done.output
+    assert "written" in done.stdout
+    assert CliRunner().invoke(group, arguments).stdout == ""
+    with pytest.raises(InputError, match="a folder apart from IN"):
+        Watch(job.source, job.source, job.model_path)
