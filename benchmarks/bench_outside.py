@@ -150,7 +150,7 @@ def judge(
     rows = "\n".join(",".join("" if v != v else f"{v:.6f}" for v in row) for row in table.tolist())
     trace.write_text("x_mm,y_mm,x_measured_mm,y_measured_mm\n" + rows + "\n")
     began = time.perf_counter()
-    learned = run("learn", str(trace), "--printer", preset, "--model", model, "-o", str(saved))
+    learned = run("learn", str(trace), "--printer", preset, "--learner", model, "-o", str(saved))
     seconds = time.perf_counter() - began
     text = part if part is not None else part_gcode(rng, bed)
     source.write_text(text)

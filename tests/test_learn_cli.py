@@ -32,6 +32,7 @@ from printmend.probe import design_probe
 from printmend.repair.learned import learn_model
 from printmend.saved.model import exact_model, read_model, write_model
 from printmend.twin import Twin
+from tests.mending import SQUARE
 
 ENDER3 = read_printer("ender3")
 PLAN = design_probe(ENDER3)
@@ -128,11 +129,34 @@ def test_says_what_the_trace_could_not_tell(tmp_path: Path, axis: int, word: str
 
 def test_other_learners(tmp_path: Path) -> None:
     path = trace_file(tmp_path, sample("eccentric", np.random.default_rng(1)), 0.0)
-    assert run("learn", path, "--printer", "ender3", "--model", "naive", "-o", tmp_path / "n.json").exit_code == 0
+    assert run("learn", path, "--printer", "ender3", "--learner", "naive", "-o", tmp_path / "n.json").exit_code == 0
     assert read_model(tmp_path / "n.json").is_healthy
-    done = run("learn", path, "--printer", "ender3", "--model", "crystal-ball")
+    done = run("learn", path, "--printer", "ender3", "--learner", "crystal-ball")
     assert isinstance(done.exception, ConfigError)
     assert not (tmp_path / "printer.mend.json").exists()
+
+
+def test_models_have_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`learn --name` keeps one, `printers` lists it, -m takes it; a file here of that name comes first."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.chdir(tmp_path)
+    assert run("printers").output.startswith("no *.mend.json here or in ")
+    path = trace_file(tmp_path, sample("eccentric", np.random.default_rng(1)), 0.0)
+    arguments = ("learn", path, "--printer", "ender3", "--learner", "naive", "--name", "e3-07")
+    kept = tmp_path / "config" / "printmend" / "models" / "e3-07.mend.json"
+    assert run(*arguments).output.splitlines()[-1] == f"written: {kept}"
+    assert run(*arguments).output.splitlines()[-1] == f"written: {kept}, in place of the one that was there"
+    (tmp_path / "part.gcode").write_bytes(SQUARE)
+    assert run("mend", "part.gcode", "-m", "e3-07").exit_code == 0
+    (tmp_path / "other.mend.json").write_text("{}")
+    listed = [json.loads(line) for line in run("printers", "--json").output.splitlines()]
+    assert [item["name"] for item in listed] == ["other", "e3-07"]
+    assert "wanted" in listed[0]["error"]
+    assert listed[1]["printer"] == ENDER3.name
+    assert listed[1]["digest"] == read_model(kept).digest
+    (tmp_path / "e3-07.mend.json").write_text("{}")
+    assert isinstance(run("check", "part.gcode", "-m", "e3-07").exception, PrintmendError)
+    assert run("learn", path, "--printer", "ender3", "--name", "../x").exit_code == 2
 
 
 def test_bad_traces_write_nothing(tmp_path: Path) -> None:

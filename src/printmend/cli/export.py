@@ -4,10 +4,12 @@ from pathlib import Path
 
 import click
 
+from printmend.cli.model import Model
+
 
 @click.command(epilog="Example: printmend export -m printer.mend.json --to marlin")
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path),
+    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=Model(),
     help="What `printmend learn` wrote about this printer.",
 )  # fmt: skip
 @click.option("--to", "firmware", required=True, type=click.Choice(["klipper", "marlin", "rrf", "linuxcnc"]),

@@ -5,25 +5,35 @@ from pathlib import Path
 
 import click
 
+from printmend.cli.model import SUFFIX, Model, models_folder
+
 
 @click.command(epilog="Example: printmend learn trace.csv --printer ender3 -o printer.mend.json")
 @click.argument("trace", metavar="TRACE.csv", type=click.Path(path_type=Path))
 @click.option(
     "--printer", "printer_name", metavar="NAME|FILE.toml", help="A preset or your own printer [with --update: the old]"
 )
-@click.option("--model", "name", default="auto", show_default=True, metavar="auto|greybox|lightgbm-axis|…",
+@click.option("--learner", default="auto", show_default=True, metavar="auto|greybox|lightgbm-axis|…",
               help="auto is the simplest machine that the trace supports.")  # fmt: skip
 @click.option(
-    "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("printer.mend.json"),
-    show_default=True,
+    "-o", "--output", type=click.Path(path_type=Path, dir_okay=False),
+    help="[default: printer.mend.json; with --update: the old model's file]",
 )  # fmt: skip
-@click.option("--update", "old", metavar="OLD.mend.json", type=click.Path(path_type=Path),
+@click.option("--name", help="Keep the model in the user's folder under this name, for -m NAME.")
+@click.option("--update", "old", metavar="NAME|OLD.mend.json", type=Model(),
               help="Bring this model up to date with a second, smaller print, and say what changed.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="Picks the rows looked at first in a long trace.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as JSON.")
 def command(
-    trace: Path, printer_name: str | None, name: str, output: Path, old: Path | None, seed: int, as_json: bool
+    trace: Path,
+    printer_name: str | None,
+    learner: str,
+    output: Path | None,
+    name: str | None,
+    old: Path | None,
+    seed: int,
+    as_json: bool,
 ) -> None:
     """Learn what is wrong with a printer from one measured print, and say so in plain words.
 
@@ -40,11 +50,18 @@ def command(
 
     if printer_name is None and old is None:
         raise click.UsageError("--printer says which machine the trace is from")
+    if name is not None:
+        if output is not None or Path(name).name != name or name.startswith("."):
+            raise click.UsageError("--name is a plain name, without -o")
+        output = models_folder() / f"{name}{SUFFIX}"
+        output.parent.mkdir(parents=True, exist_ok=True)
+    output = output or old or Path("printer.mend.json")
+    replaced = ", in place of the one that was there" if output.exists() else ""
     spare((output,), (trace, Path(printer_name or "-")))
     rng = np.random.default_rng(seed)
     if old is None:
         printer = read_printer(printer_name or "")
-        model = learn_model(read_trace(trace, printer), printer, model=name, rng=rng)
+        model = learn_model(read_trace(trace, printer), printer, model=learner, rng=rng)
     else:
         from printmend.repair.update import same_machine, update
 
@@ -58,4 +75,4 @@ def command(
     if as_json:
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))
     else:
-        click.echo(report(model) + f"\nwritten: {output}")
+        click.echo(report(model) + f"\nwritten: {output}{replaced}")

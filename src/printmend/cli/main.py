@@ -29,6 +29,7 @@ COMMANDS: dict[str, str] = {
     "measure": "Find the marks of a scanned test print: the trace that `learn` needs.",
     "mend": "Rewrite G-code so that a broken printer prints it right.",
     "printer": "Print a printer preset as TOML, to start your own from.",
+    "printers": "List the printers that you have models of.",
     "probe": "Write a test print that shows every fault, and its plan.",
     "watch": "Mend whatever is put into a folder.",
     "twin": "Print G-code on a broken printer that exists only here.",

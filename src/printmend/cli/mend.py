@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from printmend.cli.model import Model
+
 if TYPE_CHECKING:
     from printmend.saved.model import SavedModel
 
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
 @click.command(epilog="Example: printmend mend part.gcode -m printer.mend.json --report part.html")
 @click.argument("sources", metavar="FILE|FOLDER|-...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path),
+    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=Model(),
     help="What `printmend learn` wrote about this printer.",
 )  # fmt: skip
 @click.option("-o", "--output", metavar="FILE|FOLDER|-", type=click.Path(path_type=Path),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from printmend.cli.model import Model
 from printmend.cli.number import Finite
 
 
@@ -12,7 +13,7 @@ from printmend.cli.number import Finite
 @click.argument("source", metavar="IN", type=click.Path(path_type=Path, file_okay=False))
 @click.argument("target", metavar="OUT", type=click.Path(path_type=Path, file_okay=False))
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="printer.mend.json", type=click.Path(path_type=Path),
+    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=Model(),
     help="What `printmend learn` wrote about this printer; read again when it changes.",
 )  # fmt: skip
 @click.option("--every", "every_s", type=Finite(min=0.1, max=3600), default=2.0, show_default=True,

@@ -58,9 +58,14 @@ def mark_area_mm(printer: Printer) -> tuple[np.ndarray, np.ndarray]:
 
 
 def square_mm(printer: Printer, size_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners of a square of marks in the middle of the bed, no larger than the bed allows."""
+    """Return the corners of a square of marks in the middle of the bed; raise `ConfigError` where it has no room."""
     low, high = mark_area_mm(printer)
     middle = (low + high) / 2
+    if size_mm > (high - low).max():
+        raise ConfigError(
+            "--size", wanted=f"at most {(high - low).max():.0f} mm on {printer.name}", came=f"{size_mm:g} mm",
+            todo="make it smaller, or leave it out for the whole bed",
+        )  # fmt: skip
     return np.maximum(low, middle - size_mm / 2), np.minimum(high, middle + size_mm / 2)
 
 

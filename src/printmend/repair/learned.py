@@ -57,10 +57,10 @@ def learn_model(
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise ConfigError(
-            f"--model {name}",
+            f"--learner {name}",
             wanted="a learner whose model is a machine: motors, belts and a frame",
             came="one that only predicts steps on the lattice",
-            todo="use --model auto, or lightgbm-axis on a cartesian printer",
+            todo="use --learner auto, or lightgbm-axis on a cartesian printer",
         )
     known = trace.measured_rows
     noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))

@@ -1,0 +1,35 @@
+"""Models by file or by name: `-m e3-07` is e3-07.mend.json, here or in the folder of the user's models."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+SUFFIX = ".mend.json"
+
+
+def models_folder() -> Path:
+    """Return the folder of the user's models."""
+    return Path(click.get_app_dir("printmend")) / "models"
+
+
+def models() -> Iterator[tuple[str, Path]]:
+    """Yield the names of the models here and in the user's folder, and their files; the first of a name counts."""
+    seen = set()
+    for folder in (Path(), models_folder()):
+        for path in sorted(folder.glob(f"*{SUFFIX}")):
+            name = path.name.removesuffix(SUFFIX)
+            if name not in seen:
+                seen.add(name)
+                yield name, path
+
+
+class Model(click.ParamType):
+    """A model's file, or its name."""
+
+    name = "model"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        path = Path(value)
+        return path if path.exists() else dict(models()).get(str(value), path)

@@ -1,0 +1,35 @@
+"""`printmend printers`: the printers that one has models of."""
+
+import json
+from typing import Any
+
+import click
+
+from printmend.cli.model import models, models_folder
+
+
+@click.command(epilog="Example: printmend printers, then printmend mend part.gcode -m e3-07")
+@click.option("--json", "as_json", is_flag=True, help="A line of JSON for each.")
+def command(as_json: bool) -> None:
+    """List the models here and in the user's folder by the names that -m takes, with what was found.
+
+    `printmend learn --name NAME` puts a model there.
+    """
+    from printmend.errors import PrintmendError
+    from printmend.saved.model import read_model
+
+    found = False
+    for name, path in models():
+        found = True
+        said: dict[str, Any] = {"name": name, "file": str(path)}
+        try:
+            model = read_model(path)
+            said |= {"printer": model.printer.name, "digest": model.digest, "finding": model.findings[0]}
+        except PrintmendError as error:
+            said["error"] = str(error)
+        if as_json:
+            click.echo(json.dumps(said, ensure_ascii=False))
+        else:
+            click.echo(f"{name}: {said.get('printer', path)}: {said.get('finding') or said['error']}")
+    if not found and not as_json:
+        click.echo(f"no *.mend.json here or in {models_folder()}; `printmend learn` writes one", err=True)
