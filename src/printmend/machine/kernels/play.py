@@ -9,7 +9,7 @@ from printmend.jit import inner
 
 PUSHED, FREE, PULLED = -1, 0, 1  # the branch that holds the belt: lower, none, upper
 # Places on the lattice are multiples of 2^-36 of a full step, 1.5e-11: then sums, differences and halves of them are
-# exact up to 2^16 steps, in whatever order they are taken.
+# exact up to 2^15 steps, in whatever order they are taken.
 RESOLUTION = 2.0**36
 
 
@@ -42,6 +42,6 @@ def fine(steps):
 def anchor(lower, upper, share):
     """Return what to add to both branches so that the belt, at rest between them, is at its nominal position.
 
-    ``lower`` and ``upper`` are the branches at the start, less that position, in full steps.
+    ``lower`` and ``upper`` are the branches at the start, less that position, in full steps of that resolution.
     """
-    return -fine(rest(fine(lower), fine(upper), share))
+    return -fine(2 * rest(lower, upper, share)) / 2  # the middle of two multiples is none, but half of one

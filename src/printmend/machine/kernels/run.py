@@ -108,7 +108,7 @@ def lay_branches(lower_errors, upper_errors, first, start, share, lower, upper):
 
     The errors [N] are the branches less the motor's position, of which entry 0 stands for ``first``; in full steps.
     """
-    shift = play.anchor(lower_errors[start], upper_errors[start], share)
+    shift = play.anchor(play.fine(lower_errors[start]), play.fine(upper_errors[start]), share)
     for i in range(lower.shape[0]):
         lower[i] = first + i + play.fine(lower_errors[i]) + shift
         upper[i] = first + i + play.fine(upper_errors[i]) + shift
