@@ -87,11 +87,16 @@ _SIGNATURES: dict[tuple, Any] = {}
 
 
 class _Infer(typeinfer.TypeInferer):
-    """Type inference that asks once what an operation on values of certain types returns."""
+    """Type inference that asks once what an operation on values of certain types returns.
+
+    A kernel is called with numbers as numbers: numba would compile it once for each literal 0, 1, 2 that it is given.
+    """
 
     flags: Flags
 
     def resolve_call(self, fnty: Any, pos_args: Any, kw_args: Any) -> Any:
+        if isinstance(fnty, types.Dispatcher):
+            pos_args = tuple(map(types.unliteral, pos_args))  # type: ignore[attr-defined]
         if not isinstance(fnty, types.Function) or kw_args:
             return super().resolve_call(fnty, pos_args, kw_args)
         key = fnty, tuple(pos_args), self.flags
@@ -127,7 +132,9 @@ class _Passes(PassManager):
 
     def run(self, state: Any) -> None:
         for kind, _ in self.passes:
-            _pass_registry.get(kind).pass_inst.run_pass(state)
+            one = _pass_registry.get(kind).pass_inst
+            one.analysis = self._analysis
+            one.run_pass(state)
 
 
 class _Flags(Flags):
@@ -143,6 +150,7 @@ class _Flags(Flags):
 class _ShortCompiler(CompilerBase):
     library: type[JITCodeLibrary]
     lower: type[LoweringPass]
+    rewrites: tuple[type, ...] = ()
 
     def __init__(self, *arguments: Any) -> None:
         *others, flags, names = arguments
@@ -157,13 +165,13 @@ class _ShortCompiler(CompilerBase):
         for kind in (
             untyped_passes.TranslateByteCode,
             untyped_passes.FixupArgs,
-            untyped_passes.IRProcessing,
             untyped_passes.RewriteSemanticConstants,
+            untyped_passes.DeadBranchPrune,  # of what is not done for an argument that is None
             untyped_passes.GenericRewrites,
             untyped_passes.ReconstructSSA,
             _InferTypes,
             typed_passes.PreLowerStripPhis,
-            typed_passes.NopythonRewrites,
+            *self.rewrites,
             typed_passes.IRLegalization,
             self.lower,
             typed_passes.NoPythonBackend,
@@ -183,3 +191,4 @@ class EntryCompiler(_ShortCompiler):
     """The compiler of a kernel that Python calls."""
 
     library, lower = _Whole, _LowerWhole
+    rewrites = (typed_passes.NopythonRewrites,)  # arithmetic on whole arrays becomes one loop

@@ -7,6 +7,7 @@ entry's file, so that after an edit elsewhere the old code would go on running.
 
 import hashlib
 import logging
+import time
 from collections.abc import Callable, Iterator
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -24,22 +25,29 @@ from printmend.compiler import EntryCompiler, InnerCompiler
 log = logging.getLogger(__name__)
 
 
-class _FirstCompilation(Listener):
-    """Say why nothing happens for a while: kernels are compiled when they are first used on a machine."""
+class Compilations(Listener):
+    """What was compiled since the program began: how many entries, in how many seconds.
+
+    Says once why nothing happens for a while. Kernels are compiled when they are first used on a machine.
+    """
 
     def __init__(self) -> None:
-        self.said = False
+        self.entries, self.seconds = 0, 0.0
+        self._began: list[float] = []  # an entry's functions are compiled within it
 
     def on_start(self, event: Event) -> None:
-        if not self.said:
-            self.said = True
-            log.info("compiling for this machine, this one time: up to a minute")
+        if not self.entries and not self._began:
+            log.info("compiling for this machine, this one time: about 15 s (`printmend warm` does it beforehand)")
+        self._began.append(time.perf_counter())
 
     def on_end(self, event: Event) -> None:
-        pass
+        took_s = time.perf_counter() - self._began.pop()
+        if not self._began:
+            self.entries, self.seconds = self.entries + 1, self.seconds + took_s
 
 
-register("numba:compile", _FirstCompilation())
+compilations = Compilations()
+register("numba:compile", compilations)
 
 
 def entry(function: Callable | None = None, **options: Any) -> Any:

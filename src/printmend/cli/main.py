@@ -34,6 +34,7 @@ COMMANDS: dict[str, str] = {
     "watch": "Mend whatever is put into a folder.",
     "twin": "Print G-code on a broken printer that exists only here.",
     "verify": "Measure a mended check print: was the promise kept?",
+    "warm": "Compile now what learn, check and mend would compile when first used.",
 }
 
 

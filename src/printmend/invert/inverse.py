@@ -168,8 +168,9 @@ class Planner:
         if len(records) >= len(first):
             first = np.zeros(len(records) + 1, np.int64)
             self._ring[self._turn] = (first, pieces)
+        moved = self._moved if self.has_screw else None
         end = mend(
-            self.model, records, begin, len(records), self.state, self.counts, self._curve, self._moved, first, pieces,
+            self.model, records, begin, len(records), self.state, self.counts, self._curve, moved, first, pieces,
             self.layers, self.errors, self.quantum_mm, self.samples,
         )  # fmt: skip
         return end, first, pieces

@@ -86,7 +86,6 @@ from printmend.invert.kernels.layout import (
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
-    M_SCREW,
     UPPER,
     backward,
     wanted,
@@ -218,7 +217,8 @@ def mend(
 
     Record i becomes pieces[first[i]:first[i + 1]]; ``first`` int64 [count + 1] counts from the beginning of ``pieces``,
     an array of PIECE. It stops before a record whose pieces may not fit: call again with what is left.
-    ``state`` [STATE] and ``counts`` [COUNTS] pass from call to call; ``curve`` and ``moved`` [CURVE] are scratch.
+    ``state`` [STATE] and ``counts`` [COUNTS] pass from call to call; ``curve`` and ``moved`` [CURVE] are scratch,
+    ``moved`` is None for a machine whose Z screw is perfect: its kernels are then not compiled either.
     ``layers`` [L, LAYER] must have room for counts[N_LAYER] + 2 + (count − begin) rows; ``errors`` [2, ERROR_BINS] are
     histograms of mm of path. ``quantum`` [mm] is the grid of the numbers that will be written; ``samples`` are places
     along the extruded path.
@@ -227,7 +227,6 @@ def mend(
     """
     n = 0
     i = begin
-    screw = model[M_SCREW] != 0.0
     while i < count and n + PIECES_A_RECORD < len(pieces):
         r = records[i]
         first[i] = n
@@ -235,15 +234,15 @@ def mend(
         arc = r.kind == KIND_CW or r.kind == KIND_CCW
         if not arc and r.kind != KIND_LINEAR:
             event(model, state, counts, r)
-            if screw:
+            if moved is not None:
                 height_event(model, state, counts, r)
             continue
         still = not arc and r.x0 == r.x1 and r.y0 == r.y1
         if still and not r.words & (WORD_X | WORD_Y):
-            if screw and r.words & WORD_Z:
-                if r.flags & FLAG_OPAQUE:
+            if moved is not None:
+                if r.words & WORD_Z and r.flags & FLAG_OPAQUE:
                     follow_copied_height(model, state, counts, r)
-                else:
+                elif r.words & WORD_Z:
                     n = _rise(model, state, counts, pieces, n, r, quantum)
             continue
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
@@ -254,7 +253,7 @@ def mend(
             state[S_LOW], state[S_LOW + 1] = min(state[S_LOW], r.x1), min(state[S_LOW + 1], r.y1)
             state[S_HIGH], state[S_HIGH + 1] = max(state[S_HIGH], r.x1), max(state[S_HIGH + 1], r.y1)
         if still and known and counts[N_KNOWN] != 0 and not r.flags & FLAG_OPAQUE:
-            if screw:
+            if moved is not None:
                 n = _rise(model, state, counts, pieces, n, r, quantum)
             else:
                 n = _stand(model, state, pieces, n, r, quantum)
@@ -264,11 +263,13 @@ def mend(
             set_arc(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1, r.c0, r.c1, r.plane, r.kind == KIND_CW, r.turns)
         else:
             set_line(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1)
-        left = not known or r.flags & FLAG_OPAQUE or not stays_near(model, curve)
-        if left or (screw and is_too_long(model, curve)):
+        left = not known or r.flags & FLAG_OPAQUE != 0 or not stays_near(model, curve)
+        if moved is not None:
+            left = left or is_too_long(model, curve)
+        if left:
             counts[N_UNKNOWN] += extruding
             follow_copied(model, state, counts, r, known)
-            if screw:
+            if moved is not None:
                 follow_copied_height(model, state, counts, r)
             continue
         sure = counts[N_KNOWN] != 0
@@ -278,10 +279,10 @@ def mend(
             row = layer_of(state, counts, layers, r)
         elif r.feed > 0:
             state[S_TRAVEL] = r.feed
-        predict_raw(model, curve, state, counts, records, count, i - 1, drawn, row, layers, errors, samples)
+        predict_raw(model, curve, state, counts, records, count, i - 1, drawn, row, layers, errors, samples, moved)
         if drawn:
             layers[row, L_LENGTH] += curve[LENGTH]
-            if screw:
+            if moved is not None:
                 n = _extrude_in_space(model, curve, moved, state, counts, pieces, n, r, row, layers, errors, quantum)
             else:
                 n = extrude(model, curve, state, counts, pieces, n, r, row, layers, errors, quantum)
@@ -291,13 +292,14 @@ def mend(
             if arc:  # what draws nothing needs no better than this
                 parts = min(max(4, np.int64(abs(curve[SWEEP]) * np.sqrt(curve[R0] / 0.4))), PIECES_A_RECORD // 2)
             way = curve
-            if screw and r.flags & FLAG_KNOWN_Z1:
-                m = find(model, state, counts, r, quantum)
-                aim(model, curve, moved, state[S_M + ZED], m)
-                lift(model, state, m)
-                way = moved
-            elif screw:
-                counts[N_HEIGHT] = 0
+            if moved is not None:
+                if r.flags & FLAG_KNOWN_Z1:
+                    m = find(model, state, counts, r, quantum)
+                    aim(model, curve, moved, state[S_M + ZED], m)
+                    lift(model, state, m)
+                    way = moved
+                else:
+                    counts[N_HEIGHT] = 0
             for part in range(parts):
                 n = _travel(model, way, state, counts, pieces, n, r, part / parts, (part + 1.0) / parts, quantum)
             counts[N_ANYWHERE] = 0

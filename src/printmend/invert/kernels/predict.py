@@ -45,7 +45,7 @@ from printmend.invert.kernels.layout import (
     SAMPLES,
     WALK_MM,
 )
-from printmend.invert.kernels.lookup import M_LOOK, M_SCREW, printed, to_motors
+from printmend.invert.kernels.lookup import M_LOOK, printed, to_motors
 from printmend.invert.kernels.state import pull
 from printmend.jit import inner
 
@@ -133,11 +133,10 @@ def keep(samples, state, curve, s, length, x, y, row):
 
 
 @inner(error_model="numpy", _nrt=False)
-def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors, samples):
+def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors, samples, moved):
     """Print a move as the file has it; where ``noted``, add up its distance to the wanted path."""
     straight = curve[ARC] == 0.0
     looks = 0
-    screw = model[M_SCREW] != 0.0
     push_x = push_y = 0.0
     if noted:
         looks = samples_of(model, curve[LENGTH])
@@ -150,7 +149,7 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
         else:
             x, y, _ = place(curve, s)
         follow_raw(model, state, x, y)
-        if screw:
+        if moved is not None:
             _, _, z = place(curve, s)
             push_x, push_y, risen = lift_raw(model, state, counts, z)
             if noted:
@@ -163,7 +162,7 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
             note(layers, row, errors, 0, _nearest(records, count, i, curve, x, y), curve[LENGTH] / looks)
             keep(samples, state, curve, s, curve[LENGTH] / looks, x, y, row)
     follow_raw(model, state, curve[X1], curve[Y1])
-    if screw:
+    if moved is not None:
         lift_raw(model, state, counts, curve[Z1])
 
 
