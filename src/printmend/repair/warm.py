@@ -3,11 +3,13 @@
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from printmend.corruption import sample
 from printmend.jit import compilations
+from printmend.machine.mechanism import Mechanism
 from printmend.printer import read_printer
 from printmend.probe.probe import design_probe, write_probe
 from printmend.repair.learned import learn_model
@@ -31,12 +33,12 @@ def warm(done: Callable[[str], None]) -> tuple[int, float]:
     before = compilations.entries, compilations.seconds
     printer = read_printer("ender3")
     with tempfile.TemporaryDirectory(prefix="printmend-") as name:
-        part, probe, output = (Path(name) / file for file in ("part.gcode", "probe.gcode", "out.gcode"))
+        part, probe = Path(name) / "part.gcode", Path(name) / "probe.gcode"
         part.write_text(_PART)
         write_probe(probe, design_probe(printer))
         for words, family in _FAULTS.items():
             fault = sample(family, np.random.default_rng(1), "realistic")
-            mend_gcode(part, exact_model(Twin.of(fault, printer).mechanism), output, force=True)
+            mend_gcode(part, exact_model(cast(Mechanism, fault.lower(printer))), part.with_name(family), force=True)
             done(f"mend: {words}")
             learn_model(print_gcode(probe, Twin.of(fault, printer), noise_mm=0.02), printer)
             done(f"learn: {words}")
