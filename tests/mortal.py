@@ -1,9 +1,21 @@
 """Work that kills its worker; a module of its own, so that the workers of the test start quickly."""
 
 import os
+from pathlib import Path
 
 
 def dies_on_two(item: int) -> int:
     if item == 2:
         os._exit(1)
     return item * int(os.environ["OMP_NUM_THREADS"])
+
+
+def dies_once(place: str) -> str:
+    """Write that it ran; kill the worker where a file asks for it, which is then gone."""
+    asked = Path(place).with_suffix(".die")
+    if asked.exists():
+        asked.unlink()
+        os._exit(1)
+    with Path(place).open("a") as file:
+        file.write("ran\n")
+    return place

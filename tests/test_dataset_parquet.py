@@ -8,6 +8,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from printmend.bench.table1 import dataset_cases
+from printmend.bench.trial import evaluate
 from printmend.corruption import read_corruption
 from printmend.dataset import build as builder
 from printmend.dataset.build import Recipe, body_file, build_dataset, corruption_file, print_file, read_lines
@@ -15,6 +17,7 @@ from printmend.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, read_about, r
 from printmend.dataset.verify import contents, fetch_dataset, verify_dataset
 from printmend.errors import InputError, TraceError
 from printmend.executor import Serial
+from printmend.metrics import rmse
 from printmend.printer import read_printer
 from printmend.twin import Twin
 from tests.bodies import write_vase
@@ -143,3 +146,16 @@ def test_what_does_not_fit_is_refused(data: Path, sources: list[Path], tmp_path:
     (tmp_path / "dataset.json").write_text('{"schema": 99}')
     with pytest.raises(InputError, match="wanted schema 1"):
         contents(tmp_path)
+
+
+def test_the_table_of_a_data_set_is_made_of_its_prints(data: Path) -> None:
+    """A printer that is not mended prints what the data set says: naive's error is that of the stored prints."""
+    cases = dataset_cases(data, protocol="heldout", seed=1)
+    assert len(cases) == 3
+    assert len({case.sample for case in dataset_cases(data, protocol="heldout", seed=5)} | {0, 1}) == 2
+    for case in cases:
+        (result,) = evaluate(case, ("naive",))
+        judged = result.values["judged"]
+        wanted = [layer.nominal_steps for layer in read_body(body_file(data, case.body), judged).layers]
+        printed = read_print(print_file(data, case.body, case.sample), judged)
+        assert result.values["rmse_steps"] == pytest.approx(rmse(np.concatenate(wanted), np.concatenate(printed)), 1e-4)

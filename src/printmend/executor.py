@@ -1,20 +1,24 @@
-"""Where cases run: here, or in processes of their own.
+"""Where cases run: here, in processes of their own, or on the machines of a cluster.
 
 An executor yields (item, value) in the order in which they are done; the value is a `WorkerDied` where the process that
-worked on the item was killed. An executor for many machines needs no more than this method.
+worked on the item was killed.
 """
 
+import contextlib
 import multiprocessing
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
+
+from printmend.errors import InputError
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 
+_CONNECT_S = 10.0
 _ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -92,8 +96,69 @@ class Processes:
         return [], []
 
 
-def executor(workers: int) -> Executor:
-    """Return what runs on so many processes: 1 is this one, 0 one a core."""
+@dataclass(frozen=True)
+class Cluster:
+    """Workers of Dask distributed: ``address`` of a scheduler (tcp://…), or local:N for N processes on this machine.
+
+    Work that was under way on a worker that is lost goes to another; after a few lost workers it is a `WorkerDied`.
+    """
+
+    address: str
+
+    def map(self, work: Callable[[Item], Value], items: Iterable[Item]) -> Iterator[tuple[Item, Value | WorkerDied]]:
+        """Yield each item with its value; as many items as the workers can use are under way at any time."""
+        from distributed import Client, KilledWorker, LocalCluster
+
+        kind, _, count = self.address.partition(":")
+        with contextlib.ExitStack() as stack:
+            if kind == "local":
+                threads = dict.fromkeys(_ONE_THREAD, "1")
+                cluster = LocalCluster(
+                    n_workers=int(count), threads_per_worker=1, dashboard_address=None, env=threads, memory_limit=0
+                )
+                stack.enter_context(cluster)
+                client = stack.enter_context(Client(cluster))
+            else:
+                client = stack.enter_context(self._connected())
+            pool = stack.enter_context(client.get_executor(pure=False))
+            rest = list(reversed(list(items)))
+            under_way: dict[Future[Value], Item] = {}
+            while rest or under_way:
+                room = 2 * max(sum(client.nthreads().values()), 1)
+                while rest and len(under_way) < room:
+                    item = rest.pop()
+                    under_way[pool.submit(work, item)] = item
+                done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+                for future in done:
+                    item = under_way.pop(future)
+                    try:
+                        yield item, future.result()
+                    except KilledWorker:
+                        yield item, WorkerDied()
+
+    def _connected(self) -> Any:
+        """Return a client of the scheduler. Raise `InputError` where none answers."""
+        from distributed import Client
+
+        try:
+            return Client(self.address, timeout=_CONNECT_S)
+        except (OSError, ValueError, TimeoutError) as error:
+            came = f"{type(error).__name__}: {error}"
+            todo = "start `dask scheduler`, or correct the address"
+            raise InputError("--cluster", wanted=f"a scheduler at {self.address}", came=came, todo=todo) from None
+
+
+def executor(workers: int, cluster: str | None = None) -> Executor:
+    """Return what runs on so many processes: 1 is this one, 0 one a core; or on a ``cluster`` (see `Cluster`).
+
+    Raises `InputError` for a cluster that is neither local:N nor the address of a scheduler.
+    """
+    if cluster is not None:
+        kind, _, rest = cluster.partition(":")
+        whole = rest.isascii() and rest.isdigit() and int(rest) > 0
+        if not (whole if kind == "local" else kind in ("tcp", "tls") and rest.startswith("//")):
+            raise InputError("--cluster", wanted="tcp://HOST:PORT or local:N", came=repr(cluster), todo="correct it")
+        return Cluster(cluster)
     return Serial() if workers == 1 else Processes(workers or os.cpu_count() or 1)
 
 

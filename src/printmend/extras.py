@@ -13,6 +13,7 @@ _EXTRAS = {
     "sklearn": "paper",
     "trimesh": "paper",
     "gymnasium": "rl",
+    "distributed": "cluster",
     "manifold3d": "dataset",
     "pyarrow": "dataset",
 }

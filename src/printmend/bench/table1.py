@@ -15,9 +15,11 @@ from printmend.bench.rows import Row, row
 from printmend.bench.run import run
 from printmend.body import load_body
 from printmend.body.load import is_mesh
-from printmend.corruption import fault
+from printmend.corruption import fault, read_corruption
 from printmend.corruption.sample import check_family
 from printmend.dataset.bodies import body_rng, digest
+from printmend.dataset.build import BODIES, RECIPE, body_file, corruption_file, read_lines, read_recipe
+from printmend.dataset.parquet import read_body
 from printmend.dataset.reference import read_reference
 from printmend.errors import InputError
 from printmend.executor import executor
@@ -83,9 +85,31 @@ def reference_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | N
     return cases
 
 
+def dataset_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | None = None) -> list[Case]:
+    """Return the bodies of a data set in Parquet, each on one of its broken printers, drawn from the seed."""
+    root, recipe = Path(root), read_recipe(root)
+    prints = [digest(corruption_file(root, number)) for number in range(recipe.corruptions)]
+    cases = []
+    for line in read_lines(root / BODIES)[:limit]:
+        number = int(body_rng(seed, line["identity"], _FAMILY).integers(recipe.corruptions))
+        identity = hashlib.sha256((line["identity"] + prints[number]).encode()).hexdigest()[:16]
+        cases.append(
+            Case(
+                TABLE, line["body"], identity, recipe.families[number % len(recipe.families)], recipe.severity,
+                protocol, seed, recipe.printer, sample=number, source=line["body"], reference=str(root),
+            )
+        )  # fmt: skip
+    return cases
+
+
 def set_up(case: Case) -> LayerStand:
     """Print a case's largest layer, and draw the layers that are judged."""
-    if case.reference is not None:
+    if case.reference is not None and (Path(case.reference) / RECIPE).exists():
+        printer, body = read_printer(case.printer), read_body(body_file(Path(case.reference), case.source))
+        twin = Twin.of(read_corruption(corruption_file(Path(case.reference), case.sample)), printer)
+        training = body.training_layer
+        printed = twin.run(training.controls, training.start_steps)  # as in the set, but not rounded
+    elif case.reference is not None:
         reference = read_reference(Path(case.reference))
         item = reference.body(Path(case.source).stem)
         printer, body = reference.printer, item.body

@@ -34,6 +34,9 @@ command.add_command(objectives)
 @click.option(
     "--reference", type=click.Path(path_type=Path), help="A data set in the published layout, instead of --bodies."
 )
+@click.option(
+    "--dataset", type=click.Path(path_type=Path), help="A data set of `printmend dataset build`, instead of --bodies."
+)
 @click.option("--protocol", type=click.Choice(["paper", "heldout"]), default="paper", show_default=True)
 @click.option("--families", default="pulley", show_default=True, help="Corruptions to draw from, with commas.")
 @click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
@@ -48,8 +51,9 @@ command.add_command(objectives)
 @click.option("--per-body", is_flag=True, help="Also the RMSE of every body; always with --reference.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def table1(
-    bodies: tuple[Path, ...], reference: Path | None, protocol: Any, families: str, severity: Any, models: str | None,
-    objective: str | None, seed: int, limit: int | None, workers: int, out: Path, per_body: bool, as_json: bool,
+    bodies: tuple[Path, ...], reference: Path | None, dataset: Path | None, protocol: Any, families: str, severity: Any,
+    models: str | None, objective: str | None, seed: int, limit: int | None, workers: int, out: Path, per_body: bool,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Print the paper's Table I. Results go to OUT/table1.jsonl, Fig. 6 to OUT/figure6-*.png.
 
@@ -59,7 +63,7 @@ def table1(
     """
     from printmend.bench.report import body_table
     from printmend.bench.rows import PAPER_ROWS, planned_for
-    from printmend.bench.table1 import HEADER, cells, draw_cases, reference_cases, table1
+    from printmend.bench.table1 import HEADER, cells, dataset_cases, draw_cases, reference_cases, table1
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
     from printmend.dataset.bodies import body_files
@@ -67,9 +71,11 @@ def table1(
     rows = tuple(models.split(",")) if models else PAPER_ROWS
     if objective is not None:
         rows = tuple(dict.fromkeys(planned_for(name, objective) for name in rows))
-    if (reference is None) == (not bodies):
-        raise click.UsageError("give --bodies or --reference, one of them")
-    if reference is not None:
+    if sum(map(bool, (bodies, reference, dataset))) != 1:
+        raise click.UsageError("give --bodies or --reference or --dataset, one of them")
+    if dataset is not None:
+        cases = dataset_cases(dataset, protocol=protocol, seed=seed, limit=limit)
+    elif reference is not None:
         cases = reference_cases(reference, protocol=protocol, seed=seed, limit=limit)
     else:
         names = tuple(families.split(","))

@@ -30,11 +30,12 @@ def command() -> None:
 @click.option("--licence", default="unknown", show_default=True, help="Of the bodies' files, noted with each.")
 @click.option("--timeout", default=600.0, show_default=True, help="Seconds that slicing a body may take.")
 @click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@click.option("--cluster", help="Dask workers instead: tcp://HOST:PORT of a scheduler, or local:N.")
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="The data set's folder.")
 @click.option("--json", "as_json", is_flag=True, help="The summary as JSON on stdout.")
 def build(
     bodies: tuple[Path, ...], corruptions: int, families: str, severity: Any, seed: int, licence: str, timeout: float,
-    workers: int, out: Path, as_json: bool,
+    workers: int, cluster: str | None, out: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Build a data set: STL or G-code to layers of controls, and where broken printers put the nozzle.
 
@@ -50,7 +51,7 @@ def build(
     recipe = Recipe(corruptions, tuple(families.split(",")), severity, seed, timeout_s=timeout)
     files = body_files(bodies, made=out.with_name(out.name + "-generated"), seed=seed)
     with progress("bodies", len(files)) as tick:
-        built = build_dataset(out, files, recipe, executor(workers), licence=licence, tick=tick)
+        built = build_dataset(out, files, recipe, executor(workers, cluster), licence=licence, tick=tick)
     if as_json:
         click.echo(json.dumps({"folder": str(out), "bodies": built.bodies, "failures": dict(built.failures)}))
         return
@@ -78,7 +79,7 @@ def info(folder: Path, as_json: bool) -> None:
     )
 
 
-@command.command(epilog="Example: printmend dataset verify data")
+@command.command(short_help="Check every file; print a sample again.", epilog="Example: printmend dataset verify data")
 @click.argument("folder", type=click.Path(path_type=Path))
 def verify(folder: Path) -> None:
     """Check every file's checksum, and print a sample of the prints again on the twin."""
@@ -96,7 +97,10 @@ def verify(folder: Path) -> None:
     click.echo(f"{folder}: {count} bodies, whole")
 
 
-@command.command(epilog="Example: printmend dataset fetch https://example.org/data -o data")
+@command.command(
+    short_help="Copy a published data set, checking every file.",
+    epilog="Example: printmend dataset fetch https://example.org/data -o data",
+)
 @click.argument("source")
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="The data set's new folder.")
 def fetch(source: str, out: Path) -> None:

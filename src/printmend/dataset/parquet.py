@@ -88,10 +88,16 @@ def read_about(path: Path) -> dict[str, Any]:
     from pyarrow import parquet
 
     try:
-        metadata = parquet.read_schema(path).metadata or {}
-        about = json.loads(metadata[KEY])
+        return _about(path, parquet.read_metadata(path).metadata)
+    except (OSError, arrow.ArrowException) as error:
+        raise _strange(path, f"{type(error).__name__}: {error}") from None
+
+
+def _about(path: Path, metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
+    try:
+        about = json.loads((metadata or {})[KEY])
         version = about["schema"]
-    except (OSError, arrow.ArrowException, KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError) as error:
         raise _strange(path, f"{type(error).__name__}: {error}") from None
     if version != SCHEMA:
         raise TraceError(path, wanted=f"schema {SCHEMA}", came=f"schema {version}", todo="build or fetch it again")
@@ -135,11 +141,11 @@ def _read(
     import pyarrow as arrow
     from pyarrow import parquet
 
-    about = read_about(path)
     try:
-        with parquet.ParquetFile(path) as file:
+        with parquet.ParquetFile(path, memory_map=True) as file:
+            about = _about(path, file.metadata.metadata)
             wanted = range(file.num_row_groups) if rows is None else rows
-            tables = [(group, file.read_row_group(group, columns=list(columns))) for group in wanted]
+            tables = [(group, file.read_row_group(group, columns=list(columns), use_threads=False)) for group in wanted]
         found = [
             (group, {name: table.column(name).to_numpy(zero_copy_only=False) for name in columns})
             for group, table in tables
