@@ -61,8 +61,15 @@ class LazyGroup(click.Group):
     epilog="Example: printmend demo",
 )
 @click.version_option(__version__, prog_name="printmend")
-def group() -> None:
+@click.pass_context
+def group(ctx: click.Context) -> None:
     """Print straight on a broken 3-D printer: learn its fault from one print, rewrite the G-code."""
+    name = ctx.invoked_subcommand
+    if name in COMMANDS:
+        from printmend.cli.settings import settings_of
+
+        settings = settings_of(list(COMMANDS), lambda: ctx.command.get_command(ctx, name), name)  # type: ignore[attr-defined]
+        ctx.default_map = {name: settings}
 
 
 def main() -> None:
@@ -84,12 +91,20 @@ def main() -> None:
         logging.getLogger("printmend").setLevel(logging.INFO)
     try:
         try:
-            group(standalone_mode=True)
+            code = group.main(standalone_mode=False)
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # a full disk shows here at the latest
+        sys.exit(code if isinstance(code, int) else 0)
     except PrintmendError as error:
         _end(str(error), error.exit_code)
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        sys.exit(error.exit_code)
+    except click.ClickException as error:
+        _end(f"{error.format_message().rstrip('.')}; see {_command(error)} --help", error.exit_code)
+    except click.Abort:
+        _end("stopped; what was written is whole, and what keeps its results goes on where it was", 130)
     except BrokenPipeError:
         _silence()
         sys.exit(1)
@@ -106,6 +121,12 @@ def main() -> None:
             raise
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
         _end(f"a fault of printmend itself ({reason}); report it with the command and PRINTMEND_TRACEBACK=1", 1)
+
+
+def _command(error: click.ClickException) -> str:
+    """Return the command that an error is about."""
+    ctx = getattr(error, "ctx", None)
+    return "printmend" if ctx is None else " ".join(["printmend", *ctx.command_path.split()[1:]])
 
 
 def _end(message: str, code: int) -> NoReturn:

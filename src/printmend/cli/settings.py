@@ -1,0 +1,70 @@
+"""What a user always wants, in TOML: the values that options have where the command line does not say.
+
+    [mend]
+    model = "e3-07"
+    jobs = 4
+
+A section is a command, a key one of its long options. The user's file is config.toml in the user's folder of printmend,
+a project's is printmend.toml in the current folder. The command line comes first, then the project, then the user.
+"""
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from printmend.errors import ConfigError
+
+PROJECT = Path("printmend.toml")
+
+
+def user_file() -> Path:
+    """Return where the user's settings are."""
+    return Path(click.get_app_dir("printmend")) / "config.toml"
+
+
+def settings_of(names: list[str], command: Callable[[], click.Command | None], name: str) -> dict[str, Any]:
+    """Return the values that the settings give to the parameters of the command ``name``.
+
+    ``names`` are all commands. Raises `ConfigError` for a section that is no command, or a key that is no option.
+    """
+    values: dict[str, Any] = {}
+    for path in (user_file(), PROJECT):
+        for key, value in _section(path, names, name).items():
+            found = command()
+            options = {} if found is None else _options(found)
+            if key not in options:
+                raise ConfigError(
+                    path, wanted=f"options of {name}: {', '.join(sorted(options))}", came=f"{key!r} in [{name}]",
+                    todo="correct or remove it",
+                )  # fmt: skip
+            values[options[key]] = value
+    return values
+
+
+def _section(path: Path, names: list[str], name: str) -> dict[str, Any]:
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(path, wanted="settings in TOML", came=str(error), todo="correct it") from None
+    for section, values in table.items():
+        if section not in names or not isinstance(values, dict):
+            raise ConfigError(
+                path, wanted="sections that are commands, like [mend]", came=repr(section), todo="correct or remove it"
+            )
+    return dict(table.get(name, {}))
+
+
+def _options(command: click.Command) -> dict[str, str]:
+    """Return the long names of a command's options, and the parameters that they set."""
+    return {
+        word.removeprefix("--"): option.name or ""
+        for option in command.params
+        if isinstance(option, click.Option)
+        for word in option.opts
+        if word.startswith("--")
+    }

@@ -1,0 +1,81 @@
+"""Settings in TOML, of the user and of a project; and the one line that a slip of the finger gets."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.main import group
+from printmend.errors import ConfigError
+from printmend.saved.model import exact_model, write_model
+from tests.mending import BENT, SQUARE
+
+PROGRAM = str(Path(sys.executable).parent / "printmend")
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    (tmp_path / "config" / "printmend").mkdir(parents=True)
+    (tmp_path / "part.gcode").write_bytes(SQUARE)
+    write_model(tmp_path / "bent.mend.json", exact_model(BENT))
+    return tmp_path
+
+
+def test_the_command_line_comes_before_the_project_and_the_project_before_the_user(place: Path) -> None:
+    user = place / "config" / "printmend" / "config.toml"
+    user.write_text('[mend]\nmodel = "nobody"\nquiet = true\n')
+    assert "nobody" in str(CliRunner().invoke(group, ["mend", "part.gcode"]).exception)
+    (place / "printmend.toml").write_text('[mend]\nmodel = "bent"\n')
+    done = CliRunner().invoke(group, ["mend", "part.gcode"])
+    assert (done.exit_code, done.output) == (0, "")
+    assert (place / "part.mended.gcode").exists()
+    assert "other" in str(CliRunner().invoke(group, ["mend", "part.gcode", "-m", "other"]).exception)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[mended]\n", "sections that are commands, like .mend.*'mended'"),
+        ("[mend]\nspeed = 3\n", "options of mend: force, .*'speed' in .mend"),
+        ("[mend\n", "settings in TOML"),
+    ],
+)
+def test_settings_that_are_none_are_refused(place: Path, text: str, said: str) -> None:
+    (place / "printmend.toml").write_text(text)
+    done = CliRunner().invoke(group, ["mend", "part.gcode", "-m", "bent"])
+    assert isinstance(done.exception, ConfigError)
+    with pytest.raises(ConfigError, match=said):
+        raise done.exception
+
+
+def test_a_slip_gets_one_line(place: Path) -> None:
+    for arguments, said in (
+        (["mend", "part.gcode", "--modle", "bent"], "No such option"),
+        (["mned"], "No such command 'mned'"),
+        (["check", str(place), "-m", "bent"], "is a directory"),
+    ):
+        done = subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, check=False)  # noqa: S603
+        assert done.returncode == 2
+        assert done.stderr.count("\n") == 1
+        assert done.stderr.startswith("printmend: ")
+        assert said in done.stderr
+        assert "--help" in done.stderr
+
+
+def test_ctrl_c_says_how_to_go_on(place: Path) -> None:
+    (place / "jobs").mkdir()
+    command = [PROGRAM, "watch", "jobs", "mended", "-m", "bent", "--every", "0.2"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:  # noqa: S603
+        while not (place / "mended").exists():
+            pass
+        running.send_signal(signal.SIGINT)
+        assert running.stderr is not None
+        said = running.stderr.read()
+    assert running.returncode == 130
+    assert "goes on where it was" in said
+    assert len(said.splitlines()) == 1
