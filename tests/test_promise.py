@@ -20,10 +20,12 @@ from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import read_printer
 from printmend.promise.apply import believe
 from printmend.promise.budget import parse_budget
+from printmend.promise.predict import Promise
 from printmend.promise.unexplained import unexplained
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
 from printmend.repair.learned import learn_model
+from printmend.repair.prediction import advice_of
 from printmend.repair.verify import verify
 from printmend.saved.model import SavedModel, exact_model, read_model, write_model
 from printmend.twin import Twin
@@ -255,3 +257,13 @@ def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path
     assert history[1]["now_mm"] > 0.1
     with pytest.raises(ModelError):
         verify(exact_model(BENT.lower(ENDER3)), Trace(wanted, wanted))
+
+
+def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
+    wide = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.05, 0.0, 0.001, {"planning": 0.001, "parameters": 0.049})
+    gap = "X was seen on 30 % of its pulley's turn only; the rest is a guess. Print at least 40 mm along X."
+    partial = replace(bent, document={**bent.document, "findings": ["X healthy", gap]})
+    assert gap in advice_of(partial, wide)[0]
+    assert "printmend probe" in advice_of(bent, wide)[0]
+    assert "--distance" in advice_of(bent, replace(wide, made_of={"instrument": 0.05}))[0]
+    assert advice_of(bent, replace(wide, rms_high_mm=0.02)) == ()

@@ -13,6 +13,9 @@ from printmend.promise.predict import Errors, Path, Promise, promised, without_d
 from printmend.saved.model import SavedModel
 
 _GAIN_MM = 0.0005
+_WORTH_MM = 0.03  # an expected error that may be larger than this is worth another print
+_MOSTLY = 0.5
+_PROBE = "A whole `printmend probe`, printed and measured, settles it."
 _SURELY = 0.05  # of the drawn machines may print no better mended
 
 
@@ -29,7 +32,8 @@ class Prediction:
     """The expected contour error of a file as it is (``before``) and as mended (``after``), with all that is not known.
 
     ``path`` are places along the extruded path, ``gain_mm`` by how much mending lowers the error of each of some
-    machines that the model allows; None for a model that says nothing of its doubt.
+    machines that the model allows; None for a model that says nothing of its doubt. ``advice`` says, before printing,
+    where most of the doubt comes from and which print or measurement would settle it.
     ``layers`` [L] holds for each layer z_mm, length_mm and both errors (rms, max). ``length_mm`` is the extruded path.
     ``moves`` and ``commands`` count what moves the head before and after; ``takeups`` the reversals at which slack was
     taken up, ``anchors`` the places where the engaged side had to be made certain again. ``clamped`` counts commands
@@ -59,6 +63,7 @@ class Prediction:
     high_mm: tuple[float, float]
     distance_to: str = "the wanted path"
     heights: tuple[Heights, Heights] | None = None
+    advice: tuple[str, ...] = ()
     path: Path | None = field(default=None, repr=False)
     gain_mm: np.ndarray | None = field(default=None, repr=False)
 
@@ -95,6 +100,7 @@ class Prediction:
             rows.append(f"  {name:8} {height.rms_mm:7.3f}           {height.max_mm:7.3f}  in height")
         if self.gain_mm is not None:
             rows.append(f"mended: {self.after.said()}")
+        rows += [f"before you print: {each}" for each in self.advice]
         rows.append(
             f"moves {self.moves} → {self.commands}, slack taken up at {self.takeups} reversals"
             + (f", made certain again {self.anchors} times" if self.anchors else "")
@@ -163,8 +169,28 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
             more[f"{name}_rms_mm"] = math.sqrt(row[f"{name}_rms_mm"] ** 2 + doubt2)
         layers.append(more)
     return replace(
-        prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers)
-    )
+        prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
+        advice=advice_of(model, outlook.after),
+    )  # fmt: skip
+
+
+def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
+    """Say what most of a mended print's doubt comes from, where it is worth another print or measurement."""
+    if after.rms_high_mm < _WORTH_MM:
+        return ()
+    shares = {name: (size / max(after.rms_mm, 1e-9)) ** 2 for name, size in after.made_of.items()}
+    name = max(shares, key=lambda each: shares[each])
+    if shares[name] < _MOSTLY or name in ("planning", "rounding"):
+        return ()
+    most = f"{100 * shares[name]:.0f} % of the expected error (in squares)"
+    if name == "parameters":
+        gaps = [gap for gap in model.findings[1:] if "turn" in gap]
+        return (f"{most} is what the test print did not show. {gaps[0] if gaps else _PROBE}",)
+    if name == "instrument":
+        return (f"{most} is the scale of the scanner: give `printmend measure` the --distance that it asks for.",)
+    if name == "unexplained":
+        return (f"{most} follows no known fault: a mended check print shows what it does (`printmend verify`).",)
+    return (f"{most} is {name}: see what `printmend learn` said of it.",)
 
 
 def _path(samples: np.ndarray) -> Path:

@@ -1,0 +1,174 @@
+"""Hold promises against the truth: is the error of a mended print within the 90 % range that was promised?
+
+    .venv/bin/python benchmarks/bench_promise.py --seed 1 --cases 2 [--figure docs/figures/promise.png]
+
+The printer is benchmarks/outside.py, with the faults of outside_faults.py on top; neither shares code with printmend.
+Kinds: faults that its models have, faults that none has, healthy printers, and scans (a stretch of its own, no place;
+in shape only). Seeds 900 and up are kept for the figures in docs/results.md; develop on others. One line a case, then
+for each kind: how often truth lay in the range, the median of truth ÷ expected, the worst harm, the largest error.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+import outside
+import outside_faults
+from bench_outside import FAMILIES, PRESETS, contour_error_mm, part_gcode, run, walk_of
+from bench_outside_scan import placed_error_mm
+from printmend.errors import RefusedError
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.repair import check_gcode, mend_gcode
+from printmend.repair.learned import learn_model
+
+KINDS = ("modelled", "unmodelled", "healthy", "scan")
+STRETCH_SD = 0.001  # of the foreign scanner: scale, difference of axes, lean
+HARM_MM = 0.005
+
+
+def judge(kind: str, preset: str, family: str, number: int, seed: int, noise_mm: float, folder: Path) -> dict:
+    """Break one printer, learn and mend; return what was promised and what came."""
+    home, sides, bed, corexy = PRESETS[preset]
+    names = (*FAMILIES, *outside_faults.FAULTS)
+    rng = np.random.default_rng([seed, KINDS.index(kind), sorted(PRESETS).index(preset), names.index(family), number])
+    base = family
+    if kind == "unmodelled":
+        base = ("healthy", "pulley+play")[number % 2]
+    starts = (home[0] + home[1], home[0] - home[1]) if corexy else home
+    named = [outside.random_drive(rng, base, h, s, bed) for h, s in zip(starts, sides, strict=True)]
+    drives = (named[0][1], named[1][1])
+    frame, matrix, shift = outside.random_frame(rng, home) if "frame" in base else ("", np.eye(2), np.zeros(2))
+    fault = outside_faults.FAULTS[family](rng) if kind == "unmodelled" else None
+
+    def printed(moves: list, before_mm: float) -> list:
+        ways = [way @ matrix.T + shift for way in outside.print_moves(moves, drives, home, corexy=corexy)]
+        return ways if fault is None else fault(moves, ways, before_mm)
+
+    probe = folder / f"{preset}.gcode"
+    if not probe.exists():
+        run("probe", "--printer", preset, "-o", str(probe))
+    moves = walk_of("probe", outside.read_moves(probe.read_text(), home), home, bed, rng)
+    ends = np.array([home, *(way[-1] for way in printed(moves, 0.0))])
+    wanted = np.array([home, *(move.end_mm for move in moves)])
+    travelled = float(np.hypot(*np.diff(wanted, axis=0).T).sum())
+    measured = ends + rng.normal(0, noise_mm, ends.shape)
+    if kind == "scan":
+        common, half, lean = rng.normal(0, STRETCH_SD, 3) * [1, 0.7, 0.3]
+        measured = (measured - 90) @ np.array([[1 + common + half, 2 * lean], [0, 1 + common - half]]).T + [80, 95]
+    trace = Trace(wanted, measured, homed=True, placed=kind != "scan")
+    model = learn_model(trace, read_printer(preset))
+    source, output = folder / "part.gcode", folder / "out.gcode"
+    source.write_text(part_gcode(rng, bed))
+    output.unlink(missing_ok=True)
+    try:
+        said = mend_gcode(source, model, output).prediction
+    except RefusedError:
+        said = check_gcode(source, model)
+    ideal = outside.read_moves(source.read_text(), home)
+    made = outside.read_moves((output if output.exists() else source).read_text(), home)
+    true = []
+    for commands in (ideal, made):
+        way = printed(commands, travelled)
+        if kind == "scan":
+            true.append(placed_error_mm(ideal, commands, way)[0])
+        else:
+            true.append(float(np.sqrt(np.mean(contour_error_mm(ideal, commands, way) ** 2))))
+    promise = said.after if output.exists() else said.before
+    return {
+        "kind": kind, "printer": preset, "family": family, "base": base, "number": number,
+        "written": output.exists(), "changed": output.exists() and output.read_bytes() != source.read_bytes(),
+        "before_mm": true[0], "after_mm": true[1], "expected_mm": promise.rms_mm, "low_mm": promise.rms_low_mm,
+        "high_mm": promise.rms_high_mm, "made_of": promise.made_of,
+        "fault": f"{named[0][0]} | {named[1][0]} {frame}",
+    }  # fmt: skip
+
+
+def told(row: dict) -> str:
+    """Say one case in a line."""
+    outside_range = "" if row["low_mm"] <= row["after_mm"] <= row["high_mm"] else " outside the range"
+    return (
+        f"{row['kind']:11} {row['printer']:7} {row['family']:16} {row['before_mm']:.4f} → {row['after_mm']:.4f}, "
+        f"promised {row['expected_mm']:.4f} ({row['low_mm']:.4f}–{row['high_mm']:.4f}){outside_range}"
+        f"{'' if row['written'] else ', refused'}; {row['fault']}"
+    )
+
+
+def summary(rows: list[dict]) -> str:
+    lines = ["kind         cases  in the range  true ÷ expected (median)  refused  changed  worst harm  largest error"]
+    for kind in KINDS:
+        mine = [row for row in rows if row["kind"] == kind]
+        if not mine:
+            continue
+        inside = np.mean([row["low_mm"] <= row["after_mm"] <= row["high_mm"] for row in mine])
+        ratio = np.median([row["after_mm"] / max(row["expected_mm"], 1e-9) for row in mine])
+        harm = max(row["after_mm"] - row["before_mm"] for row in mine)
+        lines.append(
+            f"{kind:12} {len(mine):5} {100 * inside:11.0f} % {ratio:25.2f} {sum(not row['written'] for row in mine):8} "
+            f"{sum(row['changed'] for row in mine):8} {harm:11.4f} {max(row['after_mm'] for row in mine):14.4f}"
+        )
+    return "\n".join(lines)
+
+
+def draw(rows: list[dict], path: Path) -> None:
+    """Draw expected against true, each with its range."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6.2, 5.6))
+    for kind, colour in zip(KINDS, ("#0f766e", "#c2410c", "#6b7280", "#4338ca"), strict=True):
+        mine = [row for row in rows if row["kind"] == kind]
+        if not mine:
+            continue
+        true, expected, low, high = (
+            np.array([row[key] for row in mine]) for key in ("after_mm", "expected_mm", "low_mm", "high_mm")
+        )
+        axes.errorbar(
+            true, expected, [np.maximum(expected - low, 0), np.maximum(high - expected, 0)], fmt="o", ms=4, lw=0.8,
+            color=colour, label=f"{kind} ({len(mine)})", alpha=0.8,
+        )  # fmt: skip
+    most = 1.3 * max(max(row["after_mm"], row["high_mm"]) for row in rows)
+    axes.plot([0.001, most], [0.001, most], color="#a8a29e", lw=1)
+    axes.set(xscale="log", yscale="log", xlim=(0.0015, most), ylim=(0.0015, most))
+    axes.set_xlabel("true error of the mended print [mm RMS]")
+    axes.set_ylabel("expected, with its 90 % range [mm RMS]")
+    axes.legend(frameon=False)
+    figure.tight_layout()
+    figure.savefig(path, dpi=150)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--cases", type=int, default=1, help="a family and printer")
+    parser.add_argument("--noise-mm", type=float, default=0.05)
+    parser.add_argument("--kind", choices=KINDS, action="append")
+    parser.add_argument("--printer", choices=sorted(PRESETS), action="append")
+    parser.add_argument("--figure", type=Path)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for kind in options.kind or KINDS:
+            families = {"unmodelled": tuple(outside_faults.FAULTS), "healthy": ("healthy",)}.get(kind, FAMILIES[1:])
+            for preset in options.printer or ("ender3", "corexy"):
+                for family in families:
+                    for number in range(options.cases):
+                        noise = 0.02 if kind == "scan" else options.noise_mm
+                        row = judge(kind, preset, family, number, options.seed, noise, Path(folder))
+                        rows.append(row)
+                        print(json.dumps(row) if options.json else told(row), flush=True)
+    print(summary(rows))
+    if options.figure is not None:
+        draw(rows, options.figure)
+
+
+if __name__ == "__main__":
+    main()
