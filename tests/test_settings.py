@@ -1,5 +1,6 @@
 """Settings in TOML, of the user and of a project; and the one line that a slip of the finger gets."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -79,3 +80,12 @@ def test_ctrl_c_says_how_to_go_on(place: Path) -> None:
     assert running.returncode == 130
     assert "goes on where it was" in said
     assert len(said.splitlines()) == 1
+
+
+def test_shells_complete_commands_and_models(place: Path) -> None:
+    for shell in ("bash", "zsh", "fish"):
+        assert "_PRINTMEND_COMPLETE" in CliRunner().invoke(group, ["completion", shell]).output
+    for typed, said in (("printmend pri", "plain,printers"), ("printmend mend -m be", "plain,bent")):
+        words = {"_PRINTMEND_COMPLETE": "bash_complete", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
+        done = subprocess.run([PROGRAM], env={**os.environ, **words}, capture_output=True, text=True, check=False)  # noqa: S603
+        assert said in done.stdout.splitlines()

@@ -21,6 +21,7 @@ COMMANDS: dict[str, str] = {
     "bench": "Judge learners and planners: Table I, every fault, real data, test prints.",
     "body": "Show what a mesh or G-code file becomes: layers and steps.",
     "check": "Predict how far a print will be off, as it is and mended.",
+    "completion": "Complete commands, options and models in your shell.",
     "conformance": "Does a learner, a planner or a fault of your own keep what it must?",
     "dataset": "Exchange bodies and corruptions with the paper's published code.",
     "diagnose": "Say what is wrong with a printer, and what to do, in one report.",

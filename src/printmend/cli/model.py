@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 SUFFIX = ".mend.json"
 
@@ -33,3 +34,7 @@ class Model(click.ParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         path = Path(value)
         return path if path.exists() else dict(models()).get(str(value), path)
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        names = [CompletionItem(name) for name, _ in models() if name.startswith(incomplete)]
+        return [*names, CompletionItem(incomplete, type="file")]

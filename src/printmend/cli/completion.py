@@ -1,0 +1,15 @@
+"""`printmend completion`: what makes a shell complete commands, options and models' names."""
+
+import click
+from click.shell_completion import get_completion_class
+
+
+@click.command(epilog="Example: printmend completion bash >> ~/.bashrc")
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+@click.pass_context
+def command(ctx: click.Context, shell: str) -> None:
+    """Print the script that completes printmend's commands, options and models in SHELL."""
+    kind = get_completion_class(shell)
+    if kind is None:
+        raise click.UsageError(f"click knows no {shell}")
+    click.echo(kind(ctx.find_root().command, {}, "printmend", "_PRINTMEND_COMPLETE").source())
