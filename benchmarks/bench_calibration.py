@@ -16,7 +16,7 @@ import numpy as np
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
 from printmend.learn.greybox import Greybox
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import layer_trace
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer

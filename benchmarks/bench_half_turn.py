@@ -21,9 +21,9 @@ from printmend.bench.drawn_body import drawn_body
 from printmend.control.registry import controller
 from printmend.corruption import Corruption, Drive, PublishedHull, sample
 from printmend.learn.mechanism_model import MechanismModel
+from printmend.learn.prior import PriorLearner
 from printmend.learn.prior.mixture import mixture, parse_weights
-from printmend.learn.prior.prior import PriorLearner
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import layer_trace
 from printmend.learn.registry import learner
 from printmend.machine.mechanism import Mechanism
 from printmend.metrics import rmse

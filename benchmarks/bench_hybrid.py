@@ -17,7 +17,7 @@ import numpy as np
 from printmend.bench.drawn_body import drawn_body
 from printmend.control.registry import controller
 from printmend.corruption import sample
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import layer_trace
 from printmend.learn.registry import fit
 from printmend.machine.mechanism import Mechanism, Transmission, healthy_mechanism
 from printmend.metrics import rmse

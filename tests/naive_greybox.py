@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from printmend.learn.drive.design import Design, Rows
+from printmend.learn.drive import Design, Rows
 from printmend.saved.branches import Branches
 
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from printmend.learn.drive.design import Contacts, Design, Rows, contacts, normal_equations
+from printmend.learn.drive import CROSS, Contacts, Design, Rows, Structure, contacts, normal_equations
 from printmend.learn.drive.kernels.columns import turning_rows
-from printmend.learn.drive.select import CROSS, Structure
 from tests.naive_greybox import column_matrix, follow_play
 
 DESIGN = Design(3, 2, CROSS, (20, 40), (1, 2, 3, 6), (1, 3), (1, 2), 4, (20.0, 190.0))

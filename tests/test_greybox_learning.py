@@ -7,9 +7,9 @@ import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, PublishedHull, sample
 from printmend.errors import TraceError
-from printmend.learn.drive.select import NOTHING
+from printmend.learn.drive import NOTHING
 from printmend.learn.greybox import Greybox, GreyboxModel
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import layer_trace
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer

@@ -10,7 +10,7 @@ from printmend.control.registry import controller
 from printmend.corruption import sample
 from printmend.learn.greybox import Greybox
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import layer_trace
 from printmend.machine import PlayTables
 from printmend.metrics import rmse
 from printmend.path import Trace

@@ -9,7 +9,7 @@ from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play, sample
 from printmend.diagnosis.diagnosis import diagnose
 from printmend.learn.greybox import Greybox, GreyboxModel
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import layer_trace
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer

@@ -7,11 +7,19 @@ import pytest
 
 from printmend.corruption import HEALTHY, sample
 from printmend.learn.greybox import Greybox
+from printmend.learn.hybrid import Hybrid, HybridModel, learned_gains, with_residuals
 from printmend.learn.hybrid.continued import continued
-from printmend.learn.hybrid.gains import learned_gains
-from printmend.learn.hybrid.hybrid import Hybrid, HybridModel, completed
-from printmend.learn.hybrid.residual import Kind, Points, chosen, columns, learned, points, process, variances
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.hybrid.residual import (
+    Kind,
+    Points,
+    chosen_kind,
+    column_variances,
+    fit_residual,
+    points_in_contact,
+    process,
+    process_columns,
+)
+from printmend.learn.published import layer_trace
 from printmend.machine import Mechanism, Transmission, healthy_mechanism
 from printmend.machine.kernels import run
 from printmend.path import Trace
@@ -133,7 +141,7 @@ def test_a_spliced_belt_is_a_machine_and_not_the_published_world() -> None:
     gains = learned_gains(trace, PRINTER)
     assert gains is not None
     assert gains.residual_mm < box.residual_after_mm  # but they leave a pattern, as the machine does
-    assert completed(box, trace, seed=0).world is None
+    assert with_residuals(box, trace, seed=0).world is None
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -164,7 +172,7 @@ def test_single_points_of_noise_are_no_residual() -> None:
         noise = rng.normal(0, 0.05, 600)
         side = np.where(np.arange(600) < 300, -1.0, 1.0)
         data = Points(motor, side, noise, np.ones(600), (np.arange(600) * 160 / 300 / 40).astype(int), 40.0, 0.05)
-        assert chosen(data, (-20.0, 180.0), patterned=False, seed=0) is None
+        assert chosen_kind(data, (-20.0, 180.0), patterned=False, seed=0) is None
 
 
 def test_a_process_is_the_ridge_solution_of_its_columns() -> None:
@@ -173,9 +181,9 @@ def test_a_process_is_the_ridge_solution_of_its_columns() -> None:
     truth = 0.1 * np.sin(motor / 6.0) + side * 0.05 * np.cos(motor / 9.0)
     data = Points(motor, side, truth + rng.normal(0, 0.02, 400), np.ones(400), np.zeros(400, int), 40.0, 0.1)
     kind, reach = Kind("smooth", 5.0, sides=True), (-20.0, 120.0)
-    design = columns(kind, motor, side, 40.0, reach)
-    weights = process(design, np.sqrt(variances(kind, reach)), data)
-    found = learned(kind, data, reach, np.arange(0.0, 100.1, 0.2), seed=0)
+    design = process_columns(kind, motor, side, 40.0, reach)
+    weights = process(design, np.sqrt(column_variances(kind, reach)), data)
+    found = fit_residual(kind, data, reach, np.arange(0.0, 100.1, 0.2), seed=0)
     np.testing.assert_allclose(design @ weights, found.at_mm(motor, side), atol=2e-4)
     assert np.sqrt(np.mean((found.at_mm(motor, side) - truth) ** 2)) < 0.012
 
@@ -196,6 +204,6 @@ def test_points_are_the_rows_in_contact() -> None:
     motor = np.array([100.0, 100.1, 140.0, 139.9, 100.0])
     lower, _ = table.branches_mm(motor)
     start = float(lower[0]) + 0.01
-    found = points(table, motor, np.zeros(5), np.array([1.0, 1.0, 1.0, 1.0, 0.0]), start, 40.0)
+    found = points_in_contact(table, motor, np.zeros(5), np.array([1.0, 1.0, 1.0, 1.0, 0.0]), start, 40.0)
     assert found.motor_mm[-1] in (139.9, 140.0)
     assert set(found.side) <= {-1.0, 1.0}

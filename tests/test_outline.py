@@ -16,7 +16,7 @@ from printmend.corruption import (
     sample,
 )
 from printmend.learn.greybox import Greybox
-from printmend.learn.pulley.outline import ANY_PULLEY, OUTLINES, Outline
+from printmend.learn.pulley import ANY_PULLEY, OUTLINES, Outline
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin

@@ -12,7 +12,7 @@ from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
 from printmend.errors import ModelError, RefusedError, TraceError
 from printmend.export.supported import export_supported
-from printmend.learn.drive.design import Rows
+from printmend.learn.drive import Rows
 from printmend.learn.greybox import motor_rows
 from printmend.measure.distance import scaled_by
 from printmend.measure.table import read_trace, write_trace

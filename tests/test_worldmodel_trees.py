@@ -9,9 +9,7 @@ from sklearn.ensemble import RandomForestRegressor
 
 from printmend.corruption import sample
 from printmend.errors import ModelError, TraceError
-from printmend.learn.published.ensemble import Ensemble, from_forest, from_lightgbm
-from printmend.learn.published.increments import AxisModel
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import AxisModel, Ensemble, from_forest, from_lightgbm, layer_trace
 from printmend.learn.published.trees import JointTreeModel
 from printmend.learn.registry import fit
 from printmend.machine import lattice_tables

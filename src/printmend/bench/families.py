@@ -23,7 +23,7 @@ from printmend.corruption.sample import check_family
 from printmend.errors import InputError
 from printmend.executor import executor
 from printmend.files import replacing
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import layer_trace
 from printmend.path import Body, Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.twin import Twin

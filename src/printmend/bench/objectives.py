@@ -23,7 +23,7 @@ from printmend.corruption import sample
 from printmend.dataset.bodies import digest
 from printmend.errors import InputError
 from printmend.executor import executor
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import layer_trace
 from printmend.metrics import rmse
 from printmend.metrics.shape import bead_difference_area, frechet
 from printmend.path import Layer

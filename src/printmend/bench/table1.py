@@ -23,7 +23,7 @@ from printmend.dataset.parquet import read_body
 from printmend.dataset.reference import read_reference
 from printmend.errors import InputError
 from printmend.executor import executor
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import layer_trace
 from printmend.path import Layer, Trace
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin

@@ -13,7 +13,7 @@ from printmend.conformance.tables import follow_tables
 from printmend.control.check import tables_of
 from printmend.control.registry import controller
 from printmend.corruption import HEALTHY, sample
-from printmend.learn.published.transitions import layer_trace
+from printmend.learn.published import layer_trace
 from printmend.learn.registry import fit
 from printmend.machine import PlayTables
 from printmend.path import Trace

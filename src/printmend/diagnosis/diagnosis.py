@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.learn.drive.ladder import Jump
-from printmend.learn.drive.sight import ALL_SEEN
+from printmend.learn.drive import ALL_SEEN, Jump
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.path import Trace
 

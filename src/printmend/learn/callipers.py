@@ -1,8 +1,8 @@
 """Callipers instead of a scanner: at most twelve distances, and only what these can support.
 
-For each motor the error at a mark is s·m − d·b/2 + a·sin(2πm/T) + c·cos(2πm/T): scale, play (d is the direction of
-approach), an eccentric pulley; for the bed one skew x' = x + y·γ. A distance across two large dots adds the width that
-dots have on this plate. The distances are chosen one by one, each the one that tells most (largest information gain).
+For each motor the error at a mark is s·m − d·b/2 + a·sin(2πm/T) + c·cos(2πm/T): a scale s, play b (d is the direction
+of approach), and an eccentric pulley; the bed has one skew x' = x + y·γ. A distance across two large dots also contains
+the width that dots have on this plate. The distances are chosen one by one, each with the largest gain of information.
 """
 
 import itertools
@@ -20,19 +20,20 @@ from printmend.measure.plan import ProbePlan
 from printmend.path import frozen
 from printmend.printer import Printer
 
-MOST = 12
-READING_MM = 0.07  # standard deviation of one reading: the callipers and the hand that holds them
+MOST_DISTANCES = 12  # more try an owner's patience
+READING_SD_MM = 0.07  # standard deviation of one reading: the callipers and the hand that holds them
 SHORTEST_MM, LONGEST_MM = 20.0, 145.0  # the common callipers open 150 mm
-SURE_OF_SIDE_MM = 4.0
-FAR_OFF = 0.25  # share by which a reading may differ from the distance before it must be a slip
-NAMES = ("scale", "play", "sine", "cosine")
+SURE_OF_SIDE_MM = 4.0  # a motor that came this far one way pushes the belt with a known side: no play is wider
+SLIP_SHARE = 0.25  # a reading that differs from its distance by a larger share is a slip of the hand
+NAMES = ("scale", "play", "sine", "cosine")  # of a motor's unknowns
 OWNERS_WORDS = {
     "scale": "scale error (+: prints too large)", "play": "belt's play",
     "sine": "pulley off its centre, sine part", "cosine": "pulley off its centre, cosine part",
 }  # fmt: skip
-PRIOR_SD = (0.05, 0.6, 0.4, 0.4)
-SKEW_SD, WIDTH_SD_MM = 0.01, 0.2
-SUPPORTED, SEEN = 0.5, 3.0  # of the prior's spread; standard deviations away from none
+PRIOR_SD = (0.05, 0.6, 0.4, 0.4)  # their prior standard deviations: 1, then mm
+SKEW_SD, WIDTH_SD_MM = 0.01, 0.2  # prior standard deviations of tan γ and of the dots' width
+SUPPORTED_SHARE = 0.5  # an estimate is the distances' own if its standard deviation is below this share of the prior's
+SEEN_SIGMAS = 3.0  # an estimate within so many standard deviations of 0 is not corrected
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class Distances:
 
 @dataclass(frozen=True)
 class Estimate:
-    """One quantity: ``value`` ± ``sd``; ``supported`` says that the distances, not the assumptions, fixed it."""
+    """One quantity, ``value`` ± ``sd``; ``supported`` says that the distances tell it, and not the prior alone."""
 
     name: str
     value: float
@@ -60,8 +61,8 @@ class Estimate:
 
     @property
     def corrected(self) -> bool:
-        """Whether it is worth a correction: known from the distances, and not zero."""
-        return self.supported and abs(self.value) > SEEN * self.sd
+        """Whether it is to be corrected: the distances tell it, and it is not 0."""
+        return self.supported and abs(self.value) > SEEN_SIGMAS * self.sd
 
     def __str__(self) -> str:
         factor, unit = {"": (100.0, "%"), "rad": (180 / math.pi, "°"), "mm": (1.0, "mm")}[self.unit]
@@ -80,23 +81,23 @@ def choose_distances(plan: ProbePlan) -> Distances:
     pairs = np.array(list(itertools.combinations(np.flatnonzero(sure), 2)), np.int64).reshape(-1, 2)
     length = np.hypot(*(marks[pairs[:, 1]] - marks[pairs[:, 0]]).T)
     pairs = pairs[(length >= SHORTEST_MM) & (length <= LONGEST_MM)]
-    if len(pairs) < MOST:
+    if len(pairs) < MOST_DISTANCES:
         raise TraceError(
             "the probe",
-            wanted=f"{MOST} pairs of large dots {SHORTEST_MM:.0f} to {LONGEST_MM:.0f} mm apart",
+            wanted=f"{MOST_DISTANCES} pairs of large dots {SHORTEST_MM:.0f} to {LONGEST_MM:.0f} mm apart",
             came=f"{len(pairs)}",
             todo="print a larger probe",
         )
     features = _features(plan, pairs, marks)
     covariance = np.diag(_prior_sd() ** 2)
     chosen: list[int] = []
-    for _ in range(MOST):
+    for _ in range(MOST_DISTANCES):
         spread = np.einsum("ki,ij,kj->k", features, covariance, features)
         spread[chosen] = -1.0
         best = int(np.argmax(spread))
         chosen.append(best)
         gain = covariance @ features[best]
-        covariance = covariance - np.outer(gain, gain) / (READING_MM**2 + spread[best])
+        covariance = covariance - np.outer(gain, gain) / (READING_SD_MM**2 + spread[best])
     picked = pairs[chosen]
     across = np.hypot(*(marks[picked[:, 1]] - marks[picked[:, 0]]).T) + plan.big_dot_mm
     return Distances(plan, picked, across)
@@ -156,9 +157,9 @@ def _is_number(line: str) -> bool:
 
 
 def _check_reading(subject: str, number: int, came_mm: float, about_mm: float) -> None:
-    if abs(came_mm / about_mm - 1) <= FAR_OFF:
+    if abs(came_mm / about_mm - 1) <= SLIP_SHARE:
         return
-    inches = abs(came_mm * 25.4 / about_mm - 1) <= FAR_OFF
+    inches = abs(came_mm * 25.4 / about_mm - 1) <= SLIP_SHARE
     raise TraceError(
         subject,
         wanted=f"distance {number} of about {about_mm:.1f} mm",
@@ -180,9 +181,9 @@ def estimate(distances: Distances, readings_mm: np.ndarray) -> tuple[Estimate, .
         moved = plan.marks_mm + _errors_mm(plan, values)
         across = np.hypot(*(moved[pairs[:, 1]] - moved[pairs[:, 0]]).T) + plan.big_dot_mm + values[-1]
         features = _features(plan, pairs, moved)
-        normal = features.T @ features / READING_MM**2 + np.diag(prior_sd**-2)
+        normal = features.T @ features / READING_SD_MM**2 + np.diag(prior_sd**-2)
         covariance = np.linalg.inv(normal)
-        values = covariance @ (features.T @ (readings_mm[known] - across + features @ values)) / READING_MM**2
+        values = covariance @ (features.T @ (readings_mm[known] - across + features @ values)) / READING_SD_MM**2
     sd = np.sqrt(np.diag(covariance))
     motors = ("A", "B") if plan.kinematics == "corexy" else ("X", "Y")
     labels = [
@@ -190,7 +191,7 @@ def estimate(distances: Distances, readings_mm: np.ndarray) -> tuple[Estimate, .
     ]
     labels += [("skew", "rad"), ("dot width", "mm")]
     return tuple(
-        Estimate(name, float(value), float(spread), unit, bool(spread < SUPPORTED * prior))
+        Estimate(name, float(value), float(spread), unit, bool(spread < SUPPORTED_SHARE * prior))
         for (name, unit), value, spread, prior in zip(labels, values, sd, prior_sd, strict=True)
     )
 

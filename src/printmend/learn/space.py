@@ -1,8 +1,8 @@
 """World models of three axes: any planar model, and what is known of the Z screw.
 
-The screw does not feel the belts, and it moves the nozzle across by where it stands, not by how it came there. So a
-model of space is a planar model and a `ScrewDrive`, and each is learned by itself once the other's share of the
-measurement is taken off.
+The screw does not feel the belts, and its push depends on where it stands, not on how it came there. So a model of
+three axes is a planar model and a `ScrewDrive`, and each is learned by itself once the other's share of the measurement
+is subtracted.
 """
 
 from dataclasses import replace
@@ -11,15 +11,15 @@ import numpy as np
 
 from printmend.errors import TraceError
 from printmend.learn.registry import ORACLE, fit
-from printmend.learn.screw.screw import first_push_mm, fit_height, fit_push, screw_drive
+from printmend.learn.screw import first_push_mm, fit_height, fit_push, screw_drive
 from printmend.machine import GainMechanism, Mechanism, PlayTables, run_motors
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import SpaceModel, WorldModel
 
 # Times that the planar model and the push are learned in turn, at most: until the push stays where it was.
-_ROUNDS = 3
-_SETTLED_MM = 0.003
+_MOST_ROUNDS = 3
+_SETTLED_PUSH_MM = 0.003
 
 
 def fit_space(
@@ -43,7 +43,7 @@ def fit_space(
         return SpaceModel(fit(name, trace, printer, rng=rng))
     height = fit_height(trace.z_mm, trace.z_measured_mm, printer)
     taken_mm, push = first_push_mm(trace, printer), None
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_ROUNDS):
         planar = fit(name, _without(trace, taken_mm), printer, rng=rng)
         printed_mm = _planar_mm(planar, trace)
         if printed_mm is None:
@@ -51,7 +51,7 @@ def fit_space(
         push = fit_push(trace.z_mm, trace.measured_mm - printed_mm, printer)
         before_mm, taken_mm = taken_mm, push.at_mm(trace.z_mm)
         change_mm = taken_mm - before_mm
-        if np.abs(change_mm - change_mm.mean(axis=0)).max() < _SETTLED_MM:
+        if np.abs(change_mm - change_mm.mean(axis=0)).max() < _SETTLED_PUSH_MM:
             break
     assert push is not None
     return SpaceModel(planar, screw_drive(height, push, printer))

@@ -21,7 +21,7 @@ def wrong_axes(commanded_mm: np.ndarray, measured_mm: np.ndarray) -> str | None:
     if len(rows) < 10 or np.diff(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).min() < LEAST_MM:
         return None
     ranks = [np.argsort(np.argsort(values, axis=0), axis=0) for values in (commanded, measured)]
-    together = np.corrcoef(np.hstack(ranks).T)[:2, 2:]  # of commanded x, y with measured x, y
+    together = np.atleast_2d(np.corrcoef(np.hstack(ranks).T))[:2, 2:]  # of commanded x, y with measured x, y
     own, across = np.diag(together), np.array([together[0, 1], together[1, 0]])
     if np.abs(across).min() > SURE and np.abs(own).max() < np.abs(across).min() - APART:
         if (across > 0).all():

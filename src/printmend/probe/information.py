@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from printmend.learn.drive import Design, bed_middle
 from printmend.learn.drive.fit import Prior, variances
-from printmend.learn.drive.layout import Design, bed_middle
 from printmend.learn.drive.select import EVERYTHING, TRIAL_HARMONICS
 from printmend.learn.greybox import Greybox
 from printmend.machine.kernels import run

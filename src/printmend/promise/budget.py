@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.learn.drive.layout import CROSS, Design
+from printmend.learn.drive import CROSS, Design
 from printmend.saved.branches import SCALE_MM
 from printmend.saved.model import SavedModel
 from printmend.saved.values import number, numbers, refuse, section_of

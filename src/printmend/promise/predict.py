@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from printmend.learn.drive.layout import bed_middle
+from printmend.learn.drive import bed_middle
 from printmend.machine.mechanism import Mechanism, Transmission
 from printmend.promise.budget import Budget, MotorBudget
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.learn.drive.design import Rows
+from printmend.learn.drive import Rows
 from printmend.learn.drive.fit import robust_sigma_mm
 
 LENGTHS = (2, 4, 8, 16, 32)

@@ -16,7 +16,7 @@ from printmend.diagnosis.portrait import Portrait, portrait
 from printmend.errors import InputError
 from printmend.files import replacing
 from printmend.learn.greybox import GreyboxModel
-from printmend.learn.hybrid.hybrid import Hybrid
+from printmend.learn.hybrid import Hybrid
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.repair.learned import fit_beside_screw, greybox_model, left_over_mm, todo, told

@@ -9,9 +9,9 @@ import numpy as np
 from printmend.diagnosis.diagnosis import Diagnosis, diagnose, doubt_of
 from printmend.diagnosis.screw import ScrewFound, find_screw
 from printmend.errors import ConfigError
-from printmend.learn.drive.sight import ALL_SEEN
+from printmend.learn.drive import ALL_SEEN
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
-from printmend.learn.hybrid.hybrid import HybridModel
+from printmend.learn.hybrid import HybridModel
 from printmend.learn.registry import learner
 from printmend.machine.mechanism import Mechanism, healthy_mechanism
 from printmend.path import Trace

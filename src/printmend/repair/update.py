@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.diagnosis import LEAST_MM, SURE, Doubt, amount, doubt_of
 from printmend.errors import ModelError, TraceError
-from printmend.learn.drive.design import Rows, contacts, normal_equations
+from printmend.learn.drive import Choice, Rows, Structure, contacts, normal_equations
 from printmend.learn.drive.fit import (
     LEAST_SIGMA_MM,
     Fit,
@@ -24,7 +24,6 @@ from printmend.learn.drive.fit import (
     robust_sigma_mm,
     robust_weights,
 )  # fmt: skip
-from printmend.learn.drive.select import Choice, Structure
 from printmend.learn.greybox import Drift, Greybox, GreyboxModel, Remembered, model_of, motor_rows, remember, with_belts
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.learn.drive.design import Rows
+from printmend.learn.drive import Jump, Rows, jumped
 from printmend.learn.drive.jumps import find_jumps
-from printmend.learn.drive.ladder import Jump, jumped
 from printmend.learn.drive.left_out import left_out
 from printmend.learn.drive.select import Choice, Structure, fitted, folded, main_parts, prune, refined
 from printmend.learn.drive.sight import ALL_SEEN, GLIMPSED_TURN, check_follows, sight
@@ -27,7 +26,7 @@ from printmend.learn.greybox.rows import (
     visible_ripple,
     with_belts,
 )
-from printmend.learn.pulley.choice import outlined
+from printmend.learn.pulley import outlined
 from printmend.path import Trace
 from printmend.printer import Printer
 

@@ -4,12 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.learn.drive.design import Rows
-from printmend.learn.drive.ladder import Jump
-from printmend.learn.drive.layout import bed_middle
+from printmend.learn.drive import Choice, Jump, Rows, Structure, bed_middle
 from printmend.learn.drive.left_out import LeftOut
 from printmend.learn.drive.rest import CENTRED, rest_shares
-from printmend.learn.drive.select import Choice, Structure
 from printmend.learn.drive.sight import Sight, sight
 from printmend.learn.mechanism_model import MachineLearned
 from printmend.machine.mechanism import Frame, Mechanism

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from printmend.errors import ModelError
-from printmend.learn.drive.layout import Design, bed_middle
+from printmend.learn.drive import Design, bed_middle
 from printmend.learn.drive.select import CROSS, HARMONICS
 from printmend.learn.greybox.rows import ripple_harmonics
 from printmend.printer import Printer

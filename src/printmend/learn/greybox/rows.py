@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.errors import TraceError
+from printmend.learn.drive import Jump
 from printmend.learn.drive.design import Rows, contacts, cross_columns
 from printmend.learn.drive.kernels import columns as kernels
-from printmend.learn.drive.ladder import Jump
 from printmend.learn.drive.layout import TABLE_PHASES, bed_middle
 from printmend.learn.drive.select import HARMONICS, Choice
 from printmend.path import Trace

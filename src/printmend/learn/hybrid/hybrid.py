@@ -1,8 +1,8 @@
-"""The hybrid: the grey box, and what nobody wrote down.
+"""The hybrid: the grey box, completed by errors that no physical part of it explains.
 
-The grey box first. Where blocked cross-validation says that its residual can be predicted, a residual learner
-(`residual`) is added to its tables; where the trace is a layer of the published simulator, whose steps do not
-come back to where they were, the gains of that world (`gains`) are learned instead. Else it is the grey box.
+The grey box is fitted first. Where cross-validation in blocks says that its residual can be predicted, a residual
+learner (`residual`) is added to its tables. Where the trace is a layer of the published simulator, in which a step
+there and back does not return, the gains of that world (`gains`) are learned instead. Else the answer is the grey box.
 """
 
 from dataclasses import dataclass, replace
@@ -10,35 +10,42 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from printmend.learn.drive import jumped
 from printmend.learn.drive.fit import robust_sigma_mm
-from printmend.learn.drive.ladder import jumped
 from printmend.learn.drive.select import PATTERN_SHARE, SELECT_LEAST_SIGMA_MM
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive, motor_rows
 from printmend.learn.hybrid.gains import learned_gains
-from printmend.learn.hybrid.residual import MARGIN_MM, PASSES, Residual, chosen, learned, points
+from printmend.learn.hybrid.residual import (
+    CONTACT_PASSES,
+    REACH_MARGIN_MM,
+    Residual,
+    chosen_kind,
+    fit_residual,
+    points_in_contact,
+)
 from printmend.learn.mechanism_model import MachineLearned
 from printmend.machine import GainMechanism, Mechanism, Transmission
 from printmend.machine.kernels import run
 from printmend.path import Trace
 from printmend.printer import Printer
 
-GRID_MM = 0.2
-STAGES = 3  # residual learners, each of what the ones before leave
-SURELY = 30.0  # nats by which the published world must fit better
-NOTHING_LEFT = 0.1  # of the machine's residual
-SEEN_MM = SELECT_LEAST_SIGMA_MM  # a machine that leaves no more than this, or on top of the noise, is good enough
-LEAST_SAID_MM = 0.01
-BEYOND_MM = 20.0  # what is not known there is said
+TABLE_PITCH_MM = 0.2  # of a residual's table: a full step of the usual motors
+MOST_STAGES = 3  # residual learners in a row, each fitted to what those before it leave
+WORLD_NATS = 30.0  # log evidence that the published world must have over any machine
+EXACT_SHARE = 0.1  # that world explains all where it leaves less than this share of the machine's residual
+GOOD_ENOUGH_MM = SELECT_LEAST_SIGMA_MM  # a machine that leaves no more than this, beside noise, is good enough
+LEAST_REPORTED_MM = 0.01  # a smaller residual is not told: a scanner makes as much
+REPORTED_BEYOND_MM = 20.0  # how far beyond what was seen it is told that only what repeats is known
 
 
 @dataclass(frozen=True, eq=False)
 class HybridModel(MachineLearned):
     """A learned machine; a world model.
 
-    ``box`` is the grey box, ``mechanism`` that and the ``residuals`` of the motors (None: nothing to add). In the
-    published simulator's ``world`` there is no machine that could say what steps do: it plans on the lattice, and
-    ``mechanism`` remains the best machine for what needs one. ``noise_mm`` is the standard deviation of a measured
-    coordinate about it, ``residual_after_mm`` as the grey box's.
+    ``box`` is the grey box; ``mechanism`` is its machine with the ``residuals`` of either motor added (None: nothing to
+    add). In the published simulator's ``world`` no machine can say what steps do: there the model plans with the
+    world's gains, and ``mechanism`` is the nearest machine. ``noise_mm`` is the standard deviation of a measured
+    coordinate about the model, and ``residual_after_mm`` the RMS distance of the measured points from it.
     """
 
     box: GreyboxModel
@@ -50,7 +57,7 @@ class HybridModel(MachineLearned):
 
     @property
     def is_plain(self) -> bool:
-        """True where the grey box says it all."""
+        """Whether nothing was added to the grey box."""
         return self.world is None and self.residuals == (None, None)
 
     @property
@@ -64,19 +71,19 @@ class HybridModel(MachineLearned):
             if residual is None:
                 continue
             size = max(float(np.abs(part).max()) for part in (residual.common_mm, residual.play_mm))
-            if size >= LEAST_SAID_MM:  # a scanner makes as much
+            if size >= LEAST_REPORTED_MM:
                 found.append(f"{name.upper()} has an error that no known fault makes, up to {size:.3f} mm "
                              f"(learned: {residual.words})")  # fmt: skip
-            elif self._goes_on_mm(motor, residual) > LEAST_SAID_MM:
+            elif self._goes_on_mm(motor, residual) > LEAST_REPORTED_MM:
                 low, high = residual.grid_mm[[0, -1]]
                 found.append(f"{name.upper()} was seen from {low:.0f} to {high:.0f} mm; beyond, only what repeats "
                              "every turn is known")  # fmt: skip
         return tuple(found)
 
     def _goes_on_mm(self, motor: int, residual: Residual) -> float:
-        """Return by how much a motor's tables go on otherwise than the grey box's beyond what was seen."""
+        """Return how far a motor's tables differ from the grey box's beyond what was seen, at most."""
         low, high = residual.grid_mm[[0, -1]]
-        near = np.concatenate([low - np.arange(BEYOND_MM), high + np.arange(BEYOND_MM)])
+        near = np.concatenate([low - np.arange(REPORTED_BEYOND_MM), high + np.arange(REPORTED_BEYOND_MM)])
         mine, boxed = (each.transmissions[motor].branches_mm(near) for each in (self.mechanism, self.box.mechanism))
         return float(np.abs(np.subtract(mine, boxed)).max())
 
@@ -87,7 +94,7 @@ class HybridModel(MachineLearned):
 
 @dataclass(frozen=True)
 class Hybrid:
-    """The learner: physics.md §4, the last of its nested list."""
+    """The learner that ends the nested list of physics.md eq. 20: a learned remainder."""
 
     name: str = "hybrid"
 
@@ -95,13 +102,15 @@ class Hybrid:
         """Learn from a trace. Raise `TraceError` where the grey box does."""
         box = Greybox().fit(trace, printer, rng=rng)
         with threadpool_limits(1, user_api="blas"):
-            return completed(box, trace, seed=int(rng.integers(2**31)))
+            return with_residuals(box, trace, seed=int(rng.integers(2**31)))
 
 
-def completed(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
-    """Add to a grey box what its own trace shows beyond it."""
+def with_residuals(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
+    """Return a grey box with the residuals that its own trace shows, or with the published world's gains."""
     plain = HybridModel(box, box.mechanism, box.noise_mm, box.residual_after_mm)
-    patterned = [drive.choice.fit.share < PATTERN_SHARE and _left_mm2(drive) > SEEN_MM**2 for drive in box.drives]
+    patterned = [
+        drive.choice.fit.share < PATTERN_SHARE and _left_mm2(drive) > GOOD_ENOUGH_MM**2 for drive in box.drives
+    ]
     if any(patterned) and (world := _published(box, trace)) is not None:
         return replace(plain, world=world)
     x, y = (_residual(box, trace, motor, patterned=patterned[motor], seed=seed) for motor in range(2))
@@ -119,7 +128,7 @@ def completed(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
 
 
 def _left_mm(box: GreyboxModel, trace: Trace, motor: int, table: Transmission) -> np.ndarray:
-    """Return what a motor's tables leave of the measurement [N], NaN where there is none."""
+    """Return the residual of a motor's tables [N], NaN where nothing was measured."""
     touch = box.drives[motor].choice.fit.touch
     belt = np.empty(len(trace))
     lower, upper = table.branches_mm(jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor]).motor_mm)
@@ -133,51 +142,52 @@ def _published(box: GreyboxModel, trace: Trace) -> GainMechanism | None:
     if gains is None:
         return None
     left = float(np.mean([_left_mm2(drive) for drive in box.drives]))
-    if box.printer.kinematics == "corexy":  # a motor of which is the sum of two coordinates
+    if box.printer.kinematics == "corexy":  # its motors are sums of two coordinates
         left /= 2
     right = max(gains.residual_mm**2, np.finfo(float).tiny)
-    better = box.measured * np.log(left / right) - gains.known  # two coordinates, half a nat each; half a nat a number
-    # that world has gains and nothing else: what they leave is noise, or next to nothing
-    whole = gains.share > PATTERN_SHARE or right < NOTHING_LEFT**2 * left
-    return gains.mechanism if better > SURELY and whole and left > right + SEEN_MM**2 else None
+    # Each measured coordinate counts half its log ratio, each settled parameter costs a nat.
+    better = box.measured * np.log(left / right) - gains.known
+    # That world consists of gains only: what they leave must be noise, or next to nothing.
+    whole = gains.share > PATTERN_SHARE or right < EXACT_SHARE**2 * left
+    return gains.mechanism if better > WORLD_NATS and whole and left > right + GOOD_ENOUGH_MM**2 else None
 
 
 def _left_mm2(drive: LearnedDrive) -> float:
-    """Return the mean square of what the grey box leaves of a motor."""
+    """Return the mean square of the grey box's residuals of a motor."""
     return float(np.nanmean(np.square(drive.choice.fit.touch.residual_mm)))
 
 
 def _residual(box: GreyboxModel, trace: Trace, motor: int, *, patterned: bool, seed: int) -> Residual | None:
-    """Return what blocked cross-validation adds to a motor's tables."""
+    """Return the residual that cross-validation in blocks adds to a motor's tables; None where it adds none."""
     drive, table = box.drives[motor], box.mechanism.transmissions[motor]
-    if _left_mm2(drive) <= SEEN_MM**2:
+    if _left_mm2(drive) <= GOOD_ENOUGH_MM**2:
         return None
     rows = jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor])
     touch = drive.choice.fit.touch
     measured = touch.belt_mm + touch.residual_mm  # without what the frame adds
     start_mm = float(touch.belt_mm[0])
-    data = points(table, rows.motor_mm, measured, rows.weight, start_mm, rows.period_mm)
+    data = points_in_contact(table, rows.motor_mm, measured, rows.weight, start_mm, rows.period_mm)
     if not len(data.motor_mm):
         return None
     low, high = float(data.motor_mm.min()), float(data.motor_mm.max())
-    reach = (low - MARGIN_MM, high + MARGIN_MM)
-    grid = np.arange(low, high + GRID_MM, GRID_MM)
+    reach = (low - REACH_MARGIN_MM, high + REACH_MARGIN_MM)
+    grid = np.arange(low, high + TABLE_PITCH_MM, TABLE_PITCH_MM)
     found: Residual | None = None
-    for _ in range(STAGES):
-        kind = chosen(data, reach, patterned=patterned, seed=seed)
+    for _ in range(MOST_STAGES):
+        kind = chosen_kind(data, reach, patterned=patterned, seed=seed)
         if kind is None:
             break
         before, bent, more = data, table, found
-        for _ in range(PASSES):
-            # what the tables so far leave, and what was learned in this stage, belong to it
-            stage = learned(kind, data, reach, grid, seed=seed)
+        for _ in range(CONTACT_PASSES):
+            # Later passes of a stage learn what its earlier ones left.
+            stage = fit_residual(kind, data, reach, grid, seed=seed)
             more = stage if more is None else more.plus(stage)
             bent = more.added(table)
-            data = points(bent, rows.motor_mm, measured, rows.weight, start_mm, rows.period_mm)
+            data = points_in_contact(bent, rows.motor_mm, measured, rows.weight, start_mm, rows.period_mm)
         if np.mean(np.abs(data.residual_mm)) >= np.mean(np.abs(before.residual_mm)):
             break
         found = more
-    if found is None and drive.structure.warp_mm:  # what repeats nothing may hide how what repeats goes on
+    if found is None and drive.structure.warp_mm:  # beyond the grid the part that repeats nothing must not go on
         found = Residual((), grid, np.zeros(len(grid)), np.zeros(len(grid)), rows.period_mm)
     return found
 

@@ -1,14 +1,14 @@
-"""What the grey box leaves of one motor, learned without knowing why: two functions of the motor's position.
+"""Learn what the grey box leaves of one motor, without knowing its cause, as two functions of the motor's position.
 
-The residual of a row belongs to its last contact: position m, side s = ±1. It is learned as c(m) + s·d(m)/2, c common
-to both branches and d more or less play between them, by one of
+The residual of a row belongs to its last contact, at position m on side s = ±1. It is learned as c(m) + s·d(m)/2, where
+c is common to both branches and d is more or less play between them, by one of
 
     smooth    a Gaussian process of length ℓ (its cosines over the reach: ridge regression with the kernel's spectrum)
     periodic  a Gaussian process over the motor's turn: harmonics finer than the grey box has
     trees     LightGBM on (position mod turn, position, side)
 
-or by nothing. Cross-validation chooses, in blocks of at least one turn of travel: neighbouring points share their noise
-and their slack, so folds of single points would praise whatever remembers them (physics.md §4).
+or by nothing. Cross-validation in blocks of at least one turn of travel chooses: neighbouring points share their noise
+and their slack, so that folds of single points would favour whatever remembers them (physics.md eq. 20).
 """
 
 import logging
@@ -26,23 +26,26 @@ from printmend.units import TURN_RAD
 
 log = logging.getLogger(__name__)
 
-LENGTHS_MM = (2.0, 5.0, 12.0, 30.0)
-MARGIN_MM = 20.0
-FINEST = 120  # harmonics of a turn
-FOLDS = 5
-LEAST_BLOCKS = 4
-MOST_ROWS = 4000
-SURE = 2.0  # standard errors by which held-out blocks must improve
-WORTHWHILE = 0.02  # and the share of the held-out square error
-CLIP = 4.0  # residuals beyond so many robust standard deviations count as these
-PASSES = 2
-FLOOR_MM = 2e-4
-TREES = 60
+PROCESS_LENGTHS_MM = (2.0, 5.0, 12.0, 30.0)  # of the smooth kinds
+REACH_MARGIN_MM = 20.0  # how far beyond the contacts a smooth kind's cosines span
+MOST_HARMONICS = 120  # of a turn, for the periodic kind
+FOLDS = 5  # of the cross-validation
+LEAST_BLOCKS = 4  # fewer blocks of a turn say nothing about another one
+MOST_ROWS = 4000  # rows that the cross-validation looks at
+SURE_STANDARD_ERRORS = 2.0  # the gain of held-out blocks must exceed so many of its standard errors …
+LEAST_SHARE_GAINED = 0.02  # … and this share of their square error
+MOST_SIGMAS = 4.0  # residuals beyond so many robust standard deviations count as no larger
+CONTACT_PASSES = 2  # how often contacts and residual are found in turn
+LEAST_SIGMA_MM = 2e-4  # smallest noise that is assumed
+BOOST_ROUNDS = 60  # trees
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A residual learner: ``name`` smooth, periodic or trees; the ``length_mm`` of a smooth one; ``sides`` apart?"""
+    """A kind of residual learner: ``name`` is smooth, periodic or trees.
+
+    ``length_mm`` is that of a smooth one; with ``sides`` either direction of motion has a residual of its own.
+    """
 
     name: str
     length_mm: float = 0.0
@@ -54,7 +57,7 @@ class Kind:
 
 
 PROCESSES = (
-    *(Kind("smooth", length, sides) for sides in (False, True) for length in LENGTHS_MM),
+    *(Kind("smooth", length, sides) for sides in (False, True) for length in PROCESS_LENGTHS_MM),
     Kind("periodic", sides=False),
     Kind("periodic", sides=True),
 )
@@ -62,8 +65,12 @@ PROCESSES = (
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """The rows in contact, in the order of motion: ``motor_mm`` and ``side`` of the contact, the residual, the weight
-    and the block of travel of each [M]; a motor's turn, and the noise."""
+    """The measured rows in contact, M of them, in the order of motion.
+
+    ``motor_mm`` and ``side`` [M] are those of the contact, ``residual_mm`` [M] what the tables leave, ``weight`` [M]
+    the row's weight and ``block`` [M] its block of travel, a turn long. ``turn_mm`` is the motor's turn, ``sigma_mm``
+    the robust standard deviation of the residuals.
+    """
 
     motor_mm: np.ndarray
     side: np.ndarray
@@ -82,9 +89,11 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A learned residual: its ``kinds``, and c and d [mm] at the motor positions ``grid_mm`` [G], all that were seen.
+    """A learned residual: c and d, ``common_mm`` and ``play_mm`` [G], at the motor positions ``grid_mm`` [G] that were
+    seen.
 
-    Of no kind it is zero, and only says how the tables go on beyond the grid.
+    ``kinds`` are those of the learners that it is the sum of. Without any it is zero, and only says that the tables are
+    to be continued beyond the grid by what repeats.
     """
 
     kinds: tuple[Kind, ...]
@@ -103,12 +112,15 @@ class Residual:
         return Residual((*self.kinds, *other.kinds), self.grid_mm, common, play, self.turn_mm)
 
     def at_mm(self, motor_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
-        """Return the residual [N] at contacts; beyond the grid its ends hold."""
+        """Return the residual [N] at contacts; beyond the grid it stays as at the grid's ends."""
         common, play = (np.interp(motor_mm, self.grid_mm, part) for part in (self.common_mm, self.play_mm))
         return common + side * play / 2
 
     def added(self, table: Transmission) -> Transmission:
-        """Return a drive's tables with this residual, still monotone, lower ≤ upper; beyond the grid, what repeats."""
+        """Return a drive's tables with this residual added, still rising and with lower ≤ upper.
+
+        Beyond the grid the tables are continued by what repeats.
+        """
         motor = table.motor_mm
         low = table.lower_mm + self.at_mm(motor, np.full(len(motor), -1.0))
         high = table.upper_mm + self.at_mm(motor, np.ones(len(motor)))
@@ -121,7 +133,7 @@ class Residual:
         return continued(bent, reach_mm, self.turn_mm)
 
 
-def points(
+def points_in_contact(
     table: Transmission,
     motor_mm: np.ndarray,
     measured_mm: np.ndarray,
@@ -129,7 +141,7 @@ def points(
     start_mm: float,
     turn_mm: float,
 ) -> Points:
-    """Follow a motor's path [N] through its tables; return the measured rows in contact and what they leave."""
+    """Follow a motor's path [N] through its tables; return the measured rows in contact with their residuals."""
     lower, upper = table.branches_mm(motor_mm)
     at, side = np.empty(len(motor_mm), np.int64), np.empty(len(motor_mm))
     belt = np.empty(len(motor_mm))
@@ -137,7 +149,7 @@ def points(
     travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(motor_mm)))])
     used = np.flatnonzero((weight > 0) & (at >= 0))
     residual = (measured_mm - belt)[used]
-    sigma = max(1.4826 * float(np.median(np.abs(residual))) if len(used) else 0.0, FLOOR_MM)
+    sigma = max(1.4826 * float(np.median(np.abs(residual))) if len(used) else 0.0, LEAST_SIGMA_MM)
     return Points(
         motor_mm[at[used]],
         side[used],
@@ -149,14 +161,14 @@ def points(
     )
 
 
-def columns(
+def process_columns(
     kind: Kind, motor_mm: np.ndarray, side: np.ndarray, turn_mm: float, reach_mm: tuple[float, float]
 ) -> np.ndarray:
     """Return the columns of a Gaussian process [N, P] at contacts."""
     if kind.name == "smooth":
         waves = warp_columns(_cosines(kind, reach_mm), reach_mm, motor_mm)
     else:
-        angle = np.outer(np.mod(motor_mm, turn_mm), np.arange(1, FINEST + 1)) * (TURN_RAD / turn_mm)
+        angle = np.outer(np.mod(motor_mm, turn_mm), np.arange(1, MOST_HARMONICS + 1)) * (TURN_RAD / turn_mm)
         waves = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
     return np.concatenate([waves, waves * side[:, None] / 2], axis=1) if kind.sides else waves
 
@@ -165,7 +177,7 @@ def _cosines(kind: Kind, reach_mm: tuple[float, float]) -> int:
     return int(np.ceil(4.0 * (reach_mm[1] - reach_mm[0]) / (np.pi * kind.length_mm)))
 
 
-def variances(kind: Kind, reach_mm: tuple[float, float]) -> np.ndarray:
+def column_variances(kind: Kind, reach_mm: tuple[float, float]) -> np.ndarray:
     """Return the prior variance of every column [P], for a process of variance 1."""
     if kind.name == "smooth":
         span = reach_mm[1] - reach_mm[0]
@@ -173,13 +185,13 @@ def variances(kind: Kind, reach_mm: tuple[float, float]) -> np.ndarray:
         power = 2 * kind.length_mm * np.sqrt(TURN_RAD) / span * np.exp(-np.square(rate * kind.length_mm) / 2)
         power = np.maximum(power, 1e-12)
     else:
-        size = 1.0 / np.arange(1, FINEST + 1) ** 3.0  # position errors of a hull with corners fall as k⁻²
+        size = 1.0 / np.arange(1, MOST_HARMONICS + 1) ** 3.0  # position errors of a hull with corners fall as k⁻²
         power = np.tile(size / size.sum(), 2)
     return np.tile(power, 2) if kind.sides else power
 
 
 def process(design: np.ndarray, root: np.ndarray, data: Points) -> np.ndarray:
-    """Return the weights [P] of a Gaussian process: ridge regression; its size and the noise are learned with it.
+    """Return the weights [P] of a Gaussian process by ridge regression; its variance and the noise are learned, too.
 
     ``design`` [M, P] are its columns, ``root`` [P] the roots of their prior variances.
     """
@@ -188,7 +200,7 @@ def process(design: np.ndarray, root: np.ndarray, data: Points) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Gram:
-    """Weighted sums over points: columns × columns [P, P], columns × residuals [P], squares, weights."""
+    """Weighted sums over points: columns × columns [P, P], columns × residuals [P], squared residuals, weights."""
 
     matrix: np.ndarray
     slope: np.ndarray
@@ -200,7 +212,7 @@ class _Gram:
 
 
 def _gram(scaled: np.ndarray, data: Points) -> _Gram:
-    clipped = np.clip(data.residual_mm, -CLIP * data.sigma_mm, CLIP * data.sigma_mm)
+    clipped = np.clip(data.residual_mm, -MOST_SIGMAS * data.sigma_mm, MOST_SIGMAS * data.sigma_mm)
     weighted = scaled * data.weight[:, None]
     return _Gram(weighted.T @ scaled, weighted.T @ clipped, float(data.weight @ clipped**2), float(data.weight.sum()))
 
@@ -208,28 +220,28 @@ def _gram(scaled: np.ndarray, data: Points) -> _Gram:
 def _weights(gram: _Gram, root: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(gram.matrix)
     values, slope = np.maximum(values, 0.0), vectors.T @ gram.slope
-    noise = size = max(gram.square / gram.count, FLOOR_MM**2)
+    noise = size = max(gram.square / gram.count, LEAST_SIGMA_MM**2)
     weights = np.zeros(len(values))
     for _ in range(12):  # MacKay's fixed point for the two variances
         weights = slope / (values + noise / size)
         known = float((values / (values + noise / size)).sum())
         left = max(gram.square - 2 * float(slope @ weights) + float(values @ weights**2), 0.0)
-        noise = max(left / max(gram.count - known, 1.0), FLOOR_MM**2)
+        noise = max(left / max(gram.count - known, 1.0), LEAST_SIGMA_MM**2)
         size = max(float(weights @ weights) / max(known, 1e-6), 1e-12)
     return root * (vectors @ weights)
 
 
 def trees(data: Points, seed: int) -> Any:
-    """Fit LightGBM to (position mod turn, position, side); through its own interface, which needs no scikit-learn."""
+    """Fit LightGBM to (position mod turn, position, side), by its own interface, which needs no scikit-learn."""
     import lightgbm
 
     options = {
         "objective": "regression", "num_leaves": 15, "min_data_in_leaf": 20, "seed": seed, "num_threads": 1,
         "verbosity": -1, "deterministic": True, "force_col_wise": True,
     }  # fmt: skip
-    clipped = np.clip(data.residual_mm, -CLIP * data.sigma_mm, CLIP * data.sigma_mm)
+    clipped = np.clip(data.residual_mm, -MOST_SIGMAS * data.sigma_mm, MOST_SIGMAS * data.sigma_mm)
     rows = _features(data.motor_mm, data.side, data.turn_mm)
-    return lightgbm.train(options, lightgbm.Dataset(rows, clipped, weight=data.weight), num_boost_round=TREES)
+    return lightgbm.train(options, lightgbm.Dataset(rows, clipped, weight=data.weight), num_boost_round=BOOST_ROUNDS)
 
 
 @cache
@@ -248,7 +260,7 @@ def _features(motor_mm: np.ndarray, side: np.ndarray, turn_mm: float) -> np.ndar
 
 
 def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, float], seed: int) -> np.ndarray:
-    """Return what a kind predicts at every point [M] when the point's ``fold`` [M] is not learned from."""
+    """Return what a kind predicts at every point [M] when it learns from all folds but the point's ``fold`` [M]."""
     guess = np.empty(len(fold))
     masks = [fold == each for each in np.unique(fold)]
     if kind.name == "trees":
@@ -256,8 +268,8 @@ def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, 
             model = trees(data.where(~held), seed)
             guess[held] = model.predict(_features(data.motor_mm[held], data.side[held], data.turn_mm), num_threads=1)
         return guess
-    root = np.sqrt(variances(kind, reach_mm))
-    scaled = columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm) * root
+    root = np.sqrt(column_variances(kind, reach_mm))
+    scaled = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm) * root
     grams = [_gram(scaled[held], data.where(held)) for held in masks]
     whole = _Gram(*(sum(getattr(gram, name) for gram in grams) for name in vars(grams[0])))
     for held, gram in zip(masks, grams, strict=True):
@@ -265,10 +277,10 @@ def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, 
     return guess
 
 
-def chosen(data: Points, reach_mm: tuple[float, float], *, patterned: bool, seed: int) -> Kind | None:
-    """Return the kind that predicts held-out blocks of travel best; None where none surely helps.
+def chosen_kind(data: Points, reach_mm: tuple[float, float], *, patterned: bool, seed: int) -> Kind | None:
+    """Return the kind that predicts held-out blocks of travel best; None where no kind is sure to help.
 
-    Trees are asked only where the residual is ``patterned``, or a process was of use.
+    Trees are tried only where the residual is ``patterned``, or where a process helped.
     """
     blocks = np.unique(data.block)
     if len(blocks) < LEAST_BLOCKS or len(data.motor_mm) < 10 * LEAST_BLOCKS:
@@ -276,9 +288,9 @@ def chosen(data: Points, reach_mm: tuple[float, float], *, patterned: bool, seed
     if len(data.motor_mm) > MOST_ROWS:
         data = data.where(np.linspace(0, len(data.motor_mm) - 1, MOST_ROWS).astype(np.int64))
     number = np.searchsorted(blocks, data.block)
-    # Folds of neighbouring blocks in turns; a block stays whole.
+    # Blocks go to the folds in turn, each block as a whole.
     fold = number % min(FOLDS, len(blocks))
-    bound = (CLIP * data.sigma_mm) ** 2
+    bound = (MOST_SIGMAS * data.sigma_mm) ** 2
     before = np.bincount(number, data.weight * np.minimum(data.residual_mm**2, bound))
 
     def gained(kind: Kind) -> np.ndarray:
@@ -288,21 +300,23 @@ def chosen(data: Points, reach_mm: tuple[float, float], *, patterned: bool, seed
 
     gains = {kind: gained(kind) for kind in PROCESSES}
     best = max(gains, key=lambda kind: gains[kind].sum())
-    if (patterned or _sure(gains[best], before)) and has_trees():
+    if (patterned or _is_sure(gains[best], before)) and has_trees():
         both = Kind("trees", sides=True)
         gains[both] = gained(both)
-        # a staircase must be worth its steps
-        best = both if gains[both].sum() > gains[best].sum() + WORTHWHILE * before.sum() else best
-    return best if _sure(gains[best], before) else None
+        # Trees make staircases, which must be worth their steps.
+        best = both if gains[both].sum() > gains[best].sum() + LEAST_SHARE_GAINED * before.sum() else best
+    return best if _is_sure(gains[best], before) else None
 
 
-def _sure(gain: np.ndarray, before: np.ndarray) -> bool:
+def _is_sure(gain: np.ndarray, before: np.ndarray) -> bool:
     error = float(np.std(gain, ddof=1)) * np.sqrt(len(gain))
-    return bool(gain.sum() > SURE * error and gain.sum() > WORTHWHILE * before.sum())
+    return bool(gain.sum() > SURE_STANDARD_ERRORS * error and gain.sum() > LEAST_SHARE_GAINED * before.sum())
 
 
-def learned(kind: Kind, data: Points, reach_mm: tuple[float, float], grid_mm: np.ndarray, *, seed: int) -> Residual:
-    """Fit a kind to all points; tabulate it at motor positions ``grid_mm`` [G]."""
+def fit_residual(
+    kind: Kind, data: Points, reach_mm: tuple[float, float], grid_mm: np.ndarray, *, seed: int
+) -> Residual:
+    """Fit a kind to all points; return it as a table at motor positions ``grid_mm`` [G]."""
     branches = []
     for side in (-1.0, 1.0):
         none, sides = np.zeros(0), np.full(len(grid_mm), side)
@@ -314,7 +328,7 @@ def learned(kind: Kind, data: Points, reach_mm: tuple[float, float], grid_mm: np
             np.asarray(model.predict(_features(b.motor_mm, b.side, b.turn_mm), num_threads=1)) for b in branches
         )
     else:
-        design = columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm)
-        weights = process(design, np.sqrt(variances(kind, reach_mm)), data)
-        low, high = (columns(kind, b.motor_mm, b.side, b.turn_mm, reach_mm) @ weights for b in branches)
+        design = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm)
+        weights = process(design, np.sqrt(column_variances(kind, reach_mm)), data)
+        low, high = (process_columns(kind, b.motor_mm, b.side, b.turn_mm, reach_mm) @ weights for b in branches)
     return Residual((kind,), grid_mm, (low + high) / 2, high - low, data.turn_mm)

@@ -17,7 +17,7 @@ from printmend.learn.drive.select import HARMONICS, Choice
 from printmend.learn.drive.sight import ALL_SEEN, GLIMPSED_TURN, sight
 from printmend.learn.greybox import GreyboxModel, fit_greybox
 from printmend.learn.prior.mixture import Mixture, shape_posterior, shipped
-from printmend.learn.pulley.choice import to_parameters
+from printmend.learn.pulley import to_parameters
 from printmend.path import Trace
 from printmend.printer import Printer
 

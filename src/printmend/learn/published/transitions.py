@@ -28,7 +28,7 @@ class Transitions:
         return len(self.nominal_steps)
 
 
-def transitions(trace: Trace, printer: Printer) -> Transitions:
+def transitions_of(trace: Trace, printer: Printer) -> Transitions:
     """Return the ticks of the moves whose two ends were measured, in the order of motion.
 
     A layer's trace gives back its controls. A longer move is walked on the lattice: its ticks share its measured

@@ -13,7 +13,7 @@ import numpy as np
 
 from printmend.learn.published.ensemble import Ensemble, constant, from_forest, from_lightgbm
 from printmend.learn.published.increments import AxisModel, RolledLearner, moved, start_state
-from printmend.learn.published.transitions import transitions
+from printmend.learn.published.transitions import transitions_of
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import JointTables, State
@@ -121,7 +121,7 @@ class JointTreeLearner:
 
     def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> JointTreeModel:
         """Fit one-tick displacements to (x, y, sign cx, sign cy). Raise `TraceError` for a trace without moves."""
-        data = transitions(trace, printer)
+        data = transitions_of(trace, printer)
         position = wrapped(data.nominal_steps, printer) if self.periodic else data.nominal_steps
         rows, values = np.concatenate([position, data.controls], axis=1), data.displacement_steps
         groups = [values] if self.multiple_outputs else [values[:, :1], values[:, 1:]]
@@ -139,7 +139,7 @@ class AxisTreeLearner:
 
     def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> AxisModel:
         """Fit a gain for each axis; an axis that never moved is taken as healthy. Raise `TraceError` without moves."""
-        data = transitions(trace, printer)
+        data = transitions_of(trace, printer)
         gains = []
         for axis, bed in enumerate(printer.bed_steps):
             seed = int(rng.integers(2**31))

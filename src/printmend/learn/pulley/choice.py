@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.learn.drive.design import Design, Rows, contacts
+from printmend.learn.drive import Design, Rows, contacts
 from printmend.learn.drive.fit import Fit, Posterior, robust_weights
 from printmend.learn.drive.select import HARMONICS, Choice
 from printmend.learn.drive.sight import sight

@@ -3,8 +3,8 @@
     z = z0 + (1 + ε) m + Σ_k (a_k sin kθ + b_k cos kθ) ± backlash/2        θ = 2πm/lead
     push = Σ_k (p_k sin kθ + q_k cos kθ)                                    in x and in y
 
-Linear once it is known which flank of the thread carries the nut, and where it last moved it (physics.md §4): simulate
-the play with the current estimate, solve by ridge least squares, repeat.
+This is linear once it is known which flank of the thread carries the nut, and where it last moved it (physics.md
+eq. 17): so the fit follows the play with the current estimate, solves by ridge least squares, and repeats.
 """
 
 from dataclasses import dataclass, replace
@@ -20,25 +20,27 @@ from printmend.printer import Printer
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
 # Prior standard deviations: of the lead's relative error, of a harmonic's amplitude and of the backlash, mm.
-_LEAD, _AMPLITUDE_MM, _BACKLASH_MM = 0.1, 0.5, 1.0
-_BACKLASHES_MM = (0.0, 0.1, 0.4)
+_LEAD_SD, _AMPLITUDE_SD_MM, _BACKLASH_SD_MM = 0.1, 0.5, 1.0
+_STARTS_BACKLASH_MM = (0.0, 0.1, 0.4)  # first guesses
 # Where in its play the nut may rest at row 0: in the middle, unless the heights speak against it, or on a flank.
-_SHARES = (0.5, 0.0, 1.0)
-_PASSES = 12
-_LEAST_SIGMA_MM = 1e-4
+_REST_SHARES = (0.5, 0.0, 1.0)
+_MOST_PASSES = 12  # of contacts and least squares
+_LEAST_SIGMA_MM = 1e-4  # smallest noise of a height that is assumed
 # A backlash below so many standard deviations of its estimate is none.
-_SEEN = 3.0
-# By what the squares [σ²] must fall for a nut that rests elsewhere, or in wider play; beyond _LOST they tell nothing.
-_ASIDE, _LOST, _RESTS_SIGMA_MM = 8.0, 9.0, 5e-3
-# How much wider than what was met the play may be.
-_WIDER = np.linspace(1.02, 3.0, 100)
+_SEEN_SIGMAS = 3.0
+# How much the sum of squares [σ²] must fall for a nut that rests elsewhere, or for wider play.
+_OTHER_REST_PRICE = 8.0
+_MOST_SQUARE = 9.0  # most that one height may cost in it [σ²]: an outlier says nothing
+_LEAST_REST_SIGMA_MM = 5e-3  # smallest noise that it assumes
+# Widths of the play that are tried, as shares of what was met.
+_WIDER_SHARES = np.linspace(1.02, 3.0, 100)
 # Harmonics of the belts' pulleys that the first look at the push allows for.
 _PULLEY_HARMONICS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Height:
-    """What lifts the nozzle: ``terms`` are (ε, a_1, b_1, a_2, …) and their standard deviations ``sds``.
+    """How the screw lifts the nozzle: ``terms`` are (ε, a_1, b_1, a_2, …), with standard deviations ``sds``.
 
     ``sigma_mm`` is the noise of the measured heights; ``rest_share`` says where in its play the nut rested at row 0.
     """
@@ -53,7 +55,7 @@ class Height:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """What pushes it aside: ``terms`` [2·HARMONICS, 2] are (p_1, q_1, p_2, …) for x and y."""
+    """How the screw pushes the nozzle aside: ``terms`` [2·HARMONICS, 2] are (p_1, q_1, p_2, …) for x and y."""
 
     terms: np.ndarray
     lead_mm: float
@@ -66,10 +68,10 @@ class Push:
 def fit_height(
     commanded_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer, *, active: np.ndarray | None = None
 ) -> Height:
-    """Learn z from commanded and measured heights [N] mm, NaN where nothing was measured; ``active`` terms only.
+    """Learn z from commanded and measured heights [N] mm, NaN where nothing was measured, with the ``active`` terms.
 
-    The print starts with the play anywhere; a screw that never turns back shows no backlash. Raises `TraceError` where
-    fewer than three heights were measured.
+    The nut may rest anywhere in its play at first. A screw that never turns back shows no backlash. Raises `TraceError`
+    where fewer than three heights were measured.
     """
     seen = np.isfinite(measured_mm)
     if seen.sum() < 3:
@@ -77,12 +79,12 @@ def fit_height(
     columns = np.column_stack([commanded_mm, waves_of(commanded_mm, printer.z.mm_per_turn, HARMONICS)])
     if active is not None:
         columns = columns * active
-    prior = np.array([_LEAD, *[_AMPLITUDE_MM] * (2 * HARMONICS), _BACKLASH_MM])
+    prior = np.array([_LEAD_SD, *[_AMPLITUDE_SD_MM] * (2 * HARMONICS), _BACKLASH_SD_MM])
     best: tuple[Height, bool] | None = None
     count = columns.shape[1]
-    for share, guess_mm in product(_SHARES, _BACKLASHES_MM):
+    for share, guess_mm in product(_REST_SHARES, _STARTS_BACKLASH_MM):
         terms, backlash_mm, sigma_mm = np.zeros(count), guess_mm, 0.1
-        for _ in range(_PASSES):
+        for _ in range(_MOST_PASSES):
             centre = commanded_mm + columns @ terms
             at, side = _touched(centre, backlash_mm, share)
             # Until it first touches a flank the nut is where it was: a place of its own.
@@ -99,26 +101,26 @@ def fit_height(
             if moved < 1e-6:
                 break
         met = bool((side[seen] > 0).any())
-        if not met:  # no less than how far Z went back without taking the nut along
+        if not met:  # the backlash is at least as wide as Z went back without taking the nut along
             backlash_mm = float((centre[at] - centre)[side < 0].max(initial=0.0))
-        elif backlash_mm < _SEEN * spread[count]:
+        elif backlash_mm < _SEEN_SIGMAS * spread[count]:
             backlash_mm = 0.0
         height = Height(terms, backlash_mm, sigma_mm, spread[:count], float(spread[count]), share)
         if best is None or _closer(height, best[0], int(seen.sum())):
             best = height, met
     assert best is not None
     height, met = best
-    if height.rest_share != _SHARES[0]:
+    if height.rest_share != _REST_SHARES[0]:
         return height
     return _rested(height, commanded_mm + columns @ height.terms, measured_mm, met=met)
 
 
 def _closer(height: Height, than: Height, points: int) -> bool:
-    """Tell whether a fit is closer to the heights; by how much, where it needs a nut that rested on a flank."""
+    """Tell whether a fit is closer to the heights; one that needs a nut on a flank must be so by a margin."""
     if height.rest_share == than.rest_share:
         return height.sigma_mm < than.sigma_mm * (1 - 1e-6)
-    here, there = (max(each.sigma_mm, _RESTS_SIGMA_MM) for each in (height, than))
-    return bool(2 * points * np.log(there / here) > _ASIDE)
+    here, there = (max(each.sigma_mm, _LEAST_REST_SIGMA_MM) for each in (height, than))
+    return bool(2 * points * np.log(there / here) > _OTHER_REST_PRICE)
 
 
 def _touched(centre_mm: np.ndarray, backlash_mm: float, share: float) -> tuple[np.ndarray, np.ndarray]:
@@ -146,21 +148,21 @@ def _rested(height: Height, centre_mm: np.ndarray, measured_mm: np.ndarray, *, m
     seen = np.isfinite(measured_mm)
     if height.backlash_mm == 0.0 or not (here & seen).any():
         return height
-    start_mm, sigma_mm = float(measured_mm[here & seen].mean()), max(height.sigma_mm, _RESTS_SIGMA_MM)
+    start_mm, sigma_mm = float(measured_mm[here & seen].mean()), max(height.sigma_mm, _LEAST_REST_SIGMA_MM)
     place_mm = np.empty(len(centre_mm))
 
     def squares(share: float, backlash_mm: float) -> float:
         lower_mm = centre_mm - centre_mm[0] + start_mm - share * backlash_mm
         run.follow(start_mm, lower_mm, lower_mm + backlash_mm, place_mm)
-        return float(np.minimum(((measured_mm - place_mm)[seen] / sigma_mm) ** 2, _LOST).sum())
+        return float(np.minimum(((measured_mm - place_mm)[seen] / sigma_mm) ** 2, _MOST_SQUARE).sum())
 
     centred, backlash_mm = squares(0.5, height.backlash_mm), height.backlash_mm
     if not met:
-        wide, wider_mm = min((squares(0.5, float(width)), float(width)) for width in height.backlash_mm * _WIDER)
-        if wide + _ASIDE < centred:
+        wide, wider_mm = min((squares(0.5, float(width)), float(width)) for width in height.backlash_mm * _WIDER_SHARES)
+        if wide + _OTHER_REST_PRICE < centred:
             centred, backlash_mm = wide, wider_mm
     aside, share = min((squares(share, height.backlash_mm), share) for share in (0.0, 1.0))
-    if aside + _ASIDE < centred:
+    if aside + _OTHER_REST_PRICE < centred:
         return replace(height, rest_share=share)
     return replace(height, backlash_mm=backlash_mm)
 
@@ -172,8 +174,10 @@ def fit_push(commanded_mm: np.ndarray, residual_mm: np.ndarray, printer: Printer
 
 
 def first_push_mm(trace: Trace, printer: Printer) -> np.ndarray:
-    """Return a first guess of the push [N, 2] mm, before any planar model: what goes with the height and not with the
-    place, beside a line and a few harmonics of each pulley, and the direction of motion."""
+    """Return a first guess of the push [N, 2] mm, before there is a planar model.
+
+    It is what follows the height, beside a line and a few harmonics of each pulley and the direction of motion.
+    """
     assert trace.z_mm is not None
     nuisance = [np.ones((len(trace), 1)), trace.commanded_mm / 100.0]
     for axis, column in zip((printer.x, printer.y), printer.to_motor(trace.commanded_mm).T, strict=True):
@@ -185,16 +189,16 @@ def first_push_mm(trace: Trace, printer: Printer) -> np.ndarray:
 
 
 def screw_drive(height: Height, push: Push, printer: Printer) -> ScrewDrive:
-    """Return what was learned as tables; where its origin lies, homing or the start of a layer says."""
+    """Return what was learned as tables; homing or the start of a layer decides where their origin lies."""
     series = ScrewSeries(push.lead_mm, float(height.terms[0]), height.backlash_mm, height.terms[1:], push.terms)
     return replace(series.tables(printer), rest_share=height.rest_share)
 
 
 def _push_terms(waves: np.ndarray, nuisance: np.ndarray, residual_mm: np.ndarray) -> np.ndarray:
-    """Return the terms [2·HARMONICS, 2] of the waves in a residual, beside columns that do not matter."""
+    """Return the terms [2·HARMONICS, 2] of the waves in a residual, fitted beside the ``nuisance`` columns."""
     seen = np.isfinite(residual_mm).all(axis=1)
     design = np.column_stack([waves, nuisance])[seen]
-    prior = np.full(waves.shape[1], _AMPLITUDE_MM)
+    prior = np.full(waves.shape[1], _AMPLITUDE_SD_MM)
     terms = []
     for column in residual_mm[seen].T:
         sigma_mm = 0.1
