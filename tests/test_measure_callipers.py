@@ -8,7 +8,7 @@ from printmend.cli.measure import command
 from printmend.errors import TraceError
 from printmend.learn.callipers import (
     LONGEST_MM,
-    READING_MM,
+    READING_SD_MM,
     choose_distances,
     describe,
     estimate,
@@ -37,7 +37,7 @@ def broken(printer, *, scale=0.0, play=0.0, sine=0.0, skew=0.0) -> Mechanism:
 def read_off(distances, machine, rng=None, width=0.05) -> np.ndarray:
     marks = Twin(machine).follow(distances.plan.waypoints_mm)[distances.plan.rows]
     across = np.hypot(*(marks[distances.pairs[:, 1]] - marks[distances.pairs[:, 0]]).T)
-    noise = 0.0 if rng is None else rng.normal(0, READING_MM, len(across))
+    noise = 0.0 if rng is None else rng.normal(0, READING_SD_MM, len(across))
     return across + distances.plan.big_dot_mm + width + noise
 
 
