@@ -7,9 +7,13 @@ import pytest
 
 from printmend.corruption import sample
 from printmend.errors import TraceError
-from printmend.path import Trace
+from printmend.learn.greybox.greybox import Greybox
+from printmend.learn.greybox.model import GreyboxModel
+from printmend.path import Trace, last_way
 from printmend.printer import read_printer
+from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_rows import in_order
+from printmend.promise.misfit_tests import causes_of, found_in, of_the_end
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender5")
@@ -78,3 +82,55 @@ def test_wrong_axes_are_named(wrong: str, rng: np.random.Generator) -> None:
     trace = measured_once(rng)
     with pytest.raises(TraceError, match=wrong):
         in_order(Trace(trace.commanded_mm, AXES[wrong](trace.measured_mm)), PRINTER)
+
+
+Off = Callable[[np.ndarray, np.ndarray], np.ndarray]  # commands [N, 2], share of the print that is done [N] → mm [N, 2]
+CHANGES: dict[str, Off] = {
+    "linear": lambda at, done: np.outer(done, [0.21, 0.0]),
+    "step": lambda at, done: np.outer(done > 0.6, [0.0, 0.12]),
+    "direction": lambda at, done: np.stack([0.06 * last_way(at[:, 1]), 0 * done], axis=1),
+    "halves": lambda at, done: np.outer(at[:, 0] > 110, [0.0, 0.14]),
+    "second-period": lambda at, done: np.stack([0.09 * np.sin(at[:, 0] / 5.0), 0 * done], axis=1),
+}
+
+
+def drifting(kind: str, rng: np.random.Generator) -> tuple[GreyboxModel, Trace]:
+    trace = measured_once(rng, count=700)
+    done = np.linspace(0, 1, len(trace))
+    off = CHANGES[kind](trace.commanded_mm, done) if kind else 0.0
+    trace = Trace(trace.commanded_mm, trace.measured_mm + off, homed=True)
+    return Greybox().fit(trace, PRINTER, rng=rng), trace
+
+
+@pytest.mark.parametrize("kind", CHANGES)
+def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> None:
+    box, trace = drifting(kind, rng)
+    causes = causes_of(box, trace)
+    found = found_in(box, trace, causes, ended=False)
+    assert found[0].kind == kind
+    assert found[0].left_mm > 0
+    assert 0.03 < found[0].size_mm < 0.1
+    later = of_the_end(box, trace, causes)
+    assert (later is not None) == (kind in ("linear", "step"))
+    if later is not None:  # what was printed first is put where the end of the print would have put it
+        moved = (later.measured_mm - trace.measured_mm)[[1, -1]]
+        wanted = np.array([[0.21, 0.0], [0.0, 0.0]]) if kind == "linear" else np.array([[0.0, 0.12], [0.0, 0.0]])
+        assert moved == pytest.approx(wanted, abs=0.03)
+
+
+def test_a_good_trace_has_nothing_to_say(rng: np.random.Generator) -> None:
+    box, trace = drifting("", rng)
+    assert not causes_of(box, trace)
+
+
+def test_points_left_out_a_turned_plate_and_unseen_places_are_said(rng: np.random.Generator) -> None:
+    trace = measured_once(rng)
+    measured = (trace.measured_mm - 110) @ np.array([[1, 0.0175], [-0.0175, 1]]) + 110
+    measured[::10] += rng.uniform(3, 9, (40, 2))
+    measured[trace.commanded_mm[:, 0] > 120] = np.nan
+    trace = Trace(trace.commanded_mm, measured, homed=True)
+    found = {each.kind: each for each in found_in(Greybox().fit(trace, PRINTER, rng=rng), trace, (), ended=False)}
+    assert {"left-out", "turned", "unseen"} <= set(found)
+    assert "+1.0" in found["turned"].words
+    assert found["left-out"].severity == "warning"
+    assert set(misfit_section(tuple(found.values()))) == {"found", "unexplained"}

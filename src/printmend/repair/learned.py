@@ -17,8 +17,9 @@ from printmend.machine.mechanism import Mechanism, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import acting
-from printmend.promise.misfit import misfit_section, misfit_words
+from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_rows import in_order
+from printmend.promise.misfit_tests import causes_of, found_in, of_the_end
 from printmend.promise.section import promise_section
 from printmend.protocols import WorldModel
 from printmend.saved.branches import Branches
@@ -49,10 +50,13 @@ def learn_model(
     trace = ordered.trace
     fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
     if (box := _box_of(fit)) is not None:
+        flat = trace if found is None else found.trace
+        fit, flat, misfits = _of_the_end(fit, box, flat, lambda clean: _planar(clean, printer, model, rng))
+        box = _box_of(fit) or box
         # what is too small to be said is not worth a model that a second print cannot bring up to date
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
-        misfit = {"misfit": misfit_section(ordered.found)}
-        saved = greybox_model(box, trace if found is None else found.trace, hybrid=hybrid, more=misfit)
+        more = {"misfit": misfit_section((*ordered.found, *misfits))}
+        saved = greybox_model(box, flat, hybrid=hybrid, more=more)
         return saved if found is None or found.is_silent else told(saved, found, found.series, trace)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
@@ -67,6 +71,20 @@ def learn_model(
     details = {"model": fit.to_json()} if hasattr(fit, "to_json") else {}
     finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
     return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
+
+
+def _of_the_end(
+    fit: WorldModel, box: GreyboxModel, trace: Trace, learn: Callable[[Trace], WorldModel]
+) -> tuple[WorldModel, Trace, tuple[Misfit, ...]]:
+    """Return the model, learned again as of the print's end where something changed in time, and what does not fit."""
+    causes = causes_of(box, trace)
+    later = of_the_end(box, trace, causes)
+    again = None if later is None else learn(later)
+    if later is None or again is None or (newer := _box_of(again)) is None:
+        return fit, trace, found_in(box, trace, causes, ended=False)
+    if newer.residual_after_mm > box.residual_after_mm:
+        return fit, trace, found_in(box, trace, causes, ended=False)
+    return again, later, found_in(newer, later, causes, ended=True)
 
 
 def fit_beside_screw(

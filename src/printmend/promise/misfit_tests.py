@@ -1,0 +1,279 @@
+"""Does the model fit? What its residuals still hold, by time, direction, half of the bed, period; where it is silent.
+
+The residuals of each motor, and every column that is looked for, are freed of what the model's own parts can follow.
+The column that then explains most is believed where it does so by more than chance, allowing for how many were tried
+and for how few of the rows are independent, and moves a print by more than nothing: a score test (Rao 1948), repeated.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from printmend.learn.drive.design import Rows, cross_columns
+from printmend.learn.drive.fit import independent_share, robust_sigma_mm
+from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
+from printmend.learn.greybox.rows import motor_rows
+from printmend.path import Trace
+from printmend.promise.misfit import NOTE, WARNING, Misfit
+from printmend.promise.misfit_columns import Candidate, Sideways, candidates, sideways
+
+LOOKED_AT = 2500  # rows of a motor
+LEAST = 60  # rows below which nothing is looked for
+MOST = 3  # causes for each motor
+SURE = 14.0  # nats beyond the choice among those tried
+LEAST_MM = 0.018  # root mean square on a print: less costs nothing that an owner sees
+WARNED_MM = 0.03
+NOISE_SHARE = 0.3  # of the noise: what is far below it is no use to know
+SEEN = 0.05  # share of a column that the model's own parts must leave, for it to be told from them
+CLIP = 4.0  # standard deviations beyond which a residual is an outlier
+LOST = 6.0
+LOST_MM = 0.05
+FEW_LOST, MANY_LOST = 0.005, 0.08  # shares of the points
+IN_TIME = ("linear", "step", "creep", "wear", "thermal")
+TURNED_DEG, ALIKE = 0.1, 0.6  # both axes by so much, and alike to this share
+MOVED_MM = 0.3
+REPEATS = 0.35  # share of an uneven belt's squares that one period may leave
+COVERED = 0.6  # of an axis of the bed
+LEFT = 0.4  # of what was taken out in time: it may go on
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """Something that the residuals of a motor hold: its candidate, weights [Q], effect and evidence."""
+
+    motor: int
+    candidate: Candidate
+    weights: np.ndarray
+    size_mm: float
+    nats: float
+
+
+def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
+    """Return what the residuals of a grey box hold beyond noise."""
+    rows = motor_rows(trace, box.printer)
+    found: list[Cause] = []
+    for motor, drive in enumerate(box.drives):
+        touch = drive.choice.fit.touch
+        if len(touch.at) != len(trace):
+            continue
+        used = np.flatnonzero((rows[motor].weight > 0) & (touch.at >= 0))
+        used = used[:: max(1, len(used) // LOOKED_AT)]
+        if len(used) < LEAST:
+            continue
+        one = sideways(rows, motor, trace.commanded_mm, touch.side).at(used)
+        found += _explained(motor, one, touch.residual_mm[used], _own_columns(drive, rows[motor], used))
+        if drive.structure.warp_mm:
+            found += _repeated(motor, one, drive, rows[motor], used)
+    return tuple(found)
+
+
+def _repeated(motor: int, one: Sideways, drive: LearnedDrive, rows: Rows, used: np.ndarray) -> list[Cause]:
+    """Return the period of what was learned as an error that repeats nothing, where it does repeat."""
+    design, values = drive.choice.design, drive.choice.fit.posterior.values
+    mean, _ = design.columns(rows.motor_mm[drive.choice.fit.touch.at[used]], rows.period_mm, rows.origin_mm)
+    part = design.parts["warp"]
+    uneven = mean[:, part] @ values[part]
+    basis = _own_columns(drive, rows, used, without=("warp",))
+    left = uneven - basis @ (basis.T @ uneven)
+    periods = [each for each in candidates(one) if each.kind == "second-period"]
+    tried = [_tried(motor, each, one, left, basis, len(left)) for each in periods]
+    best = max((cause for cause in tried if cause is not None), key=lambda cause: cause.nats, default=None)
+    if best is None or best.size_mm < LEAST_MM:
+        return []
+    columns = best.candidate.columns(one)
+    after = left - (columns - basis @ (basis.T @ columns)) @ best.weights
+    return [best] if float(after @ after) < REPEATS * float(left @ left) else []
+
+
+def _own_columns(drive: LearnedDrive, rows: Rows, used: np.ndarray, without: tuple[str, ...] = ()) -> np.ndarray:
+    """Return an orthonormal basis [M, B] of what the model's own parts can follow."""
+    choice = drive.choice
+    design, touch = choice.design, choice.fit.touch
+    mean, play = design.columns(rows.motor_mm[touch.at[used]], rows.period_mm, rows.origin_mm)
+    columns = mean + touch.side[used, None] / 2 * play
+    columns[:, design.parts["cross"]] = cross_columns(design, rows, used)
+    columns = np.column_stack([np.ones(len(used)), columns[:, choice.fit.posterior.active & ~design.mask(*without)]])
+    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(basis[:, sizes > 1e-5 * sizes[0]])
+
+
+def _explained(motor: int, one: Sideways, residual_mm: np.ndarray, basis: np.ndarray) -> list[Cause]:
+    sigma = robust_sigma_mm(residual_mm)
+    left = np.clip(residual_mm, -CLIP * sigma, CLIP * sigma)
+    left = left - basis @ (basis.T @ left)
+    spare = max(len(left) - basis.shape[1], 1)
+    found: list[Cause] = []
+    offered = list(candidates(one))
+    while len(found) < MOST:
+        tried = [cause for each in offered if (cause := _tried(motor, each, one, left, basis, spare)) is not None]
+        sure = [
+            cause for cause in tried if cause.nats > SURE and cause.size_mm > max(LEAST_MM, NOISE_SHARE * sigma / 2)
+        ]
+        if not sure:
+            break
+        best = max(sure, key=lambda cause: cause.nats)
+        found.append(best)
+        columns = best.candidate.columns(one)
+        freed = columns - basis @ (basis.T @ columns)
+        more = np.linalg.qr(freed)[0]
+        basis = np.column_stack([basis, more])
+        left = left - more @ (more.T @ left)
+    return found
+
+
+def _tried(
+    motor: int, candidate: Candidate, one: Sideways, left: np.ndarray, basis: np.ndarray, spare: int
+) -> Cause | None:
+    columns = candidate.columns(one)
+    whole = float(np.square(columns - columns.mean(axis=0)).sum())
+    freed = columns - basis @ (basis.T @ columns)
+    if float(np.square(freed).sum()) < SEEN * whole or whole == 0:
+        return None
+    weights = np.linalg.lstsq(freed, left, rcond=None)[0]
+    after = left - freed @ weights
+    before2, after2 = float(left @ left), max(float(after @ after), 1e-18)
+    share = independent_share(after, robust_sigma_mm(after))
+    nats = share * spare / 2 * np.log(before2 / after2) - np.log(candidate.tried) - columns.shape[1]
+    return Cause(motor, candidate, weights, float(np.std(columns @ weights)), float(nats))
+
+
+def of_the_end(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> Trace | None:
+    """Return the trace as it would be had all of it been printed as its end was; None where nothing changed in time."""
+    timed = [cause for cause in causes if cause.candidate.kind in IN_TIME and cause.size_mm > LEAST_MM]
+    if not timed:
+        return None
+    rows = motor_rows(trace, box.printer)
+    moved = np.zeros(trace.measured_mm.shape)
+    for cause in timed:
+        touch = box.drives[cause.motor].choice.fit.touch
+        one = sideways(rows, cause.motor, trace.commanded_mm, touch.side)
+        columns = cause.candidate.columns
+        moved[:, cause.motor] += (columns(one.ended()) - columns(one)) @ cause.weights
+    return replace(trace, measured_mm=trace.measured_mm + np.asarray(box.printer.from_motor(moved)))
+
+
+def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], *, ended: bool) -> tuple[Misfit, ...]:
+    """Return causes, points left out and places never seen as findings; ``ended`` where the model is of the end."""
+    found = []
+    for cause in causes:
+        kind = cause.candidate.kind
+        learned = kind == "second-period" and bool(box.drives[cause.motor].structure.warp_mm)
+        taken = learned or (ended and kind in IN_TIME)
+        left = cause.size_mm * (LEFT if taken else 1.0)
+        severity = WARNING if cause.size_mm >= WARNED_MM else NOTE
+        words = _words(cause, box.drives[cause.motor].name.upper(), box.printer.motors)
+        found.append(Misfit(kind, severity, cause.size_mm, cause.nats, words, left, left / 2))
+    joined = [
+        replace(each, words=f"{each.words}. The model is of the end of the print")
+        if ended and each.kind in IN_TIME
+        else each
+        for each in _one_of_each(found)
+    ]
+    return (*joined, *_left_out(box, trace), *_turned(box, trace), *_unseen(box, trace))
+
+
+def _one_of_each(found: list[Misfit]) -> list[Misfit]:
+    """Join what both motors have."""
+    joined: dict[str, Misfit] = {}
+    for each in found:
+        if (old := joined.get(each.kind)) is not None:
+            each = replace(
+                old, size_mm=float(np.hypot(old.size_mm, each.size_mm)), evidence=old.evidence + each.evidence,
+                words=f"{old.words}; {each.words}", left_mm=float(np.hypot(old.left_mm, each.left_mm)),
+                severity=max(old.severity, each.severity),
+            )  # fmt: skip
+        joined[each.kind] = each
+    return list(joined.values())
+
+
+def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
+    weight, detail = float(cause.weights[0]), cause.candidate.detail
+    other = next((each.upper() for each in motors if each.upper() != name), "")
+    half = "XY"[int(detail)] if cause.candidate.kind.startswith("halves") else ""
+    return {
+        "linear": f"{name} drifted evenly during the print, by {weight:+.2f} mm from the first point to the last",
+        "step": f"{name} was suddenly off by {weight:+.2f} mm after {100 * detail:.0f} % of the print",
+        "creep": f"{name} crept by {weight:+.2f} mm, most of it in the first {100 * detail:.0f} % of the print: "
+        "something gives way, as a set screw does",
+        "wear": f"the play of {name} changed by {2 * weight:+.2f} mm while the print went on: something comes loose",
+        "thermal": f"{name} grew by {2 * weight:+.2f} mm from end to end while the print went on, as a machine "
+        "that warms up does",
+        "direction": f"where {name} comes to lie depends on which way {other} moved before, by "
+        f"{2 * abs(weight):.2f} mm: the head or the gantry tilts",
+        "speed": f"{name} lies {abs(weight):.2f} mm further {'back' if weight > 0 else 'on'} after long, fast "
+        "moves than after short ones",
+        "halves": f"{name} is off by {weight:+.2f} mm in the upper part of {half}",
+        "halves-play": f"{name} has {2 * weight:+.2f} mm more play in the upper part of {half}",
+        "racking": f"the play of {name} changes by {4 * weight:+.2f} mm from one end of {other} to the other: the "
+        "gantry racks, or one of two motors is loose",
+        "two-motors": f"the turn of {name} looks different at the two ends of {other}: two motors of one axis, with "
+        f"pulleys that differ by {2 * cause.size_mm:.2f} mm",
+        "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {cause.size_mm:.3f} mm: an idler or "
+        "the belt, not the motor's pulley",
+    }[cause.candidate.kind]
+
+
+def _left_out(box: GreyboxModel, trace: Trace) -> list[Misfit]:
+    """Count the points that the model leaves out."""
+    residual = np.stack([drive.choice.fit.touch.residual_mm for drive in box.drives], axis=1)
+    sigma = [robust_sigma_mm(each[np.isfinite(each)]) for each in residual.T]
+    known = np.isfinite(residual).all(axis=1)
+    with np.errstate(invalid="ignore"):
+        lost = known & ((np.abs(residual) > LOST * np.array(sigma)) & (np.abs(residual) > LOST_MM)).any(axis=1)
+    count, share = int(lost.sum()), float(lost.sum() / max(known.sum(), 1))
+    if share < FEW_LOST or count < 2:
+        return []
+    size = float(np.sqrt(np.mean(np.square(box.printer.from_motor(residual[lost])).sum(axis=1))))
+    severity = WARNING if share > MANY_LOST else NOTE
+    advice = "many wrong points may be one wrong row: check the table" if share > MANY_LOST else "dirt, or wrong cells"
+    words = (
+        f"{count} of {int(known.sum())} points ({100 * share:.1f} %) lie {size:.2f} mm off and are left out: {advice}"
+    )
+    return [Misfit("left-out", severity, size, float(count), words)]
+
+
+def _turned(box: GreyboxModel, trace: Trace) -> list[Misfit]:
+    """Find a plate that lay turned or shifted: no printer turns both of its axes alike, or misses its own home."""
+    if not trace.placed:
+        return []
+    found = []
+    printer, frame = box.printer, box.mechanism.frame
+    middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
+    right, up = (frame.apply(middle + step) - frame.apply(middle - step) for step in np.eye(2))
+    turns = np.degrees([np.arctan2(right[1], right[0]), np.arctan2(-up[0], up[1])])
+    both = float(np.sign(turns[0]) * np.abs(turns).min()) if turns[0] * turns[1] > 0 else 0.0
+    if abs(both) > TURNED_DEG and abs(both) > ALIKE * np.abs(turns).max():
+        size = float(np.radians(abs(both)) * np.hypot(*(middle - [printer.x.min_mm, printer.y.min_mm])) / 2)
+        words = (
+            f"everything is turned by {both:+.2f}°, which no printer does: the plate, or the camera, lay turned. The "
+            "shape is not concerned; mended parts would be turned back by as much"
+        )
+        found.append(Misfit("turned", WARNING, size, SURE, words))
+    if trace.homed:
+        home = printer.to_motor(np.array(printer.home_mm))
+        off = np.zeros(2)
+        for motor, table in enumerate(box.mechanism.transmissions):
+            low, high = (float(each[0]) for each in table.branches_mm(home[[motor]]))
+            off[motor] = max(low - home[motor], 0.0) - max(home[motor] - high, 0.0)
+        moved = np.asarray(printer.from_motor(off))
+        if (size := float(np.hypot(*moved))) > MOVED_MM:
+            words = (
+                f"everything lies ({moved[0]:+.2f}, {moved[1]:+.2f}) mm from where home says: the plate was shifted, "
+                "or the nozzle has an offset. The shape is not concerned"
+            )
+            found.append(Misfit("moved", NOTE, size, SURE, words))
+    return found
+
+
+def _unseen(box: GreyboxModel, trace: Trace) -> list[Misfit]:
+    """Say which part of the bed was never measured."""
+    known = trace.measured_rows
+    parts = []
+    for axis, name, places in zip((box.printer.x, box.printer.y), "XY", trace.commanded_mm[known].T, strict=True):
+        low, high = float(places.min()), float(places.max())
+        if high - low < COVERED * (axis.max_mm - axis.min_mm):
+            parts.append(f"{name} from {low:.0f} to {high:.0f} mm of {axis.min_mm:.0f} to {axis.max_mm:.0f}")
+    if not parts:
+        return []
+    words = f"only {' and '.join(parts)} was measured: elsewhere the printer is thought to go on as it does there"
+    return [Misfit("unseen", NOTE, 0.0, 0.0, words)]
