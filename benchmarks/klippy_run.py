@@ -115,6 +115,8 @@ def plan(gcode: bytes, printer: Printer, folder: Path, *, extras: str = "", arou
         except RefusedByPlanner as caught:
             if cross_mm2 is not None or "maximum extrusion" not in str(caught):
                 raise
+        except CutOff:
+            return _run(gcode, printer, folder, extras, around, cross_mm2)
     raise AssertionError("the last of the limits is none")
 
 
@@ -132,7 +134,9 @@ def _run(
         raise FileNotFoundError("Klipper's planner is not there: run `make hosts`")
     for source in (INTEGRATIONS / "klipper").glob("*.py"):
         if not (plugins / source.name).exists() or (plugins / source.name).read_bytes() != source.read_bytes():
-            shutil.copyfile(source, plugins / source.name)
+            beside = plugins / f"{source.name}.{os.getpid()}"
+            shutil.copyfile(source, beside)
+            beside.replace(plugins / source.name)
     homes = re.search(rb"^\s*(N\d+\s*)?G28\b", gcode, re.MULTILINE)
     paths["in.gcode"].write_bytes(gcode if homes else b"G28\n" + gcode)
     paths["board.dict"].write_text(json.dumps(board()))
@@ -149,7 +153,8 @@ def _run(
     log = paths["log"].read_text(errors="replace").splitlines() if paths["log"].exists() else []
     complaints = tuple(line for line in log if _COMPLAINT.search(line) and not _NO_COMPLAINT.search(line))
     if done.returncode != 0:
-        raise RefusedByPlanner(complaints[0] if complaints else f"ended with {done.returncode}: {done.stderr[-500:]}")
+        fatal = [line for line in complaints if "Unknown command" not in line]
+        raise RefusedByPlanner(fatal[0] if fatal else f"ended with {done.returncode}: {(log or [done.stderr])[-1]}")
     moves = np.fromfile(paths["moves.bin"], float).reshape(-1, 15) if paths["moves.bin"].exists() else np.empty((0, 15))
     steps = _positions(decode(board(), paths["out.serial"].read_bytes()), printer)
     if not _whole(steps, moves, printer):
