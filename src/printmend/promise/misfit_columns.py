@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -79,9 +80,9 @@ def candidates(one: Sideways) -> Iterator[Candidate]:
     """Yield everything that is looked for."""
     yield Candidate("linear", lambda s: s.done[:, None])
     for share in BREAKS:
-        yield Candidate("step", lambda s, share=share: (s.done > share)[:, None] * 1.0, len(BREAKS), share)
+        yield Candidate("step", partial(_after, share=share), len(BREAKS), share)
     for share in CREEPS:
-        yield Candidate("creep", lambda s, share=share: 1 - np.exp(-s.done / share)[:, None], len(CREEPS), share)
+        yield Candidate("creep", partial(_crept, share=share), len(CREEPS), share)
     yield Candidate("wear", lambda s: (s.side * s.done)[:, None])
     yield Candidate("thermal", lambda s: (s.own * (1 - np.exp(-s.done / WARMING)))[:, None])
     yield Candidate("direction", lambda s: s.across[:, None])
@@ -89,10 +90,8 @@ def candidates(one: Sideways) -> Iterator[Candidate]:
     for axis in range(2):
         for place in HALVES:
             tried = 2 * len(HALVES)
-            yield Candidate("halves", lambda s, a=axis, p=place: (s.beds[:, [a]] > p) * 1.0, tried, axis)
-            yield Candidate(
-                "halves-play", lambda s, a=axis, p=place: s.side[:, None] * (s.beds[:, [a]] > p), tried, axis
-            )
+            yield Candidate("halves", partial(_beyond, axis=axis, place=place), tried, axis)
+            yield Candidate("halves-play", partial(_play_beyond, axis=axis, place=place), tried, axis)
     yield Candidate("racking", lambda s: (s.side * s.other)[:, None])
     yield Candidate("two-motors", lambda s: _waves(s, s.period_mm, TWO_MOTORS) * s.other[:, None])
     span = np.ptp(one.motor_mm)
@@ -100,7 +99,23 @@ def candidates(one: Sideways) -> Iterator[Candidate]:
     apart = np.abs(turns / np.maximum(np.rint(turns), 1.0) - 1.0) > OWN_PERIOD
     periods = PERIODS_MM[apart & (0.8 * span > PERIODS_MM)]
     for period in periods:
-        yield Candidate("second-period", lambda s, p=period: _waves(s, p, (1,)), len(periods), float(period))
+        yield Candidate("second-period", partial(_waves, period_mm=period, harmonics=(1,)), len(periods), float(period))
+
+
+def _after(one: Sideways, share: float) -> np.ndarray:
+    return (one.done > share)[:, None] * 1.0
+
+
+def _crept(one: Sideways, share: float) -> np.ndarray:
+    return 1 - np.exp(-one.done / share)[:, None]
+
+
+def _beyond(one: Sideways, axis: int, place: float) -> np.ndarray:
+    return (one.beds[:, [axis]] > place) * 1.0
+
+
+def _play_beyond(one: Sideways, axis: int, place: float) -> np.ndarray:
+    return one.side[:, None] * _beyond(one, axis, place)
 
 
 def _waves(one: Sideways, period_mm: float, harmonics: tuple[int, ...]) -> np.ndarray:
