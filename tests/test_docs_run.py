@@ -130,6 +130,8 @@ def test_an_owners_commands_run(workshop: Path, monkeypatch: pytest.MonkeyPatch)
                 continue
             done.append(line)
             if line[1] == "probe":
+                for plan in aside.glob("*.json"):  # each owner has a folder of their own: no plan is in the way
+                    plan.unlink()
                 for path in [*workshop.glob("*.toml"), *workshop.glob("part.gcode"), *workshop.glob("*.csv")]:
                     shutil.copy(path, aside)
             monkeypatch.chdir(aside if line[1] == "probe" else workshop)

@@ -1,16 +1,21 @@
 """What does not fit: found, named, put right where that is certain, and not seen where all is well."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from printmend.cli.main import group
 from printmend.corruption import sample
-from printmend.errors import TraceError
+from printmend.errors import InputError, TraceError
 from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
+from printmend.measure.plan import keep_plan
 from printmend.path import Trace, last_way
 from printmend.printer import read_printer
+from printmend.probe import design_probe
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import causes_of, found_in, of_the_end
@@ -134,3 +139,15 @@ def test_points_left_out_a_turned_plate_and_unseen_places_are_said(rng: np.rando
     assert "+1.0" in found["turned"].words
     assert found["left-out"].severity == "warning"
     assert set(misfit_section(tuple(found.values()))) == {"found", "unexplained"}
+
+
+def test_a_probe_does_not_overwrite_another_plan(tmp_path: Path) -> None:
+    output = tmp_path / "probe.gcode"
+    asked = ["probe", "--printer", "ender3", "--marks", "40", "-o", str(output)]
+    for more, code in (([], 0), ([], 0), (["--size", "100"], 2), (["--size", "100", "--overwrite"], 0)):
+        before = output.read_text() if output.exists() else ""
+        ran = CliRunner().invoke(group, [*asked, *more])
+        assert isinstance(ran.exception, InputError) == (code == 2), ran.output
+        assert (output.read_text() == before) == (code == 2 or (not more and bool(before)))
+    with pytest.raises(InputError, match="another test print"):
+        keep_plan(output.with_suffix(".json"), design_probe(PRINTER, marks=40))

@@ -29,11 +29,13 @@ if TYPE_CHECKING:
               "it is drawn back between dots [default: as the printer says]")  # fmt: skip
 @click.option("--start-from", "start_path", type=click.Path(path_type=Path), metavar="PART.gcode",
               help="Start as this sliced file of yours does: temperatures, homing, levelling, purge line.")  # fmt: skip
+@click.option("--overwrite", is_flag=True, help="Replace the plan of another test print.")
 @click.option("--sheet", type=click.Path(path_type=Path, dir_okay=False), metavar="SHEET.pdf",
               help="Also write the A4 reference sheet, for photos or to check a scanner's scale.")  # fmt: skip
 def command(
     printer_name: str | None, size_mm: float | None, part_path: Path | None, design: str, after: Path | None,
-    marks: int, output: Path, extruder: "Extruder | None", start_path: Path | None, sheet: Path | None,
+    marks: int, output: Path, extruder: "Extruder | None", start_path: Path | None, overwrite: bool,
+    sheet: Path | None,
 ) -> None:  # fmt: skip
     """Write a test print that shows every fault, and its plan (probe.json beside it), which `measure` needs.
 
@@ -44,6 +46,7 @@ def command(
     import numpy as np
 
     from printmend.gcode.read import read_gcode
+    from printmend.measure.plan import keep_plan
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
@@ -62,6 +65,8 @@ def command(
     part = read_gcode(part_path, printer=printer) if part_path else None
     trace = read_trace(after, printer=printer) if after else None
     plan = design_probe(printer, design=design, size_mm=size_mm, part=part, after=trace, marks=marks)
+    if not overwrite:
+        keep_plan(output.with_suffix(".json"), plan)
     start = printer.start_gcode and homed_start(printer.start_gcode, subject=f"start_gcode of {printer_name}")
     if start_path is not None:
         start = start_from(start_path)

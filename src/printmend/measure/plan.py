@@ -105,7 +105,13 @@ def approaches(waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def write_plan(path: str | Path, plan: ProbePlan) -> None:
-    """Write probe.json: one line a mark, one line for all way-points."""
+    """Write probe.json."""
+    with replacing(Path(path)) as file:
+        file.write(plan_text(plan))
+
+
+def plan_text(plan: ProbePlan) -> str:
+    """Return probe.json's text: one line a mark, one line for all way-points."""
     head = {
         "format": FORMAT,
         "version": VERSION,
@@ -130,11 +136,19 @@ def write_plan(path: str | Path, plan: ProbePlan) -> None:
         }
         for i in range(len(plan))
     ]
-    with replacing(Path(path)) as file:
-        lines = [f" {json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
-        lines.append(' "waypoints_mm": ' + json.dumps(plan.waypoints_mm.tolist()))
-        lines.append(' "marks": [\n  ' + ",\n  ".join(json.dumps(mark) for mark in marks) + "\n ]")
-        file.write("{\n" + ",\n".join(lines) + "\n}\n")
+    lines = [f" {json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
+    lines.append(' "waypoints_mm": ' + json.dumps(plan.waypoints_mm.tolist()))
+    lines.append(' "marks": [\n  ' + ",\n  ".join(json.dumps(mark) for mark in marks) + "\n ]")
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def keep_plan(path: Path, plan: ProbePlan) -> None:
+    """Raise `InputError` where ``path`` holds another plan: perhaps that of the plate that is on the bed."""
+    if path.exists() and read_text(path, wanted="a probe.json", todo=_TODO) != plan_text(plan):
+        raise InputError(
+            path, wanted="a name that is free", came="the plan of another test print, which `measure` may still need",
+            todo="choose another -o, or say --overwrite",
+        )  # fmt: skip
 
 
 def read_plan(path: str | Path) -> ProbePlan:
