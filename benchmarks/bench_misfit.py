@@ -1,0 +1,81 @@
+"""How often is a misfit found and named, and how often is one seen where there is none?
+
+    .venv/bin/python benchmarks/bench_misfit.py --seed 1 --draws 6 --cost-mm 0.06 [--preset ender3] [--kind wear]
+
+The traces are those of outside_misfit.py, which shares no code with printmend: a broken printer of a drawn family, the
+marks of `printmend probe`, noise of 0.02 or 0.05 mm, and one misfit, scaled to move the points by --cost-mm about their
+mean (0.06 is twice what costs a print 0.03 mm). A kind is *named* where `learn` says it, *found* where it says anything
+beyond notes of places that were not seen; the row "none" counts false alarms. Seed 1 was tuned on; others were not.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+import outside_misfit as made
+from printmend.errors import TraceError
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.repair.learned import learn_model
+
+PRINTMEND = str(Path(sys.executable).parent / "printmend")
+# what each misfit may be called: some look the same to whom does not see the machine
+NAMES = {
+    "linear": {"linear", "creep"}, "creep": {"creep", "linear"}, "set-screw-creep": {"creep", "linear"},
+    "idler": {"second-period"}, "halves": {"halves"}, "reversed": {"rows-reversed"}, "shuffled": {"rows-shuffled"},
+    "shifted-1": {"rows-shifted"}, "shifted-3": {"rows-shifted"}, "half-shifted-1": {"rows-shifted"},
+    "table-shifted-1": {"rows-shifted"}, "swapped": {"refused"}, "mirrored": {"refused"}, "inches": {"refused"},
+    "turned-1": {"turned"}, "outliers-5": {"left-out"}, "outliers-20": {"left-out"}, "half-bed": {"unseen"},
+}  # fmt: skip
+QUIET = {"unseen", "moved"}  # true of many good traces
+
+
+def said(kind: str, preset: str, probe: str, cost_mm: float, rng: np.random.Generator) -> set[str]:
+    """Return what `learn` says of one drawn trace."""
+    path, dots = made.probe_path(probe, preset)
+    one = made.machine(preset, str(rng.choice(made.FAMILIES)), rng)
+    seed = int(rng.integers(2**31))
+    print_of = made.sized(kind, one, path, cost_mm, seed) if kind in made.SIZED else made.printed(one, path)
+    table = made.table_of(print_of, float(rng.choice([0.02, 0.05])), rng, dots)
+    table = made.TABLES[kind](table, rng) if kind in made.TABLES else table
+    try:
+        model = learn_model(Trace(table[:, :2], table[:, 2:], homed=True), read_printer(preset))
+    except TraceError:
+        return {"refused"}
+    return {each["kind"] for each in model.document["misfit"]["found"]}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--draws", type=int, default=6)
+    parser.add_argument("--cost-mm", type=float, default=0.06)
+    parser.add_argument("--preset", choices=sorted(made.BEDS), action="append")
+    parser.add_argument("--kind", choices=("none", *made.SIZED, *made.TABLES), action="append")
+    options = parser.parse_args()
+    print(f"{'misfit':16} {'draws':>5} {'named':>6} {'found':>6}  said")
+    with tempfile.TemporaryDirectory() as folder:
+        probes = {}
+        for preset in options.preset or list(made.BEDS):
+            file = Path(folder) / f"{preset}.gcode"
+            subprocess.run([PRINTMEND, "probe", "--printer", preset, "-o", str(file)], check=True, capture_output=True)  # noqa: S603 — our own program
+            probes[preset] = file.read_text()
+        for kind in options.kind or ("none", *made.SIZED, *made.TABLES):
+            heard = [
+                said(kind, preset, text, options.cost_mm, np.random.default_rng([options.seed, draw, number]))
+                for number, (preset, text) in enumerate(probes.items())
+                for draw in range(options.draws)
+            ]
+            named = np.mean([bool(each & NAMES.get(kind, {kind})) for each in heard])
+            found = np.mean([bool(each - QUIET) for each in heard])
+            words = ", ".join(sorted(set().union(*heard))) or "nothing"
+            print(f"{kind:16} {len(heard):5} {100 * named:5.0f}% {100 * found:5.0f}%  {words}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
