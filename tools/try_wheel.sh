@@ -17,6 +17,9 @@ cd "$place"
 export PATH="$place/venv/bin:$PATH" NUMBA_CACHE_DIR="$place/kernels" PYTHONPATH=
 say() { echo "+ $*"; "$@"; }
 cat >broken.toml <<'TOML'
+[x.pulley]
+kind = "radius"
+radius_mm = 6.3
 [x.belt]
 kind = "play"
 play_mm = 0.4
