@@ -25,12 +25,10 @@ def lookup(mechanism: Mechanism) -> np.ndarray:
     printer, frame = mechanism.printer, mechanism.frame
     head = np.zeros(look.M_TABLES)
     head[look.M_BED : look.M_BED + 4] = printer.x.min_mm, printer.x.max_mm, printer.y.min_mm, printer.y.max_mm
-    head[look.M_COREXY] = printer.kinematics == "corexy"
-    head[look.M_FRAMED] = not frame.is_identity
     head[look.M_SHIFTS_ONLY] = frame.is_identity and all(map(_shifts_only, mechanism.transmissions))
     head[look.M_FRAME_BEND] = _frame_bend(mechanism)
-    head[look.M_FRAME_SCALE] = frame.scale_mm
-    head[look.M_FRAME : look.M_FRAME + 20] = frame.coefficients_mm.ravel()
+    way = frame.bed_map(corexy=printer.kinematics == "corexy").values
+    head[look.M_MAP : look.M_MAP + len(way)] = way
     head[look.M_HOME : look.M_HOME + 2] = printer.home_mm
     head[look.M_HOME_SIDE : look.M_HOME_SIDE + 2] = printer.x.home_direction, printer.y.home_direction
     parts, size, sharpest = [head], len(head), 0.0

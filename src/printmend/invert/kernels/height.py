@@ -67,6 +67,7 @@ from printmend.invert.kernels.lookup import (
 )
 from printmend.invert.kernels.state import pull, travel_motor
 from printmend.jit import inner
+from printmend.machine.kernels.table import push_at
 
 ZED = 2  # the motor of Z
 MOST_PARTS = 4096
@@ -76,11 +77,9 @@ MOST_PARTS = 4096
 def push(model, m):
     """Return where the screw pushes the nozzle when its motor is at m [mm]."""
     at = M_MOTOR + MOTOR_FIELDS * ZED
-    place = min(max((m - model[at + FIRST]) * model[at + RATE], 0.0), model[at + LAST])
-    i = min(np.int64(place), np.int64(model[at + LAST]) - 1)
-    x, y = np.int64(model[M_PUSH]) + i, np.int64(model[M_PUSH + 1]) + i
-    part = place - i
-    return model[x] + part * (model[x + 1] - model[x]), model[y] + part * (model[y + 1] - model[y])
+    first, rate, last = model[at + FIRST], model[at + RATE], model[at + LAST]
+    x = push_at(model, np.int64(model[M_PUSH]), first, rate, last, m)
+    return x, push_at(model, np.int64(model[M_PUSH + 1]), first, rate, last, m)
 
 
 @inner(error_model="numpy", _nrt=False)
