@@ -20,6 +20,7 @@ PLACES = 1024  # of the path that are looked at, at most
 LOW, HIGH = 0.05, 0.95
 UNSEEN = 0.25  # odds that there is a pattern where none was seen
 ROUNDED = (0.5, 1.1)
+ELSEWHERE = (0.2, 0.4)  # mean and standard deviation of the logarithm of how patterns grow from print to print
 STANDS = 1e-6  # the share of a move below which a motor stands still
 SEED = 11  # the same file and model always get the same promise
 
@@ -225,16 +226,24 @@ def _local_mm2(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.
     )
     local = {"unexplained": across2 @ drawn}
     for name, (rms, sd) in budget.causes.items():
-        size = np.maximum(rng.normal(rms, sd, DRAWS), 0.0) ** 2 / 2
+        size = (np.maximum(rng.normal(rms, sd, DRAWS), 0.0) * _elsewhere(rng)) ** 2 / 2
         local[name] = np.broadcast_to(size, (len(path.weight), DRAWS))
     # Some drives stop evenly on their micro-steps, others hardly hold them: half to once and a bit of their size.
     local["rounding"] = (across2 @ (steps**2 / 12))[:, None] * rng.uniform(*ROUNDED, DRAWS) ** 2
     return local
 
 
+def _elsewhere(rng: np.random.Generator) -> np.ndarray:
+    """Draw by which factor [DRAWS] a pattern that no model follows is larger in another print than what the fit of this
+    one left of it: a fit takes some of it in, and another path meets it otherwise."""
+    return np.exp(rng.normal(*ELSEWHERE, DRAWS))
+
+
 def _left_mm2(motor: MotorBudget, rng: np.random.Generator) -> np.ndarray:
     """Draw variances [DRAWS] of what nothing explains: where none was seen there mostly is none."""
     drawn = np.maximum(rng.normal(motor.unexplained_mm2, motor.unexplained_sd_mm2, DRAWS), 0.0)
+    if motor.unexplained_mm2 > 0:
+        drawn = drawn * _elsewhere(rng) ** 2
     return drawn if motor.unexplained_mm2 > 0 else np.where(rng.random(DRAWS) < UNSEEN, drawn, 0.0)
 
 
