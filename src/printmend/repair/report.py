@@ -13,6 +13,7 @@ from printmend.saved.model import SavedModel
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 860, 300, 56, 34
 _MOST_ROWS = 400  # of the table; the chart has them all
+_TYPE_B = ("instrument", "rounding", "planning")  # known from elsewhere than the scatter of the points
 _COLOURS = {"before": "#c2410c", "after": "#15803d"}
 
 
@@ -37,10 +38,8 @@ def _json(source: str, model: SavedModel, prediction: Prediction) -> str:
 
 def _page(source: str, model: SavedModel, prediction: Prediction) -> str:
     before, after = prediction.before, prediction.after
-    factor = before.rms_mm / after.rms_mm if after.rms_mm > 0 else 0.0
-    headline = (
-        f"The print would have been {before.rms_mm:.3f} mm off on average (RMS); mended it is {after.rms_mm:.3f} mm"
-        + (f", {factor:.0f} times better." if factor >= 1.5 else ".")
+    headline = f"Expected error of the print: {before.rms_mm:.3f} mm as it is, {after.rms_mm:.3f} mm mended" + (
+        f" ({after.rms_low_mm:.3f}–{after.rms_high_mm:.3f} mm in nine of ten)." if after.made_of else "."
     )
     rows = "".join(
         f"<tr><td>{name}</td><td>{e.rms_mm:.3f}</td><td>{e.p95_mm:.3f}</td><td>{e.max_mm:.3f}</td></tr>"
@@ -73,6 +72,7 @@ details table {{ font-size: .85em; }}
 <h1>{html.escape(Path(source).name)}</h1>
 <p class="big">{headline}</p>
 <table><tr><th>distance from the wanted path [mm]</th><th>RMS</th><th>95 % below</th><th>largest</th></tr>{rows}</table>
+{_budget(prediction)}
 <h2>Layer by layer</h2>
 {_chart(prediction)}
 <ul>{listed}</ul>
@@ -82,6 +82,23 @@ details table {{ font-size: .85em; }}
 <p><small>printmend {printmend.__version__}. Predicted by the learned model, not measured.</small></p>
 </body></html>
 """
+
+
+def _budget(prediction: Prediction) -> str:
+    """Return the uncertainty budget of the mended print after the GUM (JCGM 100): type A is from the scatter of the
+    measurement, type B from elsewhere; combined as the root of the sum of squares, expanded with k = 2."""
+    after = prediction.after
+    if prediction.gain_mm is None:
+        return ""
+    rows = "".join(
+        f"<tr><td>{html.escape(name)}</td><td>{'B' if name in _TYPE_B else 'A'}</td><td>{share:.4f}</td></tr>"
+        for name, share in sorted(after.made_of.items(), key=lambda item: -item[1])
+    )
+    advice = "".join(f"<p>Before you print: {html.escape(each)}</p>" for each in prediction.advice)
+    head = "<tr><th>cause</th><th>type</th><th>standard uncertainty [mm]</th></tr>"
+    total = f"<tr><td>combined</td><td></td><td>{after.rms_mm:.4f}</td></tr>"
+    twice = f"<tr><td>expanded, k = 2</td><td></td><td>{2 * after.rms_mm:.4f}</td></tr>"
+    return f"<h2>What the expectation is made of</h2><table>{head}{rows}{total}{twice}</table>{advice}"
 
 
 def _chart(prediction: Prediction) -> str:
