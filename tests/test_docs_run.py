@@ -19,6 +19,7 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import Corruption
+from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.toml import corruption_toml, parse_corruption
 from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
@@ -94,7 +95,7 @@ ALL = [block for page in PAGES for block in blocks(page)]
 def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the documents' commands read."""
     here = tmp_path_factory.mktemp("workshop")
-    printer, fault = read_printer("ender3"), Corruption(DRIVES)
+    printer, fault = read_printer("ender3"), Corruption(DRIVES, CrookedFrame(skew_deg=0.5))  # a firmware can hold skew
     plan = design_probe(printer, size_mm=50, marks=100)
     for name in ("probe", "e3-07.probe"):
         write_probe(here / f"{name}.gcode", plan)
@@ -105,7 +106,7 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
         )
         write_image(here / f"{name}.png", drawn.image, dpi=200)
     write_trace(here / "trace2.csv", measure_scans([here / "scan-turned.png"], plan).trace)
-    write_trace(here / "tower.csv", measured(SCREW, tower()))
+    write_trace(here / "tower.csv", measured(SCREW, tower(), frame=fault.frame))
     (here / "broken.toml").write_text(corruption_toml(fault))
     square = [f"G1 X{x} Y{y} E1 F1800" for x, y in ((130, 100), (130, 130), (100, 130), (100, 100))]
     (here / "part.gcode").write_text("\n".join(["G21", "G90", "M83", "G28", "G1 Z0.2 F600", "G0 X100 Y100", *square]))
@@ -185,10 +186,11 @@ def look_up(line: list[str], where: str) -> None:
         while isinstance(command, click.Group):
             if not rest or rest[0].startswith("-"):
                 break
-            name, rest = rest[0], rest[1:]
-            found = command.get_command(click.Context(command), name)
-            assert found is not None, f"{told}: no command {name!r}"
-            command = found
+            names, rest, group_ = rest[0].split("|"), rest[1:], command  # "dataset build|info"
+            for name in names:
+                found = group_.get_command(click.Context(group_), name)
+                assert found is not None, f"{told}: no command {name!r}"
+                command = found
         values = options(command, rest[: rest.index(">")] if ">" in rest else rest)
         for parameter in command.params:
             given = values.get(parameter.name)

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
+from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.pulley import EccentricBore
 from printmend.corruption.screw import Screw
 from printmend.diagnosis.screw import find_screw
@@ -33,12 +34,18 @@ NOISE_MM = 0.03
 
 
 def measured(
-    screw: Screw | None, waypoints_mm: np.ndarray, *, noise_mm: float = NOISE_MM, heights: bool = True, seed: int = 1
+    screw: Screw | None,
+    waypoints_mm: np.ndarray,
+    *,
+    noise_mm: float = NOISE_MM,
+    heights: bool = True,
+    seed: int = 1,
+    frame: CrookedFrame | None = None,
 ) -> Trace:
     """Print way-points [N, 3] after homing and measure them."""
     rng = np.random.default_rng(seed)
     path = np.concatenate([[[*SHORT.home_mm, SHORT.z.home_mm]], waypoints_mm])
-    printed = Twin.of(Corruption(DRIVES, screw=screw), SHORT).follow(path)
+    printed = Twin.of(Corruption(DRIVES, frame, screw), SHORT).follow(path)
     seen = printed + rng.normal(0, noise_mm, printed.shape)
     return Trace(
         path[:, :2], seen[:, :2], z_mm=path[:, 2], z_measured_mm=seen[:, 2] if heights else None, homed=True,

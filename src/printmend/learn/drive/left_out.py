@@ -20,7 +20,7 @@ from printmend.learn.drive.select import EVERYTHING, TRIAL_HARMONICS, Choice, St
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOut:
+class OmittedParts:
     """What the parts that were left out add to the uncertainty of a motor's branches.
 
     ``covariance`` [P, P] mm² is over the parameters of ``design``; it comes on top of that of the chosen parts.
@@ -34,7 +34,7 @@ class LeftOut:
         return np.maximum(np.einsum("ij,jk,ik->i", columns, self.covariance, columns, optimize=True), 0.0)
 
 
-def left_out(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> LeftOut:
+def left_out(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> OmittedParts:
     """Return what the parts that ``choice`` left out may do to the branches, given the rows that it was fitted to."""
     mine, fit = choice.structure, choice.fit
     most = replace(EVERYTHING, cross=mine.cross, ripple=mine.ripple, warp_mm=mine.warp_mm)
@@ -56,7 +56,7 @@ def left_out(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> LeftOut:
         inside = own[more]
         added[np.ix_(inside, inside)] -= chosen.covariance
         covariance[np.ix_(more, more)] += expit(larger.log_evidence - chosen.log_evidence) * added
-    return LeftOut(design, covariance)
+    return OmittedParts(design, covariance)
 
 
 def _larger(mine: Structure) -> Iterator[Structure]:

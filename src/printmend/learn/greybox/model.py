@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.learn.drive import Choice, Jump, Rows, Structure, bed_middle
-from printmend.learn.drive.left_out import LeftOut
+from printmend.learn.drive.left_out import OmittedParts
 from printmend.learn.drive.rest import CENTRED, rest_shares
 from printmend.learn.drive.sight import Sight, sight
 from printmend.learn.mechanism_model import MachineLearned
@@ -26,7 +26,7 @@ class LearnedDrive:
     branches: Branches
     choice: Choice
     sight: Sight
-    left_out: LeftOut | None = None
+    left_out: OmittedParts | None = None
 
     @property
     def structure(self) -> Structure:
