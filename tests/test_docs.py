@@ -78,3 +78,12 @@ def test_every_test_that_a_document_names_is_there() -> None:
     for path, name in sorted(named):
         text = (ROOT / path).read_text(encoding="utf-8")
         assert not name or f"def {name}(" in text, f"{path} has no test {name}"
+
+
+def test_every_file_that_a_document_names_is_there() -> None:
+    """A path within the project that stands in backticks; a star stands for any name."""
+    inside = re.compile(r"`((?:src|tests|docs|benchmarks|tools|examples|integrations)/[\w./*-]*\w/?)`")
+    named = {(page, path) for page in PAGES for path in inside.findall(page.read_text(encoding="utf-8"))}
+    assert len(named) > 20
+    for page, path in sorted(named):
+        assert any(ROOT.glob(path.rstrip("/"))), f"{page.relative_to(ROOT)} names {path}, which is not there"

@@ -1,5 +1,7 @@
 """The grey box's loops. Arrays and scalars in, arrays out; checks happen in greybox.py.
 
+They have many parameters because a kernel takes plain arrays: each part of a drive and each column of its rows is one.
+
 Every periodic quantity is a table over one turn of the motor with its first entry repeated at the end, so that
 linear interpolation needs no wrap.
 """
