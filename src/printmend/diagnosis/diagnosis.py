@@ -12,8 +12,8 @@ from printmend.learn.drive import ALL_SEEN, Jump
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.path import Trace
 
-SURE = 3.0  # standard deviations that a fault must have to be named
-LEAST_MM = 0.002  # smaller faults are not named
+NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations
+LEAST_FAULT_MM = 0.002  # … and than this: smaller faults move no print
 NAMED_HARMONICS = 3
 LEAST_EFFECT_MM = 0.003  # on a print, for waves: no print shows less
 _WORD = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
@@ -111,7 +111,7 @@ def _scale(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     if len(powers) < 2 or not powers[1]:
         return []
     percent, sd = float(powers[1]), float(np.hypot(_sds(drive)[part][1], doubt.scale_percent))  # mm in 100 mm
-    if abs(percent) < SURE * sd or abs(percent) < 0.005:
+    if abs(percent) < NAMED_SIGMAS * sd or abs(percent) < 0.005:
         return []
     radius = drive.branches.period_mm / (2 * np.pi)
     found = amount(radius * (1 + percent / 100), radius * sd / 100)
@@ -129,7 +129,7 @@ def _pulley(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
             at = [design.parts[f"{name}_{wave}"].start + i for wave in ("cos", "sin")]
             size = float(np.hypot(*values[at])) * share * k
             sd = float(np.hypot(np.sqrt(np.mean(sds[at] ** 2)), doubt.wave_mm)) * share * k
-            if share and size > max(SURE * sd, LEAST_MM, LEAST_EFFECT_MM * k):
+            if share and size > max(NAMED_SIGMAS * sd, LEAST_FAULT_MM, LEAST_EFFECT_MM * k):
                 found[int(k)] = (size, sd)
     largest = sorted(found, key=lambda k: -found[k][0])
     faults: list[Fault] = []
@@ -203,7 +203,7 @@ def _elastic(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     at = [design.parts[f"elastic_{part}"].start + largest for part in ("cos", "sin")]
     size, sd = float(sizes[largest]) * span, float(np.sqrt(np.mean(_sds(drive)[at] ** 2))) * span
     sd = float(np.hypot(sd, 2 * doubt.wave_mm))  # two ends, each with its own
-    if size < max(SURE * sd, LEAST_EFFECT_MM):
+    if size < max(NAMED_SIGMAS * sd, LEAST_EFFECT_MM):
         return []
     words = f"elastic belt: odd errors of the pulley fade along the axis, by {amount(size, sd)}"
     return [_fault(drive, "elastic", size, sd, words)]
@@ -234,7 +234,7 @@ def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[Fault]:
     sd = float(np.degrees(np.hypot(_skew_sd(model.drives[0]), _skew_sd(model.drives[1]))))
     sd = float(np.hypot(sd, doubt.skew_deg))
     faults = []
-    if abs(skew) > max(SURE * sd, 0.001):
+    if abs(skew) > max(NAMED_SIGMAS * sd, 0.001):
         faults.append(Fault("frame", "skew", skew, sd, "°", f"skewed by {amount(skew, sd, '°')}"))
     if any(choice.cross > 1 for choice in (drive.structure for drive in model.drives)):
         corners = np.array(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.diagnosis.diagnosis import SURE
+from printmend.diagnosis.diagnosis import NAMED_SIGMAS
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -101,7 +101,7 @@ def hull_mm(drive: LearnedDrive) -> np.ndarray:
         for i, k in enumerate(design.waves(wave)):
             at = [design.parts[f"{wave}_{part}"].start + i for part in ("cos", "sin")]
             # A slope is k times as noisy as the error itself: what is not sure would only fray the picture.
-            if np.hypot(*values[at]) > SURE * np.sqrt(np.mean(sds[at] ** 2)):
+            if np.hypot(*values[at]) > NAMED_SIGMAS * np.sqrt(np.mean(sds[at] ** 2)):
                 # d/dθ of cos kθ and sin kθ at θ = −ψ
                 support += share * k * (values[at[0]] * np.sin(k * psi) + values[at[1]] * np.cos(k * psi))
     facing = np.cos(psi[:, None] - psi)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.diagnosis import SURE, amount
+from printmend.diagnosis.diagnosis import NAMED_SIGMAS, amount
 from printmend.errors import TraceError
 from printmend.learn.drive.sight import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
 from printmend.learn.screw import first_push_mm, fit_height
@@ -19,7 +19,7 @@ from printmend.printer import Printer
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
 KINDS = ("lead", "periodic", "backlash", "wobble")
-LEAST_MM = 0.003  # a smaller wave is not named
+LEAST_WAVE_MM = 0.003  # a smaller wave is not named
 _ROUNDS = 2
 _WHOLE_TURN = 0.75  # of a turn of the screw: on less, a wave is no wave
 _TREND_TURNS = 2.0  # of the screw, on which a leaning tower cannot be taken for a wave
@@ -153,7 +153,11 @@ def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> _Part:
     height = fit_height(z_mm, measured_mm, printer, active=active)
     sizes = np.array([abs(height.terms[0]), *np.repeat(_sizes(height.terms[1:]), 2)])
     spreads = np.array([height.sds[0], *np.repeat(_sizes(height.sds[1:]) / np.sqrt(2), 2)])
-    sure = active & (sizes > SURE * spreads) & (sizes * np.array([span_mm] + [1.0] * 2 * HARMONICS) > LEAST_MM)
+    sure = (
+        active
+        & (sizes > NAMED_SIGMAS * spreads)
+        & (sizes * np.array([span_mm] + [1.0] * 2 * HARMONICS) > LEAST_WAVE_MM)
+    )
     if (sure != active).any():
         height = fit_height(z_mm, measured_mm, printer, active=sure)
     sds = {"lead": 100 * float(spreads[0]), "periodic": float(spreads[1]), "backlash": height.backlash_sd_mm}
@@ -172,7 +176,7 @@ def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> _Part:
             gaps[kind] = _vague({"lead": "lead", "periodic": "unevenness"}[kind], float(sd))
     backlash_mm = 0.0
     if _comes_back(z_mm, measured_mm):
-        backlash_mm = height.backlash_mm if height.backlash_mm > LEAST_MM else 0.0
+        backlash_mm = height.backlash_mm if height.backlash_mm > LEAST_WAVE_MM else 0.0
         said["backlash"] = f"backlash {amount(backlash_mm, height.backlash_sd_mm)}" if backlash_mm else ""
         if backlash_mm:
             faults.append(_fault("backlash", backlash_mm, height.backlash_sd_mm, "mm"))
@@ -218,7 +222,7 @@ def _push(z_mm: np.ndarray, left_over_mm: np.ndarray, printer: Printer) -> _Part
         terms = solved[: 2 * harmonics]
         sizes = np.sqrt(np.square(terms).sum(axis=1).reshape(-1, 2).sum(axis=1) / 2)
         spreads = np.sqrt(np.square(sds).sum(axis=1).reshape(-1, 2).sum(axis=1) / 4)
-        sure = (sizes > SURE * spreads) & (sizes > LEAST_MM)
+        sure = (sizes > NAMED_SIGMAS * spreads) & (sizes > LEAST_WAVE_MM)
         if harmonics > 1 and not sure[-1]:
             continue
         if not sure[0] and spreads[0] > _TELLS_MM:

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-SURE = 0.8  # rank correlation of what goes together
-APART = 0.25  # by so much less must go what does not
+LEAST_RANK_CORRELATION = 0.8  # Spearman's, of a measured column and the commanded one that it belongs to
+LEAST_MARGIN = 0.25  # how much less the other column must correlate
 AXES_TODO = "swap the columns back, or let each axis of the measurement grow with the printer's"
-LEAST_MM = 15.0  # spread of an axis below which nothing can be told
+LEAST_SPREAD_MM = 15.0  # spread of an axis below which nothing can be told
 MOST_LOOKED_AT = 4000
 
 
@@ -18,18 +18,18 @@ def wrong_axes(commanded_mm: np.ndarray, measured_mm: np.ndarray) -> str | None:
     if len(rows) > MOST_LOOKED_AT:
         rows = rows[np.linspace(0, len(rows) - 1, MOST_LOOKED_AT).astype(np.int64)]
     commanded, measured = commanded_mm[rows], measured_mm[rows]
-    if len(rows) < 10 or np.diff(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).min() < LEAST_MM:
+    if len(rows) < 10 or np.diff(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).min() < LEAST_SPREAD_MM:
         return None
     ranks = [np.argsort(np.argsort(values, axis=0), axis=0) for values in (commanded, measured)]
     together = np.atleast_2d(np.corrcoef(np.hstack(ranks).T))[:2, 2:]  # of commanded x, y with measured x, y
     own, across = np.diag(together), np.array([together[0, 1], together[1, 0]])
-    if np.abs(across).min() > SURE and np.abs(own).max() < np.abs(across).min() - APART:
+    if np.abs(across).min() > LEAST_RANK_CORRELATION and np.abs(own).max() < np.abs(across).min() - LEAST_MARGIN:
         if (across > 0).all():
             return "x and y swapped"
         if (across < 0).all():
             return "x and y swapped and both mirrored"
         return f"everything turned by a quarter, {'left' if across[0] > 0 else 'right'}"
-    if np.abs(own).min() < SURE or np.abs(own).min() < np.abs(across).max() + APART:
+    if np.abs(own).min() < LEAST_RANK_CORRELATION or np.abs(own).min() < np.abs(across).max() + LEAST_MARGIN:
         return None
     if (own < 0).all():
         return "everything turned by half a turn (both axes mirrored)"

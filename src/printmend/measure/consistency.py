@@ -11,8 +11,8 @@ import numpy as np
 
 from printmend.measure.plan import ProbePlan
 
-WAVES, BENDS = 10, 14
-ROUNDS = 3
+HARMONICS_OF_TURN, COSINES_OF_BED = 10, 14
+SIDE_ROUNDS = 3  # how often the side of each belt and the model are found in turn
 SURE_OF_SIDE_MM = 2.5  # having moved this far, a belt is on the side it pushes, in the first round
 NEIGHBOURS = 5  # marks whose common error is a jump, not a mistake
 DOUBT_MM = 0.15
@@ -21,8 +21,8 @@ DOUBT_MM = 0.15
 PRIOR = np.array(
     [
         *(5.0, 40.0, 3.0, 3.0),
-        *np.repeat(3.0 / np.arange(1, WAVES + 1) ** 1.5, 2),
-        *(5.0 / np.arange(1, BENDS + 1)),
+        *np.repeat(3.0 / np.arange(1, HARMONICS_OF_TURN + 1) ** 1.5, 2),
+        *(5.0 / np.arange(1, COSINES_OF_BED + 1)),
     ]
 )
 CROSS_PRIOR = np.array([5.0, 2.0, 2.0, 2.0])
@@ -88,7 +88,7 @@ def _expected(
     use = known & sure[rows]
     prior = np.concatenate([PRIOR, PRIOR, CROSS_PRIOR])
     shared, left_out = np.zeros(len(rows)), np.full(len(rows), np.nan)
-    for _ in range(ROUNDS):
+    for _ in range(SIDE_ROUNDS):
         design = np.hstack([_sided(columns[contact[rows]], side[rows]), cross])
         error = measured - motor[contact[rows]]
         fit, covariance, left_out[use] = _robust_fit(design[use], (error - shared)[use], prior)
@@ -112,8 +112,8 @@ def _columns(motor: np.ndarray, turn_mm: float) -> np.ndarray:
     """Return a line, waves and bends [N, C] at motor positions; the second column is the place from −1 to 1."""
     place = (motor - (motor.min() + motor.max()) / 2) / (np.ptp(motor) / 2 + 1e-9)
     phase = 2 * np.pi * motor / turn_mm
-    waves = [wave(k * phase) for k in range(1, WAVES + 1) for wave in (np.cos, np.sin)]
-    bends = [np.cos(k * np.pi / 2 * (place + 1)) for k in range(1, BENDS + 1)]
+    waves = [wave(k * phase) for k in range(1, HARMONICS_OF_TURN + 1) for wave in (np.cos, np.sin)]
+    bends = [np.cos(k * np.pi / 2 * (place + 1)) for k in range(1, COSINES_OF_BED + 1)]
     return np.stack([np.ones_like(place), place, place * waves[0], place * waves[1], *waves, *bends], axis=1)
 
 

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from printmend.measure.plan import ProbePlan
 
-NEAR = 0.36  # of the pitch: how far a dot may lie from where its neighbours predict it
+NEAR_SHARE = 0.36  # of the pitch: how far a dot may lie from where its neighbours predict it
 SEEDS = 12
 ENOUGH = 0.93  # of the dots in one lattice: the rest is dust
 REACH = 2.6  # of the pitch: the neighbours that predict
@@ -169,7 +169,7 @@ def _grow_from(
         step = np.sqrt(abs(np.linalg.det(local)))
         distance, near = tree.query(place, k=2)
         # A second dot nearly as near leaves doubt about which of the two is meant.
-        if distance[0] > NEAR * step or near[0] in taken or distance[1] < 1.5 * distance[0]:
+        if distance[0] > NEAR_SHARE * step or near[0] in taken or distance[1] < 1.5 * distance[0]:
             continue
         cells[cell] = int(near[0])
         taken.add(int(near[0]))

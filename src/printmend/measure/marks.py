@@ -11,7 +11,7 @@ from printmend.measure.plan import ProbePlan
 from printmend.measure.register import Pose, find_pose
 
 LEAST_AGREEMENT = 0.85  # of the sizes with the code; a wrong placement reaches 0.75
-ROUNDS, STILL_ROUNDS = 12, 3
+MOST_ROUNDS, STILL_ROUNDS = 12, 3
 FAR_MM = 1.2  # a mark expected no better than this is left until its neighbours are known
 LEAST_MARKS = 9
 SUPPORT_REACH, LEAST_SUPPORT = 5, 0.5  # marks printed before and after, and the share of them to be found
@@ -48,7 +48,7 @@ def read_marks(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -
     if match is None or match.agreement < LEAST_AGREEMENT or match.found.sum() < LEAST_MARKS:
         return None
     dot, expectation = match.dot, Expectation.of(plan)
-    for round_ in range(ROUNDS):
+    for round_ in range(MOST_ROUNDS):
         pose, measured = _placed(dots_mm, dot, plan, mirrored=match.mirrored)
         revised = _revised(dot, pose.apply(dots_mm), diameters_mm, measured, expectation)
         if np.array_equal(revised, dot):

@@ -19,7 +19,7 @@ EDGE_MM = 4.0  # the nozzle comes no nearer to the edge of the bed
 RUN_IN_MM = 9.0  # motion before the first mark of a row: takes up any play of the axes below 4.7 mm
 MARKS = 600
 MIN_PITCH_MM = 5.5  # nearer dots could touch on a printer that is off by millimetres
-LEAST_MM = 30.0
+LEAST_AREA_MM = 30.0  # side of the smallest area of marks: three quarters of a turn of the usual pulley
 AROUND_PART_MM, TURNS_FOR_PART = 5.0, 1.5
 BIG_SHARE = 0.3
 CODE_SEED = 20
@@ -47,10 +47,10 @@ def mark_area_mm(printer: Printer) -> tuple[np.ndarray, np.ndarray]:
     margin = EDGE_MM + RUN_IN_MM - 1.0
     low = np.array([printer.x.min_mm, printer.y.min_mm]) + margin
     high = np.array([printer.x.max_mm, printer.y.max_mm]) - margin
-    if (high - low < LEAST_MM).any():
+    if (high - low < LEAST_AREA_MM).any():
         raise ConfigError(
             printer.name,
-            wanted=f"{LEAST_MM:.0f} mm for the marks, {margin:.0f} mm from the edges",
+            wanted=f"{LEAST_AREA_MM:.0f} mm for the marks, {margin:.0f} mm from the edges",
             came=f"{high[0] - low[0]:.0f} × {high[1] - low[1]:.0f} mm",
             todo="check the bed in --printer",
         )

@@ -26,7 +26,7 @@ from printmend.saved.model import SavedModel
 
 SUFFIXES = (".html", ".htm", ".pdf")
 MOST_ARROWS, MOST_POINTS = 1200, 3000
-LEAST_MM = 0.01  # a fault that shifts a print by less is not worth a paragraph
+LEAST_ADVICE_MM = 0.01  # a fault that shifts a print by less is not worth a paragraph
 URGENCY = {
     "repair": "Repair", "soon": "Look at it when convenient", "software": "Leave it to the software",
 }  # fmt: skip
@@ -119,7 +119,7 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
     corexy = printer.kinematics == "corexy"
     order = list(URGENCY)
     all_advice = [advise(fault, corexy=corexy) for fault in diagnosis.faults]
-    advice = [one for one in all_advice if one.effect_mm >= LEAST_MM or one.urgency != "software"]
+    advice = [one for one in all_advice if one.effect_mm >= LEAST_ADVICE_MM or one.urgency != "software"]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
     after = left_over_mm(model)
     shown = np.flatnonzero(trace.measured_rows & np.isfinite(after).all(axis=1))

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.diagnosis import SURE
+from printmend.diagnosis.diagnosis import NAMED_SIGMAS
 from printmend.diagnosis.screw import KINDS, ScrewFound, find_screw, heights_mm, without_push
 from printmend.path import Trace
 from printmend.repair.learned import Z_SAID, told
@@ -52,7 +52,7 @@ def screw_changes(old: SavedModel, found: ScrewFound) -> list[dict[str, Any]]:
         nothing = {"value": 0.0, "sd": 0.0, "unit": (before | now)[kind]["unit"]}
         was, new = before.get(kind, nothing), now.get(kind, nothing)
         sd = float(np.hypot(was["sd"], new["sd"]))
-        if abs(new["value"] - was["value"]) > SURE * sd:
+        if abs(new["value"] - was["value"]) > NAMED_SIGMAS * sd:
             changes.append({"kind": kind, "before": was["value"], "now": new["value"], "sd": sd, "unit": new["unit"]})
     return changes
 
@@ -69,7 +69,7 @@ def _news(old: SavedModel, known: ScrewSeries, found: ScrewFound) -> ScrewFound:
     for fault in _faults(old):
         kind = fault["kind"].split("-")[0]
         sd = found.sds.get(kind, 0.0)
-        if kind in said and fault["sd"] < sd and away[kind] <= SURE * np.hypot(sd, fault["sd"]):
+        if kind in said and fault["sd"] < sd and away[kind] <= NAMED_SIGMAS * np.hypot(sd, fault["sd"]):
             said.pop(kind)
     faults = tuple(fault for fault in found.faults if fault["kind"].split("-")[0] in said)
     return replace(found, said=said, faults=faults)

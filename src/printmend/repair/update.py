@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from threadpoolctl import threadpool_limits
 
-from printmend.diagnosis.diagnosis import LEAST_MM, SURE, Doubt, amount, doubt_of
+from printmend.diagnosis.diagnosis import LEAST_FAULT_MM, NAMED_SIGMAS, Doubt, amount, doubt_of
 from printmend.errors import ModelError, TraceError
 from printmend.learn.drive import Choice, Rows, Structure, contacts, normal_equations
 from printmend.learn.drive.fit import (
@@ -283,7 +283,7 @@ def _unneeded(past: Remembered, fit: Fit) -> np.ndarray:
         inside = np.isin(at, np.flatnonzero(new))
         w = post.values[new]
         chi2 = float(w @ np.linalg.solve(post.covariance[np.ix_(inside, inside)], w))
-        if chi2 < new.sum() + SURE * np.sqrt(2 * new.sum()) + SURE**2:
+        if chi2 < new.sum() + NAMED_SIGMAS * np.sqrt(2 * new.sum()) + NAMED_SIGMAS**2:
             unneeded |= new
     return unneeded
 
@@ -308,7 +308,8 @@ def _structure(past: Remembered, active: np.ndarray) -> Structure:
 
 
 def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Change]:
-    """Compare the motor's play, scale, skew, pulley and its phase; a change must be SURE standard deviations.
+    """Compare the motor's play, scale, skew, pulley and its phase; a change must exceed NAMED_SIGMAS standard
+    deviations.
 
     ``doubt`` is what the points of each of both measurements share: two scans differ by more than their marks do.
     """
@@ -318,7 +319,7 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
     found = []
 
     def compare(kind: str, what: str, before: float, after: float, sd: float, unit: str, least: float) -> None:
-        if abs(after - before) > max(SURE * sd, least):
+        if abs(after - before) > max(NAMED_SIGMAS * sd, least):
             verb = "grew" if abs(after) > abs(before) else "shrank"
             digits, space = 2 if abs(after - before) >= CLEAR else 3, "" if unit == "°" else " "
             old, new = (round(value, digits) + 0.0 for value in (before, after))  # never −0
@@ -338,7 +339,7 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
         sd = float(np.hypot(np.degrees(np.hypot(past.sds[at], sds[at]) / 100), BOTH * doubt.skew_deg))
         compare("skew", "axis' skew", before, after, sd, "°", LEAST_SKEW_DEG)
     turn, turn_sd = _turned(past, post, sds, doubt.wave_mm)
-    if _keeps_shape(past, post) and abs(turn) > max(SURE * turn_sd, _least_turn_deg(past)):
+    if _keeps_shape(past, post) and abs(turn) > max(NAMED_SIGMAS * turn_sd, _least_turn_deg(past)):
         words = f"{name} pulley turned on its shaft by {amount(turn, turn_sd, '°')}"
         found.append(Change(name, "phase", 0.0, turn, turn_sd, "°", words))
     for i, k in enumerate(design.waves("mean")[:4]):
@@ -346,7 +347,7 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
         before, after = (float(np.hypot(*v[both])) * k for v in (past.values, post.values))
         sd = float(np.sqrt(np.mean(past.sds[both] ** 2 + sds[both] ** 2) + 2 * doubt.wave_mm**2)) * k
         shape = {1: "eccentricity", 2: "ovalness", 3: "three corners", 4: "four corners"}[int(k)]
-        compare(f"harmonic-{k}", f"pulley's {shape}", before, after, sd, "mm", max(CHANGED_MM, LEAST_MM * k))
+        compare(f"harmonic-{k}", f"pulley's {shape}", before, after, sd, "mm", max(CHANGED_MM, LEAST_FAULT_MM * k))
     return found
 
 
@@ -370,7 +371,7 @@ def _turned(past: Remembered, post: Posterior, sds: np.ndarray, wave_mm: float) 
     old = past.values[cos_at] - 1j * past.values[sin_at]
     new = post.values[cos_at] - 1j * post.values[sin_at]
     weight = float((k**2 * np.abs(old) ** 2).sum())
-    if weight < LEAST_MM**2:
+    if weight < LEAST_FAULT_MM**2:
         return 0.0, 0.0
     turns = np.linspace(-np.pi, np.pi, 14401)
     match = (np.exp(-1j * np.outer(turns, k)) @ (np.conj(old) * new)).real
