@@ -1,6 +1,7 @@
 """Work that kills its worker; a module of its own, so that the workers of the test start quickly."""
 
 import os
+import signal
 from pathlib import Path
 
 
@@ -19,3 +20,8 @@ def dies_once(place: str) -> str:
     with Path(place).open("a") as file:
         file.write("ran\n")
     return place
+
+
+def heed_ctrl_c() -> None:
+    """Let a program that is about to start heed Ctrl-C, also where the tests themselves run in the background."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)

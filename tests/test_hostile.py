@@ -33,6 +33,7 @@ from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
 from printmend.saved.model import exact_model, read_model, write_model
 from tests.mending import BENT, SQUARE, START
+from tests.mortal import heed_ctrl_c
 
 PROGRAM = str(Path(sys.executable).parent / "printmend")
 ENDER3 = read_printer("ender3")
@@ -170,7 +171,7 @@ def test_a_full_disk_ends_in_one_line(folder: Path) -> None:
     (folder / "out.gcode").write_text("old")
     part = START + b"".join(b"G1 X%d Y%d E1 F1800\n" % (60 + i % 50, 60 + i % 7) for i in range(3000))
     (folder / "part.gcode").write_bytes(part)
-    shell = f'ulimit -f 20; exec "{PROGRAM}" mend part.gcode -m printer.mend.json -o out.gcode'
+    shell = f'ulimit -f 20; exec "{PROGRAM}" mend part.gcode -m printer.mend.json --overwrite -o out.gcode'
     done = subprocess.run(["bash", "-c", shell], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 2, done.stderr
     assert "too large" in done.stderr
@@ -205,9 +206,10 @@ def test_terminated_while_writing_leaves_no_temporary_file(tmp_path: Path) -> No
         "sys.argv = ['printmend', 'sleepy', sys.argv[1]]\n"
         "sleepy.params = [click.Argument(['place'], expose_value=False)]\nm.main()\n"
     )
-    for number, code_wanted in ((signal.SIGTERM, 143), (signal.SIGINT, 1)):
+    for number, code_wanted in ((signal.SIGTERM, 143), (signal.SIGINT, 130)):
         with subprocess.Popen(
-            [sys.executable, "-c", code, str(tmp_path / "out")], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            [sys.executable, "-c", code, str(tmp_path / "out")], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+            preexec_fn=heed_ctrl_c,
         ) as running:  # fmt: skip
             assert running.stdout.readline() == b"ready\n"
             running.send_signal(number)

@@ -143,7 +143,7 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     result = CliRunner().invoke(command, [*arguments, "--overlay", str(tmp_path / "seen.png")], catch_exceptions=False)
     assert "300 dpi" in result.output
     rows = (tmp_path / "trace.csv").read_text().splitlines()
-    assert rows[0] == "x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm,placed"
+    assert rows[0] == "x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm,placed,scale_sd,axes_sd,lean_sd,wave_mm"
     assert len(rows) == len(plan.waypoints_mm) + 1
     assert cv2.imread(str(tmp_path / "seen.png")) is not None
 

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from printmend.cli.main import group
 from printmend.errors import ConfigError
 from printmend.saved.model import exact_model, write_model
 from tests.mending import BENT, SQUARE
+from tests.mortal import heed_ctrl_c
 
 PROGRAM = str(Path(sys.executable).parent / "printmend")
 
@@ -71,9 +73,9 @@ def test_a_slip_gets_one_line(place: Path) -> None:
 def test_ctrl_c_says_how_to_go_on(place: Path) -> None:
     (place / "jobs").mkdir()
     command = [PROGRAM, "watch", "jobs", "mended", "-m", "bent", "--every", "0.2"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as running:  # noqa: S603
-        while not (place / "mended").exists():
-            pass
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=heed_ctrl_c) as running:  # noqa: S603
+        while running.poll() is None and not (place / "mended").exists():
+            time.sleep(0.02)
         running.send_signal(signal.SIGINT)
         assert running.stderr is not None
         said = running.stderr.read()

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from printmend.learn.drive import CROSS, Design
 from printmend.saved.branches import SCALE_MM
+from printmend.saved.layout import CROSS, Design
 from printmend.saved.model import SavedModel
 from printmend.saved.values import number, numbers, refuse, section_of
 

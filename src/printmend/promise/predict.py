@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from printmend.learn.drive import bed_middle
 from printmend.machine.mechanism import Mechanism, Transmission
 from printmend.promise.budget import Budget, MotorBudget
+from printmend.saved.layout import bed_middle
 
 DRAWS = 256
 LOOKED_AT = 32  # of these, for the quantiles over the places of a path

@@ -9,10 +9,10 @@ from printmend.errors import TraceError
 from printmend.learn.drive import Jump
 from printmend.learn.drive.design import Rows, contacts, cross_columns
 from printmend.learn.drive.kernels import columns as kernels
-from printmend.learn.drive.layout import TABLE_PHASES, bed_middle
 from printmend.learn.drive.select import HARMONICS, Choice
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.saved.layout import TABLE_PHASES, bed_middle
 from printmend.units import TURN_RAD
 
 LEAST_MEASURED = 10  # measured points of a motor; fewer say nothing
