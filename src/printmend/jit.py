@@ -37,7 +37,7 @@ class Compilations(Listener):
 
     def on_start(self, event: Event) -> None:
         if not self.entries and not self._began:
-            log.info("compiling for this machine, this one time: about 15 s (`printmend warm` does it beforehand)")
+            log.info("compiling for this machine, this one time: up to 30 s (`printmend warm` does it beforehand)")
         self._began.append(time.perf_counter())
 
     def on_end(self, event: Event) -> None:
