@@ -78,7 +78,7 @@ $(HOSTS)/cura/.stamp:
 	@touch $@
 
 integrations: $(STAMP) hosts
-	$(BIN)/python -m pytest integrations/tests
+	$(BIN)/python -m pytest -p no:randomly integrations/tests
 
 # Needs uv on PATH (pip install uv). Writes the one lock file, hashes included, for every platform.
 lock:
