@@ -1,12 +1,12 @@
 """`printmend mend`: rewrite G-code for a broken printer."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from printmend.cli.model import Model
+from printmend.cli.outcome import tell
 
 if TYPE_CHECKING:
     from printmend.saved.model import SavedModel
@@ -99,11 +99,6 @@ def _many(
     codes = []
     for outcome in mend_files(files, targets, model, force=force, overwrite=overwrite or in_place, jobs=jobs):
         codes.append(outcome.code)
-        if as_json:
-            click.echo(json.dumps(outcome.json(), ensure_ascii=False))
-        elif outcome.code:
-            click.echo(f"printmend: {outcome}", err=True)
-        elif not quiet:
-            click.echo(str(outcome))
+        tell(outcome, as_json=as_json, quiet=quiet)
     if worst := [code for code in codes if code]:
         ctx.exit(min(worst))

@@ -1,12 +1,13 @@
 """`printmend watch`: mend whatever is put into a folder."""
 
-import json
+from functools import partial
 from pathlib import Path
 
 import click
 
 from printmend.cli.model import Model
 from printmend.cli.number import Finite
+from printmend.cli.outcome import tell
 
 
 @click.command(epilog="Example: printmend watch jobs/ mended/ -m printer.mend.json")
@@ -32,20 +33,11 @@ def command(
     Where a file cannot be mended, OUT/NAME.error.txt says why. A restart goes on where it was: a file is mended once,
     and again when it has changed.
     """
-    from printmend.repair.many import Outcome
     from printmend.repair.watch import Watch, watch
-
-    def tell(outcome: Outcome) -> None:
-        if as_json:
-            click.echo(json.dumps(outcome.json(), ensure_ascii=False))
-        elif outcome.code:
-            click.echo(f"printmend: {outcome}", err=True)
-        elif not quiet:
-            click.echo(str(outcome))
 
     job = Watch(source, target, model_path, force=force, told=lambda words: click.echo(f"printmend: {words}", err=True))
     try:
-        worst = watch(job, every_s=every_s, once=once, tell=tell)
+        worst = watch(job, every_s=every_s, once=once, tell=partial(tell, as_json=as_json, quiet=quiet))
     except KeyboardInterrupt:
         click.echo("stopped; the same command goes on where it was", err=True)
         ctx.exit(130)

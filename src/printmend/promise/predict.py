@@ -11,14 +11,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from printmend.machine.mechanism import Mechanism, Transmission
-from printmend.promise.budget import Budget, MotorBudget
+from printmend.promise.budget import Budget
 from printmend.saved.layout import bed_middle
 
 DRAWS = 256
 LOOKED_AT = 32  # of these, for the quantiles over the places of a path
 PLACES = 1024  # of the path that are looked at, at most
 LOW, HIGH = 0.05, 0.95
-UNSEEN = 0.25  # odds that there is a pattern where none was seen
 ROUNDED = (0.5, 1.1)
 ELSEWHERE = (0.2, 0.4)  # mean and standard deviation of the logarithm of how patterns grow from print to print
 STANDS = 1e-6  # the share of a move below which a motor stands still
@@ -237,14 +236,6 @@ def _elsewhere(rng: np.random.Generator) -> np.ndarray:
     """Draw by which factor [DRAWS] a pattern that no model follows is larger in another print than what the fit of this
     one left of it: a fit takes some of it in, and another path meets it otherwise."""
     return np.exp(rng.normal(*ELSEWHERE, DRAWS))
-
-
-def _left_mm2(motor: MotorBudget, rng: np.random.Generator) -> np.ndarray:
-    """Draw variances [DRAWS] of what nothing explains: where none was seen there mostly is none."""
-    drawn = np.maximum(rng.normal(motor.unexplained_mm2, motor.unexplained_sd_mm2, DRAWS), 0.0)
-    if motor.unexplained_mm2 > 0:
-        drawn = drawn * _elsewhere(rng) ** 2
-    return drawn if motor.unexplained_mm2 > 0 else np.where(rng.random(DRAWS) < UNSEEN, drawn, 0.0)
 
 
 def _summed_up(side: _Side, placed: bool, rng: np.random.Generator) -> tuple[Promise, np.ndarray]:

@@ -1,0 +1,19 @@
+"""What is said of each file that was mended, or was not: a line for people, or a line of JSON for programs."""
+
+import json
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from printmend.repair.many import Outcome
+
+
+def tell(outcome: "Outcome", *, as_json: bool, quiet: bool) -> None:
+    """Say what became of a file, on stderr where it was not mended; ``quiet`` leaves out what went well."""
+    if as_json:
+        click.echo(json.dumps(outcome.json(), ensure_ascii=False))
+    elif outcome.code:
+        click.echo(f"printmend: {outcome}", err=True)
+    elif not quiet:
+        click.echo(str(outcome))
