@@ -189,6 +189,7 @@ def test_hostile_projects_are_refused(tmp_path):
     for bad in ("../evil", "/etc/passwd", "a\\b", "c:/x"):
         assert repr(bad) in refused(project(tmp_path, plate, **{bad: b"x"}))
     assert "unpack" in refused(project(tmp_path, {"Metadata/plate_1.gcode": b"0" * (64 << 20)}))
+    assert "together" in refused(project(tmp_path, {f"Metadata/plate_{i}.gcode": b"0" * (17 << 20) for i in (1, 2)}))
     assert "no Metadata" in refused(project(tmp_path, {}))
     good = project(tmp_path, {"Metadata/plate_1.gcode": b"G1 X1\n" * 5000})
     data = good.read_bytes()

@@ -109,7 +109,7 @@ def test_homing_goes_to_the_printers_home_and_makes_the_place_certain():
         ("PAUSE", k.EVENT_PAUSE, True),
         ("M600", k.EVENT_PAUSE, True),
         ("M0", k.EVENT_PAUSE, True),
-        ("T1", k.EVENT_TOOL, False),
+        ("T1", k.EVENT_TOOL, True),
         ("M6 T1", k.EVENT_TOOL, False),
         ("EXCLUDE_OBJECT_START NAME=G1_part", k.EVENT_EXCLUDE, True),
         ("M486 S1", k.EVENT_EXCLUDE, True),

@@ -176,7 +176,7 @@ def print_disturbed(before: list, after: list, share: float) -> list[np.ndarray]
     return printed
 
 
-@pytest.mark.parametrize("event", [b"TIMELAPSE_TAKE_FRAME", b"T1", b"G29", b"M84", b"CLEAN_NOZZLE X=1", b"G27"])
+@pytest.mark.parametrize("event", [b"TIMELAPSE_TAKE_FRAME", b"M6 T1", b"G29", b"M84", b"CLEAN_NOZZLE X=1", b"G27"])
 def test_lost_places_are_found_again(event: bytes) -> None:
     """After a macro nothing is known until both axes are named; then the next extruding line is anchored."""
     text = START + SURE + event + b"\nG0 X100 Y100 F6000\nG1 X90 E1 F1800\nG1 Y90 E1\n"

@@ -143,7 +143,7 @@ def test_only_lines_that_must_change_do() -> None:
     ("line", "filament"),
     [
         (b"G1 X80 Y80 E1.5e-01 F1800", 0.15),  # an exponent is written out
-        (b"G1 X8e1 Y80 E1.5E-01 F1.8e3", 0.15),
+        (b"G1 X8.0e+1 Y80 E1.5E-01 F1.8e+3", 0.15),
         (b"G1 X80 Y80 E9 E0.25", 0.25),  # of a word that comes twice the last one counts
     ],
 )
@@ -159,3 +159,66 @@ def test_garbled_moves_are_left_alone() -> None:
     garbled = b"G1 X80 Y77.847.295 E0.5\nG1 X70 Y60 E0.\xca51\n"
     written, _ = mended(START + b"G1 X80 E1 F1800\n" + garbled + b"G0 X60 Y65\nG1 Y80 E1\n", PLAY)
     assert garbled in written
+
+
+@pytest.mark.parametrize(
+    ("line", "left"),
+    [
+        (b"G1 X80 Y60 E.6foo", b"G1 X80 Y60 E.6foo"),  # two letters alike: both stay
+        (b"G1 Xnan Y80 E1", b"G1 Xnan Y80 E1"),
+        (b"G1 X8e1 Y60 E1", b"G1 X8e1 Y60 E1"),  # X8 on Marlin and Klipper
+    ],
+)
+def test_malformed_words_keep_their_letters(line: bytes, left: bytes) -> None:
+    written, _ = mended(START + b"G1 X70 E1 F1800\n" + line + b"\nG0 X60 Y65\nG1 Y80 E1\n", PLAY)
+    assert b"\n" + left + b"\n" in written
+    rows = interpret_text(np.frombuffer(START + b"G1 X8e1 Y60", np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
+    assert rows["x1"][-1] == 8.0
+
+
+def test_numbering_restarts_after_m110() -> None:
+    lines = [b"N%d %s" % (i, line) for i, line in enumerate(SQUARE.splitlines(), 1)]
+    again = [b"M110 N0", b"N1 G1 X80 Y60 E1", b"N2 G1 X60 Y60 E1", b"N3 M110 N10", b"N11 G1 X80 Y60 E1"]
+    written = mended(b"\n".join(lines + again) + b"\n", PLAY)[0].splitlines()
+    first, second = (written.index(row) for row in (b"M110 N0", next(r for r in written if b"M110 N10" in r)))
+    numbers = [int(re.match(rb"N(\d+)", line)[1]) for line in written if line[:1] == b"N"]
+    assert len(written) > len(lines + again)
+    assert numbers[first : second - 1] == list(range(1, second - first))
+    assert numbers[second:] == list(range(11, 11 + len(written) - second - 1))
+
+
+def test_tiny_feed_is_not_nought() -> None:
+    written, _ = mended(START + b"G1 X80 Y60 E1 F0.0001\nG1 X60 Y60 E1\n", PLAY)
+    assert not re.search(rb"F0(\.0*)?\s", written)
+    rows = interpret_text(np.frombuffer(written, np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
+    assert rows["feed"][-1] == pytest.approx(0.0001)
+
+
+def test_a_spline_sets_the_feed_and_is_told() -> None:
+    spline = b"G5 X80 Y80 I0 J3 P0 Q-3 F600 E1\n"
+    written, prediction = mended(START + b"G1 X80 Y60 E1 F1800\n" + spline + b"G1 X60 E1\nG1 X70 E1\n", PLAY)
+    assert spline in written
+    rows = interpret_text(np.frombuffer(written, np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
+    assert set(rows["feed"][rows["advance"] > 0]) == {1800.0, 600.0}
+    assert rows["feed"][-1] == 600
+    assert prediction.splines == 1
+    assert "1 curves (G5)" in prediction.summary()
+
+
+@pytest.mark.parametrize(
+    ("line", "noticed"),
+    [(b"M556 S100 X0.5", 1), (b"M579 X1.01", 1), (b"M852 I0.01", 1), (b"SKEW_PROFILE LOAD=mine", 1), (b"M579", 0),
+     (b"SET_SKEW CLEAR=1", 0)],
+)  # fmt: skip
+def test_a_file_that_changes_the_geometry_is_noticed(line: bytes, noticed: int) -> None:
+    written, prediction = mended(SQUARE + line + b"\nG1 X80 E1\n", PLAY)
+    assert line in written
+    assert prediction.geometry == noticed
+    assert ("skew or scale" in prediction.summary()) == bool(noticed)
+    assert prediction.unknown == 0
+
+
+def test_a_line_after_a_tool_change_is_mended() -> None:
+    judged = judge(START + b"G1 X80 Y60 E1 F1800\nT0\nG1 X80 Y80 E1\nG1 X60 E1\n", PLAY)
+    assert judged.prediction.unknown == 0
+    assert judged.after.max() <= 0.006

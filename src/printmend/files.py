@@ -1,16 +1,26 @@
 """Read small files whole, within bounds; write so that a kill at any moment leaves the old file or the new one."""
 
 import contextlib
+import errno
+import glob
 import os
 import stat
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
 from printmend.errors import InputError
 
+try:
+    import fcntl
+except ImportError:  # Windows has no such locks: leftovers of killed runs stay there
+    fcntl = None  # type: ignore[assignment]
+
 MAX_TEXT_BYTES = 64_000_000
+_SUFFIX, _RANDOM = ".tmp", 8  # of a temporary file's name: its end, and the letters that `tempfile` draws before
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def read_text(path: str | Path, *, wanted: str, todo: str, error: type[InputError] = InputError) -> str:
@@ -36,8 +46,9 @@ def read_text(path: str | Path, *, wanted: str, todo: str, error: type[InputErro
 def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
     """Open a temporary file beside ``path`` that takes its place when the block ends without an error.
 
-    The old file's permissions are kept; on an error the temporary file is removed and ``path`` is untouched.
-    A device or a pipe is written to directly. Raises `InputError` where ``path`` cannot be written.
+    The old file's permissions and, for root, its owner are kept; on an error the temporary file is removed and ``path``
+    is untouched. What earlier runs left there when they were killed is swept.
+    A device or a pipe is written to directly. Raises `InputError` where ``path`` cannot be written or the disk is full.
     """
     # A name of a file that is not UTF-8 may be part of the text.
     coding: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "errors": "replace"}
@@ -47,24 +58,64 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
             yield device
         return
     path = path.resolve()
+    prefix = f".{path.name[:60]}."
+    _sweep(path.parent, prefix)
     try:
         handle = tempfile.NamedTemporaryFile(  # noqa: SIM115 — closed below, before it is renamed
-            mode, dir=path.parent, prefix=f".{path.name[:60]}.", suffix=".tmp", delete=False, **coding
+            mode, dir=path.parent, prefix=prefix, suffix=_SUFFIX, delete=False, **coding
         )
     except OSError as error:
         raise _unwritable(path, error.strerror or str(error)) from None
+    lock = _lock(handle.fileno())
     try:
         with handle:
             yield handle
             handle.flush()
             os.fsync(handle.fileno())
-        permissions = path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~_umask()
-        os.chmod(handle.name, permissions)
+        _dress_like(path, handle.name)
         os.replace(handle.name, path)
-    except BaseException:
+    except BaseException as error:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(handle.name)
+        if isinstance(error, OSError) and error.errno in _FULL and error.filename is None:
+            raise _unwritable(path, error.strerror or str(error)) from None
         raise
+    finally:
+        if lock is not None:
+            os.close(lock)
+
+
+def _lock(handle: int) -> int | None:
+    """Mark a temporary file as being written; return what holds the mark until it is closed."""
+    if fcntl is None:
+        return None
+    held = os.dup(handle)
+    with contextlib.suppress(OSError):  # a file system without locks
+        fcntl.flock(held, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    return held
+
+
+def _sweep(folder: Path, prefix: str) -> None:
+    """Remove the temporary files of a target that nobody writes any more."""
+    if fcntl is None:
+        return
+    for name in glob.glob(glob.escape(prefix) + "*" + _SUFFIX, root_dir=folder, include_hidden=True):
+        with contextlib.suppress(OSError), open(folder / name, "rb") as old:  # being written, or another's
+            if len(name) == len(prefix) + _RANDOM + len(_SUFFIX) and time.time() - os.fstat(old.fileno()).st_mtime > 1:
+                fcntl.flock(old, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                os.unlink(folder / name)
+
+
+def _dress_like(path: Path, name: str) -> None:
+    """Give a new file the old one's permissions, and its owner where that is allowed."""
+    if not path.exists():
+        os.chmod(name, 0o666 & ~_umask())
+        return
+    old, new = path.stat(), os.stat(name)
+    if hasattr(os, "chown") and (old.st_uid, old.st_gid) != (new.st_uid, new.st_gid):
+        with contextlib.suppress(PermissionError):
+            os.chown(name, old.st_uid, old.st_gid)
+    os.chmod(name, old.st_mode & 0o777)
 
 
 def _is_replaceable(path: Path) -> bool:
@@ -82,6 +133,8 @@ def _is_replaceable(path: Path) -> bool:
 
 def _unwritable(path: Path, came: str) -> InputError:
     todo = "choose another place, or make the folder" if "No such" in came else "choose another place"
+    if "space" in came or "quota" in came:
+        todo = "make room on the disk, or choose another place"
     return InputError(path, wanted="a file that can be written", came=came[:1].lower() + came[1:], todo=todo)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 import printmend
 
-_MARK = re.compile(rb"^(?:\xef\xbb\xbf)?; mended by printmend (\S+) model=(\S+)", re.MULTILINE)
+_MARK = re.compile(rb"(?:^|\r)(?:\xef\xbb\xbf)?; mended by printmend (\S+) model=(\S+)", re.MULTILINE)
 # Headers that must stay first; the mark follows the line that ends them.
 _HEADERS = (
     (b"; HEADER_BLOCK_START", b"; HEADER_BLOCK_END"),  # Bambu, Orca
@@ -43,6 +43,8 @@ def marked(chunks: Iterable[np.ndarray], model_hash: str) -> Iterator[np.ndarray
 
 def _line_end(text: bytes) -> bytes:
     newline = text.find(b"\n")
+    if newline < 0 and b"\r" in text:
+        return b"\r"
     return b"\r\n" if newline > 0 and text[newline - 1 : newline] == b"\r" else b"\n"
 
 
@@ -58,5 +60,5 @@ def _place(text: bytes) -> int:
 
 
 def _next_line(text: bytes, position: int) -> int:
-    newline = text.find(b"\n", position)
+    newline = text.find(_line_end(text)[-1:], position)
     return len(text) if newline < 0 else newline + 1

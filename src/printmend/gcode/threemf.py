@@ -12,6 +12,7 @@ from printmend.errors import GcodeError
 _PLATE = re.compile(r"Metadata/plate_\d+\.gcode")
 _MAX_BYTES = 8 << 30
 _MAX_OTHER_BYTES = 1 << 30
+_MAX_WHOLE_BYTES = 32 << 30
 _MAX_RATIO = 300  # deflate cannot reach 1100; real G-code stays below 20
 _RATIO_MATTERS_BYTES = 32 << 20
 _TODO = "export the plate again"
@@ -32,15 +33,19 @@ def open_zip(handle: IO[bytes], name: str) -> zipfile.ZipFile:
     except BROKEN as error:
         raise broken(name, error) from None
     seen = set()
+    whole = packed = 0
     for member in archive.infolist():
         path, size = member.filename, member.file_size
         limit = _MAX_BYTES if _PLATE.fullmatch(path) else _MAX_OTHER_BYTES
         bomb = size > _RATIO_MATTERS_BYTES and size > _MAX_RATIO * max(member.compress_size, 1)
+        whole, packed = whole + size, packed + member.compress_size
+        many = whole > _MAX_WHOLE_BYTES or (whole > _RATIO_MATTERS_BYTES and whole > _MAX_RATIO * max(packed, 1))
         bad_path = path.startswith("/") or "\\" in path or ":" in path or ".." in path.split("/")
         for wrong, came in (
             (bad_path, f"the path {path!r}"),
             (path in seen, f"{path!r} twice"),
             (size > limit or bomb, f"{path!r} that would unpack to {size} bytes"),
+            (many, f"members that would unpack to more than {whole} bytes together"),
             (member.flag_bits & 1, f"the encrypted member {path!r}"),
         ):
             if wrong:

@@ -40,7 +40,8 @@ class Prediction:
     that had to be held back at the edge of the bed, ``clamped_extruding`` those that extrude, ``beyond_mm`` how far out
     they would have gone and ``held_mm`` how much extruded path that is, the start of the file left out where layer
     comments tell what that is (purge lines lie at the edge of the bed and need not be right); ``unknown`` the
-    extruding moves that were left as they are, because the file does not say where the head is. ``distance_to`` says
+    extruding moves that were left as they are, because the file does not say where the head is, ``splines`` the curves
+    (G5) that were, ``geometry`` the commands that make the firmware scale or skew what it is told. ``distance_to`` says
     what the errors are distances to, from above. ``heights`` are the errors in height before and after, where the model
     has a Z screw.
     """
@@ -58,6 +59,8 @@ class Prediction:
     beyond_mm: float
     held_mm: float
     unknown: int
+    splines: int
+    geometry: int
     extruding: int
     low_mm: tuple[float, float]
     high_mm: tuple[float, float]
@@ -107,6 +110,13 @@ class Prediction:
         )
         if self.unknown:
             rows.append(f"{self.unknown} extruding moves left as they are: the file does not say where the head is")
+        if self.splines:
+            rows.append(f"{self.splines} curves (G5) left as they are: let the slicer write lines or arcs")
+        if self.geometry:
+            rows.append(
+                f"the file sets the firmware's own skew or scale {self.geometry} times (M556, M579, M852, SET_SKEW): "
+                "this holds only if the test print was printed with the same"
+            )
         if self.clamped:
             rows.append(
                 f"{self.clamped} commands held back at the edge of the bed, {self.clamped_extruding} of them extruding"
@@ -144,6 +154,8 @@ def prediction_of(planner: Planner) -> Prediction:
         beyond_mm=float(state[k.S_BEYOND]),
         held_mm=float(state[k.S_HELD + 1] if counts[k.N_MARK] > 0 else state[k.S_HELD]),
         unknown=int(counts[k.N_UNKNOWN]),
+        splines=int(counts[k.N_SPLINES]),
+        geometry=int(counts[k.N_GEOMETRY]),
         extruding=int(counts[k.N_EXTRUDING]),
         low_mm=(float(state[k.S_LOW]), float(state[k.S_LOW + 1])),
         high_mm=(float(state[k.S_HIGH]), float(state[k.S_HIGH + 1])),

@@ -252,12 +252,14 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
             counts[C_MODAL] = -1
         return EVENT_PROBE + ALL_LOST
     elif code == 50 or code == 51:  # splines end where they say
-        _goto(numbers, counts, words, unclear, values, 25.4 if counts[C_INCH] else 1.0, np.int64(0))
+        unit = 25.4 if counts[C_INCH] else 1.0
+        _goto(numbers, counts, words, unclear, values, unit, np.int64(0))
+        if words & WORD_F:
+            numbers[N_FEED] = abs(values[5]) * unit
         if words & WORD_E:
-            value = values[4] * (25.4 if counts[C_INCH] else 1.0)
-            numbers[N_E] = r.e0 + value if e_is_relative(counts) else value
+            numbers[N_E] = r.e0 + values[4] * unit if e_is_relative(counts) else values[4] * unit
         r.flags = r.flags | FLAG_OPAQUE
-        return EVENT_UNKNOWN
+        return EVENT_SPLINE
     else:
         r.flags = r.flags | FLAG_OPAQUE
         return EVENT_UNKNOWN + ALL_LOST
@@ -294,7 +296,24 @@ def _g10(r, numbers, counts, words, values, code):
     return EVENT_OFFSET
 
 
-# M commands in tenths. The place is kept by the first three groups and lost by the last.
+@inner
+def tool_change(numbers, counts, tool):
+    """T: the macro behind it leaves the head where the file thinks it is, or an extruding line after it would be lost.
+
+    With increments, or where the tools' offsets differ, nobody knows.
+    """
+    old = counts[C_TOOL]
+    same = counts[C_RELATIVE] == 0
+    for axis in range(3):
+        before = numbers[N_TOOLS + 3 * old + axis] if 0 <= old < TOOLS else 0.0
+        after = numbers[N_TOOLS + 3 * tool + axis] if 0 <= tool < TOOLS else 0.0
+        same = same and before == after
+    counts[C_TOOL] = tool
+    return EVENT_TOOL if same else EVENT_TOOL + ALL_LOST
+
+
+# M commands in tenths. The place is kept by the first four groups and lost by the last two.
+_M_GEOMETRY = np.array([5560, 5790, 8520])
 _M_PAUSE = np.array([0, 10, 250, 600, 1250, 2260, 6000, 6010, 6020])
 _M_EXCLUDE = np.array([4860, 6240, 6250])
 _M_TOOL = np.array([60, 6200, 6210, 7010, 7020, 7030])
@@ -330,6 +349,9 @@ def m_command(r, numbers, counts, words, bare, values, code):
         axes = (named >> 23) & 7
         if words & WORD_S == 0 and (axes or named & WORD_E == 0):
             return EVENT_MOTORS_OFF + (axes if axes else 7) * _LOST
+    elif among(code, _M_GEOMETRY):
+        if words & (WORDS_XYZ | WORD_S | WORDS_IJK):
+            return EVENT_GEOMETRY
     elif among(code, _M_PAUSE):
         return EVENT_PAUSE
     elif among(code, _M_EXCLUDE):

@@ -45,6 +45,7 @@ from printmend.gcode.kernels.words import (
     reached,
     scaled_axis,
     scaled_centre,
+    scaled_feed,
     to_fixed,
     wants_axis,
 )
@@ -103,7 +104,7 @@ def edit_statement(buf, r, piece, before, writer, out, at):
         if letter == 71:
             at = copy_bytes(buf, gap, p, out, at)
             at = put_command(buf, r, motion, out, at)
-        elif bit & (drop | done):  # of a word that comes twice the first stays
+        elif found and bit & (drop | done):  # of a word that comes twice the first stays
             gap, p = q, q
             continue
         elif 88 <= letter <= 90 and r.words & bit:
@@ -140,12 +141,13 @@ def edit_statement(buf, r, piece, before, writer, out, at):
                 if keep_feed:
                     at = copy_bytes(buf, p + 1, q, out, at)
                 else:
-                    at = put_fixed(out, at, to_fixed(feed / (25.4 if r.flags & FLAG_INCH else 1.0), THREE), THREE)
+                    scaled, places = scaled_feed(r, feed)
+                    at = put_fixed(out, at, scaled, places)
                 writer[W_FEED] = feed
             else:
                 at = copy_bytes(buf, gap, q, out, at)
         gap, p = q, q
-        if letter != 71:
+        if letter != 71 and found:
             done |= bit
         # The axes that the statement does not name follow the last one it does.
         if not added and r.words & WORDS_XYZ and done & WORDS_XYZ == r.words & WORDS_XYZ:

@@ -25,7 +25,7 @@ ROOM = 224  # more than a generated line or an edit adds: eight words of at most
 def _follow(r, writer):
     """Move the writer's machine through a statement that is written as it was."""
     relative = r.flags & FLAG_RELATIVE and not r.flags & FLAG_G53
-    moves = r.kind <= KIND_CCW or (r.kind == KIND_EVENT and r.event == EVENT_UNKNOWN)
+    moves = r.kind <= KIND_CCW or (r.kind == KIND_EVENT and (r.event == EVENT_UNKNOWN or r.event == EVENT_SPLINE))
     for axis in range(3):
         start = r.x0 if axis == 0 else (r.y0 if axis == 1 else r.z0)
         end = axis_end(r, axis)

@@ -13,6 +13,7 @@ from printmend.gcode.kernels.commands import (
     m_command,
     move,
     set_mode,
+    tool_change,
 )
 from printmend.gcode.kernels.klipper import long_command
 from printmend.gcode.kernels.layout import *
@@ -158,6 +159,8 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
                 words |= bit
                 if found == 2:
                     flags |= FLAG_EXPONENT
+                elif q < stop and buf[q] == 101 and buf[p] < 97:  # `X8e1`: 8, and what becomes of the rest is open
+                    garbled = True
             else:
                 while q < stop and is_blank(buf[q]):
                     q += 1
@@ -178,6 +181,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
                     break  # a letter that begins nothing
                 else:
                     bare |= bit
+                    garbled |= bit & WORDS_MOVING != 0 and letter == 71 and code <= 30  # `G1 Xnan`
             p = q
         if spaced:
             flags |= FLAG_SPACED
@@ -202,8 +206,7 @@ def _line(buf, p, stop, after, values, numbers, counts, records, n):
             what = m_command(r, numbers, counts, words, bare, values, code)
         elif letter == 84:
             if code // 10 != counts[C_TOOL]:
-                counts[C_TOOL] = code // 10
-                what = EVENT_TOOL + ALL_LOST
+                what = tool_change(numbers, counts, code // 10)
         elif letter == _EXTENDED:
             what = long_command(r, buf, start, stop, numbers, counts)
         else:

@@ -22,6 +22,8 @@ _EXCLUDING = np.array(
 )  # fmt: skip
 _PAUSING = np.array([name_hash(name) for name in ("PAUSE", "RESUME", "CANCEL_PRINT")])
 _TOOLING = np.array([name_hash("ACTIVATE_EXTRUDER")])
+_SKEWING = np.array([name_hash(name) for name in ("SKEW_PROFILE", "SET_SKEW")])
+_KEY_SKEWED = np.array([name_hash(name) for name in ("LOAD", "XY", "XZ", "YZ")])
 # Extended commands that neither move the carriage nor shift its coordinates.
 _STILL = np.array(
     [name_hash(name) for name in (
@@ -31,7 +33,7 @@ _STILL = np.array(
         "SDCARD_LOOP_BEGIN", "SDCARD_LOOP_END", "SDCARD_LOOP_DESIST", "SET_PIN", "SET_TEMPERATURE_FAN_TARGET",
         "TURN_OFF_HEATERS", "SET_DISPLAY_TEXT", "QUERY_ENDSTOPS", "STATUS",
         "TIMELAPSE_RENDER", "SET_SERVO", "SET_FILAMENT_SENSOR", "M117", "EXCLUDE_OBJECT_RESET", "SET_TMC_CURRENT",
-        "BED_MESH_PROFILE", "BED_MESH_CLEAR", "BED_MESH_OFFSET", "SKEW_PROFILE", "SET_SKEW", "SET_IDLE_TIMEOUT",
+        "BED_MESH_PROFILE", "BED_MESH_CLEAR", "BED_MESH_OFFSET", "SET_IDLE_TIMEOUT",
         "SET_EXTRUDER_ROTATION_DISTANCE", "SYNC_EXTRUDER_MOTION", "TUNING_TOWER", "SET_FAN",
     )]
 )  # fmt: skip
@@ -48,6 +50,10 @@ def long_command(r, buf, p, stop, numbers, counts):
             return EVENT_PAUSE
         elif among(name, _TOOLING):
             return EVENT_TOOL + ALL_LOST
+        elif among(name, _SKEWING):
+            while p < stop and not is_letter(buf[p]):
+                p += 1
+            return EVENT_GEOMETRY if among(word_hash(buf, p, stop)[0], _KEY_SKEWED) else 0
         elif not among(name, _STILL):
             return EVENT_MACRO + ALL_LOST
         return 0

@@ -1,5 +1,7 @@
 """Line numbers and checksums: the last pass over a file that has them, once lines were added."""
 
+import numpy as np
+
 from printmend.gcode.kernels.text import CR, LF, SEMICOLON, STAR, digit_of, is_blank, is_digit, upper
 from printmend.jit import entry, inner
 
@@ -7,12 +9,31 @@ _ROOM = 32  # what one line can gain: a number of 20 digits and a checksum of 4 
 
 
 @inner
-def _says_m110(buf, p, stop):
+def _restart(buf, p, stop):
+    """Return the number that the numbering goes on from after an M110 on this line: its N word's, −1 without one.
+
+    −2 where there is no M110.
+    """
     while p < stop and buf[p] != SEMICOLON:
         if upper(buf[p]) == 77 and p + 3 < stop and buf[p + 1] == 49 and buf[p + 2] == 49 and buf[p + 3] == 48:
-            return True
+            p += 4
+            while p < stop and buf[p] != SEMICOLON and buf[p] != STAR:
+                if upper(buf[p]) == 78 and p + 1 < stop and is_digit(buf[p + 1]):
+                    return _integer(buf, p + 1, stop)[0]
+                p += 1
+            return np.int64(-1)
         p += 1
-    return False
+    return np.int64(-2)
+
+
+@inner
+def _integer(buf, p, stop):
+    """Read digits at p: (their value, where they end)."""
+    number = np.int64(0)
+    while p < stop and is_digit(buf[p]):
+        number = (number * 10 + digit_of(buf[p])) % 1000000000000
+        p += 1
+    return number, p
 
 
 @entry
@@ -36,6 +57,7 @@ def renumber(buf, begin, end, lines, out):
             at, p = at + 1, p + 1
         first = at
         changed = False
+        restart = np.int64(-2)
         if p + 1 < stop and upper(buf[p]) == 78 and (buf[p + 1] == 43 or is_digit(buf[p + 1])):
             out[at] = buf[p]
             at, p = at + 1, p + 1
@@ -46,11 +68,9 @@ def renumber(buf, begin, end, lines, out):
                 changed = True
                 p += 1
             else:
-                q = p
-                while q < stop and is_digit(buf[q]):
-                    number = (number * 10 + digit_of(buf[q])) % 1000000000000
-                    q += 1
-                if _says_m110(buf, q, stop):
+                number, q = _integer(buf, p, stop)
+                restart = _restart(buf, q, stop)
+                if restart > -2:
                     lines[0] = 0
                 changed = lines[0] != 0
                 number += lines[0]
@@ -62,6 +82,12 @@ def renumber(buf, begin, end, lines, out):
             if changed:
                 at = _put_integer(out, at, number)
             lines[1] = number
+        elif p < stop and (upper(buf[p]) == 77 or upper(buf[p]) == 71):
+            restart = _restart(buf, p, stop)
+            if restart > -2:
+                lines[0] = 0
+        if restart >= 0:
+            lines[1] = restart
         star = stop
         q = p
         while q < stop and buf[q] != SEMICOLON:

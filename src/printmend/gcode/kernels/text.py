@@ -50,7 +50,7 @@ def parse_number(buf, p, stop, style):
     """Read a number at p: (value, next, found). Found is 0 for none, which leaves next at p, and 2 with an exponent.
 
     ``style`` (SPACED, CAPITAL) says how the line is written, which tells an exponent (`Y2.4e-15`, `X1.0E-4`) from an
-    E word that follows without a blank (`X1E-4` in `G1X1E-4`).
+    E word that follows without a blank (`X1E-4` in `G1X1E-4`). Without a sign it is none: firmwares read `X8e1` as X8.
     """
     start = p
     negative = False
@@ -116,8 +116,7 @@ def _parse_long(buf, p, stop, style):
             exponent = exponent * 10 + digit_of(buf[q])
             q += 1
         closed = q == stop or is_blank(buf[q]) or buf[q] == SEMICOLON or buf[q] == STAR or buf[q] == OPEN
-        sure = buf[p] == 101 and style & CAPITAL
-        if q > first and closed and (sure or (style & SPACED and signed)):
+        if q > first and closed and signed and ((buf[p] == 101 and style & CAPITAL) or style & SPACED):
             power += -exponent if buf[p + 1] == 45 else exponent
             p, found = q, 2
     if power >= 0:

@@ -8,7 +8,7 @@ from printmend.gcode.kernels.text import POWERS, is_digit, upper
 from printmend.jit import inner
 
 # As int64 values, not literals, or numba would compile the functions that take them once for each.
-FIRST, SECOND, THREE, FIVE = np.int64(0), np.int64(1), np.int64(3), np.int64(5)
+FIRST, SECOND, THREE, FIVE, NINE = np.int64(0), np.int64(1), np.int64(3), np.int64(5), np.int64(9)
 LETTER_E, LETTER_F, LETTER_G = np.int64(69), np.int64(70), np.int64(71)
 
 
@@ -161,9 +161,18 @@ def keeps_centre(r, piece, writer):
 def put_feed(out, at, r, feed, writer):
     """Write F [mm/min] if the machine's own is another."""
     if feed > 0 and feed != writer[W_FEED]:
-        at = put_word(out, at, r, LETTER_F, to_fixed(feed / (25.4 if r.flags & FLAG_INCH else 1.0), THREE), THREE)
+        scaled, decimals = scaled_feed(r, feed)
+        at = put_word(out, at, r, LETTER_F, scaled, decimals)
         writer[W_FEED] = feed
     return at
+
+
+@inner
+def scaled_feed(r, feed):
+    """F in the file's unit as a fixed-point number: with more decimals where three would make it nought."""
+    value = feed / (25.4 if r.flags & FLAG_INCH else 1.0)
+    decimals = THREE if value >= 1.0 else NINE
+    return to_fixed(value, decimals), decimals
 
 
 @inner

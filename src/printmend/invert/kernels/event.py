@@ -4,9 +4,11 @@ import numpy as np
 
 from printmend.gcode.kernels.layout import (
     EVENT_EXCLUDE,
+    EVENT_GEOMETRY,
     EVENT_OFFSET,
     EVENT_RESTORE,
     EVENT_SAVE,
+    EVENT_SPLINE,
     FLAG_KNOWN_X1,
     FLAG_KNOWN_Y1,
     FLAG_RELATIVE,
@@ -18,7 +20,9 @@ from printmend.gcode.kernels.layout import (
 from printmend.invert.kernels.layout import (
     N_ANYWHERE,
     N_COPIED,
+    N_GEOMETRY,
     N_KNOWN,
+    N_SPLINES,
     S_HI,
     S_LO,
     S_M,
@@ -72,7 +76,10 @@ def event(model, state, counts, r):
         if counts[N_KNOWN] and not sure:
             open_interval(model, state, S_M, S_LO, S_HI)
             open_interval(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI)
+    elif r.kind == KIND_EVENT and r.event == EVENT_GEOMETRY:
+        counts[N_GEOMETRY] += 1
     elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
+        counts[N_SPLINES] += r.event == EVENT_SPLINE
         if r.x0 != r.x1 or r.y0 != r.y1:
             known = False  # the firmware went back to a place of the file as it is written now
         counts[N_KNOWN] = counts[N_KNOWN] and known
