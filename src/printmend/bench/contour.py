@@ -1,7 +1,6 @@
 """How far a program's extruded path lands from the path that was wanted, on a machine that is known."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -49,9 +48,12 @@ def run(program: Program, twin: Twin) -> Way:
     ends, extruding, layer = moves.end_mm[known, :2], moves.extruding[known], moves.layer[known]
     corners = np.concatenate([[twin.printer.home_mm], ends])
     counts = np.maximum(1, np.ceil(np.linalg.norm(np.diff(corners, axis=0), axis=1) / PITCH_MM)).astype(int)
-    parts = [np.linspace(a, b, count + 1)[1:] for (a, b), count in zip(pairwise(corners), counts, strict=True)]
-    wanted = np.concatenate([corners[:1], *parts])
     source = np.repeat(np.arange(len(ends)), counts)
+    last = np.cumsum(counts)
+    share = (np.arange(len(source)) + 1 - np.repeat(last - counts, counts)) / counts[source]
+    points = corners[source] + share[:, None] * (ends - corners[:-1])[source]
+    points[last - 1] = ends  # not a rounding beside them
+    wanted = np.concatenate([corners[:1], points])
     return Way(wanted, twin.follow(wanted), extruding[source], layer[source])
 
 

@@ -32,6 +32,7 @@ COMMANDS: dict[str, str] = {
     "printer": "Print a printer preset as TOML, to start your own from.",
     "printers": "List the printers that you have models of.",
     "probe": "Write a test print that shows every fault, and its plan.",
+    "selfrepair": "A broken printer prints its own timing pulley, again and again.",
     "watch": "Mend whatever is put into a folder.",
     "twin": "Print G-code on a broken printer that exists only here.",
     "verify": "Measure a mended check print: was the promise kept?",
