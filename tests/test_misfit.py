@@ -113,7 +113,6 @@ def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> N
     causes = causes_of(box, trace)
     found = found_in(box, trace, causes, ended=False)
     assert found[0].kind == kind
-    assert found[0].left_mm > 0
     assert 0.03 < found[0].size_mm < 0.1
     later = of_the_end(box, trace, causes)
     assert (later is not None) == (kind in ("linear", "step"))
@@ -138,7 +137,7 @@ def test_points_left_out_a_turned_plate_and_unseen_places_are_said(rng: np.rando
     assert {"left-out", "turned", "unseen"} <= set(found)
     assert "+1.0" in found["turned"].words
     assert found["left-out"].severity == "warning"
-    assert set(misfit_section(tuple(found.values()))) == {"found", "unexplained"}
+    assert set(misfit_section(tuple(found.values()))) == {"found", "effects"}
 
 
 def test_a_probe_does_not_overwrite_another_plan(tmp_path: Path) -> None:

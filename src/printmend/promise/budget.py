@@ -5,12 +5,12 @@ directions F in which the machine on the bed may differ; and what the residuals 
 elsewhere: the instrument (scale, difference of its axes, lean) and half a micro-step (JCGM 100:2008, 4.2 and 4.3).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from printmend.promise.effects import Effect, parse_effects
 from printmend.saved.branches import SCALE_MM
 from printmend.saved.layout import CROSS, Design
 from printmend.saved.model import SavedModel
@@ -65,13 +65,13 @@ class Budget:
     ``placed``: the measurement says where on the bed things lie; else errors are counted from home. ``stretch`` are
     weighed Gaussians of how the bed may be stretched beyond what acts, because the instrument cannot tell: (weight,
     mean [3], covariance [3, 3]) of common scale, half the difference of both axes' scales, half the skew [rad]; empty
-    where the instrument is exact. ``causes`` are what a test of misfit adds: name → (root mean square, its sd) [mm].
+    where the instrument is exact. ``effects`` are what the tests of misfit found.
     """
 
     motors: tuple[MotorBudget, MotorBudget]
     placed: bool
     stretch: tuple[tuple[float, np.ndarray, np.ndarray], ...]
-    causes: Mapping[str, tuple[float, float]]
+    effects: tuple[Effect, ...]
 
 
 def parse_budget(model: SavedModel) -> Budget | None:
@@ -89,7 +89,9 @@ def parse_budget(model: SavedModel) -> Budget | None:
     if sorted(motors) != sorted(model.printer.motors):
         refuse(subject, f"motors {' and '.join(model.printer.motors)}", "others")
     parsed = [_motor(motors[name], f"{subject} {name}") for name in model.printer.motors]
-    return Budget((parsed[0], parsed[1]), bool(section.get("placed")), _stretch(section, subject), _causes(model))
+    return Budget(
+        (parsed[0], parsed[1]), bool(section.get("placed")), _stretch(section, subject), parse_effects(model.document)
+    )
 
 
 def _stretch(section: dict[str, Any], subject: str) -> tuple[tuple[float, np.ndarray, np.ndarray], ...]:
@@ -104,20 +106,6 @@ def _stretch(section: dict[str, Any], subject: str) -> tuple[tuple[float, np.nda
             refuse(subject, "stretches as weight, mean [3] and covariance [3, 3]", "something else")
         found.append((weight, mean, covariance))
     return tuple(found)
-
-
-def _causes(model: SavedModel) -> dict[str, tuple[float, float]]:
-    misfit = model.document.get("misfit")
-    table = misfit.get("unexplained") if isinstance(misfit, dict) else None
-    if table is None:
-        return {}
-    subject = "the model [misfit]"
-    if not isinstance(table, dict) or not all(isinstance(each, dict) for each in table.values()):
-        refuse(subject, "unexplained errors by cause", "something else")
-    return {
-        str(name): (abs(number(each, "rms_mm", subject)), abs(number(each, "sd_mm", subject)))
-        for name, each in table.items()
-    }
 
 
 def _motor(section: Any, subject: str) -> MotorBudget:

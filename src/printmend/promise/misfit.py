@@ -1,12 +1,14 @@
 """What does not fit: a finding in an owner's words, how much it matters, and its place in the saved model.
 
-The section ``misfit`` of a model holds ``found``, a list of these findings, and ``unexplained``: cause → what it may
-add to the error of a new print, which `promise.budget` reads.
+The section ``misfit`` of a model holds ``found``, a list of these findings, and ``effects``: what they may do to a new
+print, which `promise.effects` reads.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
+
+from printmend.promise.effects import Effect
 
 NOTE, WARNING, REFUSAL = "note", "warning", "refusal"
 SEVERITIES = (NOTE, WARNING, REFUSAL)
@@ -17,8 +19,7 @@ class Misfit:
     """One thing that does not fit.
 
     ``kind`` names it for programs; ``size_mm`` is what it does to a print, root mean square; ``evidence`` how sure it
-    is, in nats over chance; ``words`` say it to an owner; ``left_mm`` is what of it no model takes out, so that it
-    stays in every new print, with its standard deviation ``left_sd_mm``.
+    is, in nats over chance; ``words`` say it to an owner.
     """
 
     kind: str
@@ -26,25 +27,16 @@ class Misfit:
     size_mm: float
     evidence: float
     words: str
-    left_mm: float = 0.0
-    left_sd_mm: float = 0.0
 
 
-def misfit_section(found: Sequence[Misfit]) -> dict[str, Any]:
-    """Return findings as the plain values of a saved model's section ``misfit``."""
+def misfit_section(found: Sequence[Misfit], effects: Sequence[Effect] = ()) -> dict[str, Any]:
+    """Return findings and effects as the plain values of a saved model's section ``misfit``."""
     ordered = sorted(found, key=lambda each: -SEVERITIES.index(each.severity))
     rounded = [
         {key: round(value, 4) if isinstance(value, float) else value for key, value in asdict(each).items()}
         for each in ordered
     ]
-    for each in rounded:
-        del each["left_mm"], each["left_sd_mm"]
-    left = {
-        each.kind: {"rms_mm": round(each.left_mm, 5), "sd_mm": round(each.left_sd_mm, 5)}
-        for each in ordered
-        if each.left_mm > 0
-    }
-    return {"found": rounded, "unexplained": left}
+    return {"found": rounded, "effects": [each.json() for each in effects]}
 
 
 def misfit_words(document: Mapping[str, Any]) -> tuple[str, ...]:

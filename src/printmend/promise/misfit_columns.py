@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -46,17 +45,18 @@ class Sideways:
         return Sideways(**{**vars(self), "done": np.ones_like(self.done)})
 
 
-Columns = Callable[[Sideways], np.ndarray]
-
-
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One thing that may be: its ``kind``, its columns [N, Q], how many like it are tried, and a detail for words."""
+    """One thing that may be: its ``kind``, how many like it are tried, and the ``detail`` and ``place`` of its law."""
 
     kind: str
-    columns: Columns
     tried: int = 1
     detail: float = 0.0
+    place: float = 0.0
+
+    def columns(self, one: Sideways) -> np.ndarray:
+        """Return what it may do to each row, as columns [N, Q]."""
+        return LAWS[self.kind](one, self.detail, self.place)
 
 
 def sideways(motors: list[Rows], which: int, commanded_mm: np.ndarray, side: np.ndarray) -> Sideways:
@@ -78,44 +78,30 @@ def sideways(motors: list[Rows], which: int, commanded_mm: np.ndarray, side: np.
 
 def candidates(one: Sideways) -> Iterator[Candidate]:
     """Yield everything that is looked for."""
-    yield Candidate("linear", lambda s: s.done[:, None])
+    yield Candidate("linear")
     for share in BREAKS:
-        yield Candidate("step", partial(_after, share=share), len(BREAKS), share)
+        yield Candidate("step", len(BREAKS), float(share))
     for share in CREEPS:
-        yield Candidate("creep", partial(_crept, share=share), len(CREEPS), share)
-    yield Candidate("wear", lambda s: (s.side * s.done)[:, None])
-    yield Candidate("thermal", lambda s: (s.own * (1 - np.exp(-s.done / WARMING)))[:, None])
-    yield Candidate("direction", lambda s: s.across[:, None])
-    yield Candidate("speed", lambda s: (s.side * np.minimum(1.0, s.move_mm / LONG_MM))[:, None])
+        yield Candidate("creep", len(CREEPS), share)
+    for kind in ("wear", "thermal", "direction", "speed"):
+        yield Candidate(kind)
     for axis in range(2):
         for place in HALVES:
-            tried = 2 * len(HALVES)
-            yield Candidate("halves", partial(_beyond, axis=axis, place=place), tried, axis)
-            yield Candidate("halves-play", partial(_play_beyond, axis=axis, place=place), tried, axis)
-    yield Candidate("racking", lambda s: (s.side * s.other)[:, None])
-    yield Candidate("two-motors", lambda s: _waves(s, s.period_mm, TWO_MOTORS) * s.other[:, None])
+            yield Candidate("halves", 2 * len(HALVES), axis, float(place))
+            yield Candidate("halves-play", 2 * len(HALVES), axis, float(place))
+    yield Candidate("racking")
+    yield Candidate("two-motors")
     span = np.ptp(one.motor_mm)
     turns = one.period_mm / PERIODS_MM
     apart = np.abs(turns / np.maximum(np.rint(turns), 1.0) - 1.0) > OWN_PERIOD
     periods = PERIODS_MM[apart & (0.8 * span > PERIODS_MM)]
     for period in periods:
-        yield Candidate("second-period", partial(_waves, period_mm=period, harmonics=(1,)), len(periods), float(period))
+        yield Candidate("second-period", len(periods), float(period))
 
 
-def _after(one: Sideways, share: float) -> np.ndarray:
-    return (one.done > share)[:, None] * 1.0
-
-
-def _crept(one: Sideways, share: float) -> np.ndarray:
-    return 1 - np.exp(-one.done / share)[:, None]
-
-
-def _beyond(one: Sideways, axis: int, place: float) -> np.ndarray:
-    return (one.beds[:, [axis]] > place) * 1.0
-
-
-def _play_beyond(one: Sideways, axis: int, place: float) -> np.ndarray:
-    return one.side[:, None] * _beyond(one, axis, place)
+def _upper(one: Sideways, axis: float, place: float) -> np.ndarray:
+    """Tell which rows lie in the upper part of one of the bed's axes."""
+    return (one.beds[:, int(axis)] > place) * 1.0
 
 
 def _waves(one: Sideways, period_mm: float, harmonics: tuple[int, ...]) -> np.ndarray:
@@ -126,3 +112,20 @@ def _waves(one: Sideways, period_mm: float, harmonics: tuple[int, ...]) -> np.nd
 def _scaled(values: np.ndarray) -> np.ndarray:
     low, high = values.min(), values.max()
     return (2 * values - low - high) / max(float(high - low), 1e-9)
+
+
+Law = Callable[[Sideways, float, float], np.ndarray]  # rows, detail, place → columns [N, Q]
+LAWS: dict[str, Law] = {
+    "linear": lambda s, _, __: s.done[:, None],
+    "step": lambda s, share, _: (s.done > share)[:, None] * 1.0,
+    "creep": lambda s, share, _: 1 - np.exp(-s.done / share)[:, None],
+    "wear": lambda s, _, __: (s.side * s.done)[:, None],
+    "thermal": lambda s, _, __: (s.own * (1 - np.exp(-s.done / WARMING)))[:, None],
+    "direction": lambda s, _, __: s.across[:, None],
+    "speed": lambda s, _, __: (s.side * np.minimum(1.0, s.move_mm / LONG_MM))[:, None],
+    "halves": lambda s, axis, place: _upper(s, axis, place)[:, None],
+    "halves-play": lambda s, axis, place: (s.side * _upper(s, axis, place))[:, None],
+    "racking": lambda s, _, __: (s.side * s.other)[:, None],
+    "two-motors": lambda s, _, __: _waves(s, s.period_mm, TWO_MOTORS) * s.other[:, None],
+    "second-period": lambda s, period, _: _waves(s, period, (1,)),
+}

@@ -14,7 +14,8 @@ from printmend.learn.drive.fit import independent_share, robust_sigma_mm
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
 from printmend.learn.greybox.rows import motor_rows
 from printmend.path import Trace
-from printmend.promise.misfit import NOTE, WARNING, Misfit
+from printmend.promise.effects import ENDED, LEARNED, STAYS, VARIES, Effect, absorbing
+from printmend.promise.misfit import NOTE, SEVERITIES, WARNING, Misfit
 from printmend.promise.misfit_columns import Candidate, Sideways, candidates, sideways
 
 LOOKED_AT = 2500  # rows of a motor
@@ -34,7 +35,6 @@ TURNED_DEG, ALIKE = 0.1, 0.6  # both axes by so much, and alike to this share
 MOVED_MM = 0.3
 REPEATS = 0.35  # share of an uneven belt's squares that one period may leave
 COVERED = 0.6  # of an axis of the bed
-LEFT = 0.4  # of what was taken out in time: it may go on
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,18 +138,57 @@ def _tried(
 
 
 def of_the_end(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> Trace | None:
-    """Return the trace as it would be had all of it been printed as its end was; None where nothing changed in time."""
+    """Return the trace as it would be had all of it been printed as its end was; None where nothing changed for good.
+
+    A printer that warms up is cold again when the next print begins: then the mean of the print is the better guess.
+    """
     timed = [cause for cause in causes if cause.candidate.kind in IN_TIME and cause.size_mm > LEAST_MM]
-    if not timed:
+    if not timed or any(cause.candidate.kind == "thermal" for cause in timed):
         return None
     rows = motor_rows(trace, box.printer)
     moved = np.zeros(trace.measured_mm.shape)
     for cause in timed:
         touch = box.drives[cause.motor].choice.fit.touch
         one = sideways(rows, cause.motor, trace.commanded_mm, touch.side)
-        columns = cause.candidate.columns
-        moved[:, cause.motor] += (columns(one.ended()) - columns(one)) @ cause.weights
+        law = cause.candidate.columns
+        moved[:, cause.motor] += (law(one.ended()) - law(one)) @ cause.weights
     return replace(trace, measured_mm=trace.measured_mm + np.asarray(box.printer.from_motor(moved)))
+
+
+def effects_of(
+    box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], *, ended: bool
+) -> tuple[tuple[Effect, ...], np.ndarray]:
+    """Return what causes may do to a new print, and what they do to the rows of this one, motor by motor [N, 2] mm;
+    ``ended`` where the model is of the end."""
+    rows = motor_rows(trace, box.printer)
+    effects, explained = [], np.zeros((len(trace), 2))
+    spans = [[float(each.min()), float(each.max())] for each in (*_motors(rows), *trace.commanded_mm.T)]
+    for cause in causes:
+        drive, kind = box.drives[cause.motor], cause.candidate.kind
+        one = sideways(rows, cause.motor, trace.commanded_mm, drive.choice.fit.touch.side)
+        used = np.flatnonzero((rows[cause.motor].weight > 0) & (drive.choice.fit.touch.at >= 0))
+        used = used[:: max(1, len(used) // LOOKED_AT)]
+        done = cause.candidate.columns(one) @ cause.weights
+        basis = _own_columns(drive, rows[cause.motor], used)
+        taken = basis @ (basis.T @ done[used])
+        absorbed = np.linalg.lstsq(absorbing(one.at(used)), taken, rcond=None)[0]
+        learned = kind == "second-period" and bool(drive.structure.warp_mm)
+        state = LEARNED if learned else STAYS if kind not in IN_TIME else ENDED if ended else VARIES
+        if state in (STAYS, VARIES):
+            explained[:, cause.motor] += done - absorbing(one) @ absorbed
+        mine = spans if cause.motor == 0 else [spans[1], spans[0], *spans[2:]]
+        candidate = cause.candidate
+        effects.append(
+            Effect(
+                kind, cause.motor, cause.weights, float(candidate.detail), candidate.place, state, absorbed,
+                np.array(mine), rows[cause.motor].period_mm,
+            )
+        )  # fmt: skip
+    return tuple(effects), explained
+
+
+def _motors(rows: list[Rows]) -> list[np.ndarray]:
+    return [row.motor_mm for row in rows]
 
 
 def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], *, ended: bool) -> tuple[Misfit, ...]:
@@ -157,12 +196,9 @@ def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], *, ende
     found = []
     for cause in causes:
         kind = cause.candidate.kind
-        learned = kind == "second-period" and bool(box.drives[cause.motor].structure.warp_mm)
-        taken = learned or (ended and kind in IN_TIME)
-        left = cause.size_mm * (LEFT if taken else 1.0)
         severity = WARNING if cause.size_mm >= WARNED_MM else NOTE
         words = _words(cause, box.drives[cause.motor].name.upper(), box.printer.motors)
-        found.append(Misfit(kind, severity, cause.size_mm, cause.nats, words, left, left / 2))
+        found.append(Misfit(kind, severity, cause.size_mm, cause.nats, words))
     joined = [
         replace(each, words=f"{each.words}. The model is of the end of the print")
         if ended and each.kind in IN_TIME
@@ -179,8 +215,8 @@ def _one_of_each(found: list[Misfit]) -> list[Misfit]:
         if (old := joined.get(each.kind)) is not None:
             each = replace(
                 old, size_mm=float(np.hypot(old.size_mm, each.size_mm)), evidence=old.evidence + each.evidence,
-                words=f"{old.words}; {each.words}", left_mm=float(np.hypot(old.left_mm, each.left_mm)),
-                severity=max(old.severity, each.severity),
+                words=f"{old.words}; {each.words}",
+                severity=max(old.severity, each.severity, key=SEVERITIES.index),
             )  # fmt: skip
         joined[each.kind] = each
     return list(joined.values())

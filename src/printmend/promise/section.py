@@ -17,14 +17,18 @@ KEPT = 0.998  # share of the variance on the bed that the kept directions have
 PLACES = 400  # on the bed at which that variance is looked at
 
 
-def promise_section(acts: Acting, trace: Trace) -> dict[str, Any]:
-    """Return the budget of what acts of a learned machine as plain values: the section ``promise`` of its file."""
+def promise_section(acts: Acting, trace: Trace, explained_mm: np.ndarray | None = None) -> dict[str, Any]:
+    """Return the budget of what acts of a learned machine as plain values: the section ``promise`` of its file.
+
+    ``explained_mm`` [N, 2] is what misfits that were found do to each row, motor by motor: they are told apart.
+    """
     fit = acts.fit
     rows = motor_rows(trace, fit.printer)
     motors = {}
     for motor, drive in enumerate(fit.drives):
         touch = drive.choice.fit.touch
-        left = unexplained(rows[motor], touch.residual_mm, touch.side)
+        known = 0.0 if explained_mm is None else explained_mm[:, motor]
+        left = unexplained(rows[motor], touch.residual_mm - known, touch.side)
         motors[drive.name] = motor_section(drive, fit.printer, motor, left.variance_mm2, left.sd_mm2)
     section: dict[str, Any] = {"version": VERSION, "placed": trace.placed, "instrument": asdict(trace.instrument_doubt)}
     if acts.believed is not None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.diagnosis import Diagnosis, diagnose, doubt_of
 from printmend.diagnosis.screw import ScrewFound, find_screw
@@ -17,9 +18,10 @@ from printmend.machine.mechanism import Mechanism, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import acting
+from printmend.promise.effects import Effect
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_rows import in_order
-from printmend.promise.misfit_tests import causes_of, found_in, of_the_end
+from printmend.promise.misfit_tests import IN_TIME, causes_of, effects_of, found_in, of_the_end
 from printmend.promise.section import promise_section
 from printmend.protocols import WorldModel
 from printmend.saved.branches import Branches
@@ -45,18 +47,26 @@ def learn_model(
     rows looked at first in a long trace; without it every run picks the same.
     """
     rng = np.random.default_rng(0) if rng is None else rng
+    # Threads of the linear algebra cost more than they bring on systems of a few hundred unknowns.
+    with threadpool_limits(1, user_api="blas"):
+        return _learned(trace, printer, model, rng)
+
+
+def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> SavedModel:
     name = "hybrid" if model == AUTO else model
     ordered = in_order(trace, printer)
     trace = ordered.trace
     fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
     if (box := _box_of(fit)) is not None:
         flat = trace if found is None else found.trace
-        fit, flat, misfits = _of_the_end(fit, box, flat, lambda clean: _planar(clean, printer, model, rng))
+        fit, flat, misfits, (effects, explained) = _of_the_end(
+            fit, box, flat, lambda clean: _planar(clean, printer, model, rng)
+        )
         box = _box_of(fit) or box
         # what is too small to be said is not worth a model that a second print cannot bring up to date
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
-        more = {"misfit": misfit_section((*ordered.found, *misfits))}
-        saved = greybox_model(box, flat, hybrid=hybrid, more=more)
+        more = {"misfit": misfit_section((*ordered.found, *misfits), effects)}
+        saved = greybox_model(box, flat, hybrid=hybrid, more=more, explained_mm=explained)
         return saved if found is None or found.is_silent else told(saved, found, found.series, trace)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
@@ -73,18 +83,26 @@ def learn_model(
     return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
 
 
+Effects = tuple[tuple[Effect, ...], np.ndarray]
+
+
 def _of_the_end(
     fit: WorldModel, box: GreyboxModel, trace: Trace, learn: Callable[[Trace], WorldModel]
-) -> tuple[WorldModel, Trace, tuple[Misfit, ...]]:
-    """Return the model, learned again as of the print's end where something changed in time, and what does not fit."""
+) -> tuple[WorldModel, Trace, tuple[Misfit, ...], Effects]:
+    """Return the model, learned again as of the print's end where something changed for good, what does not fit, and
+    what that may do to new prints."""
     causes = causes_of(box, trace)
     later = of_the_end(box, trace, causes)
     again = None if later is None else learn(later)
-    if later is None or again is None or (newer := _box_of(again)) is None:
-        return fit, trace, found_in(box, trace, causes, ended=False)
-    if newer.residual_after_mm > box.residual_after_mm:
-        return fit, trace, found_in(box, trace, causes, ended=False)
-    return again, later, found_in(newer, later, causes, ended=True)
+    newer = None if again is None else _box_of(again)
+    if later is None or again is None or newer is None or newer.residual_after_mm > box.residual_after_mm:
+        effects = effects_of(box, trace, causes, ended=False)
+        return fit, trace, found_in(box, trace, causes, ended=False), effects
+    timed = tuple(cause for cause in causes if cause.candidate.kind in IN_TIME)
+    stay = tuple(cause for cause in causes_of(newer, later) if cause.candidate.kind not in IN_TIME)
+    gone, _ = effects_of(newer, later, timed, ended=True)
+    effects, explained = effects_of(newer, later, stay, ended=True)
+    return again, later, found_in(newer, later, (*timed, *stay), ended=True), ((*gone, *effects), explained)
 
 
 def fit_beside_screw(
@@ -146,13 +164,15 @@ def greybox_model(
     more: Mapping[str, Any] | None = None,
     hybrid: HybridModel | None = None,
     old: SavedModel | None = None,
+    explained_mm: np.ndarray | None = None,
 ) -> SavedModel:
     """Return a grey box as a saved model, its diagnosis and uncertainties included.
 
     A ``hybrid`` adds its residuals: a motor that has one is saved as tables.
 
     An update passes the ``known_gaps`` of the old model, whose print saw more: new ones count for motors learned
-    ``anew`` only. ``more`` goes into the document; ``old`` is the model that is brought up to date.
+    ``anew`` only. ``more`` goes into the document; ``old`` is the model that is brought up to date;
+    ``explained_mm`` [N, 2] is what found misfits do to the rows, motor by motor.
     """
     acts = acting(fit, trace, old)
     fit = acts.fit
@@ -173,7 +193,7 @@ def greybox_model(
             "residual_after_mm": round((hybrid or fit).residual_after_mm, 6),
         },
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
-        "promise": promise_section(acts, trace),
+        "promise": promise_section(acts, trace, explained_mm),
         **(more or {}),
     }
     saved: list[Branches | None] = list(branches)

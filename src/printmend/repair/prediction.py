@@ -192,7 +192,7 @@ def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         return ()
     shares = {name: (size / max(after.rms_mm, 1e-9)) ** 2 for name, size in after.made_of.items()}
     name = max(shares, key=lambda each: shares[each])
-    if shares[name] < _MOSTLY or name in ("planning", "rounding"):
+    if shares[name] < _MOSTLY or name in ("planning", "rounding", "motion"):
         return ()
     most = f"{100 * shares[name]:.0f} % of the expected error (in squares)"
     if name == "parameters":

@@ -13,7 +13,7 @@ from printmend.saved.model import SavedModel
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 860, 300, 56, 34
 _MOST_ROWS = 400  # of the table; the chart has them all
-_TYPE_B = ("instrument", "rounding", "planning")  # known from elsewhere than the scatter of the points
+_TYPE_B = ("instrument", "motion", "rounding", "planning")  # known from elsewhere than the scatter of the points
 _COLOURS = {"before": "#c2410c", "after": "#15803d"}
 
 

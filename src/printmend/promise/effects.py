@@ -1,0 +1,124 @@
+"""What a misfit may do to a new print: its own law, looked at where that print goes, as large as it may be there.
+
+A gantry that racks moves a part in the middle of the bed by nothing, and one at its end by much; a printer that warms
+up is cold again when the next print begins. So a promise holds a misfit's law, not its size on the measured print.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from printmend.promise.misfit_columns import LAWS, LONG_MM, TWO_MOTORS, Sideways
+from printmend.saved.values import number, numbers, refuse, section_of
+
+STAYS, ENDED, VARIES, LEARNED = "stays", "ended", "varies", "learned"
+# Mean and standard deviation of how much of a law a new print has: what stays, what was taken out as it was at the
+# end of the measured print and may go on, and what was learned as a part of another kind.
+SHARES = {STAYS: (1.0, 0.25), ENDED: (0.0, 0.2), LEARNED: (0.0, 0.4)}
+VARIES_FROM, VARIES_TO = 0.2, 1.0  # what comes and goes with time: a new print may be anywhere on its way
+_MOST_WEIGHTS = 2 * len(TWO_MOTORS)
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """A misfit of one ``motor``: its ``kind``'s law with ``weights`` [Q] mm, and what becomes of it, ``state``.
+
+    ``absorbed`` [3] mm is how much of it the model has taken in: as an offset, as play, as a scale. ``spans_mm``
+    [4, 2] are the ends, in the measured print, of the motor's and the other motor's way and of the bed's axes.
+    """
+
+    kind: str
+    motor: int
+    weights: np.ndarray
+    detail: float
+    place: float
+    state: str
+    absorbed: np.ndarray
+    spans_mm: np.ndarray
+    period_mm: float
+
+    def law(self, one: Sideways) -> np.ndarray:
+        """Return the misfit at rows [N] mm, none of it absorbed."""
+        return np.asarray(LAWS[self.kind](one, self.detail, self.place) @ self.weights)
+
+    def drawn_mm(self, places: "Places", count: int, rng: np.random.Generator) -> np.ndarray:
+        """Return by how much the belt may be off at places of a new print, in ``count`` draws [N, count]."""
+        one = places.seen_by(self)
+        law, taken = self.law(one)[:, None], (absorbing(one) @ self.absorbed)[:, None]
+        if self.state == VARIES:
+            return np.asarray(law * rng.uniform(VARIES_FROM, VARIES_TO, count) - taken)
+        mean, sd = SHARES[self.state]
+        return np.asarray((law - (taken if self.state == STAYS else 0.0)) * rng.normal(mean, sd, count))
+
+    def json(self) -> dict[str, Any]:
+        """Return plain values."""
+        plain = {key: value for key, value in vars(self).items() if not isinstance(value, np.ndarray)}
+        arrays = {key: np.round(getattr(self, key), 6).tolist() for key in ("weights", "absorbed", "spans_mm")}
+        return {**plain, "detail": float(self.detail), **arrays}
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Places [N] of a new print: both motors, the bed [N, 2], the side of its belt that each motor pushes."""
+
+    motor_mm: np.ndarray
+    bed_mm: np.ndarray
+    side: np.ndarray
+
+    def seen_by(self, effect: Effect) -> Sideways:
+        """Return the places as the rows of a print that is done, in the measures of the one that was measured."""
+        own, other = self.motor_mm[:, effect.motor], self.motor_mm[:, 1 - effect.motor]
+        spans = effect.spans_mm
+        return Sideways(
+            motor_mm=own,
+            period_mm=effect.period_mm,
+            done=np.ones(len(own)),
+            side=-self.side[:, effect.motor].astype(float),  # a test counts the upper branch as +1
+            own=_between(own, spans[0]),
+            other=_between(other, spans[1]),
+            beds=np.stack([_between(self.bed_mm[:, axis], spans[2 + axis]) for axis in range(2)], axis=1),
+            across=self.side[:, 1 - effect.motor].astype(float),
+            move_mm=np.full(len(own), LONG_MM),
+        )
+
+
+def absorbing(one: Sideways) -> np.ndarray:
+    """Return the columns [N, 3] of what most models have: an offset, play, a scale."""
+    return np.stack([np.ones(len(one.side)), one.side, one.own], axis=1)
+
+
+def parse_effects(document: Mapping[str, Any]) -> tuple[Effect, ...]:
+    """Return the effects that a model's document holds. Raise `ModelError` for a section that is none of ours."""
+    misfit = document.get("misfit")
+    if not isinstance(misfit, dict) or "effects" not in misfit:
+        return ()
+    subject = "the model [misfit]"
+    return tuple(_effect(each, subject) for each in section_of(misfit, "effects", list, subject))
+
+
+def _effect(plain: Any, subject: str) -> Effect:
+    states = (*SHARES, VARIES)
+    if not isinstance(plain, dict) or plain.get("kind") not in LAWS or plain.get("state") not in states:
+        refuse(subject, "effects of a known kind and state", "something else")
+    rows = section_of(plain, "spans_mm", list, subject)
+    spans = np.array([numbers({"row": row}, "row", subject, 2) for row in rows])
+    weights, absorbed = numbers(plain, "weights", subject, _MOST_WEIGHTS), numbers(plain, "absorbed", subject, 3)
+    motor, period_mm = number(plain, "motor", subject), number(plain, "period_mm", subject)
+    widths = {"two-motors": _MOST_WEIGHTS, "second-period": 2}
+    if spans.shape != (4, 2) or len(absorbed) != 3 or motor not in (0, 1) or period_mm <= 0:
+        refuse(subject, "effects with a motor, a period and four spans", "something else")
+    if len(weights) != widths.get(plain["kind"], 1):
+        refuse(subject, f"the weights of {plain['kind']}", f"{len(weights)} numbers")
+    detail, place = number(plain, "detail", subject), number(plain, "place", subject)
+    if plain["kind"] in ("creep", "second-period") and detail <= 0:
+        refuse(subject, f"a positive detail of {plain['kind']}", f"{detail:g}")
+    if plain["kind"] in ("halves", "halves-play") and detail not in (0, 1):
+        refuse(subject, f"an axis of {plain['kind']}", f"{detail:g}")
+    return Effect(plain["kind"], int(motor), weights, detail, place, plain["state"], absorbed, spans, period_mm)
+
+
+def _between(values_mm: np.ndarray, span_mm: np.ndarray) -> np.ndarray:
+    low, high = float(span_mm[0]), float(span_mm[1])
+    return np.asarray((2 * values_mm - low - high) / max(high - low, 1e-9))
