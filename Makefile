@@ -5,7 +5,7 @@ BIN := .venv/bin
 STAMP := .venv/.stamp
 HOSTS := .venv-hosts
 
-.PHONY: demo test setup lint types layers docs wheel notebook check hosts integrations lock clean
+.PHONY: demo test setup lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
 
 demo: $(STAMP)
 	$(BIN)/printmend demo
@@ -79,6 +79,10 @@ $(HOSTS)/cura/.stamp:
 
 integrations: $(STAMP) hosts
 	$(BIN)/python -m pytest -p no:randomly integrations/tests
+
+# The libraries of the studio's page, in one file (needs npm). A test compares it with what is committed.
+studio-vendor:
+	tools/studio_vendor/build.sh src/printmend/studio/page
 
 # Needs uv on PATH (pip install uv). Writes the one lock file, hashes included, for every platform.
 lock:

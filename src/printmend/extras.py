@@ -16,6 +16,10 @@ _EXTRAS = {
     "distributed": "cluster",
     "manifold3d": "dataset",
     "pyarrow": "dataset",
+    "fastapi": "studio",
+    "pebble": "studio",
+    "sqlalchemy": "studio",
+    "uvicorn": "studio",
 }
 
 

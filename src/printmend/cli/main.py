@@ -31,6 +31,7 @@ COMMANDS: dict[str, str] = {
     "mend": "Rewrite G-code so that a broken printer prints it right.",
     "printer": "Print a printer preset as TOML, to start your own from.",
     "printers": "List the printers that you have models of.",
+    "studio": "Open printmend in the browser: see, measure, mend, play.",
     "probe": "Write a test print that shows every fault, and its plan.",
     "selfrepair": "A broken printer prints its own timing pulley, again and again.",
     "watch": "Mend whatever is put into a folder.",

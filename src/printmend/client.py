@@ -1,0 +1,130 @@
+"""Talk to a `printmend studio`, on this computer or another: send a file, wait for the job, fetch what it made.
+
+    studio = Studio("http://workshop:8765", token="...")
+    done = studio.mend("part.gcode", printer="Ender in the cellar", output="part.mended.gcode")
+    print(done["summary"])
+
+Only the standard library and `errors` are used, so that a computer too small for the rest can mend on another one.
+"""
+
+import json
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+from printmend.errors import InputError, PrintmendError, RefusedError
+from printmend.files import replacing
+
+_PATIENCE_S = 60.0
+_LOOK_S = 0.2
+
+
+class StudioError(PrintmendError):
+    """The studio did not do what it was asked: its own line says why."""
+
+    def __init__(self, words: str) -> None:
+        super().__init__("studio", wanted="", came="", todo="")
+        self.args = (words,)
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class Studio:
+    """A studio at an address; ``token`` is what it printed when it was started for other computers."""
+
+    def __init__(self, address: str = "http://127.0.0.1:8765", *, token: str | None = None) -> None:
+        if urllib.parse.urlsplit(address).scheme not in ("http", "https"):
+            raise InputError(address, wanted="http:// or https:// and a host", came="another address", todo="check it")
+        self._address, self._token = address.rstrip("/"), token
+
+    def get(self, path: str) -> Any:
+        """Return what the API says at ``path``, for example ``/printers``. Raises `StudioError`."""
+        return self._ask("GET", path)
+
+    def post(self, path: str, table: dict[str, Any] | None = None) -> Any:
+        """Send a table to the API. Raises `StudioError`."""
+        return self._ask("POST", path, json.dumps(table or {}).encode(), "application/json")
+
+    def upload(self, path: str | Path) -> str:
+        """Send a file; return the key that stands for it. Raises `StudioError`, `InputError` if it cannot be read."""
+        path = Path(path)
+        query = urllib.parse.urlencode({"name": path.name})
+        try:
+            with path.open("rb") as file:
+                size = path.stat().st_size
+                return str(self._ask("POST", f"/uploads?{query}", file, "application/octet-stream", size=size)["id"])
+        except OSError as error:
+            came = (error.strerror or str(error)).lower()
+            raise InputError(path, wanted="a file that can be read", came=came, todo="check the path") from None
+
+    def wait(self, job: str, told: Callable[[dict[str, Any]], None] = lambda job: None) -> dict[str, Any]:
+        """Wait for a job and return its result; ``told`` hears how far it is. Raises `StudioError` where it failed."""
+        while True:
+            now = self.get(f"/jobs/{job}")
+            told(now)
+            if now["state"] == "done":
+                return dict(now["result"])
+            if now["state"] in ("failed", "cancelled"):
+                raise StudioError(now["error"] or "the job was cancelled")
+            time.sleep(_LOOK_S)
+
+    def fetch(self, job: str, name: str, output: str | Path) -> None:
+        """Write a file that a job made to ``output``; nothing is there before it is whole. Raises `StudioError`."""
+        place = f"/jobs/{job}/files/{urllib.parse.quote(name)}"
+        with self._open("GET", place) as answer, replacing(Path(output), "wb") as file:
+            while chunk := answer.read(1 << 20):
+                file.write(chunk)
+
+    def printer(self, name: str) -> str:
+        """Return the key of the printer of that name, or with that key. Raises `InputError` where there is none."""
+        printers = self.get("/printers")
+        for one in printers:
+            if name in (one["id"], one["name"]):
+                return str(one["id"])
+        came = ", ".join(one["name"] for one in printers) or "none"
+        raise InputError(name, wanted="a printer of the studio", came=came, todo="add it in the studio")
+
+    def mend(self, source: str | Path, *, printer: str, output: str | Path) -> dict[str, Any]:
+        """Mend a G-code file for a printer of the studio into ``output``; return the prediction with its ``summary``.
+
+        Raises `RefusedError` where mending would not help (nothing is written), `StudioError` where it failed.
+        """
+        key = self.printer(printer)
+        job = self.post(f"/printers/{key}/mend", {"upload": self.upload(source), "scene": False})["id"]
+        result = self.wait(job)
+        if result["refused"]:
+            raise RefusedError(source, wanted="a file that mending helps", came=result["refused"],
+                               todo="print the original")  # fmt: skip
+        self.fetch(job, result["output"], output)
+        return result
+
+    def _ask(self, method: str, path: str, body: bytes | IO[bytes] | None = None, kind: str = "", *,
+             size: int | None = None) -> Any:  # fmt: skip
+        with self._open(method, path, body, kind, size=size) as answer:
+            text = answer.read()
+        return json.loads(text) if text else None
+
+    def _open(self, method: str, path: str, body: bytes | IO[bytes] | None = None, kind: str = "", *,
+              size: int | None = None) -> Any:  # fmt: skip
+        headers = {"Content-Type": kind} if kind else {}
+        if size is not None:
+            headers["Content-Length"] = str(size)
+        if self._token is not None:
+            headers["Authorization"] = f"Bearer {self._token}"
+        # an address of http or https: see __init__
+        request = urllib.request.Request(f"{self._address}/api{path}", data=body, method=method, headers=headers)  # noqa: S310
+        try:
+            return urllib.request.urlopen(request, timeout=_PATIENCE_S)  # noqa: S310
+        except urllib.error.HTTPError as error:
+            try:
+                words = str(json.loads(error.read())["error"])
+            except (ValueError, KeyError, TypeError):
+                words = f"{error.code} {error.reason}"
+            raise StudioError(words) from None
+        except urllib.error.URLError as error:
+            raise StudioError(f"{self._address}: wanted a studio, got {error.reason}; is it running?") from None

@@ -1,0 +1,195 @@
+"""The API's common part: uploads, jobs and what they made, and the play screen."""
+
+import asyncio
+import os
+import re
+import secrets
+import shutil
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Query, Request
+from fastapi import Path as Where
+from fastapi.responses import FileResponse
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+from starlette.concurrency import run_in_threadpool
+
+from printmend import __version__
+from printmend.errors import InputError
+from printmend.studio.jobs import Studio
+from printmend.studio.play import preview
+from printmend.studio.shapes import FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
+from printmend.studio.store import DONE, NotThereError
+
+LONGEST_UPLOAD_S = 900.0
+LEAST_FREE_BYTES = 500_000_000
+_LOOK_S = 0.15
+_ODD = re.compile(r"[^\w.+ ()\-]")
+
+PROBLEMS: dict[int | str, dict[str, Any]] = {
+    code: {"model": Problem} for code in (400, 401, 403, 404, 409, 413, 421, 422, 507)
+}
+router = APIRouter(prefix="/api", responses=PROBLEMS)
+
+
+def studio_of(request: Request) -> Studio:
+    """Return the studio that a request came to."""
+    return request.app.state.studio
+
+
+Here = Annotated[Studio, Depends(studio_of)]
+Key = Annotated[str, Where(pattern=r"^[0-9a-f]{16}$")]
+
+
+def plain_name(name: str) -> str:
+    """Return a file's name as it may stand in a folder of ours: no place, nothing odd, not too long."""
+    last = re.split(r"[/\\]", name)[-1]
+    shown = _ODD.sub("_", last).lstrip(". ") or "file"
+    return shown if len(shown) <= 120 else shown[:60] + shown[-60:]
+
+
+@router.get("/health", tags=["studio"])
+def health(request: Request, here: Here) -> Health:
+    """Say that the studio is there."""
+    waiting = len(here.store.jobs(waiting=True))
+    return Health(version=__version__, waiting=waiting, most_bytes=request.app.state.most_bytes)
+
+
+@router.get("/presets", tags=["printers"])
+def presets() -> list[Preset]:
+    """List the printers that the program knows."""
+    from printmend.printer import preset_names, read_printer
+
+    found = []
+    for name in preset_names():
+        printer = read_printer(name)
+        bed = [printer.x.min_mm, printer.y.min_mm, printer.x.max_mm, printer.y.max_mm]
+        found.append(Preset(id=name, name=printer.name, kinematics=printer.kinematics, bed_mm=bed))
+    return found
+
+
+@router.post(
+    "/uploads", status_code=201, tags=["files"],
+    openapi_extra={"requestBody": {"required": True, "content": {"application/octet-stream": {
+        "schema": {"type": "string", "format": "binary"}}}}},
+)  # fmt: skip
+async def upload(request: Request, here: Here, name: Annotated[str, Query(min_length=1, max_length=300)]) -> Upload:
+    """Send a file, as the body of the request; its key then stands for it."""
+    key, shown, size = secrets.token_hex(8), plain_name(name), 0
+    if shutil.disk_usage(here.store.folder).free < LEAST_FREE_BYTES:
+        raise InputError(
+            "the disk", wanted="some free space", came="less than 500 MB", todo="remove what is not needed"
+        )
+    target = here.store.path("upload", key)
+    beside = target.with_name(f".{key}.tmp")
+    try:
+        with beside.open("wb") as file:
+            async with asyncio.timeout(LONGEST_UPLOAD_S):
+                async for chunk in request.stream():
+                    size += len(chunk)
+                    file.write(chunk)
+            await run_in_threadpool(_settle, file, beside, target)
+        if size == 0:
+            raise InputError(shown, wanted="a file", came="nothing", todo="choose another file")
+        here.store.add_upload(key, shown, size)
+    except TimeoutError:
+        raise InputError(shown, wanted=f"a file within {LONGEST_UPLOAD_S:.0f} s", came="half of one",
+                         todo="send it again") from None  # fmt: skip
+    except BaseException:
+        target.unlink(missing_ok=True)
+        raise
+    finally:
+        beside.unlink(missing_ok=True)
+    return Upload(id=key, name=shown, bytes=size)
+
+
+def _settle(file: Any, beside: Path, target: Path) -> None:
+    file.flush()
+    os.fsync(file.fileno())
+    os.replace(beside, target)
+
+
+@router.delete("/uploads/{key}", status_code=204, tags=["files"])
+def remove_upload(here: Here, key: Key) -> None:
+    """Remove a file that was sent."""
+    here.store.upload(key)
+    here.store.forget("upload", key)
+    here.store.path("upload", key).unlink(missing_ok=True)
+
+
+@router.get("/jobs", tags=["jobs"])
+def jobs(here: Here, printer: Annotated[str | None, Query(pattern=r"^[0-9a-f]{16}$")] = None) -> list[JobCard]:
+    """List jobs, the newest first."""
+    return [card(here, job["id"]) for job in here.store.jobs(printer=printer)]
+
+
+def card(here: Studio, key: str) -> JobCard:
+    """Return a job as the API shows it."""
+    job = here.jobs.look(key)
+    files = job.get("files") or (job["result"] or {}).get("files", [])
+    ahead = here.jobs.ahead(key) if job["state"] == "queued" else 0
+    return JobCard(**{**job, "files": files, "ahead": ahead})
+
+
+@router.get("/jobs/{key}", tags=["jobs"])
+def job(here: Here, key: Key) -> JobCard:
+    """Return a job."""
+    return card(here, key)
+
+
+@router.get("/jobs/{key}/events", response_class=EventSourceResponse, tags=["jobs"])
+async def events(here: Here, key: Key) -> AsyncIterator[ServerSentEvent]:
+    """Follow a job: an event with the job's table whenever it changes, the last one when it has ended."""
+    last = None
+    while True:
+        now = await run_in_threadpool(card, here, key)
+        if now != last:
+            yield ServerSentEvent(data=now, event="job")
+            last = now
+        if now.state in DONE:
+            return
+        await asyncio.sleep(_LOOK_S)
+
+
+@router.post("/jobs/{key}/cancel", tags=["jobs"])
+def cancel(here: Here, key: Key) -> JobCard:
+    """Stop a job; one that has ended stays as it is."""
+    here.store.job(key)
+    here.jobs.cancel(key)
+    return card(here, key)
+
+
+@router.delete("/jobs/{key}", status_code=204, tags=["jobs"])
+def remove_job(here: Here, key: Key) -> None:
+    """Remove a job and all that it made."""
+    here.store.job(key)
+    here.jobs.remove(key)
+
+
+@router.get(
+    "/jobs/{key}/files/{name}", response_class=FileResponse, tags=["jobs"],
+    responses={200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}}},
+)  # fmt: skip
+def file(here: Here, key: Key, name: Annotated[str, Where(max_length=200)]) -> FileResponse:
+    """Fetch a file that a job made."""
+    offered = card(here, key).files
+    path = here.store.path("job", key) / name
+    if name not in offered or not path.is_file():
+        raise NotThereError(name, wanted="a file of this job", came="none of that name", todo="see the job's files")
+    # shown in the page's own documents only; content-encoding: what is on this computer is not worth compressing
+    return FileResponse(
+        path, filename=name, headers={"Content-Encoding": "identity", "Cache-Control": "private, max-age=3600"}
+    )
+
+
+@router.post("/play/preview", tags=["play"])
+def play_preview(faults: FaultsIn) -> Preview:
+    """Return the pulleys and the test print of a printer that is broken like this."""
+    return Preview(**preview(faults.faults()))
+
+
+@router.post("/play", status_code=202, tags=["play"])
+def play(here: Here, faults: FaultsIn) -> JobCard:
+    """Print the test print on such a printer, scan it, learn, and mend a part: a job."""
+    return card(here, here.jobs.submit("play", None, {"faults": faults.faults().json()}))

@@ -1,0 +1,87 @@
+"""The server: a FastAPI application over a folder of the user's, its page and its API."""
+
+from collections.abc import AsyncIterator, Iterable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+from starlette.middleware.gzip import GZipMiddleware
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+
+from printmend import __version__
+from printmend.errors import PrintmendError, RefusedError
+from printmend.studio import api, api_printers
+from printmend.studio.guard import LOOPBACK, Guard, TooLargeError
+from printmend.studio.jobs import Jobs, Studio
+from printmend.studio.store import NotThereError, Store
+
+PAGE = Path(__file__).parent / "page"
+MOST_BYTES = 400_000_000  # of an upload: a sliced part of this size takes a day to print
+WORKERS = 2
+_ABOUT = (
+    "Everything that the page does, for other programs: send files, start jobs, follow them, fetch what they made. "
+    "Lengths are mm. Errors are a table with one line, `error`."
+)
+
+
+def create_app(
+    folder: Path,
+    *,
+    hosts: Iterable[str] = LOOPBACK,
+    token: str | None = None,
+    workers: int = WORKERS,
+    most_bytes: int = MOST_BYTES,
+) -> ASGIApp:
+    """Return the server over ``folder``, where everything is kept: printers, uploads, jobs and their files.
+
+    ``hosts`` are the names that it answers to, ``token`` what everybody must know who is not on this computer.
+    """
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        store = Store(folder)
+        jobs = Jobs(store, workers=workers)
+        jobs.warm()
+        app.state.studio = Studio(store, jobs)
+        yield
+        jobs.close()
+        store.close()
+
+    app = FastAPI(
+        title="printmend studio", version=__version__, description=_ABOUT, lifespan=lifespan, docs_url=None,
+        redoc_url=None, openapi_url="/api/openapi.json",
+    )  # fmt: skip
+    app.state.most_bytes = most_bytes
+    app.add_exception_handler(PrintmendError, _refused)
+    app.add_exception_handler(RequestValidationError, _misfit)
+    app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(TooLargeError, _too_large)
+    app.include_router(api.router)
+    app.include_router(api_printers.router)
+    app.mount("/", StaticFiles(directory=PAGE, html=True))
+    return Guard(GZipMiddleware(app, minimum_size=2000), hosts=hosts, token=token, most_bytes=most_bytes)
+
+
+def _refused(request: Request, error: Exception) -> JSONResponse:
+    status = 404 if isinstance(error, NotThereError) else 409 if isinstance(error, RefusedError) else 400
+    return JSONResponse({"error": str(error)}, status)
+
+
+def _misfit(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"][1:]) or "the request"
+    return JSONResponse({"error": f"{place}: {first['msg']}"}, 422)
+
+
+def _http(request: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    return JSONResponse({"error": str(error.detail)}, error.status_code, headers=error.headers)
+
+
+def _too_large(request: Request, error: Exception) -> JSONResponse:
+    return JSONResponse({"error": f"wanted at most {error.args[0] / 1e6:g} MB, got more; give a smaller file"}, 413)

@@ -1,0 +1,143 @@
+"""The door: who may talk to the studio, how much they may send, and what a browser may do with its pages.
+
+The server has no accounts. It listens on this computer only, unless it was given a token. A page of another site that
+is open in the same browser could still send requests here: such a request names its site as Origin, or reaches us by a
+name that is not ours (DNS rebinding), and both are refused.
+"""
+
+import contextlib
+import hmac
+import json
+from collections.abc import Iterable
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+COOKIE = "printmend_token"
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
+    "manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+_SMALL = 1_000_000  # bytes of a request that is no upload
+
+
+class Guard:
+    """The ASGI application ``app`` behind the door: it answers to the names ``hosts``; ``token`` is the key or None."""
+
+    def __init__(self, app: ASGIApp, *, hosts: Iterable[str], token: str | None, most_bytes: int) -> None:
+        self._app, self._hosts, self._token, self._most_bytes = app, frozenset(hosts), token, most_bytes
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request through, or answer it with the reason why not."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        if scope["type"] != "http":
+            return
+        headers = Headers(scope=scope)
+        limit = self._most_bytes if scope["path"] == "/api/uploads" else _SMALL
+        refusal = self._refusal(scope, headers, limit)
+        if refusal is not None:
+            await _answer(send, *refusal)
+            return
+        cookie = self._fresh_cookie(scope)
+        await self._app(scope, _bounded(receive, limit), _with_headers(send, cookie))
+
+    def _refusal(self, scope: Scope, headers: Headers, limit: int) -> tuple[int, str] | None:
+        host = headers.get("host", "")
+        if _name_of(host) not in self._hosts:
+            return (
+                421,
+                f"this studio answers to {', '.join(sorted(self._hosts))} only; --host and --name change that",
+            )
+        origin = headers.get("origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return 403, "a page of another site may not talk to this studio"
+        if headers.get("sec-fetch-site", "none") not in ("same-origin", "none") and scope["method"] != "GET":
+            return 403, "a page of another site may not talk to this studio"
+        length = headers.get("content-length", "0")
+        if not length.isascii() or not length.isdigit():
+            return 400, "the length of the request is no number"
+        if int(length) > limit:
+            return 413, f"wanted at most {limit / 1e6:g} MB, got {int(length) / 1e6:.0f} MB; give a smaller file"
+        if self._token is not None and not self._knows_token(scope, headers):
+            return 401, "this studio needs its token: open the address that it printed when it started"
+        return None
+
+    def _knows_token(self, scope: Scope, headers: Headers) -> bool:
+        given = [headers.get("authorization", "").removeprefix("Bearer "), _query_token(scope)]
+        with contextlib.suppress(CookieError):
+            given += [
+                morsel.value for name, morsel in SimpleCookie(headers.get("cookie", "")).items() if name == COOKIE
+            ]
+        token = (self._token or "").encode()
+        return any(hmac.compare_digest(one.encode(), token) for one in given)
+
+    def _fresh_cookie(self, scope: Scope) -> str | None:
+        """Return the cookie for a browser that came with the token in its address."""
+        if self._token is None or not _query_token(scope):
+            return None
+        return f"{COOKIE}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+
+
+def _query_token(scope: Scope) -> str:
+    return parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
+
+
+def _name_of(host: str) -> str:
+    """Return the host of a Host header without its port: ``[::1]:8765`` is ``::1``."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _bounded(receive: Receive, limit: int) -> Receive:
+    """Return ``receive`` that ends a body of unknown length at the limit."""
+    seen = 0
+
+    async def bounded() -> Message:
+        nonlocal seen
+        message = await receive()
+        seen += len(message.get("body", b""))
+        if seen > limit:
+            raise TooLargeError(limit)
+        return message
+
+    return bounded
+
+
+class TooLargeError(Exception):
+    """A body was larger than what was agreed."""
+
+
+def _with_headers(send: Send, cookie: str | None) -> Send:
+    async def sending(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in _HEADERS.items():
+                headers[name] = value
+            if cookie is not None:
+                headers.append("set-cookie", cookie)
+        await send(message)
+
+    return sending
+
+
+async def _answer(send: Send, status: int, words: str) -> None:
+    body = json.dumps({"error": words}).encode()
+    headers: list[Any] = [(b"content-type", b"application/json"), (b"connection", b"close")]
+    headers += [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": body})

@@ -1,0 +1,117 @@
+"""Jobs: a queue that outlives the server, and worker processes that can be stopped at any moment."""
+
+import logging
+import multiprocessing
+import shutil
+from concurrent.futures import CancelledError, Future
+from concurrent.futures import TimeoutError as TooLongError
+from dataclasses import dataclass
+from typing import Any
+
+from pebble import ProcessExpired, ProcessPool
+
+from printmend.errors import RefusedError
+from printmend.studio import work
+from printmend.studio.store import Row, Store
+
+LONGEST_S = 1800.0  # a job that takes longer is stopped
+MOST_WAITING = 500
+_LOG = logging.getLogger("printmend.studio")
+
+
+class Jobs:
+    """The jobs of a `Store`, run by ``workers`` processes; those that a kill interrupted begin again."""
+
+    def __init__(self, store: Store, *, workers: int) -> None:
+        self._store, self._closing = store, False
+        # spawned, not forked: a fork of a process with threads may hang
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPool(max_workers=workers, context=context, initializer=work.begin)
+        self._running: dict[str, Future[Any]] = {}
+        for job in store.jobs(waiting=True):
+            self._schedule(job["id"], job["kind"], job["params"])
+
+    def submit(self, kind: str, printer: str | None, params: Row) -> str:
+        """Queue a job; return its key. Raises `RefusedError` where too many wait."""
+        if len(self._running) >= MOST_WAITING:
+            raise RefusedError(
+                "the queue", wanted=f"fewer than {MOST_WAITING} jobs", came=f"{len(self._running)}",
+                todo="wait until some are done",
+            )  # fmt: skip
+        key = self._store.add_job(kind, printer, params)
+        self._schedule(key, kind, params)
+        return key
+
+    def cancel(self, key: str) -> bool:
+        """Stop a job, wherever it is; return False where it had ended."""
+        ended = self._store.end_job(key, "cancelled")
+        future = self._running.pop(key, None)
+        if future is not None:
+            future.cancel()
+        return ended
+
+    def look(self, key: str) -> Row:
+        """Return a job with its progress: ``share`` 0–1, ``step`` in words, and the seconds that may be ``left_s``."""
+        job = self._store.job(key)
+        future = self._running.get(key)
+        if job["state"] == "queued" and future is not None and future.running():
+            job["state"] = "running"
+        job.update({"share": 1.0 if job["state"] == "done" else 0.0, "step": "", "left_s": None})
+        if job["state"] == "running":
+            job |= work.read_progress(self._store.path("job", key))
+        return job
+
+    def ahead(self, key: str) -> int:
+        """Return how many jobs wait before this one."""
+        waiting = [job["id"] for job in self._store.jobs(waiting=True)]
+        return waiting.index(key) if key in waiting else 0
+
+    def remove(self, key: str) -> None:
+        """Stop a job and take away all that it wrote."""
+        self.cancel(key)
+        self._store.forget("job", key)
+        shutil.rmtree(self._store.path("job", key), ignore_errors=True)
+
+    def warm(self) -> None:
+        """Let every worker import what it needs, before somebody waits for it."""
+        for _ in range(2):
+            self._pool.schedule(work.imports)
+
+    def close(self) -> None:
+        """Stop the workers; what they had not finished begins again with the next server."""
+        self._closing = True
+        self._pool.stop()
+        self._pool.join()
+
+    def _schedule(self, key: str, kind: str, params: Row) -> None:
+        folder = self._store.path("job", key)
+        arguments = (kind, str(folder), str(self._store.folder), params)
+        future = self._pool.schedule(work.run, args=arguments, timeout=LONGEST_S)
+        self._running[key] = future
+        future.add_done_callback(lambda done: self._ended(key, done))
+
+    def _ended(self, key: str, future: Future[Any]) -> None:
+        if self._closing:
+            return
+        self._running.pop(key, None)
+        try:
+            result: dict[str, Any] = future.result()
+        except CancelledError:
+            self._store.end_job(key, "cancelled")
+        except (TooLongError, ProcessExpired, MemoryError) as error:
+            what = "took too long" if isinstance(error, TooLongError) else "ran out of memory or was killed"
+            self._store.end_job(key, "failed", error=f"the job {what}; give a smaller file, or try again")
+        except Exception as error:
+            _LOG.exception("job %s", key)
+            self._store.end_job(key, "failed", error=f"a fault of printmend itself ({type(error).__name__}: {error})")
+        else:
+            error_text = result.pop("error", None)
+            self._store.end_job(key, "failed" if error_text else "done", error=error_text, result=result or None)
+
+
+@dataclass(frozen=True, eq=False)
+class Studio:
+    """What the routes work with."""
+
+    store: Store
+    jobs: Jobs

@@ -1,0 +1,73 @@
+// Talking to the studio's server: everything goes to where this page came from.
+export class Problem extends Error {}
+
+async function answer(response) {
+  const body = response.status === 204 ? null : await response.json().catch(() => null);
+  if (!response.ok) throw new Problem(body?.error ?? `${response.status} ${response.statusText}`);
+  return body;
+}
+
+async function send(method, path, body) {
+  const options = { method, headers: {} };
+  if (body !== undefined) {
+    options.headers["content-type"] = "application/json";
+    options.body = JSON.stringify(body);
+  }
+  try {
+    return await answer(await fetch(`/api${path}`, options));
+  } catch (error) {
+    throw error instanceof Problem ? error : new Problem("gone");
+  }
+}
+
+export const get = (path) => send("GET", path);
+export const post = (path, body) => send("POST", path, body ?? {});
+export const patch = (path, body) => send("PATCH", path, body);
+export const remove = (path) => send("DELETE", path);
+
+// Send a file; `told` hears the share that is there.
+export function upload(file, told = () => {}) {
+  return new Promise((resolve, reject) => {
+    const request = new XMLHttpRequest();
+    request.open("POST", `/api/uploads?name=${encodeURIComponent(file.name)}`);
+    request.setRequestHeader("content-type", "application/octet-stream");
+    request.upload.onprogress = (event) => event.total && told(event.loaded / event.total);
+    request.onerror = () => reject(new Problem("gone"));
+    request.onload = () => {
+      let body = null;
+      try { body = JSON.parse(request.responseText); } catch { /* said below */ }
+      if (request.status < 300 && body) resolve(body);
+      else reject(new Problem(body?.error ?? `${request.status}`));
+    };
+    request.send(file);
+  });
+}
+
+// Follow a job until it ends; `told` hears each change. Returns a function that stops listening.
+export function follow(key, told) {
+  const source = new EventSource(`/api/jobs/${key}/events`);
+  source.addEventListener("job", (event) => {
+    const job = JSON.parse(event.data);
+    if (["done", "failed", "cancelled"].includes(job.state)) source.close();
+    told(job);
+  });
+  source.onerror = () => {
+    if (source.readyState === EventSource.CLOSED) get(`/jobs/${key}`).then(told, () => {});
+  };
+  return () => source.close();
+}
+
+export const fileOf = (job, name) => `/api/jobs/${job.id}/files/${encodeURIComponent(name)}`;
+
+// A scene as the server packs it: see scene.py.
+export async function scene(url) {
+  const response = await fetch(url);
+  if (!response.ok) throw new Problem(`${response.status}`);
+  const buffer = await response.arrayBuffer();
+  const size = new DataView(buffer).getUint32(0, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+  const n = head.points;
+  let at = 4 + size;
+  const take = (Kind, each) => { const array = new Kind(buffer, at, n * each); at += array.byteLength; return array; };
+  return { ...head, wanted: take(Float32Array, 3), offsets: take(Int16Array, 4), errors: take(Uint16Array, 2), marks: take(Uint8Array, 4) };
+}

@@ -1,0 +1,34 @@
+// The studio's page: where one is stands in the address after #, so that back and reload work.
+import { html, render, useEffect, useState } from "./vendor.js";
+import { Play } from "./play.js";
+import { Printers } from "./printers.js";
+import { language, languages, speak, t } from "./words.js";
+
+const themes = matchMedia("(prefers-color-scheme: dark)");
+function theme(next) {
+  try { if (next) localStorage.setItem("theme", next); next ??= localStorage.getItem("theme"); } catch { /* a private window */ }
+  document.documentElement.dataset.theme = next ?? (themes.matches ? "dark" : "light");
+}
+theme();
+themes.addEventListener("change", () => theme());
+if (new URLSearchParams(location.search).has("token")) history.replaceState(null, "", location.pathname + location.hash);
+
+const place = () => location.hash.replace(/^#\/?/, "").split("/").filter(Boolean);
+
+function App() {
+  const [at, setAt] = useState(place());
+  useEffect(() => {
+    const moved = () => { setAt(place()); scrollTo(0, 0); };
+    addEventListener("hashchange", moved);
+    return () => removeEventListener("hashchange", moved);
+  }, []);
+  const here = at[0] ?? "play";
+  return html`<header class="top"><a class="brand" href="#/play"><img src="icon.svg" alt="" /><span>printmend</span></a>
+      <nav class="nav" aria-label="printmend">${["play", "printers"].map((name) => html`<a href="#/${name}" aria-current=${here === name ? "page" : undefined}>${t(name)}</a>`)}</nav>
+      <div class="tools"><button class="quiet" title=${t("language")} aria-label=${t("language")} onClick=${() => speak(languages[(languages.indexOf(language) + 1) % languages.length])}>${language.toUpperCase()}</button>
+        <button class="quiet icon" title=${t("theme")} aria-label=${t("theme")} onClick=${() => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark")}>
+          <svg viewBox="0 0 24 24" aria-hidden="true"><circle cx="12" cy="12" r="8" fill="none" stroke="currentColor" stroke-width="2" /><path d="M12 4a8 8 0 0 1 0 16z" fill="currentColor" /></svg></button></div></header>
+    <main class="main">${here === "printers" ? html`<${Printers} at=${at.slice(1)} />` : html`<${Play} />`}</main>`;
+}
+
+render(html`<${App} />`, document.getElementById("app"));

@@ -1,0 +1,104 @@
+// Try it: a printer that exists only here, broken with sliders, mended in front of one's eyes.
+import { html, useEffect, useRef, useState } from "./vendor.js";
+import { fileOf, post, scene as fetchScene } from "./api.js";
+import { Number_, Plate, Pulley, saveSvg, Slice } from "./drawings.js";
+import { ended, Problem, Progress, useJob } from "./job.js";
+import { Part } from "./part.js";
+import { mm, number, t } from "./words.js";
+
+const STEPS = ["print", "scan", "measure", "learn", "mend"];
+const side = (shape, dent_mm, angle_deg, play_mm) => ({ shape, dent_mm, angle_deg, play_mm });
+const PRESETS = {
+  day: { x: side("eccentric", 0.9, 40, 0.2), y: side("oval", 1.1, 75, 0.3), skew_deg: 0.4 },
+  wobble: { x: side("eccentric", 1.0, 120, 0), y: side("eccentric", 0.7, 10, 0), skew_deg: 0 },
+  oval: { x: side("oval", 1.4, 30, 0.1), y: side("round", 0, 0, 0.1), skew_deg: 0 },
+  loose: { x: side("round", 0, 0, 0.6), y: side("round", 0, 0, 0.5), skew_deg: 0 },
+  crooked: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 1.6 },
+  healthy: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 0 },
+};
+const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+
+function Slider({ label, value, unit, max, min = 0, step, digits, onInput, disabled }) {
+  return html`<label class="field"><span>${label}<span class="value">${number(value, digits)} ${unit}</span></span>
+    <input type="range" min=${min} max=${max} step=${step} value=${value} disabled=${disabled} onInput=${(event) => onInput(Number(event.target.value))} /></label>`;
+}
+
+function Motor({ name, values, outline, radius, onChange }) {
+  const set = (key) => (value) => onChange({ ...values, [key]: value });
+  const shape = (event) => onChange({ ...values, shape: event.target.value, dent_mm: event.target.value === "round" ? 0 : values.dent_mm || 0.8 });
+  return html`<section class="card stack"><h2>${t("motor", { name })}</h2>
+    <div class="side">
+      ${outline ? html`<${Pulley} outline=${outline} radius=${radius} name=${t("motor", { name })} />` : html`<div></div>`}
+      <div class="stack">
+        <label class="field"><span>${t("shape")}</span><select value=${values.shape} onChange=${shape}>
+          ${["round", "eccentric", "oval", "flat", "square"].map((one) => html`<option value=${one}>${t(`shape_${one}`)}</option>`)}</select></label>
+        ${values.shape !== "round" && html`<${Slider} label=${t("dent")} value=${values.dent_mm} unit="mm" max="1.5" step="0.01" digits=${2} onInput=${set("dent_mm")} />
+          <${Slider} label=${t("angle")} value=${values.angle_deg} unit="°" max="360" step="1" digits=${0} onInput=${set("angle_deg")} />`}
+        <${Slider} label=${t("slack")} value=${values.play_mm} unit="mm" max="0.8" step="0.01" digits=${2} onInput=${set("play_mm")} />
+      </div>
+    </div></section>`;
+}
+
+export function Play() {
+  const [faults, setFaults] = useState(PRESETS.day), [shown, setShown] = useState(null), [error, setError] = useState(null);
+  const [key, setKey] = useState(null), [scene, setScene] = useState(null), [what, setWhat] = useState("part"), [enlarge, setEnlarge] = useState(5);
+  const job = useJob(key), busy = useRef(false), next = useRef(null);
+  useEffect(() => { // one question at a time; the newest waits
+    const ask = async (wanted) => {
+      if (busy.current) { next.current = wanted; return; }
+      busy.current = true;
+      try { setShown(await post("/play/preview", wanted)); setError(null); } catch (problem) { setError(problem.message); }
+      busy.current = false;
+      if (next.current) { const then = next.current; next.current = null; ask(then); }
+    };
+    ask(faults);
+  }, [faults]);
+  const change = (value) => { setFaults(value); if (ended(job) || !key) { setKey(null); setScene(null); } };
+  const start = async () => {
+    setScene(null);
+    try { setKey((await post("/play", faults)).id); setError(null); } catch (problem) { setError(problem.message); }
+  };
+  const has = (name) => job?.files?.includes(name);
+  const done = job?.state === "done", running = key && !ended(job);
+  useEffect(() => {
+    if (done) fetchScene(fileOf(job, "scene.bin")).then(setScene, (problem) => setError(problem.message));
+    if (job?.state === "failed") setError(job.error);
+  }, [job?.state]);
+  const faulty = !same(faults, PRESETS.healthy), result = done ? job.result : null;
+  return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : "play_now")}</p></div>
+      ${done ? html`<button class="big" onClick=${() => { setKey(null); setScene(null); }}>${t("change")}</button>`
+        : html`<button class="primary big" disabled=${running} onClick=${start}>${running ? t("mending") : t("mend_it")}</button>`}</div>
+    <${Problem} error=${error} />
+    <div class="split">
+      <div class="stack">
+        ${running && html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${STEPS} /></section>`}
+        ${result ? html`<${Result} result=${result} />` : html`
+          <div class="chips" role="group" aria-label=${t("play_title")}>${Object.entries(PRESETS).map(([name, preset]) => html`<button class="chip" aria-pressed=${same(faults, preset)} disabled=${running} onClick=${() => change(preset)}>${t(`preset_${name}`)}</button>`)}</div>
+          <${Motor} name="X" values=${faults.x} outline=${shown?.outlines_mm[0]} radius=${shown?.radii_mm[0]} onChange=${(x) => change({ ...faults, x })} />
+          <${Motor} name="Y" values=${faults.y} outline=${shown?.outlines_mm[1]} radius=${shown?.radii_mm[1]} onChange=${(y) => change({ ...faults, y })} />
+          <section class="card stack"><h2>${t("frame")}</h2><${Slider} label=${t("skew")} value=${faults.skew_deg} unit="°" min="-2" max="2" step="0.05" digits=${2} onInput=${(skew_deg) => change({ ...faults, skew_deg })} /></section>`}
+      </div>
+      <div class="stack">
+        ${scene ? html`<${Part} scene=${scene} name="printmend" morph=${scene.mended ? 2 : 1} /><p class="faint">${t(scene.mended ? "aligned" : "play_healthy")}</p>`
+          : html`<div class="stage">
+            ${running && has("seen.jpg") && what === "plate" ? html`<img alt=${t("step_scan")} src=${fileOf(job, "seen.jpg")} style=${{ width: "100%", height: "100%", objectFit: "contain" }} />`
+              : shown && (what === "plate" ? html`<${Plate} id="drawing" marks=${shown.marks_mm} errors=${shown.errors_mm} big=${shown.big} bed=${shown.bed_mm} enlarge=${enlarge} />`
+                : html`<${Slice} id="drawing" wanted=${shown.part_mm} printed=${shown.printed_mm} joined=${shown.joined} />`)}
+            <div class="over"><div class="segment" role="group" aria-label=${t("plate")}>${["part", "plate"].map((one) => html`<button aria-pressed=${what === one} onClick=${() => setWhat(one)}>${t(one)}</button>`)}</div>
+              <button class="quiet glass" onClick=${() => saveSvg("drawing", what)}>${t("save_svg")}</button></div>
+            <div class="under"><div class="glass row"><span class="key kw">${t("wanted")}</span><span class="key kp">${t("printed")}</span>
+              ${what === "plate" && html`<label class="row">${t("enlarge")}<select style=${{ width: "auto", minHeight: "2rem", padding: "0.2rem 0.5rem" }} value=${enlarge} onChange=${(event) => setEnlarge(Number(event.target.value))}>${[1, 2, 5, 10, 20].map((k) => html`<option value=${k}>${k} ×</option>`)}</select></label>`}</div>
+              ${shown && html`<div class="glass"><b>${mm(shown.rms_mm)} mm</b> ${t("off")}</div>`}</div></div>`}
+      </div>
+    </div>`;
+}
+
+function Result({ result }) {
+  const { before, after, said } = result, times = before.rms_mm / Math.max(after.rms_mm, 1e-4);
+  return html`<section class="card stack"><div class="numbers">
+      <${Number_} value=${mm(before.rms_mm)}>${t("before")}</${Number_}><${Number_} value=${mm(after.rms_mm)}>${t("after")}</${Number_}>
+      ${!result.refused && times > 1.5 && html`<${Number_} value=${number(times, times < 10 ? 1 : 0)} unit="×">${t("better")}</${Number_}>`}</div></section>
+    <section class="card stack"><h2>${t("found")}</h2>
+      <div class="row">${said.machine.motors.map((motor) => html`<div style=${{ width: "7rem" }}><${Pulley} outline=${motor.outline_mm} radius=${motor.radius_mm} name=${t("motor", { name: motor.name })} /></div>`)}</div>
+      ${said.faults.length ? said.faults.map((fault) => html`<div class="fault ${fault.urgency}"><h3>${fault.title}</h3><p class="faint">${fault.meaning}</p></div>`) : html`<p>${said.headline}</p>`}</section>`;
+}

@@ -1,0 +1,137 @@
+"""A printer that exists only here: broken with sliders, its test print scanned, learned and mended."""
+
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+
+from printmend.body import demo_body_gcode
+from printmend.corruption import (
+    Corruption,
+    CrookedFrame,
+    Drive,
+    EccentricBore,
+    Ellipse,
+    FlatSpot,
+    Play,
+    Polygon,
+)
+from printmend.corruption.pulley import Pulley
+from printmend.gcode.read import read_gcode
+from printmend.measure.plan import ProbePlan
+from printmend.printer import Printer, read_printer
+from printmend.probe import design_probe
+from printmend.twin import Twin
+from printmend.units import TURN_RAD
+
+Shape = Literal["round", "eccentric", "oval", "flat", "square"]
+PRINTER = "ender3"
+LAYER = 12  # of the part: the one that the screen draws while sliders move
+MOST_DENT_MM, MOST_PLAY_MM, MOST_SKEW_DEG = 1.5, 0.8, 2.0
+_ANGLES = 180
+
+
+@dataclass(frozen=True)
+class Side:
+    """One motor's pulley and belt: how far the pulley is out of shape, at which angle, and the belt's play."""
+
+    shape: Shape = "round"
+    dent_mm: float = 0.0
+    angle_deg: float = 0.0
+    play_mm: float = 0.0
+
+    def drive(self, radius_mm: float) -> Drive:
+        """Return these faults on a healthy pulley of that radius."""
+        return Drive(pulley=self._pulley(radius_mm), belt=Play(self.play_mm) if self.play_mm > 0 else None)
+
+    def _pulley(self, radius_mm: float) -> Pulley | None:
+        dent, phase = self.dent_mm, float(np.radians(self.angle_deg))
+        if self.shape == "round" or dent <= 0:
+            return None
+        if self.shape == "eccentric":
+            return EccentricBore(dent, phase)
+        if self.shape == "oval":
+            return Ellipse(radius_mm + dent / 2, radius_mm - dent / 2, phase)
+        if self.shape == "flat":
+            return FlatSpot(dent, phase)
+        # corners so far out that the pulley takes in as much belt a turn as the round one
+        count = 4
+        corner = radius_mm * np.pi / (count * np.sin(np.pi / count))
+        share = dent / MOST_DENT_MM
+        radii = [corner * (1 + 0.12 * share * (-1) ** i) for i in range(count)]
+        return Polygon(tuple(round(float(r), 4) for r in radii), phase)
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What is broken on the printer of the play screen."""
+
+    x: Side = field(default_factory=Side)
+    y: Side = field(default_factory=Side)
+    skew_deg: float = 0.0
+
+    def corruption(self, printer: Printer) -> Corruption:
+        """Return the faults as the program describes them."""
+        frame = CrookedFrame(skew_deg=self.skew_deg) if self.skew_deg else None
+        x, y = (side.drive(axis.radius_mm) for side, axis in zip((self.x, self.y), printer.axes, strict=False))
+        return Corruption((x, y), frame)
+
+    def json(self) -> dict[str, Any]:
+        """Return plain values, which `faults_of` reads."""
+        return asdict(self)
+
+
+def faults_of(table: dict[str, Any]) -> Faults:
+    """Read what `Faults.json` wrote."""
+    return Faults(Side(**table["x"]), Side(**table["y"]), table["skew_deg"])
+
+
+@lru_cache(maxsize=1)
+def play_printer() -> tuple[Printer, ProbePlan]:
+    """Return the printer of the play screen and its test print."""
+    printer = read_printer(PRINTER)
+    return printer, design_probe(printer)
+
+
+@lru_cache(maxsize=1)
+def play_layer() -> tuple[np.ndarray, np.ndarray]:
+    """Return a layer of the part of the play screen: places [N, 2] mm along its path, and where a bead leads on [N]."""
+    moves = read_gcode(demo_body_gcode(), printer=play_printer()[0]).moves
+    mine = (moves.layer == LAYER) & moves.known[:, :2].all(axis=1)
+    places = np.concatenate([moves.start_mm[mine][:1, :2], moves.end_mm[mine, :2]])
+    return places, np.append(moves.extruding[mine], False)
+
+
+def preview(faults: Faults) -> dict[str, Any]:
+    """Return the shapes of the pulleys and where each mark of the test print lands: a drawing that follows a slider.
+
+    ``outlines_mm`` are polygons about the shafts, ``errors_mm`` [M, 2] how far each of the ``marks_mm`` [M, 2] is off;
+    ``part_mm`` and ``printed_mm`` [N, 2] a layer of a part as wanted and as it comes out, laid where it fits.
+    """
+    printer, plan = play_printer()
+    corruption = faults.corruption(printer)
+    twin = Twin.of(corruption, printer)
+    off = twin.follow(plan.waypoints_mm)[plan.rows] - plan.marks_mm
+    places, joined = play_layer()
+    printed = twin.follow(np.concatenate([[printer.home_mm], places]))[1:]
+    shape = off - off.mean(axis=0)
+    return {
+        "outlines_mm": [outline_mm(drive.pulley, axis.radius_mm).round(3).tolist()
+                        for drive, axis in zip(corruption.drives, printer.axes, strict=False)],
+        "radii_mm": [axis.radius_mm for axis in printer.axes[:2]],
+        "bed_mm": [printer.x.min_mm, printer.y.min_mm, printer.x.max_mm, printer.y.max_mm],
+        "marks_mm": plan.marks_mm.round(2).tolist(), "errors_mm": off.round(4).tolist(),
+        "rms_mm": round(float(np.sqrt(np.mean(np.sum(shape**2, axis=1)))), 4),
+        "big": plan.big.tolist(), "part_mm": places.round(3).tolist(),
+        "printed_mm": (printed - (printed - places).mean(axis=0)).round(3).tolist(), "joined": joined.tolist(),
+    }  # fmt: skip
+
+
+def outline_mm(pulley: Pulley | None, radius_mm: float) -> np.ndarray:
+    """Return the outline [_ANGLES, 2] of a pulley about its shaft: what no tangent cuts off (physics.md eq. 1)."""
+    psi = np.arange(_ANGLES) * (TURN_RAD / _ANGLES)
+    support = np.full(_ANGLES, radius_mm) if pulley is None else pulley.support_mm(psi, radius_mm)
+    facing = np.cos(psi[:, None] - psi)
+    reach = np.where(facing > 1e-3, support[:, None] / np.maximum(facing, 1e-3), np.inf).min(axis=0)
+    return reach[:, None] * np.stack([np.cos(psi), np.sin(psi)], axis=1)

@@ -1,0 +1,92 @@
+"""A learned machine as plain values for a page: what is wrong, in words, how sure, what to do, and its pictures."""
+
+from typing import Any
+
+import numpy as np
+
+from printmend.diagnosis.advice import advise
+from printmend.diagnosis.diagnosis import Fault
+from printmend.machine.mechanism import Mechanism
+from printmend.promise.misfit import misfit_words
+from printmend.repair.examination import LEAST_ADVICE_MM, URGENCY
+from printmend.repair.learned import todo
+from printmend.saved.model import SavedModel
+from printmend.units import TURN_RAD
+
+_ANGLES = 180
+_GRID = 13  # lines of the bed's net each way
+_CURVE = 400
+
+
+def said(model: SavedModel) -> dict[str, Any]:
+    """Return what is known of a machine: a headline, its faults with advice, what the measurement could not tell."""
+    corexy = model.printer.kinematics == "corexy"
+    advice = []
+    for fault in model.document.get("diagnosis", []):
+        one = advise(Fault(fault["part"], fault["kind"], fault["value"], fault["sd"], fault["unit"], ""), corexy=corexy)
+        if one.effect_mm >= LEAST_ADVICE_MM or one.urgency != "software":
+            advice.append({**vars(one), "part": fault["part"], "kind": fault["kind"], "value": fault["value"],
+                           "unit": fault["unit"]})  # fmt: skip
+    order = list(URGENCY)
+    advice.sort(key=lambda one: (order.index(one["urgency"]), -one["effect_mm"]))
+    gaps = model.findings[1:]
+    trace = model.document.get("trace", {})
+    return {
+        "headline": model.findings[0] if model.findings else "", "healthy": model.is_healthy, "faults": advice,
+        "gaps": [*gaps, *todo(gaps)], "misfit": misfit_words(model.document), "digest": model.digest,
+        "measured": trace.get("measured"), "before_mm": trace.get("residual_before_mm"),
+        "after_mm": trace.get("residual_after_mm"), "noise_mm": model.noise_mm, "learner": model.learner,
+        "machine": drawn(model.mechanism),
+    }  # fmt: skip
+
+
+def drawn(mechanism: Mechanism) -> dict[str, Any]:
+    """Return a machine as curves: each motor's pulley, error both ways along the axis, and the bed's net as it is."""
+    printer = mechanism.printer
+    motors = []
+    for motor, (name, table) in enumerate(zip(printer.motors, mechanism.transmissions, strict=True)):
+        low, high = printer.motor_range_mm(motor)
+        at = np.linspace(low, high, _CURVE)
+        branches = np.stack(table.branches_mm(at)) - at
+        motors.append({
+            "name": name.upper(), "at_mm": at.round(2).tolist(), "forwards_mm": branches[0].round(4).tolist(),
+            "backwards_mm": branches[1].round(4).tolist(),
+            "play_mm": round(float(np.mean(branches[1] - branches[0])), 4),
+            "radius_mm": printer.axes[motor].radius_mm, "mm_per_turn": printer.axes[motor].mm_per_turn,
+            "outline_mm": outline_mm(mechanism, motor).round(3).tolist(),
+        })  # fmt: skip
+    x, y = (np.linspace(axis.min_mm, axis.max_mm, _GRID) for axis in (printer.x, printer.y))
+    net = np.stack(np.meshgrid(x, y), axis=-1)
+    bent = mechanism.frame.apply(net)
+    screw = None
+    if mechanism.screw is not None:
+        z = np.linspace(printer.z.min_mm, min(printer.z.max_mm, 60.0), _CURVE)
+        screw = {"at_mm": z.round(2).tolist(), "push_mm": mechanism.screw.wobble_at_mm(z).round(4).tolist()}
+    return {
+        "kinematics": printer.kinematics, "motors": motors, "net_mm": net.reshape(-1, 2).round(2).tolist(),
+        "bent_mm": bent.reshape(-1, 2).round(4).tolist(), "grid": _GRID, "screw": screw,
+        "bed_mm": [printer.x.min_mm, printer.y.min_mm, printer.x.max_mm, printer.y.max_mm],
+    }  # fmt: skip
+
+
+def outline_mm(mechanism: Mechanism, motor: int) -> np.ndarray:
+    """Return the outline [_ANGLES, 2] of a motor's pulley about its shaft, as far as its tables show one.
+
+    The belt moves by dx/dθ = h(−θ) (physics.md eq. 1); h is the mean over the turns on the bed of the slope of the two
+    branches' middle, and the hull is what no tangent cuts off, as in `diagnosis.portrait.hull_mm`.
+    """
+    printer, table = mechanism.printer, mechanism.transmissions[motor]
+    axis, (low, high) = printer.axes[motor], printer.motor_range_mm(motor)
+    turns = max(int((high - low) / axis.mm_per_turn), 1)
+    psi = np.arange(_ANGLES) * (TURN_RAD / _ANGLES)
+    step = axis.mm_per_turn / _ANGLES
+    middle = low + (high - low - turns * axis.mm_per_turn) / 2
+    at = middle + step * (np.arange(turns * _ANGLES + 1) - 0.5)
+    place = np.mean(table.branches_mm(at), axis=0)
+    slope = (np.diff(place) / step).reshape(turns, _ANGLES).mean(axis=0)
+    angle = -(middle + step * np.arange(_ANGLES)) / axis.mm_per_turn * TURN_RAD
+    order = np.argsort(np.mod(angle, TURN_RAD))
+    support = np.interp(psi, np.mod(angle, TURN_RAD)[order], slope[order], period=TURN_RAD) * axis.radius_mm
+    facing = np.cos(psi[:, None] - psi)
+    reach = np.where(facing > 1e-3, np.maximum(support, 0.0)[:, None] / np.maximum(facing, 1e-3), np.inf).min(axis=0)
+    return reach[:, None] * np.stack([np.cos(psi), np.sin(psi)], axis=1)

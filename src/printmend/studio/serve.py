@@ -1,0 +1,77 @@
+"""Start the studio: a socket on this computer, a token where others may come, the browser."""
+
+import secrets
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+
+import uvicorn
+
+from printmend.errors import InputError
+from printmend.studio.app import WORKERS, create_app
+from printmend.studio.guard import LOOPBACK
+
+_EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - recognised, never a default
+
+
+def serve(
+    folder: Path, *, host: str, port: int, names: tuple[str, ...] = (), browser: bool, told: Callable[[str], None],
+    workers: int = WORKERS,
+) -> None:  # fmt: skip
+    """Serve until Ctrl-C. Another ``host`` than this computer needs a token, which ``told`` hears once.
+
+    ``names`` are further names by which browsers reach it. Raises `InputError` where the port is not free.
+    """
+    token = None if host in LOOPBACK else secrets.token_urlsafe(24)
+    hosts = {*LOOPBACK, *names, *((host,) if host not in _EVERYWHERE else (socket.gethostname(), *_addresses()))}
+    listener = _listener(host, port)
+    port = listener.getsockname()[1]
+    shown = socket.gethostname() if host in _EVERYWHERE else f"[{host}]" if ":" in host else host
+    address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
+    told(f"printmend studio: {address}  (Ctrl-C ends it; everything is kept in {folder})")
+    if token:
+        told("Whoever knows this address may use the studio. It is not encrypted: put a proxy with TLS in front of it.")
+    config = uvicorn.Config(
+        create_app(folder, hosts=hosts, token=token, workers=workers), log_level="warning", server_header=False,
+        timeout_keep_alive=30, timeout_graceful_shutdown=2, limit_concurrency=400, ws="none", lifespan="on",
+    )  # fmt: skip
+    server = uvicorn.Server(config)
+    if browser:
+        threading.Thread(target=_show, args=(server, address), daemon=True).start()
+    server.run(sockets=[listener])
+
+
+def _listener(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+    except (OSError, OverflowError) as error:
+        listener.close()
+        came = getattr(error, "strerror", None) or str(error)
+        raise InputError(
+            f"{host}:{port}",
+            wanted="a free port of this computer",
+            came=came.lower(),
+            todo="name another --port or --host",
+        ) from None
+    return listener
+
+
+def _addresses() -> set[str]:
+    """Return the addresses that this computer has by its own name."""
+    try:
+        return {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None)}
+    except OSError:
+        return set()
+
+
+def _show(server: uvicorn.Server, address: str) -> None:
+    waited = threading.Event()
+    while not server.started and not server.should_exit:
+        waited.wait(0.05)
+    if server.started:
+        webbrowser.open(address)

@@ -1,0 +1,141 @@
+"""What the API takes and gives, checked and documented in one place: the OpenAPI file is made from these."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from printmend.studio.play import MOST_DENT_MM, MOST_PLAY_MM, MOST_SKEW_DEG, Faults, Shape, Side
+
+Key = Field(pattern=r"^[0-9a-f]{16}$", description="a key that the studio gave", examples=["0123456789abcdef"])
+
+
+class Strict(BaseModel):
+    """A table with no other keys than these."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class Problem(BaseModel):
+    """Why something did not work: what was wanted, what came, what to do, in one line."""
+
+    error: str
+
+
+class Health(BaseModel):
+    """That the studio is there, and what it can do."""
+
+    version: str
+    waiting: int = Field(description="jobs that have not ended")
+    most_bytes: int = Field(description="of an upload")
+
+
+class Preset(BaseModel):
+    """A printer that the program knows."""
+
+    id: str
+    name: str
+    kinematics: Literal["cartesian", "corexy"]
+    bed_mm: list[float] = Field(description="x from, y from, x to, y to")
+
+
+class Upload(BaseModel):
+    """A file that was sent."""
+
+    id: str
+    name: str
+    bytes: int
+
+
+class NewPrinter(Strict):
+    """A printer like a preset, or as an uploaded printer.cfg, slicer profile or TOML describes it."""
+
+    name: str = Field(default="", max_length=80)
+    preset: str | None = Field(default=None, max_length=80, description="the preset, or whose motors a profile gets")
+    upload: str | None = Field(default=None, pattern=r"^[0-9a-f]{16}$", description="an uploaded description")
+    bed_mm: list[float] | None = Field(
+        default=None, min_length=2, max_length=2, description="width and depth, where they differ from the preset's"
+    )
+
+
+class Renamed(Strict):
+    """A printer's new name."""
+
+    name: str = Field(min_length=1, max_length=80)
+
+
+class PrinterCard(BaseModel):
+    """A printer of one's own, and how it is."""
+
+    id: str
+    name: str
+    kinematics: Literal["cartesian", "corexy"]
+    bed_mm: list[float]
+    notes: list[str] = Field(default_factory=list, description="what could not be taken over from a description")
+    health: str | None = Field(description="what was found, in one line; none before a measurement")
+    healthy: bool | None
+    measured_s: float | None = Field(description="when it was last measured, in seconds since 1970")
+    trend: list[float] = Field(description="how far test prints were off, mm, the oldest first")
+    has_probe: bool
+    digest: str | None = Field(description="of its model")
+
+
+class JobCard(BaseModel):
+    """A job: what it does, how far it is, and what came of it."""
+
+    id: str
+    kind: str
+    printer: str | None
+    params: dict[str, Any]
+    state: Literal["queued", "running", "done", "failed", "cancelled"]
+    share: float = Field(description="done, 0 to 1")
+    step: str = Field(description="what it is doing, a word")
+    left_s: float | None = Field(description="seconds that it may still take")
+    files: list[str] = Field(default_factory=list, description="may be fetched, some of them before it ends")
+    ahead: int = Field(default=0, description="jobs that wait before it")
+    error: str | None
+    result: dict[str, Any] | None
+    created_s: float
+    ended_s: float | None
+
+
+class SideIn(Strict):
+    """One motor's pulley and belt on the play screen."""
+
+    shape: Shape = "round"
+    dent_mm: float = Field(default=0.0, ge=0, le=MOST_DENT_MM)
+    angle_deg: float = Field(default=0.0, ge=0, le=360)
+    play_mm: float = Field(default=0.0, ge=0, le=MOST_PLAY_MM)
+
+
+class FaultsIn(Strict):
+    """What is broken on the printer of the play screen."""
+
+    x: SideIn = Field(default_factory=SideIn)
+    y: SideIn = Field(default_factory=SideIn)
+    skew_deg: float = Field(default=0.0, ge=-MOST_SKEW_DEG, le=MOST_SKEW_DEG)
+
+    def faults(self) -> Faults:
+        """Return them as the program's value."""
+        return Faults(Side(**self.x.model_dump()), Side(**self.y.model_dump()), self.skew_deg)
+
+
+class Preview(BaseModel):
+    """Pulleys and test print of a printer that is broken like this."""
+
+    outlines_mm: list[list[list[float]]]
+    radii_mm: list[float]
+    bed_mm: list[float]
+    marks_mm: list[list[float]]
+    errors_mm: list[list[float]]
+    rms_mm: float
+    big: list[bool]
+    part_mm: list[list[float]]
+    printed_mm: list[list[float]]
+    joined: list[bool]
+
+
+class MendIn(Strict):
+    """An uploaded G-code file to be mended for a printer."""
+
+    upload: str = Key
+    scene: bool = Field(default=True, description="also make the three-dimensional picture")

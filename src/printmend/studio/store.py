@@ -1,0 +1,150 @@
+"""What the studio remembers: printers, uploads and jobs, in one SQLite file; large things lie in folders beside it."""
+
+import json
+import secrets
+import time
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sql
+
+from printmend.errors import InputError
+
+DONE = ("done", "failed", "cancelled")
+
+_META = sql.MetaData()
+PRINTERS = sql.Table(
+    "printers", _META,
+    sql.Column("id", sql.String, primary_key=True), sql.Column("name", sql.String, nullable=False),
+    sql.Column("created_s", sql.Float, nullable=False),
+)  # fmt: skip
+UPLOADS = sql.Table(
+    "uploads", _META,
+    sql.Column("id", sql.String, primary_key=True), sql.Column("name", sql.String, nullable=False),
+    sql.Column("bytes", sql.Integer, nullable=False), sql.Column("created_s", sql.Float, nullable=False),
+)  # fmt: skip
+JOBS = sql.Table(
+    "jobs", _META,
+    sql.Column("id", sql.String, primary_key=True), sql.Column("kind", sql.String, nullable=False),
+    sql.Column("printer", sql.String, index=True), sql.Column("params", sql.Text, nullable=False),
+    sql.Column("state", sql.String, nullable=False, index=True), sql.Column("error", sql.Text),
+    sql.Column("result", sql.Text), sql.Column("created_s", sql.Float, nullable=False),
+    sql.Column("ended_s", sql.Float),
+)  # fmt: skip
+Row = dict[str, Any]
+
+
+class Store:
+    """The database ``folder``/studio.sqlite and the folders of printers, uploads and jobs, made where they are not.
+
+    Safe to use from several threads; a kill at any moment leaves it as it was before or after a call.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        for part in ("printers", "uploads", "jobs"):
+            (folder / part).mkdir(parents=True, exist_ok=True)
+        self._engine = sql.create_engine(f"sqlite:///{folder / 'studio.sqlite'}")
+        sql.event.listen(self._engine, "connect", _settle)
+        _META.create_all(self._engine)
+
+    def close(self) -> None:
+        """Close the database's connections."""
+        self._engine.dispose()
+
+    def path(self, kind: str, key: str) -> Path:
+        """Return the folder of a printer or a job, the file of an upload; ``key`` is one of ours."""
+        return self.folder / f"{kind}s" / key
+
+    def add_printer(self, name: str) -> str:
+        """Note a printer; return its key."""
+        return self._insert(PRINTERS, name=name)
+
+    def add_upload(self, key: str, name: str, size: int) -> None:
+        """Note an upload whose file is in its place."""
+        self._insert(UPLOADS, id=key, name=name, bytes=size)
+
+    def add_job(self, kind: str, printer: str | None, params: Row) -> str:
+        """Note a job that waits; return its key."""
+        return self._insert(JOBS, kind=kind, printer=printer, params=json.dumps(params), state="queued")
+
+    def end_job(self, key: str, state: str, *, error: str | None = None, result: Row | None = None) -> bool:
+        """Note how a job ended; return False where it had ended before."""
+        values = {
+            "state": state, "error": error, "result": None if result is None else json.dumps(result),
+            "ended_s": time.time(),
+        }  # fmt: skip
+        open_job = (JOBS.c.id == key) & JOBS.c.state.not_in(DONE)
+        with self._engine.begin() as link:
+            return link.execute(sql.update(JOBS).where(open_job).values(**values)).rowcount == 1
+
+    def rename_printer(self, key: str, name: str) -> None:
+        """Give a printer another name."""
+        with self._engine.begin() as link:
+            link.execute(sql.update(PRINTERS).where(PRINTERS.c.id == key).values(name=name))
+
+    def forget(self, kind: str, key: str) -> None:
+        """Take a printer with its jobs, an upload or a job out of the database."""
+        table = {"printer": PRINTERS, "upload": UPLOADS, "job": JOBS}[kind]
+        with self._engine.begin() as link:
+            if kind == "printer":
+                link.execute(sql.delete(JOBS).where(JOBS.c.printer == key))
+            link.execute(sql.delete(table).where(table.c.id == key))
+
+    def printers(self) -> list[Row]:
+        """Return all printers, the oldest first."""
+        return self._rows(sql.select(PRINTERS).order_by(PRINTERS.c.created_s))
+
+    def printer(self, key: str) -> Row:
+        """Return one printer. Raises `InputError` for one that is not there."""
+        return self._one(PRINTERS, key, "printer")
+
+    def upload(self, key: str) -> Row:
+        """Return one upload. Raises `InputError` for one that is not there."""
+        return self._one(UPLOADS, key, "upload")
+
+    def job(self, key: str) -> Row:
+        """Return one job. Raises `InputError` for one that is not there."""
+        return _read(self._one(JOBS, key, "job"))
+
+    def jobs(self, *, printer: str | None = None, waiting: bool = False, most: int = 200) -> list[Row]:
+        """Return jobs, the newest first; of one printer, or only those that have not ended (the oldest first)."""
+        query = sql.select(JOBS).order_by(JOBS.c.created_s if waiting else JOBS.c.created_s.desc())
+        if printer is not None:
+            query = query.where(JOBS.c.printer == printer)
+        query = query.where(JOBS.c.state.not_in(DONE)) if waiting else query.limit(most)
+        return [_read(row) for row in self._rows(query)]
+
+    def _insert(self, table: sql.Table, **values: Any) -> str:
+        key = values.setdefault("id", secrets.token_hex(8))
+        with self._engine.begin() as link:
+            link.execute(sql.insert(table).values(created_s=time.time(), **values))
+        return str(key)
+
+    def _rows(self, query: Any) -> list[Row]:
+        with self._engine.connect() as link:
+            return [dict(row) for row in link.execute(query).mappings()]
+
+    def _one(self, table: sql.Table, key: str, kind: str) -> Row:
+        rows = self._rows(sql.select(table).where(table.c.id == key))
+        if not rows:
+            raise NotThereError(
+                f"{kind} {key}", wanted=f"a {kind} of this studio", came="none", todo="look at the list"
+            )
+        return rows[0]
+
+
+class NotThereError(InputError):
+    """What was asked for is not in the studio."""
+
+
+def _read(row: Row) -> Row:
+    row["params"] = json.loads(row["params"])
+    row["result"] = None if row["result"] is None else json.loads(row["result"])
+    return row
+
+
+def _settle(link: Any, _: Any) -> None:
+    """Let readers and a writer work side by side, and let nothing be lost but what a power cut took."""
+    for line in ("PRAGMA journal_mode=WAL", "PRAGMA synchronous=NORMAL", "PRAGMA busy_timeout=10000"):
+        link.execute(line)

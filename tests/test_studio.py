@@ -1,0 +1,180 @@
+"""The studio: who may come in, what stays where, what a page may load, and that its pictures show what is predicted."""
+
+import gzip
+import hashlib
+import json
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from starlette.testclient import TestClient
+
+from printmend.corruption import Corruption, Drive, EccentricBore, Play
+from printmend.printer import read_printer
+from printmend.repair import check_gcode
+from printmend.saved.model import exact_model, saved_model
+from printmend.studio.api import plain_name
+from printmend.studio.app import PAGE, create_app
+from printmend.studio.jobs import Jobs
+from printmend.studio.scene import build_scene, write_scene
+from printmend.studio.store import Store
+from printmend.twin import Twin
+
+HERE = "http://127.0.0.1:8765"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(Jobs, "warm", lambda jobs: None)  # no worker process is started before a job needs one
+    return tmp_path / "studio"
+
+
+def _client(folder: Path, **options: object) -> TestClient:
+    return TestClient(create_app(folder, workers=1, **options), base_url=HERE)  # type: ignore[arg-type]
+
+
+def test_only_this_computer_and_its_own_pages_may_talk_to_it(folder: Path) -> None:
+    with _client(folder) as client:
+        assert client.get("/api/health").json()["waiting"] == 0
+        for host in ("evil.example", "127.0.0.1.evil.example:8765", "", "[::1", "127.0.0.1@evil.example"):
+            assert client.get("/api/health", headers={"host": host}).status_code == 421, host
+        for headers in ({"origin": "http://evil.example"}, {"origin": "null"}, {"origin": "http://127.0.0.1:9999"},
+                        {"sec-fetch-site": "cross-site"}):  # fmt: skip
+            said = client.post("/api/play/preview", json={}, headers=headers)
+            assert said.status_code == 403, headers
+            assert "another site" in said.json()["error"]
+        assert client.post("/api/play/preview", json={}, headers={"origin": HERE}).status_code == 200
+
+
+def test_a_token_is_asked_for_and_kept_as_a_cookie_that_scripts_cannot_read(folder: Path) -> None:
+    with _client(folder, token="secret-word") as client:  # noqa: S106 - a test's own
+        assert client.get("/").status_code == client.get("/api/health").status_code == 401
+        assert client.get("/api/health", headers={"authorization": "Bearer wrong"}).status_code == 401
+        assert client.get("/api/health", headers={"authorization": "Bearer secret-word"}).status_code == 200
+        come = client.get("/", params={"token": "secret-word"})
+        assert come.status_code == 200
+        assert "HttpOnly; SameSite=Strict" in come.headers["set-cookie"]
+        assert client.get("/api/health").status_code == 200  # the browser sends the cookie now
+
+
+def test_nothing_that_is_sent_grows_without_bounds_or_gets_out_of_its_folder(folder: Path) -> None:
+    with _client(folder, most_bytes=1000) as client:
+        assert client.post("/api/uploads?name=a.gcode", content=b"x" * 1001).status_code == 413
+
+        def endless():  # a body without a length
+            for _ in range(50):
+                yield b"x" * 100
+
+        assert client.post("/api/uploads?name=a.gcode", content=endless()).status_code == 413
+        assert client.post("/api/uploads?name=a.gcode", content=b"").status_code == 400
+        assert list((folder / "uploads").iterdir()) == []
+        sent = client.post("/api/uploads", params={"name": "../../etc/pass\nwd.gcode"}, content=b"G28\n").json()
+        assert sent["name"] == "pass_wd.gcode"
+        assert [path.name for path in (folder / "uploads").iterdir()] == [sent["id"]]
+        assert client.delete(f"/api/uploads/{sent['id']}").status_code == 204
+        assert list((folder / "uploads").iterdir()) == []
+        for odd in ("..%2f..%2fstudio.sqlite", "%2e%2e", "0123456789abcdef", "0" * 400, "nul%00"):
+            assert client.get(f"/api/jobs/{odd}").status_code in (404, 422), odd
+            assert client.get(f"/api/jobs/{'0' * 16}/files/{odd}").status_code in (404, 422), odd
+            assert client.get(f"/{odd}").status_code in (400, 404), odd
+    assert plain_name("..") == plain_name("/") == plain_name(".") == "file"
+    assert plain_name("C:\\x\\part 1.gcode.3mf") == "part 1.gcode.3mf"
+    assert len(plain_name("x" * 500)) == 120
+
+
+def test_the_page_is_whole_by_itself_and_small(folder: Path) -> None:
+    with _client(folder) as client:
+        page = client.get("/")
+        policy = page.headers["content-security-policy"]
+        assert "script-src 'self';" in policy
+        assert "unsafe" not in policy
+        assert client.get("/api/nowhere").json() == {"error": "Not Found"}
+    for path in PAGE.iterdir():
+        if path.suffix in (".html", ".css", ".svg") or (path.suffix == ".js" and path.name != "vendor.js"):
+            text = path.read_text(encoding="utf-8")
+            foreign = set(re.findall(r"(?:https?:)?//[\w.-]+\.\w+", re.sub(r"^\s*//.*$", "", text, flags=re.M)))
+            assert not foreign - {"http://www.w3.org"}, path.name
+            assert not re.search(r"\bstyle=\"|\bon[a-z]+=\"|eval\(|innerHTML", text), path.name
+    loaded = [path for path in PAGE.iterdir() if path.suffix in (".html", ".css", ".svg", ".js")]
+    assert sum(len(gzip.compress(path.read_bytes())) for path in loaded) < 400_000
+    for line in (PAGE / "vendor.sha256").read_text().splitlines():
+        digest, name = line.split()
+        assert hashlib.sha256((PAGE / name).read_bytes()).hexdigest() == digest, "see tools/studio_vendor"
+
+
+def _strings(language: str) -> dict[str, str]:
+    text = (PAGE / f"strings.{language}.js").read_text(encoding="utf-8")
+    return {key: json.loads(f'"{value}"') for key, value in re.findall(r'(\w+): "((?:[^"\\]|\\.)*)"', text)}
+
+
+def test_every_text_is_there_in_every_language() -> None:
+    english, german = _strings("en"), _strings("de")
+    assert set(english) == set(german)
+    for key, text in english.items():
+        assert set(re.findall(r"{(\w+)}", text)) == set(re.findall(r"{(\w+)}", german[key])), key
+    code = "".join(path.read_text(encoding="utf-8") for path in PAGE.glob("*.js") if path.name != "vendor.js")
+    assert set(re.findall(r"\bt\(\"(\w+)\"", code)) <= set(english)
+
+
+PART = "G28\nG90\nM83\n;LAYER_CHANGE\nG1 Z0.2 F3000\n" + "".join(
+    f";LAYER_CHANGE\nG1 Z{0.2 * n + 0.2:.1f}\nG1 X60 Y60\nG1 X110 Y60 E2\nG2 X110 Y100 I0 J20 E3\nG1 E-1\n"
+    f"G1 X60 Y95 Z3\nG1 Z{0.2 * n + 0.2:.1f}\nG1 E1\nG1 X61 Y61 E1.5\nG1 X90 Y85 E1.5\n"
+    for n in range(3)
+)
+
+
+def test_the_picture_shows_what_is_predicted(tmp_path: Path) -> None:
+    """The scene's errors are those that `check` adds up by its own means; what no planner touches is where it was."""
+    (path := tmp_path / "part.gcode").write_text(PART)
+    printer = read_printer("ender3")
+    faults = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.2)), Drive(belt=Play(0.3))))
+    model = exact_model(Twin.of(faults, printer).homed())
+    prediction = check_gcode(path, model)
+    scene = build_scene(path, model.mechanism, plan=model.mechanism)
+    assert scene.mended_error_mm is not None
+    assert scene.rms_mm(scene.raw_error_mm) == pytest.approx(prediction.before.rms_mm, rel=0.05)
+    assert scene.rms_mm(scene.mended_error_mm) < 0.005 < 0.05 < scene.rms_mm(scene.raw_error_mm)
+    assert scene.mended_error_mm.max() < 0.02
+    length = np.linalg.norm(np.diff(scene.wanted_mm, axis=0), axis=1) * scene.joined[:-1]
+    assert length.sum() == pytest.approx(prediction.length_mm, rel=1e-3)
+    # a bead's cross-section times its length is its filament: a bar with round sides
+    area = scene.height_mm * (scene.width_mm - scene.height_mm * (1 - np.pi / 4))
+    assert (area[1:] * length).sum() == pytest.approx(3 * 8 * 2.405, rel=0.02)
+    head = write_scene(tmp_path / "scene.bin", scene)
+    assert (tmp_path / "scene.bin").stat().st_size == 28 * head["points"] + 4 + int.from_bytes(
+        (tmp_path / "scene.bin").read_bytes()[:4], "little"
+    )
+    assert [z for _, _, z in head["layers"]] == [0.2, 0.4, 0.6]
+    healthy = saved_model(Twin.of(Corruption((Drive(), Drive())), printer).homed(), learner="exact")
+    still = build_scene(path, healthy.mechanism, plan=healthy.mechanism, most=20)
+    assert still.every > 1
+    assert still.raw_error_mm.max() < 1e-9
+    assert still.mended_error_mm is not None
+    assert still.mended_error_mm.max() < 0.02  # chords of arcs, a few millimetres long
+
+
+def test_a_job_is_done_its_files_fetched_and_another_stopped(folder: Path) -> None:
+    """A real worker process: the play screen's way, cancelled once, and jobs of a studio that was killed go on."""
+    store = Store(folder)
+    left = store.add_job("nonsense", None, {})  # a killed studio's: its kind is not known any more
+    store.close()
+    with _client(folder) as client:
+        stopped = client.post("/api/play", json={"x": {"shape": "oval", "dent_mm": 1}}).json()["id"]
+        assert client.post(f"/api/jobs/{stopped}/cancel").json()["state"] == "cancelled"
+        assert client.post(f"/api/jobs/{stopped}/cancel").json()["state"] == "cancelled"
+        assert _ended(client, left)["state"] == "failed"
+        assert client.get(f"/api/jobs/{left}/files/x").status_code == 404
+        assert client.delete(f"/api/jobs/{left}").status_code == 204
+        assert [job["id"] for job in client.get("/api/jobs").json()] == [stopped]
+
+
+def _ended(client: TestClient, key: str, longest_s: float = 60) -> dict:
+    until = time.monotonic() + longest_s
+    while time.monotonic() < until:
+        job = client.get(f"/api/jobs/{key}").json()
+        if job["state"] in ("done", "failed", "cancelled"):
+            return job
+        time.sleep(0.05)
+    raise AssertionError(f"job {key} did not end")
