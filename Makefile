@@ -1,11 +1,11 @@
 # Two commands: `make demo` shows the main job, `make test` runs the tests.
-# `make setup` builds .venv from the lock file; every other target calls it when .venv is absent or stale.
+# `make setup` builds .venv from the lock file, as every other target does when it is absent or stale, and compiles.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.stamp
 HOSTS := .venv-hosts
 
-.PHONY: demo test setup lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
+.PHONY: demo test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
 
 demo: $(STAMP)
 	$(BIN)/printmend demo
@@ -13,7 +13,11 @@ demo: $(STAMP)
 test: $(STAMP)
 	$(BIN)/python -m pytest
 
-setup: $(STAMP)
+setup: kernels
+
+# A minute, once: what learn, check and mend run is compiled here, not when they are first used.
+kernels: $(STAMP)
+	$(BIN)/python tools/ship_kernels.py
 
 $(STAMP): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "printmend needs Python 3.11 or newer; set PYTHON=/path/to/python3" >&2; exit 2; }
@@ -36,7 +40,7 @@ docs: $(STAMP)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 # Does the wheel work where the lock and the extras are not?
-wheel: $(STAMP)
+wheel: kernels
 	tools/try_wheel.sh $(BIN)/python
 
 # Runs examples/story.ipynb; what it claims, it asserts.

@@ -21,6 +21,8 @@ RENUMBER = """
 import numpy as np
 from printmend.gcode.kernels import renumber
 from printmend.jit import compilations
+from printmend.shipped import shipped
+shipped.fill = {fill}
 text, out = np.frombuffer(b"N7 G1 X1\\n", np.uint8), np.zeros(99, np.uint8)
 lines = np.array([1, 0])
 print(out[: renumber(text, 0, len(text), lines, out)[1]].tobytes().decode(), end="")
@@ -28,16 +30,20 @@ print(compilations.entries)
 """
 
 
-def test_an_edited_helper_of_another_file_is_compiled_again(tmp_path):
+def test_kept_and_shipped_code_runs_until_a_helper_of_another_file_is_edited(tmp_path):
     copy = tmp_path / "printmend"
-    shutil.copytree(SOURCES, copy, ignore=shutil.ignore_patterns("__pycache__", "*.safetensors"))
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    shutil.copytree(SOURCES, copy, ignore=shutil.ignore_patterns("__pycache__", "compiled", "*.safetensors"))
+    outside = {**os.environ, "PYTHONPATH": str(tmp_path)}
 
-    def run():
-        command = [sys.executable, "-c", RENUMBER]
+    def run(kept="kept", *, fill=False, **more):
+        command = [sys.executable, "-c", RENUMBER.replace("{fill}", str(fill))]
+        environment = {**outside, "NUMBA_CACHE_DIR": str(tmp_path / kept), **more}
         return subprocess.run(command, env=environment, capture_output=True, check=True, text=True).stdout.split("\n")  # noqa: S603
 
-    assert run() == ["N8 G1 X1", "1", ""]
+    assert run(fill=True) == ["N8 G1 X1", "1", ""]
+    # what was shipped is at once there for a user with nothing kept, on a plainer processor too
+    assert run("nothing", NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") == ["N8 G1 X1", "0", ""]
+    assert len(list((copy / "compiled").glob("*.nbc"))) == 1
     helper = copy / "gcode" / "kernels" / "text.py"
     helper.write_text(helper.read_text().replace("return np.int64(byte) - 48", "return np.int64(byte) - 47"))
     assert run() == ["N9 G1 X1", "1", ""]
@@ -52,7 +58,7 @@ def test_kernels_come_through_the_door_and_know_nothing_but_numpy_and_kernels():
             if isinstance(node, ast.Import | ast.ImportFrom)
             for name in node.names
         }
-        if path.name not in ("jit.py", "compiler.py"):
+        if path.name not in ("jit.py", "compiler.py", "shipped.py"):
             assert "numba" not in {str(name).partition(".")[0] for name in imported}, path
         if "kernels" in path.relative_to(SOURCES).as_posix():
             allowed = {"numpy", "printmend.jit"}

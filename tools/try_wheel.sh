@@ -15,7 +15,8 @@ echo "installed: $(du -sm --exclude=pip --exclude='pip-*' --exclude=setuptools -
 
 cd "$place"
 export PATH="$place/venv/bin:$PATH" NUMBA_CACHE_DIR="$place/kernels" PYTHONPATH=
-say() { echo "+ $*"; "$@"; }
+TIMEFORMAT="  %U s of processor time"
+say() { echo "+ $*"; time "$@"; }
 cat >broken.toml <<'TOML'
 [x.pulley]
 kind = "radius"

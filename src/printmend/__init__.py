@@ -45,6 +45,8 @@ def __getattr__(name: str) -> object:
         raise
 
 
+# numba marks up, in colours, texts of errors that it raises and catches by the thousand: a tenth of a compilation
+os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 if os.name == "posix" and "NUMBA_CACHE_DIR" not in os.environ:  # numba reads it once, when it is imported
     _kernels = kernel_folder(Path(__file__).parent, user_cache(), Path(tempfile.gettempdir()))
     if _kernels is not None:

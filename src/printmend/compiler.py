@@ -39,6 +39,10 @@ class _Whole(JITCodeLibrary):
                 libraries.extend(more for more in library._linking_libraries if more not in libraries)
         super().finalize()
 
+    def _finalize_final_module(self) -> None:
+        self.optimised = self._final_module.as_bitcode()  # making machine code of a module changes it
+        super()._finalize_final_module()
+
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _LowerPart(LoweringPass):

@@ -21,6 +21,7 @@ from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
 from printmend.compiler import EntryCompiler, InnerCompiler
+from printmend.shipped import shipped
 
 log = logging.getLogger(__name__)
 
@@ -87,18 +88,26 @@ class _Kept(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load kept code; numba would first read in all that it could compile, 0.2 s of every command."""
-        self._set_key()
+        stamp, codegen = self._stamp(), target_context.codegen()
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
-            return self._load_overload(sig, target_context)
+            found = self._load_overload(sig, target_context)
+            if found is None and (data := shipped.load(stamp, sig, codegen)) is not None:
+                self._impl.locator.ensure_cache_path()
+                self._cache_file.save(self._index_key(sig, codegen), data)
+                found = self._impl.rebuild(target_context, data)
+            return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        self._set_key()
+        stamp = self._stamp()
         super().save_overload(sig, data)
+        if shipped.fill:
+            shipped.save(stamp, sig, data)
 
-    def _set_key(self) -> None:
+    def _stamp(self) -> str:
         if self._cache_file._source_stamp is None:
             self._cache_file._source_stamp = digest(self._compiled)
+        return self._cache_file._source_stamp
 
 
 def digest(kernel: Any) -> str:

@@ -1,0 +1,62 @@
+"""Kernels that come with the program, compiled but for the last step: half a minute of a first use becomes two seconds.
+
+What is kept is LLVM's code of an entry after all optimisation, which is the same for every processor of a kind
+(x86-64, ARM): this machine's own instructions are made of it when the entry is first needed. It is found by the digest
+of all that went into the entry, so that what belongs to another source is never run. It is made by
+`tools/ship_kernels.py`.
+"""
+
+import lzma
+import sys
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import IndexDataCacheFile
+from numba.core.codegen import ll
+
+FOLDER = Path(__file__).parent / "compiled"
+
+
+class Shipped:
+    """The kernels in a folder; `used` are the files that were asked for and found, or made."""
+
+    def __init__(self, folder: Path, *, fill: bool = False) -> None:
+        self.folder, self.fill = folder, fill
+        self.used: set[str] = set()
+
+    def load(self, digest: str, sig: Any, codegen: Any) -> tuple | None:
+        """Return an entry as numba's cache has it, with machine code for this processor; None where it is not here."""
+        found = self._file(digest).load(_key(sig, codegen))
+        if found is None:
+            return None
+        self.used.add(digest)
+        name, optimised, shared, *rest = found
+        module = ll.parse_bitcode(lzma.decompress(optimised))
+        code = codegen._tm.emit_object(module)
+        return (name, "object", (code, lzma.decompress(shared))), *rest
+
+    def save(self, digest: str, sig: Any, result: Any) -> None:
+        """Keep an entry that was compiled just now."""
+        self.folder.mkdir(exist_ok=True)
+        (name, _, (_, shared)), *rest = result._reduce()
+        packed = lzma.compress(result.library.optimised), lzma.compress(shared)
+        self._file(digest).save(_key(sig, result.codegen), (name, *packed, *rest))
+        self.used.add(digest)
+
+    def forget_others(self) -> None:
+        """Remove what no entry asked for: code of sources that are gone."""
+        for path in self.folder.glob("*.nb?"):
+            if path.name.partition(".")[0] not in self.used:
+                path.unlink()
+
+    def _file(self, digest: str) -> IndexDataCacheFile:
+        return IndexDataCacheFile(str(self.folder), f"{digest}.{sys.implementation.cache_tag}", digest)
+
+
+def _key(sig: Any, codegen: Any) -> tuple:
+    """Return what code depends on beside its source and numba's version, which numba's file knows."""
+    triple, _cpu, _features = codegen.magic_tuple()
+    return sig, triple, codegen._data_layout
+
+
+shipped = Shipped(FOLDER)
