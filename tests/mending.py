@@ -28,9 +28,11 @@ START = b"G21\nG90\nM83\nG28\nG1 Z0.2 F600\nG0 X60 Y60 F6000\n"
 SQUARE = START + b"G1 X80 Y60 E1 F1800\nG1 X80 Y80 E1\nG1 X60 Y80 E1\nG1 X60 Y60 E1\n"
 
 
-def mended(text: bytes, mechanism: Mechanism, flavour: Flavour = Flavour.KLIPPER) -> tuple[bytes, Prediction]:
+def mended(
+    text: bytes, mechanism: Mechanism, flavour: Flavour = Flavour.KLIPPER, **options: float
+) -> tuple[bytes, Prediction]:
     """Mend a text in memory, without the mark."""
-    planner = start(mechanism)
+    planner = start(mechanism, **options)
     state = initial_state(mechanism.printer, flavour)
     chunk = np.frombuffer(text, np.uint8)
     written = b"".join(bytes(view) for view in rewrite([chunk], state, planner.plan))
@@ -53,9 +55,9 @@ class Judged:
         return naive_mend.rms(self.after)
 
 
-def judge(text: bytes, mechanism: Mechanism) -> Judged:
+def judge(text: bytes, mechanism: Mechanism, **options: float) -> Judged:
     """Mend a text, print the original and the mended one on the naive printer."""
-    written, prediction = mended(text, mechanism)
+    written, prediction = mended(text, mechanism, **options)
     home = tuple(axis.home_mm for axis in mechanism.printer.axes)
     wanted, given = naive_mend.read_moves(text, home), naive_mend.read_moves(written, home)
     before = naive_mend.contour_errors_mm(wanted, wanted, naive_mend.print_moves(wanted, mechanism))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, WrongRadius, families, sample
+from printmend.corruption.belt import Play
 from printmend.printer import Printer
 from printmend.repair import mend_gcode
 from printmend.repair.against import judged
@@ -110,19 +111,21 @@ def test_speed_along_the_path_is_kept() -> None:
 
 
 def test_take_ups_extrude_nothing_and_do_not_move_the_nozzle() -> None:
-    result = judge(SQUARE, PLAY)
-    printed = naive_mend.print_moves(result.given, PLAY)
+    sharp = b"".join(b"G1 X%d Y%d E1 F1800\n" % way for way in ((80, 80), (61, 82), (79, 61), (60, 63)))
+    loose = Corruption((Drive(belt=Play(1.4)), Drive(belt=Play(1.7)))).lower(ENDER3).homed()
+    result = judge(START + sharp, loose)
+    printed = naive_mend.print_moves(result.given, loose)
     seen, at = 0, None
     for move, way in zip(result.given, printed, strict=True):
         if at is not None and move.filament == 0 and move.start[2] > 0 and seen_square(move):
             assert np.abs(way - at).max() < 0.0015
             seen += 1
         at = way[-1]
-    assert seen == result.prediction.takeups > 0
+    assert seen == result.prediction.stops == result.prediction.takeups > 0
 
 
 def seen_square(move: naive_mend.Move) -> bool:
-    return math.dist(move.start[:2], move.end[:2]) < 2 and move.start[:2] != move.end[:2]
+    return math.dist(move.start[:2], move.end[:2]) < 3 and move.start[:2] != move.end[:2]
 
 
 def test_jitter_does_not_kick() -> None:
@@ -192,4 +195,6 @@ def test_what_is_reported_is_what_the_files_do(family: str, tmp_path: Path) -> N
     for name in ("rms_mm", "p95_mm", "max_mm"):
         before, after = (getattr(errors, name) for errors in (said.before, said.after))
         assert before == pytest.approx(getattr(found.before, name), rel=0.1), name
-        assert after == pytest.approx(getattr(found.after, name), rel=0.1, abs=0.001), name
+        # Where a corner is cut the path is nearer than the line that is being drawn.
+        least_mm = 0.003 if name == "max_mm" else 0.001
+        assert after == pytest.approx(getattr(found.after, name), rel=0.1, abs=least_mm), name

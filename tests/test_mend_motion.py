@@ -38,10 +38,15 @@ def test_arcs(mechanism, name: str) -> None:
 
 @pytest.mark.parametrize("name", ARCS)
 def test_arcs_stay_arcs_where_only_play_is_wrong(name: str) -> None:
+    moves = naive_mend.read_moves(mended(START + ARCS[name], PLAY)[0], (0.0, 0.0, 0.0))
     text = mended(START + ARCS[name], PLAY)[0]
     drawn = [line for line in text.splitlines() if b"E" in line]
-    assert all(line.startswith((b"G2 ", b"G3 ")) for line in drawn)
-    assert len(drawn) <= 5  # one for each quadrant
+    arcs = [line for line in drawn if line.startswith((b"G2 ", b"G3 "))]
+    assert 1 <= len(arcs) <= 6  # one for each quadrant
+    # Where an axis turns back, its slack is crossed on a short chord: 2 √(2 R ε) of path, or less.
+    straight = [text.splitlines().index(line) for line in drawn if line not in arcs]
+    assert all(move.length <= 1.5 for move in moves if move.draws and move.line in straight)
+    assert len(straight) <= 5
 
 
 def test_arcs_become_chords_otherwise() -> None:
@@ -138,3 +143,69 @@ def test_moves_outside_the_bed_stay_where_they_were() -> None:
     judged = judge(text, PLAY)
     assert min(move.end[0] for move in judged.given) == pytest.approx(-2.0)
     assert ENDER3.x.min_mm == 0
+
+
+def wall(radius_mm: float, points: int) -> bytes:
+    t = np.linspace(0, 4 * np.pi, points)
+    rows = "".join(f"G1 X{90 + radius_mm * math.cos(a):.3f} Y{90 + radius_mm * math.sin(a):.3f} E.02\n" for a in t)
+    return START + f"G0 X{90 + radius_mm} Y90 F6000\nG1 F1800\n".encode() + rows.encode()
+
+
+@pytest.mark.parametrize("points", [60, 400])
+@MODELS
+def test_smooth_walls_are_drawn_without_a_stop(mechanism, points: int) -> None:
+    """A slack is crossed where its axis turns back anyway; no command runs back on the one before."""
+    judged = judge(wall(12.0, points), mechanism)
+    right(judged)
+    assert judged.prediction.takeups == 8
+    assert judged.prediction.stops == 0
+    assert judged.prediction.commands <= 1.25 * judged.prediction.moves
+    ways = np.array([np.subtract(m.end[:2], m.start[:2]) for m in judged.given if m.draws])
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    assert (ways[1:] * ways[:-1]).sum(axis=1).min() > 0.1  # 84 degrees
+
+
+def test_sharp_corners_alone_stop() -> None:
+    text = START + b"G1 X80 Y80 E1 F1800\nG1 X60 Y85 E1\nG1 X60 Y105 E1\nG1 X80 E1\n"
+    judged = judge(text, PLAY)
+    right(judged)
+    assert (judged.prediction.takeups, judged.prediction.stops) == (2, 1)
+    assert "at 1 of them standing still" in judged.prediction.summary()
+
+
+@pytest.mark.parametrize("tolerance_mm", [0.004, 0.03])
+def test_the_tolerance_holds(tolerance_mm: float) -> None:
+    text = wall(12.0, 300) + b"G1 X30 Y40 E5\nG1 X150 Y60 E5\n"
+    judged = judge(text, BENT, tolerance_mm=tolerance_mm)
+    assert judged.after.max() <= tolerance_mm + 0.001
+    assert judged.after.max() - 0.001 <= judged.prediction.after.max_mm <= tolerance_mm + 0.001
+
+
+@MODELS
+def test_turns_against_the_slow_twin(mechanism) -> None:
+    from printmend.gcode.machine import Flavour, initial_state
+    from printmend.gcode.read import interpret_text
+    from printmend.invert.inverse import start
+    from printmend.invert.kernels import layout as k
+    from tests.naive_turns import turns
+
+    rng = np.random.default_rng(5)
+    steps = rng.uniform(0.2, 1.5, 120)[:, None] * np.stack(
+        [f(np.cumsum(rng.normal(0, 0.35, 120))) for f in (np.cos, np.sin)], 1
+    )
+    steps[rng.random(120) < 0.1, 0] = 0.0  # stretches on which an axis stands still
+    points = np.round(100 + np.cumsum(steps, axis=0), 3)
+    points = np.concatenate([[[100.0, 100.0]], points])
+    rows = "".join(f"G1 X{x:.3f} Y{y:.3f} E.02 F1800\n" for x, y in points[1:])
+    text = START + b"G0 X100 Y100 F6000\n" + rows.encode()
+    planner = start(mechanism)
+    planner.plan(interpret_text(np.frombuffer(text, np.uint8), initial_state(ENDER3, Flavour.KLIPPER)))
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    for motor in range(2):
+        found = planner._run[k.TURN + motor * k.TURNS :][: k.TURNS]
+        found = found[: int(np.argmax(np.isinf(found[:, k.TURN_BEGIN])))]
+        wanted = turns(s, points[:, motor], (0.4, 0.7 if mechanism is PLAY else 0.6)[motor])
+        kernel = found[-len(wanted) :, [k.TURN_BEGIN, k.TURN_END, k.TURN_TREND]]  # one more where the belt lay loose
+        assert len(wanted) > 5
+        assert 0 <= len(found) - len(wanted) <= 1
+        assert kernel == pytest.approx(np.array(wanted), abs=1e-3)

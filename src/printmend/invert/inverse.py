@@ -17,10 +17,11 @@ _RISE_LOOK_MM = 0.05  # a screw's curvature is measured over this distance
 _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
 
 
-def lookup(mechanism: Mechanism) -> np.ndarray:
+def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> np.ndarray:
     """Return a mechanism as the one array that the compiled planner reads (see `kernels.inverse_lookup`).
 
-    Its origin is taken as it is: call `Mechanism.homed` first where homing defines it.
+    Its origin is taken as it is: call `Mechanism.homed` first where homing defines it. ``tolerance_mm`` is how far the
+    printed path may lie from the wanted one: half of it where a chord bulges, half where slack is crossed.
     """
     printer, frame = mechanism.printer, mechanism.frame
     head = np.zeros(look.M_TABLES)
@@ -31,6 +32,7 @@ def lookup(mechanism: Mechanism) -> np.ndarray:
     head[look.M_MAP : look.M_MAP + len(way)] = way
     head[look.M_HOME : look.M_HOME + 2] = printer.home_mm
     head[look.M_HOME_SIDE : look.M_HOME_SIDE + 2] = printer.x.home_direction, printer.y.home_direction
+    head[look.M_CHORD] = chord_mm = tolerance_mm / 2
     parts, size, sharpest = [head], len(head), 0.0
     screw = None if mechanism.screw is None or _is_straight(mechanism.screw) else mechanism.screw
     for motor, t in enumerate((*mechanism.transmissions, *([] if screw is None else [screw.transmission]))):
@@ -49,14 +51,14 @@ def lookup(mechanism: Mechanism) -> np.ndarray:
             size += len(table) + len(guide)
     if screw is not None:
         z = printer.z
-        head[look.M_SCREW], head[look.M_RISE] = 1.0, _rise_mm(screw)
+        head[look.M_SCREW], head[look.M_RISE] = 1.0, _rise_mm(screw, chord_mm)
         head[look.M_Z_LIMITS : look.M_Z_LIMITS + 2] = z.min_mm, z.max_mm
         head[look.M_Z_HOME], head[look.M_Z_HOME_SIDE] = z.home_mm, z.home_direction
         head[look.M_PUSH : look.M_PUSH + 2] = size, size + len(screw.wobble_mm)
         parts += [*screw.wobble_mm.T]
     head[look.M_BENT] = sharpest > 0
     # A parabola of the sharpest curvature strays by a quarter of the tolerance between two looks.
-    head[look.M_SAMPLE] = np.clip(np.sqrt(2.0 * k.CHORD_MM / max(sharpest, 1e-12)), 0.02, 2.0)
+    head[look.M_SAMPLE] = np.clip(np.sqrt(2.0 * chord_mm / max(sharpest, 1e-12)), 0.02, 2.0)
     head[look.M_LOOK] = np.clip(5.0 * head[look.M_SAMPLE], k.FINEST_SAMPLE_MM, k.SAMPLE_MM)
     return np.concatenate(parts)
 
@@ -95,7 +97,7 @@ def _shifts_only(t: Transmission) -> bool:
     return all(np.ptp(table - t.motor_mm) < _SAME_MM for table in (t.lower_mm, t.upper_mm))
 
 
-def _rise_mm(screw: ScrewDrive) -> float:
+def _rise_mm(screw: ScrewDrive, chord_mm: float) -> float:
     """Return over how much height a straight command keeps the nozzle within half a chord's tolerance."""
     t, most = screw.transmission, 0.0
     for table in (t.lower_mm, t.upper_mm):
@@ -105,7 +107,7 @@ def _rise_mm(screw: ScrewDrive) -> float:
         if len(bent) > 2:
             second = np.linalg.norm(bent[2:] - 2 * bent[1:-1] + bent[:-2], axis=1)
             most = max(most, float(second.max()) / _RISE_LOOK_MM**2)
-    return float(np.clip(np.sqrt(4.0 * k.CHORD_MM / max(most, 1e-12)), _RISE_LOOK_MM, 1e3))
+    return float(np.clip(np.sqrt(4.0 * chord_mm / max(most, 1e-12)), _RISE_LOOK_MM, 1e3))
 
 
 def _is_straight(screw: ScrewDrive) -> bool:
@@ -139,6 +141,7 @@ class Planner:
     _ring: list[tuple[np.ndarray, np.ndarray]]
     _curve: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
     _moved: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
+    _run: np.ndarray = field(default_factory=lambda: np.zeros((k.RUN_ROWS, k.RUN)))
     _turn: int = 0
 
     @property
@@ -169,22 +172,22 @@ class Planner:
         moved = self._moved if self.has_screw else None
         end = mend(
             self.model, records, begin, len(records), self.state, self.counts, self._curve, moved, first, pieces,
-            self.layers, self.errors, self.quantum_mm, self.samples,
+            self.layers, self.errors, self.quantum_mm, self.samples, self._run,
         )  # fmt: skip
         return end, first, pieces
 
 
-def start(mechanism: Mechanism, *, quantum_mm: float = 0.001) -> Planner:
+def start(mechanism: Mechanism, *, quantum_mm: float = 0.001, tolerance_mm: float = k.TOLERANCE_MM) -> Planner:
     """Return a planner for ``mechanism`` at the beginning of a file, nothing known of where the machine is.
 
-    ``quantum_mm`` is the grid of the numbers that will be written.
+    ``quantum_mm`` is the grid of the numbers that will be written, ``tolerance_mm`` how far the path may be off.
     """
     state, counts = np.zeros(k.STATE), np.zeros(k.COUNTS, np.int64)
     state[k.S_LOW : k.S_LOW + 2], state[k.S_HIGH : k.S_HIGH + 2] = np.inf, -np.inf
     counts[k.N_LAYER] = counts[k.N_MARK] = -1
     return Planner(
-        lookup(mechanism), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)), np.zeros((256, k.LAYER)),
-        np.zeros((1 + k.SAMPLES, k.SAMPLE)),
+        lookup(mechanism, tolerance_mm), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)),
+        np.zeros((256, k.LAYER)), np.zeros((1 + k.SAMPLES, k.SAMPLE)),
         [(np.zeros(1 << 14, np.int64), np.empty(4 * k.PIECES_A_RECORD, PIECE)) for _ in range(PLANS_AT_ONCE + 1)],
     )  # fmt: skip
 

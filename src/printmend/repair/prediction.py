@@ -36,14 +36,14 @@ class Prediction:
     where most of the doubt comes from and which print or measurement would settle it.
     ``layers`` [L] holds for each layer z_mm, length_mm and both errors (rms, max). ``length_mm`` is the extruded path.
     ``moves`` and ``commands`` count what moves the head before and after; ``takeups`` the reversals at which slack was
-    taken up, ``anchors`` the places where the engaged side had to be made certain again. ``clamped`` counts commands
-    that had to be held back at the edge of the bed, ``clamped_extruding`` those that extrude, ``beyond_mm`` how far out
-    they would have gone and ``held_mm`` how much extruded path that is, the start of the file left out where layer
-    comments tell what that is (purge lines lie at the edge of the bed and need not be right); ``unknown`` the
-    extruding moves that were left as they are, because the file does not say where the head is, ``splines`` the curves
-    (G5) that were, ``geometry`` the commands that make the firmware scale or skew what it is told. ``distance_to`` says
-    what the errors are distances to, from above. ``heights`` are the errors in height before and after, where the model
-    has a Z screw.
+    taken up, ``stops`` those of them where the nozzle has to stand still for that amid an extruded path, ``anchors``
+    the places where the engaged side had to be made certain again. ``clamped`` counts commands that had to be held back
+    at the edge of the bed, ``clamped_extruding`` those that extrude, ``beyond_mm`` how far out they would have gone and
+    ``held_mm`` how much extruded path that is, the start of the file left out where layer comments tell what that is
+    (purge lines lie at the edge of the bed and need not be right); ``unknown`` the extruding moves that were left as
+    they are, because the file does not say where the head is, ``splines`` the curves (G5) that were, ``geometry`` the
+    commands that make the firmware scale or skew what it is told. ``distance_to`` says what the errors are distances
+    to, from above. ``heights`` are the errors in height before and after, where the model has a Z screw.
     """
 
     length_mm: float
@@ -53,6 +53,7 @@ class Prediction:
     moves: int
     commands: int
     takeups: int
+    stops: int
     anchors: int
     clamped: int
     clamped_extruding: int
@@ -106,6 +107,7 @@ class Prediction:
         rows += [f"before you print: {each}" for each in self.advice]
         rows.append(
             f"moves {self.moves} → {self.commands}, slack taken up at {self.takeups} reversals"
+            + (f", at {self.stops} of them standing still" if self.stops else "")
             + (f", made certain again {self.anchors} times" if self.anchors else "")
         )
         if self.unknown:
@@ -148,6 +150,7 @@ def prediction_of(planner: Planner) -> Prediction:
         moves=int(counts[k.N_MOVES]),
         commands=int(counts[k.N_PIECES] + counts[k.N_COPIED]),
         takeups=int(counts[k.N_TAKEUPS]),
+        stops=int(counts[k.N_STOPS]),
         anchors=int(counts[k.N_ANCHORS]),
         clamped=int(counts[k.N_CLAMPED]),
         clamped_extruding=int(counts[k.N_CLAMPED_EXTRUDING]),

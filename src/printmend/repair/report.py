@@ -51,7 +51,7 @@ def _page(source: str, model: SavedModel, prediction: Prediction) -> str:
     facts = [
         f"{prediction.length_mm / 1000:.1f} m of extruded path in {len(prediction.layers)} layers",
         f"{prediction.moves} moves became {prediction.commands}",
-        f"slack taken up at {prediction.takeups} reversals, with moves that extrude nothing",
+        f"slack taken up at {prediction.takeups} reversals, at {prediction.stops} of them standing still",
     ]
     if prediction.anchors:
         facts.append(f"the belts' engaged side made certain again {prediction.anchors} times")

@@ -15,7 +15,6 @@ from printmend.invert.kernels.curve import (
 )
 from printmend.invert.kernels.layout import (
     ALONG,
-    CHORD_MM,
     FILAMENT_AREA_MM2,
     MAX_AREA_MM2,
     S_M,
@@ -23,6 +22,7 @@ from printmend.invert.kernels.layout import (
 )
 from printmend.invert.kernels.lookup import (
     M_BENT,
+    M_CHORD,
     M_FRAME_BEND,
     M_FRAMED,
     M_SAMPLE,
@@ -31,7 +31,7 @@ from printmend.invert.kernels.lookup import (
     sharpest,
     wanted,
 )
-from printmend.invert.kernels.state import followed, middle, motor_at
+from printmend.invert.kernels.state import followed, middle, motor_along
 from printmend.jit import inner
 
 _FAR_MM = 12.0  # beyond that a chord is searched for from the curvature nearby
@@ -42,7 +42,7 @@ def ends(model, curve, state, mode0, mode1, t):
     """Return the motor positions of the place at t."""
     x, y, _ = place(curve, t)
     u0, u1 = wanted(model, x, y)
-    return motor_at(model, state, 0, mode0, u0), motor_at(model, state, 1, mode1, u1)
+    return motor_along(model, state, 0, mode0, u0, t), motor_along(model, state, 1, mode1, u1, t)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -52,7 +52,7 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
     from0, from1 = state[S_M], state[S_M + 1]
     now0, now1 = middle(state, 0), middle(state, 1)
     held = (1 if mode0 == 0 else 0) + (1 if mode1 == 0 else 0)
-    aside_most = CHORD_MM * (1.0 + held)  # a motor that stands still is off by as much
+    aside_most = model[M_CHORD] * (1.0 + held)  # a motor that stands still is off by as much
     worst = 0.0
     for i in range(1, samples + 1):
         s = i / (samples + 1)
@@ -61,7 +61,7 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
         x, y = printed(model, a, b)
         aside, along = aside_and_along(curve, x, y, t + s * (end - t))
         spare = (1.0 - s) * start_error
-        worst = max(worst, aside / (aside_most + spare), along / (ALONG * CHORD_MM + spare))
+        worst = max(worst, aside / (aside_most + spare), along / (ALONG * model[M_CHORD] + spare))
     return worst
 
 
@@ -74,7 +74,7 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound):
     aside, along = aside_and_along(curve, x, y, t)
     step = whole
     if bound > 0.0:
-        step = min(whole, max(shortest, 2.0 * whole * np.sqrt(8.0 * CHORD_MM / bound)))
+        step = min(whole, max(shortest, 2.0 * whole * np.sqrt(8.0 * model[M_CHORD] / bound)))
     good = 0.0
     for _ in range(24):
         m0, m1 = ends(model, curve, state, mode0, mode1, t + step)
@@ -90,7 +90,7 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound):
             step = max(shortest, step * max(0.15, 0.93 / np.sqrt(score)))
     step = good if good > 0.0 else step
     rest = whole - step
-    if rest < shortest and whole < 2.0 * shortest:
+    if rest <= 0.0 or (rest < shortest and whole < 2.0 * shortest):
         return whole
     return whole / 2 if rest < step else step  # two equal chords instead of one and a rest
 
@@ -102,13 +102,15 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     It ends at ``stop``, where the belts are wanted at (u0, u1), or before.
     """
     length = curve[LENGTH]
-    m0, m1 = motor_at(model, state, 0, mode0, u0), motor_at(model, state, 1, mode1, u1)
+    m0, m1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
     if curve[ARC] != 0.0 and not is_flat_arc(curve):  # what is looked at below is only seen from above
-        stop = min(stop, t + np.sqrt(8.0 * CHORD_MM / max(curve[R0], CHORD_MM)) / abs(curve[SWEEP]))
+        stop = min(stop, t + np.sqrt(8.0 * model[M_CHORD] / max(curve[R0], model[M_CHORD])) / abs(curve[SWEEP]))
         m0, m1 = ends(model, curve, state, mode0, mode1, stop)
     whole = stop - t
     from0, from1 = state[S_M], state[S_M + 1]
-    d0, d1 = abs(m0 - from0), abs(m1 - from1)
+    # What crosses its slack moves no belt: nothing bends.
+    d0 = 0.0 if mode0 == 0 else abs(m0 - from0)
+    d1 = 0.0 if mode1 == 0 else abs(m1 - from1)
     far0, far1 = min(d0, _FAR_MM) * np.sign(m0 - from0), min(d1, _FAR_MM) * np.sign(m1 - from1)
     bend0, bend1 = sharpest(model, 0, from0, from0 + far0), sharpest(model, 1, from1, from1 + far1)
     bound = norm(bend0 * d0 * d0, bend1 * d1 * d1)  # 8 times the sagitta, at the most
@@ -117,7 +119,7 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     elif model[M_FRAMED] != 0.0:
         bound += model[M_FRAME_BEND] * whole * whole * length * length
     step = whole
-    if bound > 8.0 * CHORD_MM or ((d0 > _FAR_MM or d1 > _FAR_MM) and model[M_BENT] != 0.0):
+    if bound > 8.0 * model[M_CHORD] or ((d0 > _FAR_MM or d1 > _FAR_MM) and model[M_BENT] != 0.0):
         step = _longest(model, curve, state, mode0, mode1, t, whole, bound)
         if step < whole:
             m0, m1 = ends(model, curve, state, mode0, mode1, t + step)

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from printmend.gcode.kernels.layout import KIND_CCW, KIND_CW
 from printmend.invert.kernels.layout import MIN_PIECE_MM, PIECES_A_RECORD
-from printmend.invert.kernels.lookup import M_COREXY, M_FRAMED, is_near, wanted
+from printmend.invert.kernels.lookup import is_near
 from printmend.jit import inner
 
 # Fields of a curve, an array [CURVE] of float64.
@@ -11,7 +12,6 @@ from printmend.jit import inner
 ARC, X0, Y0, Z0, X1, Y1, Z1, CA, CB, PHI, SWEEP, R0, R1, PLANE, LENGTH, SHARE, LEAST = range(17)
 CURVE = 17
 _TURN = 2.0 * np.pi
-_SAME = 1e-9
 _LOOKS = 24
 
 
@@ -49,6 +49,16 @@ def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     curve[R0], curve[R1] = norm(a0 - ca, b0 - cb), norm(a1 - ca, b1 - cb)
     curve[LENGTH] = norm((curve[R0] + curve[R1]) / 2 * abs(sweep), rise)
     curve[LEAST] = max(MIN_PIECE_MM, curve[LENGTH] / (PIECES_A_RECORD // 2))
+
+
+@inner(error_model="numpy", _nrt=False)
+def trace(curve, r):
+    """Fill a curve with a record's motion."""
+    if r.kind == KIND_CW or r.kind == KIND_CCW:
+        set_arc(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1, r.c0, r.c1, r.plane, r.kind == KIND_CW, r.turns)
+    else:
+        curve[PLANE] = 0.0
+        set_line(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -126,67 +136,3 @@ def line_distance(x0, y0, x1, y1, x, y):
     t = ((x - x0) * dx + (y - y0) * dy) / square if square > 0.0 else 0.0
     inside = min(max(t, 0.0), 1.0)
     return norm(x - x0 - inside * dx, y - y0 - inside * dy), t
-
-
-@inner(error_model="numpy", _nrt=False)
-def monotone_end(model, curve, t0):
-    """Return the first t > t0 at which a motor's wanted belt position turns back; 1 when none does."""
-    if curve[ARC] == 0.0:
-        if model[M_FRAMED] == 0.0 or curve[LENGTH] * (1.0 - t0) < 4.0:
-            return 1.0  # a frame bends a short line by far less than the play's tolerance
-    elif curve[PLANE] == 0.0 and model[M_FRAMED] == 0.0:
-        return _next_extreme(model, curve, t0)
-    turn = 1.0 if curve[ARC] == 0.0 else abs(curve[SWEEP])
-    samples = min(8 + np.int64((1.0 - t0) * (curve[LENGTH] / 10.0 if curve[ARC] == 0.0 else turn * 6.0)), 4096)
-    pitch = (1.0 - t0) / samples
-    x, y, _ = place(curve, t0)
-    u0, u1 = wanted(model, x, y)
-    sign0, sign1 = 0.0, 0.0
-    for i in range(1, samples + 1):
-        x, y, _ = place(curve, t0 + i * pitch)
-        v0, v1 = wanted(model, x, y)
-        step0, step1 = _sign(v0 - u0), _sign(v1 - u1)
-        back0, back1 = sign0 * step0 < 0, sign1 * step1 < 0
-        if back0 or back1:
-            low, high = t0 + max(i - 2, 0) * pitch, t0 + i * pitch
-            end = 1.0
-            if back0:
-                end = min(end, _extreme(model, curve, low, high, 0, sign0))
-            if back1:
-                end = min(end, _extreme(model, curve, low, high, 1, sign1))
-            if end > t0 + 1e-9:
-                return end
-        sign0, sign1 = step0 if step0 != 0 else sign0, step1 if step1 != 0 else sign1
-        u0, u1 = v0, v1
-    return 1.0
-
-
-@inner(error_model="numpy", _nrt=False)
-def _sign(value):
-    return 1.0 if value > _SAME else (-1.0 if value < -_SAME else 0.0)
-
-
-@inner(error_model="numpy", _nrt=False)
-def _extreme(model, curve, low, high, motor, sign):
-    """Find where a motor's wanted position is largest (sign 1) or smallest (−1), by thirds."""
-    for _ in range(40):
-        third = (high - low) / 3
-        x, y, _ = place(curve, low + third)
-        a = wanted(model, x, y)[motor]
-        x, y, _ = place(curve, high - third)
-        b = wanted(model, x, y)[motor]
-        if sign * a < sign * b:
-            low += third
-        else:
-            high -= third
-    return (low + high) / 2
-
-
-@inner(error_model="numpy", _nrt=False)
-def _next_extreme(model, curve, t0):
-    """The same in closed form: x turns at φ = 0, π, y at ±π/2; the motors of a CoreXY at ±π/4, ±3π/4."""
-    phi, sweep = curve[PHI] + t0 * curve[SWEEP], curve[SWEEP]
-    first = np.pi / 4 if model[M_COREXY] != 0.0 else 0.0
-    quarters = (phi - first) / (np.pi / 2)
-    target = np.floor(quarters + 1e-7) + 1.0 if sweep > 0 else np.ceil(quarters - 1e-7) - 1.0
-    return min((first + target * (np.pi / 2) - curve[PHI]) / sweep, 1.0)

@@ -17,20 +17,23 @@ from printmend.invert.kernels.curve import (
     SHARE,
     distance,
     is_flat_arc,
-    monotone_end,
     place,
 )
 from printmend.invert.kernels.layout import (
     ASTRAY_MM,
     CLAMP_MM,
     HOLD_MM,
-    MIN_PIECE_MM,
     N_ANCHORS,
     N_ANYWHERE,
     N_CLAMPED,
     N_CLAMPED_EXTRUDING,
+    N_STOPS,
     N_TAKEUPS,
+    RUN_AT,
+    RUN_TREND,
     S_BEYOND,
+    S_CROSS,
+    S_CROSSING,
     S_ERROR,
     S_FEED,
     S_HELD,
@@ -40,9 +43,19 @@ from printmend.invert.kernels.layout import (
     S_TRAVEL,
     SAME_FEED,
     SEEN_MM,
+    TURN_BEGIN,
+    TURN_END,
+    TURN_FROM,
+    TURN_RISE,
+    TURN_TO,
+    TURN_TREND,
 )
 from printmend.invert.kernels.lookup import (
+    LOWER,
+    M_CHORD,
     M_SHIFTS_ONLY,
+    UPPER,
+    backward,
     from_motors,
     printed,
     to_motors,
@@ -66,6 +79,7 @@ from printmend.jit import inner
 # Gauss's places and weights of three: exact for the square of a parabola, which is what a chord's error is.
 NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
+NEAR_MM = 0.005  # a stretch that begins or ends this near is here
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -162,15 +176,55 @@ def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, lay
 
 
 @inner(error_model="numpy", _nrt=False)
-def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum):
-    """Write an extruding move: slack, then chords (or arcs) along each stretch in which no motor turns back."""
+def _ahead(run, k, s):
+    """Pass the turns of motor k that end at s of the run or before; return where the next one begins or ends."""
+    turn = np.int64(run[0, RUN_AT + k])
+    while run[turn, TURN_END] <= s + NEAR_MM:
+        run[0, RUN_TREND + k] = run[turn, TURN_TREND]
+        turn += 1
+    run[0, RUN_AT + k] = turn
+    return run[turn, TURN_BEGIN] if run[turn, TURN_BEGIN] > s + NEAR_MM else run[turn, TURN_END]
+
+
+@inner(error_model="numpy", _nrt=False)
+def _engage(model, state, counts, run, k, start, end, s, begin, span):
+    """Choose how motor k goes along a stretch from belt ``start`` to ``end`` that begins at s of the run; as `prepare`.
+
+    ``begin`` and ``span`` say where on the run the curve begins, and how long it is.
+    """
+    m = state[S_M + k]
+    turn = np.int64(run[0, RUN_AT + k])
+    state[S_CROSSING + k] = 0.0
+    anywhere = counts[N_ANYWHERE] != 0
+    if run[turn, TURN_BEGIN] > s + NEAR_MM or anywhere or not is_sure(state, k):
+        hold = 2.0 * model[M_CHORD]
+        return prepare(model, state, k, start, end, anywhere, run[0, RUN_TREND + k], hold)
+    if np.isnan(run[turn, TURN_FROM]):
+        trend, rise = run[turn, TURN_TREND], run[turn, TURN_RISE]
+        now = middle(state, k)
+        if trend * rise > 0.0:
+            now += rise
+        to = backward(model, k, LOWER if trend > 0 else UPPER, now)
+        run[turn, TURN_FROM], run[turn, TURN_TO] = m, to if trend * (to - m) > 0.0 else m
+        counts[N_TAKEUPS] += 1
+    slope = (run[turn, TURN_TO] - run[turn, TURN_FROM]) / (run[turn, TURN_END] - run[turn, TURN_BEGIN])
+    state[S_CROSS + k] = run[turn, TURN_FROM] + slope * (begin - run[turn, TURN_BEGIN])
+    state[S_CROSSING + k] = slope * span
+    return 0, m, m
+
+
+@inner(error_model="numpy", _nrt=False)
+def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum, run, begin, span):
+    """Write an extruding move: slack, then chords (or arcs) along each stretch in which no motor turns back.
+
+    ``begin`` and ``span`` say where on the ``run`` the curve begins, and how long it is there.
+    """
     t = 0.0
     length = curve[LENGTH]
     while t < 1.0:
-        stop = monotone_end(model, curve, t)
-        if stop < 1.0 and (stop - t) * length < MIN_PIECE_MM:
-            stop = monotone_end(model, curve, stop)
-        if (1.0 - stop) * length < MIN_PIECE_MM:
+        s = begin + t * span
+        stop = (min(_ahead(run, 0, s), _ahead(run, 1, s)) - begin) / span
+        if not (1.0 - stop) * span > NEAR_MM:
             stop = 1.0
         x, y, z = place(curve, t)
         s0, s1 = wanted(model, x, y)
@@ -178,16 +232,20 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
         e0, e1 = wanted(model, x, y)
         anywhere = counts[N_ANYWHERE] != 0
         unsure = anywhere or not is_sure(state, 0) or not is_sure(state, 1)
-        mode0, first0, second0 = prepare(model, state, 0, s0, e0, anywhere)
-        mode1, first1, second1 = prepare(model, state, 1, s1, e1, anywhere)
+        mode0, first0, second0 = _engage(model, state, counts, run, 0, s0, e0, s, begin, span)
+        mode1, first1, second1 = _engage(model, state, counts, run, 1, s1, e1, s, begin, span)
         before = n
         n = _dead_move(model, state, pieces, n, record, first0, first1, z, quantum)
         if anywhere:
             open_interval(model, state, S_M, S_LO, S_HI)
             counts[N_ANYWHERE] = 0
         n = _dead_move(model, state, pieces, n, record, second0, second1, z, quantum)
+        for k in range(2):
+            if state[S_CROSSING + k] == 0.0:
+                state[S_CROSS + k] = state[S_M + k]
         counts[N_ANCHORS] += unsure
         counts[N_TAKEUPS] += n > before and not unsure
+        counts[N_STOPS] += n > before and s > 0.0
         if mode0 != 0 and mode1 != 0 and is_flat_arc(curve) and model[M_SHIFTS_ONLY] != 0.0:
             done = _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, layers, errors, quantum)
             if done > n:

@@ -35,7 +35,6 @@ from printmend.invert.kernels.curve import (
     is_flat_arc,
 )
 from printmend.invert.kernels.layout import (
-    CHORD_MM,
     HOME_MM,
     L_RISE,
     L_RISE_MOST,
@@ -53,6 +52,7 @@ from printmend.invert.kernels.lookup import (
     FIRST,
     LAST,
     LOWER,
+    M_CHORD,
     M_MOTOR,
     M_PUSH,
     M_RISE,
@@ -206,7 +206,7 @@ def parts_of(model, curve):
     rise, chords = abs(curve[Z1] - curve[Z0]), 0.0
     if curve[ARC] != 0.0:
         radius = max(curve[R0], curve[R1])
-        chords = abs(curve[SWEEP]) * np.sqrt(radius / (4.0 * CHORD_MM))
+        chords = abs(curve[SWEEP]) * np.sqrt(radius / (4.0 * model[M_CHORD]))
         if curve[PLANE] != 0.0:
             rise += radius * abs(curve[SWEEP])
     return max(1, np.int64(min(np.ceil(max(rise / model[M_RISE], chords)), 1e9)))

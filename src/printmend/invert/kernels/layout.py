@@ -1,8 +1,9 @@
 """What the kernels of the continuous planner share: tolerances, and the fields of their state."""
 
-CHORD_MM = 0.005  # how far a chord may lie from the wanted path
+TOLERANCE_MM = 0.01  # how far the path may be off: half of it where a chord bulges, all where slack is crossed
+
 ALONG = 10.0  # times that: how far it may be ahead or behind, so that the extrusion keeps its density
-HOLD_MM = 0.005  # a reversal shorter than this is not worth taking slack up for
+HOLD_MM = 0.005  # a belt is where it should be, or is known to be, within this
 HOME_MM = 0.05  # a learned origin this near to the end stop's is the same
 MIN_PIECE_MM = 0.08  # firmwares drop or merge shorter moves: Marlin those of fewer than six micro-steps, 0.075 mm
 CLAMP_MM = 0.02  # held back at the edge of the bed by less is not worth a word
@@ -28,14 +29,17 @@ S_SAVED = 28  # for each slot of SAVE_GCODE_STATE where the three motors were, N
 S_ERROR = S_SAVED + 3 * 8  # the largest error seen of the last command
 S_BEYOND = S_ERROR + 1  # how far the furthest extruding command would have left the bed
 S_HELD = S_BEYOND + 1  # the extruded length held back at the edge: before any layer comment, and after it
-STATE = S_HELD + 2
+# For each motor that crosses its slack while the nozzle prints on: where it is at t = 0 of the curve, and how far it
+# goes until t = 1 [mm].
+S_CROSS, S_CROSSING = S_HELD + 2, S_HELD + 4
+STATE = S_CROSSING + 2
 # counts [COUNTS] int64. N_KNOWN: the place is known; N_ANYWHERE: the firmware may have skipped what came before;
 # N_MARK and N_LAYER: the layer comments seen, the row of `layers`; N_HEIGHT: where Z is, is known. The rest are sums
 # for the prediction.
 N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)
 N_CLAMPED, N_CLAMPED_EXTRUDING, N_UNKNOWN, N_COPIED, N_EXTRUDING, N_HEIGHT = range(8, 14)
-N_SPLINES, N_GEOMETRY = 14, 15
-COUNTS = 16
+N_SPLINES, N_GEOMETRY, N_STOPS = 14, 15, 16
+COUNTS = 17
 # layers [?, LAYER] float64: sums over a layer, before (0) and after (1); L_RISE are those of the error in height
 L_Z, L_LENGTH, L_SQUARE, L_MOST, L_RISE, L_RISE_MOST = 0, 1, 2, 4, 6, 8
 LAYER = 10
@@ -46,3 +50,15 @@ LAYER = 10
 P_X, P_Y, P_TX, P_TY, P_OFF, P_SIDE, P_LAYER, P_WEIGHT = 0, 1, 2, 3, 4, 5, 7, 8
 SAMPLE, SAMPLES = 9, 2048
 P_COUNT, P_GAP, P_SINCE = 0, 1, 2
+# run [RUN_ROWS, RUN] float64: a connected extruded path, and the turns of both motors on it (see `turns`). Row 0 is the
+# head: RUN_BEGIN how far along the path its present record begins [mm], RUN_END the first record after it, and for each
+# motor RUN_AT the row of its next turn, RUN_TREND 1 or −1 where its belt rises or falls until then, 0 where it stands.
+# From TURN on for each motor TURNS rows in the order of the path, behind the last one at infinity: the stretch on which
+# the slack is crossed (none where it begins and ends at the same place), the trend after it, by how much the belt is
+# wanted higher at its end than at its beginning; and, once the nozzle is there, the motor's place at both ends. From
+# NODE on the path itself, straight from one to the next: s [mm], the belts [mm], 1 at the end of a move.
+RUN_BEGIN, RUN_END, RUN_AT, RUN_TREND = 0, 1, 2, 4
+TURN_BEGIN, TURN_END, TURN_TREND, TURN_RISE, TURN_FROM, TURN_TO = range(6)
+RUN, TURNS, NODES = 6, 2048, 9216
+TURN, NODE = 1, 1 + 2 * TURNS
+RUN_ROWS = NODE + NODES

@@ -30,7 +30,9 @@ FIRST, RATE, LAST, BEND, BEND_LAST, TAUT = range(6)
 # index of the first entry of the table that is ≥ floor + k·pitch
 M_BRANCH, BRANCH_FIELDS = 71, 4
 TABLE, FLOOR, GUIDE = range(3)
-M_TABLES = 95
+# how far a chord may lie from the wanted path [mm]
+M_CHORD = 95
+M_TABLES = 96
 BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
 
 

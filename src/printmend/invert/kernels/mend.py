@@ -24,19 +24,17 @@ from printmend.gcode.kernels.layout import (
     WORD_Z,
 )
 from printmend.invert.kernels.curve import (
-    ARC,
     LEAST,
     LENGTH,
-    PLANE,
     R0,
     SHARE,
     SWEEP,
     Z0,
     Z1,
     place,
-    set_arc,
     set_line,
     stays_near,
+    trace,
 )
 from printmend.invert.kernels.draw import (
     extrude,
@@ -63,6 +61,7 @@ from printmend.invert.kernels.height import (
 )
 from printmend.invert.kernels.layout import (
     CLAMP_MM,
+    HOLD_MM,
     L_LENGTH,
     N_ANYWHERE,
     N_CLAMPED,
@@ -73,6 +72,8 @@ from printmend.invert.kernels.layout import (
     N_PIECES,
     N_UNKNOWN,
     PIECES_A_RECORD,
+    RUN_BEGIN,
+    RUN_END,
     S_FEED,
     S_HI,
     S_HIGH,
@@ -103,6 +104,7 @@ from printmend.invert.kernels.state import (
     prepare,
     travel_motor,
 )
+from printmend.invert.kernels.turns import survey
 from printmend.jit import entry, inner
 
 
@@ -176,11 +178,12 @@ def _rise(model, state, counts, pieces, n, record, quantum):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row, layers, errors, quantum):
+def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row, layers, errors, quantum, run):
     """Write an extruding move of a machine with a bad screw: a curve that rises is cut where the push bends."""
     if not record.flags & FLAG_KNOWN_Z1:
         counts[N_HEIGHT] = 0
-        return extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum)
+        begin, span = run[0, RUN_BEGIN], curve[LENGTH]
+        return extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum, run, begin, span)
     if counts[N_HEIGHT] == 0:
         curve[Z0] = curve[Z1]
         find(model, state, counts, record, quantum)
@@ -188,7 +191,7 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
     for part in range(parts):
         x0, y0, z0 = place(curve, part / parts)
         x1, y1, z1 = place(curve, (part + 1.0) / parts)
-        mode, first, second = prepare(model, state, ZED, z0, z1, False)
+        mode, first, second = prepare(model, state, ZED, z0, z1, False, 0.0, HOLD_MM)
         if first != state[S_M + ZED]:
             n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, first, quantum)
         if second != state[S_M + ZED]:
@@ -203,7 +206,8 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
             qx, qy = push(model, m1)
             set_line(moved, x0 - px, y0 - py, m0, x1 - qx, y1 - qy, m1)
             moved[SHARE], moved[LEAST] = 1.0 / parts, curve[LEAST]
-        n = extrude(model, moved, state, counts, pieces, n, record, row, layers, errors, quantum)
+        begin, span = run[0, RUN_BEGIN] + part / parts * curve[LENGTH], curve[LENGTH] / parts
+        n = extrude(model, moved, state, counts, pieces, n, record, row, layers, errors, quantum, run, begin, span)
         lift(model, state, m1)
         note_height(layers, row, 1, middle(state, ZED) - z1, curve[LENGTH] / parts)
     return n
@@ -211,7 +215,7 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
 
 @entry(error_model="numpy", _nrt=False)
 def mend(
-    model, records, begin, count, state, counts, curve, moved, first, pieces, layers, errors, quantum, samples
+    model, records, begin, count, state, counts, curve, moved, first, pieces, layers, errors, quantum, samples, run
 ):  # fmt: skip
     """Plan records[begin:count]; return the record before which it stopped.
 
@@ -221,12 +225,13 @@ def mend(
     ``moved`` is None for a machine whose Z screw is perfect: its kernels are then not compiled either.
     ``layers`` [L, LAYER] must have room for counts[N_LAYER] + 2 + (count − begin) rows; ``errors`` [2, ERROR_BINS] are
     histograms of mm of path. ``quantum`` [mm] is the grid of the numbers that will be written; ``samples`` are places
-    along the extruded path.
+    along the extruded path. ``run`` [RUN_ROWS, RUN] is scratch: the connected path that is being drawn.
 
     A motion record without a piece is to be copied as it is.
     """
     n = 0
     i = begin
+    run[0, RUN_END] = begin
     while i < count and n + PIECES_A_RECORD < len(pieces):
         r = records[i]
         first[i] = n
@@ -258,11 +263,7 @@ def mend(
             else:
                 n = _stand(model, state, pieces, n, r, quantum)
             continue
-        curve[ARC] = curve[PLANE] = 0.0
-        if arc:
-            set_arc(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1, r.c0, r.c1, r.plane, r.kind == KIND_CW, r.turns)
-        else:
-            set_line(curve, r.x0, r.y0, r.z0, r.x1, r.y1, r.z1)
+        trace(curve, r)
         left = not known or r.flags & FLAG_OPAQUE != 0 or not stays_near(model, curve)
         if moved is not None:
             left = left or is_too_long(model, curve)
@@ -282,10 +283,21 @@ def mend(
         predict_raw(model, curve, state, counts, records, count, i - 1, drawn, row, layers, errors, samples, moved)
         if drawn:
             layers[row, L_LENGTH] += curve[LENGTH]
+            if i > run[0, RUN_END]:
+                px = py = 0.0
+                if moved is not None:
+                    px, py = push(model, state[S_M + ZED])
+                survey(model, state, counts, records, count, i - 1, curve, run, px, py, moved is None)
+                trace(curve, r)
+            length = curve[LENGTH]
             if moved is not None:
-                n = _extrude_in_space(model, curve, moved, state, counts, pieces, n, r, row, layers, errors, quantum)
+                n = _extrude_in_space(
+                    model, curve, moved, state, counts, pieces, n, r, row, layers, errors, quantum, run
+                )
             else:
-                n = extrude(model, curve, state, counts, pieces, n, r, row, layers, errors, quantum)
+                at = run[0, RUN_BEGIN]
+                n = extrude(model, curve, state, counts, pieces, n, r, row, layers, errors, quantum, run, at, length)
+            run[0, RUN_BEGIN] += length
         else:
             counts[N_UNKNOWN] += extruding
             parts = 1

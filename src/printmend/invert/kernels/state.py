@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from printmend.invert.kernels.layout import HOLD_MM, HOME_MM, S_HI, S_LO, S_M, S_SIDE
+from printmend.invert.kernels.layout import HOLD_MM, HOME_MM, S_CROSS, S_CROSSING, S_HI, S_LO, S_M, S_SIDE
 from printmend.invert.kernels.lookup import (
     LOWER,
     M_BED,
@@ -119,13 +119,16 @@ def command(model, m0, m1, record, quantum):
 
 
 @inner(error_model="numpy", _nrt=False)
-def prepare(model, state, k, start, end, anywhere):
-    """Choose how motor k goes from belt position ``start`` to ``end``.
+def prepare(model, state, k, start, end, anywhere, trend, hold):
+    """Choose how motor k goes from belt position ``start`` to ``end``, on a path along which the belt has a ``trend``.
 
-    Returns (mode, first, second): mode 1 pushes (lower), −1 pulls (upper), 0 stands still; ``first`` and ``second``
-    are the motor positions of two dead moves that make the belt engaged, equal to where it is when none is needed.
+    Returns (mode, first, second): mode 1 pushes (lower), −1 pulls (upper), 2 does both, without play, 0 stands still;
+    ``first`` and ``second`` are the motor positions of two dead moves that make the belt engaged, equal to where it is
+    when none is needed. None is made for a way of at most ``hold`` [mm]. The trend is 0 where it is not known.
     """
     m = state[S_M + k]
+    if is_taut(model, k) and is_sure(state, k) and abs(middle(state, k) - start) <= 1.5 * HOLD_MM and not anywhere:
+        return 2, m, m
     if not anywhere and is_sure(state, k):
         now = middle(state, k)
         if abs(now - start) <= 1.5 * HOLD_MM:
@@ -133,12 +136,14 @@ def prepare(model, state, k, start, end, anywhere):
             if abs(way) < 1e-9:
                 return 0, m, m
             mode = 1 if way > 0 else -1
-            if state[S_SIDE + k] == mode or is_taut(model, k):
+            if trend * way < 0.0 and abs(way) <= hold:
+                mode = -mode
+            if state[S_SIDE + k] == mode:
                 return mode, m, m
-            engaged = backward(model, k, LOWER if way > 0 else UPPER, now)
+            engaged = backward(model, k, LOWER if mode > 0 else UPPER, now)
             if abs(engaged - m) <= HOLD_MM:
                 return mode, m, m
-            if abs(way) <= HOLD_MM:
+            if abs(way) <= hold and trend == 0.0:
                 return 0, m, m
             return mode, m, engaged
     # Uncertain, or not where it should be: come from the far side, so that the belt is engaged and at ``start``.
@@ -159,6 +164,8 @@ def prepare(model, state, k, start, end, anywhere):
 @inner(error_model="numpy", _nrt=False)
 def motor_at(model, state, k, mode, u):
     """Return the motor position that brings the belt of motor k to u, moving only in the sense of ``mode``."""
+    if mode == 2:
+        return backward(model, k, LOWER, u)
     if mode > 0:
         return max(backward(model, k, LOWER, u), state[S_M + k])
     if mode < 0:
@@ -167,8 +174,18 @@ def motor_at(model, state, k, mode, u):
 
 
 @inner(error_model="numpy", _nrt=False)
+def motor_along(model, state, k, mode, u, t):
+    """Return the motor position at t of the curve: as `motor_at`, or on its way through its slack."""
+    if mode == 0:
+        return state[S_CROSS + k] + t * state[S_CROSSING + k]
+    return motor_at(model, state, k, mode, u)
+
+
+@inner(error_model="numpy", _nrt=False)
 def followed(model, k, mode, now, m):
     """Return where the belt of motor k will be when the motor has gone to m from a place where it was at ``now``."""
+    if mode == 2:
+        return forward(model, k, LOWER, m)
     if mode > 0:
         return max(now, forward(model, k, LOWER, m))
     if mode < 0:

@@ -1,0 +1,270 @@
+"""Compiled survey of an extruded path: where each motor turns back, and on which stretch its slack is crossed.
+
+Near a reversal a motor's belt hardly moves: for as long as it may stand still within the tolerance, its motor crosses
+the slack while the nozzle prints on. Where a curve of radius R turns, that is 2 √(2 R ε) of path for an error ε. At a
+sharp corner there is no such stretch, and the slack is taken up while the nozzle stands still.
+"""
+
+import numpy as np
+
+from printmend.gcode.kernels.layout import (
+    FLAG_EXTRUDING,
+    FLAG_KNOWN_X1,
+    FLAG_KNOWN_Y1,
+    FLAG_OPAQUE,
+    KIND_CCW,
+    KIND_CW,
+    KIND_LINEAR,
+)
+from printmend.invert.kernels.curve import ARC, LENGTH, R0, SWEEP, is_flat_arc, place, stays_near, trace
+from printmend.invert.kernels.layout import (
+    HOLD_MM,
+    MIN_PIECE_MM,
+    N_ANYWHERE,
+    NODE,
+    NODES,
+    RUN_AT,
+    RUN_BEGIN,
+    RUN_END,
+    RUN_TREND,
+    S_M,
+    S_SIDE,
+    TURN,
+    TURN_BEGIN,
+    TURN_END,
+    TURN_FROM,
+    TURN_RISE,
+    TURN_TREND,
+    TURNS,
+)
+from printmend.invert.kernels.lookup import (
+    LOWER,
+    M_CHORD,
+    M_FRAME_BEND,
+    M_FRAMED,
+    UPPER,
+    backward,
+    wanted,
+)
+from printmend.invert.kernels.state import is_sure, middle
+from printmend.jit import inner
+
+FLAT_MM = 2e-4  # a belt that moves less stands still
+GENTLE = 0.75  # how fast a motor may cross its slack, as a multiple of the nozzle's speed, for the fewest pieces
+FLATTEST = 0.5  # below that the stretch where the belt stands still anyway is long enough
+STEEPEST = 8.0  # beyond that the nozzle all but stands: then it may as well
+SHORTEST_MM = 0.02  # of path: beyond that the nozzle stands
+BOW_MM = 0.002  # how far the nodes of a curved path lie inside it
+MOST_BOWS = 256
+
+
+@inner(error_model="numpy", _nrt=False)
+def survey(model, state, counts, records, count, i, curve, run, across, along, rising):
+    """Fill ``run`` with the turns of the path that record i begins: extruding moves, each from where the last ended.
+
+    The belts have to go to the path less (``across``, ``along``), which the Z screw pushes the nozzle by; where not
+    ``rising``, the path ends before a record that rises. ``curve`` is scratch.
+    """
+    run[0, RUN_BEGIN] = 0.0
+    n = 1
+    j = i
+    while j < count and n + MOST_BOWS < NODES:
+        r = records[j]
+        if j > i:
+            before = records[j - 1]
+            if (r.kind != KIND_LINEAR and r.kind != KIND_CW and r.kind != KIND_CCW) or r.flags & FLAG_OPAQUE:
+                break
+            if not r.flags & FLAG_EXTRUDING or not r.flags & FLAG_KNOWN_X1 or not r.flags & FLAG_KNOWN_Y1:
+                break
+            if r.x0 != before.x1 or r.y0 != before.y1 or r.z0 != before.z1:
+                break
+            if r.kind == KIND_LINEAR and r.x0 == r.x1 and r.y0 == r.y1:
+                break
+        trace(curve, r)
+        if j > i and not stays_near(model, curve):
+            break
+        if r.z0 != r.z1 and not rising:
+            if j == i:
+                n = 1
+                j += 1
+            break
+        n = _walk(model, curve, run, n, across, along)
+        j += 1
+    run[0, RUN_END] = j
+    for k in range(2):
+        _turns(model, state, counts, run, k, n)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _walk(model, curve, run, n, across, along):
+    """Add the nodes of a curve to the run; return how many there are. A node: s [mm], both belts [mm], 1 at an end."""
+    steps = 1
+    if is_flat_arc(curve):
+        steps = 4 + np.int64(abs(curve[SWEEP]) * np.sqrt(curve[R0] / (8.0 * BOW_MM)))
+    elif curve[ARC] != 0.0:
+        steps = 64
+    elif model[M_FRAMED] != 0.0 and curve[LENGTH] > 4.0:
+        steps = 1 + np.int64(curve[LENGTH] * np.sqrt(model[M_FRAME_BEND] / (8.0 * BOW_MM)))
+    steps = min(steps, MOST_BOWS - 1)
+    if n == 1:
+        x, y, _ = place(curve, 0.0)
+        _put(model, run, 0, 0.0, x - across, y - along, 1.0)
+    from_s = run[NODE + n - 1, 0]
+    for step in range(1, steps + 1):
+        x, y, _ = place(curve, step / steps)
+        s = from_s + curve[LENGTH] * (step / steps)
+        _put(model, run, n, s, x - across, y - along, 1.0 if step == steps else 0.0)
+        n += 1
+    return n
+
+
+@inner(error_model="numpy", _nrt=False)
+def _put(model, run, n, s, x, y, end):
+    u0, u1 = wanted(model, x, y)
+    node = NODE + n
+    run[node, 0], run[node, 1], run[node, 2], run[node, 3] = s, u0, u1, end
+
+
+@inner(error_model="numpy", _nrt=False)
+def _turns(model, state, counts, run, k, n):
+    """Find the turns of motor k: reversals of more than twice the tolerance; smaller ones its belt does not follow."""
+    turn = TURN + k * TURNS
+    run[0, RUN_AT + k], run[0, RUN_TREND + k] = turn, 0.0
+    last = turn + TURNS - 1
+    run[turn, TURN_BEGIN] = run[turn, TURN_END] = np.inf
+    if n < 2:
+        return
+    hold = 2.0 * model[M_CHORD]
+    start = run[NODE, 1 + k]
+    j = 1
+    while j < n and abs(run[NODE + j, 1 + k] - start) <= hold:
+        j += 1
+    if j == n:
+        return
+    trend = 1.0 if run[NODE + j, 1 + k] > start else -1.0
+    run[0, RUN_TREND + k] = trend
+    floor = 0.0
+    slack = _slack_at_start(model, state, counts, k, start, trend)
+    if slack > HOLD_MM:
+        turn += _cross(model, run, turn, k, 0, n, -trend, slack, floor)
+        floor = run[turn - 1, TURN_END] if turn > TURN + k * TURNS else 0.0
+    peak, at = run[NODE + j, 1 + k], j
+    for q in range(j + 1, n):
+        u = run[NODE + q, 1 + k]
+        if trend * u >= trend * peak:
+            peak, at = u, q
+        elif trend * (peak - u) > hold and turn < last:
+            slack = abs(backward(model, k, UPPER, peak) - backward(model, k, LOWER, peak))
+            if slack <= FLAT_MM or _cross(model, run, turn, k, at, n, trend, slack, floor) == 0:
+                s = run[NODE + at, 0]
+                _turn(run, turn, s, s, -trend, 0.0)
+            floor = run[turn, TURN_END]
+            turn += 1
+            trend, peak, at = -trend, u, q
+    run[turn, TURN_BEGIN] = run[turn, TURN_END] = np.inf
+
+
+@inner(error_model="numpy", _nrt=False)
+def _slack_at_start(model, state, counts, k, start, trend):
+    """Return how far motor k is from where it will push its belt, which is where it should be; 0 where it is not."""
+    if counts[N_ANYWHERE] != 0 or not is_sure(state, k) or state[S_SIDE + k] == trend:
+        return 0.0
+    now = middle(state, k)
+    if abs(now - start) > 1.5 * HOLD_MM:
+        return 0.0
+    return abs(backward(model, k, LOWER if trend > 0 else UPPER, now) - state[S_M + k])
+
+
+@inner(error_model="numpy", _nrt=False)
+def _turn(run, turn, begin, end, trend, rise):
+    row = run[turn]
+    row[TURN_BEGIN], row[TURN_END], row[TURN_TREND], row[TURN_RISE], row[TURN_FROM] = begin, end, trend, rise, np.nan
+
+
+@inner(error_model="numpy", _nrt=False)
+def _cross(model, run, turn, k, at, n, trend, slack, floor):
+    """Write the turn at node ``at`` if its slack can be crossed while printing on; return how many were written.
+
+    ``trend`` is that before the turn. No stretch begins before ``floor``, where the last one ended.
+    """
+    begin, end = _stretch(run, k, at, n, trend, FLAT_MM, floor)
+    if slack > FLATTEST * (end - begin):
+        begin, end = _stretch(run, k, at, n, trend, model[M_CHORD], floor)
+    if slack > GENTLE * (end - begin):
+        begin, end = _stretch(run, k, at, n, trend, 2.0 * model[M_CHORD], floor)
+    long = end - begin
+    if long < SHORTEST_MM or long + slack < MIN_PIECE_MM or slack > STEEPEST * long:
+        return 0
+    # Where it may begin or end at the end of a move, no move has to be cut.
+    first, last = _ends_within(run, at, n, begin, end)
+    if last > first and slack <= GENTLE * (last - first):
+        begin, end = first, last
+    elif first - begin < end - last and slack <= GENTLE * (end - first):
+        begin = first
+    elif slack <= GENTLE * (last - begin):
+        end = last
+    elif slack <= GENTLE * (end - first):
+        begin = first
+    _turn(run, turn, begin, end, -trend, _belt(run, k, at, n, end) - _belt(run, k, at, n, begin))
+    return 1
+
+
+@inner(error_model="numpy", _nrt=False)
+def _stretch(run, k, at, n, trend, drop, floor):
+    """Return the stretch [mm of path] around node ``at`` on which belt k lies no more than ``drop`` below its peak."""
+    peak = run[NODE + at, 1 + k]
+    a = at
+    while a > 0 and trend * (peak - run[NODE + a - 1, 1 + k]) <= drop and run[NODE + a, 0] > floor:
+        a -= 1
+    begin = run[NODE + a, 0]
+    if a > 0:
+        begin = _where(run, k, a, a - 1, trend, peak, drop)
+    b = at
+    while b < n - 1 and trend * (peak - run[NODE + b + 1, 1 + k]) <= drop:
+        b += 1
+    end = run[NODE + b, 0]
+    if b < n - 1:
+        end = _where(run, k, b, b + 1, trend, peak, drop)
+    return min(max(begin, floor), end), end
+
+
+@inner(error_model="numpy", _nrt=False)
+def _where(run, k, inside, outside, trend, peak, drop):
+    """Return where belt k has fallen by ``drop``, between a node inside the stretch and one outside."""
+    low, high = trend * (peak - run[NODE + inside, 1 + k]), trend * (peak - run[NODE + outside, 1 + k])
+    s = run[NODE + inside, 0]
+    if high <= drop:
+        return s
+    return s + (drop - low) / (high - low) * (run[NODE + outside, 0] - s)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _ends_within(run, at, n, begin, end):
+    """Return the first and the last end of a move between ``begin`` and ``end``; (end, begin) where there is none."""
+    first, last = end, begin
+    a = at
+    while a >= 0 and run[NODE + a, 0] >= begin:
+        if run[NODE + a, 3] != 0.0 and run[NODE + a, 0] <= end:
+            first, last = min(first, run[NODE + a, 0]), max(last, run[NODE + a, 0])
+        a -= 1
+    a = at + 1
+    while a < n and run[NODE + a, 0] <= end:
+        if run[NODE + a, 3] != 0.0 and run[NODE + a, 0] >= begin:
+            first, last = min(first, run[NODE + a, 0]), max(last, run[NODE + a, 0])
+        a += 1
+    return first, last
+
+
+@inner(error_model="numpy", _nrt=False)
+def _belt(run, k, at, n, s):
+    """Return where belt k is wanted at s, near node ``at``."""
+    a = at
+    while a > 0 and run[NODE + a, 0] > s:
+        a -= 1
+    while a < n - 2 and run[NODE + a + 1, 0] < s:
+        a += 1
+    if a >= n - 1:
+        return run[NODE + a, 1 + k]
+    long = run[NODE + a + 1, 0] - run[NODE + a, 0]
+    part = (s - run[NODE + a, 0]) / long if long > 0.0 else 0.0
+    return run[NODE + a, 1 + k] + min(max(part, 0.0), 1.0) * (run[NODE + a + 1, 1 + k] - run[NODE + a, 1 + k])
