@@ -107,6 +107,9 @@ class Trace:
     says that row 0 is the home position, reached from the home side, so that the engaged side of the belt is known
     there. ``placed`` says that measured positions are the bed's own; those of a scan have an origin of their own.
     ``instrument`` is what all points share; None for one that nobody described: exact, or for a scan a flatbed.
+    A wall shows one direction only: ``normal`` [N, 2] points out of the plastic and ``offset_mm`` [N] is how far along
+    it the wall lies from where it was commanded, both NaN where a row has none. What all walls share is no error of the
+    machine: beads are wider than thought, the first layer is squashed.
     """
 
     commanded_mm: np.ndarray
@@ -118,6 +121,8 @@ class Trace:
     z_measured_mm: np.ndarray | None = None
     placed: bool = True
     instrument: Instrument | None = None
+    normal: np.ndarray | None = None
+    offset_mm: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in (
@@ -127,6 +132,8 @@ class Trace:
             ("z_mm", float),
             ("z_measured_mm", float),
             ("layer", np.int64),
+            ("normal", float),
+            ("offset_mm", float),
         ):
             value = getattr(self, name)
             if value is not None:
@@ -144,6 +151,13 @@ class Trace:
     def measured_rows(self) -> np.ndarray:
         """A mask [N] of the rows with both coordinates measured."""
         return np.isfinite(self.measured_mm).all(axis=1)
+
+    @property
+    def wall_rows(self) -> np.ndarray:
+        """A mask [N] of the rows of which one direction was measured."""
+        if self.normal is None or self.offset_mm is None:
+            return np.zeros(len(self), bool)
+        return np.isfinite(self.normal).all(axis=1) & np.isfinite(self.offset_mm)
 
 
 @dataclass(frozen=True, eq=False)

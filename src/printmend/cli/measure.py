@@ -17,9 +17,11 @@ if TYPE_CHECKING:
     "printmend measure --callipers --probe probe.json --overlay map.png --printer ender3 -o printer.mend.json"
 )
 @click.argument("scans", nargs=-1, type=click.Path(path_type=Path), metavar="SCAN...")
-@click.option(
-    "--probe", "plan_path", required=True, type=click.Path(path_type=Path), help="The plan that `probe` wrote."
-)
+@click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The plan that `probe` wrote.")
+@click.option("--gcode", "part_path", metavar="PART.gcode", type=click.Path(path_type=Path),
+              help="SCAN shows a layer of this file instead; give --printer, too.")  # fmt: skip
+@click.option("--layer", type=click.IntRange(min=1), default=1, show_default=True,
+              help="With --gcode: which one; 1 is the underside.")  # fmt: skip
 @click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution [default: what the file says, or 600]")
 @click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), help="[default: trace.csv]")
 @click.option(
@@ -28,22 +30,31 @@ if TYPE_CHECKING:
 @click.option("--distance", "distance_mm", metavar="MM", type=Finite(min=1, max=1000),
               help="What callipers say of the two dots that `measure` names: settles the scale.")  # fmt: skip
 @click.option("--callipers", is_flag=True, help="Ask for a few distances instead; SCAN may be a list of them.")
-@click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="With --callipers: learn a model of it.")
+@click.option("--printer", "printer_name", metavar="NAME|FILE.toml",
+              help="With --gcode: what printed it. With --callipers: learn a model of it.")  # fmt: skip
 def command(
-    scans: tuple[Path, ...], plan_path: Path, dpi: float | None, output: Path | None, overlay: Path | None,
-    distance_mm: float | None, callipers: bool, printer_name: str | None,
+    scans: tuple[Path, ...], plan_path: Path | None, part_path: Path | None, layer: int, dpi: float | None,
+    output: Path | None, overlay: Path | None, distance_mm: float | None, callipers: bool, printer_name: str | None,
 ) -> None:  # fmt: skip
-    """Find the marks of the printed probe in SCANs and write where they are.
+    """Find the marks of the printed probe in SCANs, or the walls of any printed layer, and write where they are.
 
     A second scan of the same plate, turned by a quarter, removes the errors of the scanner's axes, and one distance by
     callipers (--distance) that of its scale. A photo needs the reference sheet (`printmend probe --sheet sheet.pdf`)
     around the print.
+
+    With --gcode, SCAN shows the underside of any part, or its first layer printed alone (`printmend probe
+    --first-layer`): its outlines are matched with the path that the file commands.
     """
     from printmend.cli.outputs import spare
     from printmend.measure import read_plan
 
     output = output or Path("printer.mend.json" if callipers else "trace.csv")
-    spare((output, overlay), (plan_path, *scans))
+    spare((output, overlay), (plan_path, part_path, *scans))
+    if part_path is not None:
+        _measure_layer(scans, part_path, layer, printer_name, dpi, overlay, output)
+        return
+    if plan_path is None:
+        raise click.UsageError("say what was printed: --probe probe.json, or --gcode part.gcode")
     plan = read_plan(plan_path)
     if callipers:
         _measure_by_hand(scans, plan, overlay, printer_name, output)
@@ -60,6 +71,23 @@ def command(
     if len(missing := measurement.missing):
         click.echo(f"not found: {', '.join(map(str, missing.tolist()))} (numbers of the marks in {plan_path})")
     click.echo(f"{output}: {len(plan) - len(missing)} measured marks")
+
+
+def _measure_layer(
+    scans: tuple[Path, ...], part_path: Path, layer: int, printer_name: str | None, dpi: float | None,
+    overlay: Path | None, output: Path,
+) -> None:  # fmt: skip
+    from printmend.measure import write_trace
+    from printmend.printer import read_printer
+    from printmend.repair.part import measure_part
+
+    if printer_name is None or len(scans) != 1:
+        raise click.UsageError("--gcode needs --printer and one SCAN")
+    measured = measure_part(scans[0], part_path, read_printer(printer_name), layer=layer, dpi=dpi, overlay=overlay)
+    write_trace(output, measured.trace)
+    for note in measured.notes:
+        click.echo(note)
+    click.echo(f"{output}: {measured.found} measured places; learn from them with `printmend learn`")
 
 
 def _measure_by_hand(

@@ -29,13 +29,15 @@ if TYPE_CHECKING:
               "it is drawn back between dots [default: as the printer says]")  # fmt: skip
 @click.option("--start-from", "start_path", type=click.Path(path_type=Path), metavar="PART.gcode",
               help="Start as this sliced file of yours does: temperatures, homing, levelling, purge line.")  # fmt: skip
+@click.option("--first-layer", "layer_path", type=click.Path(path_type=Path), metavar="PART.gcode",
+              help="Instead: write the first layer of this part alone, for `measure --gcode`.")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace the plan of another test print.")
 @click.option("--sheet", type=click.Path(path_type=Path, dir_okay=False), metavar="SHEET.pdf",
               help="Also write the A4 reference sheet, for photos or to check a scanner's scale.")  # fmt: skip
 def command(
     printer_name: str | None, size_mm: float | None, part_path: Path | None, design: str, after: Path | None,
-    marks: int, output: Path, extruder: "Extruder | None", start_path: Path | None, overwrite: bool,
-    sheet: Path | None,
+    marks: int, output: Path, extruder: "Extruder | None", start_path: Path | None,
+    layer_path: Path | None, overwrite: bool, sheet: Path | None,
 ) -> None:  # fmt: skip
     """Write a test print that shows every fault, and its plan (probe.json beside it), which `measure` needs.
 
@@ -43,6 +45,9 @@ def command(
     with dots beside its path. optimal chooses the marks after which the part's expected error is least, active those
     that teach most; without --for they consider the whole bed. All are measured in the same way.
     """
+    if layer_path is not None:
+        _write_first_layer(layer_path, output)
+        return
     import numpy as np
 
     from printmend.gcode.read import read_gcode
@@ -84,3 +89,17 @@ def command(
     for motor, turns in zip(printer.motors, turns_covered(printer, plan), strict=True):
         if turns < 1:
             click.echo(f"The marks span {turns:.1f} turns of motor {motor.upper()}: its pulley needs one.", err=True)
+
+
+def _write_first_layer(part: Path, output: Path) -> None:
+    from printmend.cli.outputs import spare
+    from printmend.files import replacing
+    from printmend.gcode.read import read_gcode
+    from printmend.probe.first_layer import first_layer
+
+    spare((output,), (part,))
+    text = first_layer(read_gcode(part))
+    with replacing(output, "wb") as file:
+        file.write(text)
+    click.echo(f"{output}: the first layer of {part.name}; print it, scan it, and run")
+    click.echo(f"printmend measure scan.png --gcode {output} --printer NAME -o trace.csv")

@@ -5,7 +5,9 @@ commanded way-point in the order of motion since homing, the first row the home 
 rows, the measured cells empty where nothing was measured. ``z_mm``, ``z_measured_mm``, ``layer`` and ``sigma_mm`` are
 used where present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's. ``scale_sd``,
 ``axes_sd``, ``lean_sd`` and ``wave_mm``, the same in every row, say how far the instrument is to be trusted (see
-`Instrument`). Other columns are ignored.
+`Instrument`). A wall shows one direction only: its row has empty measured cells, the direction out of the plastic in
+``nx`` and ``ny``, and in ``offset_mm`` how far along it the wall lies from where it was commanded. Other columns are
+ignored.
 """
 
 import csv
@@ -25,6 +27,7 @@ from printmend.units import MM_PER_INCH
 REQUIRED = ("x_mm", "y_mm", "x_measured_mm", "y_measured_mm")
 OPTIONAL = ("sigma_mm", "z_mm", "layer", "z_measured_mm")
 PLACED = "placed"
+WALL = ("nx", "ny", "offset_mm")
 INSTRUMENT = ("scale_sd", "axes_sd", "lean_sd", "wave_mm")
 _MOST_DOUBT = 0.5  # of an instrument: one that is less sure of a length measures nothing
 MIN_MEASURED = 10
@@ -32,6 +35,7 @@ OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
 AT_HOME_MM = 0.05
 _LARGEST_MM = 1e9  # what is farther is wrong all the same, and its square is still a number
 _MOST_LAYERS = 1_000_000
+_FARTHEST_WALL_MM = 50.0
 HEADER_TODO = f"start the file with the line {','.join(REQUIRED)}"
 
 # Stands for an empty cell while the table is parsed; no printer goes there, and a literal nan stays visible.
@@ -51,7 +55,8 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
     measured = np.stack([columns["x_measured_mm"], columns["y_measured_mm"]], axis=1)
     _check_values(path, names, columns)
     both = np.isfinite(measured).all(axis=1)
-    if both.sum() < MIN_MEASURED:
+    normal, offset = _walls(path, names, columns)
+    if both.sum() < MIN_MEASURED and offset is None:
         raise TraceError(
             path,
             wanted=f"at least {MIN_MEASURED} measured points",
@@ -72,7 +77,32 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
         homed=bool(np.abs(commanded[0] - home).max() <= AT_HOME_MM),
         placed=PLACED not in columns or bool((columns[PLACED] != 0).any()),
         instrument=_instrument(path, columns),
+        normal=normal,
+        offset_mm=offset,
     )
+
+
+def _walls(path: Path, names: list[str], columns: dict[str, np.ndarray]) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return the directions [N, 2], made unit vectors, and offsets [N] of walls; None where no row has any."""
+    if not any(name in names for name in WALL):
+        return None, None
+    if missing := [name for name in WALL if name not in names]:
+        raise TraceError(path, wanted="nx, ny and offset_mm for walls", came=f"no {missing[0]}", todo="add the column")
+    nx, ny, offset = (columns[name] for name in WALL)
+    whole = np.isfinite(nx) & np.isfinite(ny) & np.isfinite(offset)
+    length = np.hypot(nx, ny)
+    if (
+        wrong := np.flatnonzero(whole & ~((length > 0.5) & (length < 2.0) & (np.abs(offset) < _FARTHEST_WALL_MM)))
+    ).size:
+        raise TraceError(
+            path, wanted="nx, ny of length 1 and an offset in mm",
+            came=f"({nx[wrong[0]]:g}, {ny[wrong[0]]:g}), {offset[wrong[0]]:g} in row {wrong[0] + 1} after the header",
+            todo="correct the row, or leave its cells empty",
+        )  # fmt: skip
+    if whole.sum() == 0:
+        return None, None
+    normal = np.where(whole[:, None], np.stack([nx, ny], axis=1) / np.where(whole, length, 1.0)[:, None], np.nan)
+    return normal, np.where(whole, offset, np.nan)
 
 
 def _instrument(path: Path, columns: dict[str, np.ndarray]) -> Instrument | None:
@@ -93,6 +123,9 @@ def write_trace(path: str | Path, trace: Trace) -> None:
         if (values := getattr(trace, name)) is not None:
             names.append(name)
             columns.append(values)
+    if trace.normal is not None and trace.offset_mm is not None:
+        names += WALL
+        columns += [*trace.normal.T, trace.offset_mm]
     if not trace.placed:
         names.append(PLACED)
         columns.append(np.zeros(len(trace)))
@@ -122,7 +155,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
     first, _, rest = data.partition(b"\n")
     names = [name.strip().strip('"') for name in first.decode().split(",")]
     _check_header(path, names, first.decode())
-    wanted = [name for name in (*REQUIRED, *OPTIONAL, PLACED, *INSTRUMENT) if name in names]
+    wanted = [name for name in (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT) if name in names]
     places = [names.index(name) for name in wanted]
     values = _parse_fast(rest, places)
     if values is None:
@@ -151,7 +184,7 @@ def _check_header(path: Path, names: list[str], line: str) -> None:
     if missing:
         came = f"the header {line[:80]!r}" if line.strip() else "an empty first line"
         raise TraceError(path, wanted=f"a column {missing[0]}", came=came, todo=HEADER_TODO)
-    known = [name for name in names if name in (*REQUIRED, *OPTIONAL, PLACED, *INSTRUMENT)]
+    known = [name for name in names if name in (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT)]
     if twice := sorted({name for name in known if known.count(name) > 1}):
         raise TraceError(path, wanted=f"one column {twice[0]}", came="two", todo="remove one of them")
 
@@ -242,6 +275,8 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
     of them, over a stretch that is long against play, speak of a unit.
     """
     rows = np.isfinite(measured).all(axis=1)
+    if not rows.any():  # walls alone
+        return
     x, y = (
         np.clip(values[rows] - np.median(values[rows], axis=0), -_LARGEST_MM, _LARGEST_MM)
         for values in (commanded, measured)

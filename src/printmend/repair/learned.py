@@ -14,7 +14,8 @@ from printmend.learn.drive import ALL_SEEN
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
 from printmend.learn.hybrid import HybridModel
 from printmend.learn.registry import learner
-from printmend.machine.mechanism import Mechanism, healthy_mechanism
+from printmend.learn.walls import with_walls
+from printmend.machine.mechanism import Mechanism, healthy_mechanism, healthy_transmission
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import acting
@@ -31,6 +32,7 @@ from printmend.saved.series import ScrewSeries
 AUTO = "auto"
 Planar = TypeVar("Planar", bound=WorldModel)
 MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
+LEAST_POWER_MM = 1e-9  # of a scale that does not act: what rounding leaves of it
 Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
 _TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights, shows the rest: see docs/owners.md."
 _PROBE_TODO = "`printmend probe` writes a print that shows all of it."
@@ -54,7 +56,7 @@ def learn_model(
 
 def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> SavedModel:
     name = "hybrid" if model == AUTO else model
-    ordered = in_order(trace, printer)
+    ordered = in_order(with_walls(trace, printer), printer)
     trace = ordered.trace
     fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
     if (box := _box_of(fit)) is not None:
@@ -227,7 +229,7 @@ def _anchored(fit: GreyboxModel, trace: Trace) -> tuple[Mechanism, tuple[Branche
     home_mm = fit.printer.to_motor(np.array(fit.printer.home_mm))
     doubt_mm = [float(np.max(drive.sd_mm(home_mm[[motor]]))) for motor, drive in enumerate(fit.drives)]
     if max(doubt_mm) > MOST_DOUBT_MM:
-        return fit.mechanism, branches
+        return _unshifted(fit.mechanism, branches)
     homed = fit.mechanism.homed()
     moved = []
     for motor, one in enumerate(branches):
@@ -236,7 +238,20 @@ def _anchored(fit: GreyboxModel, trace: Trace) -> tuple[Mechanism, tuple[Branche
         moved.append(
             replace(one, mean=replace(one.mean, powers_mm=np.concatenate([powers[:1] + shift_mm, powers[1:]])))
         )
-    return homed, (moved[0], moved[1])
+    return _unshifted(homed, (moved[0], moved[1]))
+
+
+def _unshifted(
+    mechanism: Mechanism, branches: tuple[Branches, Branches]
+) -> tuple[Mechanism, tuple[Branches, Branches]]:
+    """Return the machine without a shift that is all that a drive has: a scan's origin is no fault."""
+    tables, kept = list(mechanism.transmissions), list(branches)
+    for motor, one in enumerate(branches):
+        powers = one.mean.powers_mm
+        alone = replace(one, mean=replace(one.mean, powers_mm=np.zeros(len(powers))))
+        if len(powers) and np.abs(powers[1:]).max(initial=0.0) < LEAST_POWER_MM and alone.is_healthy:
+            kept[motor], tables[motor] = alone, healthy_transmission(mechanism.printer, motor)
+    return replace(mechanism, transmissions=(tables[0], tables[1])), (kept[0], kept[1])
 
 
 def findings(diagnosis: Diagnosis) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ class Rows:
     none, and ``weight`` [N] their relative weights, 0 where NaN. ``own_mm`` and ``other_mm`` [N] are where the belts of
     this motor and of the other are, counted from the bed's middle ``middle_mm`` (own, other): the frame's terms depend
     on them. ``start_mm`` is where the belt is thought to be at row 0, ``period_mm`` the motor's turn, and the powers
-    count from ``origin_mm``.
+    count from ``origin_mm``. At most the share ``independent`` of the rows tell something of their own.
     """
 
     motor_mm: np.ndarray
@@ -51,6 +51,7 @@ class Rows:
     origin_mm: float
     start_mm: float
     middle_mm: tuple[float, float]
+    independent: float = 1.0
 
     def __len__(self) -> int:
         return len(self.motor_mm)

@@ -242,13 +242,13 @@ def refine(
     still = 0
     for _ in range(passes + 1):
         touch = contacts(design, values, rows)
-        residual = touch.residual_mm[measured]
+        residual = touch.residual_mm[measured] * np.sqrt(rows.weight[measured])
         size = np.abs(residual)
         loss, sigma = float(size.mean()), robust_sigma_mm(size)
         still = 0 if best is None or loss < best.loss_mm * (1 - 1e-3) else still + 1
         if best is not None and still >= patience:
             break
-        share = independent_share(residual, sigma)
+        share = min(independent_share(residual, sigma), rows.independent)
         weight = robust_weights(rows, touch.residual_mm, sigma, drop=drop)
         normal = normal_equations(design, values, rows, touch, weight)
         post = solve(design, normal.tempered(share), active, prior, sigma, rounds=rounds)

@@ -134,7 +134,7 @@ def main_parts(rows: Rows) -> Choice:
     """Find the contacts, with few harmonics and from several first guesses; return the best of the main structures."""
     plain = supported(rows, Structure(play="free"))
     best = _searched(rows, plain)
-    if best.fit.share > PATTERN_SHARE / 2 or best.fit.loss_mm < LOOKS_WRONG_MM:
+    if best.fit.share > PATTERN_SHARE / 2 * rows.independent or best.fit.loss_mm < LOOKS_WRONG_MM:
         return best
     warped = _searched(rows, replace(plain, warp_mm=WARPS_MM[1]))
     return warped if warped.fit.loss_mm < 0.7 * best.fit.loss_mm else best
@@ -181,7 +181,7 @@ def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
     """
     most = supported(rows, EVERYTHING)
     structure, share = _chosen(rows, found, ripple, most)
-    if share < PATTERN_SHARE or structure.drift or structure.elastic:
+    if share < PATTERN_SHARE * rows.independent or structure.drift or structure.elastic:
         warped = _chosen(rows, found, ripple, replace(most, warp_mm=WARPS_MM[0]))[0]
         if warped.warp_mm:
             structure = _likelier(rows, found, ripple, structure, warped)

@@ -19,6 +19,8 @@ LEAST_MEASURED = 10  # measured points of a motor; fewer say nothing
 FARTHEST_MM = 1e5  # no bed reaches so far: such a cell is a mistake
 TRIAL_ROWS = 4000  # measured rows that the search for contacts and parts looks at; the last fit uses all
 SIGMA_RANGE_MM = (1e-3, 10.0)  # stated standard deviations beyond these are taken for these
+LEAST_SHARE = 0.25  # of a wall's normal along a motor, below which the wall says nothing about that motor
+INDEPENDENT_WALLS = 0.25  # share of a wall's places that are: a bead is too wide or narrow for some millimetres
 ONE_PHASE_MEAN = 0.99  # length of the mean of e^{ikφ} above which the rows meet a wave at one phase only
 
 
@@ -50,6 +52,7 @@ def motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
         sigma = np.where(known, trace.sigma_mm, np.median(trace.sigma_mm[known]))
         sigma = np.clip(sigma, *SIGMA_RANGE_MM)
         weight = np.square(np.median(sigma) / sigma)
+    shares = wall_shares(trace, printer)
     middle = bed_middle(printer)
     where = np.where(np.isfinite(belt), belt, motor) - middle
     rows = []
@@ -64,16 +67,39 @@ def motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
             Rows(
                 motor_mm=np.ascontiguousarray(motor[:, i], float),
                 measured_mm=np.ascontiguousarray(belt[:, i]),
-                weight=np.where(known, weight, 0.0),
+                weight=np.where(known, weight * shares[:, i], 0.0),
                 own_mm=np.ascontiguousarray(where[:, i]),
                 other_mm=np.ascontiguousarray(where[:, 1 - i]),
                 period_mm=printer.axes[i].mm_per_turn,
                 origin_mm=float(motor[0, i]),
                 start_mm=float(belt[np.argmax(known), i]),
                 middle_mm=(float(middle[i]), float(middle[1 - i])),
+                independent=INDEPENDENT_WALLS if 2 * trace.wall_rows.sum() > trace.measured_rows.sum() else 1.0,
             )
         )
     return rows
+
+
+def wall_shares(trace: Trace, printer: Printer) -> np.ndarray:
+    """Return what part [N, 2] of a row's information either motor takes: 1 but for walls, which show one direction.
+
+    A wall goes to one motor alone, or its noise would be explained twice: the more often to the one along which its
+    normal lies, by Floyd and Steinberg's rule. One that lies nearly along a motor's own direction tells nothing of it.
+    """
+    shares = np.ones((len(trace), 2))
+    walls = np.flatnonzero(trace.wall_rows)
+    if not len(walls) or trace.normal is None:
+        return shares
+    square = np.square(printer.to_motor(trace.normal[walls]))
+    square /= square.sum(axis=1, keepdims=True)
+    carried = 0.0
+    first = np.zeros(len(walls), bool)
+    for place, share in enumerate(square[:, 0]):
+        wanted = carried + share
+        first[place] = share > 1 - LEAST_SHARE**2 or (share > LEAST_SHARE**2 and wanted >= 0.5)
+        carried = float(np.clip(wanted - first[place], -1.0, 1.0))
+    shares[walls] = np.where(np.stack([first, ~first], axis=1), square, 0.0)
+    return shares
 
 
 def ripple_harmonics(printer: Printer, motor: int) -> tuple[int, ...]:

@@ -108,6 +108,8 @@ class Hybrid:
 def with_residuals(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel:
     """Return a grey box with the residuals that its own trace shows, or with the published world's gains."""
     plain = HybridModel(box, box.mechanism, box.noise_mm, box.residual_after_mm)
+    if trace.wall_rows.any():  # what is left of walls has the length of a bead's own wobble
+        return plain
     patterned = [
         drive.choice.fit.share < PATTERN_SHARE and _left_mm2(drive) > GOOD_ENOUGH_MM**2 for drive in box.drives
     ]

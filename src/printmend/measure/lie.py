@@ -1,0 +1,171 @@
+"""How a part lay on the glass: its outline in the image against that of the file, turned, shifted and mirrored."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from printmend.errors import ScanError
+from printmend.measure.register import Pose
+from printmend.measure.silhouette import COARSE_MM, Silhouette
+from printmend.measure.walls import RASTER_MM, Walls
+
+CELL_MM = 0.4  # of the pictures that are compared
+LEAST_OVERLAP = 0.78  # of a part with itself, however badly printed (intersection over union)
+TURNS_DEG, FINE_DEG = 3.0, 0.5
+AMBIGUOUS = 0.012  # by so much must one way to lie be better than all others
+SAME_TURN_DEG = 8.0
+UPRIGHT_DEG = 20.0
+COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
+SCALE_DOUBT = 1.15
+
+
+@dataclass(frozen=True, eq=False)
+class Lie:
+    """The ``pose`` that brings image positions (mm, y down) to the bed, whether the image is ``mirrored``, by how many
+    degrees the part lay ``turned_deg``, and the share of its area that fits. ``unsure`` says in words what else would
+    fit as well, empty where nothing does."""
+
+    pose: Pose
+    mirrored: bool
+    turned_deg: float
+    overlap: float
+    unsure: str
+
+
+def find_lie(silhouette: Silhouette, walls: Walls, *, dpi: float, subject: str) -> Lie:
+    """Find how the part of ``walls`` lies in an image.
+
+    Raises `ScanError` for another part, another resolution, several parts, and one that lies upside down.
+    """
+    wanted, wanted_middle = _centred(walls.plastic, RASTER_MM)
+    shown, shown_middle = _centred(silhouette.mask, COARSE_MM)
+    side = max(*wanted.shape, *shown.shape)
+    reach = int(np.ceil(side * 1.45)) | 1
+    wanted, shown = _padded(wanted, reach), _padded(shown, reach)
+    tried = _tried(shown, wanted[::-1], 1.0)
+    best = max(tried)
+    pieces = _pieces(walls.plastic)
+    if best[0] < LEAST_OVERLAP:
+        _refuse(tried, shown, wanted[::-1], silhouette.pieces, pieces, dpi, subject)
+    overlap, mirrored, turned = best
+    _check_side(tried, best, walls, subject)
+    unsure, (overlap, mirrored, turned) = _unsure(tried, best, walls, subject)
+    c, s = np.cos(np.radians(turned)), np.sin(np.radians(turned))
+    # image (y down), mirrored where seen from below, turned back, and y up as on the bed
+    matrix = np.diag([-1.0 if mirrored else 1.0, 1.0]) @ np.array([[c, s], [-s, c]]) @ np.diag([1.0, -1.0])
+    bed_middle = walls.corner_mm + wanted_middle
+    shift = bed_middle - shown_middle @ matrix
+    return Lie(Pose(matrix, shift), mirrored, turned, overlap, unsure)
+
+
+def _centred(mask: np.ndarray, pixel_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mask as a picture of `CELL_MM` cells with its centroid in the middle, and the centroid [2] mm."""
+    y, x = np.nonzero(mask)
+    middle = np.array([x.mean(), y.mean()])
+    reach = int(np.ceil(np.hypot(*mask.shape) * pixel_mm / CELL_MM)) // 2 + 2
+    factor = pixel_mm / CELL_MM
+    size = 2 * reach + 1
+    move = np.array([[factor, 0, reach - factor * middle[0]], [0, factor, reach - factor * middle[1]]])
+    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 0.4 / factor)
+    return cv2.warpAffine(soft, move, (size, size), flags=cv2.INTER_LINEAR), middle * pixel_mm
+
+
+def _padded(picture: np.ndarray, side: int) -> np.ndarray:
+    have = len(picture)
+    if have >= side:
+        cut = (have - side) // 2
+        return picture[cut : cut + side, cut : cut + side]
+    return cv2.copyMakeBorder(picture, *((side - have) // 2, side - have - (side - have) // 2) * 2, cv2.BORDER_CONSTANT)
+
+
+Try = tuple[float, bool, float]
+
+
+def _tried(shown: np.ndarray, wanted: np.ndarray, scale: float) -> list[Try]:
+    """Return (overlap, mirrored, turn [°]) of every way in which the shown part may lie, the likely ones finer."""
+    found: list[Try] = []
+    for mirrored in (False, True):
+        picture = shown[:, ::-1] if mirrored else shown
+        rough = [(_overlap(picture, wanted, turn, scale), turn) for turn in np.arange(0.0, 360.0, TURNS_DEG)]
+        for _, turn in sorted(rough, reverse=True)[:6]:
+            for near in np.arange(turn - TURNS_DEG / 2, turn + TURNS_DEG / 2 + 0.01, FINE_DEG):
+                rough.append((_overlap(picture, wanted, float(near), scale), float(near)))
+        found += [(overlap, mirrored, (turn + 180) % 360 - 180) for overlap, turn in rough]
+    return found
+
+
+def _overlap(shown: np.ndarray, wanted: np.ndarray, turn_deg: float, scale: float) -> float:
+    middle = (len(shown) - 1) / 2
+    turned = cv2.warpAffine(
+        shown, cv2.getRotationMatrix2D((middle, middle), -turn_deg, scale), shown.shape[::-1], flags=cv2.INTER_LINEAR
+    )
+    return float(np.minimum(turned, wanted).sum() / max(np.maximum(turned, wanted).sum(), 1e-6))
+
+
+def _pieces(plastic: np.ndarray) -> int:
+    return cv2.connectedComponents(plastic.astype(np.uint8), connectivity=8)[0] - 1
+
+
+def _refuse(
+    tried: list[Try], shown: np.ndarray, wanted: np.ndarray, shown_pieces: int, wanted_pieces: int, dpi: float,
+    subject: str,
+) -> None:  # fmt: skip
+    """Raise `ScanError` that says the likeliest reason why nothing fits."""
+    if shown_pieces > wanted_pieces:
+        raise ScanError(
+            subject, wanted=f"the {'part' if wanted_pieces == 1 else f'{wanted_pieces} pieces'} of this file alone",
+            came=f"{shown_pieces} pieces", todo="scan one part at a time",
+        )  # fmt: skip
+    scale = float(np.sqrt(wanted.sum() / max(shown.sum(), 1e-6)))
+    if max(scale, 1 / scale) > SCALE_DOUBT and max(_tried(shown, wanted, scale))[0] > LEAST_OVERLAP:
+        likely = min(COMMON_DPI, key=lambda value: abs(np.log(value * scale / dpi)))
+        raise ScanError(
+            subject, wanted="the part at its own size", came=f"one of {1 / scale:.2f} times its size at {dpi:g} dpi",
+            todo=f"this scan seems to have {likely:g} dpi: say --dpi {likely:g}",
+        )  # fmt: skip
+    raise ScanError(
+        subject,
+        wanted="the part of this file",
+        came=f"an outline that overlaps it by {max(tried)[0]:.0%} at best",
+        todo="give the file that was printed, and the --layer whose side lay on the glass",
+    )
+
+
+def _check_side(tried: list[Try], best: Try, walls: Walls, subject: str) -> None:
+    """Refuse the upper side of a part whose underside was asked for, and the other way round."""
+    other = max(overlap for overlap, mirrored, _ in tried if mirrored != best[1])
+    if walls.layers == 1 or best[0] - other < AMBIGUOUS:
+        return
+    if walls.layer == 1 and not best[1]:
+        raise ScanError(
+            subject, wanted="the underside of the part, which a scan shows as a mirror image of the file",
+            came="its upper side, upside down on the glass",
+            todo="lay the side on the glass that lay on the bed; for a first layer alone, give the file that "
+            "`printmend probe --first-layer` wrote",
+        )  # fmt: skip
+
+
+def _unsure(tried: list[Try], best: Try, walls: Walls, subject: str) -> tuple[str, Try]:
+    """Return what else fits as well, and the way to lie that is taken: of several the one that lies upright."""
+    alike = [
+        one for one in tried if one[0] > best[0] - AMBIGUOUS
+        and (one[1] != best[1] or abs((one[2] - best[2] + 180) % 360 - 180) > SAME_TURN_DEG)
+    ]  # fmt: skip
+    # the underside is what a part with more layers can show
+    if walls.layers > 1 and walls.layer == 1:
+        alike = [one for one in alike if one[1]]
+        best = max((one for one in tried if one[1]), default=best)
+        alike = [one for one in alike if abs((one[2] - best[2] + 180) % 360 - 180) > SAME_TURN_DEG]
+    if not alike:
+        return "", best
+    upright = [one for one in (best, *alike) if abs(one[2]) < UPRIGHT_DEG]
+    if not upright or max(abs(one[2]) for one in upright) - min(abs(one[2]) for one in upright) > SAME_TURN_DEG:
+        raise ScanError(
+            subject, wanted="a part that looks different from every side",
+            came="one that looks the same turned or mirrored",
+            todo="lay it as it lay on the bed, front edge down, or measure a part without symmetry",
+        )  # fmt: skip
+    taken = max(upright)
+    how = "mirrored" if all(one[1] != taken[1] for one in alike) else "turned"
+    return f"the part looks the same {how}: taken to lie as it lay on the bed", taken

@@ -1,0 +1,37 @@
+"""The first layer of a part as a print of its own: a few minutes and grams, and a scan of it teaches what is needed."""
+
+import re
+
+import numpy as np
+
+from printmend.errors import GcodeError
+from printmend.gcode.read import Program
+
+_ENDING = """\
+; printmend: the rest of the part is left out
+G91
+G1 Z5 F600
+G90
+M104 S0
+M140 S0
+M107
+"""
+_CONFIG = re.compile(rb"^; (?:gcode_flavor|printer_model|printer_settings_id|filament_diameter)\b.*$", re.MULTILINE)
+
+
+def first_layer(program: Program) -> bytes:
+    """Return the G-code of a file up to the end of its first layer, with the heaters switched off after it.
+
+    What the slicer noted of printer and firmware is kept. Raises `GcodeError` for a file that prints nothing.
+    """
+    moves = program.moves
+    printed = moves.extruding & (moves.layer >= 0)
+    if not printed.any():
+        raise GcodeError(program.name, wanted="a part that is printed", came="no extruding move", todo="check the file")
+    first = moves.layer[printed].min()
+    last_line = int(moves.line[printed & (moves.layer == first)].max())
+    ends = np.flatnonzero(program.text == ord("\n"))
+    cut = int(ends[last_line]) + 1 if last_line < len(ends) else len(program.text)
+    head, rest = program.text[:cut].tobytes(), program.text[cut:].tobytes()
+    noted = b"".join(line + b"\n" for line in _CONFIG.findall(rest))
+    return head.rstrip(b"\n") + b"\n" + _ENDING.encode() + noted

@@ -1,0 +1,170 @@
+"""A scan of a printed part becomes a trace: its walls, matched to the commanded path with the model in the loop.
+
+From where the model so far says that a wall was printed, a ray looks for its edge in the image; what the rays find
+teaches the model, which says better where to look. The rays grow shorter as the model learns.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from printmend.errors import ScanError
+from printmend.gcode.read import Program, read_gcode
+from printmend.learn.walls import WallFit, fit_walls
+from printmend.measure.image import read_image, write_image
+from printmend.measure.lie import Lie, find_lie
+from printmend.measure.register import Pose
+from printmend.measure.scan import USUAL_DPI
+from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
+from printmend.measure.walls import Walls, read_walls
+from printmend.path import FLATBED, Trace
+from printmend.printer import Printer
+from printmend.units import MM_PER_INCH
+
+# How far a ray looks [mm], and with how many harmonics the model may bend then.
+CAPTURES: tuple[tuple[float, int], ...] = ((3.0, 1), (2.0, 2), (1.5, 4), (1.0, 8), (0.8, 12), (0.6, 12), (0.6, 12))
+LEAST_FOUND = 0.6  # of the walls, at last
+LARGEST_SIGMA_MM = 0.12  # walls that scatter more about the model are not those of this file
+EDGE_SIGMA_MM = 0.01
+OVERLAY_PX, ENLARGED = 2000, 10.0
+SEEN, MISSED, OFF = (60, 170, 60), (40, 40, 230), (230, 120, 30)
+
+
+@dataclass(frozen=True, eq=False)
+class PartMeasurement:
+    """The ``trace`` of a part, ``notes`` for its owner, how many ``walls`` there are and how many were ``found``."""
+
+    trace: Trace
+    notes: tuple[str, ...]
+    walls: int
+    found: int
+
+
+def measure_part(
+    path: str | Path,
+    program: Program | str | Path,
+    printer: Printer,
+    *,
+    layer: int = 1,
+    dpi: float | None = None,
+    overlay: Path | None = None,
+) -> PartMeasurement:
+    """Measure a printed part, one layer of ``program``, from a scan of the side that shows this layer.
+
+    ``dpi`` overrides what the file says. Raises `ScanError` for an image that shows something else, only a part of it,
+    several parts or another side, `GcodeError` for a layer without walls.
+    """
+    if not isinstance(program, Program):
+        program = read_gcode(program, printer=printer)
+    walls = read_walls(program, printer, layer=layer)
+    image, stated = read_image(path)
+    dpi = dpi or stated or USUAL_DPI
+    silhouette = find_silhouette(image, dpi / MM_PER_INCH, subject=str(path))
+    del image
+    with threadpool_limits(1, "blas"):
+        lie = find_lie(silhouette, walls, dpi=dpi, subject=str(path))
+        _pose, fit, trace, edges = _matched(silhouette, walls, lie, printer)
+    found = int(np.isfinite(edges.offset_mm).sum())
+    if found < LEAST_FOUND * len(walls.row) or fit.sigma_mm > LARGEST_SIGMA_MM:
+        raise ScanError(
+            path, wanted="the walls of this file where it commands them",
+            came=f"{found} of {len(walls.row)} that scatter by {fit.sigma_mm:.2f} mm",
+            todo="give the file that was printed; if it is the one, the printer skipped steps: print again",
+        )  # fmt: skip
+    if overlay is not None:
+        _draw(overlay, silhouette, walls, edges)
+    side = "seen from below, " if lie.mirrored else ""
+    notes = [
+        f"{path}: {found} of {len(walls.row)} places of walls, {side}turned by {lie.turned_deg:.1f}°, {dpi:g} dpi",
+        *([lie.unsure] if lie.unsure else []),
+        f"all walls stand {abs(fit.swell_mm):.2f} mm farther {'out' if fit.swell_mm >= 0 else 'in'} than the file has "
+        "them, as beads do: no fault, taken off",
+    ]  # fmt: skip
+    return PartMeasurement(trace, tuple(notes), len(walls.row), found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Edges:
+    """What the rays of one round met: places [S, 2] px in the image they began at, and offsets [S] mm, NaN: nothing."""
+
+    at_px: np.ndarray
+    out_px: np.ndarray
+    offset_mm: np.ndarray
+
+
+def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer) -> tuple[Pose, WallFit, Trace, _Edges]:
+    pose, printed, swell = lie.pose, walls.commanded_mm, 0.0
+    fit, trace, edges = None, None, None
+    for capture_mm, harmonics in CAPTURES:
+        edges = _look(silhouette, walls, pose, printed, swell, capture_mm)
+        if np.isfinite(edges.offset_mm).sum() < 40:
+            raise ScanError(
+                "the scan", wanted="edges along the part's walls", came="hardly any", todo="scan it again at 600 dpi"
+            )
+        trace = walls.trace(edges.offset_mm, np.full(len(walls.row), EDGE_SIGMA_MM))
+        fit = fit_walls(trace, printer, harmonics=harmonics)
+        swell = fit.swell_mm
+        # what lay turned and shifted is the pose's, not the machine's
+        printed = _on_walls(trace, walls, fit.printed_mm)
+        shift = np.median(printed[walls.row] - walls.commanded_mm[walls.row], axis=0)
+        printed = printed - shift
+        pose = _moved(pose, fit.turn, shift, _bed_middle(printer))
+    assert fit is not None
+    assert trace is not None
+    assert edges is not None
+    edges = _look(silhouette, walls, pose, printed, swell, CAPTURES[-1][0])
+    sigma = np.full(len(walls.row), float(np.clip(fit.sigma_mm, EDGE_SIGMA_MM, 1.0)))
+    trace = replace(walls.trace(edges.offset_mm - swell, sigma), instrument=FLATBED)
+    return pose, fit, trace, edges
+
+
+def _bed_middle(printer: Printer) -> np.ndarray:
+    return np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
+
+
+def _moved(pose: Pose, turn: float, shift_mm: np.ndarray, middle_mm: np.ndarray) -> Pose:
+    """Return the pose after which a part no longer lies turned about the bed's middle, or shifted."""
+    c, s = np.cos(turn), np.sin(turn)
+    back = np.array([[c, -s], [s, c]])  # row vectors turned clockwise by ``turn``
+    return Pose(pose.matrix @ back, (pose.shift_mm - middle_mm) @ back + middle_mm - shift_mm)
+
+
+def _on_walls(trace: Trace, walls: Walls, printed_mm: np.ndarray) -> np.ndarray:
+    """Return the places [N, 2] of the way-points without the rows that only a second side of a bead has."""
+    if len(printed_mm) == len(walls.commanded_mm):
+        return printed_mm
+    twice = walls.row[1:][walls.row[1:] == walls.row[:-1]]
+    return np.delete(printed_mm, twice + np.arange(len(twice)) + 1, axis=0)
+
+
+def _look(
+    silhouette: Silhouette, walls: Walls, pose: Pose, printed_mm: np.ndarray, swell_mm: float, capture_mm: float
+) -> _Edges:
+    back = np.linalg.inv(pose.matrix)
+    scale = silhouette.px_per_mm
+    begin = printed_mm[walls.row] + (walls.half_mm + swell_mm)[:, None] * walls.normal
+    at_px = (begin - pose.shift_mm) @ back * scale - 0.5
+    out_px = walls.normal @ back
+    met, _ = find_edges(silhouette, at_px, out_px, capture_mm)
+    lies = np.sum((begin - walls.commanded_mm[walls.row]) * walls.normal, axis=1)
+    return _Edges(at_px, out_px, lies + met - walls.half_mm)
+
+
+def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> None:
+    """Draw every wall place that was met, every one that was missed, and how far walls lie off, enlarged."""
+    factor = min(1.0, OVERLAY_PX / max(silhouette.image.shape[:2]))
+    picture = cv2.resize(silhouette.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    picture = (picture.astype(np.float32) * 0.5 + 110).astype(np.uint8)
+    fine = 16.0
+    for at, out, offset in zip(edges.at_px, edges.out_px, edges.offset_mm, strict=True):
+        place = tuple(int(v) for v in at * factor * fine)
+        if not np.isfinite(offset):
+            cv2.circle(picture, place, int(4 * fine), MISSED, 1, cv2.LINE_AA, 4)
+            continue
+        end = at + out * offset * ENLARGED * silhouette.px_per_mm
+        cv2.line(picture, place, tuple(int(v) for v in end * factor * fine), OFF, 1, cv2.LINE_AA, 4)
+        cv2.circle(picture, place, int(1.5 * fine), SEEN, -1, cv2.LINE_AA, 4)
+    write_image(path, picture, dpi=MM_PER_INCH * silhouette.px_per_mm * factor)

@@ -1,0 +1,192 @@
+"""A slicer, a broken printer and a scanner of our own making for tests: they share no code with printmend.
+
+The slicer lays perimeters and lines of infill with shapely, the printer is a loop over short steps with uneven pulleys
+and play, and the scanner draws beads as polygons of uneven width with Pillow.
+"""
+
+import io
+import itertools
+import math
+
+import numpy as np
+import shapely
+import shapely.affinity
+from PIL import Image, ImageDraw, ImageFilter
+
+NOZZLE, HEIGHT, FILAMENT = 0.45, 0.24, 1.75
+
+
+def gear(centre=(115.0, 112.0), size=34.0, teeth=5, hole=8.0):
+    """A wavy outline with an eccentric round hole and a slot: curves in every direction, no symmetry."""
+    t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    r = size * (1 + 0.12 * np.cos(teeth * t) + 0.06 * np.sin(2 * t + 0.4))
+    body = shapely.Polygon(np.stack([centre[0] + r * np.cos(t), centre[1] + r * np.sin(t)], axis=1))
+    body = body.difference(shapely.Point(centre[0] + 0.3 * size, centre[1] + 0.2 * size).buffer(hole))
+    slot = shapely.LineString(
+        [(centre[0] - 0.5 * size, centre[1] - 0.4 * size), (centre[0] - 0.2 * size, centre[1] + 0.3 * size)]
+    )
+    return body.difference(slot.buffer(3.0))
+
+
+def star(centre=(115.0, 112.0), size=28.0):
+    t = np.linspace(0, 2 * np.pi, 12, endpoint=False) + 0.2
+    r = np.where(np.arange(12) % 2 == 0, size, 0.6 * size)
+    return shapely.Polygon(np.stack([centre[0] + r * np.cos(t), centre[1] + r * np.sin(t)], axis=1))
+
+
+def paths(shape, perimeters=2):
+    """Closed walls from the outside in, then infill at 45°."""
+    found = []
+    for k in range(perimeters):
+        inner = shape.buffer(-NOZZLE * (k + 0.5))
+        for part in getattr(inner, "geoms", [inner]):
+            found += [np.array(ring.coords) for ring in (part.exterior, *part.interiors)]
+    inside = shapely.affinity.rotate(shape.buffer(-NOZZLE * perimeters), -45, origin=(0, 0))
+    low_x, low_y, high_x, high_y = inside.bounds
+    for k, y in enumerate(np.arange(low_y, high_y, NOZZLE)):
+        cut = shapely.LineString([(low_x - 1, y), (high_x + 1, y)]).intersection(inside)
+        for piece in getattr(cut, "geoms", [cut]):
+            if piece.length > 1:
+                line = np.array(piece.coords)[:: 1 if k % 2 else -1]
+                found.append(np.array(shapely.affinity.rotate(shapely.LineString(line), 45, origin=(0, 0)).coords))
+    return found
+
+
+def gcode(shape, layers=1):
+    """Marlin's G-code of the shape, and its strokes as arrays of way-points, layer 1 only."""
+    strokes = paths(shape)
+    lines = ["G28", "G21", "G90", "M83", "G92 E0"]
+    for layer in range(layers):
+        z = HEIGHT * (layer + 1)
+        lines += [";LAYER_CHANGE", f"G1 Z{z:.2f} F600", ";TYPE:External perimeter"]
+        for stroke in strokes:
+            lines.append(f"G0 X{stroke[0, 0]:.4f} Y{stroke[0, 1]:.4f} F7200")
+            for a, b in itertools.pairwise(stroke):
+                area = HEIGHT * (NOZZLE - HEIGHT * (1 - math.pi / 4))
+                e = math.dist(a, b) * area / (math.pi * FILAMENT**2 / 4)
+                lines.append(f"G1 X{b[0]:.4f} Y{b[1]:.4f} E{e:.5f} F1800")
+    return "\n".join(lines) + "\n", strokes
+
+
+class Machine:
+    """Uneven pulleys (eccentric, oval, triangular), play on either axis, gains, a skewed frame."""
+
+    def __init__(self, waves=((), ()), play=(0.0, 0.0), gain=(0.0, 0.0), skew=0.0, turn=40.0):
+        self.waves, self.play, self.gain, self.skew, self.turn = waves, play, gain, skew, turn
+
+    def run(self, points, home=(0.0, 0.0)):
+        """Follow way-points [N, 2] from home; return where each came to lie."""
+        belt = [home[0], home[1]]
+        where = np.array(home, float)
+        out = []
+        for target in points:
+            count = max(1, int(math.dist(where, target) / 0.1))
+            for k in range(1, count + 1):
+                at = where + (np.asarray(target) - where) * k / count
+                for axis in range(2):
+                    m = at[axis]
+                    mean = m * (1 + self.gain[axis])
+                    for order, size, phase in self.waves[axis]:
+                        mean += size * math.sin(2 * math.pi * order * m / self.turn + phase)
+                    half = self.play[axis] / 2
+                    belt[axis] = min(max(belt[axis], mean - half), mean + half)
+            where = np.asarray(target, float)
+            out.append((belt[0] + math.tan(self.skew) * belt[1], belt[1]))
+        return np.array(out)
+
+    def strokes(self, strokes):
+        """Print strokes one after the other; long lines are cut, so that they come out bent."""
+        cut = []
+        for stroke in strokes:
+            line = [stroke[0]]
+            for a, b in itertools.pairwise(stroke):
+                n = max(1, int(math.dist(a, b) / 0.4))
+                line += [a + (b - a) * k / n for k in range(1, n + 1)]
+            cut.append(np.array(line))
+        printed = self.run(np.vstack(cut))
+        return np.split(printed, np.cumsum([len(line) for line in cut])[:-1])
+
+
+def scan(strokes, rng, *, dpi=600, below=True, angle=3.0, swell=0.09, texture=5.0, jpeg=88, dust=40, margin=12.0,
+         stretch=(0.0, 0.0), ink=(60, 55, 50), plate=(232, 230, 226), size_mm=None):  # fmt: skip
+    """Draw what a flatbed sees of a layer, as a JPEG in bytes."""
+    fine = 1200.0 * max(1.0, dpi / 600.0) / 25.4  # Pillow draws at whole pixels
+    a = math.radians(angle)
+    spin = np.array([[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]])
+    flip = np.array([-1.0 if below else 1.0, -1.0])
+    laid = [(line * flip) @ spin * (1 + np.array(stretch)) for line in strokes]
+    low = np.vstack(laid).min(axis=0) - margin
+    size = np.vstack(laid).max(axis=0) + margin - low if size_mm is None else np.array(size_mm)
+    picture = Image.new("L", tuple(int(v) for v in size * fine), 0)
+    pen = ImageDraw.Draw(picture)
+    for line in laid:
+        line = (line - low) * fine
+        wide = (NOZZLE / 2 + swell) * fine
+        radii = wide * (1 + 0.05 * np.interp(np.arange(len(line)), np.arange(0, len(line) + 30, 12),
+                                             rng.normal(size=len(np.arange(0, len(line) + 30, 12)))))  # fmt: skip
+        radii[0] *= rng.uniform(0.9, 1.5)
+        radii[-1] *= rng.uniform(0.8, 1.4)
+        for p, q, r, s in zip(line[:-1], line[1:], radii[:-1], radii[1:], strict=True):
+            d = q - p
+            n = np.array([-d[1], d[0]]) / (np.hypot(*d) + 1e-9)
+            pen.polygon([tuple(v) for v in (p + n * r, q + n * s, q - n * s, p - n * r)], fill=255)
+            pen.ellipse([*(q - s), *(q + s)], fill=255)
+        pen.ellipse([*(line[0] - radii[0]), *(line[0] + radii[0])], fill=255)
+    width, height = (int(v) for v in size * dpi / 25.4)
+    share = (
+        np.asarray(picture.resize((width, height), Image.Resampling.BOX).filter(ImageFilter.GaussianBlur(1.0)), float)
+        / 255
+    )
+    coarse = Image.fromarray(rng.normal(128, 40, (height // 5 + 1, width // 5 + 1)).clip(0, 255).astype(np.uint8))
+    grain = np.asarray(coarse.resize((width, height), Image.Resampling.BILINEAR), float) / 40 - 3.2
+    light = 1 + 0.05 * np.linspace(-1, 1, width)[None, :] - 0.03 * np.linspace(-1, 1, height)[:, None] ** 2
+    image = np.stack([(p + (i - p) * share) * light for i, p in zip(ink, plate, strict=True)], axis=2)
+    image += (grain * texture * (0.4 + share))[:, :, None] + rng.normal(0, 2, image.shape)
+    drawn = Image.fromarray(image.clip(0, 255).astype(np.uint8))
+    pen = ImageDraw.Draw(drawn)
+    for _ in range(dust):
+        x, y, r = rng.uniform(0, width), rng.uniform(0, height), rng.uniform(0.5, 3)
+        shade = int(rng.choice([30, 250]))
+        pen.ellipse([x - r, y - r, x + r, y + r], fill=(shade, shade, shade))
+    file = io.BytesIO()
+    drawn.save(file, "JPEG", quality=jpeg, dpi=(dpi, dpi))
+    return file.getvalue()
+
+
+def way(path):
+    """Way-points [N, 2] of the G0 and G1 lines of a file, and the filament [N] that each lays."""
+    points, laid, x, y = [], [], None, None
+    for line in path.read_text().splitlines():
+        words = line.partition(";")[0].split()
+        if words and words[0] in ("G0", "G1"):
+            values = {word[0]: float(word[1:]) for word in words[1:]}
+            if "X" in values or "Y" in values:
+                x, y = values.get("X", x), values.get("Y", y)
+                points.append((x, y))
+                laid.append(max(values.get("E", 0.0), 0.0))
+    return np.array(points), np.array(laid)
+
+
+def paired_error(machine, wanted_path, printed_path):
+    """RMS distance between what the machine prints of one file and what another asks for, at equal filament, shifted
+    onto each other."""
+
+    def dense(points, laid):
+        places, filament, drawn, total = [], [], [], 0.0
+        for i in range(1, len(points)):
+            count = max(1, int(math.dist(points[i], points[i - 1]) / 0.5))
+            for k in range(1, count + 1):
+                places.append(points[i - 1] + (points[i] - points[i - 1]) * k / count)
+                filament.append(total + laid[i] * k / count)
+                drawn.append(laid[i] > 0)
+            total += laid[i]
+        return np.array(places), np.array(filament), np.array(drawn)
+
+    ideal, at, drawn = dense(*way(wanted_path))
+    places, here, printed = dense(*way(printed_path))
+    places, here = machine.run(places)[printed], here[printed]
+    wanted = np.stack([np.interp(here, at[drawn], ideal[drawn, axis]) for axis in range(2)], axis=1)
+    steady = np.hypot(*np.diff(wanted, axis=0, prepend=wanted[:1]).T) < 0.6
+    error = (places - wanted)[steady]
+    off = np.hypot(*(error - np.median(error, axis=0)).T)
+    return float(np.sqrt(np.mean(off[off < 3.0] ** 2)))  # where a stroke ends, filament tells both ends

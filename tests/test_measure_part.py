@@ -1,0 +1,117 @@
+"""Any printed layer is a measurement, judged by a slicer, a printer and a scanner that share no code with it."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from printmend.cli.probe import command
+from printmend.errors import GcodeError, ScanError
+from printmend.gcode.read import read_gcode
+from printmend.measure import read_trace, write_trace
+from printmend.measure.walls import read_walls
+from printmend.printer import read_printer
+from printmend.repair.learned import learn_model
+from printmend.repair.mend import mend_gcode
+from printmend.repair.part import measure_part
+from tests import foreign_layer as foreign
+
+PRINTER = read_printer("ender3")
+BROKEN = foreign.Machine(waves=(((1, 0.2, 0.5),), ((1, 0.1, 2.0), (2, 0.06, 1.0))), play=(0.25, 0.12))
+LIMIT_MM = 0.03
+
+
+@pytest.fixture(scope="module")
+def scanned(tmp_path_factory) -> Path:
+    """A folder with gear.gcode, its underside as printed by a broken machine, gear.jpg, and star.gcode."""
+    folder = tmp_path_factory.mktemp("part")
+    text, strokes = foreign.gcode(foreign.gear())
+    (folder / "gear.gcode").write_text(text)
+    (folder / "star.gcode").write_text(foreign.gcode(foreign.star())[0])
+    printed = BROKEN.strokes(strokes)
+    (folder / "gear.jpg").write_bytes(foreign.scan(printed, np.random.default_rng(1), dpi=300))
+    return folder
+
+
+def test_one_part_teaches_how_to_print_another(scanned):
+    measured = measure_part(scanned / "gear.jpg", scanned / "gear.gcode", PRINTER, overlay=scanned / "seen.png")
+    assert measured.found > 0.95 * measured.walls
+    write_trace(scanned / "trace.csv", measured.trace)
+    trace = read_trace(scanned / "trace.csv", PRINTER)
+    assert np.allclose(trace.offset_mm, measured.trace.offset_mm, atol=1e-5, equal_nan=True)
+    model = learn_model(trace, PRINTER)
+    mend_gcode(scanned / "star.gcode", model, scanned / "mended.gcode")
+    before = foreign.paired_error(BROKEN, scanned / "star.gcode", scanned / "star.gcode")
+    after = foreign.paired_error(BROKEN, scanned / "star.gcode", scanned / "mended.gcode")
+    assert before > 0.12
+    assert after < LIMIT_MM
+
+
+def _changed(scanned: Path, name: str, change) -> Path:
+    picture = np.asarray(Image.open(scanned / "gear.jpg"))
+    file = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(change(picture))).save(file, "JPEG", quality=92, dpi=(300, 300))
+    path = scanned / name
+    path.write_bytes(file.getvalue())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        ("cut", lambda p: p[:, 200:], "cuts off"),
+        ("two", lambda p: np.hstack([p, p]), "one part at a time"),
+        ("blank", lambda p: np.full_like(p, 230), "stands out"),
+        ("small", lambda p: np.asarray(Image.fromarray(p).resize((p.shape[1] // 2, p.shape[0] // 2))), "--dpi 150"),
+    ],
+)
+def test_what_is_no_scan_of_the_part_is_named(scanned, name, change, said):
+    with pytest.raises(ScanError, match=said):
+        measure_part(_changed(scanned, f"{name}.jpg", change), scanned / "gear.gcode", PRINTER)
+
+
+def test_another_part_and_the_wrong_side_are_named(scanned):
+    with pytest.raises(ScanError, match="the part of this file"):
+        measure_part(scanned / "gear.jpg", scanned / "star.gcode", PRINTER)
+    tall = scanned / "tall.gcode"
+    tall.write_text(foreign.gcode(foreign.gear(), layers=2)[0])
+    with pytest.raises(ScanError, match="upside down"):
+        measure_part(_changed(scanned, "top.jpg", lambda p: p[:, ::-1]), tall, PRINTER)
+
+
+def test_only_a_part_is_measured():
+    text = foreign.gcode(foreign.star())[0]
+    brim = read_gcode(text.replace("External perimeter", "Skirt/Brim").encode(), printer=PRINTER)
+    with pytest.raises(GcodeError, match="only skirt/brim"):
+        read_walls(brim, PRINTER)
+    raft = read_gcode(text.replace(";LAYER_CHANGE", ";LAYER:-2").encode(), printer=PRINTER)
+    with pytest.raises(GcodeError, match="raft"):
+        read_walls(raft, PRINTER)
+    with pytest.raises(GcodeError, match="1 layers"):
+        read_walls(read_gcode(text.encode(), printer=PRINTER), PRINTER, layer=3)
+
+
+def test_the_first_layer_is_a_print_of_its_own(tmp_path):
+    (tmp_path / "part.gcode").write_text(foreign.gcode(foreign.star(), layers=3)[0])
+    outcome = CliRunner().invoke(
+        command, ["--first-layer", str(tmp_path / "part.gcode"), "-o", str(tmp_path / "first.gcode")]
+    )
+    assert outcome.exit_code == 0, outcome.output
+    alone, whole = (read_gcode(tmp_path / name) for name in ("first.gcode", "part.gcode"))
+    assert set(alone.moves.layer[alone.moves.extruding]) == {0}
+    first = whole.moves.extruding & (whole.moves.layer == 0)
+    assert np.array_equal(alone.moves.end_mm[alone.moves.extruding], whole.moves.end_mm[first])
+    assert alone.text.tobytes().endswith(b"M104 S0\nM140 S0\nM107\n")
+
+
+def test_a_healthy_printer_stays_as_it_is(scanned):
+    printed = foreign.gcode(foreign.gear())[1]
+    (scanned / "healthy.jpg").write_bytes(
+        foreign.scan(printed, np.random.default_rng(2), dpi=300, stretch=(1e-3, -5e-4))
+    )
+    model = learn_model(measure_part(scanned / "healthy.jpg", scanned / "gear.gcode", PRINTER).trace, PRINTER)
+    mend_gcode(scanned / "star.gcode", model, scanned / "same.gcode")
+    assert (scanned / "same.gcode").read_bytes() == (scanned / "star.gcode").read_bytes()
