@@ -3,12 +3,14 @@
     .venv/bin/python benchmarks/bench_promise.py --seed 1 --cases 2 [--figure docs/figures/promise.png]
 
 The printer is benchmarks/outside.py, with the faults of outside_faults.py on top; neither shares code with printmend.
-Kinds: faults that its models have, faults that none has, healthy printers, and scans (a stretch of its own, no place;
-in shape only). Seeds 900 and up are kept for the figures in docs/results.md; develop on others. One line a case, then
-for each kind: how often truth lay in the range, the median of truth ÷ expected, the worst harm, the largest error.
+Kinds: faults that its models have, faults that none has, healthy printers, scans (a stretch of its own, no place; in
+shape only), and glimpses (a print of 12 to 30 mm, then a larger part). Seeds 900 and up are kept for the figures in
+docs/results.md; develop on others. One line a case, then for each kind: how often truth lay in the range, the median of
+truth ÷ expected, the worst harm, the largest error.
 """
 
 import argparse
+import itertools
 import json
 import sys
 import tempfile
@@ -27,9 +29,9 @@ from printmend.printer import read_printer
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model
 
-KINDS = ("modelled", "unmodelled", "healthy", "scan")
+KINDS = ("modelled", "unmodelled", "healthy", "scan", "glimpse")
 STRETCH_SD = 0.001  # of the foreign scanner: scale, difference of axes, lean
-HARM_MM = 0.005
+GLIMPSED = ("pulley", "play", "pulley+play")
 
 
 def judge(kind: str, preset: str, family: str, number: int, seed: int, noise_mm: float, folder: Path) -> dict:
@@ -54,6 +56,10 @@ def judge(kind: str, preset: str, family: str, number: int, seed: int, noise_mm:
     if not probe.exists():
         run("probe", "--printer", preset, "-o", str(probe))
     moves = walk_of("probe", outside.read_moves(probe.read_text(), home), home, bed, rng)
+    if kind == "glimpse":
+        window = rng.uniform(0.4, 0.6, 2) * bed + rng.uniform(-0.5, 0.5, (300, 2)) * rng.uniform(12, 30)
+        ends_mm = [home, *map(tuple, window.tolist())]
+        moves = [outside.Move(a, b, 0.2, True) for a, b in itertools.pairwise(ends_mm)]
     ends = np.array([home, *(way[-1] for way in printed(moves, 0.0))])
     wanted = np.array([home, *(move.end_mm for move in moves)])
     travelled = float(np.hypot(*np.diff(wanted, axis=0).T).sum())
@@ -123,7 +129,7 @@ def draw(rows: list[dict], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(6.2, 5.6))
-    for kind, colour in zip(KINDS, ("#0f766e", "#c2410c", "#6b7280", "#4338ca"), strict=True):
+    for kind, colour in zip(KINDS, ("#0f766e", "#c2410c", "#6b7280", "#4338ca", "#a16207"), strict=True):
         mine = [row for row in rows if row["kind"] == kind]
         if not mine:
             continue
@@ -157,7 +163,9 @@ def main() -> None:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for kind in options.kind or KINDS:
-            families = {"unmodelled": tuple(outside_faults.FAULTS), "healthy": ("healthy",)}.get(kind, FAMILIES[1:])
+            families = {"unmodelled": tuple(outside_faults.FAULTS), "healthy": ("healthy",), "glimpse": GLIMPSED}.get(
+                kind, FAMILIES[1:]
+            )
             for preset in options.printer or ("ender3", "corexy"):
                 for family in families:
                     for number in range(options.cases):

@@ -1,6 +1,7 @@
 """What does not fit: found, named, put right where that is certain, and not seen where all is well."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import sample
+from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
 from printmend.errors import InputError, TraceError
 from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
@@ -111,15 +112,31 @@ def drifting(kind: str, rng: np.random.Generator) -> tuple[GreyboxModel, Trace]:
 def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> None:
     box, trace = drifting(kind, rng)
     causes = causes_of(box, trace)
-    found = found_in(box, trace, causes, ended=False)
+    found = found_in(box, trace, causes)
     assert found[0].kind == kind
     assert 0.03 < found[0].size_mm < 0.1
     later = of_the_end(box, trace, causes)
     assert (later is not None) == (kind in ("linear", "step"))
     if later is not None:  # what was printed first is put where the end of the print would have put it
-        moved = (later.measured_mm - trace.measured_mm)[[1, -1]]
+        assert later[1] == "ended"
+        moved = (later[0].measured_mm - trace.measured_mm)[[1, -1]]
         wanted = np.array([[0.21, 0.0], [0.0, 0.0]]) if kind == "linear" else np.array([[0.0, 0.12], [0.0, 0.0]])
         assert moved == pytest.approx(wanted, abs=0.03)
+
+
+def test_the_turn_of_another_pulley_is_learned(rng: np.random.Generator) -> None:
+    """A pulley of 16 teeth where the preset has 20: an uneven pulley again, and no belt that is uneven everywhere."""
+    small = replace(PRINTER, x=replace(PRINTER.x, mm_per_turn=32.0), y=replace(PRINTER.y, mm_per_turn=32.0))
+    points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (500, 2))])
+    twin = Twin.of(Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.3)), Drive())), small)
+    trace = Trace(points, twin.follow(points) + rng.normal(0, 0.05, points.shape), homed=True)
+    box = Greybox().fit(trace, PRINTER, rng=rng)
+    assert box.periods_mm == (32.0, 40.0)
+    assert box.drives[0].structure.warp_mm == 0
+    assert box.residual_after_mm < 0.08
+    found = found_in(box, trace, ())
+    assert [each.kind for each in found] == ["turn"]
+    assert "a pulley of 16 teeth" in found[0].words
 
 
 def test_a_good_trace_has_nothing_to_say(rng: np.random.Generator) -> None:
@@ -133,7 +150,7 @@ def test_points_left_out_a_turned_plate_and_unseen_places_are_said(rng: np.rando
     measured[::10] += rng.uniform(3, 9, (40, 2))
     measured[trace.commanded_mm[:, 0] > 120] = np.nan
     trace = Trace(trace.commanded_mm, measured, homed=True)
-    found = {each.kind: each for each in found_in(Greybox().fit(trace, PRINTER, rng=rng), trace, (), ended=False)}
+    found = {each.kind: each for each in found_in(Greybox().fit(trace, PRINTER, rng=rng), trace, ())}
     assert {"left-out", "turned", "unseen"} <= set(found)
     assert "+1.0" in found["turned"].words
     assert found["left-out"].severity == "warning"

@@ -26,6 +26,7 @@ LAYOUT = ("mean_harmonics", "play_harmonics", "elastic_harmonics", "ripple")
 class MotorBudget:
     """What is not known of one motor: its parameters may be off by ``factor_mm`` [P, R] @ z, z ~ N(0, 1).
 
+    ``seen`` is the share of its turn that was measured: the rest is a guess, and so is how good it is.
     ``design`` says which parameters there are; ``reach_mm`` beyond which powers above the first go on straight.
     ``unexplained_mm2`` and ``unexplained_sd_mm2`` are the variance of what no parameter follows, and its doubt.
     """
@@ -37,6 +38,7 @@ class MotorBudget:
     reach_mm: tuple[float, float]
     unexplained_mm2: float
     unexplained_sd_mm2: float
+    seen: float = 1.0
 
     def columns(self, motor_mm: np.ndarray, own_mm: np.ndarray, other_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
         """Return by how much the belt would be off for each of the R directions [N, R].
@@ -140,6 +142,7 @@ def _motor(section: Any, subject: str) -> MotorBudget:
         (float(reach[0]), float(reach[1])),
         abs(number(section, "unexplained_mm2", subject)),
         abs(number(section, "unexplained_sd_mm2", subject)),
+        number(section, "seen", subject) if "seen" in section else 1.0,
     )
 
 

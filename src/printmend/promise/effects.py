@@ -13,11 +13,15 @@ import numpy as np
 from printmend.promise.misfit_columns import LAWS, LONG_MM, TWO_MOTORS, Sideways
 from printmend.saved.values import number, numbers, refuse, section_of
 
-STAYS, ENDED, VARIES, LEARNED = "stays", "ended", "varies", "learned"
-# Mean and standard deviation of how much of a law a new print has: what stays, what was taken out as it was at the
-# end of the measured print and may go on, and what was learned as a part of another kind.
-SHARES = {STAYS: (1.0, 0.25), ENDED: (0.0, 0.2), LEARNED: (0.0, 0.4)}
-VARIES_FROM, VARIES_TO = 0.2, 1.0  # what comes and goes with time: a new print may be anywhere on its way
+STAYS, SPEED, ENDED, VARIES, EARLY, LEARNED = "stays", "speed", "ended", "varies", "early", "learned"
+# Mean and standard deviation of how much of a law a new print has: what stays, what depends on speed, what was taken
+# out as it was at the end of the measured print and may go on, and what was learned as a part of another kind.
+SHARES = {STAYS: (1.0, 0.25), SPEED: (0.5, 0.3), ENDED: (0.0, 0.1), LEARNED: (0.0, 0.4)}
+GOES_ON = 0.7  # standard deviation of the logarithm of how much what ended may go on
+# What comes anew with every print, as warmth does: a new one may be anywhere on its way. The model is of the whole
+# measured print (varies), or of as early a time as most parts are printed at (early).
+VARIES_FROM, VARIES_TO = 0.1, 1.0
+EARLY_DONE, EARLY_SHARE = 0.108, 0.35  # of the measured print; of a warm-up's law then, with `WARMING`
 _MOST_WEIGHTS = 2 * len(TWO_MOTORS)
 
 
@@ -43,14 +47,19 @@ class Effect:
         """Return the misfit at rows [N] mm, none of it absorbed."""
         return np.asarray(LAWS[self.kind](one, self.detail, self.place) @ self.weights)
 
-    def drawn_mm(self, places: "Places", count: int, rng: np.random.Generator) -> np.ndarray:
-        """Return by how much the belt may be off at places of a new print, in ``count`` draws [N, count]."""
+    def drawn_mm(self, places: "Places", begun: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Return by how much the belt may be off at places of a new print [N, D]; ``begun`` [D] from 0 to 1 draws how
+        far the print is with what comes anew each time, the same for all effects."""
         one = places.seen_by(self)
         law, taken = self.law(one)[:, None], (absorbing(one) @ self.absorbed)[:, None]
         if self.state == VARIES:
-            return np.asarray(law * rng.uniform(VARIES_FROM, VARIES_TO, count) - taken)
-        mean, sd = SHARES[self.state]
-        return np.asarray((law - (taken if self.state == STAYS else 0.0)) * rng.normal(mean, sd, count))
+            return np.asarray(law * (VARIES_FROM + (VARIES_TO - VARIES_FROM) * begun) - taken)
+        if self.state == EARLY:
+            return np.asarray(law * (VARIES_FROM + (VARIES_TO - VARIES_FROM) * begun - EARLY_SHARE))
+        share = rng.normal(*SHARES[self.state], len(begun))
+        if self.state == ENDED:
+            share *= np.exp(rng.normal(0.0, GOES_ON, len(begun)))
+        return np.asarray((law - (taken if self.state in (STAYS, SPEED) else 0.0)) * share)
 
     def json(self) -> dict[str, Any]:
         """Return plain values."""
@@ -99,7 +108,7 @@ def parse_effects(document: Mapping[str, Any]) -> tuple[Effect, ...]:
 
 
 def _effect(plain: Any, subject: str) -> Effect:
-    states = (*SHARES, VARIES)
+    states = (*SHARES, VARIES, EARLY)
     if not isinstance(plain, dict) or plain.get("kind") not in LAWS or plain.get("state") not in states:
         refuse(subject, "effects of a known kind and state", "something else")
     rows = section_of(plain, "spans_mm", list, subject)

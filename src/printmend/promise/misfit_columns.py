@@ -40,9 +40,9 @@ class Sideways:
         picked = {name: value[rows] if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
         return Sideways(**picked)
 
-    def ended(self) -> "Sideways":
-        """Return the same rows as if all were printed at the end."""
-        return Sideways(**{**vars(self), "done": np.ones_like(self.done)})
+    def all_at(self, done: float) -> "Sideways":
+        """Return the same rows as if all were printed when this share of the print is done."""
+        return Sideways(**{**vars(self), "done": np.full_like(self.done, done)})
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,11 @@ import numpy as np
 
 from printmend.learn.drive.design import Rows, cross_columns
 from printmend.learn.drive.fit import independent_share, robust_sigma_mm
+from printmend.learn.drive.period import TOOTH_MM
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
 from printmend.learn.greybox.rows import motor_rows
 from printmend.path import Trace
-from printmend.promise.effects import ENDED, LEARNED, STAYS, VARIES, Effect, absorbing
+from printmend.promise.effects import EARLY, EARLY_DONE, ENDED, LEARNED, SPEED, STAYS, VARIES, Effect, absorbing
 from printmend.promise.misfit import NOTE, SEVERITIES, WARNING, Misfit
 from printmend.promise.misfit_columns import Candidate, Sideways, candidates, sideways
 
@@ -37,6 +38,12 @@ REPEATS = 0.35  # share of an uneven belt's squares that one period may leave
 COVERED = 0.6  # of an axis of the bed
 
 
+_OF_WHEN = {
+    ENDED: ". The model is of the end of the print",
+    EARLY: ". The model is of a printer that has warmed up by a third, as for parts of usual size",
+}
+
+
 @dataclass(frozen=True, eq=False)
 class Cause:
     """Something that the residuals of a motor hold: its candidate, weights [Q], effect and evidence."""
@@ -50,7 +57,7 @@ class Cause:
 
 def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
     """Return what the residuals of a grey box hold beyond noise."""
-    rows = motor_rows(trace, box.printer)
+    rows = motor_rows(trace, box.printer, box.periods_mm)
     found: list[Cause] = []
     for motor, drive in enumerate(box.drives):
         touch = drive.choice.fit.touch
@@ -137,30 +144,31 @@ def _tried(
     return Cause(motor, candidate, weights, float(np.std(columns @ weights)), float(nats))
 
 
-def of_the_end(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> Trace | None:
-    """Return the trace as it would be had all of it been printed as its end was; None where nothing changed for good.
+def of_the_end(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tuple[Trace, str] | None:
+    """Return the trace as it would be had all of it been printed at one time, and which; None where nothing changed.
 
-    A printer that warms up is cold again when the next print begins: then the mean of the print is the better guess.
+    What gives way stays so: the end. A printer that warms up is cold again when the next print begins: early.
     """
     timed = [cause for cause in causes if cause.candidate.kind in IN_TIME and cause.size_mm > LEAST_MM]
-    if not timed or any(cause.candidate.kind == "thermal" for cause in timed):
+    if not timed:
         return None
-    rows = motor_rows(trace, box.printer)
+    state = EARLY if any(cause.candidate.kind == "thermal" for cause in timed) else ENDED
+    rows = motor_rows(trace, box.printer, box.periods_mm)
     moved = np.zeros(trace.measured_mm.shape)
     for cause in timed:
         touch = box.drives[cause.motor].choice.fit.touch
         one = sideways(rows, cause.motor, trace.commanded_mm, touch.side)
         law = cause.candidate.columns
-        moved[:, cause.motor] += (law(one.ended()) - law(one)) @ cause.weights
-    return replace(trace, measured_mm=trace.measured_mm + np.asarray(box.printer.from_motor(moved)))
+        moved[:, cause.motor] += (law(one.all_at(EARLY_DONE if state == EARLY else 1.0)) - law(one)) @ cause.weights
+    return replace(trace, measured_mm=trace.measured_mm + np.asarray(box.printer.from_motor(moved))), state
 
 
 def effects_of(
-    box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], *, ended: bool
+    box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: str = VARIES
 ) -> tuple[tuple[Effect, ...], np.ndarray]:
     """Return what causes may do to a new print, and what they do to the rows of this one, motor by motor [N, 2] mm;
-    ``ended`` where the model is of the end."""
-    rows = motor_rows(trace, box.printer)
+    ``state`` is what the model makes of those in time."""
+    rows = motor_rows(trace, box.printer, box.periods_mm)
     effects, explained = [], np.zeros((len(trace), 2))
     spans = [[float(each.min()), float(each.max())] for each in (*_motors(rows), *trace.commanded_mm.T)]
     for cause in causes:
@@ -173,15 +181,16 @@ def effects_of(
         taken = basis @ (basis.T @ done[used])
         absorbed = np.linalg.lstsq(absorbing(one.at(used)), taken, rcond=None)[0]
         learned = kind == "second-period" and bool(drive.structure.warp_mm)
-        state = LEARNED if learned else STAYS if kind not in IN_TIME else ENDED if ended else VARIES
-        if state in (STAYS, VARIES):
+        other = LEARNED if learned else SPEED if kind == "speed" else STAYS
+        mine = state if kind in IN_TIME else other
+        if mine in (STAYS, SPEED, VARIES):
             explained[:, cause.motor] += done - absorbing(one) @ absorbed
-        mine = spans if cause.motor == 0 else [spans[1], spans[0], *spans[2:]]
+        ends = spans if cause.motor == 0 else [spans[1], spans[0], *spans[2:]]
         candidate = cause.candidate
         effects.append(
             Effect(
-                kind, cause.motor, cause.weights, float(candidate.detail), candidate.place, state, absorbed,
-                np.array(mine), rows[cause.motor].period_mm,
+                kind, cause.motor, cause.weights, float(candidate.detail), candidate.place, mine, absorbed,
+                np.array(ends), rows[cause.motor].period_mm,
             )
         )  # fmt: skip
     return tuple(effects), explained
@@ -191,8 +200,8 @@ def _motors(rows: list[Rows]) -> list[np.ndarray]:
     return [row.motor_mm for row in rows]
 
 
-def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], *, ended: bool) -> tuple[Misfit, ...]:
-    """Return causes, points left out and places never seen as findings; ``ended`` where the model is of the end."""
+def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: str = VARIES) -> tuple[Misfit, ...]:
+    """Return causes, points left out and places never seen as findings; ``state`` is what became of those in time."""
     found = []
     for cause in causes:
         kind = cause.candidate.kind
@@ -200,12 +209,10 @@ def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], *, ende
         words = _words(cause, box.drives[cause.motor].name.upper(), box.printer.motors)
         found.append(Misfit(kind, severity, cause.size_mm, cause.nats, words))
     joined = [
-        replace(each, words=f"{each.words}. The model is of the end of the print")
-        if ended and each.kind in IN_TIME
-        else each
+        replace(each, words=f"{each.words}{_OF_WHEN.get(state, '')}") if each.kind in IN_TIME else each
         for each in _one_of_each(found)
     ]
-    return (*joined, *_left_out(box, trace), *_turned(box, trace), *_unseen(box, trace))
+    return (*joined, *_other_turns(box), *_left_out(box, trace), *_turned(box, trace), *_unseen(box, trace))
 
 
 def _one_of_each(found: list[Misfit]) -> list[Misfit]:
@@ -247,6 +254,26 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
         "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {cause.size_mm:.3f} mm: an idler or "
         "the belt, not the motor's pulley",
     }[cause.candidate.kind]
+
+
+def _other_turns(box: GreyboxModel) -> list[Misfit]:
+    """Say where an error repeats at another length than the printer's turn."""
+    found = []
+    for motor, drive in enumerate(box.drives):
+        period, usual = drive.branches.period_mm, box.printer.axes[motor].mm_per_turn
+        if period == usual:
+            continue
+        teeth = round(period / TOOTH_MM)
+        is_toothed = abs(period - teeth * TOOTH_MM) < 1e-9
+        cause = (
+            f"a pulley of {teeth} teeth, or an idler's" if is_toothed else "an idler's or the belt's own, or a pulley's"
+        )
+        words = (
+            f"the error of {drive.name.upper()} repeats every {period:.1f} mm, not every {usual:g} as the printer's "
+            f"pulley would: {cause}. The model turns by that"
+        )
+        found.append(Misfit("turn", NOTE, 0.0, SURE, words))
+    return found
 
 
 def _left_out(box: GreyboxModel, trace: Trace) -> list[Misfit]:

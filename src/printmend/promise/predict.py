@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from printmend.machine.mechanism import Mechanism, Transmission
-from printmend.promise.budget import Budget
+from printmend.promise.budget import Budget, MotorBudget
 from printmend.promise.effects import Places
 from printmend.saved.layout import bed_middle
 
@@ -22,11 +22,16 @@ LOW, HIGH = 0.05, 0.95
 ROUNDED = (0.5, 1.1)
 # Mean and standard deviation of the logarithm of how much larger a pattern that no model follows is in another print
 # than what the fit of this one left of it: a fit takes some of it in, and another path meets it otherwise.
-ELSEWHERE = (0.1, 0.5)
-OTHERWISE = 0.7  # share of the unexplained that mended moves may add to it: they meet it otherwise than the plain ones
+ELSEWHERE = (0.0, 0.6)
+OTHERWISE = (
+    0.7  # share of what no part follows that mended moves may add to it: they meet it otherwise than the plain ones
+)
 # What marks at rest do not show, as ringing, sticking, a loose nozzle: median [mm] over both axes, and the standard
 # deviation of its logarithm. Most printers have hardly any, some have 0.03 mm.
-UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.7
+UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.8
+WHOLE_TURN = 0.95  # of a turn that counts as all of it
+GUESSED = (-0.1, 0.8)  # of the logarithm of how much larger the doubt of a pulley seen in part is than it says itself
+LOOSE_AT_HOME = 0.5  # share of homings after which a belt lies somewhere within its play
 STANDS = 1e-6  # the share of a move below which a motor stands still
 SEED = 11  # the same file and model always get the same promise
 
@@ -111,14 +116,17 @@ def promised(
     aims = _aims(mechanism, path, at_rest)
     local = _local_mm2(mechanism, budget, path, rng)
     columns = [_columns(mechanism, budget, path, aims, motors) for motors in (aims.before_mm, aims.after_mm)]
-    z = rng.standard_normal((columns[0].shape[1], DRAWS))
-    stretch = _stretch_mm(mechanism, budget, path, rng)
-    effects = _effects_mm(mechanism, budget, path, aims, rng)
-    doubts = [{"parameters": each @ z, **stretch, **effects} for each in columns]
+    z = np.vstack([_directions(motor, rng) for motor in budget.motors])
+    both = _stretch_mm(mechanism, budget, path, rng) | _effects_mm(mechanism, budget, path, aims, rng)
+    if not budget.placed:
+        both["homing"] = _homing_mm(mechanism, path, rng)
+    doubts = [{"parameters": each @ z, **both} for each in columns]
     raw = _Side(path, path.off_mm[:, None], doubts[0], local, before, signed=True)
     mended = _Side(path, np.zeros((1, 1)), doubts[1], local, after, signed=False)
     results = [_summed_up(each, budget.placed, rng) for each in (raw, mended)]
-    strange2 = (OTHERWISE * results[1][0].made_of["unexplained"]) ** 2
+    strange2 = OTHERWISE**2 * sum(
+        results[1][0].made_of[name] ** 2 for name in {"unexplained", *(each.kind for each in budget.effects)}
+    )
     return Outlook(results[0][0], results[1][0], results[0][1] - np.sqrt(results[1][1] ** 2 + strange2))
 
 
@@ -185,6 +193,25 @@ def _across(mechanism: Mechanism, path: Path) -> np.ndarray:
     return np.asarray(normal @ mechanism.printer.from_motor(np.eye(2)).T)
 
 
+def _directions(motor: MotorBudget, rng: np.random.Generator) -> np.ndarray:
+    """Draw how far a motor's parameters are off along its directions [R, DRAWS]."""
+    z = rng.standard_normal((motor.factor_mm.shape[1], DRAWS))
+    return z if motor.seen >= WHOLE_TURN else np.asarray(z * np.exp(rng.normal(*GUESSED, DRAWS)))
+
+
+def _homing_mm(mechanism: Mechanism, path: Path, rng: np.random.Generator) -> np.ndarray:
+    """Return the error across the path [N, DRAWS] of belts that came to rest somewhere in their play at home, when the
+    measurement does not show where: every other one is engaged, the others lie anywhere."""
+    printer = mechanism.printer
+    at_home = printer.to_motor(np.array(printer.home_mm))
+    shift = np.zeros((2, DRAWS))
+    for motor, table in enumerate(mechanism.transmissions):
+        lower, upper = (float(each[0]) for each in table.branches_mm(at_home[[motor]]))
+        resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < LOOSE_AT_HOME)
+        shift[motor] = -printer.motor_home_direction(motor) * max(upper - lower, 0.0) * resting
+    return np.asarray(_across(mechanism, path) @ shift)
+
+
 def _columns(mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, motor_mm: np.ndarray) -> np.ndarray:
     """Return the error across the path for each direction of both budgets [N, R]."""
     printer = mechanism.printer
@@ -244,11 +271,13 @@ def _effects_mm(
     mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """Return the error across the path [N, DRAWS] of what the tests of misfit found, by kind."""
-    across, found = _across(mechanism, path), {}
+    across = _across(mechanism, path)
+    found: dict[str, np.ndarray] = {}
     places = Places(aims.before_mm, path.wanted_mm, aims.side)
+    begun = rng.uniform(0.0, 1.0, DRAWS)
     for effect in budget.effects:
-        moved = across[:, [effect.motor]] * effect.drawn_mm(places, DRAWS, rng)
-        found[effect.kind] = found.get(effect.kind, 0.0) + moved
+        moved = across[:, [effect.motor]] * effect.drawn_mm(places, begun, rng)
+        found[effect.kind] = found[effect.kind] + moved if effect.kind in found else moved
     return found
 
 

@@ -23,7 +23,7 @@ def promise_section(acts: Acting, trace: Trace, explained_mm: np.ndarray | None 
     ``explained_mm`` [N, 2] is what misfits that were found do to each row, motor by motor: they are told apart.
     """
     fit = acts.fit
-    rows = motor_rows(trace, fit.printer)
+    rows = motor_rows(trace, fit.printer, fit.periods_mm)
     motors = {}
     for motor, drive in enumerate(fit.drives):
         touch = drive.choice.fit.touch
@@ -71,6 +71,7 @@ def motor_section(
             for name, part in design.parts.items()
             if part.stop > part.start and name != "start"
         },
+        "seen": round(drive.sight.angles, 3),
         "unexplained_mm2": float(f"{unexplained_mm2:.4g}"),
         "unexplained_sd_mm2": float(f"{sd_mm2:.4g}"),
     }

@@ -85,26 +85,22 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
 
 
-Effects = tuple[tuple[Effect, ...], np.ndarray]
-
-
 def _of_the_end(
     fit: WorldModel, box: GreyboxModel, trace: Trace, learn: Callable[[Trace], WorldModel]
-) -> tuple[WorldModel, Trace, tuple[Misfit, ...], Effects]:
+) -> tuple[WorldModel, Trace, tuple[Misfit, ...], tuple[tuple[Effect, ...], np.ndarray]]:
     """Return the model, learned again as of the print's end where something changed for good, what does not fit, and
     what that may do to new prints."""
     causes = causes_of(box, trace)
-    later = of_the_end(box, trace, causes)
-    again = None if later is None else learn(later)
-    newer = None if again is None else _box_of(again)
-    if later is None or again is None or newer is None or newer.residual_after_mm > box.residual_after_mm:
-        effects = effects_of(box, trace, causes, ended=False)
-        return fit, trace, found_in(box, trace, causes, ended=False), effects
-    timed = tuple(cause for cause in causes if cause.candidate.kind in IN_TIME)
-    stay = tuple(cause for cause in causes_of(newer, later) if cause.candidate.kind not in IN_TIME)
-    gone, _ = effects_of(newer, later, timed, ended=True)
-    effects, explained = effects_of(newer, later, stay, ended=True)
-    return again, later, found_in(newer, later, (*timed, *stay), ended=True), ((*gone, *effects), explained)
+    if (later := of_the_end(box, trace, causes)) is not None:
+        moved, state = later
+        again = learn(moved)
+        if (newer := _box_of(again)) is not None and newer.residual_after_mm <= box.residual_after_mm:
+            timed = tuple(cause for cause in causes if cause.candidate.kind in IN_TIME)
+            stay = tuple(cause for cause in causes_of(newer, moved) if cause.candidate.kind not in IN_TIME)
+            gone, _ = effects_of(newer, moved, timed, state)
+            effects, explained = effects_of(newer, moved, stay)
+            return again, moved, found_in(newer, moved, (*timed, *stay), state), ((*gone, *effects), explained)
+    return fit, trace, found_in(box, trace, causes), effects_of(box, trace, causes)
 
 
 def fit_beside_screw(

@@ -111,7 +111,7 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated
     fresh = Greybox().fit(trace, printer, rng=rng)
     rows = [
         replace(row, origin_mm=one.branches.middle_mm)
-        for row, one in zip(motor_rows(trace, printer), past, strict=True)
+        for row, one in zip(motor_rows(trace, printer, _turns_mm(past)), past, strict=True)
     ]
     chosen = [_learn_on(row, one) for row, one in zip(rows, past, strict=True)]
     if any(choice.structure.cross for choice in chosen):
@@ -126,7 +126,7 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated
             drive.choice if new else choice for drive, choice, new in zip(fresh.drives, chosen, anew, strict=True)
         ]
         rows = [
-            replace(row, origin_mm=drive.branches.middle_mm) if new else row
+            replace(row, origin_mm=drive.branches.middle_mm, period_mm=drive.branches.period_mm) if new else row
             for row, drive, new in zip(rows, fresh.drives, anew, strict=True)
         ]
     fit = _with_reach(model_of(trace, printer, rows, chosen), past, anew)
@@ -154,6 +154,10 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated
         tuple(changes),
         names,
     )
+
+
+def _turns_mm(past: list[Remembered]) -> tuple[float, float]:
+    return (past[0].branches.period_mm, past[1].branches.period_mm)
 
 
 def _with_reach(fit: GreyboxModel, past: list[Remembered], anew: list[bool]) -> GreyboxModel:

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from printmend.learn.drive import Jump, Rows, jumped
 from printmend.learn.drive.jumps import find_jumps
 from printmend.learn.drive.left_out import left_out
+from printmend.learn.drive.period import likeliest_period_mm
 from printmend.learn.drive.select import Choice, Structure, fitted, folded, main_parts, prune, refined
 from printmend.learn.drive.sight import ALL_SEEN, GLIMPSED_TURN, check_follows, sight
 from printmend.learn.greybox.model import GreyboxModel, model_of
@@ -62,6 +63,7 @@ def fit_greybox(
     full = motor_rows(trace, printer)
     for row, name in zip(full, printer.motors, strict=True):
         check_follows(row, name)
+    full = [replace(row, period_mm=likeliest_period_mm(row)) for row in full]
     trial = trial_of(full, rng)
     searched, rounded = _rounded(_searched(trial.rows(full)), printer)
     without_jumps, jumps = _without_jumps(searched, printer)

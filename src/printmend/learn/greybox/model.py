@@ -85,6 +85,11 @@ class GreyboxModel(MachineLearned):
         return float(np.sqrt(variance / (2 if self.printer.kinematics == "corexy" else 1)))
 
     @property
+    def periods_mm(self) -> tuple[float, float]:
+        """The lengths of both motors' turns as they were learned [mm]."""
+        return (self.drives[0].branches.period_mm, self.drives[1].branches.period_mm)
+
+    @property
     def imagined(self) -> Mechanism:
         return self.mechanism
 

@@ -43,8 +43,11 @@ def check_trace(trace: Trace) -> None:
         )
 
 
-def motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
-    """Return a trace as either motor sees it. Raise `TraceError` where a motor has fewer than ten measured points."""
+def motor_rows(trace: Trace, printer: Printer, periods_mm: tuple[float, float] | None = None) -> list[Rows]:
+    """Return a trace as either motor sees it, with the turns of ``periods_mm`` or else those of the printer.
+
+    Raises `TraceError` where a motor has fewer than ten measured points.
+    """
     measured = np.where(np.isfinite(trace.measured_mm), trace.measured_mm, np.nan)
     motor, belt = printer.to_motor(trace.commanded_mm), printer.to_motor(measured)
     weight = np.ones(len(trace))
@@ -70,7 +73,7 @@ def motor_rows(trace: Trace, printer: Printer) -> list[Rows]:
                 weight=np.where(known, weight * shares[:, i], 0.0),
                 own_mm=np.ascontiguousarray(where[:, i]),
                 other_mm=np.ascontiguousarray(where[:, 1 - i]),
-                period_mm=printer.axes[i].mm_per_turn,
+                period_mm=printer.axes[i].mm_per_turn if periods_mm is None else periods_mm[i],
                 origin_mm=float(motor[0, i]),
                 start_mm=float(belt[np.argmax(known), i]),
                 middle_mm=(float(middle[i]), float(middle[1 - i])),

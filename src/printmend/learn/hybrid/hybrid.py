@@ -133,7 +133,9 @@ def _left_mm(box: GreyboxModel, trace: Trace, motor: int, table: Transmission) -
     """Return the residual of a motor's tables [N], NaN where nothing was measured."""
     touch = box.drives[motor].choice.fit.touch
     belt = np.empty(len(trace))
-    lower, upper = table.branches_mm(jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor]).motor_mm)
+    lower, upper = table.branches_mm(
+        jumped(motor_rows(trace, box.printer, box.periods_mm)[motor], box.jumps[motor]).motor_mm
+    )
     run.follow(float(touch.belt_mm[0]), lower, upper, belt)
     return np.asarray(touch.belt_mm + touch.residual_mm - belt)
 
@@ -164,7 +166,7 @@ def _residual(box: GreyboxModel, trace: Trace, motor: int, *, patterned: bool, s
     drive, table = box.drives[motor], box.mechanism.transmissions[motor]
     if _left_mm2(drive) <= GOOD_ENOUGH_MM**2:
         return None
-    rows = jumped(motor_rows(trace, box.printer)[motor], box.jumps[motor])
+    rows = jumped(motor_rows(trace, box.printer, box.periods_mm)[motor], box.jumps[motor])
     touch = drive.choice.fit.touch
     measured = touch.belt_mm + touch.residual_mm  # without what the frame adds
     start_mm = float(touch.belt_mm[0])

@@ -1,0 +1,120 @@
+"""How long a motor's turn is: what its printer says, unless the measurement clearly repeats at another length.
+
+A pulley of 16 teeth where the preset has 20 turns every 32 mm, not every 40; an idler or the belt itself has a period
+of its own. For each length P on a grid, the error along the belt is fitted with a line, play, both bent along the axis,
+and harmonics of P; the likelihood of Gaussian residuals of unknown size, (n/2) log(RSS₀/RSS), is what P gains over the
+printer's own turn (the periodogram of least squares: Lomb 1976, Scargle 1982, with more harmonics).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from printmend.learn.drive.design import Rows
+from printmend.path import last_way
+from printmend.saved.layout import SCALE_MM
+from printmend.units import TURN_RAD
+
+TOOTH_MM = 2.0  # of a GT2 belt
+PERIODS_MM = (12.0, 84.0)  # shortest and longest that are looked at: beyond are no pulleys of printers
+HARMONICS, PLAY_HARMONICS = 5, 2
+GRID = 0.08  # of a turn, by which a wave may be off at the end of the reach between two lengths of the grid
+LEAST_TURNS = 2.2  # of a length within the reach, or nothing repeats
+LEAST_ROWS = 80
+LOOKED_AT = 1500  # rows at most
+ROUNDS = 3  # of weighing rows down that lie far off
+FAR = 3.0  # standard deviations beyond which a row lies far off
+LEAST_NATS = 30.0  # that another length must gain beyond the choice among those tried
+LEAST_GAIN_MM = 0.015  # root mean square that another length must explain more
+ALIKE = 0.02  # share to which a length is a whole part, or a multiple, of the printer's turn
+TOOTH_NEAR = 0.02  # share to which a length may be that of a whole number of teeth
+MOST_PARTS = 5  # of a length, of which one may be the turn
+AS_GOOD_NATS = 10.0  # that the turn of a toothed pulley, or a whole part of the best length, may cost
+
+
+def likeliest_period_mm(rows: Rows) -> float:
+    """Return the length of a turn [mm]: that of the rows, unless another is far likelier."""
+    known = np.flatnonzero(rows.weight > 0)
+    known = known[:: max(1, len(known) // LOOKED_AT)]
+    low, high = rows.reach_mm
+    longest = min((high - low) / LEAST_TURNS, PERIODS_MM[1])
+    if len(known) < LEAST_ROWS or longest < rows.period_mm:
+        return rows.period_mm
+    motor, side = rows.motor_mm[known], last_way(rows.motor_mm)[known]
+    error = rows.measured_mm[known] - motor
+    plain = _plain(motor, side, rows.other_mm[known])
+    own = np.column_stack([plain, _waves(motor, side, rows.period_mm)])
+    weight = _weights(own, error)
+    step = GRID / (high - low)
+    tried = 1 / np.arange(1 / longest, 1 / PERIODS_MM[0], step)
+    teeth = TOOTH_MM * np.arange(np.ceil(PERIODS_MM[0] / TOOTH_MM), longest / TOOTH_MM)
+    tried = np.concatenate([tried, teeth])
+    ratio = np.maximum(tried, rows.period_mm) / np.minimum(tried, rows.period_mm)
+    tried = tried[np.abs(ratio / np.rint(ratio) - 1) > ALIKE]
+
+    def left(period_mm: float) -> float:
+        return _left(np.column_stack([plain, _waves(motor, side, period_mm)]), error, weight)
+
+    count, before = float((weight > 0.5).sum()), _left(own, error, weight)
+    found = _simplest(_refined(min(tried, key=left), step, left), count, left)
+    after = left(found)
+    nats = count / 2 * np.log(before / max(after, 1e-12)) - np.log(len(tried))
+    explained_mm = np.sqrt(max(before - after, 0.0) / weight.sum())
+    return float(found) if nats > LEAST_NATS and explained_mm > LEAST_GAIN_MM else rows.period_mm
+
+
+def _simplest(period_mm: float, count: float, left: Callable[[float], float]) -> float:
+    """Return the shortest whole part of a length, and of these a whole number of teeth, that is as good."""
+    best = left(period_mm)
+    for part in range(MOST_PARTS, 0, -1):
+        length = period_mm / part
+        toothed = TOOTH_MM * round(length / TOOTH_MM)
+        lengths = (toothed, length) if toothed and abs(length / toothed - 1) < TOOTH_NEAR else (length,)
+        for one in lengths:
+            if one >= PERIODS_MM[0] and count / 2 * np.log(left(one) / best) < AS_GOOD_NATS:
+                return float(one)
+    return period_mm
+
+
+def _plain(motor: np.ndarray, side: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return columns [N, 8] of what repeats nothing: offset, scale, bend, play, play that grows, skew."""
+    x, y = (motor - motor.mean()) / SCALE_MM, other / SCALE_MM
+    return np.stack([np.ones(len(x)), x, x**2, x**3, side, side * x, y, x * y], axis=1)
+
+
+def _waves(motor: np.ndarray, side: np.ndarray, period_mm: float) -> np.ndarray:
+    """Return the harmonics of a turn, of its play, and the first one as it fades along an elastic belt [N, Q]."""
+    angle = np.outer(motor, np.arange(1, HARMONICS + 1)) * (TURN_RAD / period_mm)
+    waves = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+    first = waves[:, [0, HARMONICS]]
+    played = [part[:, :PLAY_HARMONICS] * side[:, None] for part in np.split(waves, 2, axis=1)]
+    return np.column_stack([waves, *played, first * ((motor - motor.mean()) / SCALE_MM)[:, None]])
+
+
+def _weights(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """Return 1 for rows [N] near the fit of the printer's own turn, less for those that lie far off."""
+    weight = np.ones(len(error))
+    for _ in range(ROUNDS):
+        root = np.sqrt(weight)[:, None]
+        fit = columns @ np.linalg.lstsq(columns * root, error * root[:, 0], rcond=None)[0]
+        away = np.abs(error - fit)
+        weight = np.minimum(1.0, FAR * 1.4826 * np.median(away) / np.maximum(away, 1e-9)) ** 2
+    return weight
+
+
+def _left(columns: np.ndarray, error: np.ndarray, weight: np.ndarray) -> float:
+    """Return the weighed sum of squares [mm²] that the columns leave: normal equations with a touch of a ridge."""
+    weighed = columns * weight[:, None]
+    gram = weighed.T @ columns
+    pull = weighed.T @ error
+    gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram)
+    return max(float(error @ (weight * error) - pull @ np.linalg.solve(gram, pull)), 1e-12)
+
+
+def _refined(period_mm: float, step: float, left: Callable[[float], float]) -> float:
+    """Return the best length near one of the grid, by ever finer steps of its inverse."""
+    best = 1 / period_mm
+    for _ in range(6):
+        step /= 3
+        best = min((best + shift * step for shift in (-2, -1, 0, 1, 2)), key=lambda inverse: left(1 / inverse))
+    return 1 / best
