@@ -4,17 +4,21 @@ import gzip
 import hashlib
 import json
 import re
+import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+import uvicorn
 from starlette.testclient import TestClient
 
+from printmend.client import Studio, StudioError
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
+from printmend.errors import InputError
 from printmend.printer import read_printer
-from printmend.repair import check_gcode
-from printmend.saved.model import exact_model, saved_model
+from printmend.repair import check_gcode, mend_gcode
+from printmend.saved.model import exact_model, saved_model, write_model
 from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
 from printmend.studio.jobs import Jobs
@@ -155,26 +159,89 @@ def test_the_picture_shows_what_is_predicted(tmp_path: Path) -> None:
     assert still.mended_error_mm.max() < 0.02  # chords of arcs, a few millimetres long
 
 
-def test_a_job_is_done_its_files_fetched_and_another_stopped(folder: Path) -> None:
-    """A real worker process: the play screen's way, cancelled once, and jobs of a studio that was killed go on."""
+CFG = "[printer]\nkinematics: cartesian\n" + "".join(
+    f"[stepper_{axis}]\nrotation_distance: {turn}\nmicrosteps: 16\nposition_max: {size}\nposition_endstop: 0\n"
+    for axis, turn, size in (("x", 40, 200), ("y", 40, 180), ("z", 8, 200))
+)
+
+
+def test_the_way_of_ones_own_printer(folder: Path) -> None:
+    """Describe, write the test print, read the distances, learn from callipers: without a job, in the server itself."""
+    with _client(folder) as client:
+        assert {"ender3", "corexy"} <= {one["id"] for one in client.get("/api/presets").json()}
+        sent = client.post("/api/uploads?name=printer.cfg", content=CFG).json()["id"]
+        mine = client.post("/api/printers", json={"upload": sent, "name": " Cellar "}).json()
+        assert (mine["name"], mine["bed_mm"], mine["health"]) == ("Cellar", [0, 0, 200, 180], None)
+        wide = client.post("/api/printers", json={"preset": "ender3", "bed_mm": [150, 120]}).json()
+        assert wide["bed_mm"] == [0, 0, 150, 120]
+        assert client.delete(f"/api/printers/{wide['id']}").status_code == 204
+        wrongs = (
+            ({}, "neither"), ({"preset": "../x"}, "none of that name"), ({"upload": "0" * 16}, "none"),
+            ({"preset": "ender3", "bed_mm": [1e9, 5]}, "max_mm"), ({"preset": 5}, "preset"),
+        )  # fmt: skip
+        for wrong, words in wrongs:
+            said = client.post("/api/printers", json=wrong)
+            assert said.status_code in (400, 404, 422), wrong
+            assert words in said.json()["error"], said.json()
+        place = f"/api/printers/{mine['id']}"
+        assert "write the test print first" in client.get(f"{place}/callipers").json()["error"]
+        probe = client.post(f"{place}/probe", json={"size_mm": 120}).json()
+        assert probe["marks"] == len(probe["marks_mm"]) > 100
+        other = client.post(f"{place}/probe", json={})
+        assert "the plan of another test print" in other.json()["error"]
+        assert client.get(f"{place}/files/probe.gcode").text.count("\nG1") > 1000
+        assert client.get(f"{place}/files/notes.json").status_code == 404
+        list_ = client.get(f"{place}/callipers").json()
+        known = client.post(
+            f"{place}/callipers", json={"readings_mm": [1.01 * one["about_mm"] for one in list_]}
+        ).json()
+        assert "scale" in known["said"]["headline"]
+        assert len(known["said"]["machine"]["motors"][0]["outline_mm"]) == 180
+        assert client.get(place).json()["healthy"] is False
+        assert client.patch(place, json={"name": "Attic"}).json()["name"] == "Attic"
+        assert [one["name"] for one in client.get("/api/printers").json()] == ["Attic"]
+        bad = client.post(f"{place}/learn", json={"measurement": "0" * 16, "exclude": [-1]})
+        assert bad.status_code == 422
+        document = client.get("/api/openapi.json").json()
+        assert {"get", "post"} <= set(document["paths"]["/api/printers"])
+        for operations in document["paths"].values():
+            for operation in operations.values():
+                assert operation["description"] or operation["summary"]
+
+
+def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_address(folder: Path) -> None:
+    """A real server and a real worker: a job that a killed studio left is run, `client` mends, a running one stops."""
     store = Store(folder)
     left = store.add_job("nonsense", None, {})  # a killed studio's: its kind is not known any more
     store.close()
-    with _client(folder) as client:
-        stopped = client.post("/api/play", json={"x": {"shape": "oval", "dent_mm": 1}}).json()["id"]
-        assert client.post(f"/api/jobs/{stopped}/cancel").json()["state"] == "cancelled"
-        assert client.post(f"/api/jobs/{stopped}/cancel").json()["state"] == "cancelled"
-        assert _ended(client, left)["state"] == "failed"
-        assert client.get(f"/api/jobs/{left}/files/x").status_code == 404
-        assert client.delete(f"/api/jobs/{left}").status_code == 204
-        assert [job["id"] for job in client.get("/api/jobs").json()] == [stopped]
-
-
-def _ended(client: TestClient, key: str, longest_s: float = 60) -> dict:
-    until = time.monotonic() + longest_s
-    while time.monotonic() < until:
-        job = client.get(f"/api/jobs/{key}").json()
-        if job["state"] in ("done", "failed", "cancelled"):
-            return job
-        time.sleep(0.05)
-    raise AssertionError(f"job {key} did not end")
+    app = create_app(folder, workers=1)
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", ws="none"))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        while not server.started:
+            time.sleep(0.02)
+        studio = Studio(f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}")
+        stopped = studio.post("/play", {"x": {"shape": "oval", "dent_mm": 1}})["id"]
+        assert studio.post(f"/jobs/{stopped}/cancel")["state"] == "cancelled"
+        (part := folder / "part 1.gcode").write_text(PART)
+        key = studio.post("/printers", {"preset": "ender3", "name": "Cellar"})["id"]
+        with pytest.raises(StudioError, match="measure its test print first"):
+            studio.mend(part, printer="Cellar", output=folder / "out.gcode")
+        faults = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.2)), Drive(belt=Play(0.3))))
+        model = exact_model(Twin.of(faults, read_printer("ender3")).homed())
+        write_model(folder / "printers" / key / "printer.mend.json", model)
+        result = studio.mend(part, printer="Cellar", output=folder / "out.gcode")
+        mend_gcode(part, model, folder / "here.gcode")
+        assert (folder / "out.gcode").read_bytes() == (folder / "here.gcode").read_bytes()
+        assert result["prediction"]["after"]["rms_mm"] < 0.01
+        with pytest.raises(StudioError, match="one that was mended with model"):
+            studio.mend(folder / "out.gcode", printer=key, output=folder / "twice.gcode")
+        with pytest.raises(InputError, match="wanted a printer of the studio, got Cellar"):
+            studio.mend(part, printer="nobody", output=folder / "twice.gcode")
+        assert not (folder / "twice.gcode").exists()
+        assert studio.get(f"/jobs/{left}")["state"] == "failed"
+        assert studio.get(f"/jobs/{stopped}")["state"] == "cancelled"
+    finally:
+        server.should_exit = True
+        thread.join()

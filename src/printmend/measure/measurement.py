@@ -1,6 +1,6 @@
 """Scans of one print, put together: the scanner's own axes removed, every mark with its standard deviation."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -52,29 +52,34 @@ def measure_scans(
     dpi: float | None = None,
     overlay: Path | None = None,
     distance_mm: float | None = None,
+    look: Callable[[Reading], None] | None = None,
 ) -> Measurement:
     """Measure one print from one or more scans; draw what was found over the first into ``overlay``.
 
     ``plan`` is what `write_probe` wrote beside the G-code, or its path. The result's ``trace`` is what to learn from.
     ``distance_mm`` is what callipers say of the two dots that a measurement without it names, outer edge to outer edge:
-    it settles the scale. Raises `ScanError` as `read_scan` does, `TraceError` for a distance that cannot be theirs.
+    it settles the scale. ``look`` is shown what was found in the first scan, its image included. Raises `ScanError`
+    as `read_scan` does, `TraceError` for a distance that cannot be theirs.
     """
     if not isinstance(plan, ProbePlan):
         plan = read_plan(plan)
     # many small matrices: threads of a linear-algebra library would only wait for each other
     with threadpool_limits(1, "blas"):
-        return _measured(paths, plan, dpi, overlay, distance_mm)
+        return _measured(paths, plan, dpi, overlay, distance_mm, look)
 
 
 def _measured(
-    paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, overlay: Path | None, distance_mm: float | None
-) -> Measurement:
+    paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, overlay: Path | None, distance_mm: float | None,
+    look: Callable[[Reading], None] | None,
+) -> Measurement:  # fmt: skip
     readings: list[Reading] = []
     notes: list[str] = []
     for path in paths:
         reading = read_scan(path, plan, dpi=dpi)
         if overlay is not None and not readings:
             draw_overlay(overlay, reading, plan)
+        if look is not None and not readings:
+            look(reading)
         # the pixels of one scan at a time
         readings.append(_without_image(reading))
         notes.append(_described(reading))

@@ -19,7 +19,7 @@ from printmend import __version__
 from printmend.errors import InputError
 from printmend.studio.jobs import Studio
 from printmend.studio.play import preview
-from printmend.studio.shapes import FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
+from printmend.studio.shapes import KEY, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
 from printmend.studio.store import DONE, NotThereError
 
 LONGEST_UPLOAD_S = 900.0
@@ -39,7 +39,7 @@ def studio_of(request: Request) -> Studio:
 
 
 Here = Annotated[Studio, Depends(studio_of)]
-Key = Annotated[str, Where(pattern=r"^[0-9a-f]{16}$")]
+Key = Annotated[str, Where(pattern=KEY)]
 
 
 def plain_name(name: str) -> str:
@@ -119,7 +119,7 @@ def remove_upload(here: Here, key: Key) -> None:
 
 
 @router.get("/jobs", tags=["jobs"])
-def jobs(here: Here, printer: Annotated[str | None, Query(pattern=r"^[0-9a-f]{16}$")] = None) -> list[JobCard]:
+def jobs(here: Here, printer: Annotated[str | None, Query(pattern=KEY)] = None) -> list[JobCard]:
     """List jobs, the newest first."""
     return [card(here, job["id"]) for job in here.store.jobs(printer=printer)]
 

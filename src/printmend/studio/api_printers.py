@@ -1,7 +1,303 @@
 """The API of one's own printers: describe, measure, learn, mend, prove."""
 
-from fastapi import APIRouter
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
 
-from printmend.studio.api import PROBLEMS
+from fastapi import APIRouter
+from fastapi import Path as Where
+from fastapi.responses import FileResponse
+
+from printmend.errors import InputError, PrintmendError
+from printmend.files import replacing
+from printmend.printer import Printer, read_printer
+from printmend.printer.convert import convert, printer_text
+from printmend.printer.toml import parse_printer
+from printmend.studio.api import PROBLEMS, Here, Key, card, plain_name
+from printmend.studio.jobs import Studio
+from printmend.studio.shapes import (
+    Distance,
+    JobCard,
+    Known,
+    LearnIn,
+    MendIn,
+    NewPrinter,
+    PrinterCard,
+    ProbeCard,
+    ProbeIn,
+    ReadingsIn,
+    Renamed,
+    ScansIn,
+)
+from printmend.studio.store import NotThereError
+from printmend.studio.work import MODEL, PLAN, PRINTER, PROBE
 
 router = APIRouter(prefix="/api/printers", responses=PROBLEMS, tags=["printers"])
+_NOTES = "notes.json"
+_OFFERED = (PRINTER, PROBE, PLAN, MODEL)
+
+
+def _folder(here: Studio, key: str) -> Path:
+    here.store.printer(key)
+    return here.store.path("printer", key)
+
+
+def _card(here: Studio, row: dict[str, Any]) -> PrinterCard:
+    folder = here.store.path("printer", row["id"])
+    printer = read_printer(folder / PRINTER)
+    learned = [job for job in here.store.jobs(printer=row["id"]) if job["kind"] == "learn" and job["result"]][::-1]
+    trend = [job["result"]["said"]["before_mm"] for job in learned]
+    health, healthy, digest, measured_s = None, None, None, None
+    if (folder / MODEL).is_file():
+        document = json.loads((folder / MODEL).read_text(encoding="utf-8"))
+        health = document["findings"][0] if document["findings"] else ""
+        sound = document["frame"] is None and all(one["kind"] == "healthy" for one in document["motors"].values())
+        healthy = not document["diagnosis"] if "diagnosis" in document else sound
+        digest, measured_s = document["digest"], (folder / MODEL).stat().st_mtime
+    notes = json.loads((folder / _NOTES).read_text(encoding="utf-8")) if (folder / _NOTES).is_file() else []
+    return PrinterCard(
+        id=row["id"], name=row["name"], kinematics=printer.kinematics, bed_mm=_bed(printer), notes=notes,
+        health=health, healthy=healthy, measured_s=measured_s, trend=[value for value in trend if value is not None],
+        has_probe=(folder / PLAN).is_file(), digest=digest,
+    )  # fmt: skip
+
+
+def _bed(printer: Printer) -> list[float]:
+    return [printer.x.min_mm, printer.y.min_mm, printer.x.max_mm, printer.y.max_mm]
+
+
+@router.get("")
+def printers(here: Here) -> list[PrinterCard]:
+    """List one's own printers."""
+    return [_card(here, row) for row in here.store.printers()]
+
+
+@router.post("", status_code=201)
+def add(here: Here, new: NewPrinter) -> PrinterCard:
+    """Add a printer."""
+    printer, left = _described(here, new)
+    if new.bed_mm is not None:
+        printer = _resized(printer, new.bed_mm)
+    text = printer_text(replace(printer, name=new.name.strip() or printer.name))
+    parse_printer(text, subject="the printer")
+    key = here.store.add_printer(new.name.strip() or printer.name)
+    folder = here.store.path("printer", key)
+    folder.mkdir()
+    with replacing(folder / PRINTER) as file:
+        file.write(text)
+    with replacing(folder / _NOTES) as file:
+        file.write(json.dumps(left))
+    return _card(here, here.store.printer(key))
+
+
+def _described(here: Studio, new: NewPrinter) -> tuple[Printer, tuple[str, ...]]:
+    from printmend.printer import preset_names
+
+    if new.preset is not None and new.preset not in preset_names():
+        raise InputError(new.preset, wanted="a preset", came="none of that name", todo="choose one of the list")
+    if new.upload is not None:
+        row = here.store.upload(new.upload)
+        try:
+            return convert(here.store.path("upload", new.upload), like=new.preset)
+        except PrintmendError as error:
+            place = str(here.store.path("upload", new.upload))
+            raise InputError(
+                row["name"], wanted=error.wanted, came=error.came.replace(place, row["name"]), todo=error.todo
+            ) from None
+    if new.preset is None:
+        raise InputError("the new printer", wanted="a preset or an upload", came="neither", todo="choose one")
+    return read_printer(new.preset), ()
+
+
+def _resized(printer: Printer, bed_mm: list[float]) -> Printer:
+    """Return a printer with another bed; an end stop at the far edge moves with it."""
+    axes = []
+    for axis, size in zip((printer.x, printer.y), bed_mm, strict=True):
+        high = axis.min_mm + size
+        home = axis.home_mm + (high - axis.max_mm if axis.home_side == "max" else 0.0)
+        axes.append(replace(axis, max_mm=high, home_mm=home))
+    return replace(printer, x=axes[0], y=axes[1])
+
+
+@router.get("/{key}")
+def printer(here: Here, key: Key) -> PrinterCard:
+    """Return a printer."""
+    return _card(here, here.store.printer(key))
+
+
+@router.patch("/{key}")
+def rename(here: Here, key: Key, new: Renamed) -> PrinterCard:
+    """Give a printer another name."""
+    here.store.printer(key)
+    here.store.rename_printer(key, new.name)
+    return _card(here, here.store.printer(key))
+
+
+@router.delete("/{key}", status_code=204)
+def remove(here: Here, key: Key) -> None:
+    """Remove a printer, its model, its measurements and its jobs."""
+    folder = _folder(here, key)
+    for job in here.store.jobs(printer=key, most=100_000):
+        here.jobs.remove(job["id"])
+    here.store.forget("printer", key)
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+@router.get("/{key}/files/{name}", response_class=FileResponse)
+def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> FileResponse:
+    """Fetch one of a printer's files: printer.toml, probe.gcode, probe.json, printer.mend.json."""
+    path = _folder(here, key) / name
+    if name not in _OFFERED or not path.is_file():
+        raise NotThereError(name, wanted="a file of this printer", came="none", todo=f"there may be {_OFFERED}")
+    return FileResponse(path, filename=name, headers={"Cache-Control": "no-store"})
+
+
+@router.post("/{key}/probe", tags=["measure"])
+def probe(here: Here, key: Key, wanted: ProbeIn) -> ProbeCard:
+    """Write the printer's test print and its plan."""
+    from printmend.measure.plan import keep_plan
+    from printmend.probe import cost, design_probe, expected_error_mm, write_probe
+    from printmend.probe.start import homed_start
+
+    folder = _folder(here, key)
+    printer = read_printer(folder / PRINTER)
+    plan = design_probe(printer, size_mm=wanted.size_mm)
+    if not wanted.overwrite:
+        keep_plan(folder / PLAN, plan)
+    start = printer.start_gcode and homed_start(printer.start_gcode, subject="the start code")
+    write_probe(folder / PROBE, plan, extruder=printer.extruder, start_gcode=start)
+    minutes, grams = cost(plan)
+    return ProbeCard(
+        marks=len(plan), minutes=minutes, grams=grams, expected_mm=expected_error_mm(printer, plan),
+        marks_mm=plan.marks_mm.round(2).tolist(), big=plan.big.tolist(), bed_mm=_bed(printer),
+    )  # fmt: skip
+
+
+def _need(folder: Path, name: str, todo: str) -> None:
+    if not (folder / name).is_file():
+        raise InputError("this printer", wanted=name, came="none yet", todo=todo)
+
+
+def _scans(here: Studio, scans: ScansIn) -> dict[str, Any]:
+    rows = [here.store.upload(key) for key in scans.uploads]
+    given = {"dpi": scans.dpi, "distance_mm": scans.distance_mm}
+    return {"scans": [{"upload": row["id"], "name": plain_name(row["name"])} for row in rows], **given}
+
+
+@router.post("/{key}/measure", status_code=202, tags=["measure"])
+def measure(here: Here, key: Key, scans: ScansIn) -> JobCard:
+    """Find the marks of the printed test print in scans or photos: a job."""
+    _need(_folder(here, key), PLAN, "write the test print first")
+    return card(here, here.jobs.submit("measure", key, {"printer": key, **_scans(here, scans)}))
+
+
+@router.post("/{key}/learn", status_code=202, tags=["measure"])
+def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
+    """Learn what is wrong from a measurement: a job; what it learns is the printer's model from then on."""
+    folder = _folder(here, key)
+    if (given.measurement is None) == (given.upload is None):
+        raise InputError("learn", wanted="a measurement or an upload", came="not one of them", todo="give one")
+    if given.upload is not None:
+        here.store.upload(given.upload)
+        return card(here, here.jobs.submit("learn", key, {"printer": key, "upload": given.upload}))
+    job = here.store.job(str(given.measurement))
+    if job["printer"] != key or job["kind"] != "measure" or job["state"] != "done":
+        raise InputError(
+            job["id"], wanted="a measurement of this printer", came="another job", todo="measure the test print"
+        )
+    _need(folder, PLAN, "write the test print first")
+    params = {"printer": key, "measurement": job["id"], "exclude": given.exclude}
+    return card(here, here.jobs.submit("learn", key, params))
+
+
+def _distances(here: Studio, key: str) -> Any:
+    from printmend.learn.callipers import choose_distances
+    from printmend.measure import read_plan
+
+    folder = _folder(here, key)
+    _need(folder, PLAN, "write the test print first")
+    return choose_distances(read_plan(folder / PLAN))
+
+
+@router.get("/{key}/callipers", tags=["measure"])
+def distances(here: Here, key: Key) -> list[Distance]:
+    """List the distances to take with callipers, where there is no scanner."""
+    chosen = _distances(here, key)
+    marks = chosen.plan.marks_mm.round(2)
+    return [
+        Distance(first_mm=marks[one].tolist(), second_mm=marks[two].tolist(), about_mm=round(float(about), 2))
+        for (one, two), about in zip(chosen.pairs, chosen.across_mm, strict=True)
+    ]
+
+
+@router.post("/{key}/callipers", tags=["measure"])
+def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
+    """Learn from distances that were taken with callipers: scale, play, pulleys off their centre, skew."""
+    from printmend.learn.callipers import estimate, mechanism, parse_readings
+    from printmend.saved.model import saved_model, write_model
+
+    chosen, folder = _distances(here, key), _folder(here, key)
+    text = "\n".join("" if value is None else f"{value:.6f}" for value in given.readings_mm) + "\n"
+    estimates = estimate(chosen, parse_readings(text, chosen, subject="the distances"))
+    model = mechanism(estimates, read_printer(folder / PRINTER))
+    found = tuple(str(one) for one in estimates)
+    write_model(folder / MODEL, saved_model(model, learner="callipers", findings=found))
+    return known(here, key)
+
+
+@router.get("/{key}/known")
+def known(here: Here, key: Key) -> Known:
+    """Return what is known of a printer."""
+    from printmend.saved.model import read_model
+    from printmend.studio.said import said
+
+    folder = _folder(here, key)
+    history: list[dict[str, Any]] = []
+    for job in here.store.jobs(printer=key)[::-1]:
+        result = job["result"] or {}
+        if job["state"] == "done" and job["kind"] == "learn":
+            history.append({"event": "learned", "at_s": job["ended_s"], "now_mm": result["said"]["before_mm"],
+                            "digest": result["said"]["digest"]})  # fmt: skip
+        if job["state"] == "done" and job["kind"] == "verify":
+            history.append({"event": "verified", "at_s": job["ended_s"], **result["verdict"]})
+    model = said(read_model(folder / MODEL)) if (folder / MODEL).is_file() else None
+    return Known(said=model, history=history)
+
+
+@router.post("/{key}/mend", status_code=202, tags=["mend"])
+def mend(here: Here, key: Key, given: MendIn) -> JobCard:
+    """Mend an uploaded G-code file for this printer: a job."""
+    _need(_folder(here, key), MODEL, "measure its test print first")
+    name = plain_name(here.store.upload(given.upload)["name"])
+    params = {"printer": key, "upload": given.upload, "name": name, "scene": given.scene}
+    return card(here, here.jobs.submit("mend", key, params))
+
+
+@router.post("/{key}/check", status_code=202, tags=["prove"])
+def check_print(here: Here, key: Key) -> JobCard:
+    """Mend the test print itself, to be printed and measured as the proof: a job."""
+    folder = _folder(here, key)
+    _need(folder, PROBE, "write the test print first")
+    _need(folder, MODEL, "measure its test print first")
+    return card(here, here.jobs.submit("check", key, {"printer": key}))
+
+
+@router.post("/{key}/verify", status_code=202, tags=["prove"])
+def verify(here: Here, key: Key, scans: ScansIn) -> JobCard:
+    """Measure the printed check print and compare it with the promise: a job."""
+    _need(_folder(here, key), MODEL, "measure its test print first")
+    return card(here, here.jobs.submit("verify", key, {"printer": key, **_scans(here, scans)}))
+
+
+@router.post("/{key}/update/{job}", tags=["prove"])
+def update(here: Here, key: Key, job: Key) -> Known:
+    """Take over the model that a check print brought up to date."""
+    folder = _folder(here, key)
+    row = here.store.job(job)
+    if row["printer"] != key or row["kind"] != "verify" or row["state"] != "done":
+        raise InputError(job, wanted="a check print of this printer", came="another job", todo="verify one first")
+    with replacing(folder / MODEL) as file:
+        file.write((here.store.path("job", job) / MODEL).read_text(encoding="utf-8"))
+    return known(here, key)

@@ -1,12 +1,12 @@
 """What the API takes and gives, checked and documented in one place: the OpenAPI file is made from these."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from printmend.studio.play import MOST_DENT_MM, MOST_PLAY_MM, MOST_SKEW_DEG, Faults, Shape, Side
 
-Key = Field(pattern=r"^[0-9a-f]{16}$", description="a key that the studio gave", examples=["0123456789abcdef"])
+KEY = r"^[0-9a-f]{16}$"
 
 
 class Strict(BaseModel):
@@ -51,7 +51,7 @@ class NewPrinter(Strict):
 
     name: str = Field(default="", max_length=80)
     preset: str | None = Field(default=None, max_length=80, description="the preset, or whose motors a profile gets")
-    upload: str | None = Field(default=None, pattern=r"^[0-9a-f]{16}$", description="an uploaded description")
+    upload: str | None = Field(default=None, pattern=KEY, description="an uploaded description")
     bed_mm: list[float] | None = Field(
         default=None, min_length=2, max_length=2, description="width and depth, where they differ from the preset's"
     )
@@ -137,5 +137,63 @@ class Preview(BaseModel):
 class MendIn(Strict):
     """An uploaded G-code file to be mended for a printer."""
 
-    upload: str = Key
+    upload: str = Field(pattern=KEY)
     scene: bool = Field(default=True, description="also make the three-dimensional picture")
+
+
+class ProbeIn(Strict):
+    """Which test print to write."""
+
+    size_mm: float | None = Field(default=None, ge=30, le=1000, description="side of its square; else the bed's")
+    overwrite: bool = Field(default=False, description="also where another test print's plan is there")
+
+
+class ProbeCard(BaseModel):
+    """A printer's test print, and what it costs."""
+
+    marks: int
+    minutes: float
+    grams: float
+    expected_mm: float = Field(description="the error that will be left anywhere on the bed, root mean square")
+    marks_mm: list[list[float]]
+    big: list[bool]
+    bed_mm: list[float]
+
+
+class ScansIn(Strict):
+    """Uploaded scans or photos of one printed test print."""
+
+    uploads: list[Annotated[str, Field(pattern=KEY)]] = Field(min_length=1, max_length=8)
+    dpi: float | None = Field(default=None, ge=50, le=9600, description="where the files do not say it")
+    distance_mm: float | None = Field(default=None, ge=1, le=1000, description="between the two dots that were named")
+
+
+class LearnIn(Strict):
+    """A measurement to learn from: a job that measured, or an uploaded table."""
+
+    measurement: str | None = Field(default=None, pattern=KEY, description="the job that found the marks")
+    exclude: list[Annotated[int, Field(ge=0, le=100_000)]] = Field(
+        default_factory=list, max_length=100_000, description="numbers of marks to leave out"
+    )
+    upload: str | None = Field(default=None, pattern=KEY, description="a trace.csv")
+
+
+class Distance(BaseModel):
+    """A distance to take with callipers: outer edge to outer edge of two large dots."""
+
+    first_mm: list[float]
+    second_mm: list[float]
+    about_mm: float
+
+
+class ReadingsIn(Strict):
+    """What the callipers said, in the order of the list; null where nothing was taken."""
+
+    readings_mm: list[Annotated[float, Field(gt=0, lt=2000)] | None] = Field(min_length=1, max_length=12)
+
+
+class Known(BaseModel):
+    """What is known of a printer: its faults in words and pictures, its history."""
+
+    said: dict[str, Any] | None
+    history: list[dict[str, Any]] = Field(description="measurements and check prints, the oldest first")

@@ -83,7 +83,7 @@ def run(kind: str, folder: str, data: str, params: Params) -> dict[str, Any]:
     try:
         result = KINDS[kind](job)
     except PrintmendError as error:
-        return {"error": str(error)}
+        return {"error": str(error).replace(f"{folder}{os.sep}", "").replace(f"{data}{os.sep}", "")}
     return {**result, "files": job.files}
 
 
@@ -104,9 +104,7 @@ def _mend(job: Job) -> dict[str, Any]:
 
     model = read_model(job.printer_folder / MODEL)
     source, name = job.upload(job.params["upload"]), job.params["name"]
-    named = job.folder / name
-    if not named.exists():
-        os.link(source, named)  # what kind of file it is, its name says
+    named = _named(job, job.params["upload"], name)
     size = max(source.stat().st_size, 1)
     job.tell(0.05, "read")
     if job.params.get("scene", True):
@@ -135,6 +133,131 @@ def _mend(job: Job) -> dict[str, Any]:
                        for layer in prediction.layers],
             "bytes": source.stat().st_size, "digest": model.digest,
             "summary": prediction.summary()}  # fmt: skip
+
+
+def _named(job: Job, upload: str, name: str) -> Path:
+    """Return an upload under the name that it came with: messages name it, and it says what kind of file it is."""
+    place = job.folder / name
+    if not place.exists():
+        os.link(job.upload(upload), place)
+    return place
+
+
+def _measure(job: Job) -> dict[str, Any]:
+    """Find the marks of a printed test print in scans or photos."""
+    from printmend.measure import read_plan, write_trace
+    from printmend.measure.measurement import measure_scans
+
+    plan = read_plan(job.printer_folder / PLAN)
+    paths = [_named(job, one["upload"], f"{i + 1}-{one['name']}") for i, one in enumerate(job.params["scans"])]
+    job.tell(0.1, "measure")
+    seen: dict[str, Any] = {}
+
+    def look(reading: Any) -> None:
+        factor = _write_seen(job.file("seen.jpg"), reading.image)
+        px = np.full((len(plan), 2), np.nan)
+        found = reading.marks.found
+        px[found] = (reading.dots.centre_px[reading.marks.match.dot[found]] + 0.5) * factor
+        seen.update(marks_px=_plain(px, 1), size_px=[round(side * factor) for side in reading.image.shape[1::-1]],
+                    radius_px=_plain(plan.diameter_mm / 2 / reading.mm_per_px * factor, 1))  # fmt: skip
+        job.tell(0.5, "measure")
+
+    measurement = measure_scans(
+        paths, plan, dpi=job.params.get("dpi"), distance_mm=job.params.get("distance_mm"), look=look
+    )
+    write_trace(job.file("trace.csv"), measurement.trace)
+    off = measurement.measured_mm - plan.marks_mm
+    return {
+        **seen, "marks": len(plan), "missing": measurement.missing.tolist(), "odd": _odd(plan.marks_mm, off),
+        "notes": [note.replace(f"{job.folder}{os.sep}", "") for note in measurement.notes],
+        "errors_mm": _plain(off, 4), "marks_mm": _plain(plan.marks_mm, 2), "big": plan.big.tolist(),
+        "rms_mm": float(np.sqrt(np.nanmean(np.nansum(off**2, axis=1)))),
+    }  # fmt: skip
+
+
+_NEIGHBOURS, _ODD_SIGMAS = 12, 8.0
+
+
+def _odd(marks_mm: np.ndarray, off_mm: np.ndarray) -> list[int]:
+    """Return the marks that lie far from where their neighbours would put them: dirt, or a dot that moved."""
+    from scipy.spatial import KDTree
+
+    found = np.flatnonzero(np.isfinite(off_mm).all(axis=1))
+    if len(found) <= _NEIGHBOURS:
+        return []
+    _, near = KDTree(marks_mm[found]).query(marks_mm[found], _NEIGHBOURS)
+    apart = np.hypot(*(off_mm[found] - np.median(off_mm[found][near], axis=1)).T)
+    usual = max(float(np.median(apart)), 0.005)
+    return [int(mark) for mark in found[apart > _ODD_SIGMAS * usual]]
+
+
+def _plain(values: np.ndarray, digits: int) -> list[Any]:
+    """Return rounded numbers, None where there is none."""
+    rounded = np.round(values, digits)
+    return np.where(np.isfinite(rounded), rounded.astype(object), np.array(None)).tolist()
+
+
+def _learn(job: Job) -> dict[str, Any]:
+    """Learn a machine from a measurement, or from a table of one's own; keep it as the printer's model."""
+    from dataclasses import replace
+
+    from printmend.measure import read_plan, read_trace
+    from printmend.printer import read_printer
+    from printmend.repair.learned import learn_model
+    from printmend.saved.model import write_model
+    from printmend.studio.said import said
+
+    printer = read_printer(job.printer_folder / PRINTER)
+    job.tell(0.1, "learn")
+    if "upload" in job.params:
+        trace = read_trace(_named(job, job.params["upload"], "trace.csv"), printer)
+    else:
+        trace = read_trace(job.data / "jobs" / job.params["measurement"] / "trace.csv", printer)
+        rows = read_plan(job.printer_folder / PLAN).rows
+        measured = trace.measured_mm.copy()
+        measured[rows[[mark for mark in job.params["exclude"] if mark < len(rows)]]] = np.nan
+        trace = replace(trace, measured_mm=measured)
+    model = learn_model(trace, printer)
+    job.tell(0.95, "learn")
+    write_model(job.file(MODEL), model)
+    write_model(job.printer_folder / MODEL, model)
+    return {"said": said(model)}
+
+
+def _check_print(job: Job) -> dict[str, Any]:
+    """Mend the test print itself: printed and measured, it shows whether the promise is kept."""
+    from printmend.repair import mend_gcode
+    from printmend.saved.model import read_model
+
+    model = read_model(job.printer_folder / MODEL)
+    prediction = mend_gcode(job.printer_folder / PROBE, model, job.file("check.mended.gcode"), force=True).prediction
+    return {"summary": prediction.summary(), "digest": model.digest}
+
+
+def _verify(job: Job) -> dict[str, Any]:
+    """Measure a mended check print and compare it with what was promised."""
+    from printmend.measure import read_plan, read_trace
+    from printmend.measure.measurement import measure_scans
+    from printmend.repair.verify import remember_verdict, updated, verify
+    from printmend.saved.model import read_model, write_model
+
+    model = read_model(job.printer_folder / MODEL)
+    paths = [_named(job, one["upload"], f"{i + 1}-{one['name']}") for i, one in enumerate(job.params["scans"])]
+    job.tell(0.1, "measure")
+    if len(paths) == 1 and paths[0].suffix.lower() == ".csv":
+        trace = read_trace(paths[0], model.printer)
+    else:
+        plan = read_plan(job.printer_folder / PLAN)
+        trace = measure_scans(
+            paths, plan, dpi=job.params.get("dpi"), distance_mm=job.params.get("distance_mm"),
+            look=lambda reading: job.tell(0.5, "measure"),
+        ).trace  # fmt: skip
+    job.tell(0.8, "compare")
+    verdict = verify(model, trace)
+    remember_verdict(job.printer_folder / MODEL, model, verdict)
+    newer = updated(model, trace)
+    write_model(job.file(MODEL), newer.model)
+    return {"verdict": verdict.json(), "words": verdict.words, "newer": newer.words}
 
 
 def mended_name(name: str) -> str:
@@ -216,4 +339,6 @@ def _write_seen(path: Path, image: np.ndarray) -> float:
     return factor
 
 
-KINDS: dict[str, Callable[[Job], dict[str, Any]]] = {"mend": _mend, "play": _play}
+KINDS: dict[str, Callable[[Job], dict[str, Any]]] = {
+    "mend": _mend, "play": _play, "measure": _measure, "learn": _learn, "check": _check_print, "verify": _verify,
+}  # fmt: skip

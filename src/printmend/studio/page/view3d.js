@@ -50,7 +50,7 @@ void main() {
   vec3 normal = normalize(sideDir * across + faceDir * rise);
   float light = 0.42 + 0.5 * max(dot(normal, normalize(vec3(-0.35, 0.65, 0.7))), 0.0) + 0.14 * max(dot(normal, normalize(vec3(0.7, 0.1, 0.5))), 0.0);
   vec3 base = tinted > 0.5 ? ramp(clamp(err / most, 0.0, 1.0)) : plain;
-  colour = vec4(base * light * mix(0.72, 1.04, rise), 1.0);
+  colour = vec4(base * light * mix(0.8, 1.06, rise), 1.0);
 }`;
 const COARSE = { gpu: 700000, cpu: 14000 }; // segments that are turned without a jerk
 
@@ -135,7 +135,7 @@ export class View {
     const size = Math.hypot(...low.map((v, i) => high[i] - v)) || 50;
     const narrow = Math.min(1, this.camera.aspect);
     this.controls.target.copy(middle);
-    this.camera.position.copy(middle).addScaledVector(new Vector3(...from).normalize(), (size * 1.72) / narrow);
+    this.camera.position.copy(middle).addScaledVector(new Vector3(...from).normalize(), (size * 1.42) / narrow);
     this.camera.near = size / 60;
     this.camera.far = size * 12;
     this.camera.updateProjectionMatrix();

@@ -1,0 +1,135 @@
+// Measure: the test print, and what was seen of it, by scan, by callipers or as a table.
+import { html, useEffect, useRef, useState } from "./vendor.js";
+import { fileOf, get, post, upload } from "./api.js";
+import { Plate } from "./drawings.js";
+import { Drop } from "./drop.js";
+import { ended, Problem, Progress, useJob } from "./job.js";
+import { mm, number, t, typed } from "./words.js";
+
+export function Measure({ printer, changed }) {
+  const [probe, setProbe] = useState(null), [error, setError] = useState(null), [size, setSize] = useState(""), [way, setWay] = useState("scan");
+  const make = async (overwrite = false) => {
+    const side = typed(size);
+    try { setProbe(await post(`/printers/${printer.id}/probe`, { size_mm: Number.isNaN(side) ? null : side, overwrite })); setError(null); changed(); } catch (problem) {
+      if (!overwrite && /plan of another test print/.test(problem.message)) { if (confirm(t("overwrite_sure"))) await make(true); } else setError(problem.message);
+    }
+  };
+  const learned = () => { changed(); location.hash = `#/printers/${printer.id}/wrong`; };
+  return html`<${Problem} error=${error} /><div class="split"><section class="card stack"><h2>${t("plate")}</h2><p class="soft">${t("plate_now")}</p>
+      ${probe && html`<div style=${{ height: "17rem" }}><${Plate} id="plate" marks=${probe.marks_mm} errors=${probe.marks_mm.map(() => [0, 0])} big=${probe.big} bed=${probe.bed_mm} enlarge="1" /></div>
+        <p><b>${t("plate_facts", { marks: probe.marks, minutes: number(probe.minutes, 0), grams: number(probe.grams, 1) })}</b><br /><span class="faint">${t("plate_left", { mm: mm(probe.expected_mm) })}</span></p>`}
+      ${printer.has_probe && html`<a class="button primary" href=${`/api/printers/${printer.id}/files/probe.gcode`} download>${t("download_plate")}</a>`}
+      <label class="field">${t("plate_size")}<input inputmode="decimal" value=${size} onInput=${(event) => setSize(event.target.value)} /></label>
+      <button class=${printer.has_probe ? "" : "primary"} onClick=${() => make()}>${t(printer.has_probe ? "plate_again" : "plate_make")}</button></section>
+    <div class="stack"><div class="segment" role="group" aria-label=${t("tab_measure")}>${["scan", "callipers", "table"].map((one) => html`<button aria-pressed=${way === one} onClick=${() => setWay(one)}>${t(`by_${one}`)}</button>`)}</div>
+      ${way === "scan" && html`<${Scan} printer=${printer} learned=${learned} />`}
+      ${way === "callipers" && html`<${Callipers} printer=${printer} learned=${learned} />`}
+      ${way === "table" && html`<${Table} printer=${printer} learned=${learned} />`}</div></div>`;
+}
+
+// Learn as a job; `done` when it is over.
+export function useLearn(printer, done) {
+  const [key, setKey] = useState(null), [error, setError] = useState(null), job = useJob(key);
+  useEffect(() => {
+    if (job?.state === "done") done();
+    if (job?.state === "failed") setError(job.error);
+    if (ended(job)) setKey(null);
+  }, [job?.state]);
+  const learn = async (given) => { setError(null); try { setKey((await post(`/printers/${printer.id}/learn`, given)).id); } catch (problem) { setError(problem.message); } };
+  return { learn, job: key ? job ?? { id: key, state: "queued", share: 0 } : null, error };
+}
+
+function Scan({ printer, learned }) {
+  const [key, setKey] = useState(null), [error, setError] = useState(null), [sent, setSent] = useState(null), [dpi, setDpi] = useState(""), [distance, setDistance] = useState("");
+  const [out, setOut] = useState(new Set()), [uploads, setUploads] = useState([]), job = useJob(key), { learn, job: learning, error: failed } = useLearn(printer, learned);
+  const run = async (keys) => {
+    setOut(new Set());
+    const [d, mm_] = [typed(dpi), typed(distance)];
+    try { setKey((await post(`/printers/${printer.id}/measure`, { uploads: keys, dpi: Number.isNaN(d) ? null : d, distance_mm: Number.isNaN(mm_) ? null : mm_ })).id); } catch (problem) { setError(problem.message); }
+  };
+  const take = async (files) => {
+    setError(null); setKey(null);
+    try { const keys = []; for (const [i, file] of files.entries()) keys.push((await upload(file, (share) => setSent((i + share) / files.length))).id); setUploads(keys); await run(keys); } catch (problem) { setError(problem.message); }
+    setSent(null);
+  };
+  useEffect(() => { if (job?.state === "done") setOut(new Set(job.result.odd)); if (job?.state === "failed") setError(job.error); }, [job?.state]);
+  const result = job?.state === "done" ? job.result : null;
+  const toggle = (mark) => setOut((old) => { const next = new Set(old); if (!next.delete(mark)) next.add(mark); return next; });
+  return html`<${Problem} error=${error ?? failed} />
+    ${sent !== null && html`<section class="card"><progress max="1" value=${sent} aria-label=${t("sending")}></progress></section>`}
+    ${key && !ended(job) && html`<section class="card"><${Progress} job=${job ?? { id: key, state: "queued", share: 0 }} steps=${["measure"]} /></section>`}
+    ${result && html`<section class="card stack"><div class="row between"><h2>${t("marks_found", { found: result.marks - result.missing.length, marks: result.marks })}</h2>
+        <button class="primary" disabled=${Boolean(learning)} onClick=${() => learn({ measurement: job.id, exclude: [...out] })}>${t(learning ? "learning" : "learn")}</button></div>
+      <${Progress} job=${learning} /><${Marks} job=${job} out=${out} toggle=${toggle} /><p class="faint">${t("click_mark")}</p>
+      <ul class="faint" style=${{ margin: 0, paddingLeft: "1.1rem" }}>${result.notes.map((note) => html`<li>${note}</li>`)}</ul></section>`}
+    <${Drop} multiple accept="image/*" onFiles=${take} disabled=${!printer.has_probe}><p><b>${printer.has_probe ? t("drop_scan") : t("calliper_need")}</b></p><p class="faint">${t("scan_tip")}</p></${Drop}>
+    <div class="row" style=${{ alignItems: "end" }}><label class="field">${t("dpi")}<input inputmode="decimal" value=${dpi} onInput=${(event) => setDpi(event.target.value)} /></label>
+      <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label>
+      ${uploads.length > 0 && html`<button onClick=${() => run(uploads)}>${t("again")}</button>`}</div>`;
+}
+
+// The scan with rings around what was found; wheel and drag, buttons and keys move it.
+function Marks({ job, out, toggle }) {
+  const { size_px: size, marks_px: marks, radius_px: radius, odd } = job.result, svg = useRef(), start = useRef(null);
+  const [box, setBox] = useState([0, 0, ...size]), odds = new Set(odd);
+  const zoom = (factor, at = [0.5, 0.5]) => setBox(([x, y, w, h]) => {
+    const to = Math.min(1, Math.max(0.02, (w / size[0]) * factor));
+    const [nw, nh] = [size[0] * to, size[1] * to];
+    return [x + (w - nw) * at[0], y + (h - nh) * at[1], nw, nh];
+  });
+  useEffect(() => {
+    const wheel = (event) => { event.preventDefault(); const place = svg.current.getBoundingClientRect(); zoom(event.deltaY > 0 ? 1.2 : 1 / 1.2, [(event.clientX - place.left) / place.width, (event.clientY - place.top) / place.height]); };
+    svg.current.addEventListener("wheel", wheel, { passive: false });
+    return () => svg.current?.removeEventListener("wheel", wheel);
+  }, []);
+  const move = (event) => {
+    if (!event.buttons || !start.current) return;
+    const place = svg.current.getBoundingClientRect(), scale = Math.max(box[2] / place.width, box[3] / place.height);
+    setBox([start.current[2] - (event.clientX - start.current[0]) * scale, start.current[3] - (event.clientY - start.current[1]) * scale, box[2], box[3]]);
+  };
+  const keys = (event) => {
+    const step = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[event.key];
+    if (step) setBox(([x, y, w, h]) => [x + step[0] * w, y + step[1] * h, w, h]);
+    else if (event.key === "+") zoom(1 / 1.3); else if (event.key === "-") zoom(1.3); else return;
+    event.preventDefault();
+  };
+  const kind = (i) => (out.has(i) ? "out" : odds.has(i) ? "odd" : "found");
+  const colour = { found: "var(--good)", odd: "var(--warn)", out: "var(--bad)" };
+  return html`<div class="stage"><svg ref=${svg} class="fill" viewBox=${box.join(" ")} tabindex="0" role="img" aria-label=${t("scanned")} style=${{ touchAction: "none", cursor: "grab" }} onKeyDown=${keys}
+      onPointerDown=${(event) => { start.current = [event.clientX, event.clientY, box[0], box[1]]; }} onPointerMove=${move} onPointerUp=${() => { start.current = null; }}>
+      <image href=${fileOf(job, "seen.jpg")} width=${size[0]} height=${size[1]} />
+      ${marks.map((place, i) => place[0] !== null && html`<circle cx=${place[0]} cy=${place[1]} r=${radius[i] * 1.5 + 2} fill="transparent" stroke=${colour[kind(i)]} stroke-width=${kind(i) === "found" ? 1.4 : 2.6} vector-effect="non-scaling-stroke" style=${{ cursor: "pointer" }} onClick=${() => toggle(i)} />`)}</svg>
+    <div class="over"><div class="glass row"><span style=${{ color: "var(--warn)" }}>${t("odd")} ${odd.length}</span><span style=${{ color: "var(--bad)" }}>${t("left_out")} ${out.size}</span><span>${t("missing")} ${job.result.missing.length}</span></div>
+      <div class="segment"><button aria-label=${t("zoom_in")} onClick=${() => zoom(1 / 1.5)}>+</button><button aria-label=${t("zoom_out")} onClick=${() => zoom(1.5)}>−</button></div></div></div>`;
+}
+
+function Callipers({ printer, learned }) {
+  const [list, setList] = useState(null), [values, setValues] = useState([]), [error, setError] = useState(null);
+  useEffect(() => { if (printer.has_probe) get(`/printers/${printer.id}/callipers`).then((found) => { setList(found); setValues(found.map(() => "")); }, (problem) => setError(problem.message)); }, [printer.has_probe]);
+  const go = async () => {
+    const readings = values.map((text) => (text.trim() === "" ? null : typed(text)));
+    const wrong = readings.findIndex((value) => Number.isNaN(value));
+    if (wrong >= 0) { setError(`${t("calliper_row", { n: wrong + 1, about: number(list[wrong].about_mm, 1) })}: ${values[wrong]}`); return; }
+    try { await post(`/printers/${printer.id}/callipers`, { readings_mm: readings }); learned(); } catch (problem) { setError(problem.message); }
+  };
+  if (!printer.has_probe) return html`<p class="note">${t("calliper_need")}</p>`;
+  return html`<${Problem} error=${error} /><section class="card stack"><p class="soft">${t("calliper_now")}</p>
+    <div class="grid">${list?.map((one, i) => html`<label class="field"><${Pair} bed=${printer.bed_mm} one=${one} n=${i + 1} />${t("calliper_row", { n: i + 1, about: number(one.about_mm, 1) })}
+      <input inputmode="decimal" value=${values[i]} onInput=${(event) => setValues(values.map((old, j) => (i === j ? event.target.value : old)))} /></label>`)}</div>
+    <button class="primary" disabled=${!list} onClick=${go}>${t("calliper_go")}</button></section>`;
+}
+
+function Pair({ bed: [x0, y0, x1, y1], one: { first_mm: a, second_mm: b }, n }) {
+  return html`<svg viewBox="${x0 - 6} ${-y1 - 6} ${x1 - x0 + 12} ${y1 - y0 + 12}" style=${{ width: "100%", maxHeight: "9rem" }} aria-hidden="true"><rect x=${x0} y=${-y1} width=${x1 - x0} height=${y1 - y0} rx="4" fill="var(--well)" class="axis" />
+    <path d=${`M${a[0]} ${-a[1]}L${b[0]} ${-b[1]}`} stroke="var(--accent)" stroke-width="1.6" vector-effect="non-scaling-stroke" />${[a, b].map((p) => html`<circle cx=${p[0]} cy=${-p[1]} r="5" fill="var(--accent)" />`)}
+    <text x=${(a[0] + b[0]) / 2} y=${-(a[1] + b[1]) / 2 - 5} style=${{ fontSize: "18px", fontWeight: 600 }}>${n}</text></svg>`;
+}
+
+function Table({ printer, learned }) {
+  const [text, setText] = useState(""), { learn, job, error } = useLearn(printer, learned), [failed, setFailed] = useState(null);
+  const go = async (file) => { try { await learn({ upload: (await upload(file)).id }); setFailed(null); } catch (problem) { setFailed(problem.message); } };
+  return html`<${Problem} error=${failed ?? error} /><section class="card stack"><label class="field"><span>${t("table_now")}</span>
+      <textarea rows="12" spellcheck="false" value=${text} placeholder="x_mm,y_mm,x_measured_mm,y_measured_mm" onInput=${(event) => setText(event.target.value)}></textarea></label>
+    <${Progress} job=${job} /><button class="primary" disabled=${!text.trim() || Boolean(job)} onClick=${() => go(new File([text.endsWith("\n") ? text : `${text}\n`], "trace.csv"))}>${t(job ? "learning" : "table_go")}</button></section>
+    <${Drop} accept=".csv,text/csv" onFiles=${([file]) => go(file)}><p>${t("drop_table")}</p></${Drop}>`;
+}

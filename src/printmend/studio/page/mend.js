@@ -1,0 +1,72 @@
+// Mend: files in, and each as wanted, as this printer prints it, and mended.
+import { html, useEffect, useState } from "./vendor.js";
+import { fileOf, get, post, scene as fetchScene, upload } from "./api.js";
+import { Number_ } from "./drawings.js";
+import { Drop } from "./drop.js";
+import { ended, Problem, Progress, useJob } from "./job.js";
+import { Part } from "./part.js";
+import { mm, number, t } from "./words.js";
+
+const STEPS = ["read", "mend", "draw"];
+
+export function Mend({ printer }) {
+  const [rows, setRows] = useState([]), [shown, setShown] = useState(null), [error, setError] = useState(null);
+  useEffect(() => {
+    get(`/jobs?printer=${printer.id}`).then((jobs) => {
+      const mine = jobs.filter((job) => job.kind === "mend").slice(0, 30).map((job) => ({ id: job.id, name: job.params.name, state: job.state }));
+      setRows(mine);
+      if (mine.length) setShown((old) => old ?? mine[0].id);
+    }, (problem) => setError(problem.message));
+  }, [printer.id]);
+  const take = async (files) => {
+    setError(null);
+    for (const file of files) {
+      const row = { id: null, name: file.name, state: "sending", at: Math.random() };
+      const put = (values) => setRows((old) => old.map((one) => (one.at === row.at ? { ...one, ...values } : one)));
+      setRows((old) => [row, ...old]);
+      try {
+        const job = await post(`/printers/${printer.id}/mend`, { upload: (await upload(file)).id });
+        put({ id: job.id, state: job.state });
+        setShown(job.id);
+      } catch (problem) { put({ state: "failed" }); setError(problem.message); }
+    }
+  };
+  if (!printer.digest) return html`<p class="note">${t("no_model")}</p>`;
+  return html`<${Problem} error=${error} /><div class="split"><div class="stack">
+      <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}>
+      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<button class="quiet row between" style=${{ justifyContent: "space-between", textAlign: "left" }} aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span style=${{ overflowWrap: "anywhere" }}>${row.name}</span>
+        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.id === shown ? "●" : ""}</span></button>`)}</section>`}</div>
+    <div class="stack">${shown ? html`<${File_} key=${shown} id=${shown} bed=${printer.bed_mm} />` : html`<div class="stage"></div>`}</div></div>`;
+}
+
+function File_({ id, bed }) {
+  const job = useJob(id), [scene, setScene] = useState(null), [error, setError] = useState(null);
+  const has = (name) => job?.files?.includes(name), best = job?.state === "done" && has("scene.bin") ? "scene.bin" : has("wanted.bin") && (ended(job) || job?.step !== "read") ? "wanted.bin" : null;
+  useEffect(() => { if (best) fetchScene(fileOf(job, best)).then(setScene, (problem) => setError(problem.message)); }, [best]);
+  const result = job?.state === "done" ? job.result : null;
+  return html`<${Problem} error=${error ?? (job?.state === "failed" ? job.error : null)} />
+    ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
+    ${job && !ended(job) && html`<section class="card"><${Progress} job=${job} steps=${STEPS} /></section>`}
+    ${scene ? html`<${Part} scene=${scene} bed=${bed} name=${job?.params.name ?? "part"} morph=${scene.mended ? 2 : 1} />` : !ended(job) && html`<div class="stage"></div>`}
+    ${result && html`<${Numbers} job=${job} />`}`;
+}
+
+function Numbers({ job }) {
+  const { prediction: p, output, refused, layers } = job.result;
+  return html`<section class="card stack"><div class="row between" style=${{ alignItems: "start" }}><div class="numbers" style=${{ flex: 1 }}>
+        <${Number_} value=${mm(p.before.rms_mm)}>${t("rms_raw")}<br />${t("p95", { mm: mm(p.before.p95_mm) })}</${Number_}>
+        <${Number_} value=${mm(p.after.rms_mm)}>${t("rms_mended")}<br />${t("p95", { mm: mm(p.after.p95_mm) })}${p.after.rms_high_mm > p.after.rms_low_mm && html`<br />${t("range", { low: mm(p.after.rms_low_mm), high: mm(p.after.rms_high_mm) })}`}</${Number_}></div>
+      ${output && html`<a class="button primary big" href=${fileOf(job, output)} download=${output}>${t("download")}</a>`}</div>
+    ${refused && html`<p class="problem">${refused}</p>`}
+    <p class="faint">${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${p.clamped > 0 && html`<br />${t("clamped", { n: p.clamped })}`}</p>
+    ${p.advice.map((line) => html`<p class="note">${line.replaceAll("`", "")}</p>`)}
+    ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span><span class="key km">${t("mended")}</span></div></div><${Layers} layers=${layers} /></div>`}</section>`;
+}
+
+function Layers({ layers }) {
+  const W = 900, H = 170, left = 46, most = Math.max(...layers.map(([, a, b]) => Math.max(a, b)), 0.01), top = layers.at(-1)[0] || 1;
+  const x = (z) => left + (z / top) * (W - left - 8), y = (v) => 8 + (1 - v / most) * (H - 34);
+  const line = (k) => layers.map((row, i) => `${i ? "L" : "M"}${x(row[0]).toFixed(1)} ${y(row[k]).toFixed(1)}`).join("");
+  return html`<svg viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("by_layer")}>${[0, most / 2, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, 2)}</text></g>`)}
+    ${[0, 0.5, 1].map((s) => html`<text x=${x(s * top)} y=${H - 6} text-anchor=${s === 1 ? "end" : "middle"}>${number(s * top, 1)} mm</text>`)}<path d=${line(1)} class="p" stroke-width="2" /><path d=${line(2)} class="m" stroke-width="2" /></svg>`;
+}

@@ -1,0 +1,62 @@
+// What is wrong: the machine drawn as it is, its faults made larger, and words beside them.
+import { html, useEffect, useState } from "./vendor.js";
+import { get } from "./api.js";
+import { Number_, saveSvg } from "./drawings.js";
+import { Problem } from "./job.js";
+import { mm, number, t } from "./words.js";
+
+export function Wrong({ printer }) {
+  const [known, setKnown] = useState(null), [error, setError] = useState(null), [larger, setLarger] = useState(10);
+  useEffect(() => { get(`/printers/${printer.id}/known`).then(setKnown, (problem) => setError(problem.message)); }, [printer.id]);
+  const said = known?.said;
+  if (!known) return html`<${Problem} error=${error} />`;
+  if (!said) return html`<p class="note">${t("wrong_none")}</p>`;
+  return html`<div class="split"><div class="stack">
+      <section class="card stack">${said.before_mm != null && html`<div class="numbers"><${Number_} value=${mm(said.before_mm)}>${t("before_model")}</${Number_}><${Number_} value=${mm(said.after_mm)}>${t("after_model")}</${Number_}><${Number_} value=${said.measured} unit="">${t("points")}</${Number_}></div>`}
+        ${said.faults.length ? said.faults.map((fault) => html`<${Fault} fault=${fault} />`) : html`<p>${said.learner === "callipers" ? said.headline : t("nothing_wrong")}</p>`}
+        ${said.misfit.map((line) => html`<p class="faint">${line}</p>`)}</section>
+      ${said.gaps.length > 0 && html`<section class="card stack"><h2>${t("gaps")}</h2>${said.gaps.map((gap) => html`<p class="soft">${gap.replaceAll("`", "")}</p>`)}</section>`}
+      <a class="button primary" href="#/printers/${printer.id}/mend">${t("next_mend")}</a></div>
+    <div class="stack"><div class="stage"><${Machine} machine=${said.machine} larger=${larger} />
+        <div class="over"><div class="glass"><b>${t("machine", { n: larger })}</b></div><button class="quiet glass" onClick=${() => saveSvg("machine", "machine")}>${t("save_svg")}</button></div>
+        <div class="under" style=${{ justifyContent: "end" }}><label class="glass field" style=${{ minWidth: "14rem" }}><span>${t("enlarge")}<span class="value">${larger} ×</span></span><input type="range" min="1" max="50" value=${larger} onInput=${(event) => setLarger(Number(event.target.value))} /></label></div></div>
+      <p class="faint">${t("drawn_belts")}</p>
+      ${said.machine.motors.map((motor) => html`<section class="card stack"><div class="row between"><h3>${t("curve", { name: motor.name })}</h3><div class="row"><span class="key kp">${t("forwards")}</span><span class="key km">${t("backwards")}</span></div></div><${Curve} motor=${motor} /></section>`)}</div></div>`;
+}
+
+function Fault({ fault }) {
+  const plain = (text) => text.replaceAll("`", "");
+  return html`<div class="fault ${fault.urgency}"><div class="row between"><h3>${fault.title}</h3><span class="tag">${t(`urgency_${fault.urgency}`)}</span></div>
+    <p>${plain(fault.meaning)}</p><p class="faint">${t("how_sure")}: ${fault.sure}</p><p class="faint">${t("to_do")}: ${plain(fault.repair)}</p><p class="faint">${t("software")}: ${plain(fault.software)}</p></div>`;
+}
+
+const grown = (outline, radius, larger) => outline.map(([x, y]) => { const r = Math.hypot(x, y) || 1, to = radius + (r - radius) * larger; return [(x / r) * to, -(y / r) * to]; });
+// A pulley made so much larger than this would no longer look like one: then it says its own factor.
+const most = ({ outline_mm: outline, radius_mm: radius }) => { const off = Math.max(...outline.map(([x, y]) => Math.abs(Math.hypot(x, y) - radius))); return Math.max(1, Math.floor((0.4 * radius) / Math.max(off, 1e-9))); };
+const path = (points) => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(2)} ${y.toFixed(2)}`).join("");
+
+// From above: the bed's net bent as the frame is, a belt and a pulley for each motor.
+function Machine({ machine, larger }) {
+  const [x0, y0, x1, y1] = machine.bed_mm, w = x1 - x0, h = y1 - y0, n = machine.grid;
+  const at = (i) => { const [a, b] = machine.net_mm[i], [c, d] = machine.bent_mm[i]; return [a + (c - a) * larger, -(b + (d - b) * larger)]; };
+  let net = "";
+  for (let r = 0; r < n; r++) { net += path(Array.from({ length: n }, (_, c) => at(r * n + c))); net += path(Array.from({ length: n }, (_, c) => at(c * n + r))); }
+  const scale = Math.min(w, h) / 11, [one, two] = machine.motors;
+  const belt = (length, play) => { const sag = Math.min(play * larger * 1.6, scale * 1.6); return `M0 ${-scale * 0.62}L${length} ${-scale * 0.62}M0 ${scale * 0.62}Q${length / 2} ${scale * 0.62 + 2 * sag} ${length} ${scale * 0.62}`; };
+  const drive = (motor, length, place) => { const factor = Math.min(larger, most(motor)); return html`<g transform=${place}><path d=${belt(length, motor.play_mm)} fill="none" stroke="var(--soft)" stroke-width="2.2" vector-effect="non-scaling-stroke" /><circle cx=${length} r=${scale * 0.62} fill="var(--card)" stroke="var(--soft)" stroke-width="1.4" vector-effect="non-scaling-stroke" />
+    <circle r=${scale * 0.62} fill="none" stroke="var(--wanted)" stroke-dasharray="3 3" vector-effect="non-scaling-stroke" /><g transform=${`scale(${(scale * 0.62) / motor.radius_mm})`}><path d=${path(grown(motor.outline_mm, motor.radius_mm, factor)) + "Z"} fill="var(--accent-soft)" stroke="var(--accent)" stroke-width="2" vector-effect="non-scaling-stroke" /></g><circle r=${scale * 0.09} fill="var(--soft)" /><text x=${-scale * 1.25} y=${scale * 0.14} text-anchor="middle" style=${{ fontSize: `${scale * 0.42}px`, fontWeight: 600 }}>${motor.name}</text>${factor < larger && html`<text y=${scale * 1.3} text-anchor="middle" style=${{ fontSize: `${scale * 0.34}px` }}>${factor} ×</text>`}</g>`; };
+  const pad = scale * 2.9;
+  return html`<svg id="machine" class="fill" viewBox="${x0 - pad} ${-y1 - pad * 0.75} ${w + 2 * pad} ${h + 1.9 * pad}" role="img" aria-label=${t("machine", { n: larger })}>
+    <rect x=${x0} y=${-y1} width=${w} height=${h} rx="5" fill="var(--card)" stroke="var(--line)" vector-effect="non-scaling-stroke" /><path d=${net} class="m" stroke-width="1.2" opacity="0.75" />
+    ${drive(one, w, `translate(${x0} ${-y0 + scale * 1.55})`)}${drive(two, h, `translate(${x0 - scale * 1.25} ${-y0}) rotate(-90)`)}</svg>`;
+}
+
+function Curve({ motor }) {
+  const { at_mm: at, forwards_mm: a, backwards_mm: b } = motor, low = Math.min(...a, ...b), high = Math.max(...a, ...b), pad = Math.max((high - low) * 0.08, 0.01);
+  const W = 900, H = 190, left = 46, bottom = 22, x = (v) => left + ((v - at[0]) / (at.at(-1) - at[0])) * (W - left - 8), y = (v) => 6 + ((high + pad - v) / (high - low + 2 * pad)) * (H - bottom - 12);
+  const line = (values) => path(values.map((v, i) => [x(at[i]), y(v)]));
+  const ticks = [low, (low + high) / 2, high];
+  return html`<svg viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("curve", { name: motor.name })}>${ticks.map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, 2)}</text></g>`)}
+    ${[0, 0.25, 0.5, 0.75, 1].map((s) => html`<text x=${x(at[0] + s * (at.at(-1) - at[0]))} y=${H - 4} text-anchor="middle">${number(at[0] + s * (at.at(-1) - at[0]), 0)}</text>`)}
+    <path d=${line(a)} class="p" stroke-width="1.8" /><path d=${line(b)} class="m" stroke-width="1.8" /></svg>`;
+}
