@@ -16,7 +16,7 @@ ALL = "all"
 
 
 @click.command(epilog="Example: printmend selfrepair --hull egg --generations 6 -o repair")
-@click.option("--hull", help="The pulley of both motors: small, line, triangle, square or egg, as the paper's authors "
+@click.option("--hull", help="The broken pulley: small, line, triangle, square or egg, as the paper's authors "
               "printed them [default: egg]; or all, a table of many damages.")  # fmt: skip
 @click.option(
     "--corruption", "broken_path", type=click.Path(path_type=Path), help="A TOML file that says what is broken."
@@ -26,7 +26,7 @@ ALL = "all"
     help="A printer of your own, as `printmend learn` knows it.",
 )  # fmt: skip
 @click.option("--generations", type=click.IntRange(1, 100), default=6, show_default=True, help="Pulleys to print.")
-@click.option("--both", is_flag=True, help="Replace the pulleys of both motors, not only that of the first.")
+@click.option("--both", is_flag=True, help="Break and replace the pulleys of both motors, not only that of the first.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws how pulleys are mounted, "
               "rough edges and the noise of measurements.")  # fmt: skip
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="Folder for G-code and figure.")
@@ -46,11 +46,11 @@ def command(
     from printmend.printer import read_printer
 
     check_out(out)
-    broken, title = (None, "") if hull == ALL else _broken(hull, broken_path, model_path)
+    broken, title = (None, "") if hull == ALL else _broken(hull, broken_path, model_path, both=both)
     printer = getattr(broken, "printer", None) or read_printer("ender5")
     out.mkdir(parents=True, exist_ok=True)
     if broken is None:
-        with progress("self-repair", len(report.damages()) * 4 * generations) as tick:
+        with progress("self-repair", len(report.damages(both=False)) * 4 * generations) as tick:
             lines = report.damage_rows(printer, out, generations=generations, seed=seed, tick=tick)
         if as_json:
             click.echo(json.dumps({"rows": [dict(zip(report.DAMAGE_HEADER, line, strict=True)) for line in lines]}))
@@ -70,7 +70,7 @@ def command(
 
 
 def _broken(
-    hull: str | None, broken_path: Path | None, model_path: Path | None
+    hull: str | None, broken_path: Path | None, model_path: Path | None, *, both: bool
 ) -> "tuple[Corruption | SavedModel, str]":
     """Return what is broken, and the figure's title."""
     from printmend.corruption import read_corruption
@@ -84,4 +84,4 @@ def _broken(
     if model_path is not None:
         model = read_model(model_path)
         return model, f"self-repair of {model.printer.name} ({model_path.name})"
-    return hull_damage(hull or "egg"), f"self-repair of the pulley “{hull or 'egg'}”"
+    return hull_damage(hull or "egg", both=both), f"self-repair of the pulley “{hull or 'egg'}”"
