@@ -18,11 +18,11 @@ MARGIN_IN = 0.8
 COLUMNS = 92  # characters a line of body text
 
 
-def svg(figure: Figure) -> str:
-    """Return a figure as SVG; equal figures give equal text."""
+def svg(figure: Figure, *, dpi: int = 100) -> str:
+    """Return a figure as SVG, its rasters at ``dpi``; equal figures give equal text."""
     text = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "printmend"}):
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(text, format="svg", dpi=dpi, metadata={"Date": None, "Creator": None})
     return text.getvalue()
 
 
