@@ -29,6 +29,7 @@ _MODULES = {
     "greybox": "printmend.learn.greybox.greybox",
     "prior": "printmend.learn.prior.prior",
     "hybrid": "printmend.learn.hybrid.hybrid",
+    "meta": "printmend.learn.meta.meta",
 }
 
 

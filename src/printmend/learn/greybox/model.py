@@ -1,5 +1,6 @@
 """The grey box's model of a machine: a drive for each motor and the frame, with what the trace could see of them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,17 +116,23 @@ def model_of(trace: Trace, printer: Printer, rows: list[Rows], chosen: list[Choi
 
 
 def frame_of(printer: Printer, chosen: list[Choice]) -> Frame:
-    """Return the learned cross terms as a `Frame`: cubic in motor coordinates, hence cubic on the bed."""
-    if not any(choice.design.cross for choice in chosen):
+    """Return the learned cross terms as a `Frame`."""
+    values = [choice.fit.posterior.values[choice.design.parts["cross"]] for choice in chosen]
+    return cross_frame(printer, [(choice.design.cross, found) for choice, found in zip(chosen, values, strict=True)])
+
+
+def cross_frame(printer: Printer, terms: Sequence[tuple[Sequence[tuple[int, int]], np.ndarray]]) -> Frame:
+    """Return as a `Frame` what each motor adds: values [K] mm of powers of its own belt's place and of the other's, in
+    100 mm from the bed's middle. Cubic in motor coordinates, hence cubic on the bed."""
+    if not any(np.any(values) for _, values in terms):
         return Frame()
     x = np.linspace(printer.x.min_mm, printer.x.max_mm, 5)
     y = np.linspace(printer.y.min_mm, printer.y.max_mm, 5)
     bed = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     motor = printer.to_motor(bed) - bed_middle(printer)
     moved = np.zeros_like(motor)
-    for i, choice in enumerate(chosen):
-        values = choice.fit.posterior.values[choice.design.parts["cross"]]
-        for (p, q), value in zip(choice.design.cross, values, strict=True):
+    for i, (powers, values) in enumerate(terms):
+        for (p, q), value in zip(powers, values, strict=True):
             moved[:, i] += value * (motor[:, i] / 100.0) ** p * (motor[:, 1 - i] / 100.0) ** q
     coefficients = np.linalg.lstsq(Frame().terms(bed), printer.from_motor(moved), rcond=None)[0].T
     coefficients[np.abs(coefficients) < 1e-9] = 0.0

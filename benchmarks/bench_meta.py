@@ -1,0 +1,121 @@
+"""How much a learner makes of few points: on faults of known kinds, on kinds that `meta` was not taught, on half a
+turn.
+
+    .venv/bin/python benchmarks/bench_meta.py --samples 6 --learners meta,greybox,hybrid
+
+For each kind and number of points: the RMS over drawn machines [mm] of how far another print is from where the model
+says, median over the machines, and how often it lies within 1.645 standard deviations (90 % is right), where the
+learner states some. The seed is kept for this table. `taught` are drives like those of the lessons, drawn anew.
+"""
+
+import argparse
+import time
+
+import numpy as np
+
+from printmend.bench.print_shapes import SHAPES, path_print
+from printmend.corruption import sample
+from printmend.errors import PrintmendError
+from printmend.learn.meta.tasks import draw_drive
+from printmend.learn.registry import fit
+from printmend.machine.mechanism import Mechanism, Transmission
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.twin import Twin
+
+SEED, NOISE_MM = 20261122, 0.05
+KINDS = ("pulley-play", "pulley-loose", "elastic", "frame", "smooth", "taught, no family")
+WAYS = (("zigzag", 30), ("zigzag", 60), ("zigzag", 250), ("zigzag", 1000), ("half-turn", 250))
+ASKED = 300
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--samples", type=int, default=6)
+    parser.add_argument("--learners", default="meta,greybox,hybrid")
+    options = parser.parse_args()
+    names = options.learners.split(",")
+    print(f"| kind | print | points | {' | '.join(names)} | within 90 %: {', '.join(names)} |")
+    print("|---|---|---:|" + "---:|" * len(names) + "---|")
+    seconds = dict.fromkeys(names, 0.0)
+    for kind in KINDS:
+        for shape, points in WAYS:
+            errors: dict[str, list[float]] = {name: [] for name in names}
+            inside: dict[str, list[float]] = {name: [] for name in names}
+            for number in range(options.samples):
+                for name, (error, share, spent) in judged(kind, shape, points, number, names).items():
+                    errors[name].append(error)
+                    seconds[name] += spent
+                    inside[name] += [share] * (share >= 0)
+            texts = [f"{np.median(errors[name]):.3f}" for name in names]
+            shares = [f"{100 * np.mean(inside[name]):.0f} %" if inside[name] else "–" for name in names]
+            print(f"| {kind} | {shape} | {points} | {' | '.join(texts)} | {', '.join(shares)} |", flush=True)
+    total = len(KINDS) * len(WAYS) * options.samples
+    print("seconds of processor a print:", {name: round(spent / total, 3) for name, spent in seconds.items()})
+
+
+def judged(kind: str, shape: str, points: int, number: int, names: list[str]) -> dict[str, tuple[float, float, float]]:
+    """Return for each learner the RMS error [mm] of a way that it has not seen, the share inside its band (−1 where it
+    states none), and the processor's seconds."""
+    printer = read_printer("ender5")
+    rng = np.random.default_rng([SEED, number, KINDS.index(kind)])
+    twin = Twin(_machine(kind, rng, printer))
+    way = path_print(printer, SHAPES[shape](printer, rng), points)
+    printed = twin.follow(way.waypoints_mm)
+    measured = np.full(printed.shape, np.nan)
+    measured[way.rows] = printed[way.rows] + rng.normal(0.0, NOISE_MM, (len(way.rows), 2))
+    trace = Trace(way.waypoints_mm, measured, homed=True)
+    middle, span = way.waypoints_mm[1:].mean(axis=0), 20.0 if shape == "half-turn" else 50.0
+    asked = np.vstack([way.waypoints_mm[0], middle + rng.uniform(-span, span, (ASKED, 2))])
+    truth = twin.follow(asked)[1:]
+    found = {}
+    for name in names:
+        begun = time.process_time()
+        try:
+            model = fit(name, trace, printer, rng=np.random.default_rng(0))
+        except PrintmendError:
+            found[name] = (np.inf, -1.0, time.process_time() - begun)
+            continue
+        spent = time.process_time() - begun
+        error = Twin(model.mechanism).follow(asked)[1:] - truth  # type: ignore[attr-defined]
+        found[name] = (float(np.sqrt(np.mean(error**2))), _inside(model, twin, asked), spent)
+    return found
+
+
+def _inside(model: object, twin: Twin, asked: np.ndarray) -> float:
+    """Return how often the true branches lie within 1.645 standard deviations of the model's; −1 without any."""
+    drives = getattr(getattr(model, "greybox", model), "drives", None)
+    if drives is None or kind_of_frame(twin):
+        return -1.0
+    hits = []
+    for motor, drive in enumerate(drives):
+        at = np.sort(asked[1:, motor])
+        sides = zip(
+            model.mechanism.transmissions[motor].branches_mm(at),  # type: ignore[attr-defined]
+            twin.homed().transmissions[motor].branches_mm(at), drive.sd_mm(at), strict=True,
+        )  # fmt: skip
+        hits += [np.abs(said - true) <= 1.645 * sd for said, true, sd in sides]
+    return float(np.mean(hits))
+
+
+def kind_of_frame(twin: Twin) -> bool:
+    return not twin.homed().frame.is_identity
+
+
+def _machine(kind: str, rng: np.random.Generator, printer) -> Mechanism:  # type: ignore[no-untyped-def]
+    if kind in KINDS[:-1]:
+        found = sample(kind, rng).lower(printer)
+        assert isinstance(found, Mechanism)
+        return found
+    tables = []
+    for _ in range(2):
+        drive = draw_drive(rng, printer, outside=1.0)
+        at = np.arange(len(drive.lower_mm)) * 0.2
+        grid = np.arange(0.0, at[-1] + 1e-9, 0.0125)
+        lower, upper = (np.interp(grid, at, at + one) for one in (drive.lower_mm, drive.upper_mm))
+        tables.append(Transmission(0.0, 0.0125, lower, upper))
+    return Mechanism(printer, (tables[0], tables[1]))
+
+
+if __name__ == "__main__":
+    main()

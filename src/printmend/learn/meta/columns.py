@@ -1,0 +1,70 @@
+"""What one motor's drive may be made of, as columns whose weights are learned.
+
+With the last contact of a row at motor position m on side s (−1 pushed, +1 pulled), and the other motor at q, the
+belt is off its command by Σ w_c φ_c(m, s, q): a line, waves of the motor's turn, bumps 10 and 30 mm wide that repeat
+nothing, waves that change along the bed, the frame's terms; and s/2 times the play: constant, waves, bumps, a slope
+(physics.md eq. 7–10, 17). Columns of one group share what is believed of them.
+"""
+
+import numpy as np
+
+from printmend.units import TURN_RAD
+
+HARMONICS, PLAY_HARMONICS = 12, 6
+ELASTIC_HARMONICS = (1, 3, 5)
+NARROW_MM, WIDE_MM = 10.0, 30.0  # spacing and standard deviation of the bumps
+SCALE_MM = 100.0
+CROSS = 5
+# The groups in order; those of `FIXED` are believed to be anything, whatever the network says.
+GROUPS = (
+    "offset", "slope", *(f"wave {k}" for k in range(1, HARMONICS + 1)), "narrow bumps", "wide bumps", "elastic",
+    "cross", "play", "play wave 1", "play waves", "play bumps", "play slope",
+)  # fmt: skip
+FIXED = 2
+FIXED_SD_MM = (100.0, 30.0)
+
+
+def groups(reach_mm: tuple[float, float]) -> np.ndarray:
+    """Return the group [C] of each column for a motor that goes from reach_mm[0] to reach_mm[1] about the middle."""
+    narrow, wide = len(_places(reach_mm, NARROW_MM)), len(_places(reach_mm, WIDE_MM))
+    sizes = [1, 1, *[2] * HARMONICS, narrow, wide, 2 * len(ELASTIC_HARMONICS), CROSS, 1, 2, 2 * (PLAY_HARMONICS - 1),
+             wide, 2]  # fmt: skip
+    return np.repeat(np.arange(len(GROUPS)), sizes)
+
+
+def columns(
+    at_mm: np.ndarray, side: np.ndarray, other_mm: np.ndarray, turn_mm: float, reach_mm: tuple[float, float]
+) -> np.ndarray:
+    """Return the columns [N, C] at contacts ``at_mm`` [N] on ``side`` [N]; places count from the bed's middle."""
+    x, q = at_mm / SCALE_MM, other_mm / SCALE_MM
+    turn = np.exp(1j * TURN_RAD / turn_mm * at_mm)
+    waves, power = [], np.ones_like(turn)
+    for _ in range(HARMONICS):
+        power = power * turn
+        waves += [power.real, power.imag]
+    wide = bumps(at_mm, reach_mm, WIDE_MM)
+    half = (side / 2)[:, None]
+    return np.concatenate(
+        [
+            np.stack([np.ones_like(x), x, *waves], axis=1),
+            bumps(at_mm, reach_mm, NARROW_MM),
+            wide,
+            np.stack([x * waves[2 * k - 2 + part] for k in ELASTIC_HARMONICS for part in (0, 1)], axis=1),
+            np.stack([q, q * q, q * x, x * x, q**3], axis=1),
+            half * np.stack([np.ones_like(x), *waves[: 2 * PLAY_HARMONICS]], axis=1),
+            half * wide,
+            half * np.stack([x, x * x], axis=1),
+        ],
+        axis=1,
+    )
+
+
+def bumps(at_mm: np.ndarray, reach_mm: tuple[float, float], spacing_mm: float) -> np.ndarray:
+    """Return bells [N, B] as wide as their spacing over the reach."""
+    away = (at_mm[:, None] - _places(reach_mm, spacing_mm)) / spacing_mm
+    return np.asarray(np.exp(-0.5 * away * away))
+
+
+def _places(reach_mm: tuple[float, float], spacing_mm: float) -> np.ndarray:
+    first, last = np.floor(reach_mm[0] / spacing_mm), np.ceil(reach_mm[1] / spacing_mm)
+    return spacing_mm * np.arange(first, last + 1)

@@ -1,0 +1,246 @@
+"""The learner ``meta``: one forward pass of a network says what to believe of a drive, a closed form does the rest.
+
+Rows become evidence, sums of products of `columns`, so that their number and order in the sums do not matter; time
+enters through the contacts. The network, trained offline on simulated drives of every family and of none
+(`tools/train_meta.py`), reads what simple beliefs make of the evidence and says how large each group of columns and the
+noise will be; the branches and their covariance follow (physics.md eq. 19). Contacts and belief are found in turn.
+After Harrison, Sharma, Pavone: Meta-learning priors for efficient online Bayesian regression, WAFR 2018.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import resources
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from printmend.learn.drive import Rows
+from printmend.learn.greybox.model import cross_frame
+from printmend.learn.greybox.rows import check_trace, motor_rows
+from printmend.learn.mechanism_model import MachineLearned
+from printmend.learn.meta import kernels
+from printmend.learn.meta.bayes import believed, first_look, forward, membership, posterior
+from printmend.learn.meta.columns import GROUPS, columns, groups
+from printmend.learn.meta.tasks import evidence, reach_of
+from printmend.machine.mechanism import Mechanism, Transmission, healthy_transmission
+from printmend.path import Trace
+from printmend.printer import Printer
+
+PASSES = 4  # contacts and belief in turn
+LOOKED_AT = 800  # rows of all passes but the last
+CLEAR_MM = (3.0, 1.0, 0.3, 0.0)  # travel after which a belt surely touches; the largest that leaves enough rows
+ENOUGH_ROWS, ENOUGH_SHARE = 12, 0.3
+HUBER, OUTLYING = 2.5, 8.0  # standard deviations
+SURE = 2.0  # standard deviations that the frame's terms, and the play, must be away from nothing
+_NEVER_MM = 1e-9
+_CROSS, _PLAY = GROUPS.index("cross"), GROUPS.index("play")
+CROSS_POWERS = ((0, 1), (0, 2), (1, 1), (2, 0), (0, 3))  # of this belt's place and of the other's, as in `columns`
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a motor works: its turn, the bed's middle from which places count, and how far it goes about that [mm]."""
+
+    turn_mm: float
+    middle_mm: float
+    reach_mm: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class MetaDrive:
+    """What is believed of a motor: weights of the columns, ``mean`` [C] and ``covariance`` [C, C], and the noise."""
+
+    place: Place
+    mean: np.ndarray
+    covariance: np.ndarray
+    noise_mm: float
+
+    def branches_mm(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return (lower, upper) [mm] at motor positions [N] that rise."""
+        whole = self._columns(motor_mm, 1.0)
+        playing = groups(self.place.reach_mm) >= _PLAY
+        middle = motor_mm + whole[:, ~playing] @ self.mean[~playing]
+        half = np.maximum(whole[:, playing] @ self.mean[playing], 0.0)
+        lower = np.maximum.accumulate(middle - half)
+        return lower, np.maximum(np.maximum.accumulate(middle + half), lower)
+
+    def sd_mm(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the standard deviations (lower, upper) [mm] of the branches at motor positions [N]."""
+        found = [self._columns(motor_mm, side) for side in (-1.0, 1.0)]
+        lower, upper = (np.sqrt(np.einsum("ij,jk,ik->i", phi, self.covariance, phi)) for phi in found)
+        return lower, upper
+
+    def _columns(self, motor_mm: np.ndarray, side: float) -> np.ndarray:
+        at = np.asarray(motor_mm, float) - self.place.middle_mm
+        found = columns(at, np.full(len(at), side), np.zeros(len(at)), self.place.turn_mm, self.place.reach_mm)
+        found[:, groups(self.place.reach_mm) == _CROSS] = 0.0  # the frame's
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class MetaModel(MachineLearned):
+    """A machine as ``meta`` learned it; ``mechanism`` gives positions in the frame of the measurement."""
+
+    mechanism: Mechanism
+    drives: tuple[MetaDrive, MetaDrive]
+
+    @property
+    def imagined(self) -> Mechanism:
+        return self.mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """A motor's rows: commanded, off by [NaN where unmeasured] and the other motor's place, from the bed's middle."""
+
+    motor_mm: np.ndarray
+    off_mm: np.ndarray
+    other_mm: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Rows [K] with a contact: where the motor touched, what was measured beyond, their weights, columns [K, C]."""
+
+    touched_mm: np.ndarray
+    residual_mm: np.ndarray
+    weight: np.ndarray
+    phi: np.ndarray
+
+
+@dataclass(frozen=True)
+class MetaLearner:
+    """The learner ``meta``; without ``weights`` it uses those that come with printmend."""
+
+    name: str = "meta"
+    weights: Mapping[str, np.ndarray] | None = None
+
+    def fit(self, trace: Trace, printer: Printer, *, rng: np.random.Generator) -> MetaModel:
+        """Learn from a trace. Raise `TraceError` where it has too few measured points."""
+        check_trace(trace)
+        weights = shipped() if self.weights is None else self.weights
+        with threadpool_limits(1, user_api="blas"):
+            drives = [_drive(found, printer, k, weights) for k, found in enumerate(motor_rows(trace, printer))]
+        x, y = (_table(drive, printer, k) for k, drive in enumerate(drives))
+        terms = [drive.mean[groups(drive.place.reach_mm) == _CROSS] for drive in drives]
+        frame = cross_frame(printer, [(CROSS_POWERS, values) for values in terms])
+        return MetaModel(Mechanism(printer, (x, y), frame), (drives[0], drives[1]))
+
+
+@cache
+def shipped() -> dict[str, np.ndarray]:
+    """Return the weights that come with printmend (`tools/train_meta.py` makes them)."""
+    from safetensors.numpy import load
+
+    data = (resources.files("printmend.learn.meta") / "meta.safetensors").read_bytes()
+    return {name: value.astype(float) for name, value in load(data).items()}
+
+
+def _drive(found: Rows, printer: Printer, motor: int, weights: Mapping[str, np.ndarray]) -> MetaDrive:
+    """Find contacts and belief in turn, on some rows of a long trace until the last time."""
+    place = Place(found.period_mm, found.middle_mm[0], reach_of(printer, motor))
+    rows = _Rows(found.motor_mm - place.middle_mm, found.measured_mm - found.motor_mm, found.other_mm, found.weight)
+    known = np.flatnonzero(rows.weight > 0)
+    some = np.zeros(len(rows.weight), bool)
+    some[known[np.unique(np.linspace(0, len(known) - 1, LOOKED_AT).astype(int))]] = True
+    at, side, weight = _guessed(rows)
+    drive = _believe(_seen(rows, at, side, weight * some, place), place, weights)
+    for number in range(1, PASSES):
+        at, side = _touched(rows, drive, printer, motor)
+        weight = np.where(at >= 0, rows.weight, 0.0)
+        seen = _seen(rows, at, side, weight if number == PASSES - 1 else weight * some, place)
+        drive = _believe(_robust(seen, drive), place, weights)
+    return drive
+
+
+def _guessed(rows: _Rows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return contacts (rows [N], sides [N]) where a motor that has gone some way touches; other rows weigh nothing."""
+    step = np.diff(rows.motor_mm, prepend=rows.motor_mm[0])
+    moved = np.flatnonzero(step)
+    latest = np.searchsorted(moved, np.arange(len(step)), side="right") - 1
+    side = np.where(latest >= 0, np.sign(step[moved[np.maximum(latest, 0)]]) if len(moved) else 0.0, 0.0)
+    begun = np.concatenate([[0.0], np.cumsum(np.abs(step))[:-1]])
+    turned = np.concatenate([[True], side[1:] != side[:-1]])
+    since = begun + np.abs(step) - np.maximum.accumulate(np.where(turned, begun, 0.0))
+    total = rows.weight.sum()
+    weight = rows.weight
+    for clear_mm in CLEAR_MM:
+        weight = np.where((since >= clear_mm) & (side != 0), rows.weight, 0.0)
+        if (weight > 0).sum() >= ENOUGH_ROWS and weight.sum() >= ENOUGH_SHARE * total:
+            break
+    return np.arange(len(step)), -side, weight  # going forwards the lower branch pushes
+
+
+def _seen(rows: _Rows, at: np.ndarray, side: np.ndarray, weight: np.ndarray, place: Place) -> _Seen:
+    """Return the rows that weigh something, as columns and what was measured beyond their contacts."""
+    used = np.flatnonzero(weight > 0)
+    touched = rows.motor_mm[at[used]]
+    # the belt stands where the contact left it, not where the motor is by now
+    residual = rows.off_mm[used] + rows.motor_mm[used] - touched
+    phi = columns(touched, side[used], rows.other_mm[used], place.turn_mm, place.reach_mm)
+    return _Seen(touched, residual, weight[used], phi)
+
+
+def _believe(seen: _Seen, place: Place, weights: Mapping[str, np.ndarray]) -> MetaDrive:
+    """Return what the network and the evidence of the rows make of the drive."""
+    found = evidence(seen.phi, seen.residual_mm, seen.weight, seen.touched_mm, place.turn_mm)
+    group = groups(place.reach_mm)
+    member = membership(group)
+    features = first_look(np, found.gram, found.slope, np.float64(found.square), np.float64(found.count),
+                          np.float64(found.seen), member)  # fmt: skip
+    said = forward(np, weights, features)
+    deviation, sigma = believed(np, said[:-1], member), float(np.exp(said[-1]))
+    mean, covariance = posterior(np, found.gram, found.slope, deviation, sigma)
+    silent = np.zeros(len(group), bool)
+    for part in (group == _CROSS, group >= _PLAY):
+        if not _is_sure(seen.phi[:, part], mean[part], covariance[np.ix_(part, part)]):
+            silent |= part
+    if silent.any():
+        deviation = np.where(silent, _NEVER_MM, deviation)
+        mean, covariance = posterior(np, found.gram, found.slope, deviation, sigma)
+        mean = np.where(silent, 0.0, mean)
+    return MetaDrive(place, mean, covariance, sigma)
+
+
+def _is_sure(phi: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> bool:
+    """Say whether what these columns do at the rows is more than its own doubt."""
+    effect = phi @ mean
+    doubt = np.einsum("ij,jk,ik->i", phi, covariance, phi)
+    return bool(np.mean(effect**2) > SURE**2 * np.mean(doubt))
+
+
+def _touched(rows: _Rows, drive: MetaDrive, printer: Printer, motor: int) -> tuple[np.ndarray, np.ndarray]:
+    """Follow the rows through the believed play: contacts (rows [N], −1 before the first; sides [N])."""
+    table, place = _table(drive, printer, motor), drive.place
+    at, side = np.empty(len(rows.motor_mm), np.int64), np.empty(len(rows.motor_mm), np.int8)
+    first = int(np.argmax(rows.weight > 0))
+    here = slice(first, first + 1)
+    phi = columns(rows.motor_mm[here], np.zeros(1), rows.other_mm[here], place.turn_mm, place.reach_mm)[0]
+    framed = phi @ np.where(groups(place.reach_mm) == _CROSS, drive.mean, 0.0)
+    start_mm = float(rows.motor_mm[first] + rows.off_mm[first] + place.middle_mm - framed)
+    kernels.touches(
+        np.ascontiguousarray(rows.motor_mm + place.middle_mm), table.first_mm, 1 / table.pitch_mm, table.lower_mm,
+        table.upper_mm, start_mm, at, side,
+    )  # fmt: skip
+    return at, side.astype(float)
+
+
+def _robust(seen: _Seen, drive: MetaDrive) -> _Seen:
+    """Return the rows with less weight on those far off what was believed, and none on those very far off."""
+    left = np.abs(seen.residual_mm - seen.phi @ drive.mean) * np.sqrt(seen.weight)
+    scale = max(drive.noise_mm, 1.4826 * float(np.median(left)) if len(left) else 0.0, 1e-4)
+    share = np.where(left > OUTLYING * scale, 0.0, np.minimum(1.0, HUBER * scale / np.maximum(left, 1e-12)))
+    return replace(seen, weight=seen.weight * share) if (share > 0).sum() >= ENOUGH_ROWS else seen
+
+
+def _table(drive: MetaDrive, printer: Printer, motor: int) -> Transmission:
+    """Return the drive's branches over the bed and one more bed on either side, straight between full steps."""
+    healthy, stride = healthy_transmission(printer, motor), printer.axes[motor].microsteps
+    at = healthy.motor_mm
+    lower, upper = (at + np.interp(at, at[::stride], one - at[::stride]) for one in drive.branches_mm(at[::stride]))
+    return Transmission(healthy.first_mm, healthy.pitch_mm, lower, upper)
+
+
+LEARNERS = {"meta": MetaLearner()}
