@@ -21,23 +21,20 @@ MARKS = 600
 MIN_PITCH_MM = 5.5  # nearer dots could touch on a printer that is off by millimetres
 LEAST_AREA_MM = 30.0  # side of the smallest area of marks: three quarters of a turn of the usual pulley
 AROUND_PART_MM, TURNS_FOR_PART = 5.0, 1.5
-BIG_SHARE = 0.3
-CODE_SEED = 20
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
     """Marks in the order in which they are printed, row by row.
 
-    ``marks_mm`` [M, 2], ``site`` [M, 2] lattice indices, ``big`` [M], ``heading`` [M, 2] the unit vector of the
-    motion along the row, ``row`` [M] the number of the row.
+    ``marks_mm`` [M, 2], ``site`` [M, 2] lattice indices, ``heading`` [M, 2] the unit vector of the motion along the
+    row, ``row`` [M] the number of the row.
     """
 
     pitch_mm: float
     angle_rad: float
     marks_mm: np.ndarray
     site: np.ndarray
-    big: np.ndarray
     heading: np.ndarray
     row: np.ndarray
 
@@ -88,15 +85,14 @@ def area_around_mm(printer: Printer, points_mm: np.ndarray) -> tuple[np.ndarray,
 class Grid:
     """The square lattice of an area, and what of it lies inside.
 
-    ``site`` [S, 2] lattice indices, ``place_mm`` [S, 2] where they are on the bed, ``big`` [S] the code of large dots,
-    ``first`` [2] the direction of the cells' first diagonal, along which sites with i + j even are visited.
+    ``site`` [S, 2] lattice indices, ``place_mm`` [S, 2] where they are on the bed, ``first`` [2] the direction of the
+    cells' first diagonal, along which sites with i + j even are visited.
     """
 
     pitch_mm: float
     angle_rad: float
     site: np.ndarray
     place_mm: np.ndarray
-    big: np.ndarray
     first: np.ndarray
 
 
@@ -111,9 +107,8 @@ def grid_of(printer: Printer, low_mm: np.ndarray, high_mm: np.ndarray, pitch_mm:
     site = np.stack([i.ravel(), j.ravel()], axis=1)
     place = site @ basis + (low_mm + high_mm) / 2
     inside = ((place >= low_mm) & (place <= high_mm)).all(axis=1)
-    big = np.random.default_rng(CODE_SEED).random((2 * reach + 1, 2 * reach + 1)) < BIG_SHARE
     first = np.array([np.cos(heading_rad), np.sin(heading_rad)])
-    return Grid(pitch_mm, angle, site[inside], place[inside], big.ravel()[inside], first)
+    return Grid(pitch_mm, angle, site[inside], place[inside], first)
 
 
 def pitch_for(low_mm: np.ndarray, high_mm: np.ndarray, marks: int) -> float:
@@ -125,7 +120,7 @@ def lay_out(printer: Printer, low_mm: np.ndarray, high_mm: np.ndarray, *, marks:
     """Fill the area between two corners with about ``marks`` marks and order them into rows."""
     grid = grid_of(printer, low_mm, high_mm, pitch_for(low_mm, high_mm, marks))
     order, heading, row = rows_of(grid.site, grid.first)
-    return Layout(grid.pitch_mm, grid.angle_rad, grid.place_mm[order], grid.site[order], grid.big[order], heading, row)
+    return Layout(grid.pitch_mm, grid.angle_rad, grid.place_mm[order], grid.site[order], heading, row)
 
 
 def rows_of(

@@ -79,7 +79,7 @@ def _marked(printer: Printer, path_mm: np.ndarray, marks: int) -> ProbePlan:
         points.append(samples[at])
     points += list(path_mm[done:])
     layout = Layout(
-        grid.pitch_mm, grid.angle_rad, grid.place_mm[near], grid.site[near], grid.big[near], np.array(heading),
+        grid.pitch_mm, grid.angle_rad, grid.place_mm[near], grid.site[near], np.array(heading),
         np.arange(len(near)),
     )  # fmt: skip
     return plan_of(printer, layout, np.array(points), np.array(rows))

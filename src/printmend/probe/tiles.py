@@ -106,9 +106,7 @@ def _segments(
 ) -> Iterator[Segment]:
     order, heading, row = rows_of(grid.site[members], grid.first, origin=0)
     sites = members[order]
-    layout = Layout(
-        grid.pitch_mm, grid.angle_rad, grid.place_mm[sites], grid.site[sites], grid.big[sites], heading, row
-    )
+    layout = Layout(grid.pitch_mm, grid.angle_rad, grid.place_mm[sites], grid.site[sites], heading, row)
     for treatment in TREATMENTS:
         points, rows = passes(printer, layout, _swings(treatment, len(sites), tile))
         seconds = travel_s(points) + DOT_S * len(rows)
@@ -134,7 +132,7 @@ def _plan(printer: Printer, grid: Grid, segments: list[Segment]) -> ProbePlan:
     layouts = [segment.layout for segment in segments]
     first = np.cumsum([0, *(len(segment.points_mm) for segment in segments)])
     rows = np.concatenate([at + segment.rows for at, segment in zip(first, segments, strict=False)])
-    names = ("marks_mm", "site", "big", "heading", "row")
+    names = ("marks_mm", "site", "heading", "row")
     parts = [np.concatenate([getattr(layout, name) for layout in layouts]) for name in names]
     points = np.concatenate([segment.points_mm for segment in segments])
     return plan_of(printer, Layout(grid.pitch_mm, grid.angle_rad, *parts), points, rows)

@@ -5,6 +5,7 @@ side, by a distance that differs for the two motors; some are approached through
 reversals. Long moves have way-points in between, which a simulator or a camera can measure too.
 """
 
+import hashlib
 import itertools
 from collections.abc import Sequence
 
@@ -15,6 +16,7 @@ from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.probe.layout import EDGE_MM, MARKS, RUN_IN_MM, Layout
 
+BIG_SHARE = 0.3  # of the marks that are large dots
 REVERSALS_MM = (8.0, 6.0, 4.6, 3.4, 2.6, 2.0, 1.5, 1.1, 0.8, 0.6, 0.4, 0.25, 0.15)
 REVERSAL_EVERY = 3
 STAIRCASE_EVERY = 45
@@ -84,10 +86,22 @@ def plan_of(
         waypoints_mm=frozen(waypoints),
         rows=rows,
         site=layout.site,
-        big=layout.big,
+        big=code_of(printer, waypoints, layout.site),
         direction=direction[rows],
         reversal_mm=reversal[rows],
     )
+
+
+def code_of(printer: Printer, waypoints_mm: np.ndarray, site: np.ndarray) -> np.ndarray:
+    """Return which marks [M] are large dots: they spell which plan this is, so that no other plan fits its plate.
+
+    The code is drawn from a digest of the printer's name and the way-points [N, 2], a bit for each ``site`` [M, 2].
+    """
+    whole = np.rint(waypoints_mm * 1000.0).astype("<i8")
+    digest = hashlib.sha256(printer.name.encode() + whole.tobytes()).digest()
+    sites, which = np.unique(site, axis=0, return_inverse=True)
+    drawn = np.random.default_rng(list(digest)).random(len(sites)) < BIG_SHARE
+    return np.asarray(drawn[which.ravel()])
 
 
 def purge_mm(printer: Printer) -> list[np.ndarray]:
