@@ -52,6 +52,14 @@ def test_importing_the_package_and_help_load_nothing_heavy() -> None:
     assert found.stdout.strip() == ""
 
 
+def test_the_package_runs_as_a_program() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "printmend", "nonsense"], capture_output=True, text=True, check=False
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "printmend: No such command 'nonsense'; see printmend --help\n"
+
+
 def test_the_examples_in_the_package_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ) -> None:

@@ -95,7 +95,7 @@ def main() -> None:
         logging.getLogger("printmend").setLevel(logging.INFO)
     try:
         try:
-            code = group.main(standalone_mode=False)
+            code = group.main(prog_name="printmend", standalone_mode=False)
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # a full disk shows here at the latest
