@@ -8,7 +8,7 @@ differ by a rounding. All kernels fill controls [T, 2] and imagined [T + 1, 2].
 import numpy as np
 
 from printmend.jit import entry, inner
-from printmend.machine.kernels.bed import printed, to_motors
+from printmend.machine.kernels.bed import BED_COREXY, BED_FRAMED, mixed, onto_bed, printed, to_motors, unmixed
 from printmend.machine.kernels.lattice import motors_reach
 from printmend.machine.kernels.play import clip
 
@@ -96,33 +96,52 @@ def plan_play(targets, machine, c_max, controls, imagined):
         imagined[t + 1, 0], imagined[t + 1, 1] = px, py
 
 
+@inner
+def bed_errors(bed, c_max, qa, qb, target_x, target_y, x, y, errors):
+    """Fill x, y and errors [(2·c_max + 1)²] with where each control puts the nozzle, and how far that is, squared.
+
+    Controls are in the order of the product, belts qa and qb as `reach` fills them; NaN where a motor cannot go. One
+    step after the other over all controls: so each is done on several at once.
+    """
+    width, span = 2 * c_max + 1, motors_reach(bed, c_max)
+    corexy = bed[BED_COREXY] != 0.0
+    for i in range(width):
+        for j in range(width):
+            ca, cb = mixed(corexy, i - c_max, j - c_max)
+            x[i * width + j], y[i * width + j] = unmixed(corexy, qa[ca + span], qb[cb + span])
+    if bed[BED_FRAMED] != 0.0:
+        for n in range(x.shape[0]):
+            x[n], y[n] = onto_bed(bed, 0, x[n], y[n])
+    for n in range(x.shape[0]):
+        dx, dy = target_x - x[n], target_y - y[n]
+        errors[n] = dx * dx + dy * dy
+
+
 @entry
 def plan_coupled(targets, machine, c_max, controls, imagined):
     """Plan with any `Lattice`: motors may couple, on a CoreXY or behind a crooked frame."""
     bed = machine.bed
     span = motors_reach(bed, c_max)
     qa, qb = np.empty(2 * span + 1), np.empty(2 * span + 1)
+    width = 2 * c_max + 1
+    x, y, errors = np.empty(width * width), np.empty(width * width), np.empty(width * width)
     ma, mb, pa, pb = machine.start_a, machine.start_b, machine.origin_a, machine.origin_b
     lower_a, upper_a, lower_b, upper_b = machine.lower_a, machine.upper_a, machine.lower_b, machine.upper_b
     imagined[0, 0], imagined[0, 1] = printed(bed, 0, pa, pb)
     for t in range(targets.shape[0]):
         reach(pa, ma, span, lower_a, upper_a, qa)
         reach(pb, mb, span, lower_b, upper_b, qb)
-        tx, ty = targets[t, 0], targets[t, 1]
-        least = np.inf
-        best_a, best_b = 0, 0
-        for cx in range(-c_max, c_max + 1):
-            for cy in range(-c_max, c_max + 1):
-                ca, cb = to_motors(bed, 0, cx, cy)
-                x, y = printed(bed, 0, qa[ca + span], qb[cb + span])
-                dx, dy = tx - x, ty - y
-                value = dx * dx + dy * dy
-                if value < least:
-                    least, best_a, best_b = value, ca, cb
-                    controls[t, 0], controls[t, 1] = cx, cy
-        pa, pb = qa[best_a + span], qb[best_b + span]
-        ma += best_a
-        mb += best_b
+        bed_errors(bed, c_max, qa, qb, targets[t, 0], targets[t, 1], x, y, errors)
+        best, least = 0, np.inf
+        for n in range(errors.shape[0]):
+            if errors[n] < least:
+                best, least = n, errors[n]
+        cx, cy = best // width - c_max, best % width - c_max
+        ca, cb = to_motors(bed, 0, cx, cy)
+        controls[t, 0], controls[t, 1] = cx, cy
+        pa, pb = qa[ca + span], qb[cb + span]
+        ma += ca
+        mb += cb
         imagined[t + 1, 0], imagined[t + 1, 1] = printed(bed, 0, pa, pb)
 
 

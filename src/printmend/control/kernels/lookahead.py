@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from printmend.control.kernels.greedy import reach
+from printmend.control.kernels.greedy import bed_errors, reach
 from printmend.jit import entry, inner
 from printmend.machine.kernels.bed import printed, to_motors
 from printmend.machine.kernels.lattice import motors_reach
@@ -89,41 +89,38 @@ def plan_coupled(targets, motor_targets, following, machine, c_max, controls, im
     span = motors_reach(bed, c_max)
     width = 2 * c_max + 1
     qa, qb = np.empty(2 * span + 1), np.empty(2 * span + 1)
-    errors = np.empty((width, width))
+    x, y, errors = np.empty(width * width), np.empty(width * width), np.empty(width * width)
     ma, mb, pa, pb = machine.start_a, machine.start_b, machine.origin_a, machine.origin_b
     lower_a, upper_a, lower_b, upper_b = machine.lower_a, machine.upper_a, machine.lower_b, machine.upper_b
     imagined[0, 0], imagined[0, 1] = printed(bed, 0, pa, pb)
     for t in range(targets.shape[0]):
         reach(pa, ma, span, lower_a, upper_a, qa)
         reach(pb, mb, span, lower_b, upper_b, qb)
-        least, near_a, near_b = np.inf, pa, pb
-        for i in range(width):
-            for j in range(width):
-                cx, cy = i - c_max, j - c_max
-                ca, cb = to_motors(bed, 0, cx, cy)
-                x, y = printed(bed, 0, qa[ca + span], qb[cb + span])
-                dx, dy = targets[t, 0] - x, targets[t, 1] - y
-                value = dx * dx + dy * dy
-                errors[i, j] = np.inf if np.isnan(value) else value
-                if value < least:
-                    least, near_a, near_b = value, qa[ca + span], qb[cb + span]
+        bed_errors(bed, c_max, qa, qb, targets[t, 0], targets[t, 1], x, y, errors)
+        nearest, least = -1, np.inf
+        for n in range(errors.shape[0]):
+            if errors[n] < least:
+                nearest, least = n, errors[n]
+        near_a, near_b = pa, pb
+        if nearest >= 0:
+            ca, cb = to_motors(bed, 0, nearest // width - c_max, nearest % width - c_max)
+            near_a, near_b = qa[ca + span], qb[cb + span]
         goal_a, goal_b = motor_targets[t, 0], motor_targets[t, 1]
         ahead_a = direction(motor_targets[:, 0], following[0], t, near_a)
         ahead_b = direction(motor_targets[:, 1], following[1], t, near_b)
         best_value, best_x, best_y = np.inf, 0, 0
-        for i in range(width):
-            for j in range(width):
-                if errors[i, j] > least + _TIE:
-                    continue
-                cx, cy = i - c_max, j - c_max
-                ca, cb = to_motors(bed, 0, cx, cy)
-                value = 1e-9 * (cx * cx + cy * cy)  # rest where nothing is gained
-                if ahead_a != 0:
-                    value += ((lower_a if ahead_a > 0 else upper_a)[ma + ca] - goal_a) ** 2
-                if ahead_b != 0:
-                    value += ((lower_b if ahead_b > 0 else upper_b)[mb + cb] - goal_b) ** 2
-                if value < best_value:
-                    best_value, best_x, best_y = value, cx, cy
+        for n in range(errors.shape[0]):
+            if not errors[n] <= least + _TIE:
+                continue
+            cx, cy = n // width - c_max, n % width - c_max
+            ca, cb = to_motors(bed, 0, cx, cy)
+            value = 1e-9 * (cx * cx + cy * cy)  # rest where nothing is gained
+            if ahead_a != 0:
+                value += ((lower_a if ahead_a > 0 else upper_a)[ma + ca] - goal_a) ** 2
+            if ahead_b != 0:
+                value += ((lower_b if ahead_b > 0 else upper_b)[mb + cb] - goal_b) ** 2
+            if value < best_value:
+                best_value, best_x, best_y = value, cx, cy
         ca, cb = to_motors(bed, 0, best_x, best_y)
         pa, pb = qa[ca + span], qb[cb + span]
         ma += ca

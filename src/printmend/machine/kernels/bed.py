@@ -16,19 +16,27 @@ _SAME, _STEPS = 1e-10, 20
 
 
 @inner(error_model="numpy", _nrt=False)
-def to_motors(values, at, x, y):
+def mixed(corexy, x, y):
     """Map a place by the belts to motor coordinates: CoreXY a = x + y, b = x − y."""
-    if values[at + BED_COREXY] != 0.0:
-        return x + y, x - y
-    return x, y
+    return (x + y, x - y) if corexy else (x, y)
+
+
+@inner(error_model="numpy", _nrt=False)
+def unmixed(corexy, a, b):
+    """Invert `mixed`."""
+    return ((a + b) / 2, (a - b) / 2) if corexy else (a, b)
+
+
+@inner(error_model="numpy", _nrt=False)
+def to_motors(values, at, x, y):
+    """Map a place by the belts to motor coordinates, whatever the machine is."""
+    return mixed(values[at + BED_COREXY] != 0.0, x, y)
 
 
 @inner(error_model="numpy", _nrt=False)
 def from_motors(values, at, a, b):
     """Invert `to_motors`."""
-    if values[at + BED_COREXY] != 0.0:
-        return (a + b) / 2, (a - b) / 2
-    return a, b
+    return unmixed(values[at + BED_COREXY] != 0.0, a, b)
 
 
 @inner(error_model="numpy", _nrt=False)
