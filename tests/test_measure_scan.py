@@ -226,3 +226,22 @@ def test_the_sheet_is_a_pdf_with_every_tag(tmp_path):
     assert data.startswith(b"%PDF-1.4")
     assert data.rstrip().endswith(b"%%EOF")
     assert data.count(b" re f") > 14 * 20
+
+
+def test_overlapping_scans_of_a_large_plate_are_joined(tmp_path, plan, printed):
+    scan = render_scan(printed, plan, dpi=300, degradations=DEFAULT, rng=np.random.default_rng(4), stretch=(0.0, 0.0))
+    whole = measure_scans([saved(tmp_path / "whole.png", scan.image, 300)], plan)
+    low, high = scan.marks_px[:, 1].min(), scan.marks_px[:, 1].max()
+    upper = scan.image[: int(low + 0.68 * (high - low))]
+    lower = np.ascontiguousarray(scan.image[int(low + 0.32 * (high - low)) :][::-1, ::-1])  # turned by half a turn
+    parts = [saved(tmp_path / "a.png", upper, 300), saved(tmp_path / "b.png", lower, 300)]
+    joined = measure_scans(parts, plan)
+    assert any("joined by" in note for note in joined.notes)
+    assert len(joined.missing) <= len(whole.missing) + 2
+    alone, together = (rms(error_mm(one.measured_mm, printed, scale=False)) for one in (whole, joined))
+    assert together < 1.3 * alone
+    with pytest.raises(ScanError, match="the whole print"):
+        measure_scans(parts[:1], plan)
+    narrow = saved(tmp_path / "c.png", scan.image[int(low + 0.6 * (high - low)) :], 300)
+    with pytest.raises(ScanError, match="overlap by a third"):
+        measure_scans([parts[0], narrow], plan)

@@ -1,7 +1,8 @@
 """`printmend probe`: the test print that learning needs, its plan, and the reference sheet."""
 
+import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -9,6 +10,25 @@ from printmend.cli.number import Finite
 
 if TYPE_CHECKING:
     from printmend.printer import Extruder
+
+
+SHEETS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
+
+
+class Glass(click.ParamType):
+    """A sheet of paper or a scanner's glass: a name, or width × height in mm."""
+
+    name = "glass"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """Return width and height [mm]."""
+        if isinstance(value, tuple):
+            return value
+        if (known := SHEETS.get(value.lower())) is not None:
+            return known
+        if (found := re.fullmatch(r"(\d+(?:\.\d+)?)[x×](\d+(?:\.\d+)?)", value.lower())) is None:
+            self.fail(f"wanted a4, letter, or width x height in mm as 216x297, got {value!r}", param, ctx)
+        return float(found[1]), float(found[2])
 
 
 @click.command(epilog="Example: printmend probe --printer ender3 -o probe.gcode")
@@ -29,6 +49,11 @@ if TYPE_CHECKING:
               "it is drawn back between dots [default: as the printer says]")  # fmt: skip
 @click.option("--start-from", "start_path", type=click.Path(path_type=Path), metavar="PART.gcode",
               help="Start as this sliced file of yours does: temperatures, homing, levelling, purge line.")  # fmt: skip
+@click.option("--on", "surface", type=click.Choice(["plate", "paper"]), default="plate", show_default=True,
+              help="Paper: a sheet taped to the bed takes the dots, and goes flat onto any scanner.")  # fmt: skip
+@click.option("--pen", is_flag=True, help="Draw with a pen in a clip on the tool head, cold, on paper.")
+@click.option("--scanner", "glass", type=Glass(), metavar="a4|letter|WxH",
+              help="Keep the dots within this glass [on paper: a4].")  # fmt: skip
 @click.option("--first-layer", "layer_path", type=click.Path(path_type=Path), metavar="PART.gcode",
               help="Instead: write the first layer of this part alone, for `measure --gcode`.")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace the plan of another test print.")
@@ -37,7 +62,8 @@ if TYPE_CHECKING:
 def command(
     printer_name: str | None, size_mm: float | None, part_path: Path | None, design: str, after: Path | None,
     marks: int, output: Path, extruder: "Extruder | None", start_path: Path | None,
-    layer_path: Path | None, overwrite: bool, sheet: Path | None,
+    surface: str, pen: bool, glass: tuple[float, float] | None, layer_path: Path | None, overwrite: bool,
+    sheet: Path | None,
 ) -> None:  # fmt: skip
     """Write a test print that shows every fault, and its plan (probe.json beside it), which `measure` needs.
 
@@ -55,6 +81,7 @@ def command(
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
+    from printmend.probe.pen import with_pen
     from printmend.probe.start import homed_start, start_from
 
     if printer_name is None and sheet is None:
@@ -69,17 +96,22 @@ def command(
     printer = read_printer(printer_name)
     part = read_gcode(part_path, printer=printer) if part_path else None
     trace = read_trace(after, printer=printer) if after else None
-    plan = design_probe(printer, design=design, size_mm=size_mm, part=part, after=trace, marks=marks)
+    if pen or surface == "paper":
+        glass = glass or SHEETS["a4"]
+    plan = design_probe(printer, design=design, size_mm=size_mm, part=part, after=trace, marks=marks, glass_mm=glass)
+    if pen:
+        plan = with_pen(plan)
     if not overwrite:
         keep_plan(output.with_suffix(".json"), plan)
     start = printer.start_gcode and homed_start(printer.start_gcode, subject=f"start_gcode of {printer_name}")
     if start_path is not None:
         start = start_from(start_path)
-    plan_path = write_probe(output, plan, extruder=extruder or printer.extruder, start_gcode=start)
-    minutes, grams = cost(plan)
-    click.echo(
-        f"{output}: {len(plan)} marks, {len(plan.waypoints_mm)} way-points, {minutes:.0f} min, {grams:.1f} g of PLA"
+    plan_path = write_probe(
+        output, plan, extruder=extruder or printer.extruder, start_gcode=start, on_paper=surface == "paper"
     )
+    minutes, grams = cost(plan)
+    used = "a pen and a sheet of paper" if pen else f"{grams:.1f} g of PLA"
+    click.echo(f"{output}: {len(plan)} dots, {minutes:.0f} min, {used}")
     error_mm = expected_error_mm(printer, plan, part=part, after=trace)
     click.echo(f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm RMS")
     click.echo(f"{plan_path}: the plan; keep it for `printmend measure`")

@@ -8,17 +8,24 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from printmend.errors import ScanError
 from printmend.measure.distance import asked, choose_span, scaled_by
 from printmend.measure.image import write_image
 from printmend.measure.plan import ProbePlan, read_plan
 from printmend.measure.register import find_pose, turn_onto
-from printmend.measure.scan import Reading, read_scan
+from printmend.measure.scan import Reading, check_whole, read_scan
 from printmend.path import Instrument, Trace
 from printmend.units import MM_PER_INCH
 
 SETTLED_AXES = 1e-4  # what two turns of the plate leave open of the scanner's axes
+JOINED = 0.85  # of all marks: where a scan shows fewer, each shows a part of the print
 QUARTER = 0.35  # |sin| of the turn between two scans that tells the scanner's axes apart
 DISAGREEMENT = 6.0  # standard deviations between two scans of one mark: one of them saw dirt
+LEAST_SHARED, LEAST_APART = (
+    25,
+    0.25,
+)  # marks on two scans that join them, and how far they spread (share of the pattern)
+ROUNDS = 12  # of turning every scan onto the mean of all
 OVERLAY_PX = 3000
 ENLARGED = (1, 2, 5, 10, 20, 50)
 FOUND, MISSING, ERROR = (60, 170, 60), (40, 40, 230), (230, 120, 30)
@@ -38,7 +45,7 @@ class Measurement:
     @property
     def missing(self) -> np.ndarray:
         """The numbers of the marks that were not found."""
-        return np.flatnonzero(np.isnan(self.measured_mm).any(axis=1))
+        return np.flatnonzero(np.isnan(self.measured_mm).any(axis=1) & ~(self.plan.pen & self.plan.big))
 
     @property
     def trace(self) -> Trace:
@@ -75,7 +82,7 @@ def _measured(
     readings: list[Reading] = []
     notes: list[str] = []
     for path in paths:
-        reading = read_scan(path, plan, dpi=dpi)
+        reading = read_scan(path, plan, dpi=dpi, whole=len(paths) == 1)
         if overlay is not None and not readings:
             draw_overlay(overlay, reading, plan)
         if look is not None and not readings:
@@ -88,23 +95,30 @@ def _measured(
         stretch, note, settled = scanner_axes(places)
         places = [place @ np.linalg.inv(stretch).T for place in places]
         notes.append(note)
+    together = np.any([reading.marks.found for reading in readings], axis=0)
+    check_whole(readings[0].path, together, plan)
     pose = find_pose(places[0], plan, mirrored=readings[0].marks.match.mirrored)
     first, instrument = pose.apply(places[0]), _on_bed(readings[0].instrument, pose.matrix, settled=settled)
-    on_bed = [
-        first,
-        *(_aligned(place, first, reading) for place, reading in zip(places[1:], readings[1:], strict=True)),
-    ]
+    if min(reading.marks.found.sum() for reading in readings) < JOINED * together.sum():
+        on_bed, note = _joined(places, readings, plan)
+        notes.append(note)
+    else:
+        others = zip(places[1:], readings[1:], strict=True)
+        on_bed = [first, *(_aligned(place, first, reading) for place, reading in others)]
     measured, sigma = _merged(on_bed, [reading.sigma_mm for reading in readings])
     kept = "the x axis keeps its direction" if plan.kinematics == "cartesian" else "the motors share the turn"
     notes.append(f"position and turn are those that fit the commanded marks best ({kept})")
     span = choose_span(plan, measured)
     if span is not None:
-        dots_mm = _widths(readings[0])[list(span)] if distance_mm is not None else np.zeros(2)
+        widths_mm = _mean(np.stack([_widths(reading) for reading in readings]))
+        dots_mm = widths_mm[list(span)] if distance_mm is not None else np.zeros(2)
         if distance_mm is not None:
             measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
         else:
             note = asked(plan, span, measured, float(plan.big_dot_mm))
         notes.append(note)
+    if plan.pen:  # a circle says where the pen went round, not where it came to rest
+        measured[plan.big], sigma[plan.big] = np.nan, np.nan
     return Measurement(plan, measured, sigma, tuple(notes), instrument)
 
 
@@ -162,6 +176,64 @@ def _aligned(place: np.ndarray, first: np.ndarray, reading: Reading) -> np.ndarr
     both = np.isfinite(upright).all(axis=1) & np.isfinite(first).all(axis=1)
     turned = upright @ turn_onto(upright[both], first[both])
     return turned + np.median((first - turned)[both], axis=0)
+
+
+def _joined(places: Sequence[np.ndarray], readings: Sequence[Reading], plan: ProbePlan) -> tuple[list[np.ndarray], str]:
+    """Return scans that show parts of one print, [K × [M, 2]] on the bed, and how well their shared marks agree.
+
+    Every scan is turned and shifted onto the mean of all, again and again: least squares over all of them at once.
+    Raises `ScanError` for one that shares too few marks with the others.
+    """
+    upright = [
+        place * np.array([-1.0 if reading.marks.match.mirrored else 1.0, -1.0])
+        for place, reading in zip(places, readings, strict=True)
+    ]
+    order = [int(np.argmax([np.isfinite(one[:, 0]).sum() for one in upright]))]
+    laid: dict[int, np.ndarray] = {order[0]: upright[order[0]]}
+    while len(laid) < len(upright):
+        mean = _mean(np.stack(list(laid.values())))
+        left = [k for k in range(len(upright)) if k not in laid]
+        best = max(left, key=lambda k: _shared(upright[k], mean).sum())
+        _check_shared(_shared(upright[best], mean), readings[best], plan)
+        laid[best] = _onto(upright[best], mean)
+    for _ in range(ROUNDS):
+        mean = _mean(np.stack(list(laid.values())))
+        laid = {k: _onto(one, mean) for k, one in laid.items()}
+    stack = np.stack([laid[k] for k in range(len(upright))])
+    mean = _mean(stack)
+    pose = find_pose(mean * np.array([1.0, -1.0]), plan, mirrored=False)
+    both = np.isfinite(stack[..., 0]).sum(axis=0) > 1
+    off = (stack - mean)[:, both]
+    apart = float(np.sqrt(np.nanmean(np.sum(off**2, axis=2))))
+    note = f"{len(stack)} scans joined by {int(both.sum())} marks that they share: these agree to {apart:.3f} mm"
+    return [pose.apply(one * np.array([1.0, -1.0])) for one in stack], note
+
+
+def _mean(stack: np.ndarray) -> np.ndarray:
+    """Return the mean over the first axis of what is there, NaN where nothing is."""
+    known = np.isfinite(stack)
+    count = known.sum(axis=0)
+    return np.where(count > 0, np.where(known, stack, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+
+
+def _shared(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    return np.asarray(np.isfinite(one).all(axis=1) & np.isfinite(other).all(axis=1))
+
+
+def _onto(one: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Turn and shift places [M, 2] onto others, robustly."""
+    both = _shared(one, mean)
+    turned = one @ turn_onto(one[both], mean[both])
+    return turned + np.median((mean - turned)[both], axis=0)
+
+
+def _check_shared(both: np.ndarray, reading: Reading, plan: ProbePlan) -> None:
+    spread = np.ptp(plan.marks_mm[both], axis=0).max() if both.any() else 0.0
+    if both.sum() < LEAST_SHARED or spread < LEAST_APART * np.ptp(plan.marks_mm, axis=0).max():
+        raise ScanError(
+            reading.path, wanted=f"at least {LEAST_SHARED} marks that another scan shows, too",
+            came=f"{int(both.sum())}", todo="let neighbouring scans overlap by a third",
+        )  # fmt: skip
 
 
 def _merged(on_bed: list[np.ndarray], sigmas: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -29,6 +29,7 @@ class ProbePlan:
     ``rows`` [M] its way-point, ``site`` [M, 2] its place on the square lattice of marks, ``big`` [M] whether it is
     one of the large dots that say which mark is which, ``direction`` [M, 2] the sign of the last move of each bed
     axis before it, ``reversal_mm`` [M, 2] how far each axis had moved that way since it turned.
+    With a ``pen`` the large dots are drawn as small circles: they say which mark is which, and are not measured.
     ``pitch_mm`` and ``angle_rad`` give the lattice: mark = origin + pitch·R(angle)·site.
     """
 
@@ -45,6 +46,7 @@ class ProbePlan:
     big: np.ndarray
     direction: np.ndarray
     reversal_mm: np.ndarray
+    pen: bool = False
 
     def __post_init__(self) -> None:
         kinds = {"waypoints_mm": float, "reversal_mm": float, "big": bool}
@@ -122,6 +124,7 @@ def plan_text(plan: ProbePlan) -> str:
         "angle_rad": plan.angle_rad,
         "dot_mm": plan.dot_mm,
         "big_dot_mm": plan.big_dot_mm,
+        **({"pen": True} if plan.pen else {}),
     }
     marks = [
         {
@@ -184,6 +187,7 @@ def _plan(table: dict[str, Any]) -> ProbePlan:
         big=np.array([mark["big"] for mark in marks], bool),
         direction=np.array([mark["direction"] for mark in marks], np.int64).reshape(-1, 2),
         reversal_mm=np.array([mark["reversal_mm"] for mark in marks], float).reshape(-1, 2),
+        pen=table.get("pen") is True,
     )
     if not len(plan) or not np.isfinite(plan.waypoints_mm).all() or plan.rows.min() < 0:
         raise ValueError("no marks")

@@ -54,10 +54,11 @@ class Reading:
         return places
 
 
-def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) -> Reading:
+def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, whole: bool = True) -> Reading:
     """Read the marks of ``plan`` from an image file.
 
-    ``dpi`` overrides what the file says; without either it is 600. Raises `ScanError` for an image that is none, a
+    ``dpi`` overrides what the file says; without either it is 600. ``whole`` refuses an image of a part of the print.
+    Raises `ScanError` for an image that is none, a
     page without dots, another plate, a wrong resolution (which is named) and a scan that shows only a part.
     """
     image, stated = read_image(path)
@@ -65,14 +66,15 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None) ->
     if len(tags) >= LEAST_TAGS:
         lens, error_mm = fit_lens(tags, image.shape)
         if not is_flat(tags, error_mm):
-            return _read_photo(path, image, lens, _tags_said(tags, error_mm), plan)
+            return _read_photo(path, image, lens, _tags_said(tags, error_mm), plan, whole=whole)
     dpi = dpi or stated or USUAL_DPI
     dots = find_dots(image, dpi / MM_PER_INCH, plan.dot_mm, plan.big_dot_mm, subject=str(path))
     dots_mm, scale, instrument = _scaled(dots, tags, dpi)
     marks = read_marks(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
     if marks is None or _scale_ratio(dots, dots_mm, marks, dpi, plan) is not None:
         raise _explained(path, image, dots, marks, dpi, plan)
-    _check_whole(path, marks, plan)
+    if whole:
+        check_whole(path, marks.found, plan)
     return _reading(path, image, dots, dots_mm, marks, MM_PER_INCH / dpi, scale, instrument)
 
 
@@ -85,14 +87,17 @@ def _reading(
     return Reading(str(path), image, dots, dots_mm, marks, sigma, scale, instrument, mm_per_px)
 
 
-def _read_photo(path: str | Path, image: np.ndarray, lens: Lens, scale: str, plan: ProbePlan) -> Reading:
+def _read_photo(
+    path: str | Path, image: np.ndarray, lens: Lens, scale: str, plan: ProbePlan, *, whole: bool
+) -> Reading:
     flat, corner_mm, px_per_mm = rectify(image, lens)
     dots = find_dots(flat, px_per_mm, plan.dot_mm, plan.big_dot_mm, subject=str(path))
     dots_mm = corner_mm + (dots.centre_px + 0.5) / px_per_mm
     marks = read_marks(dots_mm, dots.diameter_px / px_per_mm, plan)
     if marks is None:
         raise _stranger(path, dots, plan)
-    _check_whole(path, marks, plan)
+    if whole:
+        check_whole(path, marks.found, plan)
     return _reading(path, flat, dots, dots_mm, marks, 1 / px_per_mm, scale, PHOTO)
 
 
@@ -160,8 +165,8 @@ def _stranger(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
     )
 
 
-def _check_whole(path: str | Path, marks: Marks, plan: ProbePlan) -> None:
-    found = marks.found
+def check_whole(path: str | Path, found: np.ndarray, plan: ProbePlan) -> None:
+    """Raise `ScanError` where too few of the marks [M] were found, and say on which side."""
     if found.mean() >= LEAST_FOUND:
         return
     gone, middle = plan.marks_mm[~found].mean(axis=0), plan.marks_mm.mean(axis=0)

@@ -9,6 +9,7 @@ from printmend.printer import Extruder
 
 LAYER_MM, HOP_MM = 0.24, 0.8
 BEAD_MM = 0.8
+PAPER_MM = 0.1  # a sheet of 80 g/m²
 FILAMENT_MM, PLA_G_PER_MM3 = 1.75, 1.24e-3
 TRAVEL_MM_S, PURGE_MM_S, LIFT_MM_S, EXTRUDE_MM_S = 120.0, 20.0, 10.0, 2.0
 # A dot uses 0.1 mm of filament: a longer retraction would chew each piece of it too often, a shorter one strings. The
@@ -21,6 +22,9 @@ ACCELERATION_MM_S2, LIFT_ACCELERATION_MM_S2 = 500.0, 100.0
 PREAMBLE = """\
 ; printmend probe: {marks} dots on one layer, about {minutes:.0f} min and {grams:.1f} g
 ; Printed for: {printer}. Change the temperatures below for another material than PLA, and nothing after "dots".
+"""
+PAPER = """\
+; Tape the sheet flat onto the bed, its edges outside the dots; the first layer is as much higher as it is thick.
 """
 PLAIN_START = """\
 M140 S60
@@ -52,23 +56,27 @@ def dot_mm3(diameter_mm: float) -> float:
     return math.pi * diameter_mm**2 / 4 * LAYER_MM
 
 
-def probe_gcode(plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "") -> str:
+def probe_gcode(
+    plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "", on_paper: bool = False
+) -> str:
     """Return the file that prints ``plan``: after its start code, every way-point is the end of one G0 or G1, in order.
 
     ``extruder`` sets how far the filament is drawn back between dots. ``start_gcode`` takes the place of the plain
-    heating and homing; it must home, and end at the home position (`start.homed_start` sees to that).
+    heating and homing; it must home, and end at the home position (`start.homed_start` sees to that). ``on_paper``
+    lays the dots on a sheet that is taped to the bed.
     """
+    first_mm = LAYER_MM + (PAPER_MM if on_paper else 0.0)
     points = plan.waypoints_mm
     dots = {int(row): float(diameter) for row, diameter in zip(plan.rows, plan.diameter_mm, strict=True)}
     minutes, grams = cost(plan)
     head = PREAMBLE.format(marks=len(plan), minutes=minutes, grams=grams, printer=plan.printer)
-    lines = [head, start_gcode or PLAIN_START, DOTS]
-    lift, drop = f"G1 Z{HOP_MM + LAYER_MM:g} F{LIFT_MM_S * 60:g}\n", f"G1 Z{LAYER_MM:g} F{LIFT_MM_S * 60:g}\n"
+    lines = [head, PAPER if on_paper else "", start_gcode or PLAIN_START, DOTS]
+    lift, drop = f"G1 Z{HOP_MM + first_mm:g} F{LIFT_MM_S * 60:g}\n", f"G1 Z{first_mm:g} F{LIFT_MM_S * 60:g}\n"
     back_mm, back_feed = RETRACT_MM[extruder], f"F{RETRACT_MM_S * 60:g}"
     retract, restore = f"G1 E-{back_mm:g} {back_feed}\n", f"G1 E{back_mm:g} {back_feed}\n"
     purge = filament_mm(float(np.hypot(*(points[2] - points[1]))) * BEAD_MM * LAYER_MM)
     lines += [
-        f"G1 Z{HOP_MM + LAYER_MM:g} F{LIFT_MM_S * 60:g}\n",
+        lift,
         f"G0 {_xy(points[1])} F{TRAVEL_MM_S * 60:g}\n",
         drop,
         f"G1 {_xy(points[2])} E{purge:.5f} F{PURGE_MM_S * 60:g}\n",

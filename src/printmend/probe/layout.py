@@ -21,6 +21,7 @@ MARKS = 600
 MIN_PITCH_MM = 5.5  # nearer dots could touch on a printer that is off by millimetres
 LEAST_AREA_MM = 30.0  # side of the smallest area of marks: three quarters of a turn of the usual pulley
 AROUND_PART_MM, TURNS_FOR_PART = 5.0, 1.5
+GLASS_EDGE_MM = 8.0  # between the outermost marks and the edge of a scanner's glass or of a sheet of paper
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,22 @@ def square_mm(printer: Printer, size_mm: float) -> tuple[np.ndarray, np.ndarray]
             todo="make it smaller, or leave it out for the whole bed",
         )  # fmt: skip
     return np.maximum(low, middle - size_mm / 2), np.minimum(high, middle + size_mm / 2)
+
+
+def glass_area_mm(printer: Printer, glass_mm: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of the largest area of marks that a scanner's glass, or a sheet, shows with a free margin.
+
+    Raises `ConfigError` for a glass too small for any marks.
+    """
+    low, high = mark_area_mm(printer)
+    room = np.array(glass_mm) - 2 * GLASS_EDGE_MM
+    size = max((np.minimum(high - low, side) for side in (room, room[::-1])), key=lambda one: float(one.prod()))
+    if (size < LEAST_AREA_MM).any():
+        raise ConfigError(
+            "--scanner", wanted=f"a glass of at least {LEAST_AREA_MM + 2 * GLASS_EDGE_MM:.0f} mm a side",
+            came=f"{glass_mm[0]:g} × {glass_mm[1]:g} mm", todo="give its width and height in mm, as 216x297",
+        )  # fmt: skip
+    return (low + high - size) / 2, (low + high + size) / 2
 
 
 def area_around_mm(printer: Printer, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

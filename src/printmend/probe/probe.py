@@ -12,8 +12,9 @@ from printmend.path import Trace
 from printmend.printer import Extruder, Printer
 from printmend.probe.gcode import probe_gcode
 from printmend.probe.information import belief_after, fall_of, information, prior_belief, still_unknown
-from printmend.probe.layout import MARKS, area_around_mm, lay_out, mark_area_mm, square_mm
+from printmend.probe.layout import MARKS, area_around_mm, glass_area_mm, lay_out, mark_area_mm, square_mm
 from printmend.probe.part_layer import layer_plan, longest_layer_mm
+from printmend.probe.pen import pen_gcode
 from printmend.probe.tiles import chosen_plans
 from printmend.probe.walk import walk
 
@@ -29,8 +30,11 @@ def design_probe(
     part: Program | None = None,
     after: Trace | None = None,
     marks: int = MARKS,
+    glass_mm: tuple[float, float] | None = None,
 ) -> ProbePlan:
     """Lay out about ``marks`` marks over the whole bed, a square of ``size_mm`` in its middle, or for ``part``.
+
+    ``glass_mm`` keeps them within what a scanner's glass of this size, or a sheet of paper, shows.
 
     ``fixed`` is the pattern of physics.md §5 where the part is printed; ``layer`` follows the part's longest layer;
     ``optimal`` chooses the marks that let the part's expected error fall most, ``active`` those that bring most
@@ -42,13 +46,13 @@ def design_probe(
             raise InputError("--design layer", wanted="a part", came="none", todo="name it: --for part.gcode")
         return layer_plan(printer, longest_layer_mm(part), marks=marks)
     if design == "fixed":
-        return walk(printer, lay_out(printer, *_area_mm(printer, size_mm, part), marks=marks))
+        return walk(printer, lay_out(printer, *_area_mm(printer, size_mm, part, glass_mm), marks=marks))
     belief = prior_belief(printer) if after is None else belief_after(printer, after)
-    area = mark_area_mm(printer) if size_mm is None else square_mm(printer, size_mm)
+    area = _area_mm(printer, size_mm, None, glass_mm)
     wanted = belief.wanted(targets_mm(printer, part))
     worth = information if design == "active" else fall_of(wanted)
     # The drawn patterns compete: with few marks their evenness is hard to beat.
-    drawn = [area] if part is None else [area, _area_mm(printer, size_mm, part)]
+    drawn = [area] if part is None else [area, _area_mm(printer, size_mm, part, glass_mm)]
     plans = [walk(printer, lay_out(printer, *corners, marks=marks)) for corners in drawn]
     plans += chosen_plans(printer, area, belief, worth, marks=marks)
     known = [belief.told(belief.columns(plan.waypoints_mm, plan.rows)) for plan in plans]
@@ -77,10 +81,18 @@ def targets_mm(printer: Printer, part: Program | None) -> np.ndarray:
     return np.swapaxes(ends[0] + share * (ends[1] - ends[0]), 0, 1).reshape(-1, 2)
 
 
-def _area_mm(printer: Printer, size_mm: float | None, part: Program | None) -> tuple[np.ndarray, np.ndarray]:
+def _area_mm(
+    printer: Printer, size_mm: float | None, part: Program | None, glass_mm: tuple[float, float] | None
+) -> tuple[np.ndarray, np.ndarray]:
     if part is not None:
-        return area_around_mm(printer, _printed_mm(part))
-    return mark_area_mm(printer) if size_mm is None else square_mm(printer, size_mm)
+        low, high = area_around_mm(printer, _printed_mm(part))
+    else:
+        low, high = mark_area_mm(printer) if size_mm is None else square_mm(printer, size_mm)
+    if glass_mm is None:
+        return low, high
+    seen_low, seen_high = glass_area_mm(printer, glass_mm)
+    size = np.minimum(high - low, seen_high - seen_low)
+    return (low + high - size) / 2, (low + high + size) / 2
 
 
 def _printed_mm(part: Program) -> np.ndarray:
@@ -97,11 +109,17 @@ def turns_covered(printer: Printer, plan: ProbePlan) -> tuple[float, float]:
     return float(spans[0] / printer.x.mm_per_turn), float(spans[1] / printer.y.mm_per_turn)
 
 
-def write_probe(path: str | Path, plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "") -> Path:
-    """Write the G-code to ``path`` and the plan beside it; return the plan's path. The options are `probe_gcode`'s."""
+def write_probe(
+    path: str | Path, plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "", on_paper: bool = False
+) -> Path:
+    """Write the G-code to ``path`` and the plan beside it; return the plan's path. The options are `probe_gcode`'s.
+
+    A plan `with_pen` becomes a drawing.
+    """
     path = Path(path)
     plan_path = path.with_suffix(".json")
     with replacing(path) as file:
-        file.write(probe_gcode(plan, extruder=extruder, start_gcode=start_gcode))
+        text = probe_gcode(plan, extruder=extruder, start_gcode=start_gcode, on_paper=on_paper)
+        file.write(pen_gcode(plan) if plan.pen else text)
     write_plan(plan_path, plan)
     return plan_path

@@ -1,0 +1,68 @@
+"""A probe drawn with a pen in a clip on the tool head: no heat, no plastic, a sheet of paper on the bed.
+
+A dot is where the pen comes down; it is as large as the pen's tip. A large dot is a small circle drawn around one: it
+says which mark is which, but where its middle lies depends on the play, so it is not measured.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.measure.plan import ProbePlan
+from printmend.path import frozen
+
+TIP_MM, BIG_MM = 0.8, 1.8  # diameters of what a felt pen leaves, and of a circle that it draws
+CORNERS = 8
+TOUCH_MM, LIFT_MM, PRESS_MM = 5.0, 2.5, 0.1  # height of the tool head where the pen is fastened, and from there
+TRAVEL_MM_S, APPROACH_MM_S, CIRCLE_MM_S, DOWN_MM_S, REST_MS = 80.0, 20.0, 5.0, 10.0, 150
+
+
+def with_pen(plan: ProbePlan) -> ProbePlan:
+    """Return the plan for a pen: a circle of way-points after every large mark, back to its middle."""
+    radius = (BIG_MM - TIP_MM) / 2
+    turns = 2 * np.pi * np.arange(CORNERS + 1) / CORNERS
+    circle = np.vstack([radius * np.stack([np.cos(turns), np.sin(turns)], axis=1), [[0.0, 0.0]]])
+    points, rows, done = [], np.array(plan.rows), 0
+    order = np.argsort(plan.rows, kind="stable")
+    for mark in order:
+        row = int(plan.rows[mark])
+        points += [plan.waypoints_mm[done : row + 1]]
+        done = row + 1
+        if plan.big[mark]:
+            points.append(np.round(plan.waypoints_mm[row] + circle, 5))
+    points.append(plan.waypoints_mm[done:])
+    shift = np.cumsum(np.where(plan.big[order], len(circle), 0)) - np.where(plan.big[order], len(circle), 0)
+    rows[order] = plan.rows[order] + shift
+    return replace(plan, waypoints_mm=frozen(np.vstack(points)), rows=rows, dot_mm=TIP_MM, big_dot_mm=BIG_MM, pen=True)
+
+
+def pen_gcode(plan: ProbePlan) -> str:
+    """Return the file that draws ``plan``: every way-point is the end of one G0 or G1, in order."""
+    points, dots = plan.waypoints_mm, dict(zip(plan.rows.tolist(), plan.big.tolist(), strict=True))
+    up, down = (f"G1 Z{z:g} F{DOWN_MM_S * 60:g}\n" for z in (TOUCH_MM + LIFT_MM, TOUCH_MM - PRESS_MM))
+    lines = [
+        f"; printmend probe: {len(plan)} dots with a pen on paper. Printed for: {plan.printer}\n",
+        "; Tape the sheet flat onto the cold bed. Two pauses ask for the pen; where M0 does not pause, use yours.\n",
+        "G21\nG90\nG28\nG1 Z40 F600\n", "M0 Put the pen into its clip, loosely, with the tip up\n",
+        f"G0 {_xy(points[1])} F{TRAVEL_MM_S * 60:g}\n", f"G0 {_xy(points[2])}\n",
+        f"G1 Z{TOUCH_MM:g} F600\n", "M0 Lower the pen until it touches the paper, and fasten it\n", up,
+    ]  # fmt: skip
+    row = 3
+    while row < len(points):
+        feed = APPROACH_MM_S if row in dots else TRAVEL_MM_S
+        lines.append(f"G0 {_xy(points[row])} F{feed * 60:g}\n")
+        if row in dots:
+            lines += [down, f"G4 P{REST_MS}\n"]
+            if dots[row]:
+                for _ in range(CORNERS + 2):
+                    row += 1
+                    lines.append(f"G1 {_xy(points[row])} F{CIRCLE_MM_S * 60:g}\n")
+            lines.append(up)
+        row += 1
+    lines += ["G1 Z40 F600\n", "M84\n"]
+    return "".join(lines)
+
+
+def _xy(point: np.ndarray) -> str:
+    x, y = (f"{value:.5f}".rstrip("0").rstrip(".") for value in point)
+    return f"X{x} Y{y}".replace("-0 ", "0 ")
