@@ -19,12 +19,14 @@ from printmend.errors import InputError
 from printmend.printer import read_printer
 from printmend.repair import check_gcode, mend_gcode
 from printmend.saved.model import exact_model, saved_model, write_model
+from printmend.studio import kernels
 from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
 from printmend.studio.jobs import Jobs
 from printmend.studio.scene import build_scene, write_scene
 from printmend.studio.store import Store
 from printmend.twin import Twin
+from tests import naive_studio
 
 HERE = "http://127.0.0.1:8765"
 
@@ -163,6 +165,17 @@ CFG = "[printer]\nkinematics: cartesian\n" + "".join(
     f"[stepper_{axis}]\nrotation_distance: {turn}\nmicrosteps: 16\nposition_max: {size}\nposition_endstop: 0\n"
     for axis, turn, size in (("x", 40, 200), ("y", 40, 180), ("z", 8, 200))
 )
+
+
+def test_distances_are_those_of_the_slow_twin() -> None:
+    rng = np.random.default_rng(3)
+    wanted = rng.uniform(0, 5, (200, 2))
+    wanted[50] = wanted[49]
+    printed, joined, out = wanted + rng.normal(0, 0.7, (200, 2)), rng.random(200) < 0.8, np.empty(200)
+    joined[-1] = False
+    kernels.distances(wanted, printed, joined, 3, out)
+    assert out == pytest.approx(naive_studio.distances(wanted, printed, joined, 3), abs=1e-12)
+    assert (out > 0).any()
 
 
 def test_the_way_of_ones_own_printer(folder: Path) -> None:

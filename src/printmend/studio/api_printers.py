@@ -17,6 +17,7 @@ from printmend.printer.convert import convert, printer_text
 from printmend.printer.toml import parse_printer
 from printmend.studio.api import PROBLEMS, Here, Key, card, plain_name
 from printmend.studio.jobs import Studio
+from printmend.studio.said import LEAST_ADVICE_MM, advice_of, said
 from printmend.studio.shapes import (
     Distance,
     JobCard,
@@ -52,7 +53,8 @@ def _card(here: Studio, row: dict[str, Any]) -> PrinterCard:
     health, healthy, digest, measured_s = None, None, None, None
     if (folder / MODEL).is_file():
         document = json.loads((folder / MODEL).read_text(encoding="utf-8"))
-        health = document["findings"][0] if document["findings"] else ""
+        titles = [one.title for _, one in advice_of(document) if one.effect_mm >= LEAST_ADVICE_MM]
+        health = "; ".join(titles) or (document["findings"] or [""])[0]
         sound = document["frame"] is None and all(one["kind"] == "healthy" for one in document["motors"].values())
         healthy = not document["diagnosis"] if "diagnosis" in document else sound
         digest, measured_s = document["digest"], (folder / MODEL).stat().st_mtime
@@ -251,7 +253,6 @@ def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
 def known(here: Here, key: Key) -> Known:
     """Return what is known of a printer."""
     from printmend.saved.model import read_model
-    from printmend.studio.said import said
 
     folder = _folder(here, key)
     history: list[dict[str, Any]] = []

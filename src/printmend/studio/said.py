@@ -1,10 +1,11 @@
 """A learned machine as plain values for a page: what is wrong, in words, how sure, what to do, and its pictures."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.advice import advise
+from printmend.diagnosis.advice import Advice, advise
 from printmend.diagnosis.diagnosis import Fault
 from printmend.machine.mechanism import Mechanism
 from printmend.promise.misfit import misfit_words
@@ -20,10 +21,8 @@ _CURVE = 400
 
 def said(model: SavedModel) -> dict[str, Any]:
     """Return what is known of a machine: a headline, its faults with advice, what the measurement could not tell."""
-    corexy = model.printer.kinematics == "corexy"
     advice = []
-    for fault in model.document.get("diagnosis", []):
-        one = advise(Fault(fault["part"], fault["kind"], fault["value"], fault["sd"], fault["unit"], ""), corexy=corexy)
+    for fault, one in advice_of(model.document):
         if one.effect_mm >= LEAST_ADVICE_MM or one.urgency != "software":
             advice.append({**vars(one), "part": fault["part"], "kind": fault["kind"], "value": fault["value"],
                            "unit": fault["unit"]})  # fmt: skip
@@ -38,6 +37,16 @@ def said(model: SavedModel) -> dict[str, Any]:
         "after_mm": trace.get("residual_after_mm"), "noise_mm": model.noise_mm, "learner": model.learner,
         "machine": drawn(model.mechanism),
     }  # fmt: skip
+
+
+def advice_of(document: Mapping[str, Any]) -> list[tuple[dict[str, Any], Advice]]:
+    """Return the faults of a saved model's document, each with the advice for it."""
+    corexy = document["printer"]["kinematics"] == "corexy"
+    named = ("part", "kind", "value", "sd", "unit")
+    return [
+        (fault, advise(Fault(**{name: fault[name] for name in named}, words=""), corexy=corexy))
+        for fault in document.get("diagnosis", [])
+    ]
 
 
 def drawn(mechanism: Mechanism) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from printmend.invert.inverse import Planner, start
 from printmend.invert.kernels.layout import FILAMENT_AREA_MM2
 from printmend.machine.mechanism import Mechanism
 from printmend.machine.printing import print_path
+from printmend.studio import kernels
 
 MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 17 MB
 _PITCHES_MM = (0.8, 6.0)  # between points on long lines: finest and coarsest
@@ -239,20 +240,9 @@ def _printed(mechanism: Mechanism, points_mm: np.ndarray) -> np.ndarray:
 
 def _distance(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray) -> np.ndarray:
     """Return the distance [P] of each printed point from the wanted path around its own place on it."""
-    xy, count = wanted_mm[:, :2], len(wanted_mm)
-    best = np.full(count, np.inf)
-    reach = np.maximum.accumulate(np.where(np.append(True, ~joined[:-1]), np.arange(count), 0)) if count else best
-    for shift in range(-_NEAR - 1, _NEAR + 1):
-        i = np.arange(max(0, -shift), count - max(0, shift + 1))
-        j = i + shift
-        same = joined[j] & (reach[i] == reach[j])
-        i, j = i[same], j[same]
-        along = xy[j + 1] - xy[j]
-        size = np.maximum(np.einsum("ij,ij->i", along, along), 1e-12)
-        off = printed_mm[i] - xy[j]
-        share = np.clip(np.einsum("ij,ij->i", off, along) / size, 0.0, 1.0)
-        best[i] = np.minimum(best[i], np.hypot(*(off - share[:, None] * along).T))
-    return np.where(np.isfinite(best), best, 0.0)
+    out = np.empty(len(wanted_mm))
+    kernels.distances(np.ascontiguousarray(wanted_mm[:, :2]), np.ascontiguousarray(printed_mm), joined, _NEAR, out)
+    return out
 
 
 def _bead(records: np.ndarray, length_mm: np.ndarray, layer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

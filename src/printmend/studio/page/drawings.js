@@ -63,3 +63,6 @@ export function saveSvg(id, name) {
 
 export const Number_ = ({ value, unit = "mm", children }) => html`<div class="number"><b>${value} <small>${unit}</small></b><span>${children}</span></div>`;
 export const percent = (share) => `${number(100 * share, 0)} %`;
+
+// How wide a chart's own units are: on a narrow page fewer, so that its words stay readable.
+export const wide = () => (innerWidth < 700 ? 430 : 900);

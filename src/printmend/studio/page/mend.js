@@ -1,7 +1,7 @@
 // Mend: files in, and each as wanted, as this printer prints it, and mended.
 import { html, useEffect, useState } from "./vendor.js";
 import { fileOf, get, post, scene as fetchScene, upload } from "./api.js";
-import { Number_ } from "./drawings.js";
+import { Number_, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { ended, Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
@@ -64,7 +64,7 @@ function Numbers({ job }) {
 }
 
 function Layers({ layers }) {
-  const W = 900, H = 170, left = 46, most = Math.max(...layers.map(([, a, b]) => Math.max(a, b)), 0.01), top = layers.at(-1)[0] || 1;
+  const W = wide(), H = 170, left = 46, most = Math.max(...layers.map(([, a, b]) => Math.max(a, b)), 0.01), top = layers.at(-1)[0] || 1;
   const x = (z) => left + (z / top) * (W - left - 8), y = (v) => 8 + (1 - v / most) * (H - 34);
   const line = (k) => layers.map((row, i) => `${i ? "L" : "M"}${x(row[0]).toFixed(1)} ${y(row[k]).toFixed(1)}`).join("");
   return html`<svg viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("by_layer")}>${[0, most / 2, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, 2)}</text></g>`)}

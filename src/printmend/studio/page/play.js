@@ -69,7 +69,7 @@ export function Play() {
       ${done ? html`<button class="big" onClick=${() => { setKey(null); setScene(null); }}>${t("change")}</button>`
         : html`<button class="primary big" disabled=${running} onClick=${start}>${running ? t("mending") : t("mend_it")}</button>`}</div>
     <${Problem} error=${error} />
-    <div class="split">
+    <div class="split first">
       <div class="stack">
         ${running && html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${STEPS} /></section>`}
         ${result ? html`<${Result} result=${result} />` : html`

@@ -1,7 +1,7 @@
 // Prove: the mended test print, measured; promise against result, and how both went over time.
 import { html, useEffect, useState } from "./vendor.js";
 import { fileOf, get, post, upload } from "./api.js";
-import { Number_, saveSvg } from "./drawings.js";
+import { Number_, saveSvg, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { ended, Problem, Progress, useJob } from "./job.js";
 import { day, mm, number, t, typed } from "./words.js";
@@ -26,8 +26,8 @@ export function Prove({ printer, changed }) {
   if (!printer.digest || !printer.has_probe) return html`<p class="note">${t("no_model")}</p>`;
   const verdict = job?.state === "done" ? job.result.verdict : null;
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
-      <section class="card stack"><h2>1</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a>` : html`<button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>
-      <section class="card stack"><h2>2</h2><${Drop} multiple accept="image/*,.csv" onFiles=${take}><p><b>${t("drop_check")}</b></p></${Drop}>
+      <section class="card stack"><h2>${t("prove_print")}</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a>` : html`<button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>
+      <section class="card stack"><h2>${t("prove_scan")}</h2><${Drop} multiple accept="image/*,.csv" onFiles=${take}><p><b>${t("drop_check")}</b></p></${Drop}>
         <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
     <div class="stack">${verdict && html`<section class="card stack"><h2>${t(verdict.kept ? "kept" : "broken_promise")}</h2><div class="numbers"><${Number_} value=${mm(verdict.before_mm)}>${t("was")}</${Number_}><${Number_} value=${mm(verdict.now_mm)}>${t("measured_now")}</${Number_}><${Number_} value=${`${mm(verdict.promised_low_mm)} – ${mm(verdict.promised_high_mm)}`}>${t("promised")}</${Number_}></div>
         <p class="faint">${job.result.newer}</p>${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
@@ -35,12 +35,12 @@ export function Prove({ printer, changed }) {
 }
 
 function History({ events }) {
-  const W = 900, H = 280, left = 52, bottom = 40, step = (W - left - 40) / Math.max(events.length, 1);
+  const W = wide(), H = 280, left = 52, bottom = 40, step = (W - left - 40) / Math.max(events.length, 1);
   const most = Math.max(...events.map((one) => Math.max(one.now_mm ?? 0, one.promised_high_mm ?? 0, one.before_mm ?? 0)), 0.02);
   const x = (i) => left + step * (i + 0.5), y = (v) => 10 + (1 - Math.sqrt(v / most)) * (H - bottom - 16);
   return html`<svg id="history" viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("history")}>
     ${[0, most / 16, most / 4, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, v < 0.1 ? 3 : 2)}</text></g>`)}
     ${events.map((one, i) => html`<g>${one.promised_high_mm !== undefined && html`<rect x=${x(i) - 12} width="24" rx="5" y=${y(one.promised_high_mm)} height=${Math.max(3, y(one.promised_low_mm) - y(one.promised_high_mm))} fill="var(--accent-soft)" stroke="var(--accent)" /><circle cx=${x(i)} cy=${y(one.before_mm)} r="5" class="fp" />`}
       <circle cx=${x(i)} cy=${y(one.now_mm ?? 0)} r="6" class=${one.event === "learned" ? "fp" : "fm"} /><text x=${x(i)} y=${H - 20} text-anchor="middle">${t(`event_${one.event}`)}</text><text x=${x(i)} y=${H - 5} text-anchor="middle">${day(one.at_s)}</text></g>`)}
-    <text x=${left} y="12" style=${{ display: "none" }}>${t("history_axis")}</text></svg>`;
+    <text x=${left + 4} y="11">${t("history_axis")}</text></svg>`;
 }

@@ -1,7 +1,7 @@
 // What is wrong: the machine drawn as it is, its faults made larger, and words beside them.
 import { html, useEffect, useState } from "./vendor.js";
 import { get } from "./api.js";
-import { Number_, saveSvg } from "./drawings.js";
+import { Number_, saveSvg, wide } from "./drawings.js";
 import { Problem } from "./job.js";
 import { mm, number, t } from "./words.js";
 
@@ -43,17 +43,17 @@ function Machine({ machine, larger }) {
   for (let r = 0; r < n; r++) { net += path(Array.from({ length: n }, (_, c) => at(r * n + c))); net += path(Array.from({ length: n }, (_, c) => at(c * n + r))); }
   const scale = Math.min(w, h) / 11, [one, two] = machine.motors;
   const belt = (length, play) => { const sag = Math.min(play * larger * 1.6, scale * 1.6); return `M0 ${-scale * 0.62}L${length} ${-scale * 0.62}M0 ${scale * 0.62}Q${length / 2} ${scale * 0.62 + 2 * sag} ${length} ${scale * 0.62}`; };
-  const drive = (motor, length, place) => { const factor = Math.min(larger, most(motor)); return html`<g transform=${place}><path d=${belt(length, motor.play_mm)} fill="none" stroke="var(--soft)" stroke-width="2.2" vector-effect="non-scaling-stroke" /><circle cx=${length} r=${scale * 0.62} fill="var(--card)" stroke="var(--soft)" stroke-width="1.4" vector-effect="non-scaling-stroke" />
-    <circle r=${scale * 0.62} fill="none" stroke="var(--wanted)" stroke-dasharray="3 3" vector-effect="non-scaling-stroke" /><g transform=${`scale(${(scale * 0.62) / motor.radius_mm})`}><path d=${path(grown(motor.outline_mm, motor.radius_mm, factor)) + "Z"} fill="var(--accent-soft)" stroke="var(--accent)" stroke-width="2" vector-effect="non-scaling-stroke" /></g><circle r=${scale * 0.09} fill="var(--soft)" /><text x=${-scale * 1.25} y=${scale * 0.14} text-anchor="middle" style=${{ fontSize: `${scale * 0.42}px`, fontWeight: 600 }}>${motor.name}</text>${factor < larger && html`<text y=${scale * 1.3} text-anchor="middle" style=${{ fontSize: `${scale * 0.34}px` }}>${factor} ×</text>`}</g>`; };
+  const drive = (motor, length, place, label) => { const factor = Math.min(larger, most(motor)); return html`<g transform=${place}><path d=${belt(length, motor.play_mm)} fill="none" stroke="var(--soft)" stroke-width="2.2" vector-effect="non-scaling-stroke" /><circle cx=${length} r=${scale * 0.62} fill="var(--card)" stroke="var(--soft)" stroke-width="1.4" vector-effect="non-scaling-stroke" />
+    <circle r=${scale * 0.62} fill="none" stroke="var(--wanted)" stroke-dasharray="3 3" vector-effect="non-scaling-stroke" /><g transform=${`scale(${(scale * 0.62) / motor.radius_mm})`}><path d=${path(grown(motor.outline_mm, motor.radius_mm, factor)) + "Z"} fill="var(--accent-soft)" stroke="var(--accent)" stroke-width="2" vector-effect="non-scaling-stroke" /></g><circle r=${scale * 0.09} fill="var(--soft)" /></g><text x=${label[0]} y=${label[1]} text-anchor="middle" style=${{ fontSize: `${scale * 0.4}px`, fontWeight: 600 }}>${motor.name}${factor < larger ? ` ${factor} ×` : ""}</text>`; };
   const pad = scale * 2.9;
-  return html`<svg id="machine" class="fill" viewBox="${x0 - pad} ${-y1 - pad * 0.75} ${w + 2 * pad} ${h + 1.9 * pad}" role="img" aria-label=${t("machine", { n: larger })}>
+  return html`<svg id="machine" class="fill" viewBox="${x0 - pad} ${-y1 - pad * 0.75} ${w + 2 * pad} ${h + 2 * pad}" role="img" aria-label=${t("machine", { n: larger })}>
     <rect x=${x0} y=${-y1} width=${w} height=${h} rx="5" fill="var(--card)" stroke="var(--line)" vector-effect="non-scaling-stroke" /><path d=${net} class="m" stroke-width="1.2" opacity="0.75" />
-    ${drive(one, w, `translate(${x0} ${-y0 + scale * 1.55})`)}${drive(two, h, `translate(${x0 - scale * 1.25} ${-y0}) rotate(-90)`)}</svg>`;
+    ${drive(one, w, `translate(${x0} ${-y0 + scale * 1.55})`, [x0, -y0 + scale * 2.75])}${drive(two, h, `translate(${x0 - scale * 1.25} ${-y0}) rotate(-90)`, [x0 - scale * 2.5, -y0 + scale * 0.14])}</svg>`;
 }
 
 function Curve({ motor }) {
   const { at_mm: at, forwards_mm: a, backwards_mm: b } = motor, low = Math.min(...a, ...b), high = Math.max(...a, ...b), pad = Math.max((high - low) * 0.08, 0.01);
-  const W = 900, H = 190, left = 46, bottom = 22, x = (v) => left + ((v - at[0]) / (at.at(-1) - at[0])) * (W - left - 8), y = (v) => 6 + ((high + pad - v) / (high - low + 2 * pad)) * (H - bottom - 12);
+  const W = wide(), H = 190, left = 46, bottom = 22, x = (v) => left + ((v - at[0]) / (at.at(-1) - at[0])) * (W - left - 8), y = (v) => 6 + ((high + pad - v) / (high - low + 2 * pad)) * (H - bottom - 12);
   const line = (values) => path(values.map((v, i) => [x(at[i]), y(v)]));
   const ticks = [low, (low + high) / 2, high];
   return html`<svg viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("curve", { name: motor.name })}>${ticks.map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, 2)}</text></g>`)}

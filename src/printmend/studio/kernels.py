@@ -1,0 +1,30 @@
+"""How far printed points lie from the wanted path around their own place on it."""
+
+import numpy as np
+
+from printmend.jit import entry
+
+
+@entry
+def distances(wanted, printed, joined, near, out):
+    """Fill out [P] with the distance of printed [P, 2] from the nearest of the wanted segments around each point.
+
+    Segment j leads from wanted[j] to wanted[j + 1] where joined[j]; looked at are ``near`` of them to either side of
+    the point's own, as far as the bead does not end. A point without any has the distance 0.
+    """
+    count = wanted.shape[0]
+    for i in range(count):
+        low, high = i, i
+        while low > 0 and i - low < near + 1 and joined[low - 1]:
+            low -= 1
+        while high + 1 < count and high - i < near + 1 and joined[high]:
+            high += 1
+        best = np.inf
+        for j in range(low, high):
+            ax, ay = wanted[j + 1, 0] - wanted[j, 0], wanted[j + 1, 1] - wanted[j, 1]
+            bx, by = printed[i, 0] - wanted[j, 0], printed[i, 1] - wanted[j, 1]
+            size = ax * ax + ay * ay
+            share = min(max((ax * bx + ay * by) / size, 0.0), 1.0) if size > 0.0 else 0.0
+            dx, dy = bx - share * ax, by - share * ay
+            best = min(best, dx * dx + dy * dy)
+        out[i] = np.sqrt(best) if high > low else 0.0
