@@ -17,6 +17,7 @@ from printmend.protocols import Learner, WorldModel
 
 ORACLE = "oracle"
 _TREES = "printmend.learn.published.trees"
+_SIMPLE = "printmend.learn.published.neighbours"
 _MODULES = {
     "naive": "printmend.learn.naive",
     "lightgbm": _TREES,
@@ -26,6 +27,8 @@ _MODULES = {
     "lightgbm-axis-rolled": _TREES,
     "forest": _TREES,
     "forest-axis": _TREES,
+    "knn-axis": _SIMPLE,
+    "linear-axis": _SIMPLE,
     "greybox": "printmend.learn.greybox.greybox",
     "prior": "printmend.learn.prior.prior",
     "hybrid": "printmend.learn.hybrid.hybrid",
