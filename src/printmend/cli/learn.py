@@ -1,6 +1,7 @@
 """`printmend learn`: from a measured print to the fault of the machine."""
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 
 import click
@@ -24,6 +25,8 @@ from printmend.cli.model import SUFFIX, Model, models_folder
               help="Bring this model up to date with a second, smaller print, and say what changed.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="Picks the rows looked at first in a long trace.")  # fmt: skip
+@click.option("--date", "when", type=click.DateTime(["%Y-%m-%d"]), metavar="YYYY-MM-DD",
+              help="When the print was made, for `printmend history` [default: today]")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print the diagnosis as JSON.")
 def command(
     trace: Path,
@@ -33,6 +36,7 @@ def command(
     name: str | None,
     old: Path | None,
     seed: int,
+    when: datetime | None,
     as_json: bool,
 ) -> None:
     """Learn what is wrong with a printer from one measured print, and say so in plain words.
@@ -45,6 +49,7 @@ def command(
     from printmend.cli.outputs import spare
     from printmend.measure import read_trace
     from printmend.printer import read_printer
+    from printmend.repair.history import remember_learned
     from printmend.repair.learned import learn_model, report
     from printmend.saved.model import read_model, write_model
 
@@ -72,6 +77,9 @@ def command(
         model = updated.model
         click.echo(updated.words, err=as_json)
     write_model(output, model)
+    if output.is_file():
+        dated = None if when is None else when.replace(tzinfo=UTC)
+        remember_learned(output, model, trace.name, updated=old is not None, when=dated)
     if as_json:
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))
     else:

@@ -27,6 +27,7 @@ COMMANDS: dict[str, str] = {
     "diagnose": "Say what is wrong with a printer, and what to do, in one report.",
     "export": "Write the part of a fault that a firmware can hold.",
     "figures": "Draw the paper's figures and its Table I from a data set.",
+    "history": "Show what every measurement said, and where wear leads.",
     "learn": "Learn what is wrong with a printer from one measured print.",
     "measure": "Find the marks of a scanned test print: the trace that `learn` needs.",
     "mend": "Rewrite G-code so that a broken printer prints it right.",

@@ -35,7 +35,8 @@ def command(
     """
     from printmend.cli.outputs import spare
     from printmend.measure import read_plan, read_trace
-    from printmend.repair.verify import history_of, remember_verdict, updated, verify
+    from printmend.repair.history import history_of
+    from printmend.repair.verify import remember_verdict, updated, verify
     from printmend.saved.model import read_model, write_model
 
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"

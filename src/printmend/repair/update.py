@@ -25,6 +25,7 @@ from printmend.learn.drive.fit import (
     robust_weights,
 )  # fmt: skip
 from printmend.learn.greybox import Drift, Greybox, GreyboxModel, Remembered, model_of, motor_rows, remember, with_belts
+from printmend.learn.walls import with_walls
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -82,6 +83,7 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> Update
     Raises `ModelError` for a model that is not a grey box, `TraceError` like `learn`.
     """
     with threadpool_limits(1, user_api="blas"):
+        trace = with_walls(trace, old.printer)
         screw = seen_screw(old, trace)
         updated = _updated(old, screw.trace, rng)
         changes = tuple(

@@ -4,20 +4,18 @@ The check print is any probe's G-code, mended with the model and printed. Its pl
 is measured of them is compared with what was promised for these places, the noise of the measurement taken off.
 """
 
-import json
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from printmend.errors import ModelError, TraceError
-from printmend.files import read_text, replacing
 from printmend.path import Trace, last_way
 from printmend.promise.budget import parse_budget
 from printmend.promise.predict import Errors, promised
 from printmend.promise.predict import Path as Places
+from printmend.repair.history import remember
 from printmend.repair.update import Updated, update
 from printmend.saved.model import SavedModel
 from printmend.twin import Twin
@@ -139,18 +137,6 @@ def updated(model: SavedModel, trace: Trace, *, rng: np.random.Generator | None 
     return update(model, made, rng=np.random.default_rng(0) if rng is None else rng)
 
 
-def history_of(model_path: Path) -> Path:
-    """Return where the history of a model lies: beside it."""
-    return model_path.with_name(model_path.name.removesuffix(".json") + ".history.jsonl")
-
-
 def remember_verdict(model_path: Path, model: SavedModel, verdict: Verdict) -> Path:
     """Add a verdict to the model's history, one JSON object a line; return the file."""
-    path = history_of(model_path)
-    past = read_text(path, wanted="a history", todo="move it away", error=ModelError) if path.exists() else ""
-    when = datetime.now(UTC).isoformat(timespec="seconds")
-    line = {"event": "verified", "time": when, "model": model.digest, **verdict.json()}
-    rounded = {key: round(value, 5) if isinstance(value, float) else value for key, value in line.items()}
-    with replacing(path) as file:
-        file.write(past + ("\n" if past and not past.endswith("\n") else "") + json.dumps(rounded) + "\n")
-    return path
+    return remember(model_path, model, "verified", verdict.json())

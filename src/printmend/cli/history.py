@@ -1,0 +1,39 @@
+"""`printmend history`: what every measurement said of a printer, and where its wear leads."""
+
+import json
+from pathlib import Path
+
+import click
+
+from printmend.cli.model import Model
+
+
+@click.command(epilog="Example: printmend history printer.mend.json --picture wear.png")
+@click.argument("model_path", metavar="NAME|printer.mend.json", type=Model())
+@click.option("--picture", type=click.Path(path_type=Path, dir_okay=False), metavar="WEAR.png",
+              help="Draw every fault over time, with its range and its trend.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+def command(model_path: Path, picture: Path | None, as_json: bool) -> None:
+    """Show the measurements of a printer in the order of time, and when a fault will matter.
+
+    The history lies beside the model, printer.mend.history.jsonl: `learn`, `learn --update` and `verify` add to it.
+    """
+    from printmend.cli.outputs import spare
+    from printmend.repair.history import history_of, read_history, rows_of, trends_of
+
+    spare((picture,), (model_path, history_of(model_path)))
+    events = read_history(model_path)
+    trends = trends_of(events)
+    if picture is not None:
+        from printmend.repair.history import draw_history
+
+        draw_history(picture, trends)
+    if as_json:
+        click.echo(json.dumps({"events": events, "trends": [trend.json() for trend in trends]}, ensure_ascii=False))
+        return
+    for date, event, said in rows_of(events):
+        click.echo(f"{date}  {event:<8}  {said}")
+    for trend in trends:
+        click.echo(f"{trend.name}: {trend.words}")
+    if picture is not None:
+        click.echo(f"{picture}: the faults over time")

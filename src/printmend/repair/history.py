@@ -1,0 +1,286 @@
+"""The life of a printer: every measurement of it, one JSON object a line beside its model, and where its wear leads.
+
+The history of printer.mend.json is printer.mend.history.jsonl. Each line has its ``event`` (learned, updated or
+verified), ``time`` and the ``model`` that resulted. A fault's trend is a straight line through its sizes since the last
+repair, each weighed by its doubt; it matters from the size on at which a print is off by a tenth of a millimetre.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from printmend.diagnosis.advice import REPAIR_MM, SOON_MM, advise
+from printmend.diagnosis.diagnosis import Fault
+from printmend.errors import ModelError
+from printmend.files import read_text, replacing
+from printmend.saved.model import SavedModel
+
+YEAR_S = 365.25 * 86400.0
+LEAST_SD = 0.003  # of a fault's size [mm, % or °]: two prints of one machine differ by this
+ABSENT_SD = 0.015  # what may hide where a fault was not found
+SURE = 2.0  # standard deviations of a slope that is a trend
+REPAIRED = 0.5  # a size that falls below this share of the last was repaired
+FARTHEST_YEARS = 20.0
+PLAYS = ("play", "friction", "loose-belt", "play-by-angle")
+MOST_DRAWN, DRAWN_YEARS = 4, 3.0
+_TODO = "move it away; the model itself does not need it"
+
+
+@dataclass(frozen=True)
+class Size:
+    """One fault at one time: ``time_s`` since 1970, its ``value`` ± ``sd``."""
+
+    time_s: float
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class Trend:
+    """A fault over time: its ``sizes``, the first of the trend ``since``, growth ``per_month`` ± ``per_month_sd``, the
+    size ``level`` that matters, and when it is reached: ``crossing_s`` and its range, None where it is not in sight."""
+
+    fault: Fault
+    sizes: tuple[Size, ...]
+    since: int
+    per_month: float
+    per_month_sd: float
+    level: float
+    crossing_s: float | None
+    earliest_s: float | None
+    latest_s: float | None
+
+    @property
+    def name(self) -> str:
+        """The part and what is wrong with it."""
+        return f"{self.fault.part} {self.fault.kind}"
+
+    @property
+    def is_sure(self) -> bool:
+        """True where the fault surely grows or shrinks."""
+        return abs(self.per_month) > SURE * self.per_month_sd
+
+    @property
+    def words(self) -> str:
+        """Say where it leads, and what to do."""
+        advice, unit = advise(self.fault), self.fault.unit
+        size = abs(self.fault.value)
+        if len(self.sizes) - self.since < 3:
+            return f"{size:.3f} {unit} now; three measurements since the last repair tell a trend"
+        if not self.is_sure:
+            return f"{size:.3f} {unit} now, and steady"
+        grows = f"{size:.3f} {unit} now, {'grows' if self.per_month > 0 else 'shrinks'} by {abs(self.per_month):.3f} "
+        grows += f"{unit} a month"
+        if self.crossing_s is None:
+            return grows
+        if self.earliest_s is None:
+            return f"{grows}; it will reach {self.level:.2f} {unit} about {_month(self.crossing_s)}: {advice.repair}"
+        late = "not for years" if self.latest_s is None else _month(self.latest_s)
+        return (
+            f"{grows}; it will reach {self.level:.2f} {unit} about {_month(self.crossing_s)} (between "
+            f"{_month(self.earliest_s)} and {late}): {advice.repair}"
+        )
+
+    def json(self) -> dict[str, Any]:
+        """Return plain values."""
+        return {
+            "part": self.fault.part, "kind": self.fault.kind, "unit": self.fault.unit,
+            "sizes": [{"time": _iso(one.time_s), "value": one.value, "sd": one.sd} for one in self.sizes],
+            "per_month": self.per_month, "per_month_sd": self.per_month_sd, "level": self.level,
+            "crossing": _iso(self.crossing_s), "earliest": _iso(self.earliest_s), "latest": _iso(self.latest_s),
+        }  # fmt: skip
+
+
+def history_of(model_path: Path) -> Path:
+    """Return where the history of a model lies: beside it."""
+    return model_path.with_name(model_path.name.removesuffix(".json") + ".history.jsonl")
+
+
+def remember(
+    model_path: Path, model: SavedModel, event: str, values: Mapping[str, Any], *, when: datetime | None = None
+) -> Path:
+    """Add an event to a model's history; return the file."""
+    path = history_of(model_path)
+    past = read_text(path, wanted="a history", todo="move it away", error=ModelError) if path.exists() else ""
+    time = (when or datetime.now(UTC)).isoformat(timespec="seconds")
+    line = {"event": event, "time": time, "model": model.digest, **values}
+    rounded = {key: round(value, 5) if isinstance(value, float) else value for key, value in line.items()}
+    with replacing(path) as file:
+        file.write(past + ("\n" if past and not past.endswith("\n") else "") + json.dumps(rounded) + "\n")
+    return path
+
+
+def remember_learned(
+    model_path: Path, model: SavedModel, source: str, *, updated: bool = False, when: datetime | None = None
+) -> Path:
+    """Note what a measurement said of the printer: its faults, and how well the model fits."""
+    trace = model.document.get("trace", {})
+    values = {
+        "source": source, "faults": model.document.get("diagnosis", []), "noise_mm": float(model.noise_mm),
+        "points": trace.get("measured"), "before_mm": trace.get("residual_before_mm"),
+    }  # fmt: skip
+    return remember(model_path, model, "updated" if updated else "learned", values, when=when)
+
+
+def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
+    """Return the events of a model's history in the order of time. Raises `ModelError` for a file that is none."""
+    path = history_of(model_path)
+    if not path.exists():
+        raise ModelError(
+            path, wanted="a history", came="none", todo="learn, update or verify this model: each adds to it"
+        )
+    events = []
+    text = read_text(path, wanted="a history", todo=_TODO, error=ModelError)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            event = json.loads(line)
+            event["seconds"] = _seconds(event["time"])
+            for fault in event.get("faults", []):
+                Fault(fault["part"], fault["kind"], float(fault["value"]), float(fault["sd"]), fault["unit"], "")
+        except (ValueError, KeyError, TypeError, RecursionError):
+            raise ModelError(
+                path, wanted="a JSON object with a time in every line", came=f"another in line {number}", todo=_TODO
+            ) from None
+        events.append(event)
+    return tuple(sorted(events, key=lambda event: event["seconds"]))
+
+
+def trends_of(events: Sequence[Mapping[str, Any]]) -> tuple[Trend, ...]:
+    """Return the trend of every fault that was ever found, the worst first."""
+    seen = [event for event in events if "faults" in event]
+    names: dict[tuple[str, str], str] = {}
+    for event in seen:
+        for fault in event["faults"]:
+            names[(fault["part"], _family(fault["kind"]))] = fault["unit"]
+    found = []
+    for (part, kind), unit in names.items():
+        sizes = []
+        for event in seen:
+            one = [each for each in event["faults"] if (each["part"], _family(each["kind"])) == (part, kind)]
+            value, sd = (one[0]["value"], one[0]["sd"]) if one else (0.0, ABSENT_SD)
+            sizes.append(Size(float(event["seconds"]), abs(float(value)), max(float(sd), LEAST_SD)))
+        found.append(_trend(part, kind, unit, tuple(sizes)))
+    return tuple(sorted(found, key=lambda trend: -advise(trend.fault).effect_mm))
+
+
+def _family(kind: str) -> str:
+    """Return the fault that a kind is a form of: play may look constant today and loose tomorrow."""
+    return "play" if kind in PLAYS else kind
+
+
+def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
+    since = 0
+    for k in range(1, len(sizes)):
+        fell = sizes[k - 1].value - sizes[k].value
+        if sizes[k].value < REPAIRED * sizes[k - 1].value and fell > 4 * np.hypot(sizes[k].sd, sizes[k - 1].sd):
+            since = k
+    fault = Fault(part, kind, sizes[-1].value, sizes[-1].sd, unit, "")
+    level = _level(fault, SOON_MM)
+    if sizes[-1].value >= level:
+        level = _level(fault, REPAIR_MM)
+    run = sizes[since:]
+    if len(run) < 3:
+        return Trend(fault, sizes, since, 0.0, np.inf, level, None, None, None)
+    now = run[-1].time_s
+    months = np.array([(one.time_s - now) / (YEAR_S / 12) for one in run])
+    values, sd = np.array([one.value for one in run]), np.array([one.sd for one in run])
+    columns = np.stack([np.ones(len(run)), months], axis=1) / sd[:, None]
+    covariance = np.linalg.pinv(columns.T @ columns)
+    here, slope = covariance @ (columns.T @ (values / sd))
+    misfit = float(np.sum(((values - here - slope * months) / sd) ** 2) / max(len(run) - 2, 1))
+    covariance = covariance * max(misfit, 1.0)
+    slope_sd = float(np.sqrt(covariance[1, 1]))
+    fault = Fault(part, kind, float(max(here, 0.0)), float(np.sqrt(covariance[0, 0])), unit, "")
+    crossing = earliest = latest = None
+    if slope > SURE * slope_sd and here < level:
+        crossing, earliest, latest = _crossing(float(here), float(slope), covariance, level, now)
+    return Trend(fault, sizes, since, float(slope), slope_sd, level, crossing, earliest, latest)
+
+
+def _crossing(
+    here: float, slope: float, covariance: np.ndarray, level: float, now_s: float
+) -> tuple[float | None, float | None, float | None]:
+    """Return when a line reaches a level and the 90 % range of that (Fieller's would be exact; drawn lines do)."""
+    drawn = np.random.default_rng(0).multivariate_normal([here, slope], covariance, 2000)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        months = np.where(drawn[:, 1] > 0, np.maximum(level - drawn[:, 0], 0.0) / drawn[:, 1], np.inf)
+    low, high = np.quantile(months, (0.05, 0.95), method="nearest")
+
+    def at(month: float) -> float | None:
+        return now_s + month * YEAR_S / 12 if month < 12 * FARTHEST_YEARS else None
+
+    return at((level - here) / slope), at(float(low)), at(float(high))
+
+
+def _level(fault: Fault, effect_mm: float) -> float:
+    """Return the size of a fault of this kind at which it shifts a print by ``effect_mm``."""
+    unit = Fault(fault.part, fault.kind, 1.0, 0.1, fault.unit, "")
+    return effect_mm / max(advise(unit).effect_mm, 1e-9)
+
+
+def _seconds(text: str) -> float:
+    when = datetime.fromisoformat(text)
+    return (when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp()
+
+
+def _iso(time_s: float | None) -> str | None:
+    return None if time_s is None else datetime.fromtimestamp(time_s, UTC).date().isoformat()
+
+
+def _month(time_s: float) -> str:
+    return datetime.fromtimestamp(time_s, UTC).strftime("%B %Y")
+
+
+def draw_history(path: Path, trends: Sequence[Trend]) -> None:
+    """Draw the worst faults over time into a PNG."""
+    from printmend.draw.figure import PALETTE, new_figure, save
+    from printmend.draw.history import Wear, draw_wear
+
+    shown = trends[:MOST_DRAWN]
+    figure, axes = new_figure(max(len(shown), 1), width_in=4.6, height_in=3.8)
+    for one, trend, colour in zip(axes, shown, PALETTE, strict=False):
+        last, line, reached = trend.sizes[-1].time_s, None, None
+        farthest = last + DRAWN_YEARS * YEAR_S
+        if trend.is_sure:
+            ends = trend.sizes[trend.since].time_s, min(trend.crossing_s or last, farthest)
+            low, high = (trend.fault.value + trend.per_month * (end - last) / (YEAR_S / 12) for end in ends)
+            line = (ends[0], low), (ends[1], high)
+        if trend.earliest_s is not None:
+            reached = trend.earliest_s, min(trend.latest_s or farthest, farthest)
+        sizes = trend.sizes
+        level = None if trend.crossing_s is None else trend.level
+        wear = Wear(
+            trend.name, trend.fault.unit, [one.time_s for one in sizes], [one.value for one in sizes],
+            [one.sd for one in sizes], line, level, reached,
+        )  # fmt: skip
+        draw_wear(one, wear, colour)
+    if not shown:
+        axes[0].set_title("no fault was ever found")
+        axes[0].axis("off")
+    figure.tight_layout()
+    save(figure, path)
+
+
+def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
+    """Return (date, event, what it said) of every event, for a table."""
+    rows = []
+    for event in events:
+        if event.get("event") == "verified":
+            said = (
+                f"{event['now_mm']:.3f} mm, {event['promised_low_mm']:.3f} to {event['promised_high_mm']:.3f} was "
+                f"promised: {'kept' if event.get('kept') else 'broken'}"
+            )
+        else:
+            faults = [
+                f"{one['part']} {one['kind']} {abs(one['value']):.3f} {one['unit']}" for one in event.get("faults", [])
+            ]
+            said = ", ".join(faults) or "healthy"
+        rows.append((_iso(event["seconds"]) or "", str(event.get("event", "")), said))
+    return rows

@@ -1,0 +1,90 @@
+"""The life of a printer: what was measured is remembered, wear is dated, repairs begin it anew."""
+
+import json
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.history import command
+from printmend.cli.learn import command as learn
+from printmend.corruption import Corruption, Drive, Play
+from printmend.errors import ModelError
+from printmend.measure import write_trace
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.probe import design_probe
+from printmend.repair.history import draw_history, history_of, read_history, trends_of
+from printmend.twin import Twin
+
+PRINTER = read_printer("ender3")
+START = datetime(2026, 1, 1, tzinfo=UTC)
+MONTH = timedelta(days=365.25 / 12)
+
+
+def event(months: float, value: float, sd: float, kind: str = "play") -> dict:
+    when = START + months * MONTH
+    fault = {"part": "X", "kind": kind, "value": value, "sd": sd, "unit": "mm"}
+    return {"event": "updated", "time": when.isoformat(), "seconds": when.timestamp(), "faults": [fault]}
+
+
+def test_wear_is_dated(tmp_path):
+    """Play grows from 0.03 to 0.08 mm in five measurements of 0.05 mm of noise: it reaches 0.1 mm 1.6 months later."""
+    plan, rng, model = design_probe(PRINTER), np.random.default_rng(3), tmp_path / "printer.mend.json"
+    for month in range(5):
+        twin = Twin.of(Corruption((Drive(belt=Play(0.03 + 0.0125 * month)), Drive())), PRINTER)
+        printed = twin.follow(plan.waypoints_mm)
+        seen = np.full_like(printed, np.nan)
+        seen[plan.rows] = printed[plan.rows] + rng.normal(0, 0.05, (len(plan), 2))
+        write_trace(tmp_path / "trace.csv", Trace(plan.waypoints_mm, seen, homed=True))
+        day = (START + month * MONTH).strftime("%Y-%m-%d")
+        done = CliRunner().invoke(
+            learn, [str(tmp_path / "trace.csv"), "--printer", "ender3", "-o", str(model), "--date", day]
+        )
+        assert done.exit_code == 0, done.output
+    play = next(one for one in trends_of(read_history(model)) if one.name.upper().startswith("X PLAY"))
+    assert play.is_sure
+    assert play.crossing_s is not None
+    crossing = (play.crossing_s - START.timestamp()) / MONTH.total_seconds()
+    assert abs(crossing - 5.6) < 0.2 * 5.6
+    shown = CliRunner().invoke(command, [str(model), "--picture", str(tmp_path / "wear.png")])
+    assert shown.exit_code == 0, shown.output
+    assert "it will reach 0.10 mm about" in shown.output
+    assert (tmp_path / "wear.png").stat().st_size > 5000
+    assert len(json.loads(CliRunner().invoke(command, [str(model), "--json"]).output)["events"]) == 5
+
+
+def test_the_range_of_the_date_holds_the_truth():
+    rng, held, off = np.random.default_rng(0), 0, []
+    for _ in range(100):
+        events = [event(month, 0.03 + 0.0125 * month + rng.normal(0, 0.004), 0.004) for month in range(5)]
+        (one,) = trends_of(events)
+        true = (START + 5.6 * MONTH).timestamp()
+        if one.crossing_s is None:
+            continue
+        held += one.earliest_s <= true <= (one.latest_s or np.inf)
+        off.append((one.crossing_s - START.timestamp()) / MONTH.total_seconds() / 5.6 - 1)
+    assert len(off) > 90
+    assert held > 0.75 * len(off)
+    assert np.median(np.abs(off)) < 0.2
+
+
+def test_a_repair_begins_anew_and_what_is_steady_stays(tmp_path):
+    worn = [event(month, 0.1 + 0.05 * month, 0.004) for month in range(5)]
+    mended = [event(5 + month, 0.03, 0.004) for month in range(3)]
+    (one,) = trends_of([*worn, *mended])
+    assert one.since == 5
+    assert "steady" in one.words
+    (few,) = trends_of(worn[:2])
+    assert "three measurements" in few.words
+    draw_history(tmp_path / "none.png", ())
+
+
+def test_a_damaged_history_is_named(tmp_path):
+    model = tmp_path / "printer.mend.json"
+    with pytest.raises(ModelError, match="got none"):
+        read_history(model)
+    history_of(model).write_text('{"event": "learned"}\n')
+    with pytest.raises(ModelError, match="line 1"):
+        read_history(model)
