@@ -219,7 +219,9 @@ def test_mending_the_corpus(corpus: Path, tmp_path: Path) -> None:
 def test_bgcode(corpus: Path, tmp_path: Path) -> None:
     source = corpus / "gcode" / "prusa3d__libbgcode" / "mini_cube_b.bgcode"
     output = tmp_path / "out.bgcode"
-    done = mend_gcode(source, BENT_MODEL, output)
+    with pytest.raises(ModelError, match="180, 180"):  # sliced for a smaller bed
+        mend_gcode(source, BENT_MODEL, output)
+    done = mend_gcode(source, BENT_MODEL, output, force=True)
     assert done.prediction.after.rms_mm < 0.01
     assert output.read_bytes()[:4] == b"GCDE"
     again = judged(done.prediction, str(source), str(output), BENT_MODEL.mechanism)
@@ -233,3 +235,24 @@ def test_bad_crc(corpus: Path, tmp_path: Path) -> None:
     with pytest.raises(GcodeError, match="CRC"):
         mend_gcode(source, BENT_MODEL, tmp_path / "out.bgcode")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("header", "named"),
+    [
+        ("; printer_model = ENDER5\n", "ENDER5"),
+        ("; bed_shape = 0x0,300x0,300x300,0x300\n", "300, 300"),
+        (";TARGET_MACHINE.NAME:Prusa MINI+\n", "Prusa MINI"),
+        ("; printer_settings_id = my own ender3\n; bed_shape = 5x5,230x5,230x230,5x230\n", ""),
+    ],
+)
+def test_a_file_for_another_printer_needs_force(tmp_path, header, named):
+    source, output = tmp_path / "part.gcode", tmp_path / "out.gcode"
+    source.write_bytes(header.encode() + SQUARE)
+    if named:
+        with pytest.raises(ModelError, match=named) as caught:
+            mend_gcode(source, BENT_MODEL, output)
+        assert "--force" in str(caught.value)
+        assert not output.exists()
+    mend_gcode(source, BENT_MODEL, output, force=bool(named))
+    assert output.exists()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.promise.misfit_columns import LAWS, LONG_MM, TWO_MOTORS, Sideways
+from printmend.promise.laws import LAWS, LONG_MM, TWO_MOTORS, Sideways
 from printmend.saved.values import number, numbers, refuse, section_of
 
 STAYS, SPEED, ENDED, VARIES, EARLY, LEARNED = "stays", "speed", "ended", "varies", "early", "learned"

@@ -16,8 +16,9 @@ from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
 from printmend.learn.greybox.rows import motor_rows
 from printmend.path import Trace
 from printmend.promise.effects import EARLY, EARLY_DONE, ENDED, LEARNED, SPEED, STAYS, VARIES, Effect, absorbing
+from printmend.promise.laws import Sideways
 from printmend.promise.misfit import NOTE, SEVERITIES, WARNING, Misfit
-from printmend.promise.misfit_columns import Candidate, Sideways, candidates, sideways
+from printmend.promise.misfit_columns import Candidate, candidates, sideways
 
 LOOKED_AT = 2500  # rows of a motor
 LEAST = 60  # rows below which nothing is looked for

@@ -14,14 +14,18 @@ import numpy as np
 from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
+from printmend.gcode.header import Described, described
 from printmend.gcode.mark import find_mark, marked
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import follow, rewrite
 from printmend.invert.inverse import Planner, is_identity, start
+from printmend.printer import Printer, preset_names, read_printer
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.saved.model import SavedModel
 
 _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
+_BED_OFF_MM = 30.0  # slicers' beds and presets differ by less where the printer is the same
+_GENERIC = {"300", "xl"}  # words that name no printer
 _HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print
 Progress = Callable[[int], None]
 
@@ -134,6 +138,8 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
     _refuse_other_printer(file, model, prediction)
     if force:
         return
+    for part in file.parts:
+        _refuse_contradiction(part.name, described(*part.hints()), model.printer)
     todo = "print the original, or use --force"
     if prediction.extruding + prediction.unknown == 0:
         raise RefusedError(
@@ -177,3 +183,33 @@ def _refuse_other_printer(file: GcodeFile, model: SavedModel, prediction: Predic
             wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
             came = f"extrusion from {low:.1f} to {high:.1f} mm"
             raise ModelError(file.name, wanted=wanted, came=came, todo=todo)
+
+
+def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
+    """Raise `ModelError` where a file says that it is for another printer than the model's."""
+    todo = f"use the model of the printer that this file is for, or --force if it is this {printer.name}"
+    if said.bed_mm is not None:
+        own = ((printer.x.min_mm, printer.y.min_mm), (printer.x.max_mm, printer.y.max_mm))
+        off_mm = float(np.abs(np.subtract(own, said.bed_mm)).max())
+        if off_mm > _BED_OFF_MM:
+            shown = [f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) mm" for low, high in (own, said.bed_mm)]
+            raise ModelError(name, wanted=f"G-code for a bed from {shown[0]}", came=f"a bed from {shown[1]}", todo=todo)
+    if not said.names:
+        return
+    mine = _model_word(printer.name)
+    others = {_model_word(read_printer(preset).name) for preset in preset_names()} - _GENERIC
+    if mine not in others:
+        return
+    for other in said.names:
+        plain = _plain(other)
+        if mine not in plain and any(each in plain for each in others):
+            raise ModelError(name, wanted=f"G-code for {printer.name}", came=f"G-code for {other}", todo=todo)
+
+
+def _plain(name: str) -> str:
+    return "".join(each for each in name.lower() if each.isalnum())
+
+
+def _model_word(name: str) -> str:
+    """Return a printer's name without its maker's, in small letters and digits."""
+    return _plain(name.partition(" ")[2] or name)
