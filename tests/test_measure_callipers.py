@@ -6,13 +6,16 @@ from click.testing import CliRunner
 
 from printmend.cli.measure import command
 from printmend.errors import TraceError
+from printmend.learn.calliper_talk import talk
 from printmend.learn.callipers import (
     LONGEST_MM,
+    MOST_DISTANCES,
     READING_SD_MM,
     choose_distances,
     describe,
     estimate,
     mechanism,
+    number_in,
     parse_readings,
 )
 from printmend.machine.mechanism import Frame, Mechanism, Transmission, healthy_transmission
@@ -139,3 +142,45 @@ def test_the_command_lists_reads_and_learns(tmp_path):
     CliRunner().invoke(command, arguments, input=typed, catch_exceptions=False)
     model = read_model(tmp_path / "printer.mend.json")
     assert not model.is_healthy
+
+
+def test_callipers_talk(tmp_path):
+    """An owner with a decimal comma, one slip, one undo, some inner edges: the answers end by themselves and tell."""
+    plan = design_probe(read_printer("ender3"), size_mm=160, marks=200)
+    machine = broken(read_printer("ender3"), scale=0.01, play=0.4)
+    said: list[str] = []
+    marks = Twin(machine).follow(plan.waypoints_mm)[plan.rows]
+    asked = {"slip": True, "undo": True, "count": 0}
+
+    def ask(question: str) -> str:
+        asked["count"] += 1
+        assert asked["count"] < 40
+        spots = [word.split() for word in said[-1].splitlines()[-1].replace(":", "").split("dot at ")[1:]]
+        places = np.array([[float(one[0][1:]), float(one[1][1:])] for one in spots])
+        a, b = (marks[plan.big][np.argmin(np.hypot(*(plan.marks_mm[plan.big] - spot).T))] for spot in places)
+        between = float(np.hypot(*(a - b)))
+        if asked["slip"] and asked["count"] == 3:
+            asked["slip"] = False
+            return f"{between + 12:.2f}"
+        if asked["undo"] and asked["count"] == 5:
+            asked["undo"] = False
+            return "u"
+        if asked["count"] % 3 == 0:
+            return f"i{between - plan.big_dot_mm - 0.1:.2f}".replace(".", ",")
+        return f"{between + plan.big_dot_mm + 0.1:.2f}".replace(".", ",")
+
+    distances, readings = talk(plan, ask, said.append, picture=tmp_path / "map.png")
+    assert any("measure again" in line for line in said)
+    assert any("taken back" in line for line in said)
+    assert said[-1].startswith("Enough")
+    assert 6 <= len(readings) <= MOST_DISTANCES + 12
+    found = {item.name: item for item in estimate(distances, readings)}
+    assert abs(found["X scale"].value - 0.01) < 3 * found["X scale"].sd
+    assert abs(found["dot width"].value - 0.1) < 0.06
+    assert (tmp_path / "map.png").exists()
+
+
+@pytest.mark.parametrize(("line", "value"), [("146,25", 146.25), ("146.25", 146.25), ("3,146.25", 146.25),
+                                             ("146,25 mm", 146.25), ("so", None)])  # fmt: skip
+def test_a_decimal_comma_is_read(line, value):
+    assert number_in(line, 146.0) == value

@@ -9,6 +9,7 @@ import click
 from printmend.cli.number import Finite
 
 if TYPE_CHECKING:
+    from printmend.learn.callipers import Estimate
     from printmend.measure import ProbePlan
 
 
@@ -94,17 +95,21 @@ def _measure_by_hand(
     files: tuple[Path, ...], plan: "ProbePlan", overlay: Path | None, printer_name: str | None, output: Path
 ) -> None:
     from printmend.learn.calliper_map import draw_map
+    from printmend.learn.calliper_talk import talk
     from printmend.learn.callipers import (
         choose_distances,
         describe,
         estimate,
-        mechanism,
         parse_readings,
         read_readings,
     )
-    from printmend.printer import read_printer
-    from printmend.saved.model import saved_model, write_model
 
+    if not files and sys.stdin.isatty():
+        distances, readings = talk(plan, input, click.echo, picture=overlay)
+        if not len(readings):
+            return
+        _say_estimates(estimate(distances, readings), printer_name, output)
+        return
     distances = choose_distances(plan)
     if overlay is not None:
         draw_map(overlay, distances)
@@ -118,7 +123,14 @@ def _measure_by_hand(
         if not text.strip():
             return
         readings = parse_readings(text, distances, subject="the distances")
-    estimates = estimate(distances, readings)
+    _say_estimates(estimate(distances, readings), printer_name, output)
+
+
+def _say_estimates(estimates: "tuple[Estimate, ...]", printer_name: str | None, output: Path) -> None:
+    from printmend.learn.callipers import mechanism
+    from printmend.printer import read_printer
+    from printmend.saved.model import saved_model, write_model
+
     for item in estimates:
         click.echo(str(item))
     if printer_name is not None:

@@ -8,7 +8,7 @@ the width that dots have on this plate. The distances are chosen one by one, eac
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -38,13 +38,17 @@ SEEN_SIGMAS = 3.0  # an estimate within so many standard deviations of 0 is not 
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """``pairs`` [K, 2] numbers of the marks, both large dots; ``across_mm`` [K] outer distance on a healthy printer."""
+    """``pairs`` [K, 2] numbers of the marks, both large dots; ``across_mm`` [K] the distance on a healthy printer,
+    between outer edges or, where ``inner`` [K] says so, inner ones."""
 
     plan: ProbePlan
     pairs: np.ndarray
     across_mm: np.ndarray
+    inner: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:
+        inner = np.asarray(self.inner, bool)
+        object.__setattr__(self, "inner", frozen(inner if len(inner) else np.zeros(len(self.pairs), bool)))
         object.__setattr__(self, "pairs", frozen(np.asarray(self.pairs, np.int64)))
         object.__setattr__(self, "across_mm", frozen(np.asarray(self.across_mm, float)))
 
@@ -76,6 +80,34 @@ class Estimate:
 
 def choose_distances(plan: ProbePlan) -> Distances:
     """Choose at most twelve distances between large dots that tell most about the machine."""
+    pairs = measurable_pairs(plan)
+    features = _features(plan, pairs, plan.marks_mm)
+    covariance = np.diag(_prior_sd() ** 2)
+    chosen: list[int] = []
+    for _ in range(MOST_DISTANCES):
+        best, covariance = most_telling(features, covariance, chosen)
+        chosen.append(best)
+    return distances_of(plan, pairs[chosen])
+
+
+def distances_of(plan: ProbePlan, pairs: np.ndarray, inner: np.ndarray | None = None) -> Distances:
+    """Return distances between pairs [K, 2] of large dots."""
+    marks, inner = plan.marks_mm, np.zeros(len(pairs), bool) if inner is None else inner
+    across = np.hypot(*(marks[pairs[:, 1]] - marks[pairs[:, 0]]).T) + np.where(inner, -1, 1) * plan.big_dot_mm
+    return Distances(plan, pairs, across, inner)
+
+
+def most_telling(features: np.ndarray, covariance: np.ndarray, taken: Sequence[int]) -> tuple[int, np.ndarray]:
+    """Return which distance, of those not ``taken``, tells most, and the covariance after it was read."""
+    spread = np.einsum("ki,ij,kj->k", features, covariance, features)
+    spread[list(taken)] = -1.0
+    best = int(np.argmax(spread))
+    gain = covariance @ features[best]
+    return best, covariance - np.outer(gain, gain) / (READING_SD_MM**2 + spread[best])
+
+
+def measurable_pairs(plan: ProbePlan) -> np.ndarray:
+    """Return the pairs [K, 2] of large dots that callipers can span. Raises `TraceError` for too few."""
     marks, (_, run) = plan.marks_mm, plan.motor_approaches
     sure = plan.big & (run >= SURE_OF_SIDE_MM).all(axis=1)
     pairs = np.array(list(itertools.combinations(np.flatnonzero(sure), 2)), np.int64).reshape(-1, 2)
@@ -88,19 +120,7 @@ def choose_distances(plan: ProbePlan) -> Distances:
             came=f"{len(pairs)}",
             todo="print a larger probe",
         )
-    features = _features(plan, pairs, marks)
-    covariance = np.diag(_prior_sd() ** 2)
-    chosen: list[int] = []
-    for _ in range(MOST_DISTANCES):
-        spread = np.einsum("ki,ij,kj->k", features, covariance, features)
-        spread[chosen] = -1.0
-        best = int(np.argmax(spread))
-        chosen.append(best)
-        gain = covariance @ features[best]
-        covariance = covariance - np.outer(gain, gain) / (READING_SD_MM**2 + spread[best])
-    picked = pairs[chosen]
-    across = np.hypot(*(marks[picked[:, 1]] - marks[picked[:, 0]]).T) + plan.big_dot_mm
-    return Distances(plan, picked, across)
+    return pairs
 
 
 def describe(distances: Distances) -> list[str]:
@@ -132,12 +152,14 @@ def parse_readings(text: str, distances: Distances, *, subject: str) -> np.ndarr
         cell = line.rsplit(",", 1)[-1].strip()
         if not cell:
             continue
-        if not _is_number(cell):
+        about_mm = float(distances.across_mm[row])
+        value = number_in(line, about_mm)
+        if value is None:
             raise TraceError(
                 subject, wanted=f"distance {row + 1} in mm", came=repr(cell[:30]), todo="write numbers like 123.45"
             )
-        readings[row] = float(cell)
-        _check_reading(subject, row + 1, readings[row], float(distances.across_mm[row]))
+        readings[row] = value
+        _check_reading(subject, row + 1, value, about_mm)
     if not np.isfinite(readings).any():
         raise TraceError(subject, wanted="at least one distance", came="none", todo="measure a few of the list")
     return readings
@@ -147,6 +169,17 @@ def read_readings(path: str | Path, distances: Distances) -> np.ndarray:
     """Read distances [K] from a file, as `parse_readings` does."""
     text = read_text(path, wanted="a list of distances", todo="write them one a line", error=TraceError)
     return parse_readings(text, distances, subject=str(path))
+
+
+def number_in(line: str, about_mm: float) -> float | None:
+    """Return the number of a line, None without one: 146.25, 146,25, or the last cell of a table's row.
+
+    Of several ways to read it, the one nearest to what is expected counts.
+    """
+    line = line.strip().removesuffix("mm").strip()
+    whole, cell = line.replace(",", ".", 1), line.rsplit(",", 1)[-1]
+    values = [float(text) for text in (cell, whole) if _is_number(text) and "," not in text]
+    return min(values, key=lambda value: abs(value - about_mm)) if values else None
 
 
 def _is_number(line: str) -> bool:
@@ -179,8 +212,10 @@ def estimate(distances: Distances, readings_mm: np.ndarray) -> tuple[Estimate, .
     covariance = np.diag(prior_sd**2)
     for _ in range(4):  # the distance bends a little with the errors themselves
         moved = plan.marks_mm + _errors_mm(plan, values)
-        across = np.hypot(*(moved[pairs[:, 1]] - moved[pairs[:, 0]]).T) + plan.big_dot_mm + values[-1]
+        side = np.where(distances.inner[known], -1.0, 1.0)
+        across = np.hypot(*(moved[pairs[:, 1]] - moved[pairs[:, 0]]).T) + side * (plan.big_dot_mm + values[-1])
         features = _features(plan, pairs, moved)
+        features[:, -1] = side
         normal = features.T @ features / READING_SD_MM**2 + np.diag(prior_sd**-2)
         covariance = np.linalg.inv(normal)
         values = covariance @ (features.T @ (readings_mm[known] - across + features @ values)) / READING_SD_MM**2
@@ -212,6 +247,16 @@ def mechanism(estimates: Sequence[Estimate], printer: Printer) -> Mechanism:
     scale_mm = Frame().scale_mm
     coefficients[0, Frame.exponents.index((0, 1))] = values[8] * scale_mm
     return Mechanism(printer, (transmissions[0], transmissions[1]), Frame(coefficients, scale_mm)).homed()
+
+
+def prior_covariance() -> np.ndarray:
+    """Return the covariance [10, 10] of the unknowns before anything was measured."""
+    return np.diag(_prior_sd() ** 2)
+
+
+def slopes(plan: ProbePlan, pairs: np.ndarray) -> np.ndarray:
+    """Return how every distance between outer edges depends on every unknown [K, 10]."""
+    return _features(plan, pairs, plan.marks_mm)
 
 
 def _prior_sd() -> np.ndarray:

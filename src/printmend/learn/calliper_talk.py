@@ -1,0 +1,127 @@
+"""Callipers that talk: one distance after the other, each the most telling one now, each checked at once."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from printmend.learn.calliper_map import draw_map
+from printmend.learn.callipers import (
+    READING_SD_MM,
+    Distances,
+    distances_of,
+    estimate,
+    measurable_pairs,
+    most_telling,
+    number_in,
+    prior_covariance,
+    slopes,
+)
+from printmend.measure.plan import ProbePlan
+
+WIDE, TALL = 36, 12  # characters of the picture of the plate
+DOUBTFUL = 4.0  # standard deviations of what faults and reading may explain together
+ENOUGH = 1.5  # times the spread of a reading: a distance that is known so well tells nothing more
+HELP = (
+    "Type what the callipers show, as 146.25 or 146,25, from outer edge to outer edge (i146.25: inner edges). "
+    "Enter skips it, u takes the last one back, ? says what is known so far, q ends."
+)
+
+
+def talk(
+    plan: ProbePlan, ask: Callable[[str], str], say: Callable[[str], None], *, picture: Path | None = None
+) -> tuple[Distances, np.ndarray]:
+    """Ask for distances until they tell enough, or the owner ends it; return them and the readings [K].
+
+    ``ask`` puts a question and returns the answer (`EOFError` ends), ``say`` speaks; every distance is drawn into
+    ``picture``. Raises `TraceError` for a plate too small to be measured so.
+    """
+    pairs = measurable_pairs(plan)
+    features = slopes(plan, pairs)
+    say(HELP)
+    taken: list[tuple[int, float, bool]] = []
+    skipped: list[int] = []
+    doubted: float | None = None
+    while True:
+        covariance = _known(features, taken)
+        used = [one for one, _, _ in taken] + skipped
+        if len(used) == len(pairs):
+            break
+        best, _ = most_telling(features, covariance, used)
+        spread = float(np.sqrt(features[best] @ covariance @ features[best]))
+        if taken and spread < ENOUGH * READING_SD_MM:
+            say("Enough: no further distance would tell more than the callipers' own doubt.")
+            break
+        here = distances_of(plan, pairs[[best]])
+        if picture is not None:
+            draw_map(picture, here)
+        about = float(here.across_mm[0])
+        say(_drawn(plan, pairs[best]))
+        try:
+            answer = ask(f"{len(taken) + 1}. from A to B, about {about:.1f} mm: ").strip().lower()
+        except EOFError:
+            break
+        if answer in ("q", "quit", "end"):
+            break
+        if answer in ("u", "undo"):
+            say(f"taken back: {taken.pop()[1]:g} mm" if taken else "nothing to take back")
+        elif answer in ("?", "enough?", "enough"):
+            _tell(plan, pairs, taken, say)
+        elif not answer:
+            skipped.append(best)
+        else:
+            inner = answer.startswith("i")
+            wanted = about - (2 * plan.big_dot_mm if inner else 0.0)
+            value = number_in(answer.removeprefix("i"), wanted)
+            if value is None:
+                say(f"{answer!r} is no number; {HELP}")
+            elif abs(value - wanted) > DOUBTFUL * np.hypot(spread, READING_SD_MM) and doubted != value:
+                doubted = value
+                say(_doubt(value, wanted))
+            else:
+                taken.append((best, value, inner))
+    distances = distances_of(
+        plan, pairs[[one for one, _, _ in taken]], np.array([inner for _, _, inner in taken], bool)
+    )
+    return distances, np.array([value for _, value, _ in taken])
+
+
+def _doubt(value: float, wanted: float) -> str:
+    if abs(value * 25.4 / wanted - 1) < 0.1:
+        return "That looks like inches: set the callipers to mm and measure again."
+    return (
+        f"That is {abs(value - wanted):.1f} mm from what any fault could explain: measure again (the same number once "
+        "more is taken as it is)."
+    )
+
+
+def _known(features: np.ndarray, taken: list[tuple[int, float, bool]]) -> np.ndarray:
+    covariance = prior_covariance()
+    for one, _, inner in taken:
+        row = features[one] * np.append(np.ones(features.shape[1] - 1), -1.0 if inner else 1.0)
+        gain = covariance @ row
+        covariance = covariance - np.outer(gain, gain) / (READING_SD_MM**2 + row @ gain)
+    return covariance
+
+
+def _tell(plan: ProbePlan, pairs: np.ndarray, taken: list[tuple[int, float, bool]], say: Callable[[str], None]) -> None:
+    if not taken:
+        say("nothing yet")
+        return
+    rows = [one for one, _, _ in taken]
+    distances = distances_of(plan, pairs[rows], np.array([inner for _, _, inner in taken], bool))
+    for item in estimate(distances, np.array([value for _, value, _ in taken])):
+        say(f"  {item}")
+
+
+def _drawn(plan: ProbePlan, pair: np.ndarray) -> str:
+    """Return a picture of the plate in letters, seen from above, home at the lower left on most printers."""
+    marks = plan.marks_mm
+    low, high = marks.min(axis=0), marks.max(axis=0)
+    rows = [["·" if (x + y) % 2 else " " for x in range(WIDE)] for y in range(TALL)]
+    for letter, mark in zip("AB", pair, strict=True):
+        x, y = (marks[mark] - low) / np.maximum(high - low, 1e-9)
+        rows[TALL - 1 - round(float(y) * (TALL - 1))][round(float(x) * (WIDE - 1))] = letter
+    (x0, y0), (x1, y1) = marks[pair[0]], marks[pair[1]]
+    frame = ["+" + "-" * WIDE + "+", *("|" + "".join(row) + "|" for row in rows), "+" + "-" * WIDE + "+ front"]
+    return "\n".join([*frame, f"A: large dot at X{x0:.0f} Y{y0:.0f}   B: large dot at X{x1:.0f} Y{y1:.0f}"])
