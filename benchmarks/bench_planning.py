@@ -104,7 +104,7 @@ def loose() -> None:
         print(f"\n{preset}: million targets/s an axis, RMSE in steps")
         for name, corruption in machines.items():
             model, shown = MechanismModel(corruption.lower(printer)), []
-            for planner in ("lookahead", "optimal"):
+            for planner in ("greedy", "lookahead", "optimal"):
                 best_s = np.inf
                 for _ in range(4):
                     started = time.process_time()

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import NamedTuple
 
 import numpy as np
@@ -76,6 +76,13 @@ def made(text: str, **outside: object) -> FunctionType:
     return names["f"]  # type: ignore[return-value]
 
 
+def module(**names: object) -> ModuleType:
+    """Return a module of ours that imports numpy, as most with kernels do."""
+    value = ModuleType("printmend.made")
+    vars(value).update(names, np=np)
+    return value
+
+
 @pytest.mark.parametrize(
     ("text", "before", "after"),
     [
@@ -84,6 +91,8 @@ def made(text: str, **outside: object) -> FunctionType:
         ("def f(x): return x + V[0]", np.array([1.0]), np.array([2.0])),
         ("def f(x): return V(1, x).a", Two, NamedTuple("Two", [("b", int), ("a", int)])),
         ("def f(x): return sum([y + V for y in x])", 1, 2),
+        ("def f(x): return np.abs(x) + V.a", module(a=1, b=1), module(a=2, b=1)),
+        ("def f(x): return np.abs(x) + V.b.a", module(b=module(a=1)), module(b=module(a=2))),
         ("def f(x): return V(x)", made("def f(x): return x + 1"), made("def f(x): return x + 2")),
     ],
 )

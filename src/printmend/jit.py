@@ -8,7 +8,7 @@ entry's file, so that after an edit elsewhere the old code would go on running.
 import hashlib
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -152,15 +152,20 @@ def _used(function: Callable) -> Iterator[tuple[str, Any]]:
         codes.extend(value for value in code.co_consts if isinstance(value, CodeType))
     outside = function.__globals__  # type: ignore[attr-defined]
     for name in names:
-        if name not in outside:
-            continue
-        value = outside[name]
-        if not isinstance(value, ModuleType):
-            yield name, value
-        elif not _is_library(value.__name__):
-            yield from ((f"{name}.{field}", getattr(value, field)) for field in names if hasattr(value, field))
+        if name in outside:
+            yield from _in_modules(name, outside[name], names, ())
     closure = function.__closure__ or ()  # type: ignore[attr-defined]
     yield from zip(codes[0].co_freevars, (cell.cell_contents for cell in closure), strict=True)
+
+
+def _in_modules(name: str, value: Any, names: Iterable[str], within: tuple) -> Iterator[tuple[str, Any]]:
+    """Yield a value, or of a module of ours all that ``names`` name of it; nothing of a library's module."""
+    if not isinstance(value, ModuleType):
+        yield name, value
+    elif not _is_library(value.__name__) and value not in within:
+        for field in names:
+            if hasattr(value, field):
+                yield from _in_modules(f"{name}.{field}", getattr(value, field), names, (*within, value))
 
 
 def _is_library(module: str | None) -> bool:

@@ -1,0 +1,24 @@
+"""`printmend warm`: what would be compiled when a command first needs it is compiled before."""
+
+import importlib
+
+from click.testing import CliRunner
+
+from printmend.cli.warm import command
+from printmend.repair.warm import STEPS, warm
+
+
+def test_what_was_warmed_is_not_compiled_again(monkeypatch):
+    learned = []
+    # learning takes seconds when all is compiled, and has its own tests
+    room = importlib.import_module("printmend.repair.warm")
+    monkeypatch.setattr(room, "learn_model", lambda *of: learned.append(of))
+    steps = []
+    warm(steps.append)
+    assert len(steps) == STEPS == len(set(steps))
+    assert all(len(trace.commanded_mm) > 100 for trace, _ in learned)
+    monkeypatch.setattr(room, "_FAULTS", {"a bent Z screw": "screw"})  # either will do to see that nothing is left
+    said = CliRunner().invoke(command)
+    assert said.exit_code == 0
+    assert said.stdout == "Nothing to do: all is compiled for this machine.\n"
+    assert len(learned) == 3
