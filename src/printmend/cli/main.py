@@ -23,6 +23,7 @@ COMMANDS: dict[str, str] = {
     "check": "Predict how far a print will be off, as it is and mended.",
     "completion": "Complete commands, options and models in your shell.",
     "conformance": "Does a learner, a planner or a fault of your own keep what it must?",
+    "curiosity": "Choose test prints until a promise is met; beside other ways.",
     "dataset": "Exchange bodies and corruptions with the paper's published code.",
     "diagnose": "Say what is wrong with a printer, and what to do, in one report.",
     "export": "Write the part of a fault that a firmware can hold.",
