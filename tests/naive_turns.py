@@ -2,7 +2,7 @@
 
 import numpy as np
 
-EPS_MM, FLAT_MM, LEAST_MM, GENTLE, FLATTEST, STEEPEST = 0.005, 2e-4, 0.08, 0.75, 0.5, 8.0
+EPS_MM, FLAT_MM, LEAST_MM, FLATTEST, GENTLE, UNCUT, STEEPEST = 0.005, 2e-4, 0.08, 0.5, 0.5, 0.75, 8.0
 PITCH_MM = 2e-4
 
 
@@ -16,22 +16,29 @@ def turns(s_mm: np.ndarray, belt_mm: np.ndarray, slack_mm: float) -> list[tuple[
         elif trend and trend * belt_mm[i] >= trend * belt_mm[at]:
             at = i
         elif trend and trend * (belt_mm[at] - belt_mm[i]) > 2 * EPS_MM:
-            begin, end = stretch(s_mm, belt_mm, at, trend, FLAT_MM, floor)
+            way = s_mm[: i + 1], belt_mm[: i + 1], at, trend
+            begin, end = stretch(*way, FLAT_MM, floor)
             if slack_mm > FLATTEST * (end - begin):
-                begin, end = stretch(s_mm, belt_mm, at, trend, EPS_MM, floor)
+                begin, end = stretch(*way, EPS_MM, floor)
             if slack_mm > GENTLE * (end - begin):
-                begin, end = stretch(s_mm, belt_mm, at, trend, 2 * EPS_MM, floor)
-            long = end - begin
-            if long < 0.02 or long + slack_mm < LEAST_MM or slack_mm > STEEPEST * long:
+                begin, end = stretch(*way, 2 * EPS_MM, floor)
+            inside = s_mm[(s_mm >= begin) & (s_mm <= end)]
+            first, last = (inside.min(), inside.max()) if inside.size else (end, begin)
+            choices = [(first, last), *sorted([(first, end), (begin, last)], key=lambda c: c[0] - c[1])]
+            uncut = [c for c in choices if c[1] > c[0] and slack_mm <= UNCUT * (c[1] - c[0])]
+            if not may_cross(begin, end, slack_mm):
                 begin = end = s_mm[at]
-            elif (inside := s_mm[(s_mm >= begin) & (s_mm <= end)]).size:
-                first, last = inside.min(), inside.max()
-                choices = [(first, last), *sorted([(first, end), (begin, last)], key=lambda c: c[0] - c[1])]
-                gentle = [c for c in choices if slack_mm <= GENTLE * (c[1] - c[0])]
-                begin, end = gentle[0] if gentle else (begin, end)
+            elif uncut:
+                begin, end = uncut[0]
             found.append((begin, end, -trend))
             floor, at, trend = end, i, -trend
     return found
+
+
+def may_cross(begin_mm: float, end_mm: float, slack_mm: float) -> bool:
+    """Say whether the stretch is long enough for firmwares, and the motor not much faster than the nozzle."""
+    long = end_mm - begin_mm
+    return long >= 0.02 and long + slack_mm >= LEAST_MM and slack_mm <= STEEPEST * long
 
 
 def stretch(

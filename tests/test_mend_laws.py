@@ -171,7 +171,8 @@ def test_klipper_takes_every_move() -> None:
             assert move.filament * 2.405 / move.length <= 0.64 or move.filament <= 0.106
 
 
-def test_plan_is_the_same_in_chunks_of_any_size() -> None:
+def test_plan_is_right_in_chunks_of_any_size() -> None:
+    """What the end of a chunk hides of the path ahead costs a stop at most."""
     from printmend.gcode.machine import Flavour, initial_state
     from printmend.gcode.write import rewrite
     from printmend.invert.inverse import start
@@ -181,7 +182,11 @@ def test_plan_is_the_same_in_chunks_of_any_size() -> None:
     chunks = [np.frombuffer(b"".join(lines[i : i + 7]), np.uint8) for i in range(0, len(lines), 7)]
     state = initial_state(ENDER3, Flavour.KLIPPER)
     written = b"".join(bytes(view) for view in rewrite(chunks, state, start(BENT).plan))
-    assert written == mended(text, BENT)[0]
+    whole = judge(text, BENT)
+    given = naive_mend.read_moves(written, tuple(axis.home_mm for axis in ENDER3.axes))
+    errors = naive_mend.contour_errors_mm(whole.wanted, given, naive_mend.print_moves(given, BENT))
+    assert max(errors.max(), whole.after.max()) < 0.0105
+    assert len(given) < 1.3 * len(whole.given)
 
 
 @pytest.mark.parametrize("family", ["ripple", "pulley-loose", "friction"])

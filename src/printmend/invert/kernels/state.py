@@ -127,11 +127,11 @@ def prepare(model, state, k, start, end, anywhere, trend, hold):
     when none is needed. None is made for a way of at most ``hold`` [mm]. The trend is 0 where it is not known.
     """
     m = state[S_M + k]
-    if is_taut(model, k) and is_sure(state, k) and abs(middle(state, k) - start) <= 1.5 * HOLD_MM and not anywhere:
+    if is_taut(model, k) and is_sure(state, k) and abs(middle(state, k) - start) <= 1.5 * hold and not anywhere:
         return 2, m, m
     if not anywhere and is_sure(state, k):
         now = middle(state, k)
-        if abs(now - start) <= 1.5 * HOLD_MM:
+        if abs(now - start) <= 1.5 * hold:
             way = end - now
             if abs(way) < 1e-9:
                 return 0, m, m

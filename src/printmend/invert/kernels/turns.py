@@ -50,7 +50,8 @@ from printmend.invert.kernels.state import is_sure, middle
 from printmend.jit import inner
 
 FLAT_MM = 2e-4  # a belt that moves less stands still
-GENTLE = 0.75  # how fast a motor may cross its slack, as a multiple of the nozzle's speed, for the fewest pieces
+GENTLE = 0.5  # how fast a motor may cross its slack, as a multiple of the nozzle's speed, to be no nearer the limit
+UNCUT = 0.75  # the same, to spare a move from being cut
 FLATTEST = 0.5  # below that the stretch where the belt stands still anyway is long enough
 STEEPEST = 8.0  # beyond that the nozzle all but stands: then it may as well
 SHORTEST_MM = 0.02  # of path: beyond that the nozzle stands
@@ -146,7 +147,7 @@ def _turns(model, state, counts, run, k, n):
     floor = 0.0
     slack = _slack_at_start(model, state, counts, k, start, trend)
     if slack > HOLD_MM:
-        turn += _cross(model, run, turn, k, 0, n, -trend, slack, floor)
+        turn += _cross(model, run, turn, k, 0, j, -trend, slack, floor)
         floor = run[turn - 1, TURN_END] if turn > TURN + k * TURNS else 0.0
     peak, at = run[NODE + j, 1 + k], j
     for q in range(j + 1, n):
@@ -155,7 +156,7 @@ def _turns(model, state, counts, run, k, n):
             peak, at = u, q
         elif trend * (peak - u) > hold and turn < last:
             slack = abs(backward(model, k, UPPER, peak) - backward(model, k, LOWER, peak))
-            if slack <= FLAT_MM or _cross(model, run, turn, k, at, n, trend, slack, floor) == 0:
+            if slack <= FLAT_MM or _cross(model, run, turn, k, at, q, trend, slack, floor) == 0:
                 s = run[NODE + at, 0]
                 _turn(run, turn, s, s, -trend, 0.0)
             floor = run[turn, TURN_END]
@@ -182,11 +183,13 @@ def _turn(run, turn, begin, end, trend, rise):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _cross(model, run, turn, k, at, n, trend, slack, floor):
+def _cross(model, run, turn, k, at, q, trend, slack, floor):
     """Write the turn at node ``at`` if its slack can be crossed while printing on; return how many were written.
 
-    ``trend`` is that before the turn. No stretch begins before ``floor``, where the last one ended.
+    ``trend`` is that before the turn; at node ``q`` the belt has fallen by more than twice the tolerance. No stretch
+    begins before ``floor``, where the last one ended.
     """
+    n = q + 1
     begin, end = _stretch(run, k, at, n, trend, FLAT_MM, floor)
     if slack > FLATTEST * (end - begin):
         begin, end = _stretch(run, k, at, n, trend, model[M_CHORD], floor)
@@ -197,13 +200,13 @@ def _cross(model, run, turn, k, at, n, trend, slack, floor):
         return 0
     # Where it may begin or end at the end of a move, no move has to be cut.
     first, last = _ends_within(run, at, n, begin, end)
-    if last > first and slack <= GENTLE * (last - first):
+    if last > first and slack <= UNCUT * (last - first):
         begin, end = first, last
-    elif first - begin < end - last and slack <= GENTLE * (end - first):
+    elif first - begin < end - last and slack <= UNCUT * (end - first):
         begin = first
-    elif slack <= GENTLE * (last - begin):
+    elif slack <= UNCUT * (last - begin):
         end = last
-    elif slack <= GENTLE * (end - first):
+    elif slack <= UNCUT * (end - first):
         begin = first
     _turn(run, turn, begin, end, -trend, _belt(run, k, at, n, end) - _belt(run, k, at, n, begin))
     return 1
