@@ -9,6 +9,7 @@ HOSTS := .venv-hosts
 
 demo: $(STAMP)
 	$(BIN)/printmend demo
+	$(BIN)/printmend demo --part
 
 test: $(STAMP)
 	$(BIN)/python -m pytest

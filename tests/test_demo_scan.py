@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from printmend.bench import contour
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, Play
+from printmend.demo import part
 from printmend.demo import scan as demo_scan
 from printmend.errors import InputError
 from printmend.gcode.read import read_gcode
@@ -79,3 +80,10 @@ def test_bad_input_ends_in_one_line(tmp_path: Path) -> None:
     result = CliRunner().invoke(group, ["demo", "--scan", "--body", str(tmp_path / "none.gcode")])
     assert isinstance(result.exception, InputError)
     assert "\n" not in str(result.exception)
+
+
+def test_one_layer_of_a_part_is_enough(tmp_path):
+    done = part.run_part(read_printer("ender5"), tmp_path, seed=0)
+    assert done.before.rms > 0.15
+    assert done.after.rms < 0.03
+    assert part.write_figure(done, tmp_path).stat().st_size > 50_000

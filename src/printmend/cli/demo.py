@@ -15,8 +15,11 @@ import click
 @click.option("--out", type=click.Path(path_type=Path), default="printmend-demo", show_default=True,
               help="Folder for the pictures.")  # fmt: skip
 @click.option("--scan", is_flag=True, help="The owner's way instead: print a probe, scan it, learn, mend G-code.")
+@click.option("--part", is_flag=True, help="One layer of a part instead: print, scan, learn, print the part right.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
-def command(seed: int, broken: Path | None, file: Path | None, out: Path, scan: bool, as_json: bool) -> None:
+def command(
+    seed: int, broken: Path | None, file: Path | None, out: Path, scan: bool, part: bool, as_json: bool
+) -> None:  # fmt: skip
     """Break a twin of an Ender-5, print one test layer, learn from it, plan all layers, print again.
 
     No printer, slicer or network is needed. Pictures go to the folder --out.
@@ -31,6 +34,9 @@ def command(seed: int, broken: Path | None, file: Path | None, out: Path, scan: 
     from printmend.printer import read_printer
 
     demo.check_out(out)
+    if part:
+        _show_part(seed, broken, out)
+        return
     if scan:
         from printmend.cli.demo_scan import show_scan
 
@@ -52,3 +58,13 @@ def command(seed: int, broken: Path | None, file: Path | None, out: Path, scan: 
         return
     show_table(demo.title(done), demo.HEADER, [demo.cells(attempt) for attempt in done.attempts])
     click.echo(demo.closing(done, written))
+
+
+def _show_part(seed: int, broken: Path | None, out: Path) -> None:
+    from printmend.corruption import read_corruption
+    from printmend.demo import part
+    from printmend.printer import read_printer
+
+    corruption = read_corruption(broken) if broken else part.DAMAGE
+    done = part.run_part(read_printer("ender5"), out, seed=seed, corruption=corruption)
+    click.echo("\n".join([*part.lines(done), f"wrote {part.write_figure(done, out)}"]))

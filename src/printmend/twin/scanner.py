@@ -4,6 +4,7 @@
 light, texture, blur, noise and JPEG, through a scanner that stretches, onto a sheet that lies at any angle.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -279,3 +280,34 @@ def _sprinkle(image: np.ndarray, d: Degradations, px_per_mm: float, rng: np.rand
         line = np.cumsum(steps, axis=0) + rng.uniform(0, 1, 2) * [width, height]
         thick = max(1, round(0.05 * px_per_mm))
         cv2.polylines(image, [(line * fine).astype(np.int32)], False, (60, 60, 60), thick, cv2.LINE_AA, 4)
+
+
+def render_layer(
+    strokes_mm: Sequence[np.ndarray],
+    *,
+    bead_mm: float,
+    dpi: float = 600.0,
+    degradations: Degradations = DEFAULT,
+    rng: np.random.Generator,
+    below: bool = True,
+) -> np.ndarray:
+    """Draw what a flatbed sees of a printed layer, [H, W, 3]: its strokes ([K × [N, 2]] mm on the bed) as beads.
+
+    ``below`` shows the side that lay on the bed.
+    """
+    d = degradations
+    px_per_mm = dpi / MM_PER_INCH
+    angle = np.deg2rad(rng.normal(0.0, d.angle_deg))
+    stretch = np.clip(rng.normal(0.0, d.stretch, 2), -2 * d.stretch, 2 * d.stretch)
+    c, s = np.cos(angle), np.sin(angle)
+    flip = np.array([-1.0 if below else 1.0, -1.0])
+    laid = [(stroke * flip) @ np.array([[c, s], [-s, c]]) * (1.0 + stretch) for stroke in strokes_mm]
+    low = np.vstack(laid).min(axis=0) - 3 * MARGIN_MM
+    width, height = np.ceil((np.vstack(laid).max(axis=0) + 3 * MARGIN_MM - low) * px_per_mm).astype(int)
+    ink, fine = np.zeros((height, width), np.uint8), 16.0
+    for stroke in laid:
+        points = np.rint((stroke - low) * px_per_mm * fine).astype(np.int32)
+        cv2.polylines(ink, [points], False, 255, round(bead_mm * px_per_mm), cv2.LINE_AA, 4)
+    if d.blur_mm:
+        cv2.GaussianBlur(ink, (0, 0), d.blur_mm * px_per_mm, dst=ink)
+    return _developed(ink, [], d, px_per_mm, rng)
