@@ -49,6 +49,7 @@ def _listener(host: str, port: int) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
+        listener.listen(128)  # whoever reads the address may come at once
     except (OSError, OverflowError) as error:
         listener.close()
         came = getattr(error, "strerror", None) or str(error)

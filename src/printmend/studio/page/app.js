@@ -23,7 +23,7 @@ function App() {
     return () => removeEventListener("hashchange", moved);
   }, []);
   const here = at[0] ?? "play";
-  return html`<header class="top"><a class="brand" href="#/play"><img src="icon.svg" alt="" /><span>printmend</span></a>
+  return html`<header class="top"><a class="brand" href="#/play" aria-label="printmend"><img src="icon.svg" alt="" /><span>printmend</span></a>
       <nav class="nav" aria-label="printmend">${["play", "printers"].map((name) => html`<a href="#/${name}" aria-current=${here === name ? "page" : undefined}>${t(name)}</a>`)}</nav>
       <div class="tools"><button class="quiet" title=${t("language")} aria-label=${t("language")} onClick=${() => speak(languages[(languages.indexOf(language) + 1) % languages.length])}>${language.toUpperCase()}</button>
         <button class="quiet icon" title=${t("theme")} aria-label=${t("theme")} onClick=${() => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark")}>

@@ -1,0 +1,112 @@
+"""A running studio for tests, that can be killed and started again, and a browser that looks at it."""
+
+import os
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from hosts import PRINTMEND
+from playwright.sync_api import Browser, Page, sync_playwright
+
+CHROMIUM = Path("/usr/bin/chromium")
+PICTURES = Path(__file__).resolve().parents[2] / "build" / "studio"
+# WebGL in software; no sandbox, for the tests run as root
+_FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+class Server:
+    """`printmend studio` over ``folder``; a second start takes the first one's port."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.port, self.address = folder, 0, ""
+        self._process: subprocess.Popen | None = None
+        self.start()
+
+    def start(self) -> None:
+        """Start it and wait until it listens."""
+        command = [PRINTMEND, "studio", "--no-browser", "--port", self.port, "--folder", self.folder]
+        self._process = subprocess.Popen(  # noqa: S603 - our own program
+            list(map(str, command)), stdout=subprocess.PIPE, text=True, start_new_session=True
+        )
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        found = re.search(r"http://127\.0\.0\.1:(\d+)/", line)
+        assert found, line
+        self.port, self.address = int(found[1]), found[0]
+
+    @property
+    def process(self) -> subprocess.Popen:
+        """The running server."""
+        assert self._process is not None
+        return self._process
+
+    def kill(self) -> None:
+        """End it and its workers as a power cut would."""
+        os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.communicate()
+
+    def stop(self) -> None:
+        """End it as Ctrl-C does."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            try:
+                self.process.communicate(timeout=20)
+            except subprocess.TimeoutExpired:
+                self.kill()
+
+    def memory_bytes(self) -> int:
+        """Return what it and its workers hold in memory."""
+        total = 0
+        for place in Path("/proc").glob("[0-9]*"):
+            try:
+                if os.getsid(int(place.name)) == self.process.pid:
+                    pages = int((place / "statm").read_text().split()[1])
+                    total += pages * os.sysconf("SC_PAGE_SIZE")
+            except (OSError, IndexError):
+                continue
+        return total
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Start Debian's Chromium."""
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=str(CHROMIUM), args=list(_FLAGS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Watched:
+    """A page whose errors and requests are noted."""
+
+    def __init__(self, page: Page, address: str) -> None:
+        self.page, self.problems, self.foreign = page, [], []
+        page.set_default_timeout(120_000)
+        page.on("pageerror", lambda error: self.problems.append(str(error)))
+        page.on("console", lambda said: said.type == "error" and self.problems.append(said.text))
+        page.on("request", lambda request: self._request(request.url, address))
+
+    def _request(self, url: str, address: str) -> None:
+        if not url.startswith((address, "blob:" + address, "data:")):
+            self.foreign.append(url)
+
+    def picture(self, name: str, *, whole: bool = False) -> None:
+        """Keep what the page shows."""
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=str(PICTURES / f"{name}.png"), full_page=whole)
+
+
+def until(done, longest_s: float = 120.0):
+    """Wait until ``done()`` is true; return it."""
+    end = time.monotonic() + longest_s
+    while time.monotonic() < end:
+        if value := done():
+            return value
+        time.sleep(0.1)
+    raise AssertionError("it did not come about")

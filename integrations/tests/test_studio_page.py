@@ -1,0 +1,310 @@
+"""The studio as a person uses it, in Debian's Chromium: the whole way, every screen, the keyboard, what goes wrong."""
+
+import re
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from parts import part
+from playwright.sync_api import Browser
+from studio_server import CHROMIUM, Server, Watched, chromium, until
+
+from printmend.client import Studio
+from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
+from printmend.measure import read_plan
+from printmend.measure.image import write_image
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.repair.against import judge_gcode
+from printmend.saved.model import exact_model, write_model
+from printmend.twin import Twin
+from printmend.twin.gcode import print_gcode
+from printmend.twin.scanner import DEFAULT, scan_trace
+
+pytestmark = pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
+PRINTER = read_printer("ender3")
+FAULTS = Corruption(
+    (Drive(pulley=EccentricBore(0.6, 1.0), belt=Play(0.3)), Drive(belt=Play(0.15))), CrookedFrame(skew_deg=0.5)
+)
+DPI, NEAR_MM = 300.0, 0.4
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    one = Server(tmp_path_factory.mktemp("studio"))
+    yield one
+    one.stop()
+
+
+@pytest.fixture(scope="module")
+def known(server: Server) -> str:
+    """A printer that has been measured, and a part that has been mended for it; its key."""
+    studio = Studio(server.address)
+    key = studio.post("/printers", {"preset": "ender3", "name": "Ender in the cellar"})["id"]
+    studio.post(f"/printers/{key}/probe")
+    write_model(server.folder / "printers" / key / "printer.mend.json", exact_model(Twin.of(FAULTS, PRINTER).homed()))
+    (source := server.folder / "part.gcode").write_bytes(part(3))
+    job = studio.post(f"/printers/{key}/mend", {"upload": studio.upload(source)})["id"]
+    assert studio.wait(job)["prediction"]["after"]["rms_mm"] < 0.01
+    return key
+
+
+def _page(browser: Browser, server: Server, **options: object) -> Watched:
+    context = browser.new_context(**{"viewport": {"width": 1280, "height": 860}, "locale": "en-GB", **options})  # type: ignore[arg-type]
+    return Watched(context.new_page(), server.address)
+
+
+def _ok(watched: Watched) -> None:
+    assert watched.problems == []
+    assert watched.foreign == []
+    watched.page.context.close()
+
+
+def _scan(path: Path, printed_mm: np.ndarray, plan_path: Path, seed: int) -> Path:
+    plan = read_plan(plan_path)
+    trace = Trace(plan.waypoints_mm, printed_mm)
+    scan = scan_trace(trace, plan, dpi=DPI, degradations=DEFAULT, rng=np.random.default_rng(seed))
+    write_image(path, scan.image, dpi=DPI)
+    return path
+
+
+def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_path: Path) -> None:
+    watched = _page(browser, server)
+    page, twin = watched.page, Twin.of(FAULTS, PRINTER)
+    page.goto(server.address + "#/printers")
+    page.get_by_role("link", name="New printer").click()
+    page.get_by_label("Like which printer").select_option("ender3")
+    page.get_by_label("Name").fill("Workshop, the old one")
+    page.get_by_role("button", name="Add it").click()
+    page.get_by_role("button", name="Make the test print").click()
+    with page.expect_download() as load:
+        page.get_by_role("link", name="Download the test print").click()
+    assert load.value.suggested_filename == "probe.gcode"
+    key = page.url.split("/")[-2]
+    plan_path = server.folder / "printers" / key / "probe.json"
+    plan = read_plan(plan_path)
+    page.set_input_files("input[type=file]", _scan(tmp_path / "scan.png", twin.follow(plan.waypoints_mm), plan_path, 1))
+    page.wait_for_selector("text=dots found")
+    rings = page.locator("svg circle")
+    assert rings.count() > 590
+    rings.nth(300).click()
+    assert page.get_by_text("left out 1").is_visible()
+    watched.picture("measure")
+    page.get_by_role("button", name="Learn from this").click()
+    page.wait_for_selector("#machine")
+    for words in ("The frame is not square", "X pulley is off its centre", "X belt has play", "Y belt has play"):
+        assert page.get_by_role("heading", name=words).is_visible(), words
+    page.get_by_label("Shown larger").fill("20")
+    assert page.get_by_text("faults 20 times larger").is_visible()
+    watched.picture("wrong")
+    page.get_by_role("link", name="Mend", exact=True).click()
+    (source := tmp_path / "gear wheel.gcode").write_bytes(part(2))
+    page.set_input_files("input[type=file]", source)
+    page.wait_for_selector("[data-testid=part]")
+    with page.expect_download() as load:
+        page.get_by_role("link", name="Download mended").click()
+    mended = load.value.path()
+    assert load.value.suggested_filename == "gear wheel.mended.gcode"
+    judged = judge_gcode(source, mended, twin)  # by the twin, which knows the truth
+    assert judged.after.rms_mm < 0.05 < 0.25 < judged.before.rms_mm
+    until(lambda: page.locator("canvas").get_attribute("data-frame"))
+    page.get_by_role("button", name="as it prints").click()
+    page.wait_for_timeout(500)
+    watched.picture("mend")
+    page.get_by_role("link", name="Prove").click()
+    page.get_by_role("button", name="Make the check print").click()
+    with page.expect_download() as load:
+        page.get_by_role("link", name="Download the check print").click()
+    (check := tmp_path / "check.gcode").write_bytes(Path(load.value.path()).read_bytes())
+    printed = plan.waypoints_mm.copy()
+    printed[plan.rows] = _dots(print_gcode(check, twin).measured_mm, plan.marks_mm)
+    page.set_input_files("input[type=file]", _scan(tmp_path / "check.png", printed, plan_path, 2))
+    page.wait_for_selector("text=Take this measurement into the model")
+    assert page.get_by_role("heading", name="The promise was kept").is_visible()
+    page.get_by_role("button", name="Take this measurement").click()
+    page.wait_for_selector("text=Taken over")
+    watched.picture("prove")
+    page.get_by_role("link", name="My printers").click()
+    assert page.get_by_text("Workshop, the old one").is_visible()
+    assert page.get_by_text("The frame is not square", exact=False).first.is_visible()
+    watched.picture("printers")
+    _ok(watched)
+
+
+def _dots(places_mm: np.ndarray, marks_mm: np.ndarray) -> np.ndarray:
+    """Return where the nozzle stood for each dot: at the last place near it before it went on to the next one."""
+    found, at = np.empty_like(marks_mm), 0
+    for number, mark in enumerate(marks_mm):
+        while np.hypot(*(places_mm[at] - mark)) > NEAR_MM:
+            at += 1
+        while at + 1 < len(places_mm) and np.hypot(*(places_mm[at + 1] - mark)) <= NEAR_MM:
+            at += 1
+        found[number] = places_mm[at]
+    return found
+
+
+def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -> None:
+    watched = _page(browser, server)
+    page = watched.page
+    page.goto(server.address)
+    page.wait_for_selector("#drawing")
+    before = page.locator("#drawing path").nth(1).get_attribute("d")
+    page.get_by_role("button", name="Squeezed pulley").click()
+    until(lambda: page.locator("#drawing path").nth(1).get_attribute("d") != before)
+    page.get_by_role("button", name="The test print").click()
+    page.wait_for_timeout(300)
+    watched.picture("play-broken")
+    page.get_by_role("button", name="Mend it").click()
+    page.wait_for_selector("[data-testid=part]")
+    off = [float(text.split()[0]) for text in page.locator(".number b").all_inner_texts()[:2]]
+    assert off[1] < 0.05 < 0.1 < off[0], off
+    assert page.get_by_role("heading", name="X pulley is oval").is_visible()
+    until(lambda: page.locator("canvas").get_attribute("data-frame"))
+    page.get_by_role("button", name="as it prints").click()
+    page.wait_for_timeout(500)
+    watched.picture("play-mended")
+    with page.expect_download() as load:
+        page.get_by_role("button", name="Save as PNG").click()
+    assert Path(load.value.path()).read_bytes()[:4] == b"\x89PNG"
+    _ok(watched)
+
+
+PLACES = (
+    "",
+    "#/printers",
+    "#/printers/new",
+    *(f"#/printers/KEY/{tab}" for tab in ("measure", "wrong", "mend", "prove")),
+)
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "dark", "language"),
+    [(390, 844, True, "en-GB"), (1280, 800, False, "de-DE"), (2560, 1440, True, "en-GB")],
+)
+def test_every_screen_fits_and_is_usable_by_all(
+    browser: Browser, server: Server, known: str, width: int, height: int, dark: bool, language: str
+) -> None:
+    """No screen is wider than the window, axe finds nothing serious, and the page speaks the reader's language."""
+    watched = _page(
+        browser, server, viewport={"width": width, "height": height}, color_scheme="dark" if dark else "light",
+        locale=language,
+    )  # fmt: skip
+    page = watched.page
+    for place in PLACES:
+        page.goto(server.address + place.replace("KEY", known))
+        page.wait_for_selector("h1")
+        page.wait_for_timeout(700)
+        assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0, place
+        assert page.evaluate("document.documentElement.lang") == language[:2]
+        name = (place.split("/")[-1] or "play").replace("#", "")
+        watched.picture(f"{width}-{name}", whole=width < 1000)
+        found = Axe().run(page).response["violations"]
+        serious = [(one["id"], [node["html"][:120] for node in one["nodes"]][:3]) for one in found
+                   if one["impact"] in ("serious", "critical")]  # fmt: skip
+        assert serious == [], place
+    _ok(watched)
+
+
+def test_the_keyboard_is_enough(browser: Browser, server: Server, known: str) -> None:
+    watched = _page(browser, server)
+    page = watched.page
+    page.goto(server.address + f"#/printers/{known}/mend")
+    page.wait_for_selector("[data-testid=part] canvas")
+    until(lambda: page.locator("canvas").get_attribute("data-frame"))
+    reached = set()
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.tagName + ' ' + (document.activeElement.type ?? '')"))
+        if page.evaluate("document.activeElement.tagName") == "CANVAS":
+            break
+    assert {"INPUT file", "A ", "BUTTON submit", "CANVAS "} <= reached, reached
+    layer = page.get_by_text(re.compile(r"Layer \d+ of \d+"))
+    last = layer.inner_text()
+    page.keyboard.press("PageDown")
+    until(lambda: layer.inner_text() != last)
+    for key in ("ArrowLeft", "ArrowUp", "+", "-", "PageUp"):
+        page.keyboard.press(key)
+    assert layer.inner_text() == last
+    page.goto(server.address)
+    page.wait_for_selector("#drawing")
+    slider = page.get_by_label("How far out of shape").first
+    slider.focus()
+    page.keyboard.press("Home")
+    until(lambda: slider.input_value() == "0")
+    _ok(watched)
+
+
+def test_what_goes_wrong_is_said_in_one_line(browser: Browser, server: Server, known: str, tmp_path: Path) -> None:
+    watched = _page(browser, server)
+    page = watched.page
+    page.goto(server.address + f"#/printers/{known}/mend")
+    (strange := tmp_path / "holiday.gcode").write_text("this is no G-code\n")
+    page.set_input_files("input[type=file]", strange)
+    assert "holiday.gcode: wanted" in until(lambda: page.locator("[role=alert]").first.inner_text())
+    page.goto(server.address + f"#/printers/{known}/measure")
+    (strange := tmp_path / "cat.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing more")
+    page.wait_for_selector("text=Drop one or two scans")
+    page.set_input_files("input[type=file]", strange)
+    assert "cat.png" in until(lambda: page.locator("[role=alert]").first.inner_text())
+    page.goto(server.address + "#/printers/new")
+    (strange := tmp_path / "printer.cfg").write_text(
+        "[stepper_x]\nrotation_distance: round\n[printer]\nkinematics: cartesian\n"
+    )
+    page.set_input_files("input[type=file]", strange)
+    page.get_by_role("button", name="Add it").click()
+    said = until(lambda: page.locator("[role=alert]").first.inner_text())
+    assert said.startswith("printer.cfg: wanted"), said
+    page.goto(server.address)
+    page.get_by_role("button", name="Mend it").click()
+    page.get_by_role("button", name="Stop").click()
+    page.wait_for_selector("button:has-text('Mend it')")
+    assert watched.foreign == []
+    page.context.close()  # the browser notes each answer of 400 as an error of the page, rightly
+
+
+def test_fifty_at_once_and_killed_in_the_middle(browser: Browser, tmp_path: Path) -> None:
+    """All are answered and none is lost, though the power fails while they run; the page finds its way back."""
+    one = Server(tmp_path / "studio")
+    try:
+        studio = Studio(one.address)
+        key = studio.post("/printers", {"preset": "ender3", "name": "Farm"})["id"]
+        write_model(one.folder / "printers" / key / "printer.mend.json", exact_model(Twin.of(FAULTS, PRINTER).homed()))
+        for number in range(50):
+            (tmp_path / f"{number}.gcode").write_bytes(part(1).replace(b"G28", b"; part %d\nG28" % number, 1))
+
+        def send(number: int) -> str:
+            return studio.post(f"/printers/{key}/mend", {"upload": studio.upload(tmp_path / f"{number}.gcode")})["id"]
+
+        with ThreadPoolExecutor(50) as many:
+            jobs = list(many.map(send, range(50)))
+        assert len(set(jobs)) == 50
+        watched = _page(browser, one)
+        watched.page.goto(one.address + f"#/printers/{key}/mend")
+        until(lambda: sum(job["state"] == "done" for job in studio.get("/jobs")) >= 3)
+        most = one.memory_bytes()
+        one.kill()
+        one.start()
+        for number, job in enumerate(jobs):
+            result = studio.wait(job)
+            assert result["name"] == f"{number}.gcode"
+            studio.fetch(job, result["output"], tmp_path / "out.gcode")
+            assert b"; part %d\n" % number in (tmp_path / "out.gcode").read_bytes()
+            most = max(most, one.memory_bytes())
+        assert most < 1.5e9
+        for place in (one.folder / "uploads").iterdir():
+            assert re.fullmatch(r"[0-9a-f]{16}", place.name), place
+        assert not list(one.folder.rglob("*.tmp"))
+        watched.page.wait_for_selector("text=Download mended")
+        assert watched.foreign == []
+        watched.page.context.close()
+    finally:
+        one.stop()
