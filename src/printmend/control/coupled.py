@@ -74,11 +74,12 @@ def _search(tables: PlayTables, targets: np.ndarray, known: np.ndarray, c_max: i
                 wanted[motor, begin:ahead], alone[motor, begin:ahead], prices[motor, begin:ahead], each.places,
                 each.first, each.last, each.low, each.high, edges[0][motor], edges[1][motor], reach, togo[motor],
             )  # fmt: skip
-        states, paid, *way = kernels.search(
-            states, paid, reach, 2 * c_max, tables.bed.corexy, breadth.slack, breadth.most, breadth.width,
-            places, first, low, high, size, *edges, wanted[:, begin:end].copy(), cross[begin:end], togo,
-            plan[:, begin : end + 1].copy(),
+        motors = kernels.Motors(places, first, low, high, size, *edges, togo)
+        task = kernels.Task(
+            wanted[:, begin:end].copy(), cross[begin:end], plan[:, begin : end + 1].copy(), reach, 2 * c_max,
+            tables.bed.corexy,
         )  # fmt: skip
+        states, paid, *way = kernels.follow(states, paid, motors, task, breadth.slack, breadth.most, breadth.width)
         ways.append(way)
     moves, state = np.empty((ticks, 2), np.int8), int(np.argmin(paid))
     for n, way in reversed(list(enumerate(ways))):

@@ -37,7 +37,7 @@ class Greedy:
                     targets, start, *tables.cells, tables.unit_steps, tables.rolled, c_max, controls, imagined
                 )
             case PlayTables():
-                plan = kernels.plan_coupled if tables.is_coupled else kernels.plan_play
+                plan = kernels.plan_both if tables.is_coupled else kernels.plan_play
                 plan(targets, tables.arrays, c_max, controls, imagined)
             case None:
                 _plan_batched(model, targets, start, c_max, controls, imagined)

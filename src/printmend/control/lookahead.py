@@ -35,7 +35,7 @@ class Lookahead:
         for axis in range(2):
             kernels.next_different(seen[:, axis], following[axis])
         if tables.is_coupled:
-            kernels.plan_coupled(targets, seen, following, tables.arrays, c_max, controls, imagined)
+            kernels.plan_both(targets, seen, following, tables.arrays, c_max, controls, imagined)
             return Plan(controls, imagined)
         for axis, motor in enumerate(tables.motors):
             plan_motor(motor, targets[:, axis], following[axis], c_max, controls[:, axis], imagined[:, axis])

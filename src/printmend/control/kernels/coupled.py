@@ -12,9 +12,11 @@ the bound nearly tight.
 A state whose bound lies more than a slack above the least of its tick is left out. Along every way bounds grow, by what
 the motors' choices lose against their own best. So few choices of a state need to be looked at: those of least loss.
 
-Arrays of both motors have an axis of length 2, padded where one motor has less. All arrays are passed one by one: in a
-tuple each access would count references.
+Arrays of both motors have an axis of length 2, padded where one motor has less. What is done for a state counts no
+references (_nrt): it would take longer than what is done.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -87,40 +89,209 @@ def arrivals(wanted, weight, price, places, first, last, low, high, left, right,
                 row[n] += here + price[t - 1, (m0 + n) & 1]
 
 
-@inner
-def cost_to_go(motor, t, k, m, reach, first, low, high, size, left, right, togo):
+class Motors(NamedTuple):
+    """Both motors' states about a known plan: a pair (k, m) is where the belt stands and the motor's index.
+
+    ``places`` [2, K] are the belts' places and ``first`` [2, K] the least index at each; ``low`` and ``high`` [2, M]
+    the k to which an index m pushes and draws the belt, ``size`` [2] how many indices there are; ``left`` and ``right``
+    [2, T + 1] the places k within reach of each tick, ``togo`` [2, T + 1, R, W] what `arrivals` made.
+    """
+
+    places: np.ndarray
+    first: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    size: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    togo: np.ndarray
+
+
+class Task(NamedTuple):
+    """What is to be followed: targets of both belts [2, T], the weights c of e_a e_b [T], a known plan [2, T + 1, 2].
+
+    A control moves a motor by at most ``reach`` steps and both by at most ``together``; where ``parted``, both by an
+    even or both by an odd number.
+    """
+
+    wanted: np.ndarray
+    cross: np.ndarray
+    known: np.ndarray
+    reach: int
+    together: int
+    parted: bool
+
+
+class Choices(NamedTuple):
+    """What one motor can do from a state that it is in at a tick, listed once for each state and tick.
+
+    ``losses``, ``ids`` of where that leads and ``moves`` [2, N, 2, F], the least loss first, the odd moves apart where
+    the task is parted; ``many`` [2, N, 2] of them, ``least`` [2, N] the cost to go, ``built`` [2, N] the tick for which
+    they were listed last. ``costs`` [F] is scratch.
+    """
+
+    losses: np.ndarray
+    ids: np.ndarray
+    moves: np.ndarray
+    many: np.ndarray
+    least: np.ndarray
+    built: np.ndarray
+    costs: np.ndarray
+
+
+class Reached(NamedTuple):
+    """The states of one motor at this tick and the next, ``found`` [2, 2, N, 2], each once: its id is its row.
+
+    ``index`` and ``stamp`` [2, R · W] say which id a state has, and of which tick; ``count`` [2] how many there are.
+    """
+
+    found: np.ndarray
+    index: np.ndarray
+    stamp: np.ndarray
+    count: np.ndarray
+
+
+class Pairs(NamedTuple):
+    """The pairs of states that were reached: ``after`` [P, 5] their ids, their parent and the motors' moves.
+
+    ``bounds`` [P] bounds what a plan through each costs; ``slots`` and ``stamp`` [N · N] say where a pair is, if this
+    tick has it.
+    """
+
+    after: np.ndarray
+    bounds: np.ndarray
+    slots: np.ndarray
+    stamp: np.ndarray
+
+
+@inner(_nrt=False)
+def cost_to_go(motors, reach, motor, t, k, m):
     """Return one motor's least cost to go from state (k, m) of tick t."""
-    if t + 1 == togo.shape[1]:
+    if t + 1 == motors.togo.shape[1]:
         return 0.0
-    least = np.inf
-    for m1 in range(max(m - reach, 0), min(m + reach + 1, size[motor])):
-        k1 = min(max(k, low[motor, m1]), high[motor, m1])
-        if left[motor, t + 1] <= k1 < right[motor, t + 1]:
-            least = min(least, togo[motor, t + 1, k1 - left[motor, t + 1], m1 - first[motor, k1]])
+    left, right, least = motors.left[motor, t + 1], motors.right[motor, t + 1], np.inf
+    for m1 in range(max(m - reach, 0), min(m + reach + 1, motors.size[motor])):
+        k1 = min(max(k, motors.low[motor, m1]), motors.high[motor, m1])
+        if left <= k1 < right:
+            least = min(least, motors.togo[motor, t + 1, k1 - left, m1 - motors.first[motor, k1]])
     return least
 
 
+@inner(_nrt=False)
+def list_choices(motors, task, choices, reached, motor, state, t, clock, dearest):
+    """List what a motor can do from one of its states at a tick, at a loss of at most ``dearest``."""
+    now, then = (clock + 1) & 1, clock & 1
+    choices.built[motor, state] = clock
+    k, m = reached.found[now, motor, state, 0], reached.found[now, motor, state, 1]
+    begin, end = max(m - task.reach, 0), min(m + task.reach + 1, motors.size[motor])
+    left, right, cheapest = motors.left[motor, t + 1], motors.right[motor, t + 1], np.inf
+    for m1 in range(begin, end):
+        k1 = min(max(k, motors.low[motor, m1]), motors.high[motor, m1])
+        cost = np.inf
+        if left <= k1 < right:
+            cost = motors.togo[motor, t + 1, k1 - left, m1 - motors.first[motor, k1]]
+        choices.costs[m1 - begin] = cost
+        cheapest = min(cheapest, cost)
+    choices.least[motor, state] = cheapest
+    choices.many[motor, state, 0] = choices.many[motor, state, 1] = 0
+    for m1 in range(begin, end):
+        loss = choices.costs[m1 - begin] - cheapest
+        if not (loss <= dearest and loss < np.inf):
+            continue
+        k1 = min(max(k, motors.low[motor, m1]), motors.high[motor, m1])
+        at = (k1 - left) * motors.togo.shape[3] + m1 - motors.first[motor, k1]
+        if reached.stamp[motor, at] != clock:
+            count = reached.count[motor]
+            if count == reached.found.shape[2]:
+                continue
+            reached.stamp[motor, at], reached.index[motor, at] = clock, count
+            reached.found[then, motor, count, 0], reached.found[then, motor, count, 1] = k1, m1
+            reached.count[motor] = count + 1
+        part = (m1 - m) & 1 if task.parted else 0
+        losses, ids = choices.losses[motor, state, part], choices.ids[motor, state, part]
+        moves, n = choices.moves[motor, state, part], choices.many[motor, state, part]
+        while n > 0 and losses[n - 1] > loss:
+            losses[n], ids[n], moves[n] = losses[n - 1], ids[n - 1], moves[n - 1]
+            n -= 1
+        losses[n], ids[n], moves[n] = loss, reached.index[motor, at], m1 - m
+        choices.many[motor, state, part] += 1
+
+
+@inner(_nrt=False)
+def follow_known(motors, task, choices, reached, pairs, kept, bound, t, clock):
+    """Make the known plan's next state the first of the pairs; return its bound."""
+    both, sign = 0.0, 1.0 if task.cross[t] >= 0 else -1.0
+    for motor in range(2):
+        k, m = task.known[motor, t + 1, 0], task.known[motor, t + 1, 1]
+        row, column = k - motors.left[motor, t + 1], m - motors.first[motor, k]
+        pairs.after[0, motor] = reached.index[motor, row * motors.togo.shape[3] + column]
+        pairs.after[0, 3 + motor] = m - task.known[motor, t, 1]
+        bound += motors.togo[motor, t + 1, row, column] - choices.least[motor, kept[0, motor]]
+        both += (motors.places[motor, k] - task.wanted[motor, t]) * (1.0 if motor == 0 else sign)
+    bound += abs(task.cross[t]) * both * both
+    pairs.bounds[0], pairs.after[0, 2] = bound, 0
+    pair = pairs.after[0, 0] * reached.found.shape[2] + pairs.after[0, 1]
+    pairs.slots[pair], pairs.stamp[pair] = 0, clock
+    return bound
+
+
+@inner(_nrt=False)
+def pair_choices(motors, task, choices, reached, pairs, kept, s, bound, t, clock, leader, slack, bar, total):
+    """Pair what the motors can do from state ``s``: return the least bound, the bar above it, and how many pairs.
+
+    Its numbers are those that a tick carries from state to state; as an array they would be read again each time.
+    """
+    a, b, then, room = kept[s, 0], kept[s, 1], clock & 1, reached.found.shape[2]
+    weight, sign = abs(task.cross[t]), 1.0 if task.cross[t] >= 0 else -1.0
+    for part in range(2 if task.parted else 1):
+        for i in range(choices.many[0, a, part]):
+            so_far = bound + choices.losses[0, a, part, i]
+            if so_far > bar:
+                break
+            next_a, move_a = choices.ids[0, a, part, i], choices.moves[0, a, part, i]
+            error_a = motors.places[0, reached.found[then, 0, next_a, 0]] - task.wanted[0, t]
+            for j in range(choices.many[1, b, part]):
+                value = so_far + choices.losses[1, b, part, j]
+                if value > bar:
+                    break
+                next_b, move_b = choices.ids[1, b, part, j], choices.moves[1, b, part, j]
+                if abs(move_a) + abs(move_b) > task.together:
+                    continue
+                both = error_a + sign * (motors.places[1, reached.found[then, 1, next_b, 0]] - task.wanted[1, t])
+                value += weight * both * both
+                if value > bar:
+                    continue
+                pair = next_a * room + next_b
+                if pairs.stamp[pair] != clock:
+                    if total == pairs.after.shape[0]:
+                        continue
+                    pairs.stamp[pair], pairs.slots[pair] = clock, total
+                    pairs.after[total, 0], pairs.after[total, 1], pairs.bounds[total] = next_a, next_b, np.inf
+                    total += 1
+                n = pairs.slots[pair]
+                if value < pairs.bounds[n]:
+                    pairs.bounds[n] = value
+                    pairs.after[n, 2], pairs.after[n, 3], pairs.after[n, 4] = s, move_a, move_b
+                    if value < leader:
+                        leader = value
+                        bar = leader + slack
+    return leader, bar, total
+
+
 @inner
-def sweep(
-    t0, t1, clock, slack, reach, together, parted, places, first, low, high, size, left, right, wanted, cross, togo,
-    known, found, index, stamp, losses, ids, moves, many, least, built, costs, slots, slot_stamp, after, after_bounds,
-    kept, bounds, kept_count, way, base, used,
-):  # fmt: skip
+def sweep(t0, t1, clock, slack, motors, task, choices, reached, pairs, kept, bounds, kept_count, way, base, used):
     """Go over ticks t0 to t1; return how many states are kept, how much of ``way`` is used, and the least bound.
 
-    ``kept`` [N, 2] are the ids of the states in ``found`` [clock & 1], with their ``bounds``, the known plan's first.
-    What one motor can do from a state that it is in at a tick is listed once: ``losses``, ``ids`` of where that leads
-    and ``moves`` [2, N, 2, F], the least loss first, the odd moves apart where ``parted``; ``many`` [2, N, 2] of them,
-    ``least`` [2, N] the cost to go. All in one loop: to pass the arrays on takes longer than what is done with them.
+    ``kept`` [N, 2] are the ids of the states in ``reached.found`` [clock & 1], with their ``bounds``, the known plan's
+    first; ``way`` [?, 3] and ``base`` [T] are what `follow` returns. These change hands at every chunk of ticks.
     """
-    room, lowest = found.shape[2], np.inf
+    lowest = np.inf
     for n in range(kept_count):
         lowest = min(lowest, bounds[n])
     for t in range(t0, t1):
-        now, after_now = clock & 1, 1 - (clock & 1)
         clock += 1
-        best, count_a, count_b, total = 0, 0, 0, 0
-        weight, sign = abs(cross[t]), 1.0 if cross[t] >= 0 else -1.0
+        best, total = 0, 0
+        reached.count[0] = reached.count[1] = 0
         for n in range(kept_count):
             if bounds[n] < bounds[best]:
                 best = n
@@ -128,122 +299,37 @@ def sweep(
         for turn in range(kept_count + 1):
             # The known plan, then the most promising state, which sets the bar, then the others.
             s = 0 if turn == 0 else best if turn == 1 else turn - 2 if turn - 2 < best else turn - 1
-            bound = bounds[s]
-            if bound > bar and turn > 0:
+            if bounds[s] > bar and turn > 0:
                 continue
             for motor in range(2):
-                state = kept[s, motor]
-                if built[motor, state] == clock:
-                    continue
-                built[motor, state] = clock
-                k, m = found[now, motor, state, 0], found[now, motor, state, 1]
-                begin, end = max(m - reach, 0), min(m + reach + 1, size[motor])
-                left1, right1 = left[motor, t + 1], right[motor, t + 1]
-                dearest, cheapest = bar - reference, np.inf
-                for m1 in range(begin, end):
-                    k1 = min(max(k, low[motor, m1]), high[motor, m1])
-                    cost = np.inf
-                    if left1 <= k1 < right1:
-                        cost = togo[motor, t + 1, k1 - left1, m1 - first[motor, k1]]
-                    costs[m1 - begin] = cost
-                    cheapest = min(cheapest, cost)
-                least[motor, state] = cheapest
-                many[motor, state, 0] = many[motor, state, 1] = 0
-                for m1 in range(begin, end):
-                    loss = costs[m1 - begin] - cheapest
-                    if not (loss <= dearest and loss < np.inf):
-                        continue
-                    k1 = min(max(k, low[motor, m1]), high[motor, m1])
-                    at = (k1 - left1) * togo.shape[3] + m1 - first[motor, k1]
-                    if stamp[motor, at] != clock:
-                        count = count_a if motor == 0 else count_b
-                        if count == room:
-                            continue
-                        stamp[motor, at], index[motor, at] = clock, count
-                        found[after_now, motor, count, 0], found[after_now, motor, count, 1] = k1, m1
-                        if motor == 0:
-                            count_a += 1
-                        else:
-                            count_b += 1
-                    part = (m1 - m) & 1 if parted else 0
-                    n = many[motor, state, part]
-                    while n > 0 and losses[motor, state, part, n - 1] > loss:
-                        losses[motor, state, part, n] = losses[motor, state, part, n - 1]
-                        ids[motor, state, part, n] = ids[motor, state, part, n - 1]
-                        moves[motor, state, part, n] = moves[motor, state, part, n - 1]
-                        n -= 1
-                    losses[motor, state, part, n] = loss
-                    ids[motor, state, part, n], moves[motor, state, part, n] = index[motor, at], m1 - m
-                    many[motor, state, part] += 1
+                if choices.built[motor, kept[s, motor]] != clock:
+                    list_choices(
+                        motors, task, choices, reached, motor, kept[s, motor], t, clock, bar - reference
+                    )  # fmt: skip
             if turn == 0:
-                both, leader = 0.0, bound
-                for motor in range(2):
-                    k, m = known[motor, t + 1, 0], known[motor, t + 1, 1]
-                    row, column = k - left[motor, t + 1], m - first[motor, k]
-                    after[0, motor] = index[motor, row * togo.shape[3] + column]
-                    after[0, 3 + motor] = m - known[motor, t, 1]
-                    leader += togo[motor, t + 1, row, column] - least[motor, kept[0, motor]]
-                    both += (places[motor, k] - wanted[motor, t]) * (1.0 if motor == 0 else sign)
-                leader += weight * both * both
-                bar, total, after_bounds[0], after[0, 2] = leader + slack, 1, leader, 0
-                pair = after[0, 0] * room + after[0, 1]
-                slots[pair], slot_stamp[pair] = 0, clock
-                continue
-            a, b = kept[s, 0], kept[s, 1]
-            for part in range(2 if parted else 1):
-                for i in range(many[0, a, part]):
-                    so_far = bound + losses[0, a, part, i]
-                    if so_far > bar:
-                        break
-                    next_a, move_a = ids[0, a, part, i], moves[0, a, part, i]
-                    error_a = places[0, found[after_now, 0, next_a, 0]] - wanted[0, t]
-                    for j in range(many[1, b, part]):
-                        value = so_far + losses[1, b, part, j]
-                        if value > bar:
-                            break
-                        next_b, move_b = ids[1, b, part, j], moves[1, b, part, j]
-                        if abs(move_a) + abs(move_b) > together:
-                            continue
-                        both = error_a + sign * (places[1, found[after_now, 1, next_b, 0]] - wanted[1, t])
-                        value += weight * both * both
-                        if value > bar:
-                            continue
-                        pair = next_a * room + next_b
-                        if slot_stamp[pair] != clock:
-                            if total == after.shape[0]:
-                                continue
-                            slot_stamp[pair], slots[pair] = clock, total
-                            after[total, 0], after[total, 1], after_bounds[total] = next_a, next_b, np.inf
-                            total += 1
-                        n = slots[pair]
-                        if value < after_bounds[n]:
-                            after_bounds[n] = value
-                            after[n, 2], after[n, 3], after[n, 4] = s, move_a, move_b
-                            if value < leader:
-                                leader = value
-                                bar = leader + slack
+                leader = follow_known(motors, task, choices, reached, pairs, kept, bounds[0], t, clock)
+                bar, total = leader + slack, 1
+            else:
+                leader, bar, total = pair_choices(
+                    motors, task, choices, reached, pairs, kept, s, bounds[s], t, clock, leader, slack, bar, total
+                )
         if total > kept.shape[0]:
-            bar = min(bar, np.partition(after_bounds[:total], kept.shape[0] - 1)[kept.shape[0] - 1])
+            bar = min(bar, np.partition(pairs.bounds[:total], kept.shape[0] - 1)[kept.shape[0] - 1])
         base[t], kept_count, lowest = used, 0, leader
         for n in range(total):
-            if n == 0 or (after_bounds[n] <= bar and kept_count < kept.shape[0]):
-                kept[kept_count, 0], kept[kept_count, 1] = after[n, 0], after[n, 1]
-                bounds[kept_count] = after_bounds[n]
-                way[used, 0], way[used, 1], way[used, 2] = after[n, 2], after[n, 3], after[n, 4]
+            if n == 0 or (pairs.bounds[n] <= bar and kept_count < kept.shape[0]):
+                kept[kept_count, 0], kept[kept_count, 1] = pairs.after[n, 0], pairs.after[n, 1]
+                bounds[kept_count] = pairs.bounds[n]
+                way[used, 0], way[used, 1], way[used, 2] = pairs.after[n, 2], pairs.after[n, 3], pairs.after[n, 4]
                 kept_count, used = kept_count + 1, used + 1
     return kept_count, used, lowest
 
 
 @entry
-def search(
-    states, paid, reach, together, parted, slack, most, width,
-    places, first, low, high, size, left, right, wanted, cross, togo, known,
-):  # fmt: skip
+def follow(states, paid, motors, task, slack, most, width):
     """Follow the states whose bounds are near the least, at most ``width``, for T targets.
 
-    ``states`` [N, 2, 2] are (k, m) of both motors, the known plan's first, ``paid`` [N] what they have cost so far. A
-    control moves a motor by at most ``reach`` and both by at most ``together``; where ``parted``, both by an even or
-    both by an odd number. The motors' tables end at ``size`` [2]; ``known`` [2, T + 1, 2] are the known plan's states.
+    ``states`` [N, 2, 2] are (k, m) of both motors, the known plan's first, ``paid`` [N] what they have cost so far.
 
     Near means ``slack``. Where the least bound grew by more than the slack over two chunks of ticks, what was left out
     in them might have come out ahead: they are gone over again with that much slack, up to ``most``.
@@ -251,14 +337,16 @@ def search(
     Return the states and costs of the last tick, and the way there: states 0…N of tick t + 1 are the rows from base[t]
     of (their parents among tick t's states, the moves of a, of b).
     """
-    ticks, fan, room = wanted.shape[1], 2 * reach + 1, 2 * width
-    losses, costs, least = np.empty((2, room, 2, fan)), np.empty(fan), np.empty((2, room))
-    ids, moves = np.empty((2, room, 2, fan), np.int64), np.empty((2, room, 2, fan), np.int64)
-    many, built, found = np.empty((2, room, 2), np.int64), np.full((2, room), -1), np.empty((2, 2, room, 2), np.int64)
-    index, stamp = np.empty((2, togo[0, 0].size), np.int64), np.full((2, togo[0, 0].size), -1)
-    slots, slot_stamp = np.empty(room * room, np.int32), np.full(room * room, -1, np.int32)
+    ticks, fan, room, corner = task.wanted.shape[1], 2 * task.reach + 1, 2 * width, motors.togo[0, 0].size
+    choices = Choices(
+        np.empty((2, room, 2, fan)), np.empty((2, room, 2, fan), np.int64), np.empty((2, room, 2, fan), np.int64),
+        np.empty((2, room, 2), np.int64), np.empty((2, room)), np.full((2, room), -1), np.empty(fan),
+    )  # fmt: skip
+    found, index = np.empty((2, 2, room, 2), np.int64), np.empty((2, corner), np.int64)
+    reached = Reached(found, index, np.full((2, corner), -1), np.zeros(2, np.int64))
+    slots, stamp = np.empty(room * room, np.int32), np.full(room * room, -1, np.int32)
+    pairs = Pairs(np.empty((16 * width, 5), np.int64), np.empty(16 * width), slots, stamp)
     kept, bounds = np.empty((width, 2), np.int64), np.empty(width)
-    after, after_bounds = np.empty((16 * width, 5), np.int64), np.empty(16 * width)
     way, base = np.empty((32 * ticks, 3), np.int32), np.empty(ticks, np.int64)
     # Typed: the sweep would be compiled once more for a literal zero.
     kept_count, clock, used, lowest = states.shape[0], np.int64(0), np.int64(0), np.inf
@@ -267,7 +355,7 @@ def search(
         for motor in range(2):
             k, m = states[n, motor, 0], states[n, motor, 1]
             kept[n, motor], found[0, motor, n, 0], found[0, motor, n, 1] = n, k, m
-            bounds[n] += cost_to_go(motor, 0, k, m, reach, first, low, high, size, left, right, togo)
+            bounds[n] += cost_to_go(motors, task.reach, motor, 0, k, m)
         lowest = min(lowest, bounds[n])
     chunks = (ticks + _CHUNK - 1) // _CHUNK
     slacks, starts = np.full(chunks, slack), np.empty(chunks)
@@ -286,10 +374,22 @@ def search(
             longer[:used] = way[:used]
             way = longer
         kept_count, used, lowest = sweep(
-            t0, t1, clock, slacks[chunk], reach, together, parted, places, first, low, high, size, left, right, wanted,
-            cross, togo, known, found, index, stamp, losses, ids, moves, many, least, built, costs, slots, slot_stamp,
-            after, after_bounds, kept, bounds, kept_count, way, base, used,
-        )  # fmt: skip
+            t0,
+            t1,
+            clock,
+            slacks[chunk],
+            motors,
+            task,
+            choices,
+            reached,
+            pairs,
+            kept,
+            bounds,
+            kept_count,
+            way,
+            base,
+            used,
+        )
         clock += t1 - t0
         begin = max(chunk - 1, 0)
         narrow = min(slacks[begin], slacks[chunk])
@@ -310,7 +410,7 @@ def search(
         for motor in range(2):
             k, m = found[clock & 1, motor, kept[n, motor], 0], found[clock & 1, motor, kept[n, motor], 1]
             states[n, motor, 0], states[n, motor, 1] = k, m
-            paid[n] -= cost_to_go(motor, ticks, k, m, reach, first, low, high, size, left, right, togo)
+            paid[n] -= cost_to_go(motors, task.reach, motor, ticks, k, m)
     return states, paid, base, way[:used]
 
 

@@ -118,7 +118,7 @@ def bed_errors(bed, c_max, qa, qb, target_x, target_y, x, y, errors):
 
 
 @entry
-def plan_coupled(targets, machine, c_max, controls, imagined):
+def plan_both(targets, machine, c_max, controls, imagined):
     """Plan with any `Lattice`: motors may couple, on a CoreXY or behind a crooked frame."""
     bed = machine.bed
     span = motors_reach(bed, c_max)

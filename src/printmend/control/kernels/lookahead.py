@@ -80,7 +80,7 @@ def plan_axis(targets, following, motor, position, lower, upper, c_max, controls
 
 
 @entry
-def plan_coupled(targets, motor_targets, following, machine, c_max, controls, imagined):
+def plan_both(targets, motor_targets, following, machine, c_max, controls, imagined):
     """Plan both motors of a `Lattice` together, as `plan_axis`.
 
     ``motor_targets`` [T, 2] are the targets seen by the motors' belts, ``following`` [2, T] their `next_different`.
