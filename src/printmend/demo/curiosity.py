@@ -51,7 +51,9 @@ def run_way(
     part = read_gcode(demo_body_gcode(), printer=printer)
     asked = np.vstack([printer.home_mm, _places(printer, np.random.default_rng([seed, 2]), ASKED)])
     truth = twin.follow(asked)[1:]
-    ways, measured, done = [], [], []
+    ways: list[np.ndarray] = []
+    measured: list[np.ndarray] = []
+    done: list[Round] = []
     minutes = grams = 0.0
     for number in range(rounds):
         trace = _trace(ways, measured)

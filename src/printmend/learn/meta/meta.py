@@ -33,6 +33,7 @@ CLEAR_MM = (3.0, 1.0, 0.3, 0.0)  # travel after which a belt surely touches; the
 ENOUGH_ROWS, ENOUGH_SHARE = 12, 0.3
 HUBER, OUTLYING = 2.5, 8.0  # standard deviations
 SURE = 2.0  # standard deviations that the frame's terms, and the play, must be away from nothing
+AT_HOME_MM = 1e-6
 _NEVER_MM = 1e-9
 _CROSS, _PLAY = GROUPS.index("cross"), GROUPS.index("play")
 CROSS_POWERS = ((0, 1), (0, 2), (1, 1), (2, 0), (0, 3))  # of this belt's place and of the other's, as in `columns`
@@ -122,7 +123,8 @@ class MetaLearner:
         check_trace(trace)
         weights = shipped() if self.weights is None else self.weights
         with threadpool_limits(1, user_api="blas"):
-            drives = [_drive(found, printer, k, weights) for k, found in enumerate(motor_rows(trace, printer))]
+            rows = motor_rows(_with_home(trace, printer), printer)
+            drives = [_drive(found, printer, k, weights, homed=trace.homed) for k, found in enumerate(rows)]
         x, y = (_table(drive, printer, k) for k, drive in enumerate(drives))
         terms = [drive.mean[groups(drive.place.reach_mm) == _CROSS] for drive in drives]
         frame = cross_frame(printer, [(CROSS_POWERS, values) for values in terms])
@@ -138,7 +140,19 @@ def shipped() -> dict[str, np.ndarray]:
     return {name: value.astype(float) for name, value in load(data).items()}
 
 
-def _drive(found: Rows, printer: Printer, motor: int, weights: Mapping[str, np.ndarray]) -> MetaDrive:
+def _with_home(trace: Trace, printer: Printer) -> Trace:
+    """Return the trace with its home position as measured: at home the end stops put the carriage there."""
+    known = trace.measured_rows[0] or not (trace.homed and trace.placed)
+    if known or np.abs(trace.commanded_mm[0] - printer.home_mm).max() > AT_HOME_MM:
+        return trace
+    measured = trace.measured_mm.copy()
+    measured[0] = printer.home_mm
+    return replace(trace, measured_mm=measured)
+
+
+def _drive(
+    found: Rows, printer: Printer, motor: int, weights: Mapping[str, np.ndarray], *, homed: bool
+) -> MetaDrive:  # fmt: skip
     """Find contacts and belief in turn, on some rows of a long trace until the last time."""
     place = Place(found.period_mm, found.middle_mm[0], reach_of(printer, motor))
     rows = _Rows(found.motor_mm - place.middle_mm, found.measured_mm - found.motor_mm, found.other_mm, found.weight)
@@ -148,7 +162,7 @@ def _drive(found: Rows, printer: Printer, motor: int, weights: Mapping[str, np.n
     at, side, weight = _guessed(rows)
     drive = _believe(_seen(rows, at, side, weight * some, place), place, weights)
     for number in range(1, PASSES):
-        at, side = _touched(rows, drive, printer, motor)
+        at, side = _touched(rows, drive, printer, motor, homed=homed)
         weight = np.where(at >= 0, rows.weight, 0.0)
         seen = _seen(rows, at, side, weight if number == PASSES - 1 else weight * some, place)
         drive = _believe(_robust(seen, drive), place, weights)
@@ -211,7 +225,9 @@ def _is_sure(phi: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> bool:
     return bool(np.mean(effect**2) > SURE**2 * np.mean(doubt))
 
 
-def _touched(rows: _Rows, drive: MetaDrive, printer: Printer, motor: int) -> tuple[np.ndarray, np.ndarray]:
+def _touched(
+    rows: _Rows, drive: MetaDrive, printer: Printer, motor: int, *, homed: bool
+) -> tuple[np.ndarray, np.ndarray]:
     """Follow the rows through the believed play: contacts (rows [N], −1 before the first; sides [N])."""
     table, place = _table(drive, printer, motor), drive.place
     at, side = np.empty(len(rows.motor_mm), np.int64), np.empty(len(rows.motor_mm), np.int8)
@@ -220,6 +236,8 @@ def _touched(rows: _Rows, drive: MetaDrive, printer: Printer, motor: int) -> tup
     phi = columns(rows.motor_mm[here], np.zeros(1), rows.other_mm[here], place.turn_mm, place.reach_mm)[0]
     framed = phi @ np.where(groups(place.reach_mm) == _CROSS, drive.mean, 0.0)
     start_mm = float(rows.motor_mm[first] + rows.off_mm[first] + place.middle_mm - framed)
+    if homed:  # the end stop was met moving that way
+        start_mm = -np.inf if printer.motor_home_direction(motor) > 0 else np.inf
     kernels.touches(
         np.ascontiguousarray(rows.motor_mm + place.middle_mm), table.first_mm, 1 / table.pitch_mm, table.lower_mm,
         table.upper_mm, start_mm, at, side,
@@ -230,7 +248,11 @@ def _touched(rows: _Rows, drive: MetaDrive, printer: Printer, motor: int) -> tup
 def _robust(seen: _Seen, drive: MetaDrive) -> _Seen:
     """Return the rows with less weight on those far off what was believed, and none on those very far off."""
     left = np.abs(seen.residual_mm - seen.phi @ drive.mean) * np.sqrt(seen.weight)
-    scale = max(drive.noise_mm, 1.4826 * float(np.median(left)) if len(left) else 0.0, 1e-4)
+    scale = np.full(len(left), max(drive.noise_mm, 1.4826 * float(np.median(left)) if len(left) else 0.0, 1e-4))
+    far = left > HUBER * scale
+    # where nothing was seen before, what is believed may be off by more than the measurement
+    doubt = np.einsum("ij,jk,ik->i", seen.phi[far], drive.covariance, seen.phi[far]) * seen.weight[far]
+    scale[far] = np.sqrt(scale[far] ** 2 + doubt)
     share = np.where(left > OUTLYING * scale, 0.0, np.minimum(1.0, HUBER * scale / np.maximum(left, 1e-12)))
     return replace(seen, weight=seen.weight * share) if (share > 0).sum() >= ENOUGH_ROWS else seen
 
