@@ -159,8 +159,16 @@ def main() -> None:
     parser.add_argument("--printer", choices=sorted(PRESETS), action="append")
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--rows", type=Path, action="append", help="sum up and draw what runs with --json wrote")
     options = parser.parse_args()
-    rows = []
+    rows = [
+        json.loads(line) for path in options.rows or () for line in path.read_text().splitlines() if line[:1] == "{"
+    ]
+    if rows:
+        print(summary(rows))
+        if options.figure is not None:
+            draw(rows, options.figure)
+        return
     with tempfile.TemporaryDirectory() as folder:
         for kind in options.kind or KINDS:
             families = {"unmodelled": tuple(outside_faults.FAULTS), "healthy": ("healthy",), "glimpse": GLIMPSED}.get(

@@ -19,7 +19,7 @@ from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_rows import in_order
-from printmend.promise.misfit_tests import causes_of, found_in, of_the_end
+from printmend.promise.misfit_tests import as_printed, causes_of, found_in, of_the_end
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender5")
@@ -146,11 +146,18 @@ def test_a_good_trace_has_nothing_to_say(rng: np.random.Generator) -> None:
 
 def test_points_left_out_a_turned_plate_and_unseen_places_are_said(rng: np.random.Generator) -> None:
     trace = measured_once(rng)
-    measured = (trace.measured_mm - 110) @ np.array([[1, 0.0175], [-0.0175, 1]]) + 110
+    plain = trace.measured_mm
+    measured = (plain - 110) @ np.array([[1, 0.0175], [-0.0175, 1]]) + 110
     measured[::10] += rng.uniform(3, 9, (40, 2))
     measured[trace.commanded_mm[:, 0] > 120] = np.nan
     trace = Trace(trace.commanded_mm, measured, homed=True)
-    found = {each.kind: each for each in found_in(Greybox().fit(trace, PRINTER, rng=rng), trace, ())}
+    box = Greybox().fit(trace, PRINTER, rng=rng)
+    straight, moved = as_printed(box, trace)
+    assert not straight.placed
+    kept = straight.measured_rows & (np.arange(len(trace)) % 10 > 0)
+    off = straight.measured_mm[kept] - plain[kept]
+    assert np.abs(off - off.mean(axis=0)).max() < 0.3  # a degree is 1.9 mm here
+    found = {each.kind: each for each in (*moved, *found_in(box, trace, ()))}
     assert {"left-out", "turned", "unseen"} <= set(found)
     assert "+1.0" in found["turned"].words
     assert found["left-out"].severity == "warning"

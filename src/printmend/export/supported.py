@@ -7,6 +7,7 @@ import numpy as np
 from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, Export, Simple, simple_part
 from printmend.promise.budget import Budget, parse_budget
+from printmend.promise.misfit import refusals
 from printmend.saved.model import SavedModel
 
 SURE = 2.0  # standard deviations: the coverage factor k of an expanded uncertainty (JCGM 100, 6.3)
@@ -25,8 +26,12 @@ class _Setting:
 def export_supported(model: SavedModel, firmware: str) -> Export:
     """Return what helps of a model's fault as settings of a firmware, and what was left out.
 
-    Raises `RefusedError` where nothing would help by more than its doubt.
+    Raises `RefusedError` where nothing would help by more than its doubt, or the model does not fit its measurement.
     """
+    if said := refusals(model.document):
+        raise RefusedError(
+            "export", wanted="a model that fits its own measurement", came=said[0], todo="measure again and learn"
+        )
     mechanism = model.mechanism
     make = EXPORTS[firmware]
     if firmware == "linuxcnc":  # one table a joint holds all of it

@@ -88,7 +88,7 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Ac
     base = np.zeros(3) if old is None else _stretch_of_model(old)
     values = [drive.choice.fit.posterior.values.copy() for drive in fit.drives]
     left_out = [each for motor in range(2) for each in _waves(fit, motor, values[motor], instrument)]
-    found = _observed(fit)
+    found = observed_stretch(fit)
     corexy = fit.printer.kinematics == "corexy"
     believed, applied = believe(found.value - base, found.covariance, instrument, corexy)
     excess = found.value - base - applied
@@ -110,7 +110,7 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Ac
 
 
 @dataclass(frozen=True, eq=False)
-class _Stretch:
+class Stretch:
     """The linear part of a machine's errors on the bed, ``matrix`` [2, 2]; of this the common scale, half the
     difference of scales, half the skew, ``value`` [3], and their covariance [3, 3] by the fit alone."""
 
@@ -177,7 +177,7 @@ def _sets(count: int) -> list[tuple[int, ...]]:
     return [each for each in every if not (0 in each and (1 in each or 2 in each))]
 
 
-def _observed(fit: GreyboxModel) -> _Stretch:
+def observed_stretch(fit: GreyboxModel) -> Stretch:
     """Return the stretch of a learned machine on the bed."""
     to_motor = fit.printer.to_motor(np.eye(2)).T
     stretch, columns, variances = np.zeros((2, 2)), [], []
@@ -196,7 +196,7 @@ def _observed(fit: GreyboxModel) -> _Stretch:
             columns.append(_stretch_of(on_bed))
             variances.append(max(sds[at] / SCALE_MM if there else 0.0, SETTLED) ** 2)
     gather = np.stack(columns, axis=1)
-    return _Stretch(stretch, _stretch_of(stretch), (gather * np.array(variances)) @ gather.T)
+    return Stretch(stretch, _stretch_of(stretch), (gather * np.array(variances)) @ gather.T)
 
 
 def _stretch_of_model(model: SavedModel) -> np.ndarray:

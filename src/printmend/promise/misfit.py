@@ -48,3 +48,9 @@ def misfit_words(document: Mapping[str, Any]) -> tuple[str, ...]:
         for each in found
         if isinstance(each, dict) and {"severity", "words"} <= set(each)
     )
+
+
+def refusals(document: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return why a model's document says that nothing should be mended with it, a sentence each."""
+    opening = f"{REFUSAL}: "
+    return tuple(each.removeprefix(opening) for each in misfit_words(document) if each.startswith(opening))

@@ -15,9 +15,10 @@ from printmend.learn.drive.period import TOOTH_MM
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
 from printmend.learn.greybox.rows import motor_rows
 from printmend.path import Trace
+from printmend.promise.apply import observed_stretch
 from printmend.promise.effects import EARLY, EARLY_DONE, ENDED, LEARNED, SPEED, STAYS, VARIES, Effect, absorbing
 from printmend.promise.laws import Sideways
-from printmend.promise.misfit import NOTE, SEVERITIES, WARNING, Misfit
+from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
 from printmend.promise.misfit_columns import Candidate, candidates, sideways
 
 LOOKED_AT = 2500  # rows of a motor
@@ -31,10 +32,11 @@ SEEN = 0.05  # share of a column that the model's own parts must leave, for it t
 CLIP = 4.0  # standard deviations beyond which a residual is an outlier
 LOST = 6.0
 LOST_MM = 0.05
-FEW_LOST, MANY_LOST = 0.005, 0.08  # shares of the points
+FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3  # shares of the points: a note, a warning, a refusal from there on
+UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # of the error that a model leaves, and at least mm, from where it is none
 IN_TIME = ("linear", "step", "creep", "wear", "thermal")
 TURNED_DEG, ALIKE = 0.1, 0.6  # both axes by so much, and alike to this share
-MOVED_MM = 0.3
+MOVED_MM, HOME_SD_MM = 0.3, 0.05  # a plate lies shifted from there on; the most doubt of the error at home
 REPEATS = 0.35  # share of an uneven belt's squares that one period may leave
 COVERED = 0.6  # of an axis of the bed
 
@@ -213,7 +215,7 @@ def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: 
         replace(each, words=f"{each.words}{_OF_WHEN.get(state, '')}") if each.kind in IN_TIME else each
         for each in _one_of_each(found)
     ]
-    return (*joined, *_other_turns(box), *_left_out(box, trace), *_turned(box, trace), *_unseen(box, trace))
+    return (*joined, *_unfit(box), *_other_turns(box), *_left_out(box, trace), *_unseen(box, trace))
 
 
 def _one_of_each(found: list[Misfit]) -> list[Misfit]:
@@ -257,6 +259,18 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
     }[cause.candidate.kind]
 
 
+def _unfit(box: GreyboxModel) -> list[Misfit]:
+    """Say where a model does not follow its own measurement."""
+    left, whole = box.residual_after_mm, box.residual_before_mm
+    if left < max(UNFIT_MM, UNFIT_SHARE * whole):
+        return []
+    words = (
+        f"the model leaves {left:.2f} mm of {whole:.2f} mm: this measurement is not of a printer that repeats itself, "
+        "or its rows are not those of the print"
+    )
+    return [Misfit("unfit", REFUSAL, left, SURE, words)]
+
+
 def _other_turns(box: GreyboxModel) -> list[Misfit]:
     """Say where an error repeats at another length than the printer's turn."""
     found = []
@@ -288,7 +302,7 @@ def _left_out(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     if share < FEW_LOST or count < 2:
         return []
     size = float(np.sqrt(np.mean(np.square(box.printer.from_motor(residual[lost])).sum(axis=1))))
-    severity = WARNING if share > MANY_LOST else NOTE
+    severity = REFUSAL if share > MOST_LOST else WARNING if share > MANY_LOST else NOTE
     advice = "many wrong points may be one wrong row: check the table" if share > MANY_LOST else "dirt, or wrong cells"
     words = (
         f"{count} of {int(known.sum())} points ({100 * share:.1f} %) lie {size:.2f} mm off and are left out: {advice}"
@@ -296,37 +310,61 @@ def _left_out(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     return [Misfit("left-out", severity, size, float(count), words)]
 
 
-def _turned(box: GreyboxModel, trace: Trace) -> list[Misfit]:
-    """Find a plate that lay turned or shifted: no printer turns both of its axes alike, or misses its own home."""
-    if not trace.placed:
-        return []
-    found = []
-    printer, frame = box.printer, box.mechanism.frame
-    middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
-    right, up = (frame.apply(middle + step) - frame.apply(middle - step) for step in np.eye(2))
-    turns = np.degrees([np.arctan2(right[1], right[0]), np.arctan2(-up[0], up[1])])
+def as_printed(box: GreyboxModel, trace: Trace) -> tuple[Trace, tuple[Misfit, ...]]:
+    """Return the trace without a turn and a shift of its plate, where they are certain, and what was taken out.
+
+    No printer turns both of its axes alike, or misses its own home: then where the plate lay is not known, and home
+    says where the bed is.
+    """
+    if not trace.placed or trace.wall_rows.any():
+        return trace, ()
+    found = (*_turned(box), *_moved(box, trace))
+    if not found:
+        return trace, ()
+    turn = -np.radians(_turn_deg(box))
+    middle = np.nanmean(trace.measured_mm, axis=0)
+    back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    measured = (trace.measured_mm - middle) @ back + middle
+    return replace(trace, measured_mm=measured, placed=False, instrument=trace.instrument_doubt), found
+
+
+def _turn_deg(box: GreyboxModel) -> float:
+    """Return by how much both axes are turned alike [°], 0 where they are not."""
+    matrix = observed_stretch(box).matrix
+    turns = np.degrees([np.arctan(matrix[1, 0]), np.arctan(-matrix[0, 1])])
     both = float(np.sign(turns[0]) * np.abs(turns).min()) if turns[0] * turns[1] > 0 else 0.0
-    if abs(both) > TURNED_DEG and abs(both) > ALIKE * np.abs(turns).max():
-        size = float(np.radians(abs(both)) * np.hypot(*(middle - [printer.x.min_mm, printer.y.min_mm])) / 2)
-        words = (
-            f"everything is turned by {both:+.2f}°, which no printer does: the plate, or the camera, lay turned. The "
-            "shape is not concerned; mended parts would be turned back by as much"
-        )
-        found.append(Misfit("turned", WARNING, size, SURE, words))
-    if trace.homed:
-        home = printer.to_motor(np.array(printer.home_mm))
-        off = np.zeros(2)
-        for motor, table in enumerate(box.mechanism.transmissions):
-            low, high = (float(each[0]) for each in table.branches_mm(home[[motor]]))
-            off[motor] = max(low - home[motor], 0.0) - max(home[motor] - high, 0.0)
-        moved = np.asarray(printer.from_motor(off))
-        if (size := float(np.hypot(*moved))) > MOVED_MM:
-            words = (
-                f"everything lies ({moved[0]:+.2f}, {moved[1]:+.2f}) mm from where home says: the plate was shifted, "
-                "or the nozzle has an offset. The shape is not concerned"
-            )
-            found.append(Misfit("moved", NOTE, size, SURE, words))
-    return found
+    return both if abs(both) > TURNED_DEG and abs(both) > ALIKE * np.abs(turns).max() else 0.0
+
+
+def _turned(box: GreyboxModel) -> list[Misfit]:
+    if not (both := _turn_deg(box)):
+        return []
+    size = float(np.radians(abs(both)) * np.hypot(box.printer.x.length_mm, box.printer.y.length_mm) / 4)
+    words = (
+        f"everything is turned by {both:+.2f}°, which no printer does: the plate, or the camera, lay turned. That is "
+        "taken out"
+    )
+    return [Misfit("turned", NOTE, size, SURE, words)]
+
+
+def _moved(box: GreyboxModel, trace: Trace) -> list[Misfit]:
+    """Find a plate that lay shifted, where the trace says what the error is at home."""
+    home = box.printer.to_motor(np.array(box.printer.home_mm))
+    sds = [float(np.max(drive.sd_mm(home[[motor]]))) for motor, drive in enumerate(box.drives)]
+    if not trace.homed or max(sds) > HOME_SD_MM:
+        return []
+    off = np.zeros(2)
+    for motor, table in enumerate(box.mechanism.transmissions):
+        low, high = (float(each[0]) for each in table.branches_mm(home[[motor]]))
+        off[motor] = max(low - home[motor], 0.0) - max(home[motor] - high, 0.0)
+    moved = np.asarray(box.printer.from_motor(off))
+    if (size := float(np.hypot(*moved))) <= MOVED_MM:
+        return []
+    words = (
+        f"everything lies ({moved[0]:+.2f}, {moved[1]:+.2f}) mm from where home says: the plate was shifted, or the "
+        "nozzle has an offset. That is taken out"
+    )
+    return [Misfit("moved", NOTE, size, SURE, words)]
 
 
 def _unseen(box: GreyboxModel, trace: Trace) -> list[Misfit]:

@@ -22,7 +22,7 @@ from printmend.promise.apply import acting
 from printmend.promise.effects import Effect
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_rows import in_order
-from printmend.promise.misfit_tests import IN_TIME, causes_of, effects_of, found_in, of_the_end
+from printmend.promise.misfit_tests import IN_TIME, as_printed, causes_of, effects_of, found_in, of_the_end
 from printmend.promise.section import promise_section
 from printmend.protocols import WorldModel
 from printmend.saved.branches import Branches
@@ -59,7 +59,14 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     ordered = in_order(with_walls(trace, printer), printer)
     trace = ordered.trace
     fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
+    moved: tuple[Misfit, ...] = ()
     if (box := _box_of(fit)) is not None:
+        again, moved = as_printed(box, trace)
+        if moved:
+            trace = again
+            fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
+            box = _box_of(fit)
+    if box is not None:
         flat = trace if found is None else found.trace
         fit, flat, misfits, (effects, explained) = _of_the_end(
             fit, box, flat, lambda clean: _planar(clean, printer, model, rng)
@@ -67,7 +74,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         box = _box_of(fit) or box
         # what is too small to be said is not worth a model that a second print cannot bring up to date
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
-        more = {"misfit": misfit_section((*ordered.found, *misfits), effects)}
+        more = {"misfit": misfit_section((*ordered.found, *moved, *misfits), effects)}
         saved = greybox_model(box, flat, hybrid=hybrid, more=more, explained_mm=explained)
         return saved if found is None or found.is_silent else told(saved, found, found.series, trace)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
@@ -80,7 +87,8 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         )
     known = trace.measured_rows
     noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))
-    details = {"model": fit.to_json()} if hasattr(fit, "to_json") else {}
+    details = {"misfit": misfit_section(ordered.found)}
+    details |= {"model": fit.to_json()} if hasattr(fit, "to_json") else {}
     finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
     return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
 

@@ -20,6 +20,7 @@ from printmend.gcode.read import starting_state
 from printmend.gcode.write import follow, rewrite
 from printmend.invert.inverse import Planner, is_identity, start
 from printmend.printer import Printer, preset_names, read_printer
+from printmend.promise.misfit import refusals
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.saved.model import SavedModel
 
@@ -140,6 +141,11 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
         return
     for part in file.parts:
         _refuse_contradiction(part.name, described(*part.hints()), model.printer)
+    if said := refusals(model.document):
+        raise RefusedError(
+            file.name, wanted="a model that fits its own measurement", came=said[0],
+            todo="measure again and learn, or use --force",
+        )  # fmt: skip
     todo = "print the original, or use --force"
     if prediction.extruding + prediction.unknown == 0:
         raise RefusedError(

@@ -29,6 +29,8 @@ from printmend.learn.walls import with_walls
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.promise.misfit import misfit_section
+from printmend.promise.misfit_tests import causes_of, effects_of, found_in
 from printmend.repair.learned import greybox_model
 from printmend.repair.screw_update import screw_changes, seen_screw, with_seen_screw
 from printmend.saved.model import SavedModel
@@ -150,12 +152,18 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated
             "anew": list(names),
         }
     }  # fmt: skip
+    causes = causes_of(fit, trace)
+    effects, explained = effects_of(fit, trace, causes)
+    details["misfit"] = misfit_section(found_in(fit, trace, causes), effects)
     gaps = [gap for gap in old.findings[1:] if not any(gap.startswith(f"{name} ") for name in names)]
     return Updated(
-        greybox_model(fit, trace, known_gaps=tuple(gaps), anew=names, more=details, old=None if any(anew) else old),
+        greybox_model(
+            fit, trace, known_gaps=tuple(gaps), anew=names, more=details, old=None if any(anew) else old,
+            explained_mm=explained,
+        ),
         tuple(changes),
         names,
-    )
+    )  # fmt: skip
 
 
 def _turns_mm(past: list[Remembered]) -> tuple[float, float]:
