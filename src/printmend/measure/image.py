@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,24 @@ def write_image(path: str | Path, image: np.ndarray, *, dpi: float) -> None:
         raise ScanError(path, wanted="a name ending in .png, .jpg or .tif", came="another", todo="rename it")
     with replacing(Path(path), "wb") as file:
         picture.save(file, kind, dpi=(dpi, dpi), **_SAVE[kind])
+
+
+def with_legend(picture: np.ndarray, items: Sequence[tuple[str, tuple[int, int, int]]]) -> np.ndarray:
+    """Return a picture over a white strip that says, in colour (blue, green, red), what is drawn: a line for each item.
+
+    Letters grow with the picture, so that they can be read where it is shown on a telephone.
+    """
+    width = picture.shape[1]
+    size, line = width / 900, round(width / 26)
+    strip = np.full((line * len(items) + line // 2, width, 3), 255, np.uint8)
+    for number, (words, colour) in enumerate(items):
+        middle = round(line * (number + 0.75))
+        cv2.circle(strip, (line, middle), round(0.28 * line), colour, -1, cv2.LINE_AA)
+        at = (2 * line, middle + round(0.25 * line))
+        cv2.putText(
+            strip, words, at, cv2.FONT_HERSHEY_SIMPLEX, size, (60, 50, 40), max(1, round(1.6 * size)), cv2.LINE_AA
+        )
+    return np.vstack([picture, strip])
 
 
 def _check_size(path: str | Path, size: tuple[int, int]) -> None:

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.errors import ScanError
 from printmend.measure.distance import asked, choose_span, scaled_by
-from printmend.measure.image import write_image
+from printmend.measure.image import with_legend, write_image
 from printmend.measure.plan import ProbePlan, read_plan
 from printmend.measure.register import find_pose, turn_onto
 from printmend.measure.scan import Reading, check_whole, read_scan
@@ -295,8 +295,13 @@ def draw_overlay(path: Path, reading: Reading, plan: ProbePlan) -> None:
         else:
             place = (wanted[mark] // 16).tolist()
             cv2.drawMarker(picture, place, MISSING, cv2.MARKER_TILTED_CROSS, int(2 * scale) + 3, 2 * thick)
-    words = f"{int(found.sum())} of {len(found)} marks; errors enlarged {enlarged} times"
-    cv2.putText(picture, words, (12, 34), cv2.FONT_HERSHEY_SIMPLEX, 1.0, ERROR, 2, cv2.LINE_AA)
+    lost = int((~found).sum())
+    items = [
+        (f"found: {int(found.sum())} of {len(found)} dots", FOUND),
+        (f"how far each lies off, enlarged {enlarged} times", ERROR),
+        *([(f"not found: {lost}", MISSING)] if lost else []),
+    ]
+    picture = with_legend(picture, items)
     write_image(path, picture, dpi=float(MM_PER_INCH * scale))
 
 

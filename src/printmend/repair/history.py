@@ -7,7 +7,7 @@ repair, each weighed by its doubt; it matters from the size on at which a print 
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -68,7 +68,7 @@ class Trend:
     @property
     def words(self) -> str:
         """Say where it leads, and what to do."""
-        advice, unit = advise(self.fault), self.fault.unit
+        advice, unit = advise(replace(self.fault, value=self.level)), self.fault.unit
         size = abs(self.fault.value)
         if len(self.sizes) - self.since < 3:
             return f"{size:.3f} {unit} now; three measurements since the last repair tell a trend"

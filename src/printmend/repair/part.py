@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from printmend.errors import ScanError
 from printmend.gcode.read import Program, read_gcode
 from printmend.learn.walls import WallFit, fit_walls
-from printmend.measure.image import read_image, write_image
+from printmend.measure.image import read_image, with_legend, write_image
 from printmend.measure.lie import Lie, find_lie
 from printmend.measure.register import Pose
 from printmend.measure.scan import USUAL_DPI
@@ -167,4 +167,11 @@ def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> No
         end = at + out * offset * ENLARGED * silhouette.px_per_mm
         cv2.line(picture, place, tuple(int(v) for v in end * factor * fine), OFF, 1, cv2.LINE_AA, 4)
         cv2.circle(picture, place, int(1.5 * fine), SEEN, -1, cv2.LINE_AA, 4)
+    lost = int(np.isnan(edges.offset_mm).sum())
+    items = [
+        ("places of walls that were found", SEEN),
+        (f"how far they lie out or in, enlarged {ENLARGED:.0f} times", OFF),
+        *([(f"not found: {lost}", MISSED)] if lost else []),
+    ]
+    picture = with_legend(picture, items)
     write_image(path, picture, dpi=MM_PER_INCH * silhouette.px_per_mm * factor)
