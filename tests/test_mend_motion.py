@@ -209,3 +209,20 @@ def test_turns_against_the_slow_twin(mechanism) -> None:
         assert len(wanted) > 5
         assert 0 <= len(found) - len(wanted) <= 1
         assert kernel == pytest.approx(np.array(wanted), abs=1e-3)
+
+
+def test_a_slow_firmware_gets_fewer_moves() -> None:
+    """120 mm/s and 100 moves a second: no piece of a line is shorter than 1.2 mm, but for the gain."""
+    from printmend.gcode.machine import Flavour, initial_state
+    from printmend.gcode.write import rewrite
+    from printmend.invert.fineness import Fineness
+    from printmend.invert.inverse import start
+
+    text = START + b"G1 X150 Y110 E5 F7200\n"
+    for firmware in (None, "marlin8"):
+        planner, state = start(BENT, tolerance_mm=0.0004), initial_state(ENDER3, Flavour.KLIPPER)
+        planner.begin(Fineness(firmware=firmware).segments_per_s(Flavour.KLIPPER))
+        given = b"".join(bytes(view) for view in rewrite([np.frombuffer(text, np.uint8)], state, planner.plan))
+        lengths = [move.length for move in naive_mend.read_moves(given, (0.0, 0.0, 0.0)) if move.draws]
+        assert min(lengths) > (1.1 if firmware else 0.0)
+        assert firmware or min(lengths) < 0.9

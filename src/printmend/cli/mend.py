@@ -9,6 +9,7 @@ from printmend.cli.model import Model
 from printmend.cli.outcome import tell
 
 if TYPE_CHECKING:
+    from printmend.invert.fineness import Fineness
     from printmend.saved.model import SavedModel
 
 
@@ -25,13 +26,18 @@ if TYPE_CHECKING:
 @click.option("--report", metavar="FILE.html|json", type=click.Path(path_type=Path, dir_okay=False),
               help="Write the prediction, layer by layer.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Write even where the prediction is not better.")
+@click.option("--tolerance", "tolerance_mm", type=click.FloatRange(0.002, 0.2), default=0.01, show_default=True,
+              metavar="MM", help="How far the path may be off; more of it makes fewer moves and stops.")  # fmt: skip
+@click.option("--firmware", type=click.Choice(["marlin8", "marlin32", "klipper", "rrf", "prusa", "bambu"]),
+              help="What reads the file: how many moves a second it takes. Default: as the file says.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Files at a time.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON for each file.")
 @click.option("--quiet", is_flag=True, help="Say only what went wrong.")
 @click.pass_context
 def command(
     ctx: click.Context, sources: tuple[Path, ...], model_path: Path, output: Path | None, in_place: bool,
-    overwrite: bool, report: Path | None, force: bool, jobs: int, as_json: bool, quiet: bool,
+    overwrite: bool, report: Path | None, force: bool, tolerance_mm: float, firmware: str | None, jobs: int,
+    as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Rewrite G-code so that this printer prints it right, and predict the error before and after.
 
@@ -45,19 +51,22 @@ def command(
               3  the prediction is not better; nothing written
     Of several files the others are written all the same, and it ends with the worst of theirs: 1, then 2, then 3.
     """
+    from printmend.invert.fineness import Fineness
     from printmend.saved.model import read_model
 
+    fineness = Fineness(tolerance_mm, firmware)
     if len(sources) > 1 or sources[0].is_dir() or as_json:
         if str(output) == "-" or any(str(source) == "-" for source in sources) or report is not None:
             raise click.UsageError("standard input or output and --report go with one file, without --json")
-        _many(ctx, sources, read_model(model_path), output, in_place, overwrite, force, jobs, as_json, quiet)
+        model = read_model(model_path)
+        _many(ctx, sources, model, output, in_place, overwrite, force, fineness, jobs, as_json, quiet)
         return
-    _one(sources[0], model_path, output, in_place, overwrite, report, force, quiet)
+    _one(sources[0], model_path, output, in_place, overwrite, report, force, fineness, quiet)
 
 
 def _one(
     source: Path, model_path: Path, output: Path | None, in_place: bool, overwrite: bool, report: Path | None,
-    force: bool, quiet: bool,
+    force: bool, fineness: "Fineness", quiet: bool,
 ) -> None:  # fmt: skip
     from printmend.cli.mend_output import output_path, progress
     from printmend.cli.outputs import spare
@@ -73,7 +82,7 @@ def _one(
         refuse_overwriting(target, source)
     model = read_model(model_path)
     with progress(source) as tick:
-        done = mend_gcode(source, model, target, force=force, progress=tick)
+        done = mend_gcode(source, model, target, force=force, fineness=fineness, progress=tick)
     if report is not None:
         write_report(report, str(source), model, done.prediction)
     if not quiet:
@@ -83,7 +92,7 @@ def _one(
 
 def _many(
     ctx: click.Context, sources: tuple[Path, ...], model: "SavedModel", output: Path | None, in_place: bool,
-    overwrite: bool, force: bool, jobs: int, as_json: bool, quiet: bool,
+    overwrite: bool, force: bool, fineness: "Fineness", jobs: int, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     from printmend.repair.many import gcode_files, mend_files, mended_path
 
@@ -97,7 +106,9 @@ def _many(
     else:
         targets = [file if in_place else output or mended_path(file) for file in files]
     codes = []
-    for outcome in mend_files(files, targets, model, force=force, overwrite=overwrite or in_place, jobs=jobs):
+    for outcome in mend_files(
+        files, targets, model, force=force, fineness=fineness, overwrite=overwrite or in_place, jobs=jobs
+    ):
         codes.append(outcome.code)
         tell(outcome, as_json=as_json, quiet=quiet)
     if worst := [code for code in codes if code]:

@@ -149,8 +149,12 @@ class Planner:
         """Say whether the machine has a Z screw that is not perfect."""
         return bool(self.model[look.M_SCREW])
 
-    def begin(self) -> None:
-        """Begin a program: nothing is known of where the machine is. What was added up so far is kept."""
+    def begin(self, segments_per_s: float = np.inf) -> None:
+        """Begin a program: nothing is known of where the machine is. What was added up so far is kept.
+
+        ``segments_per_s`` is how many moves a second its firmware takes: no line is cut finer than that.
+        """
+        self.model[look.M_PERIOD] = 1.0 / (60.0 * segments_per_s)
         self.counts[k.N_KNOWN] = self.counts[k.N_ANYWHERE] = self.counts[k.N_HEIGHT] = 0
         self.counts[k.N_MARK] = -1
         self.state[k.S_Z] = np.inf  # whatever comes first begins a layer

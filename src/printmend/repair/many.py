@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from printmend.errors import InputError, PrintmendError
-from printmend.repair.mend import Mended, mend_gcode
+from printmend.invert.fineness import Fineness
+from printmend.repair.mend import AS_USUAL, Mended, mend_gcode
 from printmend.saved.model import SavedModel
 
 # The last one alone is a mesh more often than G-code: named, it is tried; in a folder it is left alone.
@@ -90,6 +91,7 @@ def mend_files(
     model: SavedModel,
     *,
     force: bool = False,
+    fineness: Fineness = AS_USUAL,
     overwrite: bool = False,
     jobs: int = 1,
 ) -> Iterator[Outcome]:
@@ -110,7 +112,7 @@ def mend_files(
                 taken.add(target.resolve())
             if not overwrite:
                 refuse_overwriting(target, source)
-            return Outcome(source, target, mend_gcode(source, model, target, force=force))
+            return Outcome(source, target, mend_gcode(source, model, target, force=force, fineness=fineness))
         except PrintmendError as error:
             return Outcome(source, target, error=str(error), code=error.exit_code)
         except OSError as error:

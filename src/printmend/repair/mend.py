@@ -18,6 +18,7 @@ from printmend.gcode.header import Described, described
 from printmend.gcode.mark import find_mark, marked
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import follow, rewrite
+from printmend.invert.fineness import Fineness
 from printmend.invert.inverse import Planner, is_identity, start
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.promise.misfit import refusals
@@ -28,6 +29,7 @@ _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some be
 _BED_OFF_MM = 30.0  # slicers' beds and presets differ by less where the printer is the same
 _GENERIC = {"300", "xl"}  # words that name no printer
 _HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print
+AS_USUAL = Fineness()
 Progress = Callable[[int], None]
 
 
@@ -45,12 +47,14 @@ def mend_gcode(
     output: Path | str | None,
     *,
     force: bool = False,
+    fineness: Fineness = AS_USUAL,
     progress: Progress | None = None,
 ) -> Mended:
     """Write ``source`` (`-` for the standard input) as the printer of ``model`` must read it to print it right.
 
     ``output`` may be the source itself; None is the standard output. Nothing is written unless all went well. A model
-    without a fault returns the file byte for byte. The plates of a project are prints of their own.
+    without a fault returns the file byte for byte. The plates of a project are prints of their own. ``fineness`` says
+    how far the path may be off, and which firmware reads it.
 
     Raises `GcodeError` for what cannot be read or was mended before, `ModelError` where the file is not for this
     printer, `RefusedError` where mending would not help and not ``force``.
@@ -58,14 +62,14 @@ def mend_gcode(
     output = None if output is None else Path(output)
     with open_gcode(source) as file:
         refuse_mended(file)
-        planner = start(model.mechanism)
+        planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
         if is_healthy(model):
             _plan(file, planner, model, progress)
             with _destination(output) as handle, file.path.open("rb") as whole:
                 shutil.copyfileobj(whole, handle, 1 << 20)
             return Mended(output, with_doubt(prediction_of(planner), model))
         with _destination(output) as handle:
-            file.write(handle, lambda part: _texts(part, planner, model, progress))
+            file.write(handle, lambda part: _texts(part, planner, model, fineness, progress))
             prediction = with_doubt(prediction_of(planner), model)
             _judge(file, model, prediction, force=force)
         return Mended(output, prediction)
@@ -105,9 +109,11 @@ def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progre
         follow(_counted(part.chunks(), progress), state, planner.plan)
 
 
-def _texts(part: Part, planner: Planner, model: SavedModel, progress: Progress | None) -> Iterator[memoryview]:
+def _texts(
+    part: Part, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None
+) -> Iterator[memoryview]:
     state = starting_state(part, printer=model.printer)
-    planner.begin()
+    planner.begin(fineness.segments_per_s(state.flavour))
     chunks = marked(_counted(part.chunks(), progress), model.digest)
     return rewrite(chunks, state, planner.plan)
 

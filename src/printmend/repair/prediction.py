@@ -54,6 +54,7 @@ class Prediction:
     commands: int
     takeups: int
     stops: int
+    coarse: int
     anchors: int
     clamped: int
     clamped_extruding: int
@@ -110,6 +111,8 @@ class Prediction:
             + (f", at {self.stops} of them standing still" if self.stops else "")
             + (f", made certain again {self.anchors} times" if self.anchors else "")
         )
+        if self.coarse:
+            rows.append(f"{self.coarse} moves are off by more than the tolerance: the firmware takes no shorter ones")
         if self.unknown:
             rows.append(f"{self.unknown} extruding moves left as they are: the file does not say where the head is")
         if self.splines:
@@ -151,6 +154,7 @@ def prediction_of(planner: Planner) -> Prediction:
         commands=int(counts[k.N_PIECES] + counts[k.N_COPIED]),
         takeups=int(counts[k.N_TAKEUPS]),
         stops=int(counts[k.N_STOPS]),
+        coarse=int(counts[k.N_COARSE]),
         anchors=int(counts[k.N_ANCHORS]),
         clamped=int(counts[k.N_CLAMPED]),
         clamped_extruding=int(counts[k.N_CLAMPED_EXTRUDING]),

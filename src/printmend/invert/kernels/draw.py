@@ -27,6 +27,7 @@ from printmend.invert.kernels.layout import (
     N_ANYWHERE,
     N_CLAMPED,
     N_CLAMPED_EXTRUDING,
+    N_COARSE,
     N_STOPS,
     N_TAKEUPS,
     RUN_AT,
@@ -261,5 +262,7 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
                 counts[N_CLAMPED_EXTRUDING] += 1
                 state[S_BEYOND] = max(state[S_BEYOND], clamp, state[S_ERROR])
                 state[S_HELD + (record.layer > 0)] += (end - t) * length
+            elif state[S_ERROR] > 3.0 * model[M_CHORD]:
+                counts[N_COARSE] += 1
             t = end
     return n

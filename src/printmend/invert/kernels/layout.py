@@ -38,8 +38,8 @@ STATE = S_CROSSING + 2
 # for the prediction.
 N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)
 N_CLAMPED, N_CLAMPED_EXTRUDING, N_UNKNOWN, N_COPIED, N_EXTRUDING, N_HEIGHT = range(8, 14)
-N_SPLINES, N_GEOMETRY, N_STOPS = 14, 15, 16
-COUNTS = 17
+N_SPLINES, N_GEOMETRY, N_STOPS, N_COARSE = range(14, 18)
+COUNTS = 18
 # layers [?, LAYER] float64: sums over a layer, before (0) and after (1); L_RISE are those of the error in height
 L_Z, L_LENGTH, L_SQUARE, L_MOST, L_RISE, L_RISE_MOST = 0, 1, 2, 4, 6, 8
 LAYER = 10

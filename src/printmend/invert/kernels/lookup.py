@@ -30,9 +30,9 @@ FIRST, RATE, LAST, BEND, BEND_LAST, TAUT = range(6)
 # index of the first entry of the table that is ≥ floor + k·pitch
 M_BRANCH, BRANCH_FIELDS = 71, 4
 TABLE, FLOOR, GUIDE = range(3)
-# how far a chord may lie from the wanted path [mm]
-M_CHORD = 95
-M_TABLES = 96
+# how far a chord may lie from the wanted path [mm], how much time a move must take at the least [min]
+M_CHORD, M_PERIOD = 95, 96
+M_TABLES = 97
 BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
 
 

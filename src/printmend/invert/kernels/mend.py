@@ -87,6 +87,7 @@ from printmend.invert.kernels.layout import (
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
+    M_PERIOD,
     UPPER,
     backward,
     wanted,
@@ -290,6 +291,7 @@ def mend(
                 survey(model, state, counts, records, count, i - 1, curve, run, px, py, moved is None)
                 trace(curve, r)
             length = curve[LENGTH]
+            curve[LEAST] = max(curve[LEAST], r.feed * model[M_PERIOD])
             if moved is not None:
                 n = _extrude_in_space(
                     model, curve, moved, state, counts, pieces, n, r, row, layers, errors, quantum, run
