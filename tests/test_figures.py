@@ -24,6 +24,11 @@ def test_a_data_set_becomes_the_papers_figures(tmp_path: Path) -> None:
         svg = (out / f"figure{number}.svg").read_text()
         assert svg.startswith("<?xml")
         assert svg.rstrip().endswith("</svg>")
+    families = run("bench", "families", "--dataset", data, "--rows", "oracle+greedy", "--out", tmp_path / "families")
+    family, bodies, oracle, ratio, best, one = families.splitlines()[-1].split()
+    assert (family, bodies, one) == ("pulley", "1", "(1.00)")
+    assert float(best) <= float(oracle)
+    assert float(ratio.strip("()")) >= 1.0
     naive = next(line for line in text.splitlines() if line.startswith("naive")).split()
     assert float(naive[2]) > 1.0
     assert naive[-1] == "27.6", "the paper's own figure stands beside"

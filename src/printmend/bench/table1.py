@@ -10,8 +10,8 @@ import numpy as np
 
 from printmend.bench.case import Case, Result
 from printmend.bench.layers import LayerStand
-from printmend.bench.report import Summary, summary
-from printmend.bench.rows import Row, row
+from printmend.bench.report import Summary, grouped, summary
+from printmend.bench.rows import OPTIMUM, Row, row
 from printmend.bench.run import run
 from printmend.body import load_body
 from printmend.body.load import is_mesh
@@ -182,6 +182,23 @@ class Line:
     ratio_to_oracle: float | None
     learn_s: float | None
     targets_s: float | None
+
+
+def by_family(
+    results: Sequence[Result], rows: Sequence[str]
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:  # fmt: skip
+    """Return a table with a line for each family of faults and a column for each row: mean RMSE [steps] over the
+    family's bodies, and its ratio to the optimum's; a star where some failed."""
+    found = grouped(results, lambda item: (item.case.family, item.row))
+    lines = []
+    for family in dict.fromkeys(item.case.family for item in results):
+        best, texts = found.get((family, OPTIMUM), []), []
+        for name in rows:
+            one = summary(found[family, name], best)
+            ratio = "" if one.ratio is None else f" ({one.ratio:.2f})"
+            texts.append("–" if one.mean is None else f"{one.mean:.3f}{ratio}" + "*" * bool(one.failures))
+        lines.append((family, str(len(found[family, rows[0]])), *texts))
+    return ("family", "bodies", *rows), lines
 
 
 HEADER = ("model", "bodies", "ABRMSE steps", "mm", "median", "p95", "÷ oracle", "learn s", "targets/s")

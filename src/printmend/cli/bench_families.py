@@ -22,6 +22,8 @@ def numbers(text: str) -> tuple[float, ...]:
 @click.option(
     "--families", help="FAMILY, FAMILY+screw, FAMILY@PRINTER, with commas. Default: all; a wrong one lists them."
 )
+@click.option("--dataset", type=click.Path(path_type=Path), help="The bodies and faults of `printmend dataset build` "
+              "instead: a line for each of its families.")  # fmt: skip
 @click.option("--severity", type=click.Choice(["both", "damaged", "realistic"]), default="both", show_default=True)
 @click.option("--rows", help="LEARNER+CONTROLLER, with commas; optimum comes with them.")
 @click.option("--noise", default="0,0.05,0.1", show_default=True, help="Of the measurement, mm a coordinate.")
@@ -33,8 +35,8 @@ def numbers(text: str) -> tuple[float, ...]:
 @click.option("--out", type=click.Path(path_type=Path), default="printmend-families", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The cells as JSON on stdout.")
 def families(
-    families: str | None, severity: str, rows: str | None, noise: str, coverage: str, samples: int, seed: int,
-    test: bool, workers: int, out: Path, as_json: bool,
+    families: str | None, dataset: Path | None, severity: str, rows: str | None, noise: str, coverage: str,
+    samples: int, seed: int, test: bool, workers: int, out: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Print bodies on random faults of every family: learn from the first layer's noisy scan, print the others.
 
@@ -56,6 +58,11 @@ def families(
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
 
+    if dataset is not None:
+        _over_dataset(
+            dataset, rows.split(",") if rows else list(ROWS), TEST_SEED if test else seed, workers, out, as_json
+        )
+        return
     noises, coverages = numbers(noise), numbers(coverage)
     cases = draw_family_cases(
         families.split(",") if families else FAMILIES, coverages=coverages, samples=samples,
@@ -71,4 +78,24 @@ def families(
     else:
         for title, header, lines in family_tables(cells, coverages, noises):
             show_table(title, header, lines)
+    show_failures(results)
+
+
+def _over_dataset(root: Path, rows: list[str], seed: int, workers: int, out: Path, as_json: bool) -> None:
+    from printmend.bench.report import write_markdown
+    from printmend.bench.rows import OPTIMUM
+    from printmend.bench.table1 import by_family, dataset_cases, table1
+    from printmend.cli.progress import progress
+    from printmend.cli.table import show_failures, show_table
+
+    rows = list(dict.fromkeys([*rows, OPTIMUM]))
+    cases = dataset_cases(root, protocol="heldout", seed=seed)
+    with progress("bodies", len(cases)) as tick:
+        _, results = table1(cases, rows, out, workers=workers, tick=tick)
+    header, lines = by_family(results, rows)
+    write_markdown(out / "families.md", header, lines)
+    if as_json:
+        click.echo(json.dumps({"families": [dict(zip(header, line, strict=True)) for line in lines]}))
+    else:
+        show_table(f"mean RMSE in steps (ratio to the optimum), {len(cases)} bodies", header, lines)
     show_failures(results)
