@@ -4,6 +4,7 @@ import gzip
 import hashlib
 import json
 import re
+import sqlite3
 import threading
 import time
 from pathlib import Path
@@ -226,6 +227,11 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
     """A real server and a real worker: a job that a killed studio left is run, `client` mends, a running one stops."""
     store = Store(folder)
     left = store.add_job("nonsense", None, {})  # a killed studio's: its kind is not known any more
+    old = store.add_job("mend", None, {})
+    store.end_job(old, "done")
+    with sqlite3.connect(folder / "studio.sqlite") as link:
+        link.execute("update jobs set ended_s = 1 where id = ?", [old])  # long ago
+    link.close()
     store.close()
     app = create_app(folder, workers=1)
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", ws="none"))
@@ -254,6 +260,8 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
             studio.mend(part, printer="nobody", output=folder / "twice.gcode")
         assert not (folder / "twice.gcode").exists()
         assert studio.get(f"/jobs/{left}")["state"] == "failed"
+        with pytest.raises(StudioError, match="wanted a job of this studio"):
+            studio.get(f"/jobs/{old}")
         assert studio.get(f"/jobs/{stopped}")["state"] == "cancelled"
     finally:
         server.should_exit = True

@@ -3,6 +3,7 @@
 import logging
 import multiprocessing
 import shutil
+import time
 from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as TooLongError
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from printmend.studio.store import Row, Store
 
 LONGEST_S = 1800.0  # a job that takes longer is stopped
 MOST_WAITING = 500
+KEPT_DAYS = 30
 _LOG = logging.getLogger("printmend.studio")
 
 
@@ -28,8 +30,18 @@ class Jobs:
         context = multiprocessing.get_context("spawn")
         self._pool = ProcessPool(max_workers=workers, context=context, initializer=work.begin)
         self._running: dict[str, Future[Any]] = {}
+        self._tidy()
         for job in store.jobs(waiting=True):
             self._schedule(job["id"], job["kind"], job["params"])
+
+    def _tidy(self) -> None:
+        """Remove what nobody fetched for a month; measurements and check prints are a printer's history and stay."""
+        jobs, uploads = self._store.forgotten(time.time() - KEPT_DAYS * 86400, kept=("learn", "verify"))
+        for key in jobs:
+            self.remove(key)
+        for key in uploads:
+            self._store.forget("upload", key)
+            self._store.path("upload", key).unlink(missing_ok=True)
 
     def submit(self, kind: str, printer: str | None, params: Row) -> str:
         """Queue a job; return its key. Raises `RefusedError` where too many wait."""

@@ -115,6 +115,12 @@ class Store:
         query = query.where(JOBS.c.state.not_in(DONE)) if waiting else query.limit(most)
         return [_read(row) for row in self._rows(query)]
 
+    def forgotten(self, before_s: float, *, kept: tuple[str, ...]) -> tuple[list[str], list[str]]:
+        """Return the jobs of other kinds than ``kept`` that ended before a time, and the uploads from before it."""
+        old = JOBS.c.state.in_(DONE) & JOBS.c.kind.not_in(kept) & (JOBS.c.ended_s < before_s)
+        jobs, uploads = sql.select(JOBS.c.id).where(old), sql.select(UPLOADS.c.id).where(UPLOADS.c.created_s < before_s)
+        return [row["id"] for row in self._rows(jobs)], [row["id"] for row in self._rows(uploads)]
+
     def _insert(self, table: sql.Table, **values: Any) -> str:
         key = values.setdefault("id", secrets.token_hex(8))
         with self._engine.begin() as link:

@@ -18,9 +18,8 @@ export function Wrong({ printer }) {
       ${said.gaps.length > 0 && html`<section class="card stack"><h2>${t("gaps")}</h2>${said.gaps.map((gap) => html`<p class="soft">${gap.replaceAll("`", "")}</p>`)}</section>`}
       <a class="button primary" href="#/printers/${printer.id}/mend">${t("next_mend")}</a></div>
     <div class="stack"><div class="stage"><${Machine} machine=${said.machine} larger=${larger} />
-        <div class="over"><div class="glass"><b>${t("machine", { n: larger })}</b></div><button class="quiet glass" onClick=${() => saveSvg("machine", "machine")}>${t("save_svg")}</button></div>
-        <div class="under" style=${{ justifyContent: "end" }}><label class="glass field" style=${{ minWidth: "14rem" }}><span>${t("enlarge")}<span class="value">${larger} ×</span></span><input type="range" min="1" max="50" value=${larger} onInput=${(event) => setLarger(Number(event.target.value))} /></label></div></div>
-      <p class="faint">${t("drawn_belts")}</p>
+        <div class="over"><div class="glass"><b>${t("machine", { n: larger })}</b></div><button class="quiet glass" onClick=${() => saveSvg("machine", "machine")}>${t("save_svg")}</button></div></div>
+      <div class="row between"><p class="faint" style=${{ flex: "1 1 16rem" }}>${t("drawn_belts")}</p><label class="field" style=${{ flex: "1 1 16rem" }}><span>${t("enlarge")}<span class="value">${larger} ×</span></span><input type="range" min="1" max="50" value=${larger} onInput=${(event) => setLarger(Number(event.target.value))} /></label></div>
       ${said.machine.motors.map((motor) => html`<section class="card stack"><div class="row between"><h3>${t("curve", { name: motor.name })}</h3><div class="row"><span class="key kp">${t("forwards")}</span><span class="key km">${t("backwards")}</span></div></div><${Curve} motor=${motor} /></section>`)}</div></div>`;
 }
 
@@ -46,7 +45,7 @@ function Machine({ machine, larger }) {
   const drive = (motor, length, place, label) => { const factor = Math.min(larger, most(motor)); return html`<g transform=${place}><path d=${belt(length, motor.play_mm)} fill="none" stroke="var(--soft)" stroke-width="2.2" vector-effect="non-scaling-stroke" /><circle cx=${length} r=${scale * 0.62} fill="var(--card)" stroke="var(--soft)" stroke-width="1.4" vector-effect="non-scaling-stroke" />
     <circle r=${scale * 0.62} fill="none" stroke="var(--wanted)" stroke-dasharray="3 3" vector-effect="non-scaling-stroke" /><g transform=${`scale(${(scale * 0.62) / motor.radius_mm})`}><path d=${path(grown(motor.outline_mm, motor.radius_mm, factor)) + "Z"} fill="var(--accent-soft)" stroke="var(--accent)" stroke-width="2" vector-effect="non-scaling-stroke" /></g><circle r=${scale * 0.09} fill="var(--soft)" /></g><text x=${label[0]} y=${label[1]} text-anchor="middle" style=${{ fontSize: `${scale * 0.4}px`, fontWeight: 600 }}>${motor.name}${factor < larger ? ` ${factor} ×` : ""}</text>`; };
   const pad = scale * 2.9;
-  return html`<svg id="machine" class="fill" viewBox="${x0 - pad} ${-y1 - pad * 0.75} ${w + 2 * pad} ${h + 2 * pad}" role="img" aria-label=${t("machine", { n: larger })}>
+  return html`<svg id="machine" class="fill" viewBox="${x0 - pad} ${-y1 - pad * 0.95} ${w + 2 * pad} ${h + 2.1 * pad}" role="img" aria-label=${t("machine", { n: larger })}>
     <rect x=${x0} y=${-y1} width=${w} height=${h} rx="5" fill="var(--card)" stroke="var(--line)" vector-effect="non-scaling-stroke" /><path d=${net} class="m" stroke-width="1.2" opacity="0.75" />
     ${drive(one, w, `translate(${x0} ${-y0 + scale * 1.55})`, [x0, -y0 + scale * 2.75])}${drive(two, h, `translate(${x0 - scale * 1.25} ${-y0}) rotate(-90)`, [x0 - scale * 2.5, -y0 + scale * 0.14])}</svg>`;
 }
