@@ -21,11 +21,11 @@ from printmend.saved.branches import SCALE_MM
 from printmend.saved.model import SavedModel, branches_of
 
 SCALE_SD, SKEW_SD = 0.02, 0.01  # of a scale and of half a skew [rad] that are faults
-ODDS = np.exp(-2.0)  # of each fault
-LIKELY = 1e-3  # weight of a set of faults that counts
-SETTLED = 1e-5  # share to which a fit without a part knows that it is none
-WAVES = 3.0  # times the unevenness of the instrument: a smaller wave may be its own
-PLACES = 400
+FAULT_ODDS = np.exp(-2.0)  # of each fault
+LEAST_WEIGHT = 1e-3  # weight of a set of faults that counts
+SETTLED_SHARE = 1e-5  # share to which a fit without a part knows that it is none
+WAVE_FACTOR = 3.0  # times the unevenness of the instrument: a smaller wave may be its own
+PLACES_COMPARED = 400
 _PART_WORDS = {
     "mean": "pulley",
     "ripple": "micro-step ripple",
@@ -98,7 +98,7 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Ac
         sd = np.sqrt(np.diag(found.covariance) + _instrument_variance(instrument))
         names = ("scale of both axes", "difference of the axes' scales", "skew")
         units, factors = ("%", "%", "°"), (100.0, 200.0, float(np.degrees(2.0)))
-        for at in np.flatnonzero(np.abs(excess) > SETTLED):
+        for at in np.flatnonzero(np.abs(excess) > SETTLED_SHARE):
             size, doubt = excess[at] * factors[at], sd[at] * factors[at]
             why = "as likely the instrument's as the printer's"
             left_out.append(LeftOut(names[at], round(float(size), 5), round(float(doubt), 5), units[at], why))
@@ -131,7 +131,7 @@ def believe(
         columns = np.stack([parts[i] for i in sets], axis=1) if sets else np.zeros((3, 0))
         sds = np.array([SKEW_SD if parts[i][2] == 1.0 else SCALE_SD for i in sets])
         whole = spread + (columns * sds**2) @ columns.T
-        log = len(sets) * np.log(ODDS) - 0.5 * (
+        log = len(sets) * np.log(FAULT_ODDS) - 0.5 * (
             np.linalg.slogdet(whole)[1] + observed @ np.linalg.solve(whole, observed)
         )
         gain = (columns * sds**2) @ columns.T @ np.linalg.inv(whole)
@@ -143,7 +143,7 @@ def believe(
     assert best is not None
     weight = np.exp(np.array(logs) - max(logs))
     weight /= weight.sum()
-    keep = weight > LIKELY
+    keep = weight > LEAST_WEIGHT
     believed = Believed(weight[keep] / weight[keep].sum(), np.array(means)[keep] - best[1], np.array(covariances)[keep])
     return believed, best[1]
 
@@ -159,7 +159,7 @@ def _least_squares(columns: np.ndarray, spread: np.ndarray, observed: np.ndarray
 
 def _instrument_variance(instrument: Instrument) -> np.ndarray:
     sds = np.array([instrument.scale_sd, instrument.axes_sd, instrument.lean_sd])
-    return np.maximum(sds, SETTLED) ** 2
+    return np.maximum(sds, SETTLED_SHARE) ** 2
 
 
 def _faults(corexy: bool) -> list[np.ndarray]:
@@ -194,7 +194,7 @@ def observed_stretch(fit: GreyboxModel) -> Stretch:
             if there:
                 stretch += on_bed * post.values[at] / SCALE_MM
             columns.append(_stretch_of(on_bed))
-            variances.append(max(sds[at] / SCALE_MM if there else 0.0, SETTLED) ** 2)
+            variances.append(max(sds[at] / SCALE_MM if there else 0.0, SETTLED_SHARE) ** 2)
     gather = np.stack(columns, axis=1)
     return Stretch(stretch, _stretch_of(stretch), (gather * np.array(variances)) @ gather.T)
 
@@ -240,7 +240,7 @@ def _waves(fit: GreyboxModel, motor: int, values: np.ndarray, instrument: Instru
     """Set to 0 what is no larger than the unevenness of the instrument, and return it."""
     drive = fit.drives[motor]
     design, branches = drive.choice.design, drive.branches
-    motor_mm = np.linspace(*branches.reach_mm, PLACES)
+    motor_mm = np.linspace(*branches.reach_mm, PLACES_COMPARED)
     mean, play = design.columns(motor_mm, branches.period_mm, branches.middle_mm)
     found = []
     for name, word in _PART_WORDS.items():
@@ -249,14 +249,14 @@ def _waves(fit: GreyboxModel, motor: int, values: np.ndarray, instrument: Instru
             continue
         columns = play if name == "play" else mean
         size = float(np.sqrt(np.mean((columns[:, mask] @ values[mask]) ** 2)))
-        if size <= WAVES * instrument.wave_mm:
+        if size <= WAVE_FACTOR * instrument.wave_mm:
             values[mask] = 0.0
             part = f"{drive.name.upper()} {word}"
             found.append(LeftOut(part, round(size, 5), instrument.wave_mm, "mm", "no more than the instrument makes"))
     bent = design.mask("cross")
     bent[design.parts["cross"]] = [p + q > 1 for p, q in CROSS[: len(design.cross)]]
     size = float(np.linalg.norm(values[bent]))
-    if 0 < size <= WAVES * instrument.wave_mm:
+    if 0 < size <= WAVE_FACTOR * instrument.wave_mm:
         values[bent] = 0.0
         found.append(
             LeftOut(

@@ -21,19 +21,19 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.misfit import WARNING, Misfit
 
-LEAST = 24  # measured rows
-LEAST_MM = 20.0  # spread of the places below which nothing is looked for
-SHIFTS = 12  # rows either way
-LOOKED_AT = 3000  # measured rows
-MAPPED = 20_000  # measured rows that a rough map looks at
-SCALE_MM = 0.05  # the least that a rough map leaves
-CAPPED = 12.0  # nats that one place may cost at most
-CHANGE = 30.0  # nats for each change of the shift
-WORTH = 60.0  # nats that a history of shifts must save
-ROUNDS = 3  # of a history, the first under a rough map
-CALM = 0.5  # by this factor must the rows put right fit better
-CLOSE = 0.2  # shuffled places are told apart where they are missed by less than this share of their distance
-MATCHED = 0.98  # share of shuffled rows that must find one place of their own
+LEAST_ROWS = 24  # measured rows
+LEAST_SPREAD_MM = 20.0  # spread of the places below which nothing is looked for
+MOST_SHIFT_ROWS = 12  # rows either way
+MOST_ROWS_FOLLOWED = 3000  # measured rows
+MOST_ROWS_MAPPED = 20_000  # measured rows that a rough map looks at
+LEAST_SCALE_MM = 0.05  # the least that a rough map leaves
+MOST_NATS_A_PLACE = 12.0  # nats that one place may cost at most
+CHANGE_NATS = 30.0  # nats for each change of the shift
+LEAST_NATS_SAVED = 60.0  # nats that a history of shifts must save
+HISTORY_ROUNDS = 3  # of a history, the first under a rough map
+BETTER_SHARE = 0.5  # by this factor must the rows put right fit better
+CLOSE_SHARE = 0.2  # shuffled places are told apart where they are missed by less than this share of their distance
+LEAST_MATCHED_SHARE = 0.98  # share of shuffled rows that must find one place of their own
 GAIN_SD, LEAN_SD = 0.2, 0.05  # of the rough map: what damaged printers do
 
 
@@ -55,28 +55,30 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
             "trace", wanted="measured positions along the printer's own x and y", came=wrong, todo=AXES_TODO
         )
     seen = np.flatnonzero(trace.measured_rows)
-    if len(seen) < LEAST or not np.isfinite(trace.commanded_mm).all():
+    if len(seen) < LEAST_ROWS or not np.isfinite(trace.commanded_mm).all():
         return InOrder(trace)
     commanded, measured = trace.commanded_mm[seen], np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
-    if np.ptp(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).max() < LEAST_MM:
+    if np.ptp(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).max() < LEAST_SPREAD_MM:
         return InOrder(trace)
     plain = _map(commanded, measured)
     plain_mm = _missed_mm(plain, commanded, measured)
     backwards = _map(commanded, measured[::-1])
-    if _missed_mm(backwards, commanded, measured[::-1]) < CALM * plain_mm:
+    if _missed_mm(backwards, commanded, measured[::-1]) < BETTER_SHARE * plain_mm:
         again = _with(trace, seen, measured[::-1])
-        if _learned(again, printer).left_mm < CALM * _learned(trace, printer).left_mm:
+        if _learned(again, printer).left_mm < BETTER_SHARE * _learned(trace, printer).left_mm:
             return _put_right(again, "the measured rows were in the reversed order", plain_mm, kind="rows-reversed")
     shifted = _shifted(trace, seen, printer, _mapped(plain, trace.commanded_mm))
     if shifted is not None:
         return _put_right(*shifted, plain_mm)
-    if plain_mm < LEAST_MM / 4 or len(seen) > MAPPED:
+    if plain_mm < LEAST_SPREAD_MM / 4 or len(seen) > MOST_ROWS_MAPPED:
         return InOrder(trace)
     return _unshuffled(trace, seen, plain_mm)
 
 
 def _put_right(trace: Trace, words: str, size_mm: float, *, kind: str = "rows-shifted") -> InOrder:
-    found = Misfit(kind, WARNING, size_mm, WORTH, f"{words}; they were put right. Check the table all the same.")
+    found = Misfit(
+        kind, WARNING, size_mm, LEAST_NATS_SAVED, f"{words}; they were put right. Check the table all the same."
+    )
     return InOrder(trace, (found,))
 
 
@@ -89,7 +91,7 @@ def _with(trace: Trace, rows: np.ndarray, measured_mm: np.ndarray) -> Trace:
 
 def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
     """Return a robust affine map [3, 2] from commands to places, thought to be next to a plain shift."""
-    every = max(1, len(commanded) // MAPPED)
+    every = max(1, len(commanded) // MOST_ROWS_MAPPED)
     commanded, measured = commanded[::every], measured[::every]
     middle = np.median(commanded, axis=0)
     columns = np.column_stack([np.ones(len(commanded)), commanded - middle])
@@ -97,7 +99,7 @@ def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
     prior = np.stack([[0.0, 0.0], *np.where(np.eye(2) > 0, GAIN_SD, LEAN_SD) ** -2.0])
     for _ in range(12):
         left = measured - columns @ fit
-        scale = np.maximum(1.4826 * np.median(np.abs(left), axis=0), SCALE_MM)
+        scale = np.maximum(1.4826 * np.median(np.abs(left), axis=0), LEAST_SCALE_MM)
         weight = 1.0 / (1.0 + np.square(left / (2 * scale)))
         for axis in range(2):
             ridge = np.diag(prior[:, axis]) * scale[axis] ** 2
@@ -125,12 +127,12 @@ def _shifted(trace: Trace, seen: np.ndarray, printer: Printer, places_mm: np.nda
     """
     best: tuple[Trace, str] | None = None
     least_mm = np.inf
-    for _ in range(ROUNDS):
+    for _ in range(HISTORY_ROUNDS):
         learned = None
         for again, words in _undone(trace, seen, places_mm):
             one = _learned(again, printer)
             if not np.isfinite(least_mm):
-                least_mm = CALM * _learned(trace, printer).left_mm
+                least_mm = BETTER_SHARE * _learned(trace, printer).left_mm
             if one.left_mm < least_mm:
                 best, least_mm, learned = (again, words), one.left_mm, one
         if learned is None:
@@ -147,12 +149,12 @@ def _undone(trace: Trace, seen: np.ndarray, places_mm: np.ndarray) -> Iterator[t
         at = np.searchsorted(places, seen)  # the number of each measured row among the places
         measured = np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
         history, saved = _history(places_mm[places], at, measured)
-        if saved > WORTH and history.any():
+        if saved > LEAST_NATS_SAVED and history.any():
             found.append((saved, places, at, history))
     if not found:
         return
     _, places, at, history = max(found, key=lambda each: each[0])
-    commonest = np.full(len(history), np.bincount(history + SHIFTS).argmax() - SHIFTS)
+    commonest = np.full(len(history), np.bincount(history + MOST_SHIFT_ROWS).argmax() - MOST_SHIFT_ROWS)
     for shifts in (history, commonest) if (commonest != history).any() and commonest.any() else (history,):
         to = at - shifts
         kept = (to >= 0) & (to < len(places)) & (np.diff(to, prepend=-1) > 0)
@@ -164,23 +166,25 @@ def _history(places_mm: np.ndarray, at: np.ndarray, measured: np.ndarray) -> tup
 
     ``places_mm`` [P, 2] is where a rough map has every place, ``at`` [M] the place whose row a measurement is in.
     """
-    every = max(1, len(at) // LOOKED_AT)
+    every = max(1, len(at) // MOST_ROWS_FOLLOWED)
     looked = np.arange(0, len(at), every)
-    shifts = np.arange(-SHIFTS, SHIFTS + 1)
+    shifts = np.arange(-MOST_SHIFT_ROWS, MOST_SHIFT_ROWS + 1)
     to = np.clip(at[looked, None] - shifts, 0, len(places_mm) - 1)
     away = np.square(measured[looked, None] - places_mm[to]).sum(axis=2)
     # the scale is that of the best shift at each row: what a shift cannot explain is the machine's
-    scale2 = max(float(np.median(away.min(axis=1))), float(np.median(away[:, SHIFTS])) / 100.0, SCALE_MM**2)
-    cost = np.minimum(away / (2 * scale2), CAPPED)
+    scale2 = max(
+        float(np.median(away.min(axis=1))), float(np.median(away[:, MOST_SHIFT_ROWS])) / 100.0, LEAST_SCALE_MM**2
+    )
+    cost = np.minimum(away / (2 * scale2), MOST_NATS_A_PLACE)
     total, back = cost[0].copy(), np.zeros(cost.shape, np.int64)
     stay = np.arange(len(shifts))
     for row in range(1, len(cost)):
         cheapest = int(np.argmin(total))
-        changed = total[cheapest] + CHANGE < total
+        changed = total[cheapest] + CHANGE_NATS < total
         back[row] = np.where(changed, cheapest, stay)
-        total = np.where(changed, total[cheapest] + CHANGE, total) + cost[row]
+        total = np.where(changed, total[cheapest] + CHANGE_NATS, total) + cost[row]
     state = int(np.argmin(total))
-    saved = float(cost[:, SHIFTS].sum() - total[state])
+    saved = float(cost[:, MOST_SHIFT_ROWS].sum() - total[state])
     states = np.empty(len(cost), np.int64)
     for row in range(len(cost) - 1, -1, -1):
         states[row] = state
@@ -232,11 +236,11 @@ def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
     expected = _mapped(fit, commanded)
     apart = float(np.median(cKDTree(expected).query(expected, k=2)[0][:, 1]))
     away, to = cKDTree(expected).query(measured)
-    if np.median(away) > min(plain_mm * CALM, LEAST_MM / 4):
+    if np.median(away) > min(plain_mm * BETTER_SHARE, LEAST_SPREAD_MM / 4):
         return InOrder(trace)  # no order of these rows makes them a measurement of this print
     counts = np.bincount(to, minlength=len(seen))
     single = counts[to] == 1
-    if np.quantile(away, MATCHED) > CLOSE * apart or single.mean() < MATCHED:
+    if np.quantile(away, LEAST_MATCHED_SHARE) > CLOSE_SHARE * apart or single.mean() < LEAST_MATCHED_SHARE:
         raise TraceError(
             "trace", wanted="each measured point in the row of its own command",
             came="the same points in another order",

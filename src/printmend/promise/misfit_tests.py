@@ -21,24 +21,24 @@ from printmend.promise.laws import Sideways
 from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
 from printmend.promise.misfit_columns import Candidate, candidates, sideways
 
-LOOKED_AT = 2500  # rows of a motor
-LEAST = 60  # rows below which nothing is looked for
-MOST = 3  # causes for each motor
-SURE = 14.0  # nats beyond the choice among those tried
-LEAST_MM = 0.018  # root mean square on a print: less costs nothing that an owner sees
+MOST_ROWS = 2500  # rows of a motor
+LEAST_ROWS = 60  # rows below which nothing is looked for
+MOST_CAUSES = 3  # causes for each motor
+SURE_NATS = 14.0  # nats beyond the choice among those tried
+LEAST_COST_MM = 0.018  # root mean square on a print: less costs nothing that an owner sees
 WARNED_MM = 0.03
 NOISE_SHARE = 0.3  # of the noise: what is far below it is no use to know
-SEEN = 0.05  # share of a column that the model's own parts must leave, for it to be told from them
-CLIP = 4.0  # standard deviations beyond which a residual is an outlier
-LOST = 6.0
+LEAST_OWN_SHARE = 0.05  # share of a column that the model's own parts must leave, for it to be told from them
+CLIP_SIGMAS = 4.0  # standard deviations beyond which a residual is an outlier
+LOST_SIGMAS = 6.0
 LOST_MM = 0.05
 FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3  # shares of the points: a note, a warning, a refusal from there on
 UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # of the error that a model leaves, and at least mm, from where it is none
 IN_TIME = ("linear", "step", "creep", "wear", "thermal")
-TURNED_DEG, ALIKE = 0.1, 0.6  # both axes by so much, and alike to this share
+TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # both axes by so much, and alike to this share
 MOVED_MM, HOME_SD_MM = 0.3, 0.05  # a plate lies shifted from there on; the most doubt of the error at home
-REPEATS = 0.35  # share of an uneven belt's squares that one period may leave
-COVERED = 0.6  # of an axis of the bed
+MOST_LEFT_SHARE = 0.35  # share of an uneven belt's squares that one period may leave
+COVERED_SHARE = 0.6  # of an axis of the bed
 
 
 _OF_WHEN = {
@@ -67,8 +67,8 @@ def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
         if len(touch.at) != len(trace):
             continue
         used = np.flatnonzero((rows[motor].weight > 0) & (touch.at >= 0))
-        used = used[:: max(1, len(used) // LOOKED_AT)]
-        if len(used) < LEAST:
+        used = used[:: max(1, len(used) // MOST_ROWS)]
+        if len(used) < LEAST_ROWS:
             continue
         one = sideways(rows, motor, trace.commanded_mm, touch.side).at(used)
         found += _explained(motor, one, touch.residual_mm[used], _own_columns(drive, rows[motor], used))
@@ -88,11 +88,11 @@ def _repeated(motor: int, one: Sideways, drive: LearnedDrive, rows: Rows, used: 
     periods = [each for each in candidates(one) if each.kind == "second-period"]
     tried = [_tried(motor, each, one, left, basis, len(left)) for each in periods]
     best = max((cause for cause in tried if cause is not None), key=lambda cause: cause.nats, default=None)
-    if best is None or best.size_mm < LEAST_MM:
+    if best is None or best.size_mm < LEAST_COST_MM:
         return []
     columns = best.candidate.columns(one)
     after = left - (columns - basis @ (basis.T @ columns)) @ best.weights
-    return [best] if float(after @ after) < REPEATS * float(left @ left) else []
+    return [best] if float(after @ after) < MOST_LEFT_SHARE * float(left @ left) else []
 
 
 def _own_columns(drive: LearnedDrive, rows: Rows, used: np.ndarray, without: tuple[str, ...] = ()) -> np.ndarray:
@@ -109,15 +109,17 @@ def _own_columns(drive: LearnedDrive, rows: Rows, used: np.ndarray, without: tup
 
 def _explained(motor: int, one: Sideways, residual_mm: np.ndarray, basis: np.ndarray) -> list[Cause]:
     sigma = robust_sigma_mm(residual_mm)
-    left = np.clip(residual_mm, -CLIP * sigma, CLIP * sigma)
+    left = np.clip(residual_mm, -CLIP_SIGMAS * sigma, CLIP_SIGMAS * sigma)
     left = left - basis @ (basis.T @ left)
     spare = max(len(left) - basis.shape[1], 1)
     found: list[Cause] = []
     offered = list(candidates(one))
-    while len(found) < MOST:
+    while len(found) < MOST_CAUSES:
         tried = [cause for each in offered if (cause := _tried(motor, each, one, left, basis, spare)) is not None]
         sure = [
-            cause for cause in tried if cause.nats > SURE and cause.size_mm > max(LEAST_MM, NOISE_SHARE * sigma / 2)
+            cause
+            for cause in tried
+            if cause.nats > SURE_NATS and cause.size_mm > max(LEAST_COST_MM, NOISE_SHARE * sigma / 2)
         ]
         if not sure:
             break
@@ -137,7 +139,7 @@ def _tried(
     columns = candidate.columns(one)
     whole = float(np.square(columns - columns.mean(axis=0)).sum())
     freed = columns - basis @ (basis.T @ columns)
-    if float(np.square(freed).sum()) < SEEN * whole or whole == 0:
+    if float(np.square(freed).sum()) < LEAST_OWN_SHARE * whole or whole == 0:
         return None
     weights = np.linalg.lstsq(freed, left, rcond=None)[0]
     after = left - freed @ weights
@@ -152,7 +154,7 @@ def of_the_end(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tu
 
     What gives way stays so: the end. A printer that warms up is cold again when the next print begins: early.
     """
-    timed = [cause for cause in causes if cause.candidate.kind in IN_TIME and cause.size_mm > LEAST_MM]
+    timed = [cause for cause in causes if cause.candidate.kind in IN_TIME and cause.size_mm > LEAST_COST_MM]
     if not timed:
         return None
     state = EARLY if any(cause.candidate.kind == "thermal" for cause in timed) else ENDED
@@ -178,7 +180,7 @@ def effects_of(
         drive, kind = box.drives[cause.motor], cause.candidate.kind
         one = sideways(rows, cause.motor, trace.commanded_mm, drive.choice.fit.touch.side)
         used = np.flatnonzero((rows[cause.motor].weight > 0) & (drive.choice.fit.touch.at >= 0))
-        used = used[:: max(1, len(used) // LOOKED_AT)]
+        used = used[:: max(1, len(used) // MOST_ROWS)]
         done = cause.candidate.columns(one) @ cause.weights
         basis = _own_columns(drive, rows[cause.motor], used)
         taken = basis @ (basis.T @ done[used])
@@ -268,7 +270,7 @@ def _unfit(box: GreyboxModel) -> list[Misfit]:
         f"the model leaves {left:.2f} mm of {whole:.2f} mm: this measurement is not of a printer that repeats itself, "
         "or its rows are not those of the print"
     )
-    return [Misfit("unfit", REFUSAL, left, SURE, words)]
+    return [Misfit("unfit", REFUSAL, left, SURE_NATS, words)]
 
 
 def _other_turns(box: GreyboxModel) -> list[Misfit]:
@@ -287,7 +289,7 @@ def _other_turns(box: GreyboxModel) -> list[Misfit]:
             f"the error of {drive.name.upper()} repeats every {period:.1f} mm, not every {usual:g} as the printer's "
             f"pulley would: {cause}. The model turns by that"
         )
-        found.append(Misfit("turn", NOTE, 0.0, SURE, words))
+        found.append(Misfit("turn", NOTE, 0.0, SURE_NATS, words))
     return found
 
 
@@ -297,7 +299,7 @@ def _left_out(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     sigma = [robust_sigma_mm(each[np.isfinite(each)]) for each in residual.T]
     known = np.isfinite(residual).all(axis=1)
     with np.errstate(invalid="ignore"):
-        lost = known & ((np.abs(residual) > LOST * np.array(sigma)) & (np.abs(residual) > LOST_MM)).any(axis=1)
+        lost = known & ((np.abs(residual) > LOST_SIGMAS * np.array(sigma)) & (np.abs(residual) > LOST_MM)).any(axis=1)
     count, share = int(lost.sum()), float(lost.sum() / max(known.sum(), 1))
     if share < FEW_LOST or count < 2:
         return []
@@ -333,7 +335,7 @@ def _turn_deg(box: GreyboxModel) -> float:
     matrix = observed_stretch(box).matrix
     turns = np.degrees([np.arctan(matrix[1, 0]), np.arctan(-matrix[0, 1])])
     both = float(np.sign(turns[0]) * np.abs(turns).min()) if turns[0] * turns[1] > 0 else 0.0
-    return both if abs(both) > TURNED_DEG and abs(both) > ALIKE * np.abs(turns).max() else 0.0
+    return both if abs(both) > TURNED_DEG and abs(both) > ALIKE_SHARE * np.abs(turns).max() else 0.0
 
 
 def _turned(box: GreyboxModel) -> list[Misfit]:
@@ -344,7 +346,7 @@ def _turned(box: GreyboxModel) -> list[Misfit]:
         f"everything is turned by {both:+.2f}°, which no printer does: the plate, or the camera, lay turned. That is "
         "taken out"
     )
-    return [Misfit("turned", NOTE, size, SURE, words)]
+    return [Misfit("turned", NOTE, size, SURE_NATS, words)]
 
 
 def _moved(box: GreyboxModel, trace: Trace) -> list[Misfit]:
@@ -364,7 +366,7 @@ def _moved(box: GreyboxModel, trace: Trace) -> list[Misfit]:
         f"everything lies ({moved[0]:+.2f}, {moved[1]:+.2f}) mm from where home says: the plate was shifted, or the "
         "nozzle has an offset. That is taken out"
     )
-    return [Misfit("moved", NOTE, size, SURE, words)]
+    return [Misfit("moved", NOTE, size, SURE_NATS, words)]
 
 
 def _unseen(box: GreyboxModel, trace: Trace) -> list[Misfit]:
@@ -373,7 +375,7 @@ def _unseen(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     parts = []
     for axis, name, places in zip((box.printer.x, box.printer.y), "XY", trace.commanded_mm[known].T, strict=True):
         low, high = float(places.min()), float(places.max())
-        if high - low < COVERED * (axis.max_mm - axis.min_mm):
+        if high - low < COVERED_SHARE * (axis.max_mm - axis.min_mm):
             parts.append(f"{name} from {low:.0f} to {high:.0f} mm of {axis.min_mm:.0f} to {axis.max_mm:.0f}")
     if not parts:
         return []

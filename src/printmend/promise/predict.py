@@ -16,23 +16,26 @@ from printmend.promise.effects import Places
 from printmend.saved.layout import bed_middle
 
 DRAWS = 256
-LOOKED_AT = 32  # of these, for the quantiles over the places of a path
-PLACES = 1024  # of the path that are looked at, at most
+RANKED_DRAWS = 32  # of these, for the quantiles over the places of a path
+MOST_PLACES = 1024  # of the path that are looked at, at most
 LOW, HIGH = 0.05, 0.95
 ROUNDED = (0.5, 1.1)
 # Mean and standard deviation of the logarithm of how much larger a pattern that no model follows is in another print
 # than what the fit of this one left of it: a fit takes some of it in, and another path meets it otherwise.
-ELSEWHERE = (0.0, 0.6)
-OTHERWISE = (
+ELSEWHERE_LOG = (0.0, 0.6)
+OTHERWISE_SHARE = (
     0.7  # share of what no part follows that mended moves may add to it: they meet it otherwise than the plain ones
 )
 # What marks at rest do not show, as ringing, sticking, a loose nozzle: median [mm] over both axes, and the standard
 # deviation of its logarithm. Most printers have hardly any, some have 0.03 mm.
 UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.8
-WHOLE_TURN = 0.95  # of a turn that counts as all of it
-GUESSED = (-0.1, 0.8)  # of the logarithm of how much larger the doubt of a pulley seen in part is than it says itself
-LOOSE_AT_HOME = 0.5  # share of homings after which a belt lies somewhere within its play
-STANDS = 1e-6  # the share of a move below which a motor stands still
+WHOLE_TURN_SHARE = 0.95  # of a turn that counts as all of it
+GUESSED_LOG = (
+    -0.1,
+    0.8,
+)  # of the logarithm of how much larger the doubt of a pulley seen in part is than it says itself
+LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
+STANDS_SHARE = 1e-6  # the share of a move below which a motor stands still
 SEED = 11  # the same file and model always get the same promise
 
 
@@ -124,7 +127,7 @@ def promised(
     raw = _Side(path, path.off_mm[:, None], doubts[0], local, before, signed=True)
     mended = _Side(path, np.zeros((1, 1)), doubts[1], local, after, signed=False)
     results = [_summed_up(each, budget.placed, rng) for each in (raw, mended)]
-    strange2 = OTHERWISE**2 * sum(
+    strange2 = OTHERWISE_SHARE**2 * sum(
         results[1][0].made_of[name] ** 2 for name in {"unexplained", *(each.kind for each in budget.effects)}
     )
     return Outlook(results[0][0], results[1][0], results[0][1] - np.sqrt(results[1][1] ** 2 + strange2))
@@ -161,9 +164,9 @@ class _Side:
 
 def _thinned(path: Path) -> Path:
     count = len(path.weight)
-    if count <= PLACES:
+    if count <= MOST_PLACES:
         return path
-    at = np.floor((np.arange(PLACES) + 0.5) * count / PLACES).astype(np.int64)
+    at = np.floor((np.arange(MOST_PLACES) + 0.5) * count / MOST_PLACES).astype(np.int64)
     edges = np.concatenate([[0], (at[1:] + at[:-1] + 1) // 2, [count]])
     weight = np.add.reduceat(path.weight, edges[:-1])
     return Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight)
@@ -173,7 +176,7 @@ def _aims(mechanism: Mechanism, path: Path, at_rest: bool) -> _Aims:
     printer = mechanism.printer
     belt = printer.to_motor(mechanism.frame.invert(path.wanted_mm))
     way = printer.to_motor(path.tangent)
-    side = path.side if at_rest else np.where(np.abs(way) > STANDS, np.sign(way), path.side)
+    side = path.side if at_rest else np.where(np.abs(way) > STANDS_SHARE, np.sign(way), path.side)
     after = np.stack(
         [_motor_at(mechanism.transmissions[i], belt[:, i], side[:, i]) for i in range(2)], axis=1
     )  # fmt: skip
@@ -196,7 +199,7 @@ def _across(mechanism: Mechanism, path: Path) -> np.ndarray:
 def _directions(motor: MotorBudget, rng: np.random.Generator) -> np.ndarray:
     """Draw how far a motor's parameters are off along its directions [R, DRAWS]."""
     z = rng.standard_normal((motor.factor_mm.shape[1], DRAWS))
-    return z if motor.seen >= WHOLE_TURN else np.asarray(z * np.exp(rng.normal(*GUESSED, DRAWS)))
+    return z if motor.seen >= WHOLE_TURN_SHARE else np.asarray(z * np.exp(rng.normal(*GUESSED_LOG, DRAWS)))
 
 
 def _homing_mm(mechanism: Mechanism, path: Path, rng: np.random.Generator) -> np.ndarray:
@@ -207,7 +210,7 @@ def _homing_mm(mechanism: Mechanism, path: Path, rng: np.random.Generator) -> np
     shift = np.zeros((2, DRAWS))
     for motor, table in enumerate(mechanism.transmissions):
         lower, upper = (float(each[0]) for each in table.branches_mm(at_home[[motor]]))
-        resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < LOOSE_AT_HOME)
+        resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < LOOSE_AT_HOME_SHARE)
         shift[motor] = -printer.motor_home_direction(motor) * max(upper - lower, 0.0) * resting
     return np.asarray(_across(mechanism, path) @ shift)
 
@@ -259,7 +262,7 @@ def _local_mm2(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.
     drawn = np.stack(
         [np.maximum(rng.normal(motor.unexplained_mm2, motor.unexplained_sd_mm2, DRAWS), 0.0) for motor in budget.motors]
     )
-    local = {"unexplained": (across2 @ drawn) * np.exp(2 * rng.normal(*ELSEWHERE, DRAWS))}
+    local = {"unexplained": (across2 @ drawn) * np.exp(2 * rng.normal(*ELSEWHERE_LOG, DRAWS))}
     unshown = UNSHOWN_MM * np.exp(UNSHOWN_SD * rng.standard_normal(DRAWS))
     local["motion"] = np.broadcast_to(unshown**2 / 2, (len(path.weight), DRAWS))
     # Some drives stop evenly on their micro-steps, others hardly hold them: half to once and a bit of their size.
@@ -325,21 +328,21 @@ def _level(error_mm: np.ndarray, normal: np.ndarray, weight: np.ndarray, placed:
 
 def _extremes(side: _Side, shift: np.ndarray, placed: bool, rng: np.random.Generator) -> tuple[float, float]:
     """Return the 95th percentile and the largest error along the path, the median of some drawn machines."""
-    error = side.error_mm[:, :LOOKED_AT]
+    error = side.error_mm[:, :RANKED_DRAWS]
     sd2 = np.full(error.shape, 0.0 if side.signed else side.known.rms_mm**2)
     for each in side.local.values():
-        sd2 += each[:, :LOOKED_AT]
+        sd2 += each[:, :RANKED_DRAWS]
     off = side.path.off_mm[:, None]
     if not placed:
         normal = np.stack([-side.path.tangent[:, 1], side.path.tangent[:, 0]], axis=1)
-        error = error - normal @ shift[:, :LOOKED_AT]
+        error = error - normal @ shift[:, :RANKED_DRAWS]
         off = off - normal @ np.median(shift, axis=1)[:, None]
     drawn = np.abs(error + np.sqrt(sd2) * rng.standard_normal(error.shape))
     order = np.argsort(drawn, axis=0)
     reached = np.cumsum(side.path.weight[order], axis=0) / side.path.weight.sum()
     at = np.minimum((reached < 0.95).sum(axis=0), len(drawn) - 1)
     ranked = np.take_along_axis(drawn, order, axis=0)
-    p95, most = float(np.median(ranked[at, np.arange(LOOKED_AT)])), float(np.median(ranked[-1]))
+    p95, most = float(np.median(ranked[at, np.arange(RANKED_DRAWS)])), float(np.median(ranked[-1]))
     if not side.signed:
         return p95, max(most, side.known.max_mm)
     # the samples miss corners that the whole path has

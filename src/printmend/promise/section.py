@@ -13,8 +13,8 @@ from printmend.promise.apply import Acting
 from printmend.promise.budget import DIRECTIONS, LAYOUT, VERSION, MotorBudget
 from printmend.promise.unexplained import unexplained
 
-KEPT = 0.998  # share of the variance on the bed that the kept directions have
-PLACES = 400  # on the bed at which that variance is looked at
+KEPT_VARIANCE_SHARE = 0.998  # share of the variance on the bed that the kept directions have
+PLACES_COMPARED = 400  # on the bed at which that variance is looked at
 
 
 def promise_section(acts: Acting, trace: Trace, explained_mm: np.ndarray | None = None) -> dict[str, Any]:
@@ -49,15 +49,15 @@ def motor_section(
         design, root, drive.branches.period_mm, drive.branches.middle_mm, drive.branches.reach_mm, 0.0, 0.0
     )
     low, high = printer.motor_range_mm(motor)
-    motor_mm = np.linspace(low, high, PLACES)
+    motor_mm = np.linspace(low, high, PLACES_COMPARED)
     own = motor_mm - bed_middle(printer)[motor]
-    step = np.mod(np.arange(PLACES) * 0.7548776662, 1.0)  # a fixed, even walk over the other axis
+    step = np.mod(np.arange(PLACES_COMPARED) * 0.7548776662, 1.0)  # a fixed, even walk over the other axis
     low, high = printer.motor_range_mm(1 - motor)
     other = low + (high - low) * step - bed_middle(printer)[1 - motor]
-    side = np.where(np.arange(PLACES) % 2, 1.0, -1.0)
+    side = np.where(np.arange(PLACES_COMPARED) % 2, 1.0, -1.0)
     _, spread, turned = np.linalg.svd(plain.columns(motor_mm, own, other, side), full_matrices=False)
     share = np.cumsum(spread**2) / max(float(np.sum(spread**2)), 1e-300)
-    kept = min(int(np.searchsorted(share, KEPT)) + 1, DIRECTIONS, len(turned))
+    kept = min(int(np.searchsorted(share, KEPT_VARIANCE_SHARE)) + 1, DIRECTIONS, len(turned))
     factor = root @ turned[:kept].T
     layout = {name: list(map(int, getattr(design, name))) for name in LAYOUT if getattr(design, name)}
     powers = {"mean_powers": design.mean_powers, "play_powers": design.play_powers, "cross": len(design.cross)}

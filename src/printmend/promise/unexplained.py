@@ -14,11 +14,11 @@ import numpy as np
 from printmend.learn.drive import Rows
 from printmend.learn.drive.fit import robust_sigma_mm
 
-LENGTHS = (2, 4, 8, 16, 32)
-USUAL_LENGTH = 8  # of a pattern that is too small to be seen
+BLOCK_ROWS = (2, 4, 8, 16, 32)
+USUAL_BLOCK_ROWS = 8  # of a pattern that is too small to be seen
 LEAST_BLOCKS = 6
-SURE = 4.5  # standard deviations: of some thirty estimates the largest counts
-WILD = 4.0  # residuals beyond so many standard deviations are outliers
+SURE_SIGMAS = 4.5  # standard deviations: of some thirty estimates the largest counts
+WILD_SIGMAS = 4.0  # residuals beyond so many standard deviations are outliers
 
 
 @dataclass(frozen=True)
@@ -35,21 +35,21 @@ def unexplained(rows: Rows, residual_mm: np.ndarray, side: np.ndarray) -> Unexpl
     residual = residual_mm[known]
     if len(residual) < 2 * LEAST_BLOCKS:
         return Unexplained(0.0, float(np.mean(residual**2)) if len(residual) else 0.0)
-    most = WILD * robust_sigma_mm(residual)
+    most = WILD_SIGMAS * robust_sigma_mm(residual)
     residual = np.clip(residual, -most, most)
     whole = float(np.mean(residual**2))
-    least = Unexplained(0.0, _sd(whole, USUAL_LENGTH, len(residual)))
+    least = Unexplained(0.0, _sd(whole, USUAL_BLOCK_ROWS, len(residual)))
     found = [least]
     for order in _orders(rows, side, known):
         ordered = residual[order]
-        for length in LENGTHS:
+        for length in BLOCK_ROWS:
             count = len(ordered) // length
             if count < LEAST_BLOCKS:
                 break
             means = ordered[: count * length].reshape(count, length).mean(axis=1)
             variance = (length * float(np.mean(means**2)) - whole) / (length - 1)
             sd = _sd(whole, length, len(ordered))
-            if variance > SURE * sd:
+            if variance > SURE_SIGMAS * sd:
                 found.append(Unexplained(min(variance, whole), sd))
     return max(found, key=lambda each: each.variance_mm2)
 

@@ -18,16 +18,16 @@ from printmend.units import TURN_RAD
 TOOTH_MM = 2.0  # of a GT2 belt
 PERIODS_MM = (12.0, 84.0)  # shortest and longest that are looked at: beyond are no pulleys of printers
 HARMONICS, PLAY_HARMONICS = 5, 2
-GRID = 0.08  # of a turn, by which a wave may be off at the end of the reach between two lengths of the grid
+GRID_TURNS = 0.08  # of a turn, by which a wave may be off at the end of the reach between two lengths of the grid
 LEAST_TURNS = 2.2  # of a length within the reach, or nothing repeats
 LEAST_ROWS = 80
-LOOKED_AT = 1500  # rows at most
-ROUNDS = 3  # of weighing rows down that lie far off
-FAR = 3.0  # standard deviations beyond which a row lies far off
+MOST_ROWS = 1500  # rows at most
+WEIGHING_ROUNDS = 3  # of weighing rows down that lie far off
+FAR_SIGMAS = 3.0  # standard deviations beyond which a row lies far off
 LEAST_NATS = 30.0  # that another length must gain beyond the choice among those tried
 LEAST_GAIN_MM = 0.015  # root mean square that another length must explain more
-ALIKE = 0.02  # share to which a length is a whole part, or a multiple, of the printer's turn
-TOOTH_NEAR = 0.02  # share to which a length may be that of a whole number of teeth
+ALIKE_SHARE = 0.02  # share to which a length is a whole part, or a multiple, of the printer's turn
+TOOTH_SHARE = 0.02  # share to which a length may be that of a whole number of teeth
 MOST_PARTS = 5  # of a length, of which one may be the turn
 AS_GOOD_NATS = 10.0  # that the turn of a toothed pulley, or a whole part of the best length, may cost
 
@@ -35,7 +35,7 @@ AS_GOOD_NATS = 10.0  # that the turn of a toothed pulley, or a whole part of the
 def likeliest_period_mm(rows: Rows) -> float:
     """Return the length of a turn [mm]: that of the rows, unless another is far likelier."""
     known = np.flatnonzero(rows.weight > 0)
-    known = known[:: max(1, len(known) // LOOKED_AT)]
+    known = known[:: max(1, len(known) // MOST_ROWS)]
     low, high = rows.reach_mm
     longest = min((high - low) / LEAST_TURNS, PERIODS_MM[1])
     if len(known) < LEAST_ROWS or longest < rows.period_mm:
@@ -45,12 +45,12 @@ def likeliest_period_mm(rows: Rows) -> float:
     plain = _plain(motor, side, rows.other_mm[known])
     own = np.column_stack([plain, _waves(motor, side, rows.period_mm)])
     weight = _weights(own, error)
-    step = GRID / (high - low)
+    step = GRID_TURNS / (high - low)
     tried = 1 / np.arange(1 / longest, 1 / PERIODS_MM[0], step)
     teeth = TOOTH_MM * np.arange(np.ceil(PERIODS_MM[0] / TOOTH_MM), longest / TOOTH_MM)
     tried = np.concatenate([tried, teeth])
     ratio = np.maximum(tried, rows.period_mm) / np.minimum(tried, rows.period_mm)
-    tried = tried[np.abs(ratio / np.rint(ratio) - 1) > ALIKE]
+    tried = tried[np.abs(ratio / np.rint(ratio) - 1) > ALIKE_SHARE]
 
     def left(period_mm: float) -> float:
         return _left(np.column_stack([plain, _waves(motor, side, period_mm)]), error, weight)
@@ -69,7 +69,7 @@ def _simplest(period_mm: float, count: float, left: Callable[[float], float]) ->
     for part in range(MOST_PARTS, 0, -1):
         length = period_mm / part
         toothed = TOOTH_MM * round(length / TOOTH_MM)
-        lengths = (toothed, length) if toothed and abs(length / toothed - 1) < TOOTH_NEAR else (length,)
+        lengths = (toothed, length) if toothed and abs(length / toothed - 1) < TOOTH_SHARE else (length,)
         for one in lengths:
             if one >= PERIODS_MM[0] and count / 2 * np.log(left(one) / best) < AS_GOOD_NATS:
                 return float(one)
@@ -94,11 +94,11 @@ def _waves(motor: np.ndarray, side: np.ndarray, period_mm: float) -> np.ndarray:
 def _weights(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
     """Return 1 for rows [N] near the fit of the printer's own turn, less for those that lie far off."""
     weight = np.ones(len(error))
-    for _ in range(ROUNDS):
+    for _ in range(WEIGHING_ROUNDS):
         root = np.sqrt(weight)[:, None]
         fit = columns @ np.linalg.lstsq(columns * root, error * root[:, 0], rcond=None)[0]
         away = np.abs(error - fit)
-        weight = np.minimum(1.0, FAR * 1.4826 * np.median(away) / np.maximum(away, 1e-9)) ** 2
+        weight = np.minimum(1.0, FAR_SIGMAS * 1.4826 * np.median(away) / np.maximum(away, 1e-9)) ** 2
     return weight
 
 
