@@ -9,7 +9,7 @@ from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.write import rewrite
-from printmend.invert.inverse import start
+from printmend.invert import start
 from printmend.machine.mechanism import Mechanism
 from printmend.printer import read_printer
 from printmend.repair.prediction import Prediction, prediction_of

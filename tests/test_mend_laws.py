@@ -175,7 +175,7 @@ def test_plan_is_right_in_chunks_of_any_size() -> None:
     """What the end of a chunk hides of the path ahead costs a stop at most."""
     from printmend.gcode.machine import Flavour, initial_state
     from printmend.gcode.write import rewrite
-    from printmend.invert.inverse import start
+    from printmend.invert import start
 
     text = part(ENDER3)
     lines = text.splitlines(keepends=True)

@@ -185,8 +185,8 @@ def test_the_tolerance_holds(tolerance_mm: float) -> None:
 def test_turns_against_the_slow_twin(mechanism) -> None:
     from printmend.gcode.machine import Flavour, initial_state
     from printmend.gcode.read import interpret_text
-    from printmend.invert.inverse import start
-    from printmend.invert.kernels import layout as k
+    from printmend.invert import layout as k
+    from printmend.invert import start
     from tests.naive_turns import turns
 
     rng = np.random.default_rng(5)

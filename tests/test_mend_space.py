@@ -12,9 +12,9 @@ from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
 from printmend.corruption.screw import Screw
 from printmend.errors import ModelError, RefusedError
-from printmend.invert.inverse import is_identity, lookup
+from printmend.invert import is_identity, lookup
+from printmend.invert import layout as layout
 from printmend.invert.kernels import height as kernels
-from printmend.invert.kernels import layout as layout
 from printmend.invert.kernels.lookup import LOWER, UPPER, backward, forward
 from printmend.machine.mechanism import Mechanism
 from printmend.repair import check_gcode, mend_gcode

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from printmend.errors import InputError, PrintmendError
-from printmend.invert.fineness import Fineness
+from printmend.invert import Fineness
 from printmend.repair.mend import AS_USUAL, Mended, mend_gcode
 from printmend.saved.model import SavedModel
 

@@ -18,8 +18,7 @@ from printmend.gcode.header import Described, described
 from printmend.gcode.mark import find_mark, marked
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import follow, rewrite
-from printmend.invert.fineness import Fineness
-from printmend.invert.inverse import Planner, is_identity, start
+from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.promise.misfit import refusals
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from printmend.invert.inverse import Planner
-from printmend.invert.kernels import layout as k
+from printmend.invert import Planner
+from printmend.invert import layout as k
 from printmend.promise.budget import parse_budget
 from printmend.promise.predict import Errors, Path, Promise, promised, without_doubt
 from printmend.saved.model import SavedModel

@@ -18,8 +18,7 @@ from printmend.gcode.container import open_gcode
 from printmend.gcode.layers import layers_of
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import follow
-from printmend.invert.inverse import Planner, start
-from printmend.invert.kernels.layout import FILAMENT_AREA_MM2
+from printmend.invert import Planner, layout, start
 from printmend.machine.mechanism import Mechanism
 from printmend.machine.printing import print_path
 from printmend.studio import kernels
@@ -257,7 +256,7 @@ def _bead(records: np.ndarray, length_mm: np.ndarray, layer: np.ndarray) -> tupl
     usual = float(np.nanmedian(heights)) if len(found) else 0.2
     heights = np.where((heights > 0.02) & (heights < 1.0), heights, usual)
     height = np.clip(heights[np.maximum(layer, 0)], 0.05, 1.0)
-    area = records["advance"] * FILAMENT_AREA_MM2 / np.maximum(length_mm, 1e-6)
+    area = records["advance"] * layout.FILAMENT_AREA_MM2 / np.maximum(length_mm, 1e-6)
     return np.clip(area / height + height * (1 - np.pi / 4), 0.15, 1.5), height
 
 
