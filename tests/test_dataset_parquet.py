@@ -1,7 +1,9 @@
 """Data sets in Parquet: what is written is read back, a build goes on where it was killed, wrong files are named."""
 
+import errno
 import json
 import os
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +17,9 @@ from printmend.dataset import build as builder
 from printmend.dataset.build import Recipe, body_file, build_dataset, corruption_file, print_file, read_lines
 from printmend.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, read_about, read_body, read_print
 from printmend.dataset.verify import contents, fetch_dataset, verify_dataset
-from printmend.errors import InputError, TraceError
+from printmend.errors import InputError, TraceError, UnwritableError
 from printmend.executor import Serial
+from printmend.files import replacing
 from printmend.metrics import rmse
 from printmend.printer import read_printer
 from printmend.twin import Twin
@@ -113,6 +116,27 @@ def test_a_build_that_was_killed_goes_on_and_writes_each_body_once(
         assert np.array_equal(
             np.concatenate(read_print(path)), np.concatenate(read_print(root / path.relative_to(data)))
         )
+
+
+def test_a_full_disk_ends_the_build_and_is_no_fault_of_a_body(
+    sources: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, real = tmp_path / "set", builder.write_print
+
+    def full(path: Path, *rest: object) -> str:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path, "wb"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(builder, "write_print", full)
+    with pytest.raises(UnwritableError, match="no space left") as caught:
+        build_dataset(root, sources, RECIPE, Serial())
+    again = pickle.loads(pickle.dumps(caught.value))  # noqa: S301 - our own; it came from a worker's process
+    assert (type(again), str(again)) == (UnwritableError, str(caught.value))
+    assert not read_lines(root / "failures.jsonl")
+    monkeypatch.setattr(builder, "write_print", real)
+    built = build_dataset(root, sources, RECIPE, Serial())
+    assert (built.bodies, built.failures) == (3, ())
 
 
 def test_a_data_set_is_fetched_whole_and_faults_are_named(data: Path, tmp_path: Path) -> None:

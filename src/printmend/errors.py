@@ -7,10 +7,14 @@ PrintmendError                   exit code 2: the input or the machine's set-up 
 │   ├── GcodeError               G-code and its containers
 │   ├── TraceError               measured traces and reference data sets
 │   ├── ModelError               saved models
-│   └── ScanError                images of printed plates
+│   ├── ScanError                images of printed plates
+│   └── UnwritableError          a place for results: no room, or no right to write
 ├── MissingToolError             an external program, or an extra of printmend, is not installed
 └── RefusedError                 exit code 3: the work is possible, but would not help
 """
+
+from functools import partial
+from typing import Any
 
 _LONGEST = 300  # characters of each part of a message
 
@@ -27,6 +31,11 @@ class PrintmendError(Exception):
     def __init__(self, subject: object, *, wanted: str, came: str, todo: str) -> None:
         self.subject, self.wanted, self.came, self.todo = str(subject), wanted, came, todo
         super().__init__(f"{_line(str(subject))}: wanted {_line(wanted)}, got {_line(came)}; {_line(todo)}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let the error cross from a worker's process as it is."""
+        words = {"wanted": self.wanted, "came": self.came, "todo": self.todo}
+        return partial(type(self), self.subject, **words), ()
 
 
 def _line(text: str) -> str:
@@ -61,6 +70,10 @@ class ModelError(InputError):
 
 class ScanError(InputError):
     """An image of a printed plate cannot be used."""
+
+
+class UnwritableError(InputError):
+    """A file cannot be written where it was wanted: the disk is full, or the place is closed."""
 
 
 class MissingToolError(PrintmendError):

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
-from printmend.errors import InputError
+from printmend.errors import InputError, UnwritableError
 
 try:
     import fcntl
@@ -131,11 +131,11 @@ def _is_replaceable(path: Path) -> bool:
     return stat.S_ISREG(kind)
 
 
-def _unwritable(path: Path, came: str) -> InputError:
+def _unwritable(path: Path, came: str) -> UnwritableError:
     todo = "choose another place, or make the folder" if "No such" in came else "choose another place"
     if "space" in came or "quota" in came:
         todo = "make room on the disk, or choose another place"
-    return InputError(path, wanted="a file that can be written", came=came[:1].lower() + came[1:], todo=todo)
+    return UnwritableError(path, wanted="a file that can be written", came=came[:1].lower() + came[1:], todo=todo)
 
 
 def _umask() -> int:

@@ -23,7 +23,7 @@ import printmend
 from printmend.body.generated import LICENCE
 from printmend.dataset.bodies import digest
 from printmend.dataset.parquet import SCHEMA, write_body, write_print
-from printmend.errors import InputError, PrintmendError
+from printmend.errors import InputError, PrintmendError, UnwritableError
 from printmend.executor import Executor, WorkerDied
 from printmend.files import read_text, replacing
 
@@ -182,7 +182,7 @@ def _build_body(task: _Task) -> dict[str, Any]:
     """Write one body and its prints; return its line for the list, or ``error``."""
     try:
         return _built(task)
-    except OSError:
+    except (OSError, UnwritableError):
         raise  # a full disk is no fault of the body: the build ends, and goes on when there is room
     except PrintmendError as error:
         return {"error": str(error)}

@@ -41,6 +41,9 @@ PRINT_COLUMNS = {
     "y_printed": ("float32", "the same of y"),
 }
 
+# What is read back: a row group is a layer, so that the column of its number need not be looked at.
+_of_body, _of_print = (tuple(name for name in columns if name != "layer") for columns in (BODY_COLUMNS, PRINT_COLUMNS))
+
 
 def write_body(path: Path, body: Body, about: dict[str, Any]) -> str:
     """Write a body and what is known ``about`` it; return the SHA-256 of the file."""
@@ -66,7 +69,7 @@ def write_print(path: Path, layers: Sequence[Layer], printed_steps: Sequence[np.
 
 def read_body(path: Path, rows: Sequence[int] | None = None) -> Body:
     """Read a body, or only some of its row groups. Raise `TraceError` for a file that is none."""
-    about, tables = _read(path, BODY_COLUMNS, rows)
+    about, tables = _read(path, _of_body, rows)
     places = about["layers"]
     layers = []
     for group, columns in tables:
@@ -78,7 +81,7 @@ def read_body(path: Path, rows: Sequence[int] | None = None) -> Body:
 
 def read_print(path: Path, rows: Sequence[int] | None = None) -> list[np.ndarray]:
     """Read the printed positions [T + 1, 2] of every layer, or of some row groups."""
-    _, tables = _read(path, PRINT_COLUMNS, rows)
+    _, tables = _read(path, _of_print, rows)
     return [np.stack([columns["x_printed"], columns["y_printed"]], axis=1) for _, columns in tables]
 
 
@@ -136,7 +139,7 @@ def _write(path: Path, columns: dict[str, tuple[str, str]], parts: Sequence[list
 
 
 def _read(
-    path: Path, columns: dict[str, tuple[str, str]], rows: Sequence[int] | None
+    path: Path, columns: Sequence[str], rows: Sequence[int] | None
 ) -> tuple[dict[str, Any], list[tuple[int, dict[str, np.ndarray]]]]:
     import pyarrow as arrow
     from pyarrow import parquet
