@@ -113,7 +113,9 @@ def command(
     used = "a pen and a sheet of paper" if pen else f"{grams:.1f} g of PLA"
     click.echo(f"{output}: {len(plan)} dots, {minutes:.0f} min, {used}")
     error_mm = expected_error_mm(printer, plan, part=part, after=trace)
-    click.echo(f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm RMS")
+    click.echo(
+        f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm, typically"
+    )
     click.echo(f"{plan_path}: the plan; keep it for `printmend measure`")
     if sheet is not None and (np.ptp(plan.marks_mm, axis=0) > window_mm()).any():
         window = f"The sheet's window is {window_mm().min():.0f} mm wide"

@@ -8,6 +8,7 @@ from printmend.draw.figure import INK, PALETTE, quiet
 
 WAYS = ("moving forwards", "moving backwards")
 ENLARGED = (1, 2, 5, 10, 20, 50, 100, 200)
+LEAST_UNROUND_MM = 0.02  # a pulley as round as this is drawn as it is, not enlarged into a star
 LEAST_SPAN_MM = 0.05  # a healthy axis should not look wild
 
 
@@ -65,7 +66,7 @@ def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str
     """Draw a pulley's hull [N, 2] over the round one, about the shaft; small differences are enlarged."""
     reach = np.hypot(*outline_mm.T)
     most = float(np.abs(reach - radius_mm).max())
-    factor = max((k for k in ENLARGED if k * most <= 0.35 * radius_mm), default=1)
+    factor = max((k for k in ENLARGED if k * most <= 0.35 * radius_mm), default=1) if most > LEAST_UNROUND_MM else 1
     drawn = outline_mm * ((radius_mm + factor * (reach - radius_mm)) / reach)[:, None]
     axes.add_patch(Circle((0, 0), radius_mm, fill=False, edgecolor=PALETTE[5], linestyle=(0, (4, 3)), linewidth=1))
     axes.fill(*drawn.T, facecolor=PALETTE[0], alpha=0.18, linewidth=0)

@@ -79,18 +79,24 @@ class Examination:
     beyond: tuple[str, ...]
 
     @property
+    def title(self) -> str:
+        """What stands above it."""
+        return "What is wrong with this printer" if self.advice else "This printer is healthy"
+
+    @property
     def headline(self) -> str:
         """One sentence for people in a hurry."""
         before, after = self.model.residual_before_mm, self.model.residual_after_mm
         if not self.advice:
-            return f"This printer is healthy: points lie {before:.3f} mm (RMS) from where they belong."
-        repairs = sum(one.urgency == "repair" for one in self.advice)
-        todo = f"{repairs} to repair" if repairs else "none that needs a repair"
+            return f"This printer is healthy: points lie {before:.3f} mm from where they belong, typically."
+        repairs, soon = (sum(one.urgency == urgency for one in self.advice) for urgency in ("repair", "soon"))
+        words = (f"{repairs} to repair" if repairs else "", f"{soon} to look at soon" if soon else "")
+        todo = " and ".join(filter(None, words)) or "all of which the software carries"
         faults = f"{len(self.advice)} fault{'s' if len(self.advice) > 1 else ''}, {todo}"
         finer = f", and {self.finer} too small to matter" if self.finer else ""
         return (
-            f"Points lie {before:.2f} mm (RMS) from where they belong; all but {after:.3f} mm is explained by {faults}"
-            f"{finer}."
+            f"Points lie {before:.2f} mm from where they belong, typically; all but {after:.3f} mm is explained by "
+            f"{faults}{finer}."
         )
 
 
@@ -157,7 +163,7 @@ def summary(examination: Examination) -> str:
 def _part_said(part: str, prediction: Prediction) -> str:
     before, after = prediction.before, prediction.after
     return (
-        f"{part}: predicted {before.rms_mm:.3f} mm (RMS, at worst {before.max_mm:.2f}) off as it is, "
+        f"{part}: expected to be typically {before.rms_mm:.3f} mm (at worst {before.max_mm:.2f}) off as it is, "
         f"{after.rms_mm:.3f} (at worst {after.max_mm:.2f}) mended"
     )
 
@@ -209,7 +215,7 @@ def _strip(examination: Examination) -> list[tuple[str, str]]:
     """Return the few numbers that matter, each with its words."""
     model = examination.model
     numbers = [
-        (f"{model.residual_before_mm:.2f} mm", "how far the test print lies from where it belongs (RMS)"),
+        (f"{model.residual_before_mm:.2f} mm", "how far the test print typically lies from where it belongs"),
         (f"{model.residual_after_mm:.3f} mm", "of that nobody can explain: it cannot be mended"),
     ]
     if (prediction := examination.prediction) is not None:
@@ -231,7 +237,7 @@ def _facts(examination: Examination) -> list[str]:
 
 
 def _paragraphs(examination: Examination) -> list[tuple[str, str]]:
-    rows = [("title", "What is wrong with this printer"), ("text", examination.headline)]
+    rows = [("title", examination.title), ("text", examination.headline)]
     for one in examination.advice:
         rows += [
             ("heading", f"{one.title} – {URGENCY[one.urgency].lower()}"), ("text", one.meaning),
@@ -267,7 +273,7 @@ def _page(examination: Examination) -> str:
         )
         part = (
             f"<h2>Your part: {say(examination.part or '')}</h2><table><tr><th>predicted distance from the wanted path "
-            f"[mm]</th><th>RMS</th><th>95 % below</th><th>largest</th></tr>{rows}</table>"
+            f"[mm]</th><th>typical</th><th>95 % below</th><th>largest</th></tr>{rows}</table>"
         )
     beyond = "".join(
         f'<div class="fault software"><h3>{say(one)}</h3>'
@@ -289,8 +295,8 @@ def _page(examination: Examination) -> str:
     facts = "".join(f"<p><small>{say(fact)}</small></p>" for fact in _facts(examination))
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>What is wrong with this printer</title><style>{_STYLE}</style></head><body>
-<h1>What is wrong with this printer</h1>
+<title>{examination.title}</title><style>{_STYLE}</style></head><body>
+<h1>{examination.title}</h1>
 <p class="big">{say(examination.headline)}</p>
 <div class="strip">{strip}</div>
 <h2>{"What is wrong, and what to do" if examination.advice else "Nothing to do"}</h2>

@@ -270,8 +270,8 @@ def report(model: SavedModel) -> str:
     if "trace" in model.document:
         trace = model.document["trace"]
         lines.append(
-            f"measured points are {trace['residual_before_mm']:.3f} mm (RMS) off, {trace['residual_after_mm']:.3f} mm "
-            f"with this model; noise {model.noise_mm:.3f} mm a coordinate, {trace['measured']} points"
+            f"{trace['measured']} measured points lie {trace['residual_before_mm']:.3f} mm off, typically; "
+            f"{trace['residual_after_mm']:.3f} mm of that stays unexplained (noise {model.noise_mm:.3f} mm in x and y)"
         )
     return "\n".join(
         [*lines, *misfit_words(model.document), *(f"not told by this trace: {gap}" for gap in gaps), *todo(gaps)]

@@ -96,20 +96,19 @@ class Prediction:
         """Say it in a few lines for a terminal."""
         rows = [
             f"expected distance from {self.distance_to}, over {self.length_mm / 1000:.1f} m of extruded path [mm]:",
-            "             RMS   90 % range       p95      max",
+            "           typical  9 of 10 prints  95 % within  largest",
         ]
         for name, errors in (("as it is", self.before), ("mended", self.after)):
             ranged = f"{errors.rms_low_mm:.3f}–{errors.rms_high_mm:.3f}"
-            rows.append(f"  {name:8} {errors.rms_mm:7.3f}  {ranged:>13}  {errors.p95_mm:7.3f}  {errors.max_mm:7.3f}")
+            rows.append(f"  {name:8} {errors.rms_mm:7.3f}  {ranged:>15}  {errors.p95_mm:11.3f}  {errors.max_mm:7.3f}")
         for name, height in zip(("as it is", "mended"), self.heights or (), strict=False):
-            rows.append(f"  {name:8} {height.rms_mm:7.3f}           {height.max_mm:7.3f}  in height")
+            rows.append(f"  {name:8} {height.rms_mm:7.3f}  {'':15}  {'':11}  {height.max_mm:7.3f}  in height")
         if self.gain_mm is not None:
             rows.append(f"mended: {self.after.said()}")
         rows += [f"before you print: {each}" for each in self.advice]
         rows.append(
             f"moves {self.moves} → {self.commands}, slack taken up at {self.takeups} reversals"
             + (f", at {self.stops} of them standing still" if self.stops else "")
-            + (f", made certain again {self.anchors} times" if self.anchors else "")
         )
         if self.coarse:
             rows.append(f"{self.coarse} moves are off by more than the tolerance: the firmware takes no shorter ones")

@@ -53,8 +53,6 @@ def _page(source: str, model: SavedModel, prediction: Prediction) -> str:
         f"{prediction.moves} moves became {prediction.commands}",
         f"slack taken up at {prediction.takeups} reversals, at {prediction.stops} of them standing still",
     ]
-    if prediction.anchors:
-        facts.append(f"the belts' engaged side made certain again {prediction.anchors} times")
     if prediction.unknown:
         facts.append(f"{prediction.unknown} extruding moves left as they are: the head's place is unknown there")
     if prediction.clamped:
@@ -116,7 +114,7 @@ def _chart(prediction: Prediction) -> str:
     def y(value: float) -> float:
         return 10 + high * (1 - value / top)
 
-    parts = [f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="RMS error of each layer">']
+    parts = [f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="typical error of each layer">']
     for tick in range(5):
         value = step * tick
         parts.append(
@@ -138,7 +136,10 @@ def _chart(prediction: Prediction) -> str:
         parts.append(
             f'<text x="{_WIDTH - 14}" y="{24 + 16 * j}" text-anchor="end" font-size="13" fill="{colour}">{label}</text>'
         )
-    return "".join(parts) + "</svg><p><small>RMS distance from the wanted path [mm] over the layers.</small></p>"
+    return (
+        "".join(parts)
+        + "</svg><p><small>Typical distance (root mean square) from the wanted path [mm] over the layers.</small></p>"
+    )
 
 
 def _round_up(value: float) -> float:
@@ -160,5 +161,6 @@ def _table(prediction: Prediction) -> str:
     note = f"<p><small>and {more} more; --report FILE.json has them all</small></p>" if more > 0 else ""
     return (
         "<details><summary>All layers</summary><table><tr><th>layer</th><th>z [mm]</th><th>path [m]</th>"
-        f"<th>RMS as it is</th><th>largest</th><th>RMS mended</th><th>largest</th></tr>{rows}</table>{note}</details>"
+        f"<th>as it is, typical</th><th>largest</th><th>mended, typical</th><th>largest</th></tr>{rows}"
+        f"</table>{note}</details>"
     )
