@@ -297,3 +297,27 @@ def test_every_family_with_every_state(family: str, printer: Printer) -> None:
     assert judged.after.max() <= (0.03 if family in ("ripple", "everything") else 0.015)
     wanted = sum(move.filament for move in judged.wanted)
     assert sum(move.filament for move in judged.given) == pytest.approx(wanted, abs=1e-4)
+
+
+def test_a_file_without_homing_tells_of_its_uncertain_start() -> None:
+    text = START.replace(b"G28\n", b"").replace(b"G0 X60 Y60 F6000\n", b"") + b"G1 X80 Y60 E1 F1800\nG1 X80 Y80 E1\n"
+    prediction = mended(text, PLAY)[1]
+    assert prediction.unknown == 1
+    assert prediction.after.max_mm == pytest.approx(np.hypot(0.4, 0.7) / 2, abs=0.01)
+
+
+def test_an_unread_line_is_predicted_as_it_is() -> None:
+    """Longer than a statement may be: copied, and off as much as it was."""
+    long = b"G1 X80 Y85 E1 " + b"Q1 " * 3000 + b"\n"
+    judged = judge(START + b"G1 X80 Y60 E1 F1800\nG1 X70 Y90 E1\n" + long + b"G1 X60 Y60 E1\n", PLAY)
+    assert long in judged.text
+    assert judged.after.max() > 0.1
+    # looked at every 2 mm
+    assert 0.7 < judged.prediction.after.max_mm / judged.after.max() < 1.05
+
+
+def test_an_unknown_side_is_no_promise_of_nought() -> None:
+    """Both ways of a line are the same for belts that hang loose: their play remains."""
+    loose = replace(PLAY, rest_share=(0.5, 0.5))
+    text = START + SURE + b"PAUSE\nG1 X60.1 E1\n"
+    assert mended(text, loose)[1].before.rms_mm > 0.1

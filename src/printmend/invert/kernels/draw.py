@@ -65,6 +65,7 @@ from printmend.invert.kernels.lookup import (
 from printmend.invert.kernels.predict import (
     note,
     samples_of,
+    with_doubt,
 )
 from printmend.invert.kernels.state import (
     arrive,
@@ -119,7 +120,7 @@ def _dead_move(model, state, pieces, n, record, m0, m1, z, quantum):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
+def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
     """Write the piece of an extruding move from t to end, and add up its error; the caller sets an arc's centre."""
     length = (end - t) * curve[LENGTH]
     from0, from1 = state[S_M], state[S_M + 1]
@@ -140,6 +141,7 @@ def _draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, ro
         at_x, at_y = printed(model, middle(state, 0), middle(state, 1))
         error, _ = distance(curve, at_x, at_y)
         most = max(most, error)
+        error = with_doubt(state, S_LO, S_HI, error)
         note(layers, row, errors, 1, error, length / samples * (WEIGHTS[node] if fine else 1.0))
     state[S_ERROR] = most
     arrive(model, state, m0, m1)
@@ -171,7 +173,7 @@ def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, lay
     if clamp > quantum:
         return n
     # A quarter's outermost places are its ends: they being inside the bed, all of it is.
-    n = _draw(model, curve, state, pieces, n, record, PIECE_ARC, t, stop, m0, m1, x, y, row, layers, errors)
+    n = draw(model, curve, state, pieces, n, record, PIECE_ARC, t, stop, m0, m1, x, y, row, layers, errors)
     pieces[n - 1].c0, pieces[n - 1].c1 = curve[CA] + shift_x, curve[CB] + shift_y
     return n
 
@@ -255,7 +257,7 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
         while t < stop:
             end, m0, m1 = chord(model, curve, state, mode0, mode1, t, stop, e0, e1, record.advance * curve[SHARE])
             x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
-            n = _draw(model, curve, state, pieces, n, record, PIECE_LINE, t, end, m0, m1, x, y, row, layers, errors)
+            n = draw(model, curve, state, pieces, n, record, PIECE_LINE, t, end, m0, m1, x, y, row, layers, errors)
             # Where the way to its start was held back already, only the error tells.
             if clamp > CLAMP_MM or state[S_ERROR] > ASTRAY_MM:
                 counts[N_CLAMPED] += 1

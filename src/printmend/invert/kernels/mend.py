@@ -14,6 +14,7 @@ from printmend.gcode.kernels.layout import (
     FLAG_KNOWN_Y1,
     FLAG_KNOWN_Z1,
     FLAG_OPAQUE,
+    FLAG_RELATIVE,
     KIND_CCW,
     KIND_CW,
     KIND_LINEAR,
@@ -37,6 +38,7 @@ from printmend.invert.kernels.curve import (
     trace,
 )
 from printmend.invert.kernels.draw import (
+    draw,
     extrude,
     put,
 )
@@ -90,10 +92,12 @@ from printmend.invert.kernels.lookup import (
     M_PERIOD,
     UPPER,
     backward,
+    to_motors,
     wanted,
 )
 from printmend.invert.kernels.predict import (
     layer_of,
+    note,
     predict_raw,
 )
 from printmend.invert.kernels.state import (
@@ -214,6 +218,20 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
     return n
 
 
+@inner(error_model="numpy", _nrt=False)
+def _note_copied(model, curve, state, counts, pieces, n, record, records, count, i, layers, errors, samples):
+    """Predict a line that is written as it is, because not all of it can be read: it is off as much as before."""
+    drawn = record.flags & FLAG_EXTRUDING != 0
+    row = layer_of(state, counts, layers, record) if drawn else 0
+    predict_raw(model, curve, state, counts, records, count, i, drawn, row, layers, errors, samples, None)
+    if drawn and not record.flags & FLAG_RELATIVE:
+        layers[row, L_LENGTH] += curve[LENGTH]
+        m0, m1 = to_motors(model, record.x1, record.y1)
+        x, y = record.x1, record.y1
+        draw(model, curve, state, pieces, n, record, PIECE_LINE, 0.0, 1.0, m0, m1, x, y, row, layers, errors)
+        state[S_FEED] = record.feed
+
+
 @entry(error_model="numpy", _nrt=False)
 def mend(
     model, records, begin, count, state, counts, curve, moved, first, pieces, layers, errors, quantum, samples, run
@@ -270,6 +288,8 @@ def mend(
             left = left or is_too_long(model, curve)
         if left:
             counts[N_UNKNOWN] += extruding
+            if moved is None and known and counts[N_KNOWN] != 0 and r.kind == KIND_LINEAR and stays_near(model, curve):
+                _note_copied(model, curve, state, counts, pieces, n, r, records, count, i - 1, layers, errors, samples)
             follow_copied(model, state, counts, r, known)
             if moved is not None:
                 follow_copied_height(model, state, counts, r)
@@ -320,6 +340,11 @@ def mend(
         if not sure:
             # From here on the place is certain; the file as it is starts with the same uncertainty.
             open_interval(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI)
+            if extruding:  # on its way there both may be off by half of their play
+                for which in range(2):
+                    lo, hi = (S_LO, S_HI) if which else (S_RAW_LO, S_RAW_HI)
+                    error = np.sqrt((state[hi] - state[lo]) ** 2 + (state[hi + 1] - state[lo + 1]) ** 2) / 2
+                    note(layers, row, errors, which, error, 0.0)
         counts[N_KNOWN] = 1
     first[i] = n
     counts[N_PIECES] += n

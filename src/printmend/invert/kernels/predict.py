@@ -66,6 +66,15 @@ def note(layers, row, errors, which, error, weight):
 
 
 @inner(error_model="numpy", _nrt=False)
+def with_doubt(state, lo, hi, error):
+    """Add to an error [mm] that belts which may be anywhere between ``lo`` and ``hi`` have a standard deviation."""
+    wide0, wide1 = state[hi] - state[lo], state[hi + 1] - state[lo + 1]
+    if wide0 + wide1 <= 0.0:
+        return error
+    return np.sqrt(error * error + (wide0 * wide0 + wide1 * wide1) / 12.0)
+
+
+@inner(error_model="numpy", _nrt=False)
 def _nearest(records, count, i, curve, x, y):
     """Return the distance of a printed place to the wanted path around record i: it may be ahead or behind on it."""
     best, t = distance(curve, x, y)
@@ -159,7 +168,8 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
             b = (state[S_RAW_LO + 1] + state[S_RAW_HI + 1]) / 2
             x, y = printed(model, a, b)
             x, y = x + push_x, y + push_y
-            note(layers, row, errors, 0, _nearest(records, count, i, curve, x, y), curve[LENGTH] / looks)
+            error = with_doubt(state, S_RAW_LO, S_RAW_HI, _nearest(records, count, i, curve, x, y))
+            note(layers, row, errors, 0, error, curve[LENGTH] / looks)
             keep(samples, state, curve, s, curve[LENGTH] / looks, x, y, row)
     follow_raw(model, state, curve[X1], curve[Y1])
     if moved is not None:
