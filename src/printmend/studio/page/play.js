@@ -79,7 +79,7 @@ export function Play() {
           <section class="card stack"><h2>${t("frame")}</h2><${Slider} label=${t("skew")} value=${faults.skew_deg} unit="°" min="-2" max="2" step="0.05" digits=${2} onInput=${(skew_deg) => change({ ...faults, skew_deg })} /></section>`}
       </div>
       <div class="stack">
-        ${scene ? html`<${Part} scene=${scene} name="printmend" morph=${scene.mended ? 2 : 1} /><p class="faint">${t(scene.mended ? "aligned" : "play_healthy")}</p>`
+        ${scene ? html`<${Part} scene=${scene} name="printmend" morph=${scene.mended ? 2 : 1} /><p class="faint">${t(result?.refused || result?.before.rms_mm < 0.002 ? "play_healthy" : "aligned")}</p>`
           : html`<div class="stage">
             ${running && has("seen.jpg") && what === "plate" ? html`<img alt=${t("step_scan")} src=${fileOf(job, "seen.jpg")} style=${{ width: "100%", height: "100%", objectFit: "contain" }} />`
               : shown && (what === "plate" ? html`<${Plate} id="drawing" marks=${shown.marks_mm} errors=${shown.errors_mm} big=${shown.big} bed=${shown.bed_mm} enlarge=${enlarge} />`
