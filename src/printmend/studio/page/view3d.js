@@ -52,7 +52,7 @@ void main() {
   vec3 base = tinted > 0.5 ? ramp(clamp(err / most, 0.0, 1.0)) : plain;
   colour = vec4(base * light * mix(0.8, 1.06, rise), 1.0);
 }`;
-const COARSE = { gpu: 700000, cpu: 14000 }; // segments that are turned without a jerk
+const COARSE = { gpu: 700000, cpu: 10000 }; // segments that are turned without a jerk
 
 export class View {
   constructor(canvas, { onFrame = () => {} } = {}) {
@@ -67,7 +67,7 @@ export class View {
     this.controls.addEventListener("change", () => this.draw());
     this.controls.addEventListener("start", () => { this.moving = true; this.draw(); });
     this.controls.addEventListener("end", () => { this.moving = false; this.draw(); });
-    this.wheel = () => { this.moving = true; clearTimeout(this.still); this.still = setTimeout(() => { this.moving = false; this.draw(); }, 250); };
+    this.wheel = () => this.glance();
     canvas.addEventListener("wheel", this.wheel, { passive: true });
     this.uniforms = {
       morph: { value: 1 }, unit: { value: 0.002 }, enlarge: { value: 1 }, first: { value: 0 }, minimum: { value: 0.0004 },
@@ -77,6 +77,14 @@ export class View {
     this.seen = new ResizeObserver(() => this.resize());
     this.seen.observe(canvas);
     this.resize();
+  }
+
+  // Draw coarsely until nothing has changed for a moment.
+  glance() {
+    this.moving = true;
+    clearTimeout(this.still);
+    this.still = setTimeout(() => { this.moving = false; this.draw(); }, 300);
+    this.draw();
   }
 
   // Show a part; keeps the eye where it is if the part is the same.
@@ -94,7 +102,7 @@ export class View {
     this.scene.add(this.floor);
     this.layers(0, part.layers.length - 1);
     if (fresh) this.fit();
-    this.draw();
+    this.glance();
   }
 
   mesh(wanted, offsets, errors, marks) {
@@ -126,7 +134,7 @@ export class View {
       if (name === "plain") this.uniforms.plain.value.set(value);
       else this.uniforms[name].value = value;
     }
-    this.draw();
+    this.glance();
   }
 
   fit(from = [-0.5, -1, 0.72]) {
