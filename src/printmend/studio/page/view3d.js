@@ -190,6 +190,7 @@ export class View {
   }
 
   picture() {
+    this.moving = false;
     this.now();
     return new Promise((done) => this.canvas.toBlob(done, "image/png"));
   }
