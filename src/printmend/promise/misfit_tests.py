@@ -355,10 +355,11 @@ def _moved(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     sds = [float(np.max(drive.sd_mm(home[[motor]]))) for motor, drive in enumerate(box.drives)]
     if not trace.homed or max(sds) > HOME_SD_MM:
         return []
+    belts = box.printer.to_motor(box.mechanism.frame.invert(np.array(box.printer.home_mm)[None]))[0]
     off = np.zeros(2)
     for motor, table in enumerate(box.mechanism.transmissions):
         low, high = (float(each[0]) for each in table.branches_mm(home[[motor]]))
-        off[motor] = max(low - home[motor], 0.0) - max(home[motor] - high, 0.0)
+        off[motor] = max(low - belts[motor], 0.0) - max(belts[motor] - high, 0.0)
     moved = np.asarray(box.printer.from_motor(off))
     if (size := float(np.hypot(*moved))) <= MOVED_MM:
         return []
