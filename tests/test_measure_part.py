@@ -17,6 +17,7 @@ from printmend.printer import read_printer
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import mend_gcode
 from printmend.repair.part import measure_part
+from printmend.repair.verify import verify
 from tests import foreign_layer as foreign
 
 PRINTER = read_printer("ender3")
@@ -48,6 +49,9 @@ def test_one_part_teaches_how_to_print_another(scanned):
     after = foreign.paired_error(BROKEN, scanned / "star.gcode", scanned / "mended.gcode")
     assert before > 0.12
     assert after < LIMIT_MM
+    again = verify(model, trace)  # the part as it was before mending: the promise does not hold for it
+    assert not again.kept
+    assert again.now_mm == pytest.approx(again.before_mm, abs=0.03)
 
 
 def _changed(scanned: Path, name: str, change) -> Path:

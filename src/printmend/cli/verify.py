@@ -19,14 +19,16 @@ from printmend.cli.number import Finite
     help="The model that the check print was mended with.",
 )  # fmt: skip
 @click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The plan of the check print, for SCANs.")
+@click.option("--gcode", "part_path", metavar="PART.gcode", type=click.Path(path_type=Path),
+              help="SCAN shows the underside of this part, printed mended; name the unmended file.")  # fmt: skip
 @click.option("--dpi", type=Finite(min=50, max=9600), help="Resolution of the scans, where the files do not say it.")
 @click.option("--distance", "distance_mm", metavar="MM", type=Finite(min=1, max=1000), help="As in `measure`.")
 @click.option("-o", "--output", metavar="NEW.mend.json", type=click.Path(path_type=Path, dir_okay=False),
               help="Write the model, brought up to date with this measurement.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 def command(
-    measured: tuple[Path, ...], model_path: Path, plan_path: Path | None, dpi: float | None, distance_mm: float | None,
-    output: Path | None, as_json: bool,
+    measured: tuple[Path, ...], model_path: Path, plan_path: Path | None, part_path: Path | None, dpi: float | None,
+    distance_mm: float | None, output: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """Compare a check print with what was promised, and note the result in the model's history.
 
@@ -40,12 +42,16 @@ def command(
     from printmend.saved.model import read_model, write_model
 
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
-    if not is_table and plan_path is None:
-        raise click.UsageError("scans need --probe, the plan of the check print")
-    spare((output,), (*measured, plan_path, history_of(model_path)))
+    if not is_table and (plan_path is None) == (part_path is None):
+        raise click.UsageError("scans need --probe, the plan of the check print, or --gcode, the part that was printed")
+    spare((output,), (*measured, plan_path, part_path, history_of(model_path)))
     model = read_model(model_path)
     if is_table:
         trace = read_trace(measured[0], model.printer)
+    elif part_path is not None:
+        from printmend.repair.part import measure_part
+
+        trace = measure_part(measured[0], part_path, model.printer, dpi=dpi).trace
     else:
         from printmend.measure.measurement import measure_scans
 

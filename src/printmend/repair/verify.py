@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from printmend.errors import ModelError, TraceError
+from printmend.learn.walls import with_walls
 from printmend.path import Trace, last_way
 from printmend.promise.budget import parse_budget
 from printmend.promise.predict import Errors, promised
@@ -73,6 +74,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
             "the model", wanted="one that says what it does not know", came="one of an older printmend or learner",
             todo="learn it again from its trace",
         )  # fmt: skip
+    trace = with_walls(trace, model.printer)
     known = np.flatnonzero(trace.measured_rows)
     if len(known) < LEAST_MARKS:
         raise TraceError(
@@ -130,9 +132,12 @@ def updated(model: SavedModel, trace: Trace, *, rng: np.random.Generator | None 
         motors[:, motor] = np.where(side > 0, forward, np.where(side < 0, back, belts[:, motor]))
     commanded = printer.from_motor(motors)
     commanded[0] = trace.commanded_mm[0]
+    offset = trace.offset_mm
+    if offset is not None and trace.normal is not None:  # a wall's offset counts from what was commanded
+        offset = offset + np.sum(trace.normal * (trace.commanded_mm - commanded), axis=1)
     made = Trace(
         commanded, trace.measured_mm, sigma_mm=trace.sigma_mm, homed=trace.homed, placed=trace.placed,
-        instrument=trace.instrument,
+        instrument=trace.instrument, normal=trace.normal, offset_mm=offset,
     )  # fmt: skip
     return update(model, made, rng=np.random.default_rng(0) if rng is None else rng)
 
