@@ -54,7 +54,7 @@ def both(
 def mend(source: Path, model: Path, output: Path) -> dict:
     """Mend by the command line; return its report."""
     report = output.with_suffix(".report.json")
-    command = [PRINTMEND, "mend", source, "-m", model, "-o", output, "--report", report, "--overwrite"]
+    command = [PRINTMEND, "mend", source, "-m", model, "-o", output, "--report", report, "--overwrite", "--force"]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)  # noqa: S603 — our own program
     if done.returncode != 0:
         raise Refused(done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"ended with {done.returncode}")
