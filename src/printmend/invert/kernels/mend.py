@@ -2,7 +2,8 @@
 
 Per motor the state is (m, u): its commanded position and where play has left the belt, kept as an interval lo…hi when
 that is uncertain. Going forwards u = lower(m), so m = lower⁻¹(u*); backwards m = upper⁻¹(u*) (physics.md eq. 22).
-At a reversal the slack is taken up by a move without extrusion, during which the nozzle stands still.
+At a reversal the slack is crossed while the nozzle prints on, where the path leaves room for that (`turns`); else it is
+taken up by a move without extrusion, during which the nozzle stands still.
 The same pass simulates the file as it is and as it is written, and adds up the distance to the wanted path.
 """
 
