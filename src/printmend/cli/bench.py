@@ -47,7 +47,7 @@ command.add_command(objectives)
 @click.option("--seed", default=0, show_default=True)
 @click.option("--limit", type=click.IntRange(1), help="How many bodies to draw; all without it.")
 @click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
-@click.option("--out", type=click.Path(path_type=Path), default="printmend-bench", show_default=True)
+@click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-bench", show_default=True)
 @click.option("--per-body", is_flag=True, help="Also the RMSE of every body; always with --reference.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def table1(

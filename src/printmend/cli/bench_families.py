@@ -32,7 +32,7 @@ def numbers(text: str) -> tuple[float, ...]:
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--test", is_flag=True, help="The seed kept for the published tables, instead of --seed.")
 @click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
-@click.option("--out", type=click.Path(path_type=Path), default="printmend-families", show_default=True)
+@click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-families", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The cells as JSON on stdout.")
 def families(
     families: str | None, dataset: Path | None, severity: str, rows: str | None, noise: str, coverage: str,

@@ -23,7 +23,7 @@ NAMES = ("rmse", "area")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--printer", default="ender5", show_default=True, help="A preset or a TOML file.")
 @click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
-@click.option("--out", type=click.Path(path_type=Path), default="printmend-objectives", show_default=True)
+@click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-objectives", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def objectives(
     chosen: tuple[str, ...], body: Path | None, families: str, severity: Any, learner: str, layers: int, seed: int,

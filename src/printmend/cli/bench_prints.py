@@ -19,7 +19,7 @@ from printmend.cli.bench_families import numbers
 @click.option("--samples", type=click.IntRange(1), default=2, show_default=True, help="Faults drawn a family.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
-@click.option("--out", type=click.Path(path_type=Path), default="printmend-prints", show_default=True)
+@click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-prints", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Every result as JSON on stdout.")
 def prints(
     prints: str | None, families: str | None, points: str, noise: str, samples: int, seed: int, workers: int, out: Path,

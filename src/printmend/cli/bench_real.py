@@ -15,7 +15,7 @@ import click
 @click.argument("data", type=click.Path(path_type=Path))
 @click.option("--protocol", type=click.Choice(["first", "pooled"]), default="first", show_default=True)
 @click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
-@click.option("--out", type=click.Path(path_type=Path), default="printmend-real", show_default=True)
+@click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-real", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def real(data: Path, protocol: Any, workers: int, out: Path, as_json: bool) -> None:
     """Learn from the first measured traverse of each direction, predict the later ones.

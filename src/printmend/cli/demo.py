@@ -12,7 +12,7 @@ import click
 @click.option(
     "--body", "file", type=click.Path(path_type=Path), help="A G-code file or mesh; without it, a timing pulley."
 )
-@click.option("--out", type=click.Path(path_type=Path), default="printmend-demo", show_default=True,
+@click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-demo", show_default=True,
               help="Folder for the pictures.")  # fmt: skip
 @click.option("--scan", is_flag=True, help="The owner's way instead: print a probe, scan it, learn, mend G-code.")
 @click.option("--part", is_flag=True, help="One layer of a part instead: print, scan, learn, print the part right.")
