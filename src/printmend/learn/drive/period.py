@@ -18,8 +18,8 @@ from printmend.units import TURN_RAD
 TOOTH_MM = 2.0  # of a GT2 belt
 PERIODS_MM = (12.0, 84.0)  # shortest and longest that are looked at: beyond are no pulleys of printers
 HARMONICS, PLAY_HARMONICS = 5, 2
-GRID_TURNS = 0.08  # of a turn, by which a wave may be off at the end of the reach between two lengths of the grid
-LEAST_TURNS = 2.2  # of a length within the reach, or nothing repeats
+GRID_TURNS = 0.08  # of a turn, by which a wave may be off at the end of the measured span between lengths of the grid
+LEAST_TURNS = 2.2  # of a length within what was measured, or nothing repeats
 LEAST_ROWS = 80
 MOST_ROWS = 1500  # rows at most
 WEIGHING_ROUNDS = 3  # of weighing rows down that lie far off
@@ -36,16 +36,18 @@ def likeliest_period_mm(rows: Rows) -> float:
     """Return the length of a turn [mm]: that of the rows, unless another is far likelier."""
     known = np.flatnonzero(rows.weight > 0)
     known = known[:: max(1, len(known) // MOST_ROWS)]
-    low, high = rows.reach_mm
-    longest = min((high - low) / LEAST_TURNS, PERIODS_MM[1])
-    if len(known) < LEAST_ROWS or longest < rows.period_mm:
+    if len(known) < LEAST_ROWS:
         return rows.period_mm
     motor, side = rows.motor_mm[known], last_way(rows.motor_mm)[known]
+    span_mm = float(np.ptp(motor))  # of what was measured: the way from home shows nothing
+    longest = min(span_mm / LEAST_TURNS, PERIODS_MM[1])
+    if longest < rows.period_mm:
+        return rows.period_mm
     error = rows.measured_mm[known] - motor
     plain = _plain(motor, side, rows.other_mm[known])
     own = np.column_stack([plain, _waves(motor, side, rows.period_mm)])
     weight = _weights(own, error)
-    step = GRID_TURNS / (high - low)
+    step = GRID_TURNS / span_mm
     tried = 1 / np.arange(1 / longest, 1 / PERIODS_MM[0], step)
     teeth = TOOTH_MM * np.arange(np.ceil(PERIODS_MM[0] / TOOTH_MM), longest / TOOTH_MM)
     tried = np.concatenate([tried, teeth])
