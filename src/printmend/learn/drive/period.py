@@ -19,12 +19,14 @@ TOOTH_MM = 2.0  # of a GT2 belt
 PERIODS_MM = (12.0, 84.0)  # shortest and longest that are looked at: beyond are no pulleys of printers
 HARMONICS, PLAY_HARMONICS = 5, 2
 GRID_TURNS = 0.08  # of a turn, by which a wave may be off at the end of the measured span between lengths of the grid
-LEAST_TURNS = 2.2  # of a length within what was measured, or nothing repeats
+LEAST_TURNS = 3.0  # of a length within what was measured, or nothing repeats
 LEAST_ROWS = 80
 MOST_ROWS = 1500  # rows at most
 WEIGHING_ROUNDS = 3  # of weighing rows down that lie far off
 FAR_SIGMAS = 3.0  # standard deviations beyond which a row lies far off
 LEAST_NATS = 30.0  # that another length must gain beyond the choice among those tried
+EDGE_SHARE = 0.93  # of the longest length that is looked at, beyond which a best one is none
+OWN_SHARE = 0.2  # of what another length explains beside the printer's turn, that the latter may explain beside it
 LEAST_GAIN_MM = 0.015  # root mean square that another length must explain more
 ALIKE_SHARE = 0.02  # share to which a length is a whole part, or a multiple, of the printer's turn
 TOOTH_SHARE = 0.02  # share to which a length may be that of a whole number of teeth
@@ -60,6 +62,11 @@ def likeliest_period_mm(rows: Rows) -> float:
     count, before = float((weight > 0.5).sum()), _left(own, error, weight)
     found = _simplest(_refined(min(tried, key=left), step, left), count, left)
     after = left(found)
+    both = _left(np.column_stack([own, _waves(motor, side, found)]), error, weight)
+    if after - both > OWN_SHARE * (before - both):  # the printer's own turn is there, and something else beside it
+        return rows.period_mm
+    if found > EDGE_SHARE * longest:  # the longest is the best where nothing repeats
+        return rows.period_mm
     nats = count / 2 * np.log(before / max(after, 1e-12)) - np.log(len(tried))
     explained_mm = np.sqrt(max(before - after, 0.0) / weight.sum())
     return float(found) if nats > LEAST_NATS and explained_mm > LEAST_GAIN_MM else rows.period_mm
