@@ -25,7 +25,7 @@ from printmend.machine.mechanism import (
     healthy_mechanism,
     healthy_transmission,
 )
-from printmend.machine.printing import drive_belts, print_path, reach_bed
+from printmend.machine.printing import drive_belts, print_from_home, print_path, reach_bed
 
 __all__ = [
     "BedMap",
@@ -43,6 +43,7 @@ __all__ = [
     "lattice_bed",
     "lattice_screw",
     "lattice_tables",
+    "print_from_home",
     "print_path",
     "reach_bed",
     "run_motors",

@@ -36,3 +36,13 @@ def reach_bed(mechanism: Mechanism, motors_mm: np.ndarray, belts_mm: np.ndarray)
 def print_path(mechanism: Mechanism, motors_mm: np.ndarray, belts_mm: np.ndarray) -> np.ndarray:
     """Return the places [N, M] mm that motor positions [N, M] mm print, from belts that begin at ``belts_mm`` [M]."""
     return reach_bed(mechanism, motors_mm, drive_belts(mechanism, motors_mm, belts_mm))
+
+
+def print_from_home(mechanism: Mechanism, places_mm: np.ndarray) -> np.ndarray:
+    """Return where and how high a machine prints commanded places [N, 3] mm, one after the other from home [N, 3]."""
+    printer = mechanism.printer
+    home_mm = np.array([*printer.home_mm, printer.z.home_mm])
+    motors_mm = np.concatenate([home_mm[None], places_mm])
+    motors_mm[:, :2] = printer.to_motor(motors_mm[:, :2])
+    at_home_mm = np.array([*mechanism.bed.wanted(home_mm[:2]), home_mm[2]])
+    return print_path(mechanism, motors_mm, at_home_mm)[1:]

@@ -9,7 +9,7 @@ import shapely
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
-from printmend.machine import Mechanism, print_path
+from printmend.machine import Mechanism, print_from_home
 from printmend.promise.predict import Errors, without_doubt
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Heights, Prediction
@@ -100,7 +100,7 @@ def _distances(
     layer that the wanted path has there; on a rising path to a short stretch of it.
     """
     commanded, move, weight, share = _sampled(given)
-    printed = _printed(commanded, mechanism)
+    printed = print_from_home(mechanism, commanded)
     drawn = given.extruding[move] & given.known[move, :2].all(axis=1) & (weight > 0)
     layer, weight, printed = given.layer[move][drawn], weight[drawn], printed[drawn]
     used, fed, group = _fed(wanted), None, layer
@@ -158,13 +158,3 @@ def _sampled(moves: Moves) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     share = np.where(inside, (place + 0.5) / parts, np.where(place < 0, 0.0, 1.0))
     weight = np.where(inside, length[move] / parts, 0.0)
     return start[move] + share[:, None] * (end - start)[move], move, weight, share
-
-
-def _printed(commanded_mm: np.ndarray, mechanism: Mechanism) -> np.ndarray:
-    """Print places [S, 3] one after the other, from the home position; return where and how high [S, 3]."""
-    printer = mechanism.printer
-    home_mm = np.array([*printer.home_mm, printer.z.home_mm])
-    motors_mm = np.concatenate([home_mm[None], commanded_mm])
-    motors_mm[:, :2] = printer.to_motor(motors_mm[:, :2])
-    at_home_mm = np.array([*mechanism.bed.wanted(home_mm[:2]), home_mm[2]])
-    return print_path(mechanism, motors_mm, at_home_mm)[1:]

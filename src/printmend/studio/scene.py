@@ -20,7 +20,7 @@ from printmend.gcode.read import starting_state
 from printmend.gcode.write import follow
 from printmend.invert import Planner, layout, start
 from printmend.machine.mechanism import Mechanism
-from printmend.machine.printing import print_path
+from printmend.machine.printing import print_from_home
 from printmend.studio import kernels
 
 MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 17 MB
@@ -121,14 +121,14 @@ def build_scene(
     pitch_mm = float(np.clip(length[drawn].sum() / (0.6 * most), *_PITCHES_MM))
     points, at = _points(lines, np.where(drawn, pitch_mm, np.inf))
     record = np.clip(np.ceil(at).astype(np.int64) - 1, 0, max(len(records) - 1, 0))
-    raw = _printed(truth, points)
+    raw = print_from_home(truth, points)
     # a bead begins at a point that ends another line, or where the head jumped to
     bead_end = drawn[record] & (at > record)
     mended = None
     if plan is not None:
         told = _given_lines(lines, records, counts, pieces)
         given, given_at = _points(told, np.where(told.turn != 0, pitch_mm / 4, pitch_mm))
-        result = _printed(truth, given)
+        result = print_from_home(truth, given)
         # slack is taken up between two lines: before a bead begins, after one ends
         look = at + np.where(bead_end, -_SIDE, _SIDE)
         mended = np.column_stack([np.interp(look, given_at, column) for column in result[:, :2].T])
@@ -225,16 +225,6 @@ def _lengths(lines: Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     radius[arcs] = np.hypot(*first.T)
     length[arcs] = np.maximum(np.abs(sweep[arcs]) * radius[arcs], length[arcs])
     return length, sweep, radius
-
-
-def _printed(mechanism: Mechanism, points_mm: np.ndarray) -> np.ndarray:
-    """Print points [N, 3] one after the other, from the home position; return where they land."""
-    printer = mechanism.printer
-    home_mm = np.array([*printer.home_mm, printer.z.home_mm])
-    motors_mm = np.concatenate([home_mm[None], points_mm])
-    motors_mm[:, :2] = printer.to_motor(motors_mm[:, :2])
-    at_home_mm = np.array([*mechanism.bed.wanted(home_mm[:2]), home_mm[2]])
-    return print_path(mechanism, motors_mm, at_home_mm)[1:]
 
 
 def _distance(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ from printmend.learn.meta.bayes import believed, first_look, forward, membership
 from printmend.learn.meta.columns import GROUPS, columns, groups
 from printmend.learn.meta.tasks import evidence, reach_of
 from printmend.machine.mechanism import Mechanism, Transmission, healthy_transmission
-from printmend.path import Trace
+from printmend.path import Trace, last_way
 from printmend.printer import Printer
 
 PASSES = 4  # contacts and belief in turn
@@ -172,9 +172,7 @@ def _drive(
 def _guessed(rows: _Rows) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return contacts (rows [N], sides [N]) where a motor that has gone some way touches; other rows weigh nothing."""
     step = np.diff(rows.motor_mm, prepend=rows.motor_mm[0])
-    moved = np.flatnonzero(step)
-    latest = np.searchsorted(moved, np.arange(len(step)), side="right") - 1
-    side = np.where(latest >= 0, np.sign(step[moved[np.maximum(latest, 0)]]) if len(moved) else 0.0, 0.0)
+    side = last_way(rows.motor_mm)
     begun = np.concatenate([[0.0], np.cumsum(np.abs(step))[:-1]])
     turned = np.concatenate([[True], side[1:] != side[:-1]])
     since = begun + np.abs(step) - np.maximum.accumulate(np.where(turned, begun, 0.0))

@@ -33,6 +33,27 @@ def moved(state: State, controls: np.ndarray, displacement: np.ndarray, printer:
     return State(nominal, state.position_steps + displacement)
 
 
+class JointUnits:
+    """What joint models share, whatever predicts one step: where they begin, and that a control is |c| steps."""
+
+    printer: Printer
+
+    def unit_displacement(self, nominal: np.ndarray, signs: np.ndarray) -> np.ndarray:
+        """Return the predicted displacement [K, 2] of one tick; an axis at rest stays."""
+        raise NotImplementedError
+
+    def start(self, start_steps: np.ndarray) -> State:
+        """Return the state [1] at the lattice point ``start_steps`` [2]."""
+        return start_state(start_steps)
+
+    def advance(self, state: State, controls: np.ndarray) -> State:
+        """Return the states [K] after the controls [K, 2]: the prediction for their signs, times |c|."""
+        controls = np.asarray(controls, np.int64)
+        nominal = np.broadcast_to(state.nominal_steps, (len(controls), 2))
+        unit = self.unit_displacement(nominal, np.sign(controls))
+        return moved(state, controls, unit * np.abs(controls), self.printer)
+
+
 @dataclass(frozen=True, eq=False)
 class AxisModel:
     """Axes that know nothing of each other: a control c from nominal position n moves its axis by c·gain[n].

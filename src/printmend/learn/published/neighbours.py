@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.learn.published.increments import AxisModel, moved, start_state
+from printmend.learn.published.increments import AxisModel, JointUnits
 from printmend.learn.published.transitions import transitions_of
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.protocols import State
 
 Predict = Callable[[np.ndarray], np.ndarray]
 Regress = Callable[[np.ndarray, np.ndarray], Predict]
@@ -37,28 +36,17 @@ def line(rows: np.ndarray, values: np.ndarray) -> Predict:
 
 
 @dataclass(frozen=True, eq=False)
-class JointModel:
+class JointModel(JointUnits):
     """A regression over (x nominal, y nominal, sign cx, sign cy) with two outputs, the displacements of one tick."""
 
     printer: Printer
     predict: Predict
-
-    def start(self, start_steps: np.ndarray) -> State:
-        """Return the state [1] at the lattice point ``start_steps`` [2]."""
-        return start_state(start_steps)
 
     def unit_displacement(self, nominal: np.ndarray, signs: np.ndarray) -> np.ndarray:
         """Return the predicted displacement [K, 2] of one tick; an axis at rest stays."""
         rows = np.concatenate([nominal, signs], axis=1).astype(float)
         rows, place = np.unique(rows, axis=0, return_inverse=True)
         return np.asarray(self.predict(rows)[place.reshape(-1)] * np.abs(signs))
-
-    def advance(self, state: State, controls: np.ndarray) -> State:
-        """Return the states [K] after the controls [K, 2]: the prediction for their signs, times |c|."""
-        controls = np.asarray(controls, np.int64)
-        nominal = np.broadcast_to(state.nominal_steps, (len(controls), 2))
-        unit = self.unit_displacement(nominal, np.sign(controls))
-        return moved(state, controls, unit * np.abs(controls), self.printer)
 
     def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> None:
         """Return nothing: every place of the bed would be a cell."""

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from printmend.learn.published.ensemble import Ensemble, constant, from_forest, from_lightgbm
-from printmend.learn.published.increments import AxisModel, RolledLearner, moved, start_state
+from printmend.learn.published.increments import AxisModel, JointUnits, RolledLearner
 from printmend.learn.published.transitions import transitions_of
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.protocols import JointTables, State
+from printmend.protocols import JointTables
 
 _SIGNS = np.array([-1.0, 0.0, 1.0])
 
@@ -48,7 +48,7 @@ def wrapped(nominal: np.ndarray, printer: Printer) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class JointTreeModel:
+class JointTreeModel(JointUnits):
     """Trees over (x nominal, y nominal, sign cx, sign cy); together they have two outputs, the displacements.
 
     ``periodic``: positions are taken modulo a motor's turn.
@@ -58,22 +58,11 @@ class JointTreeModel:
     ensembles: tuple[Ensemble, ...]
     periodic: bool = False
 
-    def start(self, start_steps: np.ndarray) -> State:
-        """Return the state [1] at the lattice point ``start_steps`` [2]."""
-        return start_state(start_steps)
-
     def unit_displacement(self, nominal: np.ndarray, signs: np.ndarray) -> np.ndarray:
         """Return the predicted displacement [K, 2] of one tick; an axis at rest stays."""
         nominal = wrapped(nominal, self.printer) if self.periodic else nominal
         rows = np.concatenate([nominal, signs], axis=1)
         return np.concatenate([ensemble.predict(rows) for ensemble in self.ensembles], axis=1) * np.abs(signs)
-
-    def advance(self, state: State, controls: np.ndarray) -> State:
-        """Return the states [K] after the controls [K, 2]: the prediction for their signs, times |c|."""
-        controls = np.asarray(controls, np.int64)
-        nominal = np.broadcast_to(state.nominal_steps, (len(controls), 2))
-        unit = self.unit_displacement(nominal, np.sign(controls))
-        return moved(state, controls, unit * np.abs(controls), self.printer)
 
     def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> JointTables:
         """Return the trees painted on the cells between their thresholds; made once a model."""
