@@ -294,7 +294,10 @@ def test_fifty_at_once_and_killed_in_the_middle(browser: Browser, tmp_path: Path
         until(lambda: sum(job["state"] == "done" for job in studio.get("/jobs")) >= 3)
         most = one.memory_bytes()
         one.kill()
+        away = watched.page.get_by_text("The studio does not answer")
+        expect(away).to_be_visible()
         one.start()
+        expect(away).to_be_hidden()
         for number, job in enumerate(jobs):
             result = studio.wait(job)
             assert result["name"] == f"{number}.gcode"

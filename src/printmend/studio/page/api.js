@@ -7,6 +7,27 @@ async function answer(response) {
   return body;
 }
 
+// Whoever listens here hears true when the server does not answer, and false when it is back.
+const listeners = new Set();
+export const onAway = (told) => { listeners.add(told); return () => listeners.delete(told); };
+const tell = (away) => listeners.forEach((told) => told(away));
+
+// Read `url`, again and again while the server is away: it may be starting again.
+const PAUSE_MS = 1000;
+async function read(url) {
+  for (;;) {
+    try {
+      const response = await fetch(url);
+      tell(false);
+      return response;
+    } catch {
+      tell(true);
+      await new Promise((go) => setTimeout(go, PAUSE_MS));
+    }
+  }
+}
+
+// Change something there: once, for what was not answered may have been done.
 async function send(method, path, body) {
   const options = { method, headers: {} };
   if (body !== undefined) {
@@ -20,7 +41,7 @@ async function send(method, path, body) {
   }
 }
 
-export const get = (path) => send("GET", path);
+export const get = async (path) => answer(await read(`/api${path}`));
 export const post = (path, body) => send("POST", path, body ?? {});
 export const patch = (path, body) => send("PATCH", path, body);
 export const remove = (path) => send("DELETE", path);
@@ -45,23 +66,32 @@ export function upload(file, told = () => {}) {
 
 // Follow a job until it ends; `told` hears each change. Returns a function that stops listening.
 export function follow(key, told) {
-  const source = new EventSource(`/api/jobs/${key}/events`);
-  source.addEventListener("job", (event) => {
-    const job = JSON.parse(event.data);
+  let source = null, stopped = false;
+  const hear = (job) => {
+    if (stopped) return;
     if (["done", "failed", "cancelled"].includes(job.state)) source.close();
     told(job);
-  });
-  source.onerror = () => {
-    if (source.readyState === EventSource.CLOSED) get(`/jobs/${key}`).then(told, () => {});
   };
-  return () => source.close();
+  const open = () => {
+    source = new EventSource(`/api/jobs/${key}/events`);
+    source.addEventListener("job", (event) => { tell(false); hear(JSON.parse(event.data)); });
+    source.onerror = async () => {
+      if (source.readyState !== EventSource.CLOSED) return tell(true);  // the browser itself tries again
+      const job = await get(`/jobs/${key}`).catch(() => null);
+      if (!job || stopped) return;
+      hear(job);
+      if (!["done", "failed", "cancelled"].includes(job.state)) setTimeout(() => stopped || open(), PAUSE_MS);
+    };
+  };
+  open();
+  return () => { stopped = true; source.close(); };
 }
 
 export const fileOf = (job, name) => `/api/jobs/${job.id}/files/${encodeURIComponent(name)}`;
 
 // A scene as the server packs it: see scene.py.
 export async function scene(url) {
-  const response = await fetch(url);
+  const response = await read(url);
   if (!response.ok) throw new Problem(`${response.status}`);
   const buffer = await response.arrayBuffer();
   const size = new DataView(buffer).getUint32(0, true);
