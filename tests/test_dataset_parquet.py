@@ -4,14 +4,22 @@ import errno
 import json
 import os
 import pickle
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import trimesh
 
 from printmend.bench.table1 import dataset_cases
 from printmend.bench.trial import evaluate
+from printmend.body.mesh import read_solid
+from printmend.body.solid import stl_bytes
 from printmend.corruption import read_corruption
 from printmend.dataset import build as builder
 from printmend.dataset.build import Recipe, body_file, build_dataset, corruption_file, print_file, read_lines
@@ -90,32 +98,91 @@ def test_files_are_typed_encoded_a_row_group_a_layer_and_say_what_they_are(data:
     assert verify_dataset(data) == []
 
 
+# The third of four bodies is written and printed once when the machine goes down.
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from printmend.dataset import build as builder
+from printmend.executor import Serial
+real, calls = builder.write_print, []
+def dies(path, *rest):
+    calls.append(path)
+    if len(calls) == 6:
+        half = path.with_name(f".{path.name}.abcdefgh.tmp")
+        half.write_bytes(b"half")
+        os.utime(half, (0, 0))
+        os.kill(os.getpid(), signal.SIGKILL)
+    return real(path, *rest)
+builder.write_print = dies
+recipe = builder.Recipe(2, ("pulley-play", "gain-table"), "damaged", 3)
+builder.build_dataset(Path(sys.argv[1]), [Path(name) for name in sys.argv[2:]], recipe, Serial())
+"""
+
+
 def test_a_build_that_was_killed_goes_on_and_writes_each_body_once(
-    sources: list[Path], data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    sources: list[Path], data: Path, tmp_path: Path
 ) -> None:
-    root, written, real = tmp_path / "set", [], builder._build_body
-
-    def counted(task: builder._Task) -> dict:
-        written.append(task.name)
-        if len(written) == 2:
-            raise KeyboardInterrupt
-        return real(task)
-
-    monkeypatch.setattr(builder, "_build_body", counted)
-    with pytest.raises(KeyboardInterrupt):
-        build_dataset(root, sources, RECIPE, Serial())
+    root = tmp_path / "set"
+    broken, *whole = reversed(sources)  # what fails comes first: it is not tried again either
+    files = [broken, *whole]
+    done = subprocess.run(  # noqa: S603 (this interpreter, a list of arguments)
+        [sys.executable, "-c", KILLED, str(root), *map(str, files)], capture_output=True, text=True, check=False,
+        timeout=300,
+    )  # fmt: skip
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert [len(read_lines(root / name)) for name in ("bodies.jsonl", "failures.jsonl")] == [2, 1]
     with (root / "bodies.jsonl").open("a") as file:
         file.write('{"identity": "cut')  # the machine went down in the middle of a line
-    before = {path: path.stat().st_mtime_ns for path in (root / "bodies").iterdir()}
-    assert len(before) == 1
-    assert build_dataset(root, sources, RECIPE, Serial()).bodies == 3
-    assert sorted(written) == sorted([*set(written), written[1]])  # only what was under way is done again
-    for path, at in before.items():
-        assert path.stat().st_mtime_ns == at
+    before = {path: path.stat().st_mtime_ns for path in (root / "prints").rglob("*.parquet")}
+    assert len(before) == 5
+    assert build_dataset(root, files, RECIPE, Serial()).bodies == 3
+    lines = read_lines(root / "bodies.jsonl")
+    assert len({line["identity"] for line in lines}) == len(lines) == 3
+    assert len(read_lines(root / "failures.jsonl")) == 1
+    for line in lines[:2]:  # only what was under way is done again
+        for path in (print_file(root, line["body"], number) for number in range(2)):
+            assert path.stat().st_mtime_ns == before[path]
+    assert not list(root.rglob("*.tmp"))
+    assert verify_dataset(root) == []
     for path in (data / "prints").rglob("*.parquet"):  # and nothing differs from a build in one go but the licence
         assert np.array_equal(
             np.concatenate(read_print(path)), np.concatenate(read_print(root / path.relative_to(data)))
         )
+
+
+# A slicer that is known by what it does: it crashes, or hangs in a process of its own.
+SLICER = """#!/bin/sh
+case $(wc -c < body.stl) in
+    %d) kill -SEGV $$ ;;
+    *) sleep 600 & echo $! > %s; wait ;;
+esac
+"""
+
+
+def test_a_body_that_crashes_or_hangs_the_slicer_is_listed_and_the_run_goes_on(
+    sources: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crashes, hangs = tmp_path / "crashes.stl", tmp_path / "hangs.stl"
+    trimesh.creation.box((20, 20, 20)).export(crashes)
+    trimesh.creation.icosphere(radius=15).export(hangs)
+    program, pid = tmp_path / "bin" / "prusa-slicer", tmp_path / "pid"
+    program.parent.mkdir()
+    program.write_text(SLICER % (len(stl_bytes(read_solid(crashes))), pid))
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
+    for file, limit_s, said in ((crashes, 300.0, "got a crash"), (hangs, 1.0, "slices within 1 s")):
+        root, recipe = tmp_path / f"{file.stem}-set", replace(RECIPE, timeout_s=limit_s)
+        built = build_dataset(root, [file, sources[0]], recipe, Serial())
+        ((name, why),) = built.failures
+        assert name.startswith(file.stem)
+        assert said in why
+        assert built.bodies == 1
+    ended = Path(f"/proc/{pid.read_text().strip()}/status")
+    for _ in range(100):
+        if not ended.exists() or "zombie" in ended.read_text():
+            return
+        time.sleep(0.1)
+    pytest.fail("the slicer goes on after its time")
 
 
 def test_a_full_disk_ends_the_build_and_is_no_fault_of_a_body(

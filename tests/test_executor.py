@@ -13,16 +13,24 @@ from printmend.executor import Cluster, Processes, Serial, executor
 # In a process of its own: Dask's threads outlive a cluster by moments, which the other tests take for warnings.
 SCRIPT = """
 import sys
+from printmend import executor as module
+from printmend.errors import InputError
 from printmend.executor import executor
 from tests.mortal import dies_once
 if __name__ == "__main__":
+    module._CONNECT_S = 0.5
+    try:
+        list(executor(1, "tcp://127.0.0.1:9").map(dies_once, sys.argv[1:]))
+    except InputError as error:
+        said = str(error)
+    assert "wanted a scheduler at tcp://127.0.0.1:9" in said and "start `dask scheduler`" in said, said
     found = list(executor(1, "local:2").map(dies_once, sys.argv[1:]))
     assert sorted(item for item, _ in found) == sorted(sys.argv[1:]), found
     assert all(item == value for item, value in found), found
 """
 
 
-def test_a_lost_worker_of_a_cluster_costs_and_doubles_nothing(tmp_path: Path) -> None:
+def test_nobody_at_the_address_is_said_and_a_lost_worker_costs_and_doubles_nothing(tmp_path: Path) -> None:
     items = [str(tmp_path / f"item{n}.txt") for n in range(5)]
     (tmp_path / "item1.die").touch()
     script = tmp_path / "run.py"

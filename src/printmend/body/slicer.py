@@ -3,10 +3,12 @@
 The profile ships with the package (`profiles/ender5_abs.ini`); bed and centre come from the printer.
 """
 
+import contextlib
 import hashlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import tempfile
 from importlib import resources
@@ -46,22 +48,17 @@ def slice_solid(solid: Solid, printer: Printer, *, timeout_s: float = TIMEOUT_S)
         folder = Path(name)
         (folder / "profile.ini").write_text(profile_text(), encoding="utf-8")
         (folder / "body.stl").write_bytes(stl_bytes(solid))
-        arguments = [*_steady(), program, *_arguments(solid, printer, folder)]
         try:
-            # HOME inside the folder: the user's own slicer settings must not leak in.
-            done = subprocess.run(  # noqa: S603 (a fixed program, a list of arguments, no shell)
-                arguments, capture_output=True, timeout=timeout_s, cwd=folder, check=False, stdin=subprocess.DEVNULL,
-                env={**os.environ, "HOME": name, "LC_ALL": "C"},
-            )  # fmt: skip
+            code, said = _run([*_steady(), program, *_arguments(solid, printer, folder)], folder, timeout_s)
         except subprocess.TimeoutExpired:
             raise MeshError(
                 solid.name, wanted=f"a body that slices within {timeout_s:g} s",
                 came=f"{len(solid.faces)} triangles that take longer", todo="decimate the mesh, or slice it yourself",
             ) from None  # fmt: skip
         output = folder / "body.gcode"
-        if done.returncode != 0 or not output.is_file():
+        if code != 0 or not output.is_file():
             raise MeshError(
-                solid.name, wanted="a body that PrusaSlicer can slice", came=_complaint(done.stderr, done.returncode),
+                solid.name, wanted="a body that PrusaSlicer can slice", came=_complaint(said, code),
                 todo="turn it onto a flat side, or check its size and unit",
             )  # fmt: skip
         head, newline, rest = output.read_bytes().partition(b"\n")
@@ -106,6 +103,25 @@ def _arguments(solid: Solid, printer: Printer, folder: Path) -> list[str]:
     ]
 
 
+def _run(arguments: list[str], folder: Path, timeout_s: float) -> tuple[int, bytes]:
+    """Run the slicer; return its exit code and what it said on stderr. Nothing that it started outlives this call."""
+    with subprocess.Popen(  # noqa: S603 (a fixed program, a list of arguments, no shell)
+        arguments, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        # HOME inside the folder: the user's own slicer settings must not leak in.
+        env={**os.environ, "HOME": str(folder), "LC_ALL": "C"}, start_new_session=True,
+    ) as process:  # fmt: skip
+        try:
+            _, said = process.communicate(timeout=timeout_s)
+        except BaseException:
+            # What is on PATH may be a wrapper, which leaves the slicer running when it alone is ended.
+            if hasattr(os, "killpg"):
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+            process.kill()
+            raise
+    return process.returncode, said
+
+
 def _steady() -> list[str]:
     """Return the prefix that makes PrusaSlicer repeat itself: fixed addresses and one processor.
 
@@ -130,4 +146,6 @@ def _complaint(stderr: bytes, code: int) -> str:
     """Return the slicer's own reason, in one line."""
     lines = [line.strip() for line in stderr.decode("utf-8", "replace").splitlines()]
     lines = [line for line in lines if line and not line.startswith(("[", "Object name"))]
-    return f"“{' '.join(lines)[:160]}”" if lines else f"exit code {code} without a reason"
+    if lines:
+        return f"“{' '.join(lines)[:160]}”"
+    return f"exit code {code} without a reason" if code >= 0 else f"a crash ({signal.strsignal(-code)})"
