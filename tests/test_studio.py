@@ -7,7 +7,9 @@ import re
 import sqlite3
 import threading
 import time
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from printmend.saved.model import exact_model, saved_model, write_model
 from printmend.studio import kernels
 from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
+from printmend.studio.host import checked_address, find_host
 from printmend.studio.jobs import Jobs
 from printmend.studio.scene import build_scene, write_scene
 from printmend.studio.store import Store
@@ -266,3 +269,54 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
     finally:
         server.should_exit = True
         thread.join()
+
+
+class _Strange(BaseHTTPRequestHandler):
+    """A computer in the network that is neither OctoPrint nor Moonraker, and tries what it can."""
+
+    asked: ClassVar[list[str]] = []
+
+    def do_GET(self) -> None:
+        self.asked.append(self.path)
+        way = self.path.split("/")[1]
+        if way == "elsewhere":
+            self.send_response(302)
+            self.send_header("Location", "/secret")
+            self.end_headers()
+            return
+        body = b" " * 500_000 if way == "endless" else b'{"text": "Duet 3", "result": "ok"}'
+        self.send_response(200)
+        self.send_header("Content-Length", str(10 * len(body) if way == "endless" else len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *words: object) -> None:
+        pass
+
+
+def test_only_octoprint_and_moonraker_are_sent_to(folder: Path) -> None:
+    for text in ("ftp://octopi.local", "file:///etc/passwd", "http://me:pw@octopi.local", "http://", "http://a b",
+                 "x?y", "http://[::1", "http://octopi:99999", "http://octopi/#x"):  # fmt: skip
+        with pytest.raises(InputError, match="wanted http"):
+            checked_address(text)
+    assert checked_address(" octopi.local/ ") == "http://octopi.local"
+    assert checked_address("https://print.example:7125/one") == "https://print.example:7125/one"
+    server = ThreadingHTTPServer(("127.0.0.1", 0), _Strange)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        address = f"http://127.0.0.1:{server.server_port}"
+        with _client(folder) as client:
+            key = client.post("/api/printers", json={"preset": "ender3"}).json()["id"]
+            assert "connect it first" in client.post(f"/api/printers/{key}/send", json={}).json()["error"]
+            for way in ("/other", "/elsewhere", "/endless"):
+                said = client.post(f"/api/printers/{key}/host", json={"address": address + way, "key": "k"})
+                assert said.status_code == 400
+                assert "wanted OctoPrint or Moonraker" in said.json()["error"]
+            assert client.get(f"/api/printers/{key}").json()["host"] is None
+        assert "/secret" not in _Strange.asked
+        assert len(_Strange.asked) == 6
+    finally:
+        server.shutdown()
+        server.server_close()
+    with pytest.raises(InputError, match="is it running"):
+        find_host(address, "")

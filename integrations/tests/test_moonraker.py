@@ -15,6 +15,7 @@ from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.printer import read_printer
 from printmend.saved.model import exact_model, write_model
+from printmend.studio.host import find_host, send_file
 
 ENDER3 = read_printer("ender3")
 WIDE = [(-10.0, 300.0)] * 3
@@ -173,3 +174,15 @@ def test_a_kill_leaves_a_stub(tmp_path: Path) -> None:
 def test_who_chose_so_prints_the_file_as_it_came(tmp_path: Path) -> None:
     assert worker(tmp_path, "exit 3", "print", 60).wait() == 1
     assert (tmp_path / "gcodes/x.gcode").read_bytes() == part(1)
+
+
+def test_the_studio_sends_a_file(moonraker: Moonraker, tmp_path: Path) -> None:
+    host = find_host(moonraker.url, "")
+    assert host.kind == "moonraker"
+    text = part(1)
+    (source := tmp_path / "x").write_bytes(text)
+    shares: list[float] = []
+    send_file(host, source, "from the studio.gcode", shares.append)
+    assert shares[-1] == 1.0
+    assert "from the studio.gcode" in [one["path"] for one in moonraker.get("/server/files/list?root=gcodes")]
+    assert moonraker.printing() != "printing"

@@ -8,13 +8,17 @@ from pathlib import Path
 import pytest
 from hosts import PRINTMEND, call, environment, form, free_port, running, wait_for
 from parts import part
+from playwright.sync_api import expect
+from studio_server import CHROMIUM, Server, Watched, chromium
 
 from klippy_run import HOSTS
+from printmend.client import Studio, StudioError
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.printer import read_printer
 from printmend.saved.model import exact_model, write_model
 
+expect.set_options(timeout=60_000)  # as long as a busy machine may take
 KEY = "0123456789ABCDEF0123456789ABCDEF"
 CONFIG = """server: {{firstRun: false, onlineCheck: {{enabled: false}}, pluginBlacklist: {{enabled: false}}}}
 serial: {{log: true, autoconnect: false}}
@@ -112,3 +116,40 @@ def test_what_cannot_be_mended_is_not_printed(octoprint: OctoPrint) -> None:
     assert "950" in octoprint.told("bad.gcode")["reason"]
     wait_for(lambda: octoprint.state() == "Operational", 30, "the printer free")
     assert not [line for line in octoprint.sent()[before:] if "X9" in line]
+
+
+@pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
+def test_the_page_sends_the_test_print_and_a_mended_file_to_octoprint(octoprint: OctoPrint, tmp_path: Path) -> None:
+    server = Server(tmp_path / "studio")
+    try:
+        studio = Studio(server.address)
+        key = studio.post("/printers", {"preset": "ender3", "name": "Cellar"})["id"]
+        studio.post(f"/printers/{key}/probe", {"size_mm": 60})
+        folder = server.folder / "printers" / key
+        machine = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.6)))).lower(read_printer("ender3"))
+        write_model(folder / "printer.mend.json", exact_model(machine))
+        (source := tmp_path / "gear.gcode").write_bytes(part(1))
+        with pytest.raises(StudioError, match="wanted a key that it accepts, got no"):
+            studio.post(f"/printers/{key}/host", {"address": octoprint.url, "key": "wrong" + KEY[5:]})
+        with chromium() as browser:
+            watched = Watched(browser.new_context(locale="en-GB").new_page(), server.address)
+            page = watched.page
+            page.goto(server.address + f"#/printers/{key}/measure")
+            page.get_by_role("button", name="Send it to the printer").click()
+            page.get_by_label("Address").fill(octoprint.url)
+            page.get_by_label("API key").fill(KEY)
+            page.get_by_role("button", name="Connect").click()
+            page.get_by_role("button", name="Send to OctoPrint").click()
+            expect(page.get_by_text("probe.gcode is among the files of OctoPrint")).to_be_visible()
+            assert (octoprint.base / "uploads/probe.gcode").read_bytes() == (folder / "probe.gcode").read_bytes()
+            page.get_by_role("link", name="Mend", exact=True).click()
+            page.set_input_files("input[type=file]", source)
+            page.get_by_role("button", name="Send to OctoPrint").click()
+            expect(page.get_by_text("gear.mended.gcode is among the files of OctoPrint")).to_be_visible()
+            assert b"; mended by printmend" in (octoprint.base / "uploads/gear.mended.gcode").read_bytes()[:200]
+            watched.picture("send")
+            assert (watched.problems, watched.foreign) == ([], [])
+        assert KEY not in str([studio.get("/printers"), studio.get("/jobs")])
+        assert (folder / "host.json").stat().st_mode & 0o077 == 0
+    finally:
+        server.stop()

@@ -17,6 +17,7 @@ _EXTRAS = {
     "manifold3d": "dataset",
     "pyarrow": "dataset",
     "fastapi": "studio",
+    "httpx2": "studio",
     "pebble": "studio",
     "sqlalchemy": "studio",
     "uvicorn": "studio",

@@ -16,10 +16,13 @@ from printmend.printer import Printer, read_printer
 from printmend.printer.convert import convert, printer_text
 from printmend.printer.toml import parse_printer
 from printmend.studio.api import PROBLEMS, Here, Key, card, plain_name
+from printmend.studio.host import FILE, find_host, keep_host, read_host
 from printmend.studio.jobs import Studio
 from printmend.studio.said import LEAST_ADVICE_MM, advice_of, said
 from printmend.studio.shapes import (
     Distance,
+    HostCard,
+    HostIn,
     JobCard,
     Known,
     LearnIn,
@@ -31,6 +34,7 @@ from printmend.studio.shapes import (
     ReadingsIn,
     Renamed,
     ScansIn,
+    SendIn,
 )
 from printmend.studio.store import NotThereError
 from printmend.studio.work import MODEL, PLAN, PRINTER, PROBE
@@ -62,8 +66,13 @@ def _card(here: Studio, row: dict[str, Any]) -> PrinterCard:
     return PrinterCard(
         id=row["id"], name=row["name"], kinematics=printer.kinematics, bed_mm=_bed(printer), notes=notes,
         health=health, healthy=healthy, measured_s=measured_s, trend=[value for value in trend if value is not None],
-        has_probe=(folder / PLAN).is_file(), digest=digest,
+        has_probe=(folder / PLAN).is_file(), digest=digest, host=_host_card(folder),
     )  # fmt: skip
+
+
+def _host_card(folder: Path) -> HostCard | None:
+    host = read_host(folder)
+    return None if host is None else HostCard(address=host.address, kind=host.kind)
 
 
 def _bed(printer: Printer) -> list[float]:
@@ -274,6 +283,35 @@ def mend(here: Here, key: Key, given: MendIn) -> JobCard:
     name = plain_name(here.store.upload(given.upload)["name"])
     params = {"printer": key, "upload": given.upload, "name": name, "scene": given.scene}
     return card(here, here.jobs.submit("mend", key, params))
+
+
+@router.post("/{key}/host", tags=["send"])
+def connect(here: Here, key: Key, given: HostIn) -> PrinterCard:
+    """Keep where this printer's OctoPrint or Moonraker is, once it has answered; its key is never shown again."""
+    folder = _folder(here, key)
+    keep_host(folder, find_host(given.address, given.key.strip()))
+    return _card(here, here.store.printer(key))
+
+
+@router.delete("/{key}/host", status_code=204, tags=["send"])
+def disconnect(here: Here, key: Key) -> None:
+    """Forget the address and its key."""
+    keep_host(_folder(here, key), None)
+
+
+@router.post("/{key}/send", status_code=202, tags=["send"])
+def send(here: Here, key: Key, given: SendIn) -> JobCard:
+    """Send the test print, or a file that a job made, to the printer's OctoPrint or Moonraker; nothing is started."""
+    folder = _folder(here, key)
+    _need(folder, FILE, "connect it first")
+    if given.job is None:
+        _need(folder, PROBE, "write the test print first")
+        return card(here, here.jobs.submit("send", key, {"printer": key, "name": PROBE}))
+    row = card(here, given.job)
+    if row.printer != key or given.name not in row.files:
+        raise NotThereError(given.name, wanted="a file of a job of this printer", came="none of that name",
+                            todo="see the job's files")  # fmt: skip
+    return card(here, here.jobs.submit("send", key, {"printer": key, "job": given.job, "name": given.name}))
 
 
 @router.post("/{key}/check", status_code=202, tags=["prove"])

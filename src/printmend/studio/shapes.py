@@ -63,6 +63,29 @@ class Renamed(Strict):
     name: str = Field(min_length=1, max_length=80)
 
 
+class HostIn(Strict):
+    """Where a printer's OctoPrint or Moonraker is, and the key that it wants."""
+
+    address: str = Field(min_length=1, max_length=300, description="as the browser shows it: http://octopi.local")
+    key: str = Field(
+        default="", max_length=300, pattern=r"^[\x21-\x7e ]*$", description="API key; Moonraker may want none"
+    )
+
+
+class HostCard(BaseModel):
+    """The program that a printer prints with."""
+
+    address: str
+    kind: Literal["octoprint", "moonraker"]
+
+
+class SendIn(Strict):
+    """What to send to a printer: the test print, or a file that a job made."""
+
+    job: str | None = Field(default=None, pattern=KEY)
+    name: str = Field(default="", max_length=200)
+
+
 class PrinterCard(BaseModel):
     """A printer of one's own, and how it is."""
 
@@ -77,6 +100,7 @@ class PrinterCard(BaseModel):
     trend: list[float] = Field(description="how far test prints were off, mm, the oldest first")
     has_probe: bool
     digest: str | None = Field(description="of its model")
+    host: HostCard | None = Field(description="what it prints with, where that is known here")
 
 
 class JobCard(BaseModel):

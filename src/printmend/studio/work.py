@@ -260,6 +260,19 @@ def _verify(job: Job) -> dict[str, Any]:
     return {"verdict": verdict.json(), "words": verdict.words, "newer": newer.words}
 
 
+def _send(job: Job) -> dict[str, Any]:
+    """Send the test print or a file that another job made to the printer's OctoPrint or Moonraker."""
+    from printmend.studio.host import NAMES, read_host, send_file
+
+    host, name = read_host(job.printer_folder), job.params["name"]
+    if host is None:
+        raise InputError("this printer", wanted="its address", came="none any more", todo="connect it again")
+    folder = job.data / "jobs" / job.params["job"] if "job" in job.params else job.printer_folder
+    job.tell(0.0, "send")
+    send_file(host, folder / name, name, lambda share: job.tell(0.95 * share, "send", now=False))
+    return {"name": name, "host": NAMES[host.kind], "address": host.address}
+
+
 def mended_name(name: str) -> str:
     """Return the name of a mended file: part.gcode.3mf becomes part.mended.gcode.3mf."""
     from printmend.repair.many import mended_path
@@ -341,4 +354,5 @@ def _write_seen(path: Path, image: np.ndarray) -> float:
 
 KINDS: dict[str, Callable[[Job], dict[str, Any]]] = {
     "mend": _mend, "play": _play, "measure": _measure, "learn": _learn, "check": _check_print, "verify": _verify,
+    "send": _send,
 }  # fmt: skip

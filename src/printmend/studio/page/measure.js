@@ -4,6 +4,7 @@ import { fileOf, get, post, upload } from "./api.js";
 import { Plate } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { ended, Problem, Progress, useJob } from "./job.js";
+import { Send } from "./send.js";
 import { mm, number, t, typed } from "./words.js";
 
 export function Measure({ printer, changed }) {
@@ -18,7 +19,7 @@ export function Measure({ printer, changed }) {
   return html`<${Problem} error=${error} /><div class="split"><section class="card stack"><h2>${t("plate")}</h2><p class="soft">${t("plate_now")}</p>
       ${probe && html`<div style=${{ height: "17rem" }}><${Plate} id="plate" marks=${probe.marks_mm} errors=${probe.marks_mm.map(() => [0, 0])} big=${probe.big} bed=${probe.bed_mm} enlarge="1" /></div>
         <p><b>${t("plate_facts", { marks: probe.marks, minutes: number(probe.minutes, 0), grams: number(probe.grams, 1) })}</b><br /><span class="faint">${t("plate_left", { mm: mm(probe.expected_mm) })}</span></p>`}
-      ${printer.has_probe && html`<a class="button primary" href=${`/api/printers/${printer.id}/files/probe.gcode`} download>${t("download_plate")}</a>`}
+      ${printer.has_probe && html`<a class="button primary" href=${`/api/printers/${printer.id}/files/probe.gcode`} download>${t("download_plate")}</a><${Send} printer=${printer} changed=${changed} />`}
       <label class="field">${t("plate_size")}<input inputmode="decimal" value=${size} onInput=${(event) => setSize(event.target.value)} /></label>
       <button class=${printer.has_probe ? "" : "primary"} onClick=${() => make()}>${t(printer.has_probe ? "plate_again" : "plate_make")}</button></section>
     <div class="stack"><div class="segment" role="group" aria-label=${t("tab_measure")}>${["scan", "callipers", "table"].map((one) => html`<button aria-pressed=${way === one} onClick=${() => setWay(one)}>${t(`by_${one}`)}</button>`)}</div>

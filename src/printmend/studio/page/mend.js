@@ -5,11 +5,12 @@ import { Number_, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { ended, Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
+import { Send } from "./send.js";
 import { mm, number, t } from "./words.js";
 
 const STEPS = ["read", "mend", "draw"];
 
-export function Mend({ printer }) {
+export function Mend({ printer, changed }) {
   const [rows, setRows] = useState([]), [shown, setShown] = useState(null), [error, setError] = useState(null);
   useEffect(() => {
     get(`/jobs?printer=${printer.id}`).then((jobs) => {
@@ -36,10 +37,10 @@ export function Mend({ printer }) {
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}>
       ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<button class="quiet row between" style=${{ justifyContent: "space-between", textAlign: "left" }} aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span style=${{ overflowWrap: "anywhere" }}>${row.name}</span>
         <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.id === shown ? "●" : ""}</span></button>`)}</section>`}</div>
-    <div class="stack">${shown ? html`<${File_} key=${shown} id=${shown} bed=${printer.bed_mm} />` : html`<div class="stage"></div>`}</div></div>`;
+    <div class="stack">${shown ? html`<${File_} key=${shown} id=${shown} printer=${printer} changed=${changed} />` : html`<div class="stage"></div>`}</div></div>`;
 }
 
-function File_({ id, bed }) {
+function File_({ id, printer, changed }) {
   const job = useJob(id), [scene, setScene] = useState(null), [error, setError] = useState(null);
   const has = (name) => job?.files?.includes(name), best = job?.state === "done" && has("scene.bin") ? "scene.bin" : has("wanted.bin") && (ended(job) || job?.step !== "read") ? "wanted.bin" : null;
   useEffect(() => { if (best) fetchScene(fileOf(job, best)).then(setScene, (problem) => setError(problem.message)); }, [best]);
@@ -47,16 +48,17 @@ function File_({ id, bed }) {
   return html`<${Problem} error=${error ?? (job?.state === "failed" ? job.error : null)} />
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
     ${job && !ended(job) && html`<section class="card"><${Progress} job=${job} steps=${STEPS} /></section>`}
-    ${scene ? html`<${Part} scene=${scene} bed=${bed} name=${job?.params.name ?? "part"} morph=${scene.mended ? 2 : 1} />` : !ended(job) && html`<div class="stage"></div>`}
-    ${result && html`<${Numbers} job=${job} />`}`;
+    ${scene ? html`<${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene.mended ? 2 : 1} />` : !ended(job) && html`<div class="stage"></div>`}
+    ${result && html`<${Numbers} job=${job} printer=${printer} changed=${changed} />`}`;
 }
 
-function Numbers({ job }) {
+function Numbers({ job, printer, changed }) {
   const { prediction: p, output, refused, layers } = job.result;
   return html`<section class="card stack"><div class="row between" style=${{ alignItems: "start" }}><div class="numbers" style=${{ flex: 1 }}>
         <${Number_} value=${mm(p.before.rms_mm)}>${t("rms_raw")}<br />${t("p95", { mm: mm(p.before.p95_mm) })}</${Number_}>
         <${Number_} value=${mm(p.after.rms_mm)}>${t("rms_mended")}<br />${t("p95", { mm: mm(p.after.p95_mm) })}${p.after.rms_high_mm > p.after.rms_low_mm && html`<br />${t("range", { low: mm(p.after.rms_low_mm), high: mm(p.after.rms_high_mm) })}`}</${Number_}></div>
       ${output && html`<a class="button primary big" href=${fileOf(job, output)} download=${output}>${t("download")}</a>`}</div>
+    ${output && html`<${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} />`}
     ${refused && html`<p class="problem">${refused}</p>`}
     <p class="faint">${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${p.clamped > 0 && html`<br />${t("clamped", { n: p.clamped })}`}</p>
     ${p.advice.map((line) => html`<p class="note">${line.replaceAll("`", "")}</p>`)}

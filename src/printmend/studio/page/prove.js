@@ -4,6 +4,7 @@ import { fileOf, get, post, upload } from "./api.js";
 import { Number_, saveSvg, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { ended, Problem, Progress, useJob } from "./job.js";
+import { Send } from "./send.js";
 import { day, mm, number, t, typed } from "./words.js";
 
 export function Prove({ printer, changed }) {
@@ -26,7 +27,7 @@ export function Prove({ printer, changed }) {
   if (!printer.digest || !printer.has_probe) return html`<p class="note">${t("no_model")}</p>`;
   const verdict = job?.state === "done" ? job.result.verdict : null;
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
-      <section class="card stack"><h2>${t("prove_print")}</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a>` : html`<button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>
+      <section class="card stack"><h2>${t("prove_print")}</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: checked.id, name: "check.mended.gcode" }} />` : html`<button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>
       <section class="card stack"><h2>${t("prove_scan")}</h2><${Drop} multiple accept="image/*,.csv" onFiles=${take}><p><b>${t("drop_check")}</b></p></${Drop}>
         <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
     <div class="stack">${verdict && html`<section class="card stack"><h2>${t(verdict.kept ? "kept" : "broken_promise")}</h2><div class="numbers"><${Number_} value=${mm(verdict.before_mm)}>${t("was")}</${Number_}><${Number_} value=${mm(verdict.now_mm)}>${t("measured_now")}</${Number_}><${Number_} value=${`${mm(verdict.promised_low_mm)} – ${mm(verdict.promised_high_mm)}`}>${t("promised")}</${Number_}></div>

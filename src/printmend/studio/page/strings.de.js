@@ -64,4 +64,9 @@ export default {
   drop_check: "Den Scan des Prüfdrucks ablegen", kept: "Das Versprechen hielt", broken_promise: "Das Versprechen hielt nicht", promised: "versprochen", measured_now: "jetzt gemessen", was: "vor dem Heilen",
   take_over: "Diese Messung ins Modell übernehmen", taken: "Übernommen. Die Teile noch einmal heilen.", history: "Verlauf", history_none: "Noch nichts: Jede Messung und jeder Prüfdruck erscheint hier.",
   event_learned: "gemessen", event_verified: "geprüft", history_axis: "Fehler des Testdrucks, mm",
+
+  send_to: "An {host} senden", send_setup: "An den Drucker senden …", send_change: "Adresse ändern", sent: "{name} liegt bei den Dateien von {host}. Dort starten:",
+  send_now: "Wo laufen die Drucke? Die Adresse von OctoPrint, Mainsail oder Fluidd angeben, wie der Browser sie zeigt. Dateien gehen nur auf Wunsch dorthin, und nichts startet von selbst.",
+  address: "Adresse", api_key: "API-Schlüssel (OctoPrint: Einstellungen, Anwendungsschlüssel; Moonraker braucht oft keinen)", connect: "Verbinden", connecting: "Fragt …", disconnect: "Vergessen",
+  step_send: "Sendet",
 };

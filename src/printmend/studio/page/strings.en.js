@@ -64,4 +64,9 @@ export default {
   drop_check: "Drop the scan of the check print", kept: "The promise was kept", broken_promise: "The promise was not kept", promised: "promised", measured_now: "measured now", was: "before mending",
   take_over: "Take this measurement into the model", taken: "Taken over. Mend your parts again.", history: "History", history_none: "Nothing yet: each measurement and check print appears here.",
   event_learned: "measured", event_verified: "checked", history_axis: "error of the test print, mm",
+
+  send_to: "Send to {host}", send_setup: "Send it to the printer…", send_change: "Change the address", sent: "{name} is among the files of {host}. Start it there:",
+  send_now: "Where do you watch your prints? Give the address of OctoPrint, Mainsail or Fluidd as your browser shows it. Files go there only when you say so, and nothing starts by itself.",
+  address: "Address", api_key: "API key (OctoPrint: Settings, Application Keys; Moonraker often needs none)", connect: "Connect", connecting: "Asking…", disconnect: "Forget it",
+  step_send: "Sending",
 };

@@ -1,0 +1,176 @@
+"""The program that a printer prints with, OctoPrint or Moonraker (Mainsail, Fluidd): where it is, and sending it files.
+
+The studio asks only the address that the printer's owner gave, only over http or https, and follows no redirect; what
+comes back is read up to a bound. The key lies beside the printer's description, readable by its owner, and the API
+never shows it.
+"""
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import IO, Any, Literal, cast
+from urllib.parse import urlsplit
+
+import httpx2 as httpx
+
+from printmend.errors import InputError, RefusedError
+from printmend.files import replacing
+
+Kind = Literal["octoprint", "moonraker"]
+NAMES: dict[str, str] = {"octoprint": "OctoPrint", "moonraker": "Moonraker"}
+FILE = "host.json"
+_PATIENCE_S = 10.0  # for an answer to a question
+_DIGEST_S = 300.0  # for the answer to a file: a host may mend and read it first
+_MOST_BYTES = 200_000  # of an answer
+_FILES = {"octoprint": "/api/files/local", "moonraker": "/server/files/upload"}
+
+
+@dataclass(frozen=True)
+class Host:
+    """Where a printer's host is, ``http://octopi.local``, the key that it wants, and which of the two it is."""
+
+    address: str
+    key: str
+    kind: Kind
+
+
+def read_host(folder: Path) -> Host | None:
+    """Return the host that is kept in a printer's folder, None where there is none."""
+    try:
+        return Host(**json.loads((folder / FILE).read_text(encoding="utf-8")))
+    except (FileNotFoundError, ValueError):
+        return None
+
+
+def keep_host(folder: Path, host: Host | None) -> None:
+    """Keep a host in a printer's folder, or none."""
+    if host is None:
+        (folder / FILE).unlink(missing_ok=True)
+        return
+    (folder / FILE).touch(mode=0o600)  # its owner's alone, and stays so when it is replaced
+    with replacing(folder / FILE) as file:
+        file.write(json.dumps(asdict(host)))
+
+
+def find_host(address: str, key: str) -> Host:
+    """Return the host at an address, once it has said which program it is.
+
+    Raises `InputError` for what is no address, where neither program answers, and where the key is not accepted.
+    """
+    address = checked_address(address)
+    with _client(address, key, _PATIENCE_S) as client:
+        for kind, path in (("moonraker", "/server/info"), ("octoprint", "/api/version")):
+            status, said = _ask(client, client.build_request("GET", address + path), _PATIENCE_S)
+            if status in (401, 403) and said is not None:
+                came = "no for an answer to this key" if key else "no for an answer without a key"
+                raise InputError(address, wanted="a key that it accepts", came=came,
+                                 todo="copy the API key from its settings")  # fmt: skip
+            if status == 200 and _is(kind, said):
+                return Host(address, key, cast(Kind, kind))
+    raise InputError(address, wanted="OctoPrint or Moonraker (Mainsail, Fluidd)", came="something else",
+                     todo="give the address that the browser shows when you print")  # fmt: skip
+
+
+def checked_address(text: str) -> str:
+    """Return an address as it is kept: with http:// where nothing is said, without a slash at its end."""
+    text = text.strip()
+    text = text if "://" in text else f"http://{text}"
+    try:
+        parts = urlsplit(text)
+        good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+        good &= not (parts.username or parts.password or parts.query or parts.fragment)
+        httpx.URL(text)
+    except (ValueError, httpx.InvalidURL):
+        good = False
+    if not good or not text.isprintable() or " " in text:
+        raise InputError(
+            "the printer's address", wanted="http:// or https:// and a host", came=repr(text[:100]),
+            todo="give it as the browser shows it, for example http://octopi.local",
+        )  # fmt: skip
+    return text.rstrip("/")
+
+
+def send_file(host: Host, path: Path, name: str, told: Callable[[float], None]) -> None:
+    """Put a file among those that the host can print; nothing is started. ``told`` hears the share that is sent.
+
+    Raises `InputError` where the host does not answer, `RefusedError` where it will not have the file.
+    """
+    with path.open("rb") as file, _client(host.address, host.key, _DIGEST_S) as client:
+        told_file = _Told(file, max(path.stat().st_size, 1), told)
+        request = client.build_request(
+            "POST", host.address + _FILES[host.kind], files={"file": (name, cast(IO[bytes], told_file))},
+            data={"root": "gcodes"} if host.kind == "moonraker" else {},
+        )  # fmt: skip
+        status, said = _ask(client, request, _DIGEST_S)
+    if status not in (200, 201):
+        reason = _reason(said)
+        raise RefusedError(
+            name, wanted=f"that {NAMES[host.kind]} takes it", came=f"its answer {status}{reason}",
+            todo="see its log, or download the file and put it there yourself",
+        )  # fmt: skip
+
+
+class _Told:
+    """A file whose reading is noticed."""
+
+    def __init__(self, file: IO[bytes], size: int, told: Callable[[float], None]) -> None:
+        self._file, self._size, self._told = file, size, told
+
+    def read(self, count: int = -1) -> bytes:
+        data = self._file.read(count)
+        self._told(min(self._file.tell() / self._size, 1.0))
+        return data
+
+    def seek(self, place: int, whence: int = 0) -> int:
+        return self._file.seek(place, whence)
+
+    def fileno(self) -> int:
+        return self._file.fileno()
+
+
+def _client(address: str, key: str, patience_s: float) -> httpx.Client:
+    timeout = httpx.Timeout(patience_s, connect=_PATIENCE_S)
+    headers = {"X-Api-Key": key} if key else {}
+    # no proxy of the environment: the host is in the owner's network
+    return httpx.Client(timeout=timeout, headers=headers, follow_redirects=False, trust_env=False)
+
+
+def _ask(client: httpx.Client, request: httpx.Request, patience_s: float) -> tuple[int, Any]:
+    """Return the status of an answer and what it says as JSON, None where it is none or too long."""
+    try:
+        answer = client.send(request, stream=True)
+        end_s = time.monotonic() + patience_s
+        try:
+            data = b""
+            for chunk in answer.iter_raw():
+                data += chunk
+                if len(data) > _MOST_BYTES or time.monotonic() > end_s:
+                    return answer.status_code, None
+        finally:
+            answer.close()
+    except httpx.HTTPError as error:
+        came = "no answer in time" if isinstance(error, httpx.TimeoutException) else str(error) or type(error).__name__
+        raise InputError(
+            str(request.url), wanted="an answer", came=came, todo="is it running, and the address right?"
+        ) from None
+    try:
+        return answer.status_code, json.loads(data)
+    except ValueError:
+        return answer.status_code, None
+
+
+def _is(kind: str, said: Any) -> bool:
+    if not isinstance(said, dict):
+        return False
+    if kind == "moonraker":
+        return isinstance(said.get("result"), dict) and "klippy_state" in said["result"]
+    return str(said.get("text", "")).startswith("OctoPrint")
+
+
+def _reason(said: Any) -> str:
+    """Return a host's own words for why not, if it has any, as the end of a sentence."""
+    words = said.get("error") if isinstance(said, dict) else None
+    words = words.get("message") if isinstance(words, dict) else words
+    return f" ({' '.join(words.split())[:200]})" if isinstance(words, str) else ""

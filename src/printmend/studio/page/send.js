@@ -1,0 +1,37 @@
+// Send a file to the program that the printer prints with: OctoPrint, or Moonraker behind Mainsail and Fluidd.
+import { html, useEffect, useState } from "./vendor.js";
+import { post, remove } from "./api.js";
+import { ended, Problem, Progress, useJob } from "./job.js";
+import { t } from "./words.js";
+
+const NAMES = { octoprint: "OctoPrint", moonraker: "Moonraker" };
+
+// `file` says what: {} is the test print, {job, name} a file that a job made.
+export function Send({ printer, changed, file = {} }) {
+  const [key, setKey] = useState(null), [error, setError] = useState(null), [open, setOpen] = useState(false), job = useJob(key), { host } = printer;
+  useEffect(() => { setKey(null); setError(null); }, [file.job, file.name]);
+  useEffect(() => { if (job?.state === "failed") setError(job.error); }, [job?.state]);
+  const send = async () => { setError(null); try { setKey((await post(`/printers/${printer.id}/send`, file)).id); } catch (problem) { setError(problem.message); } };
+  const busy = key && !ended(job);
+  return html`<div class="stack" data-testid="send"><div class="row">
+      ${host && html`<button disabled=${busy} onClick=${send}>${t("send_to", { host: NAMES[host.kind] })}</button>`}
+      <button class="quiet" aria-expanded=${open} onClick=${() => setOpen(!open)}>${t(host ? "send_change" : "send_setup")}</button></div>
+    <${Problem} error=${error} /><${Progress} job=${busy ? job ?? { id: key, state: "queued", share: 0 } : null} />
+    ${job?.state === "done" && html`<p class="note" role="status">${t("sent", { name: job.result.name, host: job.result.host })} <a href=${job.result.address} target="_blank" rel="noreferrer noopener">${job.result.address}</a></p>`}
+    ${open && html`<${Connect} printer=${printer} done=${() => { setOpen(false); changed(); }} />`}</div>`;
+}
+
+function Connect({ printer, done }) {
+  const [address, setAddress] = useState(printer.host?.address ?? ""), [key, setKey] = useState(""), [error, setError] = useState(null), [busy, setBusy] = useState(false);
+  const go = async (event) => {
+    event.preventDefault();
+    setBusy(true); setError(null);
+    try { await post(`/printers/${printer.id}/host`, { address, key }); done(); } catch (problem) { setError(problem.message); setBusy(false); }
+  };
+  const forget = async () => { try { await remove(`/printers/${printer.id}/host`); done(); } catch (problem) { setError(problem.message); } };
+  return html`<form class="card stack" onSubmit=${go}><p class="soft">${t("send_now")}</p>
+    <label class="field">${t("address")}<input value=${address} required maxlength="300" spellcheck="false" autocapitalize="off" placeholder="octopi.local" onInput=${(event) => setAddress(event.target.value)} /></label>
+    <label class="field">${t("api_key")}<input value=${key} type="password" maxlength="300" autocomplete="off" onInput=${(event) => setKey(event.target.value)} /></label>
+    <${Problem} error=${error} /><div class="row"><button class="primary" disabled=${busy || !address.trim()}>${t(busy ? "connecting" : "connect")}</button>
+    ${printer.host && html`<button type="button" class="quiet" onClick=${forget}>${t("disconnect")}</button>`}</div></form>`;
+}
