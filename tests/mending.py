@@ -1,6 +1,7 @@
 """What the tests of mending share: mend a text in memory, print it on the naive printer, measure."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from printmend.invert import start
 from printmend.machine.mechanism import Mechanism
 from printmend.printer import read_printer
 from printmend.repair.prediction import Prediction, prediction_of
+from printmend.saved.model import SavedModel, exact_model
 from tests import naive_mend
 
 ENDER3, ENDER5, COREXY = read_printer("ender3"), read_printer("ender5"), read_printer("corexy")
@@ -26,6 +28,12 @@ BENT = (
 )
 START = b"G21\nG90\nM83\nG28\nG1 Z0.2 F600\nG0 X60 Y60 F6000\n"
 SQUARE = START + b"G1 X80 Y60 E1 F1800\nG1 X80 Y80 E1\nG1 X60 Y80 E1\nG1 X60 Y60 E1\n"
+
+
+@cache
+def exactly(mechanism: Mechanism) -> SavedModel:
+    """The model of a mechanism that is known exactly, made once."""
+    return exact_model(mechanism)
 
 
 def mended(

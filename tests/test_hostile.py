@@ -31,8 +31,8 @@ from printmend.measure.plan import read_plan
 from printmend.measure.table import read_trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
-from printmend.saved.model import exact_model, read_model, write_model
-from tests.mending import BENT, SQUARE, START
+from printmend.saved.model import read_model, write_model
+from tests.mending import BENT, SQUARE, START, exactly
 from tests.mortal import heed_ctrl_c
 
 PROGRAM = str(Path(sys.executable).parent / "printmend")
@@ -96,7 +96,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "part.gcode").write_bytes(SQUARE)
     (place / "talk.gcode").write_bytes(b"hello world\n" * 9)
     (place / "broken.toml").write_text('[x.belt]\nkind = "play"\nplay_mm = 0.4\n')
-    write_model(place / "printer.mend.json", exact_model(BENT))
+    write_model(place / "printer.mend.json", exactly(BENT))
     write_probe(place / "probe.gcode", PLAN)
     return place
 

@@ -14,13 +14,13 @@ from printmend.corruption import HEALTHY
 from printmend.errors import GcodeError, InputError, ModelError, RefusedError
 from printmend.measure.table import read_trace
 from printmend.saved.model import exact_model, write_model
-from tests.mending import BENT, ENDER3, SQUARE, START
+from tests.mending import BENT, ENDER3, SQUARE, START, exactly
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "part.gcode").write_bytes(SQUARE)
-    write_model(tmp_path / "printer.mend.json", exact_model(BENT))
+    write_model(tmp_path / "printer.mend.json", exactly(BENT))
     (tmp_path / "broken.toml").write_text('[x.belt]\nkind = "play"\nplay_mm = 0.4\n')
     return tmp_path
 

@@ -14,10 +14,10 @@ from printmend.gcode.read import read_gcode
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judged
 from printmend.saved.model import exact_model
-from tests.mending import BENT, ENDER3, PLAY, SQUARE, START, mended
+from tests.mending import BENT, ENDER3, PLAY, SQUARE, START, exactly, mended
 from tests.test_mend_text import HEAD, TAIL
 
-HEALTHY_MODEL, BENT_MODEL, PLAY_MODEL = exact_model(HEALTHY.lower(ENDER3)), exact_model(BENT), exact_model(PLAY)
+HEALTHY_ENDER3 = HEALTHY.lower(ENDER3)
 
 
 def plain(folder: Path, text: bytes = HEAD + SQUARE + TAIL) -> Path:
@@ -28,29 +28,29 @@ def plain(folder: Path, text: bytes = HEAD + SQUARE + TAIL) -> Path:
 
 def test_mends_a_plain_file_and_marks_it(tmp_path: Path) -> None:
     source, output = plain(tmp_path), tmp_path / "out.gcode"
-    done = mend_gcode(source, BENT_MODEL, output)
+    done = mend_gcode(source, exactly(BENT), output)
     assert done.prediction.after.rms_mm < 0.006 < done.prediction.before.rms_mm
     lines = output.read_bytes().splitlines()
     marks = [line for line in lines if line.startswith(b"; mended by printmend ")]
     assert len(marks) == 1
-    assert BENT_MODEL.digest.encode() in marks[0]
-    again = judged(done.prediction, str(source), str(output), BENT_MODEL.mechanism)
+    assert exactly(BENT).digest.encode() in marks[0]
+    again = judged(done.prediction, str(source), str(output), exactly(BENT).mechanism)
     assert again.after.rms_mm < 0.006
 
 
 def test_does_not_mend_twice(tmp_path: Path) -> None:
     source, output = plain(tmp_path), tmp_path / "out.gcode"
-    mend_gcode(source, BENT_MODEL, output)
+    mend_gcode(source, exactly(BENT), output)
     before = output.read_bytes()
     with pytest.raises(GcodeError, match="mended with model"):
-        mend_gcode(output, BENT_MODEL, output)
+        mend_gcode(output, exactly(BENT), output)
     assert output.read_bytes() == before
 
 
 def test_in_place(tmp_path: Path) -> None:
     source = plain(tmp_path)
     source.chmod(0o640)
-    mend_gcode(source, BENT_MODEL, source)
+    mend_gcode(source, exactly(BENT), source)
     assert b"; mended by printmend" in source.read_bytes()
     assert source.stat().st_mode & 0o777 == 0o640
     assert [path.name for path in tmp_path.iterdir()] == ["part.gcode"]
@@ -58,7 +58,7 @@ def test_in_place(tmp_path: Path) -> None:
 
 def test_healthy_returns_every_byte(tmp_path: Path) -> None:
     source, output = plain(tmp_path), tmp_path / "out.gcode"
-    mend_gcode(source, HEALTHY_MODEL, output)
+    mend_gcode(source, exactly(HEALTHY_ENDER3), output)
     assert output.read_bytes() == source.read_bytes()
 
 
@@ -82,7 +82,7 @@ def tiny_model():
 def test_refuses_what_the_bed_does_not_hold(tmp_path: Path) -> None:
     source = plain(tmp_path, START + b"G1 X219.95 E9 F1800\nG1 Y219.9 E9\nG1 X0.05 E9\n")
     with pytest.raises(RefusedError, match="beyond the edge of the bed"):
-        mend_gcode(source, PLAY_MODEL, tmp_path / "out.gcode")
+        mend_gcode(source, exactly(PLAY), tmp_path / "out.gcode")
 
 
 @pytest.mark.parametrize("comment", [b";LAYER_CHANGE\n", b""], ids=["layers", "no layer comments"])
@@ -92,9 +92,9 @@ def test_a_purge_line_at_the_edge_may_be_held_back(tmp_path: Path, comment: byte
     source, output = plain(tmp_path, START + purge + comment + SQUARE.removeprefix(START)), tmp_path / "out.gcode"
     if not comment:
         with pytest.raises(RefusedError, match="beyond the edge of the bed"):
-            mend_gcode(source, PLAY_MODEL, output)
+            mend_gcode(source, exactly(PLAY), output)
         return
-    done = mend_gcode(source, PLAY_MODEL, output)
+    done = mend_gcode(source, exactly(PLAY), output)
     assert done.prediction.clamped_extruding > 0
     assert "held back" in done.prediction.summary()
     assert max(read_gcode(output, printer=ENDER3).moves.end_mm[:, 0]) <= 220
@@ -103,9 +103,9 @@ def test_a_purge_line_at_the_edge_may_be_held_back(tmp_path: Path, comment: byte
 def test_refuses_another_printers_file(tmp_path: Path) -> None:
     source = plain(tmp_path, START + b"G1 X290 Y250 E9 F1800\nG1 X20 E9\n")
     with pytest.raises(ModelError, match="use the model of the printer"):
-        mend_gcode(source, BENT_MODEL, tmp_path / "out.gcode")
+        mend_gcode(source, exactly(BENT), tmp_path / "out.gcode")
     with pytest.raises(ModelError, match="use the model of the printer"):
-        check_gcode(source, BENT_MODEL)
+        check_gcode(source, exactly(BENT))
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_refuses_another_printers_file(tmp_path: Path) -> None:
 def test_bad_files(tmp_path: Path, content: bytes, match: str) -> None:
     source = plain(tmp_path, content)
     with pytest.raises(GcodeError, match=match):
-        mend_gcode(source, BENT_MODEL, tmp_path / "out.gcode")
+        mend_gcode(source, exactly(BENT), tmp_path / "out.gcode")
     assert not (tmp_path / "out.gcode").exists()
 
 
@@ -127,7 +127,7 @@ def test_3mf_keeps_everything_else(tmp_path: Path) -> None:
         archive.writestr("Metadata/plate_1.gcode", text)
         archive.writestr("Metadata/plate_1.gcode.md5", hashlib.md5(text, usedforsecurity=False).hexdigest().upper())
         archive.writestr("Metadata/slice_info.config", "<config/>")
-    mend_gcode(source, BENT_MODEL, output)
+    mend_gcode(source, exactly(BENT), output)
     with zipfile.ZipFile(output) as archive:
         plate = archive.read("Metadata/plate_1.gcode")
         digest = archive.read("Metadata/plate_1.gcode.md5")
@@ -135,7 +135,7 @@ def test_3mf_keeps_everything_else(tmp_path: Path) -> None:
     assert b"; mended by printmend" in plate
     assert digest.decode().lower() == hashlib.md5(plate, usedforsecurity=False).hexdigest()
     with pytest.raises(GcodeError, match="mended"):
-        mend_gcode(output, BENT_MODEL, output)
+        mend_gcode(output, exactly(BENT), output)
 
 
 def test_plates_of_a_project_are_prints_of_their_own(tmp_path: Path) -> None:
@@ -150,33 +150,33 @@ def test_plates_of_a_project_are_prints_of_their_own(tmp_path: Path) -> None:
         archive.writestr("Metadata/project_settings.config", settings)
     with open_gcode(source) as file:
         assert [part.flavour() for part in file.parts] == [Flavour.RRF, Flavour.RRF]
-    done = mend_gcode(source, BENT_MODEL, output)
+    done = mend_gcode(source, exactly(BENT), output)
     assert len(done.prediction.layers) == 2
     with zipfile.ZipFile(output) as archive:
         for number, text in plates.items():
             plate = archive.read(f"Metadata/plate_{number}.gcode")
             assert plate.count(b"; mended by printmend") == 1
-            assert plate.endswith(b"\n" + mended(text, BENT_MODEL.mechanism, Flavour.RRF)[0])
+            assert plate.endswith(b"\n" + mended(text, exactly(BENT).mechanism, Flavour.RRF)[0])
             digest = archive.read(f"Metadata/plate_{number}.gcode.md5").decode()
             assert digest == hashlib.md5(plate, usedforsecurity=False).hexdigest()
 
 
 def test_a_mended_file_is_not_checked_as_an_original(tmp_path: Path) -> None:
     source, output = plain(tmp_path), tmp_path / "out.gcode"
-    mend_gcode(source, BENT_MODEL, output)
-    for model in (BENT_MODEL, HEALTHY_MODEL):
+    mend_gcode(source, exactly(BENT), output)
+    for model in (exactly(BENT), exactly(HEALTHY_ENDER3)):
         with pytest.raises(GcodeError, match="mended with model"):
             check_gcode(output, model)
     with pytest.raises(GcodeError, match="mended with model"):
-        mend_gcode(output, HEALTHY_MODEL, output)
+        mend_gcode(output, exactly(HEALTHY_ENDER3), output)
 
 
 def test_the_mark_is_found_behind_a_long_header(tmp_path: Path) -> None:
     head = b"; HEADER_BLOCK_START\n" + b"; x\n" * 700_000 + b"; HEADER_BLOCK_END\n"
     source, output = plain(tmp_path, head + SQUARE), tmp_path / "out.gcode"
-    mend_gcode(source, BENT_MODEL, output)
+    mend_gcode(source, exactly(BENT), output)
     with pytest.raises(GcodeError, match="mended with model"):
-        mend_gcode(output, BENT_MODEL, output)
+        mend_gcode(output, exactly(BENT), output)
 
 
 def small_files(corpus: Path) -> list[Path]:
@@ -189,7 +189,7 @@ def test_healthy_identity_on_the_corpus(corpus: Path, tmp_path: Path) -> None:
         if "bad_crc" in source.name:
             continue
         try:
-            mend_gcode(source, HEALTHY_MODEL, output)
+            mend_gcode(source, exactly(HEALTHY_ENDER3), output)
         except ModelError:
             continue  # larger than the bed of this printer
         assert output.read_bytes() == source.read_bytes(), source.name
@@ -203,7 +203,7 @@ def test_mending_the_corpus(corpus: Path, tmp_path: Path) -> None:
     for source in small_files(corpus):
         output.unlink(missing_ok=True)
         try:
-            done = mend_gcode(source, BENT_MODEL, output)
+            done = mend_gcode(source, exactly(BENT), output)
         except (RefusedError, GcodeError, ModelError):
             assert not output.exists()
             continue
@@ -220,20 +220,20 @@ def test_bgcode(corpus: Path, tmp_path: Path) -> None:
     source = corpus / "gcode" / "prusa3d__libbgcode" / "mini_cube_b.bgcode"
     output = tmp_path / "out.bgcode"
     with pytest.raises(ModelError, match="180, 180"):  # sliced for a smaller bed
-        mend_gcode(source, BENT_MODEL, output)
-    done = mend_gcode(source, BENT_MODEL, output, force=True)
+        mend_gcode(source, exactly(BENT), output)
+    done = mend_gcode(source, exactly(BENT), output, force=True)
     assert done.prediction.after.rms_mm < 0.01
     assert output.read_bytes()[:4] == b"GCDE"
-    again = judged(done.prediction, str(source), str(output), BENT_MODEL.mechanism)
+    again = judged(done.prediction, str(source), str(output), exactly(BENT).mechanism)
     assert again.after.rms_mm < 0.01
     with pytest.raises(GcodeError, match="mended"):
-        mend_gcode(output, BENT_MODEL, output)
+        mend_gcode(output, exactly(BENT), output)
 
 
 def test_bad_crc(corpus: Path, tmp_path: Path) -> None:
     source = corpus / "gcode" / "prusa3d__Prusa-Firmware-Buddy" / "test_bad_crc_gcode.bgcode"
     with pytest.raises(GcodeError, match="CRC"):
-        mend_gcode(source, BENT_MODEL, tmp_path / "out.bgcode")
+        mend_gcode(source, exactly(BENT), tmp_path / "out.bgcode")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -251,8 +251,8 @@ def test_a_file_for_another_printer_needs_force(tmp_path, header, named):
     source.write_bytes(header.encode() + SQUARE)
     if named:
         with pytest.raises(ModelError, match=named) as caught:
-            mend_gcode(source, BENT_MODEL, output)
+            mend_gcode(source, exactly(BENT), output)
         assert "--force" in str(caught.value)
         assert not output.exists()
-    mend_gcode(source, BENT_MODEL, output, force=bool(named))
+    mend_gcode(source, exactly(BENT), output, force=bool(named))
     assert output.exists()

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from printmend.errors import PrintmendError
 from printmend.repair import mend_gcode
-from printmend.saved.model import exact_model
-from tests.mending import BENT, PLAY, SQUARE, START, judge, mended
+from tests.mending import BENT, PLAY, SQUARE, START, exactly, judge, mended
 from tests.programs import program
 from tests.test_mend_motion import ARCS
 from tests.test_mend_text import HEAD, TAIL
@@ -63,7 +62,7 @@ def test_mutations(text: bytes, mechanism) -> None:
 @settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
 @given(st.one_of(damaged(), st.binary(max_size=200), st.just(b"GCDE").map(lambda head: head + BASE)))
 def test_files(content: bytes) -> None:
-    model = exact_model(BENT)
+    model = exactly(BENT)
     with tempfile.TemporaryDirectory() as name:
         source, output = Path(name) / "part.gcode", Path(name) / "out.gcode"
         source.write_bytes(content)

@@ -6,8 +6,8 @@ import sys
 import time
 from pathlib import Path
 
-from printmend.saved.model import exact_model, write_model
-from tests.mending import BENT, START
+from printmend.saved.model import write_model
+from tests.mending import BENT, START, exactly
 
 KILLS = 6
 
@@ -16,7 +16,7 @@ def test_killed_in_place(tmp_path: Path) -> None:
     rows = b"".join(b"G1 X%d Y%d E1 F1800\n" % (60 + 7 * k % 97, 60 + 5 * k % 89) for k in range(12_000))
     original = START + rows
     source = tmp_path / "part.gcode"
-    write_model(tmp_path / "printer.mend.json", exact_model(BENT))
+    write_model(tmp_path / "printer.mend.json", exactly(BENT))
     command = [str(Path(sys.executable).parent / "printmend"), "mend", "--in-place", str(source)]
     command += ["-m", str(tmp_path / "printer.mend.json")]
     source.write_bytes(original)

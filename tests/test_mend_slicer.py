@@ -10,9 +10,9 @@ import pytest
 import trimesh
 
 from printmend.gcode.read import read_gcode
-from printmend.saved.model import exact_model, write_model
+from printmend.saved.model import write_model
 from tests import naive_mend
-from tests.mending import BENT, ENDER3
+from tests.mending import BENT, ENDER3, exactly
 
 SLICER = shutil.which("prusa-slicer")
 
@@ -21,7 +21,7 @@ SLICER = shutil.which("prusa-slicer")
 def test_post_processing(tmp_path: Path) -> None:
     body = trimesh.creation.cylinder(radius=12, height=3, sections=48)
     body.export(tmp_path / "body.stl")
-    write_model(tmp_path / "printer.mend.json", exact_model(BENT))
+    write_model(tmp_path / "printer.mend.json", exactly(BENT))
     program = Path(sys.executable).parent / "printmend"
     script = f"{program} mend --in-place -m {tmp_path / 'printer.mend.json'}"
     base = [str(SLICER), "-g", "--center", "110,110", "--layer-height", "0.3", str(tmp_path / "body.stl"), "-o"]

@@ -37,6 +37,8 @@ def test_exact_models_are_read_back(family: str, printer: Printer, tmp_path) -> 
     truth = corruption.lower(printer)
     model = exact_model(truth)
     write_model(tmp_path / "printer.mend.json", model)
+    text = model_text(model)
+    assert text == json.dumps(json.loads(text), indent=1, ensure_ascii=False) + "\n"
     again = read_model(tmp_path / "printer.mend.json")
     assert again.is_healthy == (family == "healthy")
     assert again.printer == printer

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.errors import ConfigError
-from printmend.saved.model import exact_model, write_model
-from tests.mending import BENT, SQUARE
+from printmend.saved.model import write_model
+from tests.mending import BENT, SQUARE, exactly
 from tests.mortal import heed_ctrl_c
 
 PROGRAM = str(Path(sys.executable).parent / "printmend")
@@ -25,7 +25,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     (tmp_path / "config" / "printmend").mkdir(parents=True)
     (tmp_path / "part.gcode").write_bytes(SQUARE)
-    write_model(tmp_path / "bent.mend.json", exact_model(BENT))
+    write_model(tmp_path / "bent.mend.json", exactly(BENT))
     return tmp_path
 
 

@@ -9,13 +9,13 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.errors import InputError
 from printmend.repair.watch import JOURNAL, Watch
-from printmend.saved.model import exact_model, write_model
-from tests.mending import BENT, PLAY, SQUARE
+from printmend.saved.model import write_model
+from tests.mending import BENT, PLAY, SQUARE, exactly
 
 
 @pytest.fixture
 def job(tmp_path: Path) -> Watch:
-    write_model(tmp_path / "printer.mend.json", exact_model(BENT))
+    write_model(tmp_path / "printer.mend.json", exactly(BENT))
     return Watch(tmp_path / "in", tmp_path / "out", tmp_path / "printer.mend.json")
 
 
@@ -48,14 +48,14 @@ def test_a_restart_does_nothing_twice_but_what_has_changed(job: Watch) -> None:
     new = again(job)
     assert new.look() == new.look() == []
     assert (job.target / JOURNAL).read_text().endswith("cut sho\n")
-    write_model(job.model_path, exact_model(PLAY))
+    write_model(job.model_path, exactly(PLAY))
     part.write_bytes(SQUARE.replace(b"X80", b"X90"))
     new.look()
     (done,) = new.look()
     assert done.code == 0
     assert out.read_bytes() != first
     assert new.model is not None
-    assert new.model.digest == exact_model(PLAY).digest
+    assert new.model.digest == exactly(PLAY).digest
 
 
 def test_what_cannot_be_mended_says_why_and_others_go_on(job: Watch) -> None:

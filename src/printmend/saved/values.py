@@ -52,9 +52,9 @@ def numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np
         refuse(
             subject, f"a list of {most} numbers at the most for {key}", "none" if values is None else "something else"
         )
-    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+    if not set(map(type, values)) <= {int, float}:
         refuse(subject, f"numbers in {key}", "something else")
-    if not all(abs(value) <= LARGEST for value in values):  # integers of JSON may be beyond any float
+    if values and not -LARGEST <= min(values) <= max(values) <= LARGEST:  # JSON's integers may be beyond any float
         refuse(subject, f"numbers up to {LARGEST:g} in {key}", "others")
     return np.array(values, float)
 
