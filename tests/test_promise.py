@@ -20,7 +20,9 @@ from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import read_printer
 from printmend.promise.apply import believe
 from printmend.promise.budget import parse_budget
-from printmend.promise.predict import Promise
+from printmend.promise.effects import Drawn
+from printmend.promise.predict import DRAWS, Errors, Promise, _Side, _summed_up
+from printmend.promise.predict import Path as Places
 from printmend.promise.unexplained import unexplained
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
@@ -193,6 +195,29 @@ def test_patterns_are_told_from_noise(rng: np.random.Generator) -> None:
     ):
         found = unexplained(rows, noise + pattern, side)
         assert np.sqrt(found.variance_mm2) == pytest.approx(np.std(pattern), rel=0.35)
+
+
+@pytest.mark.parametrize("placed", [True, False])
+def test_what_is_summed_up_at_once_is_what_each_drawn_machine_prints(rng: np.random.Generator, placed: bool) -> None:
+    angle, weight, off = rng.uniform(0, 7, 40), rng.uniform(1, 2, 40), rng.normal(0, 0.1, 40)
+    tangent = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    causes = {
+        name: Drawn(rng.normal(0, 0.05, (40, k)), rng.standard_normal((k, DRAWS))) for name, k in (("a", 3), ("b", 2))
+    }
+    local = {"c": Drawn(rng.uniform(0, 1e-4, (40, 2)), rng.uniform(0, 1, (2, DRAWS)))}
+    path = Places(np.zeros((40, 2)), tangent, off, np.zeros((40, 2)), weight)
+    known = Errors(float(np.sqrt(np.average(off**2, weights=weight))), 0.2, 0.3)
+    promise, rms = _summed_up(_Side(path, off, causes, local, known, signed=True), placed, rng)
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    root = np.sqrt(weight)
+    for draw in range(0, DRAWS, 50):
+        error = off + sum(each.columns @ each.drawn[:, draw] for each in causes.values())
+        shift = np.linalg.lstsq(normal * root[:, None], error * root, rcond=None)[0]
+        counted = error if placed else error - normal @ shift
+        square = np.average(counted**2 + local["c"].columns @ local["c"].drawn[:, draw], weights=weight)
+        assert rms[draw] == pytest.approx(np.sqrt(square), abs=1e-7)
+    assert promise.rms_mm == pytest.approx(np.median(rms))
+    assert sum(share**2 for share in promise.made_of.values()) == pytest.approx(promise.rms_mm**2)
 
 
 def test_a_budget_that_is_none_of_ours_is_refused(bent: SavedModel) -> None:

@@ -47,13 +47,13 @@ class MotorBudget:
         is +1 where the motor pushes the belt forwards, −1 back, 0 between the two.
         """
         mean, play = self.design.columns(motor_mm, self.period_mm, self.middle_mm)
-        if self.design.mean_powers > 2 or self.design.play_powers > 2:
-            inside = np.clip(motor_mm, *self.reach_mm)
-            inner = self.design.columns(inside, self.period_mm, self.middle_mm)
-            for table, clipped, name in ((mean, inner[0], "mean_powers"), (play, inner[1], "play_powers")):
-                high = slice(self.design.parts[name].start + 2, self.design.parts[name].stop)
-                table[:, high] = clipped[:, high]
-        moved = mean - 0.5 * side[:, None] * play
+        inside = (np.clip(motor_mm, *self.reach_mm) - self.middle_mm) / SCALE_MM
+        for table, name in ((mean, "mean_powers"), (play, "play_powers")):
+            part = self.design.parts[name]
+            for power in range(2, part.stop - part.start):
+                table[:, part.start + power] = inside**power
+        play *= 0.5 * side[:, None]
+        moved = mean - play
         place = self.design.parts["cross"]
         for at, (p, q) in enumerate(self.design.cross, start=place.start):
             moved[:, at] = (own_mm / SCALE_MM) ** p * (other_mm / SCALE_MM) ** q

@@ -26,6 +26,18 @@ _MOST_WEIGHTS = 2 * len(TWO_MOTORS)
 
 
 @dataclass(frozen=True, eq=False)
+class Drawn:
+    """One cause of what drawn machines differ in at places of a print: ``columns`` [N, K] @ ``drawn`` [K, D]."""
+
+    columns: np.ndarray
+    drawn: np.ndarray
+
+    def beside(self, other: "Drawn") -> "Drawn":
+        """Return the sum of both."""
+        return Drawn(np.hstack([self.columns, other.columns]), np.vstack([self.drawn, other.drawn]))
+
+
+@dataclass(frozen=True, eq=False)
 class Effect:
     """A misfit of one ``motor``: its ``kind``'s law with ``weights`` [Q] mm, and what becomes of it, ``state``.
 
@@ -47,19 +59,22 @@ class Effect:
         """Return the misfit at rows [N] mm, none of it absorbed."""
         return np.asarray(LAWS[self.kind](one, self.detail, self.place) @ self.weights)
 
-    def drawn_mm(self, places: "Places", begun: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def drawn(self, places: "Places", begun: np.ndarray, rng: np.random.Generator) -> "Drawn":
         """Return by how much the belt may be off at places of a new print [N, D]; ``begun`` [D] from 0 to 1 draws how
         far the print is with what comes anew each time, the same for all effects."""
         one = places.seen_by(self)
-        law, taken = self.law(one)[:, None], (absorbing(one) @ self.absorbed)[:, None]
+        columns = np.stack([self.law(one), absorbing(one) @ self.absorbed], axis=1)
+        now = VARIES_FROM + (VARIES_TO - VARIES_FROM) * begun
         if self.state == VARIES:
-            return np.asarray(law * (VARIES_FROM + (VARIES_TO - VARIES_FROM) * begun) - taken)
+            return Drawn(columns, np.stack([now, np.full_like(now, -1.0)]))
         if self.state == EARLY:
-            return np.asarray(law * (VARIES_FROM + (VARIES_TO - VARIES_FROM) * begun - EARLY_SHARE))
+            return Drawn(columns[:, :1], now[None] - EARLY_SHARE)
         share = rng.normal(*SHARES[self.state], len(begun))
         if self.state == ENDED:
             share *= np.exp(rng.normal(0.0, GOES_ON, len(begun)))
-        return np.asarray((law - (taken if self.state in (STAYS, SPEED) else 0.0)) * share)
+        if self.state in (STAYS, SPEED):
+            return Drawn(columns, np.stack([share, -share]))
+        return Drawn(columns[:, :1], share[None])
 
     def json(self) -> dict[str, Any]:
         """Return plain values."""

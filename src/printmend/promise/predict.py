@@ -9,15 +9,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from printmend.machine.mechanism import Mechanism, Transmission
 from printmend.promise.budget import Budget, MotorBudget
-from printmend.promise.effects import Places
+from printmend.promise.effects import Drawn, Places
 from printmend.saved.layout import bed_middle
 
 DRAWS = 256
 RANKED_DRAWS = 32  # of these, for the quantiles over the places of a path
-MOST_PLACES = 1024  # of the path that are looked at, at most
+MOST_PLACES = 512  # of the path that are looked at, at most: 2048 change no figure by more than another seed does
 LOW, HIGH = 0.05, 0.95
 ROUNDED = (0.5, 1.1)
 # Mean and standard deviation of the logarithm of how much larger a pattern that no model follows is in another print
@@ -114,18 +115,22 @@ def promised(
     the path, not those of its tangents: its places are marks."""
     if not len(path.weight) or path.weight.sum() <= 0:
         return None
-    path = _thinned(path)
+    with threadpool_limits(1, user_api="blas"):  # the products are small: a second thread would only be waited for
+        return _outlook(mechanism, budget, _thinned(path), (before, after), at_rest)
+
+
+def _outlook(mechanism: Mechanism, budget: Budget, path: Path, errors: tuple[Errors, Errors], at_rest: bool) -> Outlook:
     rng = np.random.default_rng(SEED)
     aims = _aims(mechanism, path, at_rest)
-    local = _local_mm2(mechanism, budget, path, rng)
+    local = _local(mechanism, budget, path, rng)
     columns = [_columns(mechanism, budget, path, aims, motors) for motors in (aims.before_mm, aims.after_mm)]
     z = np.vstack([_directions(motor, rng) for motor in budget.motors])
-    both = _stretch_mm(mechanism, budget, path, rng) | _effects_mm(mechanism, budget, path, aims, rng)
+    both = _stretch(mechanism, budget, path, rng) | _effects(mechanism, budget, path, aims, rng)
     if not budget.placed:
-        both["homing"] = _homing_mm(mechanism, path, rng)
-    doubts = [{"parameters": each @ z, **both} for each in columns]
-    raw = _Side(path, path.off_mm[:, None], doubts[0], local, before, signed=True)
-    mended = _Side(path, np.zeros((1, 1)), doubts[1], local, after, signed=False)
+        both["homing"] = _homing(mechanism, path, rng)
+    doubts = [{"parameters": Drawn(each, z), **both} for each in columns]
+    raw = _Side(path, path.off_mm, doubts[0], local, errors[0], signed=True)
+    mended = _Side(path, np.zeros_like(path.off_mm), doubts[1], local, errors[1], signed=False)
     results = [_summed_up(each, budget.placed, rng) for each in (raw, mended)]
     strange2 = OTHERWISE_SHARE**2 * sum(
         results[1][0].made_of[name] ** 2 for name in {"unexplained", *(each.kind for each in budget.effects)}
@@ -145,21 +150,16 @@ class _Aims:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One of the two files: errors across the path that are sure, ``off_mm`` [N or 1, 1], and that the drawn machines
-    have, ``doubt_mm`` cause → [N, DRAWS]; ``local`` cause → variance across the path [N, DRAWS]; what the model itself
-    says, ``known``, of which ``off_mm`` is all where ``signed``."""
+    """One of the two files: errors across the path that are sure, ``off_mm`` [N]; by cause the errors of the drawn
+    machines, ``doubt``, and the variances across the path of what differs from place to place, ``local``; what the
+    model itself says, ``known``, of which ``off_mm`` is all where ``signed``."""
 
     path: Path
     off_mm: np.ndarray
-    doubt_mm: dict[str, np.ndarray]
-    local: dict[str, np.ndarray]
+    doubt: dict[str, Drawn]
+    local: dict[str, Drawn]
     known: Errors
     signed: bool
-
-    @property
-    def error_mm(self) -> np.ndarray:
-        """The errors across the path of each drawn machine [N, DRAWS]."""
-        return np.asarray(self.off_mm + sum(self.doubt_mm.values()))
 
 
 def _thinned(path: Path) -> Path:
@@ -202,7 +202,7 @@ def _directions(motor: MotorBudget, rng: np.random.Generator) -> np.ndarray:
     return z if motor.seen >= WHOLE_TURN_SHARE else np.asarray(z * np.exp(rng.normal(*GUESSED_LOG, DRAWS)))
 
 
-def _homing_mm(mechanism: Mechanism, path: Path, rng: np.random.Generator) -> np.ndarray:
+def _homing(mechanism: Mechanism, path: Path, rng: np.random.Generator) -> Drawn:
     """Return the error across the path [N, DRAWS] of belts that came to rest somewhere in their play at home, when the
     measurement does not show where: every other one is engaged, the others lie anywhere."""
     printer = mechanism.printer
@@ -212,7 +212,7 @@ def _homing_mm(mechanism: Mechanism, path: Path, rng: np.random.Generator) -> np
         lower, upper = (float(each[0]) for each in table.branches_mm(at_home[[motor]]))
         resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < LOOSE_AT_HOME_SHARE)
         shift[motor] = -printer.motor_home_direction(motor) * max(upper - lower, 0.0) * resting
-    return np.asarray(_across(mechanism, path) @ shift)
+    return Drawn(_across(mechanism, path), shift)
 
 
 def _columns(mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, motor_mm: np.ndarray) -> np.ndarray:
@@ -232,7 +232,7 @@ def _columns(mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, moto
     return np.hstack(found)
 
 
-def _stretch_mm(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def _stretch(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Generator) -> dict[str, Drawn]:
     """Return the error across the path [N, DRAWS] of what an instrument cannot tell from the printer."""
     if not budget.stretch:
         return {}
@@ -245,107 +245,114 @@ def _stretch_mm(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random
         mine = mean[:, None] + (axes * np.sqrt(np.maximum(values, 0.0))) @ normal
         drawn[:, which == at] = mine[:, which == at]
     home = np.array(mechanism.printer.home_mm)
-    x, y = (path.wanted_mm - home).T[:, :, None]
-    common, half, lean = drawn
-    across_x, across_y = (-path.tangent[:, [1]], path.tangent[:, [0]])
-    if mechanism.printer.kinematics == "corexy":
-        moved = across_x * ((common + half) * x + lean * y) + across_y * ((common - half) * y + lean * x)
-    else:  # the x axis keeps its direction
-        moved = across_x * ((common + half) * x + 2 * lean * y) + across_y * (common - half) * y
-    return {"instrument": np.asarray(moved)}
+    x, y = (path.wanted_mm - home).T
+    across_x, across_y = -path.tangent[:, 1], path.tangent[:, 0]
+    corexy = mechanism.printer.kinematics == "corexy"
+    lean = across_x * y + across_y * x if corexy else 2 * across_x * y  # a cartesian x axis keeps its direction
+    common, half = across_x * x + across_y * y, across_x * x - across_y * y
+    return {"instrument": Drawn(np.stack([common, half, lean], axis=1), drawn)}
 
 
-def _local_mm2(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Return the variances across the path [N, DRAWS] of what differs from place to place, by cause."""
+def _local(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Generator) -> dict[str, Drawn]:
+    """Return the variances across the path of what differs from place to place, by cause."""
     across2 = _across(mechanism, path) ** 2
     steps = np.array([axis.mm_per_step / axis.microsteps for axis in mechanism.printer.axes[:2]])
     drawn = np.stack(
         [np.maximum(rng.normal(motor.unexplained_mm2, motor.unexplained_sd_mm2, DRAWS), 0.0) for motor in budget.motors]
     )
-    local = {"unexplained": (across2 @ drawn) * np.exp(2 * rng.normal(*ELSEWHERE_LOG, DRAWS))}
+    unexplained = Drawn(across2, drawn * np.exp(2 * rng.normal(*ELSEWHERE_LOG, DRAWS)))
     unshown = UNSHOWN_MM * np.exp(UNSHOWN_SD * rng.standard_normal(DRAWS))
-    local["motion"] = np.broadcast_to(unshown**2 / 2, (len(path.weight), DRAWS))
+    motion = Drawn(np.full((len(across2), 1), 0.5), unshown[None] ** 2)
     # Some drives stop evenly on their micro-steps, others hardly hold them: half to once and a bit of their size.
-    local["rounding"] = (across2 @ (steps**2 / 12))[:, None] * rng.uniform(*ROUNDED, DRAWS) ** 2
-    return local
+    rounding = Drawn((across2 @ (steps**2 / 12))[:, None], rng.uniform(*ROUNDED, DRAWS)[None] ** 2)
+    return {"unexplained": unexplained, "motion": motion, "rounding": rounding}
 
 
-def _effects_mm(
+def _effects(
     mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, rng: np.random.Generator
-) -> dict[str, np.ndarray]:
-    """Return the error across the path [N, DRAWS] of what the tests of misfit found, by kind."""
+) -> dict[str, Drawn]:
+    """Return the error across the path of what the tests of misfit found, by kind."""
     across = _across(mechanism, path)
-    found: dict[str, np.ndarray] = {}
+    found: dict[str, Drawn] = {}
     places = Places(aims.before_mm, path.wanted_mm, aims.side)
     begun = rng.uniform(0.0, 1.0, DRAWS)
     for effect in budget.effects:
-        moved = across[:, [effect.motor]] * effect.drawn_mm(places, begun, rng)
-        found[effect.kind] = found[effect.kind] + moved if effect.kind in found else moved
+        belt = effect.drawn(places, begun, rng)
+        moved = Drawn(across[:, [effect.motor]] * belt.columns, belt.drawn)
+        found[effect.kind] = found[effect.kind].beside(moved) if effect.kind in found else moved
     return found
 
 
 def _summed_up(side: _Side, placed: bool, rng: np.random.Generator) -> tuple[Promise, np.ndarray]:
-    """Return the promise and the RMS errors [DRAWS] that it sums up."""
+    """Return the promise and the RMS errors [DRAWS] that it sums up.
+
+    All of them are quadratic forms of what was drawn: the products of the columns are summed along the path once.
+    """
     weight = side.path.weight / side.path.weight.sum()
     normal = np.stack([-side.path.tangent[:, 1], side.path.tangent[:, 0]], axis=1)
-    error = side.error_mm
-    pull = (normal * weight[:, None]).T @ error  # [2, DRAWS]
-    spread = (normal * weight[:, None]).T @ normal + 1e-9 * np.eye(2)
-    shift = np.linalg.solve(spread, pull)
-    seen2 = float(weight @ side.path.off_mm**2) if side.signed else 0.0
+    columns = np.hstack([normal, side.off_mm[:, None], *(each.columns for each in side.doubt.values())])
+    products = (columns * weight[:, None]).T @ columns
+    spread = products[:2, :2] + 1e-9 * np.eye(2)
+    # by how much the whole part is shifted, for a unit of each column
+    away = np.linalg.solve(spread, products[:2])
+    shape = products - products[:, :2] @ away - away.T @ products[:2] + away.T @ products[:2, :2] @ away
+    drawn = np.vstack([np.ones((1, DRAWS)), *(each.drawn for each in side.doubt.values())])
+    shift = away[:, 2:] @ drawn
+    seen2 = float(products[2, 2]) if side.signed else 0.0
     known2 = max(side.known.rms_mm**2 - seen2, 0.0)
-    places2 = {name: weight @ each for name, each in side.local.items()}
-    whole2 = weight @ error**2 + known2 + sum(places2.values())
-    shape2 = np.maximum(whole2 - (shift * pull).sum(axis=0), 0.0)
-    drawn = np.sqrt(whole2 if placed else shape2)
-    rms = float(np.median(drawn))
-    shares = {
-        "planning": side.known.rms_mm**2,
-        **{
-            name: float(np.mean(weight @ _level(each, normal, weight, placed) ** 2))
-            for name, each in side.doubt_mm.items()
-        },
-        **{name: float(np.median(each)) for name, each in places2.items()},
-    }
+    places2 = {name: weight @ each.columns @ each.drawn for name, each in side.local.items()}
+    beside2 = known2 + sum(places2.values())
+    whole = np.sqrt(_square(products[2:, 2:], drawn) + beside2)
+    without_shift = np.sqrt(_square(shape[2:, 2:], drawn) + beside2)
+    rms_mm = whole if placed else without_shift
+    rms = float(np.median(rms_mm))
+    counted = products if placed else shape
+    shares = {"planning": side.known.rms_mm**2}
+    first = 3
+    for name, each in side.doubt.items():
+        own = slice(first, first := first + len(each.drawn))
+        shares[name] = float(np.mean(_square(counted[own, own], each.drawn)))
+    shares |= {name: float(np.median(each)) for name, each in places2.items()}
     total = max(sum(shares.values()), 1e-300)
-    p95, most = _extremes(side, shift, placed, rng)
-    low, high = np.quantile(drawn, (LOW, HIGH))
+    p95, most = _extremes(side, columns, drawn, None if placed else shift, rng)
+    low, high = np.quantile(rms_mm, (LOW, HIGH))
     promise = Promise(
-        rms, p95, most, float(low), float(high), float(np.median(np.sqrt(shape2))),
+        rms, p95, most, float(low), float(high), float(np.median(without_shift)),
         float(np.median(np.hypot(*shift))), side.known.rms_mm,
         {name: rms * float(np.sqrt(share / total)) for name, share in shares.items()},
     )  # fmt: skip
-    return promise, drawn
+    return promise, rms_mm
 
 
-def _level(error_mm: np.ndarray, normal: np.ndarray, weight: np.ndarray, placed: bool) -> np.ndarray:
-    """Return errors [N, DRAWS] that count: without what a shift of the whole part takes off, where only shape does."""
-    if placed:
-        return error_mm
-    spread = (normal * weight[:, None]).T @ normal + 1e-9 * np.eye(2)
-    return np.asarray(error_mm - normal @ np.linalg.solve(spread, (normal * weight[:, None]).T @ error_mm))
+def _square(products: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """Return zᵀ P z for each column z of what was drawn [K, D]."""
+    return np.maximum(np.einsum("kd,kd->d", drawn, products @ drawn), 0.0)
 
 
-def _extremes(side: _Side, shift: np.ndarray, placed: bool, rng: np.random.Generator) -> tuple[float, float]:
-    """Return the 95th percentile and the largest error along the path, the median of some drawn machines."""
-    error = side.error_mm[:, :RANKED_DRAWS]
-    sd2 = np.full(error.shape, 0.0 if side.signed else side.known.rms_mm**2)
-    for each in side.local.values():
-        sd2 += each[:, :RANKED_DRAWS]
-    off = side.path.off_mm[:, None]
-    if not placed:
-        normal = np.stack([-side.path.tangent[:, 1], side.path.tangent[:, 0]], axis=1)
-        error = error - normal @ shift[:, :RANKED_DRAWS]
-        off = off - normal @ np.median(shift, axis=1)[:, None]
-    drawn = np.abs(error + np.sqrt(sd2) * rng.standard_normal(error.shape))
-    order = np.argsort(drawn, axis=0)
-    reached = np.cumsum(side.path.weight[order], axis=0) / side.path.weight.sum()
-    at = np.minimum((reached < 0.95).sum(axis=0), len(drawn) - 1)
-    ranked = np.take_along_axis(drawn, order, axis=0)
-    p95, most = float(np.median(ranked[at, np.arange(RANKED_DRAWS)])), float(np.median(ranked[-1]))
+def _extremes(
+    side: _Side, columns: np.ndarray, drawn: np.ndarray, shift: np.ndarray | None, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Return the 95th percentile and the largest error along the path, the median of some drawn machines; without what
+    a ``shift`` of the whole part takes off, where only its shape counts."""
+    some = slice(RANKED_DRAWS)
+    error = columns[:, 2:] @ drawn[:, some]
+    sd2 = sum(each.columns @ each.drawn[:, some] for each in side.local.values())
+    if not side.signed:
+        sd2 = sd2 + side.known.rms_mm**2
+    if shift is not None:
+        error -= columns[:, :2] @ shift[:, some]
+    found = np.abs(error + np.sqrt(sd2) * rng.standard_normal(error.shape))
+    p95 = float(np.median([_weighted_p95(each, side.path.weight) for each in found.T]))
+    most = float(np.median(found.max(axis=0)))
     if not side.signed:
         return p95, max(most, side.known.max_mm)
     # the samples miss corners that the whole path has
-    without = np.sort(np.abs(off[:, 0]))
-    missed = side.known.max_mm - float(without[-1]) if placed else 0.0
+    missed = side.known.max_mm - float(np.abs(side.off_mm).max()) if shift is None else 0.0
     return p95, most + max(missed, 0.0)
+
+
+def _weighted_p95(values: np.ndarray, weight: np.ndarray) -> float:
+    """Return the least of the values [N] that 95 % of the ``weight`` [N] do not exceed."""
+    order = np.argsort(values)
+    reached = np.cumsum(weight[order])
+    return float(values[order[min(np.searchsorted(reached, 0.95 * reached[-1]), len(values) - 1)]])

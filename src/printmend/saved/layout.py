@@ -130,13 +130,17 @@ class Design:
     def columns(self, motor_mm: np.ndarray, period_mm: float, origin_mm: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the columns of mean and of play [N, P] at motor positions [N]; the frame's are 0 in both."""
         x = (motor_mm - origin_mm) / SCALE_MM
-        phase = TURN_RAD * np.mod(motor_mm / period_mm, 1.0)[:, None]
+        phase = TURN_RAD * np.mod(motor_mm / period_mm, 1.0)
         mean, play = np.zeros((len(x), self.size)), np.zeros((len(x), self.size))
         mean[:, self.parts["mean_powers"]] = x[:, None] ** np.arange(self.mean_powers)
         mean[:, self.parts["warp"]] = warp_columns(self.warp, self.warp_span_mm, motor_mm)
         play[:, self.parts["play_powers"]] = x[:, None] ** np.arange(self.play_powers)
         harmonics = np.unique(self.harmonic[self.harmonic > 0])
-        turned = {"cos": np.cos(phase * harmonics), "sin": np.sin(phase * harmonics)}
+        once, turned_rows = np.exp(1j * phase), np.empty((len(harmonics), len(x)), complex)
+        for at, k in enumerate(harmonics):  # eⁱᵏᵠ = eⁱ⁽ᵏ⁻¹⁾ᵠ eⁱᵠ: far cheaper than cosines and sines of all
+            follows = at > 0 and harmonics[at - 1] == k - 1
+            turned_rows[at] = turned_rows[at - 1] * once if follows else np.exp(1j * k * phase)
+        turned = {"cos": turned_rows.real.T, "sin": turned_rows.imag.T}
         for name, part in self.parts.items():
             if name.endswith(("_cos", "_sin")):
                 wave = turned[name[-3:]][:, np.searchsorted(harmonics, self.waves(name))]
