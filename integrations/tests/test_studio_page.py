@@ -121,6 +121,13 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     page.get_by_role("button", name="as it prints").click()
     page.wait_for_timeout(500)
     watched.picture("mend")
+    page.get_by_role("button", name="Cut a wall").click()
+    cut = page.get_by_test_id("cut")
+    expect(cut.get_by_role("img", name=re.compile(r"^[1-9]\d* beads cut at Y"))).to_be_visible()
+    for kind, begins in (("PNG", b"\x89PNG"), ("SVG", b"<svg")):
+        with page.expect_download() as load:
+            cut.get_by_role("button", name=f"Save as {kind}").click()
+        assert Path(load.value.path()).read_bytes().startswith(begins)
     page.get_by_role("link", name="Prove").click()
     page.get_by_role("button", name="Make the check print").click()
     with page.expect_download() as load:
@@ -176,6 +183,26 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     with page.expect_download() as load:
         page.get_by_role("button", name="Save as PNG").click()
     assert Path(load.value.path()).read_bytes()[:4] == b"\x89PNG"
+    _ok(watched)
+
+
+def test_a_cut_shows_each_bead_at_its_width(browser: Browser, server: Server) -> None:
+    """A bead that is cut at a slant shows a longer bar; one that ends before the cut its round end."""
+    watched = _page(browser, server)
+    watched.page.goto(server.address)
+    cut = """(wanted) => import("/cut.js").then((cut) => cut.beads({
+        points: 2, unit_mm: 0.002, wanted: new Float32Array(wanted), errors: new Uint16Array([0, 0, 100, 40]),
+        offsets: new Int16Array([100, 0, 0, 0, 100, 0, 0, 0]), marks: new Uint8Array([1, 50, 20, 0, 0, 50, 20, 0]),
+    }, 1, 1, 10))"""
+
+    def beads(*wanted: float) -> np.ndarray:
+        return np.array(watched.page.evaluate(cut, list(wanted)))
+
+    half = 0.25 / np.cos(np.radians(45))  # printed 0.2 mm to the right of where it was wanted
+    assert beads(5, 0, 1, 25, 20, 1) == pytest.approx(np.array([[15.2 - half, 15.2 + half, 1, 0.2, 0.1]]), abs=1e-4)
+    assert beads(5, 10, 1, 25, 10, 1) == pytest.approx(np.array([[4.95, 25.45, 1, 0.2, 0.1]]), abs=1e-4)
+    assert beads(5, 0, 1, 5, 9.85, 1) == pytest.approx(np.array([[5.0, 5.4, 1, 0.2, 0.1]]), abs=1e-4)
+    assert beads(5, 0, 1, 5, 9.7, 1).size == 0
     _ok(watched)
 
 

@@ -46,20 +46,53 @@ export function Slice({ wanted, printed, joined, id }) {
   </svg>`;
 }
 
-export function saveSvg(id, name) {
-  const copy = document.getElementById(id).cloneNode(true);
+const STYLES = ["fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linejoin", "vector-effect", "opacity", "font-size", "font-weight", "font-family"];
+
+// A drawing as a file that looks like it everywhere: styles written out, pictures put in, on the page's paper.
+async function drawn(id) {
+  const live = document.getElementById(id), copy = live.cloneNode(true), [x, y, w, h] = live.getAttribute("viewBox").split(" ").map(Number);
   copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
-  const live = document.getElementById(id).querySelectorAll("*");
-  copy.querySelectorAll("*").forEach((node, i) => {
-    const style = getComputedStyle(live[i]);
-    for (const key of ["fill", "stroke", "stroke-width", "opacity", "font-size"]) node.setAttribute(key, style.getPropertyValue(key));
+  copy.removeAttribute("style");
+  const nodes = [...live.querySelectorAll("*")], copies = [...copy.querySelectorAll("*")];
+  nodes.forEach((node, i) => {
+    const style = getComputedStyle(node);
+    for (const key of STYLES) copies[i].setAttribute(key, style.getPropertyValue(key));
+    copies[i].removeAttribute("style");
   });
+  for (const image of copy.querySelectorAll("image")) image.setAttribute("href", await inside(image.getAttribute("href")));
+  const paper = document.createElementNS("http://www.w3.org/2000/svg", "rect");
+  for (const [key, value] of Object.entries({ x, y, width: w, height: h, fill: getComputedStyle(document.body).backgroundColor })) paper.setAttribute(key, value);
+  copy.prepend(paper);
+  const scale = 1600 / Math.max(w, h);
+  copy.setAttribute("width", w * scale);
+  copy.setAttribute("height", h * scale);
+  return { text: new XMLSerializer().serializeToString(copy), width: Math.round(w * scale), height: Math.round(h * scale) };
+}
+
+async function inside(address) {
+  const blob = await (await fetch(address)).blob(), reader = new FileReader();
+  return new Promise((done) => { reader.onload = () => done(reader.result); reader.readAsDataURL(blob); });
+}
+
+export function saveBlob(blob, name) {
   const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([new XMLSerializer().serializeToString(copy)], { type: "image/svg+xml" }));
-  link.download = `${name}.svg`;
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 5000);
 }
+
+async function saveDrawing(id, name, kind) {
+  const { text, width, height } = await drawn(id);
+  if (kind === "svg") return saveBlob(new Blob([text], { type: "image/svg+xml" }), `${name}.svg`);
+  const picture = new Image(), canvas = Object.assign(document.createElement("canvas"), { width, height });
+  picture.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
+  await picture.decode();
+  canvas.getContext("2d").drawImage(picture, 0, 0, width, height);
+  return canvas.toBlob((blob) => saveBlob(blob, `${name}.png`), "image/png");
+}
+
+export const Save = ({ id, name }) => html`<div class="segment" role="group" aria-label=${t("save")}>${["png", "svg"].map((kind) => html`<button title=${t(`save_${kind}`)} aria-label=${t(`save_${kind}`)} onClick=${() => saveDrawing(id, name, kind)}>${kind.toUpperCase()}</button>`)}</div>`;
 
 export const Number_ = ({ value, unit = "mm", children }) => html`<div class="number"><b>${value} <small>${unit}</small></b><span>${children}</span></div>`;
 export const percent = (share) => `${number(100 * share, 0)} %`;

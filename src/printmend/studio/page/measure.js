@@ -1,23 +1,23 @@
 // Measure: the test print, and what was seen of it, by scan, by callipers or as a table.
-import { html, useEffect, useRef, useState } from "./vendor.js";
+import { html, useEffect, useState } from "./vendor.js";
 import { fileOf, get, post, upload } from "./api.js";
-import { Plate } from "./drawings.js";
+import { Plate, Save } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { ended, Problem, Progress, useJob } from "./job.js";
+import { useLook, Zoom } from "./look.js";
 import { Send } from "./send.js";
-import { mm, number, t, typed } from "./words.js";
+import { asked, mm, number, t, typed } from "./words.js";
 
 export function Measure({ printer, changed }) {
   const [probe, setProbe] = useState(null), [error, setError] = useState(null), [size, setSize] = useState(""), [way, setWay] = useState("scan");
   const make = async (overwrite = false) => {
-    const side = typed(size);
-    try { setProbe(await post(`/printers/${printer.id}/probe`, { size_mm: Number.isNaN(side) ? null : side, overwrite })); setError(null); changed(); } catch (problem) {
+    try { setProbe(await post(`/printers/${printer.id}/probe`, { size_mm: asked(size), overwrite })); setError(null); changed(); } catch (problem) {
       if (!overwrite && /plan of another test print/.test(problem.message)) { if (confirm(t("overwrite_sure"))) await make(true); } else setError(problem.message);
     }
   };
   const learned = () => { changed(); location.hash = `#/printers/${printer.id}/wrong`; };
   return html`<${Problem} error=${error} /><div class="split"><section class="card stack"><h2>${t("plate")}</h2><p class="soft">${t("plate_now")}</p>
-      ${probe && html`<div style=${{ height: "17rem" }}><${Plate} id="plate" marks=${probe.marks_mm} errors=${probe.marks_mm.map(() => [0, 0])} big=${probe.big} bed=${probe.bed_mm} enlarge="1" /></div>
+      ${probe && html`<div style=${{ height: "17rem" }}><${Plate} id="plate" marks=${probe.marks_mm} errors=${probe.marks_mm.map(() => [0, 0])} big=${probe.big} bed=${probe.bed_mm} enlarge="1" /></div><${Save} id="plate" name="plate" />
         <p><b>${t("plate_facts", { marks: probe.marks, minutes: number(probe.minutes, 0), grams: number(probe.grams, 1) })}</b><br /><span class="faint">${t("plate_left", { mm: mm(probe.expected_mm) })}</span></p>`}
       ${printer.has_probe && html`<a class="button primary" href=${`/api/printers/${printer.id}/files/probe.gcode`} download>${t("download_plate")}</a><${Send} printer=${printer} changed=${changed} />`}
       <label class="field">${t("plate_size")}<input inputmode="decimal" value=${size} onInput=${(event) => setSize(event.target.value)} /></label>
@@ -45,8 +45,7 @@ function Scan({ printer, learned }) {
   const [out, setOut] = useState(new Set()), [uploads, setUploads] = useState([]), job = useJob(key), { learn, job: learning, error: failed } = useLearn(printer, learned);
   const run = async (keys) => {
     setOut(new Set());
-    const [d, mm_] = [typed(dpi), typed(distance)];
-    try { setKey((await post(`/printers/${printer.id}/measure`, { uploads: keys, dpi: Number.isNaN(d) ? null : d, distance_mm: Number.isNaN(mm_) ? null : mm_ })).id); } catch (problem) { setError(problem.message); }
+    try { setKey((await post(`/printers/${printer.id}/measure`, { uploads: keys, dpi: asked(dpi), distance_mm: asked(distance) })).id); } catch (problem) { setError(problem.message); }
   };
   const take = async (files) => {
     setError(null); setKey(null);
@@ -69,39 +68,16 @@ function Scan({ printer, learned }) {
       ${uploads.length > 0 && html`<button onClick=${() => run(uploads)}>${t("again")}</button>`}</div>`;
 }
 
-// The scan with rings around what was found; wheel and drag, buttons and keys move it.
+// The scan with rings around what was found.
 function Marks({ job, out, toggle }) {
-  const { size_px: size, marks_px: marks, radius_px: radius, odd } = job.result, svg = useRef(), start = useRef(null);
-  const [box, setBox] = useState([0, 0, ...size]), odds = new Set(odd);
-  const zoom = (factor, at = [0.5, 0.5]) => setBox(([x, y, w, h]) => {
-    const to = Math.min(1, Math.max(0.02, (w / size[0]) * factor));
-    const [nw, nh] = [size[0] * to, size[1] * to];
-    return [x + (w - nw) * at[0], y + (h - nh) * at[1], nw, nh];
-  });
-  useEffect(() => {
-    const wheel = (event) => { event.preventDefault(); const place = svg.current.getBoundingClientRect(); zoom(event.deltaY > 0 ? 1.2 : 1 / 1.2, [(event.clientX - place.left) / place.width, (event.clientY - place.top) / place.height]); };
-    svg.current.addEventListener("wheel", wheel, { passive: false });
-    return () => svg.current?.removeEventListener("wheel", wheel);
-  }, []);
-  const move = (event) => {
-    if (!event.buttons || !start.current) return;
-    const place = svg.current.getBoundingClientRect(), scale = Math.max(box[2] / place.width, box[3] / place.height);
-    setBox([start.current[2] - (event.clientX - start.current[0]) * scale, start.current[3] - (event.clientY - start.current[1]) * scale, box[2], box[3]]);
-  };
-  const keys = (event) => {
-    const step = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[event.key];
-    if (step) setBox(([x, y, w, h]) => [x + step[0] * w, y + step[1] * h, w, h]);
-    else if (event.key === "+") zoom(1 / 1.3); else if (event.key === "-") zoom(1.3); else return;
-    event.preventDefault();
-  };
+  const { size_px: size, marks_px: marks, radius_px: radius, odd } = job.result, odds = new Set(odd), { zoom, props } = useLook([0, 0, ...size]);
   const kind = (i) => (out.has(i) ? "out" : odds.has(i) ? "odd" : "found");
   const colour = { found: "var(--good)", odd: "var(--warn)", out: "var(--bad)" };
-  return html`<div class="stage"><svg ref=${svg} class="fill" viewBox=${box.join(" ")} tabindex="0" role="img" aria-label=${t("scanned")} style=${{ touchAction: "none", cursor: "grab" }} onKeyDown=${keys}
-      onPointerDown=${(event) => { start.current = [event.clientX, event.clientY, box[0], box[1]]; }} onPointerMove=${move} onPointerUp=${() => { start.current = null; }}>
+  return html`<div class="stage"><svg id="scan" class="fill" ...${props} role="img" aria-label=${t("scanned")}>
       <image href=${fileOf(job, "seen.jpg")} width=${size[0]} height=${size[1]} />
       ${marks.map((place, i) => place[0] !== null && html`<circle cx=${place[0]} cy=${place[1]} r=${radius[i] * 1.5 + 2} fill="transparent" stroke=${colour[kind(i)]} stroke-width=${kind(i) === "found" ? 1.4 : 2.6} vector-effect="non-scaling-stroke" style=${{ cursor: "pointer" }} onClick=${() => toggle(i)} />`)}</svg>
     <div class="over"><div class="glass row"><span style=${{ color: "var(--warn)" }}>${t("odd")} ${odd.length}</span><span style=${{ color: "var(--bad)" }}>${t("left_out")} ${out.size}</span><span>${t("missing")} ${job.result.missing.length}</span></div>
-      <div class="segment"><button aria-label=${t("zoom_in")} onClick=${() => zoom(1 / 1.5)}>+</button><button aria-label=${t("zoom_out")} onClick=${() => zoom(1.5)}>−</button></div></div></div>`;
+      <div class="row"><${Zoom} zoom=${zoom} /><${Save} id="scan" name="scan" /></div></div></div>`;
 }
 
 function Callipers({ printer, learned }) {
@@ -126,11 +102,14 @@ function Pair({ bed: [x0, y0, x1, y1], one: { first_mm: a, second_mm: b }, n }) 
     <text x=${(a[0] + b[0]) / 2} y=${-(a[1] + b[1]) / 2 - 5} style=${{ fontSize: "18px", fontWeight: 600 }}>${n}</text></svg>`;
 }
 
+// A table as the program reads it: spreadsheets separate by semicolons or tabs where the comma is the decimal sign.
+const pointed = (text) => `${/[;\t]/.test(text) ? text.replaceAll(",", ".").replaceAll(/[;\t]/g, ",") : text}`.trimEnd() + "\n";
+
 function Table({ printer, learned }) {
   const [text, setText] = useState(""), { learn, job, error } = useLearn(printer, learned), [failed, setFailed] = useState(null);
-  const go = async (file) => { try { await learn({ upload: (await upload(file)).id }); setFailed(null); } catch (problem) { setFailed(problem.message); } };
+  const go = async (file) => { try { await learn({ upload: (await upload(new File([pointed(await file.text())], "trace.csv"))).id }); setFailed(null); } catch (problem) { setFailed(problem.message); } };
   return html`<${Problem} error=${failed ?? error} /><section class="card stack"><label class="field"><span>${t("table_now")}</span>
       <textarea rows="12" spellcheck="false" value=${text} placeholder="x_mm,y_mm,x_measured_mm,y_measured_mm" onInput=${(event) => setText(event.target.value)}></textarea></label>
-    <${Progress} job=${job} /><button class="primary" disabled=${!text.trim() || Boolean(job)} onClick=${() => go(new File([text.endsWith("\n") ? text : `${text}\n`], "trace.csv"))}>${t(job ? "learning" : "table_go")}</button></section>
+    <${Progress} job=${job} /><button class="primary" disabled=${!text.trim() || Boolean(job)} onClick=${() => go(new File([text], "trace.csv"))}>${t(job ? "learning" : "table_go")}</button></section>
     <${Drop} accept=".csv,text/csv" onFiles=${([file]) => go(file)}><p>${t("drop_table")}</p></${Drop}>`;
 }

@@ -1,7 +1,7 @@
 // Mend: files in, and each as wanted, as this printer prints it, and mended.
 import { html, useEffect, useState } from "./vendor.js";
 import { fileOf, get, post, scene as fetchScene, upload } from "./api.js";
-import { Number_, wide } from "./drawings.js";
+import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { ended, Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
@@ -62,13 +62,13 @@ function Numbers({ job, printer, changed }) {
     ${refused && html`<p class="problem">${refused}</p>`}
     <p class="faint">${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${p.clamped > 0 && html`<br />${t("clamped", { n: p.clamped })}`}</p>
     ${p.advice.map((line) => html`<p class="note">${line.replaceAll("`", "")}</p>`)}
-    ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span><span class="key km">${t("mended")}</span></div></div><${Layers} layers=${layers} /></div>`}</section>`;
+    ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span><span class="key km">${t("mended")}</span><${Save} id="layers" name="layers" /></div></div><${Layers} layers=${layers} /></div>`}</section>`;
 }
 
 function Layers({ layers }) {
   const W = wide(), H = 170, left = 46, most = Math.max(...layers.map(([, a, b]) => Math.max(a, b)), 0.01), top = layers.at(-1)[0] || 1;
   const x = (z) => left + (z / top) * (W - left - 8), y = (v) => 8 + (1 - v / most) * (H - 34);
   const line = (k) => layers.map((row, i) => `${i ? "L" : "M"}${x(row[0]).toFixed(1)} ${y(row[k]).toFixed(1)}`).join("");
-  return html`<svg viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("by_layer")}>${[0, most / 2, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, 2)}</text></g>`)}
+  return html`<svg id="layers" viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("by_layer")}>${[0, most / 2, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, 2)}</text></g>`)}
     ${[0, 0.5, 1].map((s) => html`<text x=${x(s * top)} y=${H - 6} text-anchor=${s === 1 ? "end" : "middle"}>${number(s * top, 1)} mm</text>`)}<path d=${line(1)} class="p" stroke-width="2" /><path d=${line(2)} class="m" stroke-width="2" /></svg>`;
 }

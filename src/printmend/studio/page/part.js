@@ -1,5 +1,7 @@
 // The part on a stage: the three-dimensional view with its slider, layers, colours and pictures.
 import { html, useEffect, useRef, useState } from "./vendor.js";
+import { Cut } from "./cut.js";
+import { saveBlob } from "./drawings.js";
 import { mm, number, t } from "./words.js";
 import { View } from "./view3d.js";
 
@@ -9,7 +11,7 @@ const nice = (value) => { const p = 10 ** Math.floor(Math.log10(value)); return 
 export function Part({ scene, bed, name = "part", morph: start }) {
   const canvas = useRef(), view = useRef();
   const [failed, setFailed] = useState(false), [morph, setMorph] = useState(start ?? 1), [enlarge, setEnlarge] = useState(1);
-  const [top, setTop] = useState(0), [single, setSingle] = useState(false);
+  const [top, setTop] = useState(0), [single, setSingle] = useState(false), [cut, setCut] = useState(false);
   const last = scene.layers.length - 1, most = nice(Math.max(scene.raw_p95_mm || 0.01, 0.01));
   useEffect(() => {
     try { view.current = new View(canvas.current, { onFrame: (ms) => { canvas.current && (canvas.current.dataset.frame = ms.toFixed(1)); } }); } catch { setFailed(true); }
@@ -31,13 +33,7 @@ export function Part({ scene, bed, name = "part", morph: start }) {
     if (layer) setTop((now) => Math.min(last, Math.max(0, now + layer)));
     if (turn || layer) event.preventDefault();
   };
-  const save = async () => {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(await view.current.picture());
-    link.download = `${name}.png`;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 5000);
-  };
+  const save = async () => saveBlob(await view.current.picture(), `${name}.png`);
   const places = scene.mended ? PLACES : PLACES.slice(0, 2);
   return html`<div class="stage" data-testid="part">
     ${failed && html`<p class="problem" style=${{ margin: "5rem 1rem" }}>${t("no_gl")}</p>`}
@@ -49,6 +45,7 @@ export function Part({ scene, bed, name = "part", morph: start }) {
       <div class="row">
         <button class="quiet glass" onClick=${() => { view.current?.fit([0, -0.01, 1]); view.current?.draw(); }}>${t("view_top")}</button>
         <button class="quiet glass" onClick=${() => { setTop(last); setSingle(false); view.current?.fit(); view.current?.draw(); }}>${t("reset")}</button>
+        <button class="quiet glass" aria-pressed=${cut} onClick=${() => setCut(!cut)}>${t("cut_show")}</button>
         <button class="quiet glass" onClick=${save}>${t("save_png")}</button>
       </div>
     </div>
@@ -66,5 +63,6 @@ export function Part({ scene, bed, name = "part", morph: start }) {
   </div>
   <label class="field"><span class="sr">${t("morph")}</span>
     <input type="range" min="0" max=${scene.mended ? 2 : 1} step="0.01" value=${morph} onInput=${(event) => setMorph(Number(event.target.value))} /></label>
+  ${cut && html`<${Cut} scene=${scene} morph=${morph} most=${most} name=${name} />`}
   ${scene.every > 1 && html`<p class="faint">${t("every", { n: scene.every })}</p>`}`;
 }

@@ -1,7 +1,7 @@
 // Try it: a printer that exists only here, broken with sliders, mended in front of one's eyes.
 import { html, useEffect, useRef, useState } from "./vendor.js";
 import { fileOf, post, scene as fetchScene } from "./api.js";
-import { Number_, Plate, Pulley, saveSvg, Slice } from "./drawings.js";
+import { Number_, Plate, Pulley, Save, Slice } from "./drawings.js";
 import { ended, Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
 import { mm, number, t } from "./words.js";
@@ -85,7 +85,7 @@ export function Play() {
               : shown && (what === "plate" ? html`<${Plate} id="drawing" marks=${shown.marks_mm} errors=${shown.errors_mm} big=${shown.big} bed=${shown.bed_mm} enlarge=${enlarge} />`
                 : html`<${Slice} id="drawing" wanted=${shown.part_mm} printed=${shown.printed_mm} joined=${shown.joined} />`)}
             <div class="over"><div class="segment" role="group" aria-label=${t("plate")}>${["part", "plate"].map((one) => html`<button aria-pressed=${what === one} onClick=${() => setWhat(one)}>${t(one)}</button>`)}</div>
-              <button class="quiet glass" onClick=${() => saveSvg("drawing", what)}>${t("save_svg")}</button></div>
+              <${Save} id="drawing" name=${what} /></div>
             <div class="under"><div class="glass row"><span class="key kw">${t("wanted")}</span><span class="key kp">${t("printed")}</span>
               ${what === "plate" && html`<label class="row">${t("enlarge")}<select style=${{ width: "auto", minHeight: "2rem", padding: "0.2rem 0.5rem" }} value=${enlarge} onChange=${(event) => setEnlarge(Number(event.target.value))}>${[1, 2, 5, 10, 20].map((k) => html`<option value=${k}>${k} ×</option>`)}</select></label>`}</div>
               ${shown && html`<div class="glass"><b>${mm(shown.rms_mm)} mm</b> ${t("off")}</div>`}</div></div>`}

@@ -55,7 +55,7 @@ function New() {
           : html`<${Drop} accept=".cfg,.ini,.json,.toml" onFiles=${([one]) => setFile(one)}><p>${t("describe")}</p></${Drop}>`}
         <button class="primary" disabled=${busy || !preset} onClick=${add}>${t("add")}</button></section>
       ${!file && html`<section class="card stack"><h2>${t("bed")}</h2><${Bed} size=${size} room=${preset ? [preset.bed_mm[2], preset.bed_mm[3]] : size} onChange=${setBed} />
-        <div class="row">${["width", "depth"].map((side, i) => html`<label class="field">${t(side)}, mm<input inputmode="decimal" value=${number(size[i], 0)} onChange=${(event) => { const value = typed(event.target.value); if (value >= 30 && value <= 2000) setBed(size.map((old, j) => (i === j ? value : old))); }} /></label>`)}</div></section>`}</div>`;
+        <div class="row">${["width", "depth"].map((side, i) => html`<label class="field">${t(side)}, mm<input inputmode="decimal" value=${Math.round(size[i])} onChange=${(event) => { const value = typed(event.target.value); if (value >= 30 && value <= 2000) setBed(size.map((old, j) => (i === j ? value : old))); }} /></label>`)}</div></section>`}</div>`;
 }
 
 // The bed from above; its corner can be dragged.

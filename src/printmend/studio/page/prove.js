@@ -1,11 +1,11 @@
 // Prove: the mended test print, measured; promise against result, and how both went over time.
 import { html, useEffect, useState } from "./vendor.js";
 import { fileOf, get, post, upload } from "./api.js";
-import { Number_, saveSvg, wide } from "./drawings.js";
+import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { ended, Problem, Progress, useJob } from "./job.js";
 import { Send } from "./send.js";
-import { day, mm, number, t, typed } from "./words.js";
+import { asked, day, mm, number, t } from "./words.js";
 
 export function Prove({ printer, changed }) {
   const [check, setCheck] = useState(null), [key, setKey] = useState(null), [error, setError] = useState(null), [known, setKnown] = useState(null), [distance, setDistance] = useState(""), [taken, setTaken] = useState(false);
@@ -19,8 +19,7 @@ export function Prove({ printer, changed }) {
     try {
       const uploads = [];
       for (const file of files) uploads.push((await upload(file)).id);
-      const value = typed(distance);
-      setKey((await post(`/printers/${printer.id}/verify`, { uploads, distance_mm: Number.isNaN(value) ? null : value })).id);
+      setKey((await post(`/printers/${printer.id}/verify`, { uploads, distance_mm: asked(distance) })).id);
     } catch (problem) { setError(problem.message); }
   };
   const over = async () => { try { await post(`/printers/${printer.id}/update/${key}`); setTaken(true); changed(); load(); } catch (problem) { setError(problem.message); } };
@@ -32,7 +31,7 @@ export function Prove({ printer, changed }) {
         <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
     <div class="stack">${verdict && html`<section class="card stack"><h2>${t(verdict.kept ? "kept" : "broken_promise")}</h2><div class="numbers"><${Number_} value=${mm(verdict.before_mm)}>${t("was")}</${Number_}><${Number_} value=${mm(verdict.now_mm)}>${t("measured_now")}</${Number_}><${Number_} value=${`${mm(verdict.promised_low_mm)} – ${mm(verdict.promised_high_mm)}`}>${t("promised")}</${Number_}></div>
         <p class="faint">${job.result.newer}</p>${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
-      <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<button class="quiet" onClick=${() => saveSvg("history", "history")}>${t("save_svg")}</button>`}</div>${known?.history.length ? html`<${History} events=${known.history} />` : html`<p class="soft">${t("history_none")}</p>`}</section></div></div>`;
+      <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<${Save} id="history" name="history" />`}</div>${known?.history.length ? html`<${History} events=${known.history} />` : html`<p class="soft">${t("history_none")}</p>`}</section></div></div>`;
 }
 
 function History({ events }) {

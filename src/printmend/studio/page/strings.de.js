@@ -3,7 +3,7 @@ export default {
   play: "Ausprobieren", printers: "Meine Drucker", theme: "Hell oder dunkel", language: "Sprache",
   gone: "Das Studio antwortet nicht. Läuft das Programm noch? Sobald es wieder da ist, geht es von selbst weiter.",
   left_s: "noch etwa {n} s", left_min: "noch etwa {n} min", cancel: "Anhalten", again: "Noch einmal", back: "Zurück",
-  ahead: "{n} davor", save_png: "Als PNG speichern", save_svg: "Als SVG speichern", none: "Keine", close: "Schließen",
+  ahead: "{n} davor", save_png: "Als PNG speichern", save_svg: "Als SVG speichern", save: "Bild speichern", no_number: "{text} ist keine Zahl: bitte wie 12,5 oder 12.5 angeben", none: "Keine", close: "Schließen",
 
   play_title: "Einen Drucker kaputt machen und heilen",
   play_now: "Die Schieber bewegen: Das macht eine verbogene Riemenscheibe oder ein loser Riemen aus einem Druck. Dann auf Heilen drücken.",
@@ -64,6 +64,9 @@ export default {
   drop_check: "Den Scan des Prüfdrucks ablegen", kept: "Das Versprechen hielt", broken_promise: "Das Versprechen hielt nicht", promised: "versprochen", measured_now: "jetzt gemessen", was: "vor dem Heilen",
   take_over: "Diese Messung ins Modell übernehmen", taken: "Übernommen. Die Teile noch einmal heilen.", history: "Verlauf", history_none: "Noch nichts: Jede Messung und jeder Prüfdruck erscheint hier.",
   event_learned: "gemessen", event_verified: "geprüft", history_axis: "Fehler des Testdrucks, mm",
+
+  cut_show: "Wand schneiden", cut: "Ein Schnitt durch die Wände", cut_along: "längs {axis}", cut_at: "Schnitt bei {axis}", cut_whole: "Ganzer Schnitt", cut_wall: "Äußere Wand",
+  cut_says: "{n} Bahnen, geschnitten bei {axis} {at} mm", cut_key: "Jede Bahn ist so breit und so hoch, wie sie gedruckt wird; gestrichelt, wo sie gewollt war.", cut_none: "Hier wird nichts gedruckt.",
 
   send_to: "An {host} senden", send_setup: "An den Drucker senden …", send_change: "Adresse ändern", sent: "{name} liegt bei den Dateien von {host}. Dort starten:",
   send_now: "Wo laufen die Drucke? Die Adresse von OctoPrint, Mainsail oder Fluidd angeben, wie der Browser sie zeigt. Dateien gehen nur auf Wunsch dorthin, und nichts startet von selbst.",

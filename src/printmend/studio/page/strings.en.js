@@ -3,7 +3,7 @@ export default {
   play: "Try it", printers: "My printers", theme: "Light or dark", language: "Language",
   gone: "The studio does not answer. Is the program still running? It goes on by itself when it is back.",
   left_s: "about {n} s left", left_min: "about {n} min left", cancel: "Stop", again: "Try again", back: "Back",
-  ahead: "{n} before this one", save_png: "Save as PNG", save_svg: "Save as SVG", none: "None", close: "Close",
+  ahead: "{n} before this one", save_png: "Save as PNG", save_svg: "Save as SVG", save: "Save the picture", no_number: "{text} is no number: give one as 12.5 or 12,5", none: "None", close: "Close",
 
   play_title: "Break a printer, then mend it",
   play_now: "Move the sliders: this is what a bent pulley or a loose belt does to a print. Then press Mend it.",
@@ -64,6 +64,9 @@ export default {
   drop_check: "Drop the scan of the check print", kept: "The promise was kept", broken_promise: "The promise was not kept", promised: "promised", measured_now: "measured now", was: "before mending",
   take_over: "Take this measurement into the model", taken: "Taken over. Mend your parts again.", history: "History", history_none: "Nothing yet: each measurement and check print appears here.",
   event_learned: "measured", event_verified: "checked", history_axis: "error of the test print, mm",
+
+  cut_show: "Cut a wall", cut: "A cut through the walls", cut_along: "along {axis}", cut_at: "Cut at {axis}", cut_whole: "Whole cut", cut_wall: "Outer wall",
+  cut_says: "{n} beads cut at {axis} {at} mm", cut_key: "Each bead is as wide and as high as it is printed; the dashed line is where it was wanted.", cut_none: "Nothing is printed at this place.",
 
   send_to: "Send to {host}", send_setup: "Send it to the printer…", send_change: "Change the address", sent: "{name} is among the files of {host}. Start it there:",
   send_now: "Where do you watch your prints? Give the address of OctoPrint, Mainsail or Fluidd as your browser shows it. Files go there only when you say so, and nothing starts by itself.",

@@ -24,6 +24,12 @@ export const number = (value, digits = 2) =>
 export const mm = (value) => (value === null || value === undefined ? "–" : number(value, value < 0.1 ? 3 : 2));
 // What somebody typed, with a comma or a point; NaN where it is no number.
 export const typed = (text) => (text.trim() === "" ? NaN : Number(text.trim().replace(",", ".")));
+// What was asked for, null where nothing was typed; an error that says what was typed where it is no number.
+export function asked(text) {
+  if (text.trim() === "") return null;
+  if (!Number.isFinite(typed(text))) throw new Error(t("no_number", { text }));
+  return typed(text);
+}
 export function seconds(value) {
   if (value === null || value === undefined) return "";
   return value < 90 ? t("left_s", { n: Math.max(1, Math.round(value)) }) : t("left_min", { n: Math.round(value / 60) });

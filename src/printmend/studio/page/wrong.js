@@ -1,7 +1,7 @@
 // What is wrong: the machine drawn as it is, its faults made larger, and words beside them.
 import { html, useEffect, useState } from "./vendor.js";
 import { get } from "./api.js";
-import { Number_, saveSvg, wide } from "./drawings.js";
+import { Number_, Save, wide } from "./drawings.js";
 import { Problem } from "./job.js";
 import { mm, number, t } from "./words.js";
 
@@ -18,9 +18,9 @@ export function Wrong({ printer }) {
       ${said.gaps.length > 0 && html`<section class="card stack"><h2>${t("gaps")}</h2>${said.gaps.map((gap) => html`<p class="soft">${gap.replaceAll("`", "")}</p>`)}</section>`}
       <a class="button primary" href="#/printers/${printer.id}/mend">${t("next_mend")}</a></div>
     <div class="stack"><div class="stage"><${Machine} machine=${said.machine} larger=${larger} />
-        <div class="over"><div class="glass"><b>${t("machine", { n: larger })}</b></div><button class="quiet glass" onClick=${() => saveSvg("machine", "machine")}>${t("save_svg")}</button></div></div>
+        <div class="over"><div class="glass"><b>${t("machine", { n: larger })}</b></div><${Save} id="machine" name="machine" /></div></div>
       <div class="row between"><p class="faint" style=${{ flex: "1 1 16rem" }}>${t("drawn_belts")}</p><label class="field" style=${{ flex: "1 1 16rem" }}><span>${t("enlarge")}<span class="value">${larger} ×</span></span><input type="range" min="1" max="50" value=${larger} onInput=${(event) => setLarger(Number(event.target.value))} /></label></div>
-      ${said.machine.motors.map((motor) => html`<section class="card stack"><div class="row between"><h3>${t("curve", { name: motor.name })}</h3><div class="row"><span class="key kp">${t("forwards")}</span><span class="key km">${t("backwards")}</span></div></div><${Curve} motor=${motor} /></section>`)}</div></div>`;
+      ${said.machine.motors.map((motor) => html`<section class="card stack"><div class="row between"><h3>${t("curve", { name: motor.name })}</h3><div class="row"><span class="key kp">${t("forwards")}</span><span class="key km">${t("backwards")}</span><${Save} id=${`curve-${motor.name}`} name=${`curve-${motor.name}`} /></div></div><${Curve} motor=${motor} /></section>`)}</div></div>`;
 }
 
 function Fault({ fault }) {
@@ -55,7 +55,7 @@ function Curve({ motor }) {
   const W = wide(), H = 190, left = 46, bottom = 22, x = (v) => left + ((v - at[0]) / (at.at(-1) - at[0])) * (W - left - 8), y = (v) => 6 + ((high + pad - v) / (high - low + 2 * pad)) * (H - bottom - 12);
   const line = (values) => path(values.map((v, i) => [x(at[i]), y(v)]));
   const ticks = [low, (low + high) / 2, high];
-  return html`<svg viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("curve", { name: motor.name })}>${ticks.map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, 2)}</text></g>`)}
+  return html`<svg id=${`curve-${motor.name}`} viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("curve", { name: motor.name })}>${ticks.map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, 2)}</text></g>`)}
     ${[0, 0.25, 0.5, 0.75, 1].map((s) => html`<text x=${x(at[0] + s * (at.at(-1) - at[0]))} y=${H - 4} text-anchor="middle">${number(at[0] + s * (at.at(-1) - at[0]), 0)}</text>`)}
     <path d=${line(a)} class="p" stroke-width="1.8" /><path d=${line(b)} class="m" stroke-width="1.8" /></svg>`;
 }

@@ -1,0 +1,42 @@
+"""A part as owners print them, sliced by PrusaSlicer: a herringbone gear with a hub and five windows."""
+
+import math
+from functools import lru_cache
+
+import manifold3d
+import numpy as np
+
+from printmend.body.slicer import slice_solid
+from printmend.body.solid import Solid
+from printmend.printer import read_printer
+
+TEETH, TWIST_DEG, DIVISIONS = 32, 9.0, 12
+_FORM = ((0.0, 0.93), (0.26, 0.935), (0.38, 1.0), (0.62, 1.0), (0.74, 0.935))  # of a tooth: share of it, of the radius
+
+
+@lru_cache(maxsize=2)
+def gear_gcode(radius_mm: float = 58.0, height_mm: float = 26.0) -> bytes:
+    """Return the sliced gear; 5 MB at the default size."""
+    return slice_solid(gear(radius_mm, height_mm), read_printer("ender5"))
+
+
+def gear(radius_mm: float, height_mm: float) -> Solid:
+    """Return the gear as a closed surface standing on the bed."""
+    turns = [(tooth + share) / TEETH * 2 * math.pi for tooth in range(TEETH) for share, _ in _FORM]
+    reach = radius_mm * np.array([part for _ in range(TEETH) for _, part in _FORM])
+    outline = np.stack([reach * np.cos(turns), reach * np.sin(turns)], axis=1)
+    rim = height_mm * 0.7
+    half = manifold3d.CrossSection([outline]).extrude(rim / 2, DIVISIONS, TWIST_DEG)
+    body = half + half.mirror([0, 0, 1]).translate([0, 0, rim])
+    disc = manifold3d.Manifold.cylinder(rim, radius_mm * 0.8, circular_segments=180)
+    body -= disc.translate([0, 0, rim * 0.45])
+    hub = manifold3d.Manifold.cylinder(height_mm, radius_mm * 0.28, radius_mm * 0.24, circular_segments=90)
+    window = manifold3d.Manifold.cylinder(height_mm, radius_mm * 0.19, circular_segments=60)
+    for number in range(5):
+        angle = 2 * math.pi * number / 5
+        place = [0.54 * radius_mm * math.cos(angle), 0.54 * radius_mm * math.sin(angle), -1.0]
+        body -= window.translate(place)
+    body += hub
+    body -= manifold3d.Manifold.cylinder(2 * height_mm, radius_mm * 0.12, circular_segments=60).translate([0, 0, -1.0])
+    mesh = body.to_mesh()
+    return Solid("gear", np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts))
