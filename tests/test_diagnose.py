@@ -15,8 +15,9 @@ from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.repair.examination import examine, write_examination
 from printmend.repair.learned import learn_model
+from printmend.report.examination import examine, standard_rows, write_examination
+from printmend.report.pictures import pictures
 from printmend.twin import Twin
 from printmend.units import radius_mm
 from tests.mending import SQUARE
@@ -81,7 +82,11 @@ def test_most_points_lie_in_the_band(name: str, rng: np.random.Generator) -> Non
 def test_a_healthy_printer_needs_nothing(rng: np.random.Generator) -> None:
     examination = examine(probe_trace(HEALTHY, ENDER3), ENDER3, rng=rng)
     assert examination.advice == ()
+    assert examination.title == "This printer is healthy"
     assert "healthy" in examination.headline
+    for one in pictures(examination)[:2]:  # no star is drawn of a round pulley
+        assert len(one.figures) == 1
+    assert standard_rows(examination)[1][2:] == ("0.000", "0.000")
 
 
 def test_one_self_contained_file(broken: Trace, tmp_path: Path) -> None:
@@ -94,14 +99,20 @@ def test_one_self_contained_file(broken: Trace, tmp_path: Path) -> None:
             "--for", tmp_path / "part <1>.gcode",
         )  # fmt: skip
         assert result.exit_code == 0, result.output
-    assert "repair: X pulley is off its centre" in result.output
+    assert "repair soon: X pulley is off its centre" in result.output
     assert "mended" in result.output
     page = (tmp_path / "report.html").read_text()
-    assert page.count("data:image/svg+xml;base64,") == 4
+    assert (
+        page.count("data:image/svg+xml;base64,") == 8
+    )  # two motors and their pulleys, the bed twice, a circle, layers
+    assert "reversal error B" in page
+    assert "expanded, k = 2" in page
     assert "<script" not in page
     assert "http" not in page
     assert "part &lt;1&gt;.gcode" in page
-    assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+    pdf = (tmp_path / "report.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF")
+    assert 3 <= pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") <= 4
 
 
 def test_equal_traces_give_equal_pages(broken: Trace, tmp_path: Path) -> None:
@@ -131,6 +142,14 @@ def test_bad_input_ends_in_one_line(broken: Trace, tmp_path: Path) -> None:
 KINDS = (
     "scale harmonic-1 harmonic-7 play loose-belt play-by-angle friction elastic ripple drift offset skew bow jump new"
 )
+
+
+def test_what_needs_no_repair_asks_for_none() -> None:
+    for kind in ("backlash", "wobble", "loose-belt", "play-by-angle", "friction", "drift", "elastic", "harmonic-1"):
+        small = advise(Fault("x", kind, 0.03, 0.001, "mm", "words"))
+        assert small.urgency == "software"
+        assert small.repair.startswith("Nothing")
+        assert not advise(Fault("x", kind, 0.3, 0.001, "mm", "words")).repair.startswith("Nothing")
 
 
 @pytest.mark.parametrize("kind", KINDS.split())

@@ -20,9 +20,9 @@ from printmend.measure import read_trace
 from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.repair.examination import examine, summary, write_examination
 from printmend.repair.learned import learn_model, report
 from printmend.repair.update import update
+from printmend.report.examination import examine, summary, write_examination
 from printmend.saved.model import SavedModel, screw_of, write_model
 from printmend.twin import Twin
 

@@ -8,6 +8,7 @@ _EXTRAS = {
     "PIL": "scan",
     "matplotlib": "report",
     "mpl_toolkits": "report",
+    "reportlab": "report",
     "lxml": "paper",
     "networkx": "paper",
     "sklearn": "paper",

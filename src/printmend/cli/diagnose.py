@@ -23,7 +23,7 @@ def command(trace: Path, printer_name: str, report: Path, part: Path | None, see
     from printmend.cli.outputs import spare
     from printmend.measure import read_trace
     from printmend.printer import read_printer
-    from printmend.repair.examination import check_name, examine, summary, write_examination
+    from printmend.report.examination import check_name, examine, summary, write_examination
 
     check_name(report)
     spare((report,), (trace, part))

@@ -72,7 +72,7 @@ def _one(
     from printmend.cli.outputs import spare
     from printmend.repair import mend_gcode
     from printmend.repair.many import refuse_overwriting
-    from printmend.repair.report import check_report_name, write_report
+    from printmend.report.part import check_report_name, write_report
     from printmend.saved.model import read_model
 
     check_report_name(report)

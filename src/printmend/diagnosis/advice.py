@@ -34,6 +34,8 @@ def advise(fault: Fault, *, corexy: bool = False) -> Advice:
     urgency = (
         "software" if nothing else "repair" if effect >= REPAIR_MM else "soon" if effect >= SOON_MM else "software"
     )
+    if urgency == "software" and not repair.startswith("Nothing"):
+        repair = f"Nothing, as long as it stays this small. If it grows: {repair[0].lower()}{repair[1:]}"
     return Advice(title, meaning, _sure(fault), effect, urgency, repair, software)
 
 
@@ -128,7 +130,7 @@ def _elastic(where: str, fault: Fault, size: float) -> Said:
     return (
         f"{where} belt stretches",
         "The pulley's error is felt near the motor and fades along the belt.",
-        size, "Nothing, if it is tight; else tighten the belt.", _CARRIES,
+        size, "Tighten the belt, unless it is tight.", _CARRIES,
     )  # fmt: skip
 
 

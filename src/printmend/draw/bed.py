@@ -25,7 +25,7 @@ def draw_errors(
     )  # fmt: skip
     axes.set_title(title, color=INK, fontsize=10)
     rms = float(np.sqrt(np.mean(size**2)))
-    axes.set_xlabel(f"x [mm]; {rms:.3f} mm (RMS), arrows enlarged {factor} times", fontsize=8)
+    axes.set_xlabel(f"x [mm]; typically {rms:.3f} mm, arrows enlarged {factor} times", fontsize=8)
     axes.set_ylabel("y [mm]", fontsize=8)
     axes.tick_params(colors=INK, labelsize=8)
     return axes
@@ -39,7 +39,7 @@ def draw_layer_errors(axes: Axes, before_mm: Sequence[float], after_mm: Sequence
     axes.plot(at, after_mm, style, color=PALETTE[3], linewidth=1.5, markersize=4, label="mended")
     axes.set_ylim(0, 1.15 * max([*before_mm, *after_mm, 1e-3]))
     axes.set_xlabel("layer", fontsize=8)
-    axes.set_ylabel("distance from the wanted path, RMS [mm]", fontsize=8)
+    axes.set_ylabel("typical distance [mm]", fontsize=8)
     axes.legend(fontsize=8, frameon=False)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)

@@ -1,21 +1,23 @@
-"""Figures for documents: as SVG text for a page, or as the pages of a PDF."""
+"""Figures for documents: as SVG text for a page, and documents in A4 as PDF."""
 
 import io
-import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal
+from xml.sax.saxutils import escape
 
 import matplotlib
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
-from printmend.draw.figure import INK
 from printmend.files import replacing
 
-A4_IN = (8.27, 11.69)
-LINE_IN = 0.2
-MARGIN_IN = 0.8
-COLUMNS = 92  # characters a line of body text
+_DPI = 200  # of a picture in a PDF
+_FONT, _BOLD = "DejaVuSans", "DejaVuSans-Bold"  # matplotlib brings them; they have all of our signs
+_INK, _SOFT, _LINE, _CARD = "#22303a", "#57534e", "#d6d3d1", "#fafaf9"
+_MARGIN_MM, _GAP_MM = 16.0, 3.0
+_HIGHEST_MM = 66.0  # a row of pictures: three and their captions fill a page
+_HEADED_MM = 85.0  # a heading stands on a page only with this much room for what follows
 
 
 def svg(figure: Figure, *, dpi: int = 100) -> str:
@@ -26,29 +28,192 @@ def svg(figure: Figure, *, dpi: int = 100) -> str:
     return text.getvalue()
 
 
-def text_pages(paragraphs: Sequence[tuple[str, str]]) -> list[Figure]:
-    """Set paragraphs (style, text) on A4 pages; the styles are title, heading, text and small."""
-    style = {"title": (18, "bold", 46, 2.2), "heading": (12, "bold", 70, 1.6), "text": (10, "normal", 92, 1.0),
-             "small": (8, "normal", 112, 0.8)}  # fmt: skip
-    pages: list[Figure] = []
-    left = 0.0
-    for kind, text in paragraphs:
-        size, weight, columns, step = style[kind]
-        rows = textwrap.wrap(text, columns) or [""]
-        needed = (len(rows) * step + 0.5) * LINE_IN
-        if not pages or left < needed + (3 * LINE_IN if kind == "heading" else 0):
-            pages.append(Figure(figsize=A4_IN, facecolor="white"))
-            left = A4_IN[1] - 2 * MARGIN_IN
-        for row in rows:
-            left -= step * LINE_IN
-            at = (left + MARGIN_IN) / A4_IN[1]
-            pages[-1].text(MARGIN_IN / A4_IN[0], at, row, fontsize=size, weight=weight, color=INK)
-        left -= 0.5 * LINE_IN
-    return pages
+@dataclass(frozen=True)
+class Words:
+    """A paragraph; a title, a heading, text, or small print."""
+
+    style: Literal["title", "heading", "text", "small"]
+    text: str
 
 
-def save_pdf(figures: Sequence[Figure], path: Path) -> None:
-    """Write figures as the pages of a PDF; the file appears when it is whole."""
-    with replacing(path, "wb") as file, PdfPages(file, metadata={"Creator": None, "CreationDate": None}) as pages:
-        for figure in figures:
-            pages.savefig(figure)
+@dataclass(frozen=True)
+class Numbers:
+    """A table: its first row is the head, its first ``words`` columns are text. ``caption`` stands above it."""
+
+    caption: str
+    rows: Sequence[Sequence[str]]
+    words: int = 1
+
+
+@dataclass(frozen=True)
+class Strip:
+    """The few numbers that matter, each with its words, side by side."""
+
+    numbers: Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Card:
+    """A box with a stripe in ``colour``: a title, what stands in a mark beside it, and lines (name, text)."""
+
+    title: str
+    mark: str
+    colour: str
+    lines: Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """Figures side by side, as wide as the page, of one height, and under them their caption."""
+
+    figures: Sequence[Figure]
+    caption: str
+
+
+Block = Words | Numbers | Strip | Card | Pictures
+
+
+def write_pdf(path: Path, title: str, blocks: Sequence[Block], *, foot: str) -> None:
+    """Write blocks as a PDF in A4, ``foot`` and the page's number at the bottom; equal blocks give equal bytes.
+
+    What belongs together (a picture and its caption, a heading and what follows) stays on one page.
+    """
+    from reportlab.lib.pagesizes import A4
+    from reportlab.lib.units import mm
+    from reportlab.platypus import CondPageBreak, SimpleDocTemplate
+
+    _take_fonts()
+
+    def margins(canvas: Any, document: Any) -> None:
+        canvas.setFont(_FONT, 7)
+        canvas.setFillColor(_SOFT)
+        canvas.drawString(_MARGIN_MM * mm, 9 * mm, foot)
+        canvas.drawRightString(A4[0] - _MARGIN_MM * mm, 9 * mm, f"page {document.page}")
+
+    width = A4[0] - 2 * _MARGIN_MM * mm
+    with replacing(path, "wb") as file:
+        document = SimpleDocTemplate(
+            file, pagesize=A4, leftMargin=_MARGIN_MM * mm, rightMargin=_MARGIN_MM * mm, topMargin=_MARGIN_MM * mm,
+            bottomMargin=_MARGIN_MM * mm, title=title, author="printmend", invariant=1,
+        )  # fmt: skip
+        flowables: list[Any] = []
+        for block in blocks:
+            if isinstance(block, Words) and block.style == "heading":
+                flowables.append(CondPageBreak(_HEADED_MM * mm))
+            flowables.append(_flowable(block, width))
+        document.build(flowables, onFirstPage=margins, onLaterPages=margins)
+
+
+def _take_fonts() -> None:
+    from reportlab.lib.fonts import addMapping
+    from reportlab.pdfbase import pdfmetrics
+    from reportlab.pdfbase.ttfonts import TTFont
+
+    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    for bold, name in enumerate((_FONT, _BOLD)):
+        pdfmetrics.registerFont(TTFont(name, folder / f"{name}.ttf"))
+        addMapping(_FONT, bold, 0, name)
+        addMapping(_FONT, bold, 1, name)
+
+
+def _flowable(block: Block, width: float) -> Any:
+    if isinstance(block, Words):
+        return _paragraph(block.text, block.style)
+    if isinstance(block, Numbers):
+        return _table(block, width)
+    if isinstance(block, Strip):
+        return _strip(block, width)
+    if isinstance(block, Card):
+        return _card(block, width)
+    return _pictures(block, width)
+
+
+def _paragraph(text: str, style: str, *, colour: str = _INK) -> Any:
+    from reportlab.lib.styles import ParagraphStyle
+    from reportlab.platypus import Paragraph
+
+    size, bold, before, after = {
+        "title": (18, True, 0, 6), "heading": (12, True, 12, 4), "text": (9.5, False, 0, 4),
+        "small": (7.5, False, 0, 3), "number": (13, True, 0, 2), "card": (10, True, 0, 2),
+        "cell": (8.5, False, 0, 0), "caption": (8, False, 3, 8),
+    }[style]  # fmt: skip
+    return Paragraph(
+        escape(text.replace("`", "")),
+        ParagraphStyle(
+            style, fontName=_BOLD if bold else _FONT, fontSize=size, leading=1.35 * size, spaceBefore=before,
+            spaceAfter=after, textColor=colour,
+        ),
+    )  # fmt: skip
+
+
+def _table(block: Numbers, width: float) -> Any:
+    from reportlab.platypus import KeepTogether, Table
+
+    style: list[tuple[Any, ...]] = [
+        ("FONT", (0, 0), (-1, -1), _FONT, 8), ("FONT", (0, 0), (-1, 0), _BOLD, 8),
+        ("TEXTCOLOR", (0, 0), (-1, -1), _INK), ("LINEBELOW", (0, 0), (-1, -1), 0.4, _LINE),
+        ("ALIGN", (block.words, 0), (-1, -1), "RIGHT"), ("LEFTPADDING", (0, 0), (0, -1), 0),
+        ("TOPPADDING", (0, 0), (-1, -1), 2), ("BOTTOMPADDING", (0, 0), (-1, -1), 2),
+    ]  # fmt: skip
+    table = Table([list(row) for row in block.rows], style=style, hAlign="LEFT", spaceAfter=8)
+    caption = [_paragraph(block.caption, "text")] if block.caption else []
+    return KeepTogether([*caption, table])
+
+
+def _strip(block: Strip, width: float) -> Any:
+    from reportlab.platypus import Table
+
+    cells = [[_paragraph(value, "number"), _paragraph(about, "cell", colour=_SOFT)] for value, about in block.numbers]
+    style = [
+        ("BOX", (0, 0), (-1, -1), 0.4, _LINE), ("INNERGRID", (0, 0), (-1, -1), 0.4, _LINE),
+        ("BACKGROUND", (0, 0), (-1, -1), _CARD), ("VALIGN", (0, 0), (-1, -1), "TOP"),
+        ("TOPPADDING", (0, 0), (-1, -1), 5), ("BOTTOMPADDING", (0, 0), (-1, -1), 6),
+    ]  # fmt: skip
+    return Table([cells], colWidths=[width / len(cells)] * len(cells), style=style, spaceBefore=4, spaceAfter=8)
+
+
+def _card(block: Card, width: float) -> Any:
+    from reportlab.lib.units import mm
+    from reportlab.platypus import KeepTogether, Table
+
+    name = 26 * mm
+    rows = [
+        [_paragraph(f"{block.title} – {block.mark}" if block.mark else block.title, "card", colour=block.colour), ""]
+    ]
+    for key, text in block.lines:
+        words = _paragraph(text, "cell")
+        rows.append([_paragraph(key, "cell", colour=_SOFT), words] if key else [words, ""])
+    style = [
+        *(("SPAN", (0, row), (1, row)) for row in range(len(rows)) if rows[row][1] == ""),
+        ("LINEBEFORE", (0, 0), (0, -1), 3, block.colour), ("VALIGN", (0, 0), (-1, -1), "TOP"),
+        ("BACKGROUND", (0, 0), (-1, -1), _CARD), ("TOPPADDING", (0, 0), (-1, -1), 2),
+        ("BOTTOMPADDING", (0, 0), (-1, -1), 2),
+    ]  # fmt: skip
+    return KeepTogether([Table(rows, colWidths=[name, width - name], style=style, spaceAfter=6)])
+
+
+def _pictures(block: Pictures, width: float) -> Any:
+    from reportlab.lib.units import mm
+    from reportlab.platypus import Image, KeepTogether, Table
+
+    shapes = [figure.get_size_inches() for figure in block.figures]
+    room = width - (len(shapes) - 1) * _GAP_MM * mm
+    height = min(room / sum(wide / high for wide, high in shapes), _HIGHEST_MM * mm)
+    images = []
+    for figure, (wide, high) in zip(block.figures, shapes, strict=True):
+        data = io.BytesIO()
+        figure.savefig(data, format="png", dpi=_DPI, metadata={"Software": None})
+        data.seek(0)
+        images.append(Image(data, width=height * wide / high, height=height))
+    style = [
+        ("LEFTPADDING", (0, 0), (-1, -1), 0),
+        ("RIGHTPADDING", (0, 0), (-1, -1), 0),
+        ("VALIGN", (0, 0), (-1, -1), "TOP"),
+    ]
+    columns = [image.drawWidth + (_GAP_MM * mm if i < len(images) - 1 else 0) for i, image in enumerate(images)]
+    return KeepTogether(
+        [
+            Table([images], colWidths=columns, style=style, hAlign="CENTER"),
+            _paragraph(block.caption, "caption", colour=_SOFT),
+        ]
+    )

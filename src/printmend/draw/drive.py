@@ -81,6 +81,6 @@ def draw_hull(axes: Axes, outline_mm: np.ndarray, *, radius_mm: float, name: str
     for spine in axes.spines.values():
         spine.set_visible(False)
     shown = "true to scale" if factor == 1 else f"differences enlarged {factor} times"
-    axes.set_title(f"{name}: the pulley ({shown})", color=INK, fontsize=10)
-    axes.set_xlabel(f"dashed: round, radius {radius_mm:.2f} mm; +: the shaft", fontsize=8)
+    axes.set_title(f"{name}: the pulley", color=INK, fontsize=10)
+    axes.set_xlabel(f"{shown}; dashed: round", fontsize=8)
     return axes

@@ -1,7 +1,7 @@
 """From a trace to the saved model of a machine: what `printmend learn` does."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -38,9 +38,25 @@ _TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights,
 _PROBE_TODO = "`printmend probe` writes a print that shows all of it."
 
 
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A saved model and what it was made of: the grey box within it (None for learners that have none), the trace that
+    it was fitted to, put in order and free of what Z does, and what was found that no known fault makes."""
+
+    saved: SavedModel
+    box: GreyboxModel | None
+    trace: Trace
+    beyond: tuple[str, ...] = ()
+
+
 def learn_model(
     trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator | None = None
 ) -> SavedModel:
+    """Learn a machine from a trace, as `learn` does, and return its saved model."""
+    return learn(trace, printer, model=model, rng=rng).saved
+
+
+def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.Generator | None = None) -> Learned:
     """Learn a machine from a trace.
 
     ``auto`` is the hybrid: the simplest machine that the trace supports, and what cross-validation adds to it; where a
@@ -54,7 +70,7 @@ def learn_model(
         return _learned(trace, printer, model, rng)
 
 
-def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> SavedModel:
+def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> Learned:
     name = "hybrid" if model == AUTO else model
     ordered = in_order(with_walls(trace, printer), printer)
     trace = ordered.trace
@@ -76,7 +92,9 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
         more = {"misfit": misfit_section((*ordered.found, *moved, *misfits), effects)}
         saved = greybox_model(box, flat, hybrid=hybrid, more=more, explained_mm=explained)
-        return saved if found is None or found.is_silent else told(saved, found, found.series, trace)
+        if found is not None and not found.is_silent:
+            saved = told(saved, found, found.series, trace)
+        return Learned(saved, box, flat, () if hybrid is None else hybrid.findings)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise ConfigError(
@@ -90,7 +108,8 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     details = {"misfit": misfit_section(ordered.found)}
     details |= {"model": fit.to_json()} if hasattr(fit, "to_json") else {}
     finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
-    return saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
+    saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
+    return Learned(saved, None, trace)
 
 
 def _of_the_end(

@@ -183,8 +183,9 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     for row in prediction.layers:
         more = dict(row)
         for name, whole in (("before", outlook.before), ("after", outlook.after)):
-            doubt2 = max(whole.rms_mm**2 - whole.planning_rms_mm**2, 0.0)
-            more[f"{name}_rms_mm"] = math.sqrt(row[f"{name}_rms_mm"] ** 2 + doubt2)
+            # negative where the whole contains no place, which the layers' own errors do
+            more2 = whole.rms_mm**2 - whole.planning_rms_mm**2
+            more[f"{name}_rms_mm"] = math.sqrt(max(row[f"{name}_rms_mm"] ** 2 + more2, 0.0))
         layers.append(more)
     return replace(
         prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),

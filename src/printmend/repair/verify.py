@@ -4,7 +4,7 @@ The check print is any probe's G-code, mended with the model and printed. Its pl
 is measured of them is compared with what was promised for these places, the noise of the measurement taken off.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,8 @@ import numpy as np
 from printmend.errors import ModelError, TraceError
 from printmend.learn.walls import with_walls
 from printmend.path import Trace, last_way
-from printmend.promise.budget import parse_budget
-from printmend.promise.predict import Errors, promised
+from printmend.promise.budget import Budget, parse_budget
+from printmend.promise.predict import Errors, Outlook, Promise, promised
 from printmend.promise.predict import Path as Places
 from printmend.repair.history import remember
 from printmend.repair.update import Updated, update
@@ -81,24 +81,9 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
             "the check print", wanted=f"at least {LEAST_MARKS} measured marks", came=f"{len(known)}",
             todo="measure more of it",
         )  # fmt: skip
-    wanted, printer = trace.commanded_mm, model.printer
     placed = trace.placed and budget.placed
-    raw = Twin(model.mechanism).follow(wanted)
-    sides = np.stack([last_way(column) for column in printer.to_motor(wanted).T], axis=1)
-    off = (raw - wanted)[known]
-    # each mark counts along x and along y; across a path along x lies y, across one along y lies −x
-    path = Places(
-        np.repeat(wanted[known], 2, axis=0),
-        np.tile(np.eye(2), (len(known), 1)),
-        np.stack([off[:, 1], -off[:, 0]], axis=1).ravel(),
-        np.repeat(sides[known].astype(float), 2, axis=0),
-        np.ones(2 * len(known)),
-    )
-    before = Errors(float(np.sqrt(np.mean(path.off_mm**2))), 0.0, float(np.abs(path.off_mm).max()))
-    outlook = promised(model.mechanism, budget, path, before, Errors(0.0, 0.0, 0.0), at_rest=True)
-    if outlook is None:
-        raise TraceError("the check print", wanted="marks", came="none", todo="measure it again")
-    error = (trace.measured_mm - wanted)[known]
+    outlook, off = _of_marks(model, budget, trace)
+    error = (trace.measured_mm - trace.commanded_mm)[known]
     if not placed:
         error = error - error.mean(axis=0)
         off = off - off.mean(axis=0)
@@ -113,6 +98,38 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
         len(known), before_mm, now, now_sd, ROUND * after.rms_mm, ROUND * after.rms_low_mm, ROUND * after.rms_high_mm,
         placed,
     )  # fmt: skip
+
+
+def expectation(model: SavedModel, trace: Trace) -> Promise | None:
+    """Return how far the measured marks of a trace are expected to lie from where they are wanted once it is mended:
+    distances on the bed, as `verify` states them. None for a model that says nothing of its doubt."""
+    budget = parse_budget(model)
+    if budget is None or not trace.measured_rows.any():
+        return None
+    after = _of_marks(model, budget, trace)[0].after
+    made = {name: ROUND * share for name, share in after.made_of.items()}
+    sizes = ("rms_mm", "p95_mm", "max_mm", "rms_low_mm", "rms_high_mm", "shape_rms_mm", "planning_rms_mm")
+    return replace(after, made_of=made, **{name: ROUND * getattr(after, name) for name in sizes})
+
+
+def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook, np.ndarray]:
+    """Return what to expect of the measured marks [N], across the path, and how far each is off unmended [N, 2]."""
+    wanted, printer, known = trace.commanded_mm, model.printer, trace.measured_rows
+    raw = Twin(model.mechanism).follow(wanted)
+    sides = np.stack([last_way(column) for column in printer.to_motor(wanted).T], axis=1)
+    off = (raw - wanted)[known]
+    # each mark counts along x and along y; across a path along x lies y, across one along y lies −x
+    path = Places(
+        np.repeat(wanted[known], 2, axis=0),
+        np.tile(np.eye(2), (len(off), 1)),
+        np.stack([off[:, 1], -off[:, 0]], axis=1).ravel(),
+        np.repeat(sides[known].astype(float), 2, axis=0),
+        np.ones(2 * len(off)),
+    )
+    before = Errors(float(np.sqrt(np.mean(path.off_mm**2))), 0.0, float(np.abs(path.off_mm).max()))
+    outlook = promised(model.mechanism, budget, path, before, Errors(0.0, 0.0, 0.0), at_rest=True)
+    assert outlook is not None  # every mark has a place
+    return outlook, off
 
 
 def updated(model: SavedModel, trace: Trace, *, rng: np.random.Generator | None = None) -> Updated:

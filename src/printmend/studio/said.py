@@ -9,8 +9,8 @@ from printmend.diagnosis.advice import Advice, advise
 from printmend.diagnosis.diagnosis import Fault
 from printmend.machine.mechanism import Mechanism
 from printmend.promise.misfit import misfit_words
-from printmend.repair.examination import LEAST_ADVICE_MM, URGENCY
 from printmend.repair.learned import todo
+from printmend.report.examination import LEAST_ADVICE_MM, URGENCY
 from printmend.saved.model import SavedModel
 from printmend.units import TURN_RAD
 

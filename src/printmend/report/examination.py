@@ -1,0 +1,230 @@
+"""What is wrong with a printer, as a document for its owner: words, advice, and what it means for a part."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import printmend
+from printmend.diagnosis.advice import Advice, advise
+from printmend.diagnosis.diagnosis import Fault
+from printmend.diagnosis.portrait import Portrait, portrait
+from printmend.diagnosis.standard import Circle, Positioning, circle, positioning
+from printmend.errors import InputError, TraceError
+from printmend.learn.greybox import GreyboxModel
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.promise.misfit import misfit_words
+from printmend.promise.predict import Promise
+from printmend.repair.learned import learn, left_over_mm, todo
+from printmend.repair.mend import check_gcode
+from printmend.repair.prediction import Prediction
+from printmend.repair.verify import expectation
+from printmend.saved.model import SavedModel
+
+SUFFIXES = (".html", ".htm", ".pdf")
+MOST_ARROWS = 1200
+LEAST_ADVICE_MM = 0.01  # a fault that shifts a print by less is not worth a paragraph
+URGENCY = {
+    "repair": "Repair soon", "soon": "Repair when convenient", "software": "Leave it to the software",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """A trace's fit with all that its report shows; ``part`` and ``prediction`` where a part was given.
+
+    ``finer`` is the number of faults too small to be shown, ``beyond`` says what was learned that no known fault makes,
+    ``misfit`` what does not fit. ``expected`` is what a mended copy of the test print should be like.
+    """
+
+    model: GreyboxModel
+    saved: SavedModel
+    advice: tuple[Advice, ...]
+    portraits: tuple[Portrait, Portrait]
+    axes: tuple[Positioning, Positioning]
+    circle: Circle
+    places_mm: np.ndarray
+    before_mm: np.ndarray
+    after_mm: np.ndarray
+    part: str | None
+    prediction: Prediction | None
+    finer: int
+    beyond: tuple[str, ...]
+    misfit: tuple[str, ...]
+    expected: Promise | None
+
+    @property
+    def title(self) -> str:
+        """What stands above it."""
+        if self.advice or self.beyond or self.misfit:
+            return "What is wrong with this printer"
+        return "This printer is healthy"
+
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """What the trace could not tell, a sentence each."""
+        return self.saved.findings[1:]
+
+    @property
+    def before_rms_mm(self) -> float:
+        """How far the test print's points typically lie from where they belong."""
+        return float(self.saved.document["trace"]["residual_before_mm"])
+
+    @property
+    def after_rms_mm(self) -> float:
+        """How much of that nothing explains."""
+        return float(self.saved.document["trace"]["residual_after_mm"])
+
+    @property
+    def headline(self) -> str:
+        """One sentence for people in a hurry."""
+        before, after = self.before_rms_mm, self.after_rms_mm
+        if not self.advice:
+            healthy = "" if self.beyond or self.misfit else "This printer is healthy: "
+            finer = f" {_faults(self.finer)} too small to matter." if self.finer else ""
+            return f"{healthy}points lie {before:.3f} mm from where they belong, typically.{finer}"
+        found = {urgency: sum(one.urgency == urgency for one in self.advice) for urgency in URGENCY}
+        words = [
+            text for urgency, text in (
+                ("repair", "{} to repair soon"), ("soon", "{} to repair when convenient"),
+                ("software", "{} for the software alone"),
+            ) if found[urgency] for text in [text.format(found[urgency])]
+        ]  # fmt: skip
+        if len(words) == 1:
+            words = [words[0].partition(" ")[2]]
+        finer = f", {self.finer} more too small to matter" if self.finer else ""
+        return (
+            f"Points lie {before:.2f} mm from where they belong, typically. {_faults(len(self.advice))} "
+            f"({', '.join(words)}{finer}) explain{'s' if len(self.advice) == 1 else ''} all but {after:.3f} mm of it."
+        )
+
+
+def _faults(count: int) -> str:
+    return f"{count} fault{'' if count == 1 else 's'}"
+
+
+def check_name(path: Path) -> None:
+    """Raise `InputError` for a report that is neither .html nor .pdf, before any work is done."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(path, wanted="a report in .html or .pdf", came=repr(path.suffix), todo="change its name")
+
+
+def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np.random.Generator) -> Examination:
+    """Learn a machine from a trace and say all that is known of it; ``part`` is G-code whose error is predicted.
+
+    Raises `TraceError` like `learn`, `GcodeError` or `ModelError` for a part that cannot be printed here.
+    """
+    learned = learn(trace, printer, rng=rng)
+    box, saved, flat = learned.box, learned.saved, learned.trace
+    if box is None:
+        raise TraceError("the trace", wanted="a machine in it", came="none", todo="measure a `printmend probe`")
+    corexy = printer.kinematics == "corexy"
+    order = list(URGENCY)
+    names = ("part", "kind", "value", "sd", "unit")
+    faults = [Fault(**{name: one[name] for name in names}, words="") for one in saved.document["diagnosis"]]
+    all_advice = [advise(fault, corexy=corexy) for fault in faults]
+    advice = [one for one in all_advice if one.effect_mm >= LEAST_ADVICE_MM or one.urgency != "software"]
+    advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
+    after = left_over_mm(box)
+    shown = np.flatnonzero(flat.measured_rows & np.isfinite(after).all(axis=1))
+    shown = shown[:: max(1, len(shown) // MOST_ARROWS)]
+    mechanism = saved.mechanism
+    return Examination(
+        box, saved, tuple(advice), (portrait(box, 0, flat), portrait(box, 1, flat)),
+        (positioning(mechanism, 0), positioning(mechanism, 1)), circle(mechanism),
+        flat.commanded_mm[shown], (flat.measured_mm - flat.commanded_mm)[shown], after[shown],
+        None if part is None else part.name, None if part is None else check_gcode(part, saved),
+        len(all_advice) - len(advice), learned.beyond, misfit_words(saved.document), expectation(saved, flat),
+    )  # fmt: skip
+
+
+def write_examination(path: Path, examination: Examination) -> None:
+    """Write the report as one self-contained HTML page or as a PDF, as the name of ``path`` asks."""
+    check_name(path)
+    if path.suffix.lower() == ".pdf":
+        from printmend.report.examination_pdf import write
+
+        write(path, examination)
+    else:
+        from printmend.report.examination_page import write as write_page
+
+        write_page(path, examination)
+
+
+def summary(examination: Examination) -> str:
+    """Say it in a few lines for a terminal."""
+    rows = [examination.headline]
+    rows += [f"{URGENCY[one.urgency].lower()}: {one.title} ({one.sure})" for one in examination.advice]
+    rows += [*examination.beyond, *examination.misfit]
+    if examination.prediction is not None:
+        rows.append(part_said(examination.part or "", examination.prediction))
+    return "\n".join(rows + [f"not told by this trace: {gap}" for gap in examination.gaps])
+
+
+def part_said(part: str, prediction: Prediction) -> str:
+    """Say in a line how far a part is expected to be off."""
+    before, after = prediction.before, prediction.after
+    return (
+        f"{part}: expected to be typically {before.rms_mm:.3f} mm (at worst {before.max_mm:.2f}) off as it is, "
+        f"{after.rms_mm:.3f} (at worst {after.max_mm:.2f}) mended"
+    )
+
+
+def numbers(examination: Examination) -> list[tuple[str, str]]:
+    """Return the few numbers that matter, each with its words: what to expect after mending comes first."""
+    found = []
+    if (prediction := examination.prediction) is not None:
+        before, after = prediction.before, prediction.after
+        ranged = f"; mended between {after.rms_low_mm:.3f} and {after.rms_high_mm:.3f} in nine of ten prints"
+        about = f"your part {examination.part}, as it is → mended{ranged if after.made_of else ''}"
+        found.append((f"{before.rms_mm:.2f} → {after.rms_mm:.3f} mm", about))
+    return [
+        *found,
+        (f"{examination.before_rms_mm:.2f} mm", "how far the test print typically lies from where it belongs"),
+        (f"{examination.after_rms_mm:.3f} mm", "of that nothing explains: it stays after mending"),
+    ]
+
+
+def standard_rows(examination: Examination) -> list[tuple[str, ...]]:
+    """Return the table of the metrologist's names and the owner's words, its head first [mm]."""
+    x, y = examination.axes
+    run = examination.circle
+
+    def row(name: str, words: str, *sizes: float) -> tuple[str, ...]:
+        return (name, words, *(f"{size:.3f}" for size in sizes), *[""] * (2 - len(sizes)))
+
+    return [
+        ("in the standard", "in other words", "X", "Y"),
+        row("reversal error B", "play: what is lost when it turns back, at most", x.reversal_mm, y.reversal_mm),
+        row("mean reversal error B̄", "the same, on average", x.mean_reversal_mm, y.mean_reversal_mm),
+        row("bidirectional systematic error E", "farthest too far to farthest too short", x.systematic_mm,
+            y.systematic_mm),
+        row("mean bidirectional error M", "the same without the play", x.mean_mm, y.mean_mm),
+        row("circular error G", "how unround a circle is, clockwise; counter-clockwise", *run.circular_mm),
+        row("bidirectional circular error G(b)", "both together", run.both_mm),
+        row("mean radial error D", "how much too large it is", run.mean_mm),
+    ]  # fmt: skip
+
+
+STANDARD_SAID = (
+    "Positioning along the bed's middle by the names of ISO 230-2, and a circle by those of ISO 230-4, in mm. The "
+    "learned model ran these paths, not the printer: accuracy A and repeatability R need five measured runs, and are "
+    "not here."
+)
+
+
+def facts(examination: Examination) -> list[str]:
+    """Return the small print."""
+    saved = examination.saved
+    return [
+        f"{saved.printer.name}, {saved.document['trace']['measured']} measured points, each with about "
+        f"{saved.noise_mm:.3f} mm of measuring noise in x and in y",
+        f"in short: {'; '.join((saved.findings[0], *examination.beyond))}",
+        f"model {saved.digest}, printmend {printmend.__version__}; learned, not looked at: check before you buy parts",
+    ]
+
+
+def closing(examination: Examination) -> tuple[str, ...]:
+    """Return what the trace could not tell, and which print would."""
+    return (*examination.gaps, *todo(examination.gaps))

@@ -1,0 +1,109 @@
+"""The pictures of a printer's report: groups of drawings, each with one caption."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from printmend.diagnosis.portrait import Portrait
+from printmend.diagnosis.standard import Circle
+from printmend.draw import new_figure
+from printmend.draw.bed import draw_errors, draw_layer_errors
+from printmend.draw.circle import draw_circle_test
+from printmend.draw.drive import LEAST_UNROUND_MM, draw_fit, draw_hull, draw_play
+from printmend.report.examination import Examination
+
+MOST_POINTS = 3000
+_EVEN_MM = 0.02  # play that varies by less along the axis is a number, not a picture
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Drawings that stand side by side where there is room, and what they show."""
+
+    figures: Sequence[Figure]
+    caption: str
+
+
+def pictures(examination: Examination) -> list[Group]:
+    """Return what was measured and learned: a group for each motor, and the bed."""
+    return [*(_motor(one) for one in examination.portraits), _bed(examination)]
+
+
+def layers_picture(layers: Sequence[dict[str, float]], part: str) -> Group:
+    """Return the drawing of a part's expected error over its layers."""
+    figure, axes = new_figure(1, width_in=7.0, height_in=2.6)
+    draw_layer_errors(axes[0], *([layer[f"{which}_rms_mm"] for layer in layers] for which in ("before", "after")))
+    figure.subplots_adjust(left=0.1, right=0.985, top=0.95, bottom=0.2)
+    return Group([figure], f"{part}, layer by layer: how far its lines are expected to lie from where they belong.")
+
+
+def _motor(one: Portrait) -> Group:
+    """Draw what was learned of a motor; of a pulley that is round, and of play that is even, there is no picture."""
+    unround = float(np.abs(np.hypot(*one.outline_mm.T) - one.radius_mm).max())
+    figures = [_fit(one)]
+    words = [f"{one.name}: each dot is a measured mark, the lines are what was learned."]
+    if unround > LEAST_UNROUND_MM:
+        words.append("A wave that repeats with each turn of the motor is its pulley, drawn beside it.")
+        figures.append(_square(lambda axes: draw_hull(axes, one.outline_mm, radius_mm=one.radius_mm, name=one.name)))
+    play = float(one.play_mm.mean())
+    if np.ptp(one.play_mm) > _EVEN_MM:
+        words.append("The play differs along the axis.")
+        figures.append(_square(lambda axes: draw_play(axes, one.motor_mm, one.play_mm, one.play_sd_mm, name=one.name)))
+    elif play > 0:
+        words.append(f"The gap between the colours is the play, {play:.2f} mm.")
+    words.append("The bands hold 95 of 100 marks.")
+    if abs(one.scale_percent) >= 0.005:
+        words.append(f"An even stretch of {one.scale_percent:+.2f} % is not drawn.")
+    return Group(figures, " ".join(words))
+
+
+def _fit(one: Portrait) -> Figure:
+    figure, axes = new_figure(1, width_in=4.0, height_in=3.0)
+    thin = slice(None, None, max(1, len(one.point_side) // MOST_POINTS))
+    off = one.point_error_mm - one.level(one.point_motor_mm)
+    points = (one.point_motor_mm[thin], off[thin], one.point_side[thin])
+    band = 2 * np.hypot(one.sd_mm, one.noise_mm)
+    level = one.level(one.motor_mm)
+    draw_fit(axes[0], one.motor_mm, one.error_mm - level, band, points, name=one.name, mm_per_turn=one.period_mm)
+    figure.subplots_adjust(left=0.15, right=0.985, top=0.9, bottom=0.17)
+    return figure
+
+
+def _square(draw: Callable[[Axes], Axes]) -> Figure:
+    figure, axes = new_figure(1, width_in=3.2, height_in=3.0)
+    draw(axes[0])
+    figure.subplots_adjust(left=0.17, right=0.97, top=0.9, bottom=0.17)
+    return figure
+
+
+def _bed(examination: Examination) -> Group:
+    printer = examination.model.printer
+    bed = np.array([printer.x.min_mm, printer.y.min_mm]), np.array([printer.x.max_mm, printer.y.max_mm])
+    figures = []
+    for errors, title in (
+        (examination.before_mm, "the test print as it came out"),
+        (examination.after_mm, "what nothing explains"),
+    ):
+        figure, axes = new_figure(1, width_in=3.7, height_in=3.7)
+        draw_errors(axes[0], examination.places_mm, errors, bed_mm=bed, title=title)
+        figure.subplots_adjust(left=0.14, right=0.985, top=0.92, bottom=0.13)
+        figures.append(figure)
+    return Group(
+        figures, "Over the bed: an arrow shows which way a mark lies off, enlarged. On the right, arrows that agree "
+        "with their neighbours would be a fault that was not found.",
+    )  # fmt: skip
+
+
+def circle_picture(run: Circle) -> Group:
+    """Return the drawing of the circular test."""
+    figure, axes = new_figure(1, width_in=3.3, height_in=3.4)
+    draw_circle_test(axes[0], run.angle_rad, (run.clockwise_mm, run.counter_mm), radius_mm=run.radius_mm)
+    figure.subplots_adjust(left=0.01, right=0.99, top=0.99, bottom=0.01)
+    return Group(
+        [figure], "The circular test, as the learned model runs it about the bed's middle: the black circle is the "
+        "wanted one, deviations are magnified. Steps where an axis turns back are play, an oval along a diagonal is a "
+        "crooked frame, waves are pulleys.",
+    )  # fmt: skip
