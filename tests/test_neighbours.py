@@ -1,10 +1,11 @@
 """The published nearest neighbours and straight lines, against slow versions of the textbook."""
 
 import numpy as np
+import pytest
 
 from printmend.control.registry import controller
 from printmend.corruption import sample
-from printmend.learn.published import layer_trace, transitions_of
+from printmend.learn.published import layer_trace, network, transitions_of
 from printmend.learn.published.neighbours import KNN, LINEAR
 from printmend.learn.registry import fit, learner
 from printmend.path import Layer
@@ -52,3 +53,20 @@ def test_a_line_is_that_of_least_squares_and_plans() -> None:
     assert np.abs(plan.imagined_steps[1:] - targets).max() < 3
     by_axis = learner("linear-axis").fit(trace, PRINTER, rng=np.random.default_rng(0))
     assert by_axis.tabulate(START) is not None
+
+
+def test_a_network_fits_what_a_line_cannot_the_same_way_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(network, "UPDATES", 300)
+    trace = printed()
+    data = transitions_of(trace, PRINTER)
+    rows = np.concatenate([data.nominal_steps, data.controls], axis=1).astype(float)
+    line, one, again = (
+        fit(f"printmend.learn.published.{name}", trace, PRINTER, rng=np.random.default_rng(0))
+        for name in ("neighbours:LINEAR", "network:NETWORK", "network:NETWORK")
+    )
+    misses = [np.sqrt(np.mean((model.predict(rows) - data.displacement_steps) ** 2)) for model in (line, one)]
+    assert misses[1] < 0.7 * misses[0], misses
+    np.testing.assert_array_equal(one.predict(rows), again.predict(rows))
+    targets = START + np.cumsum(np.ones((20, 2)), axis=0)
+    plan = controller("greedy").plan(one, targets, START)
+    assert np.abs(plan.imagined_steps[1:] - targets).max() < 3
