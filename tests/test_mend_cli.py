@@ -11,8 +11,9 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY
-from printmend.errors import GcodeError, InputError, ModelError, RefusedError
+from printmend.errors import GcodeError, InputError, ModelError, RefusedError, UnwritableError
 from printmend.measure.table import read_trace
+from printmend.report.part_view import look_at
 from printmend.saved.model import exact_model, write_model
 from tests.mending import BENT, ENDER3, SQUARE, START, exactly
 
@@ -43,7 +44,8 @@ def test_reports(folder: Path) -> None:
                      "--overwrite")  # fmt: skip
         assert result.exit_code == 0, result.output
     page = (folder / "report.html").read_text()
-    assert "<svg" in page
+    assert page.count("data:image/svg+xml;base64,") == 3  # the part as it is and mended, the layers
+    assert "safe to print" in page
     assert "http" not in page
     plain = json.loads((folder / "report.json").read_text())
     assert plain["after"]["rms_mm"] < 0.006 < plain["before"]["rms_mm"]
@@ -188,6 +190,26 @@ def test_twin_chords_and_later_homing(folder: Path) -> None:
     assert trace[0, :2].tolist() == [0, 0]
     assert len(trace) > 20
     assert np.allclose(np.hypot(trace[1:, 0] - 70, trace[1:, 1] - 60), 10, atol=0.001)
+
+
+def test_an_owner_sees_the_part_before_it_is_printed(folder: Path) -> None:
+    run("mend", folder / "part.gcode", "-m", folder / "printer.mend.json")
+    view = look_at(folder / "part.gcode", folder / "part.mended.gcode", BENT, placed=True)
+    assert view is not None
+    before, after = (float(np.sqrt(np.mean(each.off_mm**2))) for each in (view.before, view.after))
+    assert before > 0.1
+    assert after < 0.01
+    # there and along 20 mm four times, with an acceleration of 1000 mm/s², and up to 0.2 mm before
+    whole = np.array([np.hypot(60, 60) / 100 + 0.1, *[20 / 30 + 0.03] * 4, 2 * np.sqrt(0.2 / 1000)])
+    assert view.minutes[0] == pytest.approx(whole.sum() / 60, rel=0.01)
+    assert view.minutes[1] == pytest.approx(view.minutes[0], rel=0.1)
+    assert ((view.low_mm >= 0) & (view.high_mm <= 220)).all()
+
+
+def test_a_place_that_cannot_be_written_is_named_before_the_work(folder: Path) -> None:
+    error = run("mend", folder / "part.gcode", "-m", folder / "printer.mend.json", "--report", folder / "no" / "r.html")
+    assert isinstance(error.exception, UnwritableError)
+    assert not (folder / "part.mended.gcode").exists()
 
 
 def test_healthy_says_so(folder: Path) -> None:

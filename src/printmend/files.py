@@ -33,6 +33,7 @@ def read_text(path: str | Path, *, wanted: str, todo: str, error: type[InputErro
             data = file.read(MAX_TEXT_BYTES + 1)
     except (OSError, ValueError) as problem:
         came = (getattr(problem, "strerror", None) or str(problem)).lower()
+        came = "a folder" if isinstance(problem, IsADirectoryError) else came
         raise error(path, wanted=wanted, came=came, todo="check the path") from None
     if len(data) > MAX_TEXT_BYTES:
         raise error(path, wanted=wanted, came=f"more than {MAX_TEXT_BYTES // 1_000_000} MB", todo=todo)
@@ -83,6 +84,17 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
     finally:
         if lock is not None:
             os.close(lock)
+
+
+def check_place(path: Path) -> None:
+    """Raise `UnwritableError` where no file can be written at ``path``: before the work that would be lost."""
+    path = Path(os.path.abspath(path))
+    if path.is_dir():
+        raise _unwritable(path, "a folder")
+    if not path.parent.is_dir():
+        raise _unwritable(path, f"No such folder: {path.parent}")
+    if not path.exists() and not os.access(path.parent, os.W_OK):
+        raise _unwritable(path, "a folder that you may not write to")
 
 
 def _lock(handle: int) -> int | None:

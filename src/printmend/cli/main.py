@@ -108,7 +108,7 @@ def main() -> None:
         error.show()
         sys.exit(error.exit_code)
     except click.ClickException as error:
-        _end(f"{error.format_message().rstrip('.')}; see {_command(error)} --help", error.exit_code)
+        _end(f"{_in_plain_words(error)}; see {_command(error)} --help", error.exit_code)
     except click.Abort:
         _end("stopped; what was written is whole, and what keeps its results goes on where it was", 130)
     except BrokenPipeError:
@@ -127,6 +127,14 @@ def main() -> None:
             raise
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
         _end(f"a fault of printmend itself ({reason}); report it with the command and PRINTMEND_TRACEBACK=1", 1)
+
+
+def _in_plain_words(error: click.ClickException) -> str:
+    """Return click's message without its names for kinds of numbers."""
+    said = error.format_message().rstrip(".")
+    for kind, plain in (("float range", "number"), ("integer range", "whole number"), ("integer", "whole number")):
+        said = said.replace(f"is not a valid {kind}", f"is not a {plain}")
+    return said
 
 
 def _command(error: click.ClickException) -> str:

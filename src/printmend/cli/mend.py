@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.option("--in-place", is_flag=True, help="Replace PART.gcode: for slicers' post-processing.")
 @click.option("--overwrite", is_flag=True, help="Write over an output that exists.")
 @click.option("--report", metavar="FILE.html|json", type=click.Path(path_type=Path, dir_okay=False),
-              help="Write the prediction, layer by layer.")  # fmt: skip
+              help="Write what to expect: a page with pictures of the part, or all numbers.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Write even where the prediction is not better.")
 @click.option("--tolerance", "tolerance_mm", type=click.FloatRange(0.002, 0.2), default=0.01, show_default=True,
               metavar="MM", help="How far the path may be off; more of it makes fewer moves and stops.")  # fmt: skip
@@ -84,7 +84,7 @@ def _one(
     with progress(source) as tick:
         done = mend_gcode(source, model, target, force=force, fineness=fineness, progress=tick)
     if report is not None:
-        write_report(report, str(source), model, done.prediction)
+        write_report(report, str(source), model, done.prediction, output=None if in_place else target)
     if not quiet:
         click.echo(done.prediction.summary(), err=target is None)
         click.echo(f"written: {target or 'standard output'}", err=target is None)

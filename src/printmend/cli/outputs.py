@@ -1,15 +1,18 @@
-"""Keep the files that a command reads from being written over."""
+"""Look at where a command will write, before it works: its inputs stay, and the place can be written to."""
 
 import os
 from pathlib import Path
 
 from printmend.errors import InputError
+from printmend.files import check_place
 
 
 def spare(outputs: tuple[Path | None, ...], inputs: tuple[Path | None, ...]) -> None:
-    """Raise `InputError` where an output is one of the inputs, or another output; None and `-` are no files."""
+    """Raise `InputError` where an output is one of the inputs, or another output, or has no folder; None and `-` are no
+    files."""
     wanted = [path for path in outputs if path is not None and str(path) != "-"]
     for i, path in enumerate(wanted):
+        check_place(path)
         for other in (*wanted[:i], *(item for item in inputs if item is not None and str(item) != "-")):
             if _same(path, other):
                 raise InputError(

@@ -21,6 +21,8 @@ def convert(path: Path, *, like: str | None = None) -> tuple[Printer, tuple[str,
     ``like`` names the preset whose motors and end stops a slicer's profile gets, which knows neither. The result has
     passed the checks of a printer's TOML. Raises `ConfigError` for anything else.
     """
+    if not path.exists() and not path.suffix:  # the name of a preset, misspelt
+        read_printer(path)
     text, subject = read_text(path, wanted=_WANTED, todo=_TODO, error=ConfigError), str(path)
     left: tuple[str, ...] = ()
     if is_klipper(text):

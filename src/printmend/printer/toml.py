@@ -41,7 +41,7 @@ def read_printer(source: str | Path) -> Printer:
         raise ConfigError(
             source,
             wanted=f"a printer preset ({', '.join(preset_names())}) or a TOML file",
-            came="neither",
+            came="no such file" if Path(source).suffix else "neither",
             todo="check the name, or write a TOML file; " + _TODO,
         )
     return parse_printer(

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from printmend.files import replacing
-from printmend.repair.prediction import Prediction
 from printmend.report import budget
 from printmend.report.examination import (
     STANDARD_SAID,
@@ -15,6 +14,7 @@ from printmend.report.examination import (
     standard_rows,
 )
 from printmend.report.page import page, picture, say, strip, table
+from printmend.report.part import part_rows
 from printmend.report.pictures import circle_picture, layers_picture, pictures
 
 
@@ -22,25 +22,6 @@ def write(path: Path, examination: Examination) -> None:
     """Write the page; it appears when it is whole."""
     with replacing(path) as file:
         file.write(page(examination.title, _body(examination)))
-
-
-def part_rows(prediction: Prediction) -> list[tuple[str, ...]]:
-    """Return the table of a part's expected errors, its head first."""
-    rows: list[tuple[str, ...]] = [
-        (
-            "expected distance from where it belongs [mm]",
-            "typical",
-            "nine of ten prints",
-            "95 % of it within",
-            "largest",
-        )
-    ]
-    for name, errors in (("as it is", prediction.before), ("mended", prediction.after)):
-        ranged = f"{errors.rms_low_mm:.3f}–{errors.rms_high_mm:.3f}" if errors.made_of else ""
-        rows.append((name, f"{errors.rms_mm:.3f}", ranged, f"{errors.p95_mm:.3f}", f"{errors.max_mm:.3f}"))
-    for name, height in zip(("as it is", "mended"), prediction.heights or (), strict=False):
-        rows.append((f"{name}, in height", f"{height.rms_mm:.3f}", "", "", f"{height.max_mm:.3f}"))
-    return rows
 
 
 def _body(examination: Examination) -> str:

@@ -14,7 +14,7 @@ from printmend.report.examination import (
     numbers,
     standard_rows,
 )
-from printmend.report.examination_page import part_rows
+from printmend.report.part import part_rows
 from printmend.report.pictures import Group, circle_picture, layers_picture, pictures
 
 _COLOURS = {"repair": "#c2410c", "soon": "#a16207", "software": "#15803d"}

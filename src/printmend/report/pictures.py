@@ -12,8 +12,11 @@ from printmend.diagnosis.standard import Circle
 from printmend.draw import new_figure
 from printmend.draw.bed import draw_errors, draw_layer_errors
 from printmend.draw.circle import draw_circle_test
+from printmend.draw.colours import draw_coloured
 from printmend.draw.drive import LEAST_UNROUND_MM, draw_fit, draw_hull, draw_play
+from printmend.draw.figure import INK
 from printmend.report.examination import Examination
+from printmend.report.part_view import Drawn, PartView
 
 MOST_POINTS = 3000
 _EVEN_MM = 0.02  # play that varies by less along the axis is a number, not a picture
@@ -38,6 +41,34 @@ def layers_picture(layers: Sequence[dict[str, float]], part: str) -> Group:
     draw_layer_errors(axes[0], *([layer[f"{which}_rms_mm"] for layer in layers] for which in ("before", "after")))
     figure.subplots_adjust(left=0.1, right=0.985, top=0.95, bottom=0.2)
     return Group([figure], f"{part}, layer by layer: how far its lines are expected to lie from where they belong.")
+
+
+def part_picture(view: PartView) -> Group:
+    """Return the drawings of one layer of a part, as it is and mended, in the same colours."""
+    everything = [each.off_mm for each in (view.before, view.after) if len(each.off_mm)]
+    worst_mm = max([float(np.quantile(each, 0.98)) for each in everything] + [0.02])
+    both = np.concatenate([np.concatenate(each.lines) for each in (view.before, view.after) if len(each.lines)])
+    corners = both.min(axis=0), both.max(axis=0)
+
+    def draw(drawn: Drawn, title: str, seams: np.ndarray) -> Figure:
+        high_in = 3.7 * float(np.clip((wide := corners[1] - corners[0])[1] / max(wide[0], 1e-6), 0.3, 1.4)) + 1.15
+        figure, axes = new_figure(1, width_in=3.8, height_in=high_in)
+        figure.subplots_adjust(left=0.02, right=0.98, top=1 - 0.35 / high_in, bottom=0.8 / high_in)
+        draw_coloured(axes[0], drawn.lines, drawn.off_mm, corners_mm=corners, worst_mm=worst_mm, title=title)
+        if len(seams):
+            axes[0].plot(
+                *seams.T, "o", markersize=3.5, markerfacecolor="none", color=INK, markeredgewidth=0.8, zorder=9
+            )
+        return figure
+
+    seams = ""
+    if len(view.seams_mm):
+        seams = f" Rings: where the nozzle stops while a belt turns back ({len(view.seams_mm)} in this layer)."
+    return Group(
+        [draw(view.before, "as it is", np.empty((0, 2))), draw(view.after, "mended", view.seams_mm)],
+        f"Layer {view.layer + 1}, at {view.z_mm:.2f} mm: how far each line lies from where it belongs, as the learned "
+        f"printer prints it.{seams}",
+    )
 
 
 def _motor(one: Portrait) -> Group:

@@ -1,0 +1,133 @@
+"""What an owner looks at before printing: does it stay on the bed, how long does it take, where are seams, how does it
+look. Both files are read again, and one layer is printed by the model, as it is and mended.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from printmend.gcode.arcs import straightened
+from printmend.gcode.read import Moves, read_gcode
+from printmend.machine.mechanism import Mechanism
+from printmend.machine.printing import print_from_home
+
+MOST_BYTES = 80_000_000  # of a file that is read again whole
+ACCELERATION_MM_S2 = 1000.0  # of an ordinary printer; both files are timed with the same
+_CORNER = np.cos(np.radians(45.0))  # a sharper turn is a stop
+_PITCH_MM = 0.4
+_CHORD_MM = 0.002
+_SEAM_MM = 1.5  # a move without plastic amid a path that is shorter takes up slack
+_BEFORE = 400  # moves that are printed before a layer, so that its play is engaged
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A layer's beads, ``lines`` [K] of [N, 2] mm as printed, and how far each lies from where it belongs [K] mm."""
+
+    lines: Sequence[np.ndarray]
+    off_mm: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PartView:
+    """The mended file beside the one it was made from.
+
+    ``low_mm`` and ``high_mm`` [2] are the corners of all that the head is told to do; ``minutes`` the estimated
+    printing times before and after. ``layer`` (from 0) is the one drawn, ``seams_mm`` [K, 2] where the nozzle stops in
+    it while a belt turns back.
+    """
+
+    low_mm: np.ndarray
+    high_mm: np.ndarray
+    minutes: tuple[float, float]
+    layer: int
+    z_mm: float
+    before: Drawn
+    after: Drawn
+    seams_mm: np.ndarray
+
+
+def look_at(source: Path, output: Path, mechanism: Mechanism, *, placed: bool) -> PartView | None:
+    """Return the view of a mended file; None for one that is too large, or has no layer to show.
+
+    Unless ``placed``, the unmended layer is laid where it fits best, for nobody knows where on the bed it lies.
+    """
+    if max(source.stat().st_size, output.stat().st_size) > MOST_BYTES:
+        return None
+    printer = mechanism.printer
+    wanted, given = (straightened(read_gcode(path, printer=printer).moves, _CHORD_MM) for path in (source, output))
+    told = given.known[:, :2].all(axis=1)
+    drawn = wanted.extruding & wanted.known[:, :2].all(axis=1) & (wanted.layer >= 0)
+    if not drawn.any() or not told.any():
+        return None
+    layer = _fullest(wanted, drawn)
+    mine = drawn & (wanted.layer == layer)
+    tree = shapely.STRtree(shapely.linestrings(np.stack([wanted.start_mm[mine, :2], wanted.end_mm[mine, :2]], axis=1)))
+    ends = np.concatenate([given.start_mm[told], given.end_mm[told]])[:, :2]
+    return PartView(
+        ends.min(axis=0), ends.max(axis=0), (minutes(wanted), minutes(given)), layer,
+        float(np.median(wanted.end_mm[mine, 2])), _printed(wanted, layer, mechanism, tree, aligned=not placed),
+        _printed(given, layer, mechanism, tree, aligned=False), _seams(given, layer),
+    )  # fmt: skip
+
+
+def minutes(moves: Moves) -> float:
+    """Return the printing time: stretches between sharp corners, each sped up and slowed down once."""
+    way = moves.end_mm - moves.start_mm
+    length = np.linalg.norm(way, axis=1)
+    used = (length > 0) & (moves.feed_mm_s > 0)
+    way, length, feed = way[used], length[used], moves.feed_mm_s[used]
+    if not len(length):
+        return 0.0
+    unit = way / length[:, None]
+    first = np.concatenate([[0], 1 + np.flatnonzero(np.sum(unit[1:] * unit[:-1], axis=1) < _CORNER)])
+    along = np.add.reduceat(length, first)
+    speed = along / np.add.reduceat(length / feed, first)
+    reach = speed**2 / ACCELERATION_MM_S2
+    whole = along / speed + speed / ACCELERATION_MM_S2
+    return float(np.where(along > reach, whole, 2 * np.sqrt(along / ACCELERATION_MM_S2)).sum()) / 60
+
+
+def _fullest(moves: Moves, drawn: np.ndarray) -> int:
+    """Return the layer in the part's middle half that has the longest path: it shows most."""
+    length = np.linalg.norm((moves.end_mm - moves.start_mm)[:, :2], axis=1) * drawn
+    paths = np.bincount(moves.layer[drawn], weights=length[drawn])
+    inner = slice(len(paths) // 4, max(len(paths) - len(paths) // 4, 1))
+    return int(inner.start + np.argmax(paths[inner]))
+
+
+def _printed(moves: Moves, layer: int, mechanism: Mechanism, wanted: shapely.STRtree, *, aligned: bool) -> Drawn:
+    """Print a layer of a file and measure how far from the wanted lines it lies."""
+    mine = np.flatnonzero(moves.layer == layer)
+    if not len(mine):
+        return Drawn([], np.zeros(0))
+    chosen = np.arange(max(mine[0] - _BEFORE, 0), mine[-1] + 1)
+    start, end = moves.start_mm[chosen], moves.end_mm[chosen]
+    count = np.maximum(np.ceil(np.linalg.norm((end - start)[:, :2], axis=1) / _PITCH_MM), 1).astype(np.int64)
+    of = np.repeat(np.arange(len(chosen)), count)
+    step = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count) + 1
+    places = start[of] + (step / count[of])[:, None] * (end - start)[of]
+    printed = print_from_home(mechanism, places)[:, :2]
+    bead = (moves.extruding & (moves.layer == layer))[chosen][of] & np.isfinite(printed).all(axis=1)
+    bead[0] = False
+    if aligned:
+        printed = printed - np.mean((printed - places[:, :2])[bead], axis=0)
+    begin, last = np.flatnonzero(bead) - 1, np.flatnonzero(bead)
+    points = shapely.points((printed[begin] + printed[last]) / 2)
+    off = np.zeros(len(points))
+    (at, _), found = wanted.query_nearest(points, return_distance=True, all_matches=False)
+    off[at] = found
+    return Drawn(list(np.stack([printed[begin], printed[last]], axis=1)), off)
+
+
+def _seams(moves: Moves, layer: int) -> np.ndarray:
+    """Return where in a layer [K, 2] the nozzle stops amid a path to take up slack."""
+    extruding = moves.extruding & (moves.layer == layer)
+    length = np.linalg.norm((moves.end_mm - moves.start_mm)[:, :2], axis=1)
+    short = ~moves.extruding & (length > 0) & (length < _SEAM_MM) & (moves.extrusion_mm == 0)
+    inside = np.zeros(len(moves), bool)
+    inside[1:-1] = short[1:-1] & extruding[:-2] & extruding[2:]
+    return np.asarray(moves.start_mm[inside, :2])
