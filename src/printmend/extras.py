@@ -17,6 +17,7 @@ _EXTRAS = {
     "distributed": "cluster",
     "manifold3d": "dataset",
     "pyarrow": "dataset",
+    "thingi10k": "thingi10k",
     "fastapi": "studio",
     "httpx2": "studio",
     "pebble": "studio",

@@ -19,7 +19,7 @@ def command() -> None:
 )
 @click.option(
     "--bodies", required=True, multiple=True, type=click.Path(path_type=Path),
-    help="Files, folders, or generated:N for N bodies that are made here; repeat.",
+    help="Files, folders, generated:N for N bodies that are made here, or thingi10k; repeat.",
 )  # fmt: skip
 @click.option("--corruptions", default=1, show_default=True, help="Broken printers that each body is printed on.")
 @click.option("--families", default="pulley", show_default=True, help="What is broken on them by turns, with commas.")
@@ -27,7 +27,9 @@ def command() -> None:
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of corruptions and generated bodies."
 )
-@click.option("--licence", default="unknown", show_default=True, help="Of the bodies' files, noted with each.")
+@click.option("--licence", default="unknown", show_default=True,
+              help="Of the bodies' files, noted with each; where "
+              "a licence is known (thingi10k, a licences.json beside), only bodies of which it says so.")  # fmt: skip
 @click.option("--timeout", default=600.0, show_default=True, help="Seconds that slicing a body may take.")
 @click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
 @click.option("--cluster", help="Dask workers instead: tcp://HOST:PORT of a scheduler, or local:N.")
@@ -49,7 +51,7 @@ def build(
     from printmend.executor import executor
 
     recipe = Recipe(corruptions, tuple(families.split(",")), severity, seed, timeout_s=timeout)
-    files = body_files(bodies, made=out.with_name(out.name + "-generated"), seed=seed)
+    files = body_files(bodies, made=out.with_name(out.name + "-generated"), seed=seed, licence=licence)
     with progress("bodies", len(files)) as tick:
         built = build_dataset(out, files, recipe, executor(workers, cluster), licence=licence, tick=tick)
     if as_json:

@@ -8,6 +8,7 @@ import numpy as np
 
 from printmend.body.generated import generated_name, generated_solid
 from printmend.body.solid import stl_bytes
+from printmend.dataset.thingi10k import NAME, UNKNOWN, as_stl, licence_beside, thingi10k_files
 from printmend.errors import InputError
 from printmend.files import replacing
 from printmend.path import Body
@@ -19,29 +20,40 @@ SUFFIXES = (
 )  # fmt: skip
 
 
-def body_files(paths: Iterable[str | Path], *, made: Path | None = None, seed: int = 0) -> list[Path]:
+def body_files(
+    paths: Iterable[str | Path], *, made: Path | None = None, seed: int = 0, licence: str = UNKNOWN
+) -> list[Path]:
     """Return the meshes and G-code files given and those below the folders given, each once, sorted within a folder.
 
     With a folder ``made``, `generated:N` stands for the first N bodies that are made from a ``seed``
-    (`printmend.body.generated`); they are written there as STL. Raises `InputError` for a path that does not exist and
-    where nothing is found.
+    (`printmend.body.generated`), and `thingi10k` or `thingi10k:N` for those of Thingi10K under a ``licence``; these,
+    and Thingi10K's npz files in the folders given, are written there as STL. Raises `InputError` for a path that does
+    not exist and where nothing is found. With a ``licence``, bodies of which a `licences.json` beside them says
+    something else are left out.
     """
     found: dict[Path, None] = {}
     asked = [Path(path) for path in paths]
     for path in asked:
         if made is not None and str(path).startswith(GENERATED):
             found.update(dict.fromkeys(_generated(str(path), made, seed)))
+        elif made is not None and str(path).partition(":")[0] == NAME and not path.exists():
+            found.update(dict.fromkeys(thingi10k_files(str(path), made, licence)))
         elif path.is_dir():
             inside = (item for item in path.rglob("*") if item.suffix.lower() in SUFFIXES and item.is_file())
             found.update(dict.fromkeys(sorted(inside)))
+            if made is not None:
+                packed = (item for item in path.rglob("*.npz") if item.stem.isdigit())
+                found.update(dict.fromkeys(as_stl(item, made) for item in sorted(packed)))
         elif path.is_file():
             found[path] = None
         else:
             raise InputError(path, wanted="a body's file or a folder of them", came="no such path", todo="check it")
+    if licence != UNKNOWN:
+        found = {path: None for path in found if licence.lower() in (licence_beside(path) or licence).lower()}
     if not found:
         raise InputError(
             ", ".join(map(str, asked)) or "bodies",
-            wanted=f"at least one body ({' '.join(SUFFIXES)})",
+            wanted=f"at least one body ({' '.join(SUFFIXES)})" + f" under “{licence}”" * (licence != UNKNOWN),
             came="none",
             todo="name files or folders that hold some",
         )

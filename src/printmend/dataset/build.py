@@ -23,6 +23,7 @@ import printmend
 from printmend.body.generated import LICENCE
 from printmend.dataset.bodies import digest
 from printmend.dataset.parquet import SCHEMA, write_body, write_print
+from printmend.dataset.thingi10k import licence_beside
 from printmend.errors import InputError, PrintmendError, UnwritableError
 from printmend.executor import Executor, WorkerDied
 from printmend.files import read_text, replacing
@@ -73,8 +74,9 @@ def build_dataset(
 ) -> Built:
     """Build what is missing of a data set in ``root``; files of equal content count once.
 
-    ``licence`` is noted for every body but those that are made here. A body that cannot be sliced, or whose worker
-    dies, is a failure with its reason. Raises `InputError` where ``root`` holds something else or was begun otherwise.
+    ``licence`` is noted for every body but those that are made here or have one in a `licences.json` beside. A body
+    that cannot be sliced, or whose worker dies, is a failure with its reason. Raises `InputError` where ``root`` holds
+    something else or was begun otherwise.
     """
     from printmend.corruption.sample import check_family
 
@@ -95,7 +97,8 @@ def build_dataset(
         if identity in done:
             tick(path.stem)
         else:
-            task = _Task(str(root), str(path), name, identity, LICENCE if made else licence, recipe)
+            said = LICENCE if made else licence_beside(path) or licence
+            task = _Task(str(root), str(path), name, identity, said, recipe)
             tasks.setdefault(identity, task)
     with (root / BODIES).open("a", encoding="utf-8") as good, (root / FAILURES).open("a", encoding="utf-8") as bad:
         for task, outcome in executor.map(_build_body, list(tasks.values())):
