@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, Ellipse, Play
+from printmend.corruption import HEALTHY, Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.diagnosis import Fault
 from printmend.errors import GcodeError, InputError, TraceError
@@ -52,6 +52,17 @@ def test_names_what_is_broken_and_what_to_do(broken: Trace, rng: np.random.Gener
     assert "Tighten the belt" in found["X belt has play"].repair
     assert found["Y pulley is oval"].effect_mm == pytest.approx(0.25 / 2, abs=0.02)
     assert not any(title.startswith("Y belt") for title in found)
+
+
+def test_a_crooked_corexy_is_called_so_before_two_opposite_pulleys(rng: np.random.Generator) -> None:
+    printer = read_printer("corexy")
+    points = np.vstack([[printer.home_mm], rng.uniform(20, 280, (200, 2))])
+    twin = Twin.of(Corruption((Drive(), Drive()), CrookedFrame(skew_deg=0.5)), printer)
+    trace = Trace(points, twin.follow(points) + rng.normal(0, 0.02, points.shape), homed=True)
+    model = learn_model(trace, printer)
+    assert model.findings[0].startswith("A healthy; B healthy; frame skewed by 0.50")
+    assert "less likely, motor A's pulley is 0.4" in model.findings[0]
+    assert [fault["kind"] for fault in model.document["diagnosis"]] == ["skew"]
 
 
 def test_the_pulley_in_the_picture_is_the_pulley_in_the_machine(broken: Trace, rng: np.random.Generator) -> None:

@@ -90,11 +90,16 @@ def test_wrong_axes_are_named(wrong: str, rng: np.random.Generator) -> None:
         in_order(Trace(trace.commanded_mm, AXES[wrong](trace.measured_mm)), PRINTER)
 
 
+def moved_mm(at: np.ndarray) -> np.ndarray:
+    return np.minimum(10.0, np.hypot(*np.diff(at, axis=0, prepend=at[:1]).T))
+
+
 Off = Callable[[np.ndarray, np.ndarray], np.ndarray]  # commands [N, 2], share of the print that is done [N] → mm [N, 2]
 CHANGES: dict[str, Off] = {
     "linear": lambda at, done: np.outer(done, [0.21, 0.0]),
     "step": lambda at, done: np.outer(done > 0.6, [0.0, 0.12]),
     "direction": lambda at, done: np.stack([0.06 * last_way(at[:, 1]), 0 * done], axis=1),
+    "speed": lambda at, done: np.stack([0.2 * last_way(at[:, 0]) * moved_mm(at) / 10.0, 0 * done], axis=1),
     "halves": lambda at, done: np.outer(at[:, 0] > 110, [0.0, 0.14]),
     "second-period": lambda at, done: np.stack([0.09 * np.sin(at[:, 0] / 5.0), 0 * done], axis=1),
 }
@@ -124,19 +129,21 @@ def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> N
         assert moved == pytest.approx(wanted, abs=0.03)
 
 
-def test_the_turn_of_another_pulley_is_learned(rng: np.random.Generator) -> None:
-    """A pulley of 16 teeth where the preset has 20: an uneven pulley again, and no belt that is uneven everywhere."""
-    small = replace(PRINTER, x=replace(PRINTER.x, mm_per_turn=32.0), y=replace(PRINTER.y, mm_per_turn=32.0))
+@pytest.mark.parametrize(("turn_mm", "said"), [(32.0, "a pulley of 16 teeth"), (39.5, "steps a millimetre")])
+def test_the_turn_of_another_pulley_is_learned(turn_mm: float, said: str, rng: np.random.Generator) -> None:
+    """A pulley of 16 teeth where the preset has 20, or steps that were calibrated: an uneven pulley again, and no belt
+    that is uneven everywhere."""
+    small = replace(PRINTER, x=replace(PRINTER.x, mm_per_turn=turn_mm), y=replace(PRINTER.y, mm_per_turn=turn_mm))
     points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (500, 2))])
     twin = Twin.of(Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.3)), Drive())), small)
     trace = Trace(points, twin.follow(points) + rng.normal(0, 0.05, points.shape), homed=True)
     box = Greybox().fit(trace, PRINTER, rng=rng)
-    assert box.periods_mm == (32.0, 40.0)
+    assert box.periods_mm == (pytest.approx(turn_mm, abs=0.05), 40.0)
     assert box.drives[0].structure.warp_mm == 0
     assert box.residual_after_mm < 0.08
     found = found_in(box, trace, ())
     assert [each.kind for each in found] == ["turn"]
-    assert "a pulley of 16 teeth" in found[0].words
+    assert said in found[0].words
 
 
 def test_a_good_trace_has_nothing_to_say(rng: np.random.Generator) -> None:

@@ -119,8 +119,9 @@ def test_the_budget_follows_the_machine(bent: SavedModel) -> None:
 
 def test_no_scanner_mends_a_healthy_printer(part: Path) -> None:
     trace = measured(HEALTHY, 0.01, 3)
-    for stretch in (np.diag([0.0013, 0.0013]), np.array([[0.002, 0.0004], [0.0004, 0.001]])):
-        model = learn_model(scanned(trace, stretch), ENDER3)
+    for far_mm, stretch in ((0.0, np.diag([0.0013, 0.0013])), (120.0, np.array([[0.002, 0.0004], [0.0004, 0.001]]))):
+        seen = scanned(trace, stretch)
+        model = learn_model(replace(seen, measured_mm=seen.measured_mm + far_mm), ENDER3)
         done = mend_gcode(part, model, part.with_name("out.gcode"))
         assert done.output is not None
         assert done.output.read_bytes() == part.read_bytes()

@@ -67,5 +67,7 @@ def command(
         return
     click.echo(verdict.words)
     if newer is not None:
-        click.echo(f"{newer.words}\nwritten: {output}")
+        # a model that keeps its promise is of this machine, even where a fresh fit explains the small print better
+        said = newer.words if not (verdict.kept and newer.anew) else "the model was brought up to date"
+        click.echo(f"{said}\nwritten: {output}")
     click.echo(f"noted in {history}")

@@ -15,6 +15,7 @@ from printmend.path import Trace
 NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations
 LEAST_FAULT_MM = 0.002  # … and than this: smaller faults move no print
 NAMED_HARMONICS = 3
+OPPOSITE_SHARE = 0.05  # share of two scale errors' difference that their sum may be for them to count as opposite
 LEAST_EFFECT_MM = 0.003  # on a print, for waves: no print shows less
 _WORD = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
 
@@ -64,8 +65,14 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     parts: list[str] = []
     faults: list[Fault] = []
     gaps: list[str] = []
-    for drive, jumps in zip(model.drives, model.jumps, strict=True):
-        found = [*drive_faults(drive, doubt), *_jumps(drive, jumps)]
+    own = [
+        [*drive_faults(drive, doubt), *_jumps(drive, jumps)]
+        for drive, jumps in zip(model.drives, model.jumps, strict=True)
+    ]
+    crooked = _frame_faults(model, doubt)
+    if model.printer.kinematics == "corexy":
+        own, crooked = _skew_first(own, crooked)
+    for drive, found in zip(model.drives, own, strict=True):
         faults += found
         words = ", ".join(fault.words for fault in found)
         parts.append(f"{drive.name.upper()} {words or 'healthy'}")
@@ -76,7 +83,6 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
             f"{one} and {two} moved together only, so a crooked frame looks like wrong scales. "
             "Print the other diagonal, too."
         )
-    crooked = _frame_faults(model, doubt)
     faults += crooked
     if crooked:
         parts.append("frame " + ", ".join(fault.words for fault in crooked))
@@ -244,6 +250,29 @@ def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[Fault]:
         size = float(np.linalg.norm(bent, axis=1).max())
         faults.append(Fault("frame", "bow", size, 0.0, "mm", f"bent guides, up to {size:.2f} mm at the corners"))
     return faults
+
+
+def _skew_first(own: list[list[Fault]], crooked: list[Fault]) -> tuple[list[list[Fault]], list[Fault]]:
+    """Name a CoreXY's skew where its motors seem to have opposite scale errors: these come from one crooked frame.
+
+    With x' = x + γy the motors' sums x ± y grow by ± γ/2; that two pulleys are wrong by so much, one too large and one
+    too small, is a coincidence. Both are said, the likelier first.
+    """
+    scales = [next((fault for fault in found if fault.kind == "scale"), None) for found in own]
+    if scales[0] is None or scales[1] is None:
+        return own, crooked
+    (a, b), sd = (fault.value for fault in scales if fault), float(np.hypot(scales[0].sd, scales[1].sd))
+    if a * b >= 0 or abs(a + b) > max(NAMED_SIGMAS * sd, OPPOSITE_SHARE * abs(a - b)):
+        return own, crooked
+    skew, skew_sd = float(np.degrees((a - b) / 100)), float(np.degrees(sd / 100))
+    words = (
+        f"skewed by {amount(skew, skew_sd, '°')} (or, less likely, motor A's pulley is {abs(a):.2f} % too "
+        f"{'large' if a > 0 else 'small'} and B's {abs(b):.2f} % too {'large' if b > 0 else 'small'}, which looks the "
+        "same)"
+    )
+    fault = Fault("frame", "skew", skew, skew_sd, "°", words)
+    rest = [[each for each in found if each.kind != "scale"] for found in own]
+    return rest, [fault, *(each for each in crooked if each.kind != "skew")]
 
 
 def _skew_sd(drive: LearnedDrive) -> float:

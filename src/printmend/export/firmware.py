@@ -48,12 +48,15 @@ class Export:
     left_out: tuple[str, ...] = ()
 
 
-def simple_part(mechanism: Mechanism) -> Simple:
-    """Split scale, constant play and skew off a machine; what is negligible becomes exactly 1 or 0."""
+def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = None) -> Simple:
+    """Split scale, constant play and skew off a machine; what is negligible becomes exactly 1 or 0.
+
+    ``turns_mm`` are the lengths of both motors' turns as they were learned; without them the printer's count.
+    """
     printer = mechanism.printer
     gains, plays = [], []
     for motor, table in enumerate(mechanism.transmissions):
-        at = _whole_turns_mm(printer, motor)
+        at = _whole_turns_mm(printer, motor, printer.axes[motor].mm_per_turn if turns_mm is None else turns_mm[motor])
         lower, upper = table.branches_mm(at)
         middle = (lower + upper) / 2
         gains.append(float(np.polyfit(at - at.mean(), middle, 1)[0]))
@@ -71,11 +74,10 @@ def simple_part(mechanism: Mechanism) -> Simple:
     return Simple((gains[0], gains[1]), (plays[0], plays[1]), skew if abs(skew) > _NEGLIGIBLE else 0.0)
 
 
-def _whole_turns_mm(printer: Printer, motor: int) -> np.ndarray:
+def _whole_turns_mm(printer: Printer, motor: int, turn_mm: float) -> np.ndarray:
     """Return motor positions over whole turns about the bed's middle, so that harmonics do not look like scale."""
     low, high = printer.motor_range_mm(motor)
-    turn = printer.axes[motor].mm_per_turn
-    length = max(math.floor((high - low) / turn), 1) * turn
+    length = max(math.floor((high - low) / turn_mm), 1) * turn_mm
     return (low + high) / 2 + length * (np.arange(4000) / 4000 - 0.5)
 
 

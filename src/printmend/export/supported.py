@@ -40,7 +40,8 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
         if export.before_mm - export.after_mm < max(GAIN_MM, SURE * doubt):
             left_out = [_why("the tables", export.before_mm - export.after_mm, doubt)]
         return _judged(model, export, ("tables of both joints",) if not left_out else (), tuple(left_out))
-    whole = simple_part(mechanism)
+    budget = parse_budget(model)
+    whole = simple_part(mechanism, None if budget is None else budget.turns_mm)
     settings = [each for each in _settings(model) if _without(whole, each.name) != whole]
     kept, left_out = whole, []
     for each in sorted(settings, key=lambda setting: -setting.doubt_mm):

@@ -75,6 +75,11 @@ class Budget:
     stretch: tuple[tuple[float, np.ndarray, np.ndarray], ...]
     effects: tuple[Effect, ...]
 
+    @property
+    def turns_mm(self) -> tuple[float, float]:
+        """The lengths of both motors' turns as they were learned."""
+        return (self.motors[0].period_mm, self.motors[1].period_mm)
+
 
 def parse_budget(model: SavedModel) -> Budget | None:
     """Return what a saved model says about its own doubt, None for one that says nothing.

@@ -16,7 +16,7 @@ TWO_MOTORS = (1, 2, 3)  # harmonics of a pulley that may differ between the two 
 class Sideways:
     """One motor's rows as the tests see them, all [N]: the share of the print that is ``done``, the ``side`` of the
     belt that is touched, the motor's place ``own`` and that of the bed's axes ``beds`` [N, 2] from −1 to 1, which way
-    the other motor last went, ``across``, the length of this motor's last move."""
+    the other motor last went, ``across``, the length of the last move on the bed, ``move_mm``."""
 
     motor_mm: np.ndarray
     period_mm: float

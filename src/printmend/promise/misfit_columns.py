@@ -43,7 +43,7 @@ def sideways(motors: list[Rows], which: int, commanded_mm: np.ndarray, side: np.
         _scaled(other.motor_mm),
         np.stack([_scaled(axis) for axis in commanded_mm.T], axis=1),
         last_way(other.motor_mm),
-        np.abs(np.diff(rows.motor_mm, prepend=rows.motor_mm[:1])),
+        np.hypot(*np.diff(commanded_mm, axis=0, prepend=commanded_mm[:1]).T),
     )
 
 

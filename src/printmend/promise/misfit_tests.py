@@ -11,7 +11,7 @@ import numpy as np
 
 from printmend.learn.drive.design import Rows, cross_columns
 from printmend.learn.drive.fit import independent_share, robust_sigma_mm
-from printmend.learn.drive.period import TOOTH_MM
+from printmend.learn.drive.period import NEAR_SHARE, TOOTH_MM
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
 from printmend.learn.greybox.rows import motor_rows
 from printmend.path import Trace
@@ -29,6 +29,7 @@ LEAST_COST_MM = 0.018  # root mean square on a print: less costs nothing that an
 WARNED_MM = 0.03
 NOISE_SHARE = 0.3  # of the noise: what is far below it is no use to know
 LEAST_OWN_SHARE = 0.05  # share of a column that the model's own parts must leave, for it to be told from them
+LEAST_OWN_SHARE_OF_SPEED = 0.02  # the same of one that hardly differs: a probe's moves are about as long
 CLIP_SIGMAS = 4.0  # standard deviations beyond which a residual is an outlier
 LOST_SIGMAS = 6.0
 LOST_MM = 0.05
@@ -71,10 +72,20 @@ def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
         if len(used) < LEAST_ROWS:
             continue
         one = sideways(rows, motor, trace.commanded_mm, touch.side).at(used)
-        found += _explained(motor, one, touch.residual_mm[used], _own_columns(drive, rows[motor], used))
+        near = _near(touch.residual_mm[used])
+        found += _explained(
+            motor, one.at(near), touch.residual_mm[used][near], _own_columns(drive, rows[motor], used[near])
+        )
         if drive.structure.warp_mm:
             found += _repeated(motor, one, drive, rows[motor], used)
     return tuple(found)
+
+
+def _near(residual_mm: np.ndarray) -> np.ndarray:
+    """Return the rows [M] that are looked at: all, but the outliers where there are so many that together they would
+    look like something."""
+    outlier = np.abs(residual_mm) > CLIP_SIGMAS * robust_sigma_mm(residual_mm)
+    return np.flatnonzero(~outlier) if outlier.mean() > MANY_LOST else np.arange(len(residual_mm))
 
 
 def _repeated(motor: int, one: Sideways, drive: LearnedDrive, rows: Rows, used: np.ndarray) -> list[Cause]:
@@ -139,7 +150,8 @@ def _tried(
     columns = candidate.columns(one)
     whole = float(np.square(columns - columns.mean(axis=0)).sum())
     freed = columns - basis @ (basis.T @ columns)
-    if float(np.square(freed).sum()) < LEAST_OWN_SHARE * whole or whole == 0:
+    least = LEAST_OWN_SHARE_OF_SPEED if candidate.kind == "speed" else LEAST_OWN_SHARE
+    if float(np.square(freed).sum()) < least * whole or whole == 0:
         return None
     weights = np.linalg.lstsq(freed, left, rcond=None)[0]
     after = left - freed @ weights
@@ -285,6 +297,8 @@ def _other_turns(box: GreyboxModel) -> list[Misfit]:
         cause = (
             f"a pulley of {teeth} teeth, or an idler's" if is_toothed else "an idler's or the belt's own, or a pulley's"
         )
+        if abs(period / usual - 1) < NEAR_SHARE:
+            cause = "its steps a millimetre were calibrated, or it is another pulley"
         words = (
             f"the error of {drive.name.upper()} repeats every {period:.1f} mm, not every {usual:g} as the printer's "
             f"pulley would: {cause}. The model turns by that"

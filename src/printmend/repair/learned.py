@@ -31,6 +31,7 @@ from printmend.saved.series import ScrewSeries
 
 AUTO = "auto"
 Planar = TypeVar("Planar", bound=WorldModel)
+FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's is moved there
 MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
 LEAST_POWER_MM = 1e-9  # of a scale that does not act: what rounding leaves of it
 Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
@@ -72,7 +73,7 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
 
 def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> Learned:
     name = "hybrid" if model == AUTO else model
-    ordered = in_order(with_walls(trace, printer), printer)
+    ordered = in_order(near_bed(with_walls(trace, printer)), printer)
     trace = ordered.trace
     fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
     moved: tuple[Misfit, ...] = ()
@@ -110,6 +111,17 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
     saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
     return Learned(saved, None, trace)
+
+
+def near_bed(trace: Trace) -> Trace:
+    """Return a trace whose places have an origin of their own with that origin near the bed's, where it was far off.
+
+    What is missed at one place is then the machine's, as everywhere else, and not tens of millimetres of the paper's.
+    """
+    off_mm = (trace.measured_mm - trace.commanded_mm)[trace.measured_rows]
+    if trace.placed or not len(off_mm) or np.abs(shift := np.median(off_mm, axis=0)).max() < FAR_ORIGIN_MM:
+        return trace
+    return replace(trace, measured_mm=trace.measured_mm - shift)
 
 
 def _of_the_end(

@@ -29,6 +29,7 @@ EDGE_SHARE = 0.93  # of the longest length that is looked at, beyond which a bes
 OWN_SHARE = 0.2  # of what another length explains beside the printer's turn, that the latter may explain beside it
 LEAST_GAIN_MM = 0.015  # root mean square that another length must explain more
 ALIKE_SHARE = 0.02  # share to which a length is a whole part, or a multiple, of the printer's turn
+NEAR_SHARE = 0.04  # share by which a turn differs from the printer's where its steps a millimetre were calibrated
 TOOTH_SHARE = 0.02  # share to which a length may be that of a whole number of teeth
 MOST_PARTS = 5  # of a length, of which one may be the turn
 AS_GOOD_NATS = 10.0  # that the turn of a toothed pulley, or a whole part of the best length, may cost
@@ -59,7 +60,12 @@ def likeliest_period_mm(rows: Rows) -> float:
     def left(period_mm: float) -> float:
         return _left(np.column_stack([plain, _waves(motor, side, period_mm)]), error, weight)
 
+    def left_still(period_mm: float) -> float:
+        return _left(np.column_stack([plain, _waves(motor, side, period_mm)[:, :-2]]), error, weight)
+
     count, before = float((weight > 0.5).sum()), _left(own, error, weight)
+    if near := _calibrated(rows.period_mm, step, left_still, count, before, weight.sum()):
+        return near
     found = _simplest(_refined(min(tried, key=left), step, left), count, left)
     after = left(found)
     both = _left(np.column_stack([own, _waves(motor, side, found)]), error, weight)
@@ -70,6 +76,23 @@ def likeliest_period_mm(rows: Rows) -> float:
     nats = count / 2 * np.log(before / max(after, 1e-12)) - np.log(len(tried))
     explained_mm = np.sqrt(max(before - after, 0.0) / weight.sum())
     return float(found) if nats > LEAST_NATS and explained_mm > LEAST_GAIN_MM else rows.period_mm
+
+
+def _calibrated(
+    period_mm: float, step: float, left_still: Callable[[float], float], count: float, before: float, weight: float
+) -> float | None:
+    """Return a turn that differs little from the printer's, where it alone explains what else a wave that fades would.
+
+    ``left_still`` is what the waves of a length leave that do not fade along the belt, ``before`` what those of the
+    printer's turn leave that do: to first order, a wave of another length is one that fades.
+    """
+    tried = 1 / np.arange(1 / (period_mm * (1 + NEAR_SHARE)), 1 / (period_mm * (1 - NEAR_SHARE)), step / 4)
+    found = _refined(min(tried, key=left_still), step / 4, left_still)
+    plain, after = left_still(period_mm), left_still(found)
+    nats = count / 2 * np.log(plain / after) - np.log(len(tried))
+    gained_mm = np.sqrt(max(plain - after, 0.0) / weight)
+    as_good = count / 2 * np.log(after / before) < AS_GOOD_NATS
+    return float(found) if nats > LEAST_NATS and gained_mm > LEAST_GAIN_MM and as_good else None
 
 
 def _simplest(period_mm: float, count: float, left: Callable[[float], float]) -> float:
