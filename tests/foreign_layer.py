@@ -8,6 +8,7 @@ import io
 import itertools
 import math
 
+import cv2
 import numpy as np
 import shapely
 import shapely.affinity
@@ -110,14 +111,16 @@ class Machine:
 def scan(strokes, rng, *, dpi=600, below=True, angle=3.0, swell=0.09, texture=5.0, jpeg=88, dust=40, margin=12.0,
          stretch=(0.0, 0.0), ink=(60, 55, 50), plate=(232, 230, 226), size_mm=None):  # fmt: skip
     """Draw what a flatbed sees of a layer, as a JPEG in bytes."""
-    fine = 1200.0 * max(1.0, dpi / 600.0) / 25.4  # Pillow draws at whole pixels
+    finer = max(2, round(1200 / dpi))  # Pillow draws at whole pixels
+    fine = finer * dpi / 25.4
     a = math.radians(angle)
     spin = np.array([[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]])
     flip = np.array([-1.0 if below else 1.0, -1.0])
     laid = [(line * flip) @ spin * (1 + np.array(stretch)) for line in strokes]
     low = np.vstack(laid).min(axis=0) - margin
     size = np.vstack(laid).max(axis=0) + margin - low if size_mm is None else np.array(size_mm)
-    picture = Image.new("L", tuple(int(v) for v in size * fine), 0)
+    width, height = (int(v) for v in size * dpi / 25.4)
+    picture = Image.new("L", (width * finer, height * finer), 0)
     pen = ImageDraw.Draw(picture)
     for line in laid:
         line = (line - low) * fine
@@ -132,7 +135,6 @@ def scan(strokes, rng, *, dpi=600, below=True, angle=3.0, swell=0.09, texture=5.
             pen.polygon([tuple(v) for v in (p + n * r, q + n * s, q - n * s, p - n * r)], fill=255)
             pen.ellipse([*(q - s), *(q + s)], fill=255)
         pen.ellipse([*(line[0] - radii[0]), *(line[0] + radii[0])], fill=255)
-    width, height = (int(v) for v in size * dpi / 25.4)
     share = (
         np.asarray(picture.resize((width, height), Image.Resampling.BOX).filter(ImageFilter.GaussianBlur(1.0)), float)
         / 255
@@ -150,6 +152,73 @@ def scan(strokes, rng, *, dpi=600, below=True, angle=3.0, swell=0.09, texture=5.
         pen.ellipse([x - r, y - r, x + r, y + r], fill=(shade, shade, shade))
     file = io.BytesIO()
     drawn.save(file, "JPEG", quality=jpeg, dpi=(dpi, dpi))
+    return file.getvalue()
+
+
+def photo(strokes, rng, *, height=0.24, focal_film=26.0, tilt=(0.12, -0.09), turn=17.0, k1=-0.03, stated=True,
+          swell=0.06, size_px=(1500, 2000), ink=(60, 55, 50)):  # fmt: skip
+    """Draw what a telephone sees of a part that lies upside down on the sheet of tags, as a JPEG in bytes.
+
+    The paper is at z = 0, the part's underside at z = ``height``, its walls between them; a pinhole camera with its
+    own focal length looks down, tilted, through a lens that bends lines.
+    """
+    fine = 12.0
+    paper = np.full((round(297 * fine), round(210 * fine)), 244, np.uint8)
+    book = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36H11)
+    middles = [(x, y) for y in np.linspace(14, 283, 5) for x in np.linspace(14, 196, 4)
+               if x in (14, 196) or y in (14, 283)]  # fmt: skip
+    for number, (x, y) in enumerate(middles):
+        cells = cv2.aruco.generateImageMarker(book, number, 8)
+        at = np.array([[0, 0], [7, 0], [0, 7]], np.float32)
+        to = ((np.array([x, y]) - 7 + (at + 0.5) * 14 / 8) * fine - 0.5).astype(np.float32)
+        cv2.warpAffine(cells, cv2.getAffineTransform(at, to), paper.shape[::-1], paper, cv2.INTER_NEAREST,
+                       cv2.BORDER_TRANSPARENT)  # fmt: skip
+    a = math.radians(turn)
+    spin = np.array([[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]])
+    laid = [(line * [-1.0, -1.0]) @ spin for line in strokes]  # seen from below, y down
+    every = np.vstack(laid)
+    laid = [line - (every.min(axis=0) + every.max(axis=0)) / 2 + [108.0, 140.0] for line in laid]
+    plastic = Image.new("L", paper.shape[::-1], 0)
+    pen = ImageDraw.Draw(plastic)
+    for line in laid:
+        r = (NOZZLE / 2 + swell) * fine
+        for p, q in itertools.pairwise(line * fine):
+            d = q - p
+            n = np.array([-d[1], d[0]]) / (np.hypot(*d) + 1e-9) * r
+            pen.polygon([tuple(v) for v in (p + n, q + n, q - n, p - n)], fill=255)
+            pen.ellipse([*(q - r), *(q + r)], fill=255)
+        pen.ellipse([*(line[0] * fine - r), *(line[0] * fine + r)], fill=255)
+    mask = np.asarray(plastic)
+    wide, high = size_px
+    focal = focal_film / 43.27 * math.hypot(*size_px)
+    away = focal * 297 / high * 1.18
+    rx, ry = tilt
+    turned = np.array([[1, 0, 0], [0, math.cos(rx), -math.sin(rx)], [0, math.sin(rx), math.cos(rx)]]) @ np.array(
+        [[math.cos(ry), 0, math.sin(ry)], [0, 1, 0], [-math.sin(ry), 0, math.cos(ry)]]
+    )
+    eye = np.array([105.0, 148.5, 0.0]) - turned[2] * away  # z grows away from the camera: the plastic is at -height
+    v, u = np.mgrid[0:high, 0:wide].astype(np.float32)
+    u, v = u - (wide - 1) / 2, v - (high - 1) / 2
+    bend = 1 + k1 * (u * u + v * v) / ((wide / 2) ** 2 + (high / 2) ** 2)
+    u, v = u * bend / focal, v * bend / focal
+    ray = [turned[0, k] * u + turned[1, k] * v + turned[2, k] for k in range(3)]
+
+    def seen(raster, z):
+        share = (-z - eye[2]) / ray[2]
+        x, y = ((eye[k] + share * ray[k]) * fine - 0.5 for k in range(2))
+        return cv2.remap(raster, x.astype(np.float32), y.astype(np.float32), cv2.INTER_AREA, borderValue=0) / 255.0
+
+    light = 1 + 0.08 * (u + 0.5 * v)
+    image = (235 * seen(paper, 0.0) + 12)[..., None] * np.array([1.0, 0.99, 0.96])
+    levels = max(1, round(height / 1.5))
+    for k in range(levels):
+        there = seen(mask, height * (k + 1) / levels)[..., None]
+        image = image * (1 - there) + there * np.array(ink) * (1.0 if k == levels - 1 else 0.7)
+    image = cv2.GaussianBlur(image * light[..., None], (0, 0), 0.8) + rng.normal(0, 2.5, image.shape)
+    told = Image.Exif()
+    told.get_ifd(0x8769).update({0x829A: 0.01, 0xA405: int(focal_film)} if stated else {})
+    file = io.BytesIO()
+    Image.fromarray(image.clip(0, 255).astype(np.uint8)).save(file, "JPEG", quality=92, exif=told)
     return file.getvalue()
 
 

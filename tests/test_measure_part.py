@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 from printmend.cli.probe import command
-from printmend.errors import GcodeError, ScanError
+from printmend.errors import GcodeError, ScanError, TraceError
 from printmend.gcode.read import read_gcode
 from printmend.measure import read_trace, write_trace
 from printmend.measure.walls import read_walls
@@ -119,3 +119,50 @@ def test_a_healthy_printer_stays_as_it_is(scanned):
     model = learn_model(measure_part(scanned / "healthy.jpg", scanned / "gear.gcode", PRINTER).trace, PRINTER)
     mend_gcode(scanned / "star.gcode", model, scanned / "same.gcode")
     assert (scanned / "same.gcode").read_bytes() == (scanned / "star.gcode").read_bytes()
+
+
+def test_a_photo_on_the_sheet_serves_as_a_scan_does(scanned):
+    text, strokes = foreign.gcode(foreign.gear(), layers=20)
+    (scanned / "tall.gcode").write_text(text)
+    taken = foreign.photo(BROKEN.strokes(strokes), np.random.default_rng(3), height=20 * foreign.HEIGHT)
+    (scanned / "photo.jpg").write_bytes(taken)
+    measured = measure_part(scanned / "photo.jpg", scanned / "tall.gcode", PRINTER)
+    assert "14 tags" in measured.notes[0]
+    mended = scanned / "photographed.gcode"
+    mend_gcode(scanned / "star.gcode", learn_model(measured.trace, PRINTER), mended)
+    assert foreign.paired_error(BROKEN, scanned / "star.gcode", mended) < LIMIT_MM
+
+
+def test_a_photo_without_tags_is_told_the_way_out(scanned):
+    picture = Image.open(scanned / "gear.jpg")
+    noted = Image.Exif()
+    noted.get_ifd(0x8769)[0x829A] = 0.01  # the exposure time, which cameras note
+    picture.save(scanned / "bare.jpg", exif=noted)
+    with pytest.raises(ScanError, match=r"a photo without any; print the sheet of tags \(`printmend probe --sheet"):
+        measure_part(scanned / "bare.jpg", scanned / "gear.gcode", PRINTER)
+    picture.save(scanned / "bare.png")  # a messenger takes off what the camera noted
+    with pytest.raises(ScanError, match=r"if it is a photo: print the sheet of tags"):
+        measure_part(scanned / "bare.png", scanned / "gear.gcode", PRINTER)
+
+
+def test_widths_by_callipers_settle_the_scale(scanned):
+    wide = foreign.Machine(gain=(0.002, 0.002))
+    printed, swell = wide.strokes(foreign.gcode(foreign.gear())[1]), 0.09
+    scan = foreign.scan(printed, np.random.default_rng(5), dpi=300, swell=swell, stretch=(-0.001, -0.0015))
+    (scanned / "wide.jpg").write_bytes(scan)
+    true = np.ptp(np.vstack(printed), axis=0) + foreign.NOZZLE + 2 * swell
+    read = tuple(np.round(true + np.array([0.012, -0.008]), 2).tolist())  # callipers show hundredths, the hand adds one
+    (scanned / "large.gcode").write_text(foreign.gcode(foreign.star(size=34.0))[0])
+
+    def measured(distances):
+        return measure_part(scanned / "wide.jpg", scanned / "gear.gcode", PRINTER, distances_mm=distances)
+
+    model = learn_model(measured(read).trace, PRINTER)
+    mend_gcode(scanned / "large.gcode", model, scanned / "narrowed.gcode")
+    before = foreign.paired_error(wide, scanned / "large.gcode", scanned / "large.gcode")
+    assert before > 0.035
+    assert foreign.paired_error(wide, scanned / "large.gcode", scanned / "narrowed.gcode") < 0.02
+    with pytest.raises(TraceError, match=r"along X .*, got 2\.89, which looks like inches; measure"):
+        measured((2.89,))
+    with pytest.raises(TraceError, match=r"wanted 2 widths"):
+        measured((*read, 30.0))

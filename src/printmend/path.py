@@ -79,13 +79,29 @@ class Instrument:
     """What all points of a measurement share and no fit can see, as standard deviations.
 
     ``scale_sd`` of its scale, ``axes_sd`` of half the difference between the scales of x and y (shares), ``lean_sd``
-    [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness. All 0 for one that is exact.
+    [rad] of half the angle by which these lean, ``wave_mm`` of a slow unevenness. All 0 for one that is exact. Once one
+    length is known, the first three are known together better than each: ``scale_axes``, ``scale_lean`` and
+    ``axes_lean`` are their correlations.
     """
 
     scale_sd: float = 0.0
     axes_sd: float = 0.0
     lean_sd: float = 0.0
     wave_mm: float = 0.0
+    scale_axes: float = 0.0
+    scale_lean: float = 0.0
+    axes_lean: float = 0.0
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """The covariance [3, 3] of scale, axes and lean."""
+        sds = np.array([self.scale_sd, self.axes_sd, self.lean_sd])
+        together = np.eye(3)
+        for (i, j), value in zip(
+            ((0, 1), (0, 2), (1, 2)), (self.scale_axes, self.scale_lean, self.axes_lean), strict=True
+        ):
+            together[i, j] = together[j, i] = value
+        return together * np.outer(sds, sds)
 
     @property
     def is_exact(self) -> bool:

@@ -28,23 +28,26 @@ if TYPE_CHECKING:
 @click.option(
     "--overlay", type=click.Path(path_type=Path, dir_okay=False), help="Draw what was found over the first scan."
 )
-@click.option("--distance", "distance_mm", metavar="MM", type=Finite(min=1, max=1000),
-              help="What callipers say of the two dots that `measure` names: settles the scale.")  # fmt: skip
+@click.option("--distance", "distances_mm", metavar="MM", type=Finite(min=1, max=1000), multiple=True,
+              help="What callipers say of the distance that `measure` names: settles the scale; with --gcode twice.",
+              )  # fmt: skip
 @click.option("--callipers", is_flag=True, help="Ask for a few distances instead; SCAN may be a list of them.")
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml",
               help="With --gcode: what printed it. With --callipers: learn a model of it.")  # fmt: skip
 def command(
     scans: tuple[Path, ...], plan_path: Path | None, part_path: Path | None, layer: int, dpi: float | None,
-    output: Path | None, overlay: Path | None, distance_mm: float | None, callipers: bool, printer_name: str | None,
+    output: Path | None, overlay: Path | None, distances_mm: tuple[float, ...], callipers: bool,
+    printer_name: str | None,
 ) -> None:  # fmt: skip
     """Find the marks of the printed probe in SCANs, or the walls of any printed layer, and write where they are.
 
     A second scan of the same plate, turned by a quarter, removes the errors of the scanner's axes, and one distance by
     callipers (--distance) that of its scale. A photo needs the reference sheet (`printmend probe --sheet sheet.pdf`)
-    around the print.
+    around the print or under it.
 
     With --gcode, SCAN shows the underside of any part, or its first layer printed alone (`printmend probe
-    --first-layer`): its outlines are matched with the path that the file commands.
+    --first-layer`): its outlines are matched with the path that the file commands. A photo of it on the reference sheet
+    serves as well.
     """
     from printmend.cli.outputs import spare
     from printmend.measure import read_plan
@@ -52,7 +55,7 @@ def command(
     output = output or Path("printer.mend.json" if callipers else "trace.csv")
     spare((output, overlay), (plan_path, part_path, *scans))
     if part_path is not None:
-        _measure_layer(scans, part_path, layer, printer_name, dpi, overlay, output)
+        _measure_layer(scans, part_path, layer, printer_name, dpi, overlay, output, distances_mm)
         return
     if plan_path is None:
         raise click.UsageError("say what was printed: --probe probe.json, or --gcode part.gcode")
@@ -65,6 +68,9 @@ def command(
     from printmend.measure import write_trace
     from printmend.measure.measurement import measure_scans
 
+    if len(distances_mm) > 1:
+        raise click.UsageError("one --distance settles the scale of a probe: the one that `measure` names")
+    distance_mm = distances_mm[0] if distances_mm else None
     measurement = measure_scans(scans, plan, dpi=dpi, overlay=overlay, distance_mm=distance_mm)
     write_trace(output, measurement.trace)
     for note in measurement.notes:
@@ -76,7 +82,7 @@ def command(
 
 def _measure_layer(
     scans: tuple[Path, ...], part_path: Path, layer: int, printer_name: str | None, dpi: float | None,
-    overlay: Path | None, output: Path,
+    overlay: Path | None, output: Path, distances_mm: tuple[float, ...],
 ) -> None:  # fmt: skip
     from printmend.measure import write_trace
     from printmend.printer import read_printer
@@ -84,7 +90,10 @@ def _measure_layer(
 
     if printer_name is None or len(scans) != 1:
         raise click.UsageError("--gcode needs --printer and one SCAN")
-    measured = measure_part(scans[0], part_path, read_printer(printer_name), layer=layer, dpi=dpi, overlay=overlay)
+    printer = read_printer(printer_name)
+    measured = measure_part(
+        scans[0], part_path, printer, layer=layer, dpi=dpi, overlay=overlay, distances_mm=distances_mm
+    )
     write_trace(output, measured.trace)
     for note in measured.notes:
         click.echo(note)

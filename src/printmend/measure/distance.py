@@ -18,6 +18,7 @@ from printmend.path import Instrument
 LONGEST_MM, SHORTEST_MM = 145.0, 40.0  # the common callipers open 150 mm
 READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, the rims of two dots
 NO_INSTRUMENT = 0.02  # a share beyond which the distance is of other dots
+OTHER_UNIT = 0.05  # a share within which a length in another unit is recognized
 
 
 def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | None:
@@ -58,17 +59,39 @@ def scaled_by(
     if not abs(excess) <= NO_INSTRUMENT:
         raise TraceError(
             "--distance", wanted=f"about {seen:.2f} mm from dot {span[0]} to dot {span[1]}, outer edges",
-            came=f"{distance_mm:g}", todo="measure these two dots again, in mm",
+            came=f"{distance_mm:g}{inches(distance_mm, seen)}", todo="measure these two dots again, in mm",
         )  # fmt: skip
-    double = 2 * math.atan2(other[1] - one[1], other[0] - one[0])
-    row = np.array([1.0, math.cos(double), math.sin(double)])
-    prior = np.diag(np.square([instrument.scale_sd, instrument.axes_sd, instrument.lean_sd]))
-    gain = prior @ row / (row @ prior @ row + (READING_MM / distance_mm) ** 2)
-    common, half, lean = gain * excess
-    left = np.sqrt(np.diag(prior - np.outer(gain, row @ prior)))
-    stretch = np.array([[1 + common + half, lean], [lean, 1 + common - half]])
+    stretch, left, note = settled(excess, math.atan2(other[1] - one[1], other[0] - one[0]), distance_mm, instrument)
     middle = np.nanmean(measured_mm, axis=0)
-    note = f"by the callipers the scan is {100 * excess:+.2f} % too large: taken off; lengths are known to "
-    note += f"{100 * left[0]:.2f} % now"
-    sds = {"scale_sd": float(left[0]), "axes_sd": float(left[1]), "lean_sd": float(left[2])}
-    return (measured_mm - middle) @ np.linalg.inv(stretch).T + middle, replace(instrument, **sds), note
+    return (measured_mm - middle) @ np.linalg.inv(stretch).T + middle, left, note
+
+
+def settled(
+    excess: float, angle_rad: float, distance_mm: float, instrument: Instrument, *, reading_mm: float = READING_MM
+) -> tuple[np.ndarray, Instrument, str]:
+    """Return by what an image is stretched [2, 2] where a length at an angle came out too long by the share ``excess``,
+    what is still open of the instrument, and a note. ``reading_mm`` is the standard deviation of the reading."""
+    double = 2 * angle_rad
+    row = np.array([1.0, math.cos(double), math.sin(double)])
+    prior = instrument.covariance
+    gain = prior @ row / (row @ prior @ row + (reading_mm / distance_mm) ** 2)
+    common, half, lean = gain * excess
+    left = prior - np.outer(gain, row @ prior)
+    sds = np.sqrt(np.diag(left))
+    stretch = np.array([[1 + common + half, lean], [lean, 1 + common - half]])
+    note = f"by the callipers the image is {100 * excess:+.2f} % too large: taken off; lengths along it are known to "
+    note += f"{100 * math.sqrt(row @ left @ row):.2f} % now"
+    together = left / np.maximum(np.outer(sds, sds), 1e-18)
+    known = replace(
+        instrument, scale_sd=float(sds[0]), axes_sd=float(sds[1]), lean_sd=float(sds[2]),
+        scale_axes=float(together[0, 1]), scale_lean=float(together[0, 2]), axes_lean=float(together[1, 2]),
+    )  # fmt: skip
+    return stretch, known, note
+
+
+def inches(given_mm: float, wanted_mm: float) -> str:
+    """Say so where a length that should be about ``wanted_mm`` seems to be in inches or centimetres, else nothing."""
+    for name, unit_mm in (("inches", 25.4), ("cm", 10.0)):
+        if abs(given_mm * unit_mm / wanted_mm - 1) < OTHER_UNIT:
+            return f", which looks like {name}"
+    return ""

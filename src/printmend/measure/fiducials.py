@@ -127,14 +127,18 @@ def fit_lens(tags: Tags, image_shape: tuple[int, ...]) -> tuple[Lens, float]:
     return lens(fit.x), float(np.sqrt((rest**2).sum(axis=1).mean()))
 
 
-def rectify(image: np.ndarray, lens: Lens) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the picture as a scanner on the sheet would have taken it.
+def tagged_mm() -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners [2] mm of all that the tags surround, themselves included."""
+    corners = tag_corners_mm().reshape(-1, 2)
+    return corners.min(axis=0) - 2, corners.max(axis=0) + 2
+
+
+def rectify(image: np.ndarray, lens: Lens, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the picture between two corners [2] mm of the sheet, as a scanner on the sheet would have taken it.
 
     Also the sheet position [2] mm of its upper left corner, and its pixels per mm: those of the photo where it is
     sharpest.
     """
-    corners = tag_corners_mm().reshape(-1, 2)
-    low, high = corners.min(axis=0) - 2, corners.max(axis=0) + 2
     ends = lens.to_px(np.array([[low, (high[0], low[1])], [(low[0], high[1]), high], [low, (low[0], high[1])]]))
     px_per_mm = float(
         (np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / [*(high - low)[[0, 0]], (high - low)[1]]).max()

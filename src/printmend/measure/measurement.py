@@ -98,7 +98,7 @@ def _measured(
     together = np.any([reading.marks.found for reading in readings], axis=0)
     check_whole(readings[0].path, together, plan)
     pose = find_pose(places[0], plan, mirrored=readings[0].marks.match.mirrored)
-    first, instrument = pose.apply(places[0]), _on_bed(readings[0].instrument, pose.matrix, settled=settled)
+    first, instrument = pose.apply(places[0]), instrument_on_bed(readings[0].instrument, pose.matrix, settled=settled)
     if min(reading.marks.found.sum() for reading in readings) < JOINED * together.sum():
         on_bed, note = _joined(places, readings, plan)
         notes.append(note)
@@ -122,7 +122,7 @@ def _measured(
     return Measurement(plan, measured, sigma, tuple(notes), instrument)
 
 
-def _on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bool) -> Instrument:
+def instrument_on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bool) -> Instrument:
     """Return how far an instrument is to be trusted along the bed's axes; ``settled``: two turns show its own."""
     if settled:
         return replace(instrument, axes_sd=SETTLED_AXES, lean_sd=SETTLED_AXES)

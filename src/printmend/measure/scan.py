@@ -7,23 +7,30 @@ import numpy as np
 
 from printmend.errors import ScanError
 from printmend.measure.dots import Dots, find_dots
-from printmend.measure.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_affine, fit_lens, is_flat, rectify
+from printmend.measure.fiducials import (
+    LEAST_TAGS,
+    Lens,
+    Tags,
+    find_tags,
+    fit_affine,
+    fit_lens,
+    is_flat,
+    rectify,
+    tagged_mm,
+)
 from printmend.measure.identity import lattice_pitch
 from printmend.measure.image import read_image
 from printmend.measure.marks import Marks, read_marks
+from printmend.measure.page import PHOTO, SHEET, USUAL_DPI, exposure, refuse_bare_photo, tags_said
 from printmend.measure.plan import ProbePlan
 from printmend.measure.sheet import tag_corners_mm
 from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH
 
-USUAL_DPI = 600.0
 COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
 SCALE_DOUBT = 1.22  # both spacing and size of the dots off by this: the resolution is wrong, not the printer
 LEAST_FOUND = 0.85  # with fewer the printer skipped steps, and marks beyond a skip could be others
 LEAST_TAG_SPREAD_MM = 60.0
-# What a sheet of tags leaves open: the printer that made it, and in a photo the lens.
-SHEET = Instrument(scale_sd=0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002)
-PHOTO = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +73,8 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, wh
     if len(tags) >= LEAST_TAGS:
         lens, error_mm = fit_lens(tags, image.shape)
         if not is_flat(tags, error_mm):
-            return _read_photo(path, image, lens, _tags_said(tags, error_mm), plan, whole=whole)
+            return _read_photo(path, image, lens, tags_said(tags, error_mm), plan, whole=whole)
+    refuse_bare_photo(path, tags, camera=dpi is None and len(tags) < LEAST_TAGS and exposure(path)[0])
     dpi = dpi or stated or USUAL_DPI
     dots = find_dots(image, dpi / MM_PER_INCH, plan.dot_mm, plan.big_dot_mm, subject=str(path))
     dots_mm, scale, instrument = _scaled(dots, tags, dpi)
@@ -90,7 +98,7 @@ def _reading(
 def _read_photo(
     path: str | Path, image: np.ndarray, lens: Lens, scale: str, plan: ProbePlan, *, whole: bool
 ) -> Reading:
-    flat, corner_mm, px_per_mm = rectify(image, lens)
+    flat, corner_mm, px_per_mm = rectify(image, lens, *tagged_mm())
     dots = find_dots(flat, px_per_mm, plan.dot_mm, plan.big_dot_mm, subject=str(path))
     dots_mm = corner_mm + (dots.centre_px + 0.5) / px_per_mm
     marks = read_marks(dots_mm, dots.diameter_px / px_per_mm, plan)
@@ -99,10 +107,6 @@ def _read_photo(
     if whole:
         check_whole(path, marks.found, plan)
     return _reading(path, flat, dots, dots_mm, marks, 1 / px_per_mm, scale, PHOTO)
-
-
-def _tags_said(tags: Tags, error_mm: float) -> str:
-    return f"perspective and lens from {len(tags)} tags, which fit to {error_mm:.2f} mm"
 
 
 def _scaled(dots: Dots, tags: Tags, dpi: float) -> tuple[np.ndarray, str, Instrument]:

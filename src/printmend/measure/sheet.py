@@ -14,7 +14,19 @@ PAGE_MM = (210.0, 297.0)
 TAG_MM = 14.0
 BORDER_MM = 14.0  # from the paper's edge to the centres of the tags
 COLUMNS, ROWS = 4, 5
+WINDOW_EDGE_MM = 4.0  # from the tags to the window
 RULER_MM = 100.0
+RULER_Y_MM = PAGE_MM[1] - 23.4  # between the tags and the window
+LINE_MM = 2.7
+# Between the tags of the upper edge: where the words begin [mm], and their lines.
+WORDS = (
+    ((24.5, 9.6), ("A part: lay it inside the thin lines,", "the side that lay on the bed up.",
+                   "Dots on a plate: cut the window out", "and lay the frame around them.")),
+    ((85.2, 9.6), ("Take the photo from above, as far", "away as all 14 squares need, with",
+                   "even light and no flash.")),
+    ((145.9, 9.6), ("The line at the lower edge is 100 mm", "long: measure it with a ruler. If it is",
+                    "not, print the sheet again at 100 %.")),
+)  # fmt: skip
 DICTIONARY = cv2.aruco.DICT_APRILTAG_36H11
 _POINTS_PER_MM = 72.0 / 25.4
 
@@ -40,7 +52,7 @@ def tag_cells(tag: int) -> np.ndarray:
 
 def window_mm() -> np.ndarray:
     """Return the width and height [2] mm of the window that is cut out for the print."""
-    return np.array(PAGE_MM) - 2 * BORDER_MM - TAG_MM - 8
+    return np.array(PAGE_MM) - 2 * BORDER_MM - TAG_MM - 2 * WINDOW_EDGE_MM
 
 
 def write_sheet(path: str | Path) -> None:
@@ -50,24 +62,21 @@ def write_sheet(path: str | Path) -> None:
         cell = TAG_MM / 8
         for row, column in np.argwhere(tag_cells(tag)):
             drawing.append(_rectangle(centre - TAG_MM / 2 + cell * np.array([column, row]), (cell, cell)))
-    low, size = BORDER_MM + TAG_MM / 2 + 4, window_mm()
+    low, size = BORDER_MM + TAG_MM / 2 + WINDOW_EDGE_MM, window_mm()
     high = low + size
     for corner, side in (
         ((low, low), (size[0], 0.15)), ((low, high[1]), (size[0], 0.15)),
         ((low, low), (0.15, size[1])), ((high[0], low), (0.15, size[1])),
     ):  # fmt: skip
         drawing.append(_rectangle(np.array(corner), side))
-    middle = PAGE_MM[1] / 2
-    drawing.append(_rectangle(np.array([(PAGE_MM[0] - RULER_MM) / 2, middle]), (RULER_MM, 0.3)))
+    line = RULER_Y_MM
+    drawing.append(_rectangle(np.array([(PAGE_MM[0] - RULER_MM) / 2, line]), (RULER_MM, 0.3)))
     for end in (-1, 1):
-        drawing.append(_rectangle(np.array([PAGE_MM[0] / 2 + end * RULER_MM / 2 - 0.15, middle - 3]), (0.3, 6)))
-    words = (
-        f"This line is {RULER_MM:.0f} mm long: measure it, and print the sheet again at 100 % if it is not.",
-        "Cut the window out along the thin lines and lay the frame around the print.",
-    )
-    for line, text in enumerate(words):
-        x, y = 40 * _POINTS_PER_MM, (PAGE_MM[1] - middle - 12 - 6 * line) * _POINTS_PER_MM
-        drawing.append(f"BT /F 9 Tf {x:.2f} {y:.2f} Td ({text}) Tj ET")
+        drawing.append(_rectangle(np.array([PAGE_MM[0] / 2 + end * RULER_MM / 2 - 0.15, line - 0.9]), (0.3, 2.1)))
+    for (x_mm, y_mm), lines in WORDS:
+        for number, text in enumerate(lines):
+            x, y = x_mm * _POINTS_PER_MM, (PAGE_MM[1] - y_mm - LINE_MM * number) * _POINTS_PER_MM
+            drawing.append(f"BT /F 6 Tf {x:.2f} {y:.2f} Td ({text}) Tj ET")
     with replacing(Path(path), "wb") as file:
         file.write(_pdf("\n".join(drawing)))
 

@@ -36,6 +36,7 @@ class Silhouette:
     mask: np.ndarray
     pieces: int
     px_per_mm: float
+    corner_mm: np.ndarray
 
 
 def find_silhouette(image: np.ndarray, px_per_mm: float, *, subject: str) -> Silhouette:
@@ -84,7 +85,7 @@ def find_silhouette(image: np.ndarray, px_per_mm: float, *, subject: str) -> Sil
     inside = kept[low[1] : high[1], low[0] : high[0]].astype(np.uint8)
     mask = cv2.resize(inside, shape, interpolation=cv2.INTER_NEAREST).astype(bool)
     own = cv2.resize((plate @ colour)[low[1] : high[1], low[0] : high[0]], shape, interpolation=cv2.INTER_LINEAR)
-    return Silhouette(cut, colour, own, float(level), mask, int(keep.sum()), px_per_mm)
+    return Silhouette(cut, colour, own, float(level), mask, int(keep.sum()), px_per_mm, first / px_per_mm)
 
 
 def _plate(small: np.ndarray) -> np.ndarray:

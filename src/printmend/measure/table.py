@@ -5,9 +5,9 @@ commanded way-point in the order of motion since homing, the first row the home 
 rows, the measured cells empty where nothing was measured. ``z_mm``, ``z_measured_mm``, ``layer`` and ``sigma_mm`` are
 used where present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's. ``scale_sd``,
 ``axes_sd``, ``lean_sd`` and ``wave_mm``, the same in every row, say how far the instrument is to be trusted (see
-`Instrument`). A wall shows one direction only: its row has empty measured cells, the direction out of the plastic in
-``nx`` and ``ny``, and in ``offset_mm`` how far along it the wall lies from where it was commanded. Other columns are
-ignored.
+`Instrument`), and ``scale_axes``, ``scale_lean`` and ``axes_lean`` how these hang together. A wall shows one direction
+only: its row has empty measured cells, the direction out of the plastic in ``nx`` and ``ny``, and in ``offset_mm`` how
+far along it the wall lies from where it was commanded. Other columns are ignored.
 """
 
 import csv
@@ -29,6 +29,8 @@ OPTIONAL = ("sigma_mm", "z_mm", "layer", "z_measured_mm")
 PLACED = "placed"
 WALL = ("nx", "ny", "offset_mm")
 INSTRUMENT = ("scale_sd", "axes_sd", "lean_sd", "wave_mm")
+TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the first three, once one length is known
+KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT, *TOGETHER)
 _MOST_DOUBT = 0.5  # of an instrument: one that is less sure of a length measures nothing
 MIN_MEASURED = 10
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
@@ -113,7 +115,11 @@ def _instrument(path: Path, columns: dict[str, np.ndarray]) -> Instrument | None
             raise TraceError(
                 path, wanted=f"{name} from 0 to {_MOST_DOUBT}", came=f"{value:g}", todo="leave the column out"
             )
-    return Instrument(**found) if found else None
+    alike = {name: float(columns[name][0]) for name in TOGETHER if name in columns}
+    for name, value in alike.items():
+        if not -1 <= value <= 1:
+            raise TraceError(path, wanted=f"{name} from -1 to 1", came=f"{value:g}", todo="leave the column out")
+    return Instrument(**found, **alike) if found else None
 
 
 def write_trace(path: str | Path, trace: Trace) -> None:
@@ -130,8 +136,9 @@ def write_trace(path: str | Path, trace: Trace) -> None:
         names.append(PLACED)
         columns.append(np.zeros(len(trace)))
     if trace.instrument is not None:
-        names += INSTRUMENT
-        columns += [np.full(len(trace), getattr(trace.instrument, name)) for name in INSTRUMENT]
+        said = [*INSTRUMENT, *(TOGETHER if any(getattr(trace.instrument, name) for name in TOGETHER) else ())]
+        names += said
+        columns += [np.full(len(trace), getattr(trace.instrument, name)) for name in said]
     row = ",".join("%d" if name in ("layer", PLACED) else "%.6f" for name in names) + "\n"
     with replacing(Path(path)) as file:
         file.write(",".join(names) + "\n")
@@ -155,7 +162,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
     first, _, rest = data.partition(b"\n")
     names = [name.strip().strip('"') for name in first.decode().split(",")]
     _check_header(path, names, first.decode())
-    wanted = [name for name in (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT) if name in names]
+    wanted = [name for name in KNOWN if name in names]
     places = [names.index(name) for name in wanted]
     values = _parse_fast(rest, places)
     if values is None:
@@ -184,7 +191,7 @@ def _check_header(path: Path, names: list[str], line: str) -> None:
     if missing:
         came = f"the header {line[:80]!r}" if line.strip() else "an empty first line"
         raise TraceError(path, wanted=f"a column {missing[0]}", came=came, todo=HEADER_TODO)
-    known = [name for name in names if name in (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT)]
+    known = [name for name in names if name in KNOWN]
     if twice := sorted({name for name in known if known.count(name) > 1}):
         raise TraceError(path, wanted=f"one column {twice[0]}", came="two", todo="remove one of them")
 

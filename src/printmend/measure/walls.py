@@ -37,11 +37,11 @@ _RAFT_LAYER = re.compile(rb"^;LAYER:-\d", re.MULTILINE)
 class Walls:
     """One layer as a scan may show it.
 
-    ``commanded_mm`` [N, 2] are all way-points since homing, the first the home position; ``layer`` says of which layer
-    the walls are, from 1. For each wall place: ``row`` [S], in the order of motion, ``normal`` [S, 2] the direction out
-    of the plastic, ``half_mm`` [S] half the bead's width. ``plastic`` [H, W] bool is the layer seen from above, row 0
-    at the lowest y, whose first pixel's centre is at ``corner_mm`` [2], ``RASTER_MM`` a pixel. ``layers`` is how many
-    the file has.
+    ``commanded_mm`` [N, 2] are all way-points from homing to the layer's last wall, the first the home position;
+    ``layer`` says of which layer the walls are, from 1. For each wall place: ``row`` [S], in the order of motion,
+    ``normal`` [S, 2] the direction out of the plastic, ``half_mm`` [S] half the bead's width. ``plastic`` [H, W] bool
+    is the layer seen from above, row 0 at the lowest y, whose first pixel's centre is at ``corner_mm`` [2],
+    ``RASTER_MM`` a pixel. ``layers`` is how many the file has, ``tall_mm`` how high it is printed.
     """
 
     commanded_mm: np.ndarray
@@ -53,6 +53,7 @@ class Walls:
     corner_mm: np.ndarray
     layer: int
     layers: int
+    tall_mm: float
 
     def trace(self, offset_mm: np.ndarray, sigma_mm: np.ndarray) -> Trace:
         """Return the trace of the motion from what was measured of each place [S] along its normal, NaN where not.
@@ -107,12 +108,14 @@ def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
             todo="choose a part of at least 30 mm with its outline printed",
         )  # fmt: skip
     commanded, rows = _with_places(path, part_of, printed, place, either)
+    commanded = commanded[: rows.max() + 1]  # the layers above tell nothing of this one
     both = [np.flatnonzero(one[either]) for one in keep]
     order = np.argsort(np.concatenate(both), kind="stable")
     which = np.concatenate(both)[order]
     left = np.repeat([True, False], [len(one) for one in both])[order]
     normal = np.where(left[:, None], normals[0][either][which], normals[1][either][which])
-    return Walls(commanded, homed, rows[which], normal, half[either][which], plastic, corner, layer, layers)
+    tall = float(moves.end_mm[moves.extruding & (moves.layer >= 0), 2].max())
+    return Walls(commanded, homed, rows[which], normal, half[either][which], plastic, corner, layer, layers, tall)
 
 
 def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int]:

@@ -95,7 +95,7 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Ac
     off = _bed(excess, corexy) if trace.placed else found.matrix - _bed(base + applied, corexy)
     if np.abs(off).max() > 0:
         _take_off(fit, values, off)
-        sd = np.sqrt(np.diag(found.covariance) + _instrument_variance(instrument))
+        sd = np.sqrt(np.diag(found.covariance + _instrument_covariance(instrument)))
         names = ("scale of both axes", "difference of the axes' scales", "skew")
         units, factors = ("%", "%", "°"), (100.0, 200.0, float(np.degrees(2.0)))
         for at in np.flatnonzero(np.abs(excess) > SETTLED_SHARE):
@@ -124,7 +124,7 @@ def believe(
 ) -> tuple[Believed, np.ndarray]:
     """Return how the printer's stretch may differ from what acts, and what acts [3]; ``fitted`` [3, 3] is the
     covariance of ``observed`` [3] by the scatter of the points alone."""
-    spread = fitted + np.diag(_instrument_variance(instrument))
+    spread = fitted + _instrument_covariance(instrument)
     parts = _faults(corexy)
     logs, means, covariances, best = [], [], [], None
     for sets in _sets(len(parts)):
@@ -157,9 +157,10 @@ def _least_squares(columns: np.ndarray, spread: np.ndarray, observed: np.ndarray
     return np.asarray(columns @ np.linalg.solve(columns.T @ weighed, weighed.T @ observed))
 
 
-def _instrument_variance(instrument: Instrument) -> np.ndarray:
-    sds = np.array([instrument.scale_sd, instrument.axes_sd, instrument.lean_sd])
-    return np.maximum(sds, SETTLED_SHARE) ** 2
+def _instrument_covariance(instrument: Instrument) -> np.ndarray:
+    covariance = instrument.covariance
+    least = SETTLED_SHARE**2 - np.diag(covariance)
+    return covariance + np.diag(np.maximum(least, 0.0))
 
 
 def _faults(corexy: bool) -> list[np.ndarray]:

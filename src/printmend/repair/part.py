@@ -4,6 +4,7 @@ From where the model so far says that a wall was printed, a ray looks for its ed
 teaches the model, which says better where to look. The rays grow shorter as the model learns.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,13 +15,15 @@ from threadpoolctl import threadpool_limits
 from printmend.errors import ScanError
 from printmend.gcode.read import Program, read_gcode
 from printmend.learn.walls import WallFit, fit_walls
-from printmend.measure.image import read_image, with_legend, write_image
+from printmend.measure.image import with_legend, write_image
 from printmend.measure.lie import Lie, find_lie
+from printmend.measure.measurement import instrument_on_bed
+from printmend.measure.page import PHOTO_TODO, Page, read_page
 from printmend.measure.register import Pose
-from printmend.measure.scan import USUAL_DPI
 from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.measure.walls import Walls, read_walls
-from printmend.path import FLATBED, Trace
+from printmend.measure.width import choose_widths, scaled_by_widths, widths_asked
+from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
@@ -29,6 +32,7 @@ CAPTURES: tuple[tuple[float, int], ...] = ((3.0, 1), (2.0, 2), (1.5, 4), (1.0, 8
 LEAST_FOUND = 0.6  # of the walls, at last
 LARGEST_SIGMA_MM = 0.12  # walls that scatter more about the model are not those of this file
 EDGE_SIGMA_MM = 0.01
+MOST_HEIGHT_SEEN_MM = 0.04  # of a wall that faces the camera: beyond, its foot is taken for its edge
 OVERLAY_PX, ENLARGED = 2000, 10.0
 SEEN, MISSED, OFF = (60, 170, 60), (40, 40, 230), (230, 120, 30)
 
@@ -51,55 +55,91 @@ def measure_part(
     layer: int = 1,
     dpi: float | None = None,
     overlay: Path | None = None,
+    distances_mm: Sequence[float] = (),
 ) -> PartMeasurement:
-    """Measure a printed part, one layer of ``program``, from a scan of the side that shows this layer.
+    """Measure a printed part, one layer of ``program``, from a scan of the side that shows this layer, or from a photo
+    of it on the sheet of tags.
 
-    ``dpi`` overrides what the file says. Raises `ScanError` for an image that shows something else, only a part of it,
-    several parts or another side, `GcodeError` for a layer without walls.
+    ``dpi`` overrides what the file says; ``distances_mm`` is what callipers say of the widths that a measurement
+    without them names, in this order. Raises `ScanError` for an image that shows something else, only a part of it,
+    several parts or another side, and for a photo without tags; `GcodeError` for a layer without walls; `TraceError`
+    for another width.
     """
     if not isinstance(program, Program):
         program = read_gcode(program, printer=printer)
     walls = read_walls(program, printer, layer=layer)
-    image, stated = read_image(path)
-    dpi = dpi or stated or USUAL_DPI
-    silhouette = find_silhouette(image, dpi / MM_PER_INCH, subject=str(path))
-    del image
+    page = read_page(path, dpi=dpi, tall_mm=walls.tall_mm)
+    silhouette, lie = _located(path, page, walls)
     with threadpool_limits(1, "blas"):
-        lie = find_lie(silhouette, walls, dpi=dpi, subject=str(path))
-        _pose, fit, trace, edges = _matched(silhouette, walls, lie, printer)
-    found = int(np.isfinite(edges.offset_mm).sum())
-    if found < LEAST_FOUND * len(walls.row) or fit.sigma_mm > LARGEST_SIGMA_MM:
+        match = _matched(silhouette, walls, lie, printer, page)
+    edges, fit = match.edges, match.fit
+    found, shown = int(np.isfinite(edges.offset_mm).sum()), int((~edges.hidden).sum())
+    if found < LEAST_FOUND * shown or fit.sigma_mm > LARGEST_SIGMA_MM:
         raise ScanError(
             path, wanted="the walls of this file where it commands them",
-            came=f"{found} of {len(walls.row)} that scatter by {fit.sigma_mm:.2f} mm",
+            came=f"{found} of {shown} that scatter by {fit.sigma_mm:.2f} mm",
             todo="give the file that was printed; if it is the one, the printer skipped steps: print again",
         )  # fmt: skip
     if overlay is not None:
         _draw(overlay, silhouette, walls, edges)
+    offset, widths = edges.offset_mm - fit.swell_mm, choose_widths(walls)
+    instrument, asked = instrument_on_bed(page.instrument, match.pose.matrix, settled=False), None
+    if distances_mm:
+        offset, instrument, asked = scaled_by_widths(distances_mm, widths, edges.begin_mm, walls, offset, instrument)
+    elif widths:
+        asked = widths_asked(widths, edges.begin_mm)
     side = "seen from below, " if lie.mirrored else ""
     notes = [
-        f"{path}: {found} of {len(walls.row)} places of walls, {side}turned by {lie.turned_deg:.1f}°, {dpi:g} dpi",
+        f"{path}: {found} of {len(walls.row)} places of walls, {side}turned by {lie.turned_deg:.1f}°, {page.scale}",
         *([lie.unsure] if lie.unsure else []),
         f"all walls stand {abs(fit.swell_mm):.2f} mm farther {'out' if fit.swell_mm >= 0 else 'in'} than the file has "
         "them, as beads do: no fault, taken off",
+        *([asked] if asked else []),
     ]  # fmt: skip
+    sigma = np.full(len(walls.row), float(np.clip(fit.sigma_mm, EDGE_SIGMA_MM, 1.0)))
+    trace = replace(walls.trace(offset, sigma), instrument=instrument)
     return PartMeasurement(trace, tuple(notes), len(walls.row), found)
+
+
+def _located(path: str | Path, page: Page, walls: Walls) -> tuple[Silhouette, Lie]:
+    """Return the plastic of a page and how the part lies there; say of a page without a scale how a photo gets one."""
+    try:
+        silhouette = find_silhouette(page.image, page.px_per_mm, subject=str(path))
+        with threadpool_limits(1, "blas"):
+            return silhouette, find_lie(silhouette, walls, dpi=page.dpi, subject=str(path))
+    except ScanError as error:
+        if not page.unsure:
+            raise
+        todo = f"{error.todo}; if it is a photo: {PHOTO_TODO}"
+        raise ScanError(path, wanted=error.wanted, came=error.came, todo=todo) from None
 
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
-    """What the rays of one round met: places [S, 2] px in the image they began at, and offsets [S] mm, NaN: nothing."""
+    """What the rays of one round met: places [S, 2] px in the image they began at, on the bed ``begin_mm`` [S, 2],
+    offsets [S] mm, NaN: nothing, and which walls the part itself ``hidden`` [S] from the camera."""
 
     at_px: np.ndarray
     out_px: np.ndarray
+    begin_mm: np.ndarray
     offset_mm: np.ndarray
+    hidden: np.ndarray
 
 
-def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer) -> tuple[Pose, WallFit, Trace, _Edges]:
-    pose, printed, swell = lie.pose, walls.commanded_mm, 0.0
-    fit, trace, edges = None, None, None
+@dataclass(frozen=True, eq=False)
+class _Match:
+    """The walls in the image: how the part lies, what the walls say of the machine, and what the last rays met."""
+
+    pose: Pose
+    fit: WallFit
+    edges: _Edges
+
+
+def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, page: Page) -> _Match:
+    pose, printed, swell, fit = lie.pose, walls.commanded_mm, 0.0, None
+    eye = None if page.eye_mm is None else page.eye_mm - np.array([*silhouette.corner_mm, 0.0])
     for capture_mm, harmonics in CAPTURES:
-        edges = _look(silhouette, walls, pose, printed, swell, capture_mm)
+        edges = _look(silhouette, walls, pose, printed, swell, capture_mm, eye)
         if np.isfinite(edges.offset_mm).sum() < 40:
             raise ScanError(
                 "the scan", wanted="edges along the part's walls", came="hardly any", todo="scan it again at 600 dpi"
@@ -113,12 +153,7 @@ def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer) -
         printed = printed - shift
         pose = _moved(pose, fit.turn, shift, _bed_middle(printer))
     assert fit is not None
-    assert trace is not None
-    assert edges is not None
-    edges = _look(silhouette, walls, pose, printed, swell, CAPTURES[-1][0])
-    sigma = np.full(len(walls.row), float(np.clip(fit.sigma_mm, EDGE_SIGMA_MM, 1.0)))
-    trace = replace(walls.trace(edges.offset_mm - swell, sigma), instrument=FLATBED)
-    return pose, fit, trace, edges
+    return _Match(pose, fit, _look(silhouette, walls, pose, printed, swell, CAPTURES[-1][0], eye))
 
 
 def _bed_middle(printer: Printer) -> np.ndarray:
@@ -141,16 +176,23 @@ def _on_walls(trace: Trace, walls: Walls, printed_mm: np.ndarray) -> np.ndarray:
 
 
 def _look(
-    silhouette: Silhouette, walls: Walls, pose: Pose, printed_mm: np.ndarray, swell_mm: float, capture_mm: float
-) -> _Edges:
+    silhouette: Silhouette, walls: Walls, pose: Pose, printed_mm: np.ndarray, swell_mm: float, capture_mm: float,
+    eye_mm: np.ndarray | None,
+) -> _Edges:  # fmt: skip
+    """Look for the walls from where they are thought to be; ``eye_mm`` [3] is a camera's place in the image's mm."""
     back = np.linalg.inv(pose.matrix)
     scale = silhouette.px_per_mm
     begin = printed_mm[walls.row] + (walls.half_mm + swell_mm)[:, None] * walls.normal
     at_px = (begin - pose.shift_mm) @ back * scale - 0.5
     out_px = walls.normal @ back
     met, _ = find_edges(silhouette, at_px, out_px, capture_mm)
+    hidden = np.zeros(len(begin), bool)
+    if eye_mm is not None:  # a wall that faces the camera shows its whole height beside the edge
+        facing = np.sum((pose.apply(eye_mm[:2]) - begin) * walls.normal, axis=1)
+        hidden = walls.tall_mm * facing / eye_mm[2] > MOST_HEIGHT_SEEN_MM
     lies = np.sum((begin - walls.commanded_mm[walls.row]) * walls.normal, axis=1)
-    return _Edges(at_px, out_px, lies + met - walls.half_mm)
+    offset = np.where(hidden, np.nan, lies + met - walls.half_mm)
+    return _Edges(at_px, out_px, begin, offset, hidden)
 
 
 def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> None:
@@ -159,7 +201,8 @@ def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> No
     picture = cv2.resize(silhouette.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     picture = (picture.astype(np.float32) * 0.5 + 110).astype(np.uint8)
     fine = 16.0
-    for at, out, offset in zip(edges.at_px, edges.out_px, edges.offset_mm, strict=True):
+    shown = np.flatnonzero(~edges.hidden)
+    for at, out, offset in zip(edges.at_px[shown], edges.out_px[shown], edges.offset_mm[shown], strict=True):
         place = tuple(int(v) for v in at * factor * fine)
         if not np.isfinite(offset):
             cv2.circle(picture, place, int(4 * fine), MISSED, 1, cv2.LINE_AA, 4)
@@ -167,7 +210,7 @@ def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> No
         end = at + out * offset * ENLARGED * silhouette.px_per_mm
         cv2.line(picture, place, tuple(int(v) for v in end * factor * fine), OFF, 1, cv2.LINE_AA, 4)
         cv2.circle(picture, place, int(1.5 * fine), SEEN, -1, cv2.LINE_AA, 4)
-    lost = int(np.isnan(edges.offset_mm).sum())
+    lost = int((np.isnan(edges.offset_mm) & ~edges.hidden).sum())
     items = [
         ("places of walls that were found", SEEN),
         (f"how far they lie out or in, enlarged {ENLARGED:.0f} times", OFF),
