@@ -2,6 +2,7 @@
 
 import gzip
 import hashlib
+import inspect
 import json
 import re
 import sqlite3
@@ -9,6 +10,7 @@ import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -16,17 +18,25 @@ import pytest
 import uvicorn
 from starlette.testclient import TestClient
 
+from printmend import diagnosis
 from printmend.client import Studio, StudioError
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
+from printmend.diagnosis.advice import advise
+from printmend.diagnosis.diagnosis import Fault
 from printmend.errors import InputError
 from printmend.printer import read_printer
+from printmend.probe import design_probe, expected_error_mm
+from printmend.promise import misfit_tests
 from printmend.repair import check_gcode, mend_gcode
+from printmend.repair.learned import todo
 from printmend.saved.model import exact_model, saved_model, write_model
-from printmend.studio import kernels
+from printmend.studio import kernels, work
 from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
 from printmend.studio.host import checked_address, find_host
 from printmend.studio.jobs import Jobs
+from printmend.studio.next_print import next_print
+from printmend.studio.play import Faults, preview
 from printmend.studio.scene import build_scene, write_scene
 from printmend.studio.store import Store
 from printmend.twin import Twin
@@ -320,3 +330,72 @@ def test_only_octoprint_and_moonraker_are_sent_to(folder: Path) -> None:
         server.server_close()
     with pytest.raises(InputError, match="is it running"):
         find_host(address, "")
+
+
+def _german(text: str) -> str | None:
+    """Return what the page would say in German, by its own list and rules; None where it would stay English."""
+    listed = (PAGE / "said.de.js").read_text(encoding="utf-8")
+    pairs = [json.loads(line.strip().rstrip(",")) for line in listed.splitlines() if line.startswith("  [")]
+    into = {re.sub(r"\\{(\w+)\\}", r"(?P<\1>[^;]+?)", re.escape(english)): german for english, german in pairs}
+
+    def whole(words: str) -> str | None:
+        found = next((german for english, german in into.items() if re.fullmatch(english, words)), None)
+        return found if found is None or not re.search(r"[{}]", re.sub(r"{\w}", "", found)) else None
+
+    plain = text.replace("`", "")
+    grows = "Nothing, as long as it stays this small. If it grows: "
+    if plain.startswith(grows) and grows in listed:
+        plain = plain[len(grows)].upper() + plain[len(grows) + 1 :]
+    parts = [plain] if whole(plain) else re.split(r"(?<=[.:]) (?=[A-Z])", plain)
+    parts = [part for one in parts for part in ([one] if whole(one) else one.split("; "))]
+    return None if any(whole(one) is None for one in parts) else " ".join(str(whole(one)) for one in parts)
+
+
+_KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle friction elastic ripple drift warp
+offset
+skew bow jump lead periodic-1 backlash wobble-1"""
+
+
+def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
+    screw = " ".join(Path(inspect.getsourcefile(diagnosis.screw) or "").read_text(encoding="utf-8").split())
+    for kind in _KINDS.split():
+        for value, sd in ((0.02, 0.0), (-0.3, 0.05), (3.0, 0.001)):
+            one = advise(Fault("x", kind, value, sd, "mm", "words"), corexy=value > 1)
+            for text in (one.title, one.meaning, one.sure, one.repair, one.software):
+                assert _german(text), text
+    seen = {"turns": 0.4, "angles": 0.4, "forward": 9, "backward": 2, "lower_angles": 0.5, "upper_angles": 1.0}
+    for change in ({}, {"turns": 2.0}, {"angles": 1.0, "backward": 9}):
+        sight, shape = SimpleNamespace(**{**seen, **change}), SimpleNamespace(play="even")
+        drive = SimpleNamespace(name="x", sight=sight, branches=SimpleNamespace(period_mm=40.0), structure=shape)
+        gaps = diagnosis.diagnosis._gaps(drive)  # type: ignore[arg-type]
+        assert gaps
+        for text in (*gaps, *todo((*gaps, "Z lead: nothing"))):
+            assert _german(text), text
+    for kind in ("linear", "step", "creep", "wear", "thermal", "direction", "speed", "halves", "halves-play", "racking",
+                 "two-motors", "second-period"):  # fmt: skip
+        for weight in (-0.2, 0.3):
+            cause = SimpleNamespace(weights=[weight], size_mm=0.1, candidate=SimpleNamespace(kind=kind, detail=0.25))
+            assert _german(misfit_tests._words(cause, "X", ("x", "y"))), kind  # type: ignore[arg-type]
+    for words in ("told to ±", "the heights span", "no heights were measured", "no height was measured after"):
+        assert words in screw
+        assert any(words in line for line in (PAGE / "said.de.js").read_text(encoding="utf-8").splitlines())
+
+
+def test_the_next_print_is_the_smallest_that_tells_enough() -> None:
+    printer = read_printer("ender3")
+    gap = "X was seen on 40 % of its pulley's turn only; the rest is a guess."
+    assert next_print(printer, ()) is None
+    assert next_print(printer, ("Z lead: told to ± 0.20 mm only",)) is None
+    found = next_print(printer, (gap,))
+    assert found is not None
+    whole = expected_error_mm(printer, design_probe(printer))
+    smaller = expected_error_mm(printer, design_probe(printer, size_mm=found.size_mm - 10))
+    assert found.expected_mm <= 2 * whole < smaller
+
+
+def test_a_bent_screw_is_broken_learned_and_mended_in_play(tmp_path: Path) -> None:
+    result = work.run("play", str(tmp_path / "job"), str(tmp_path), {"faults": Faults(screw_mm=0.35).json()})
+    assert result.get("error") is None
+    assert [one["title"] for one in result["said"]["faults"]] == ["The Z screw is bent"]
+    assert result["after"]["rms_mm"] < 0.02 < 0.2 < result["before"]["rms_mm"]
+    assert preview(Faults(screw_mm=0.35))["wall_mm"] != preview(Faults())["wall_mm"]

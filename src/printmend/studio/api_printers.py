@@ -28,6 +28,7 @@ from printmend.studio.shapes import (
     LearnIn,
     MendIn,
     NewPrinter,
+    NextCard,
     PrinterCard,
     ProbeCard,
     ProbeIn,
@@ -274,6 +275,20 @@ def known(here: Here, key: Key) -> Known:
             history.append({"event": "verified", "at_s": job["ended_s"], **result["verdict"]})
     model = said(read_model(folder / MODEL)) if (folder / MODEL).is_file() else None
     return Known(said=model, history=history)
+
+
+@router.get("/{key}/next", tags=["measure"])
+def next_one(here: Here, key: Key) -> NextCard | None:
+    """Return the cheapest print that would show what the measurement could not tell; null where nothing is missing."""
+    from printmend.saved.model import read_model
+    from printmend.studio.next_print import next_print
+
+    folder = _folder(here, key)
+    if not (folder / MODEL).is_file():
+        return None
+    model = read_model(folder / MODEL)
+    found = next_print(model.printer, model.findings[1:])
+    return None if found is None else NextCard(**vars(found))
 
 
 @router.post("/{key}/mend", status_code=202, tags=["mend"])

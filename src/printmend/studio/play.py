@@ -1,6 +1,6 @@
 """A printer that exists only here: broken with sliders, its test print scanned, learned and mended."""
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -16,10 +16,12 @@ from printmend.corruption import (
     FlatSpot,
     Play,
     Polygon,
+    Screw,
 )
 from printmend.corruption.pulley import Pulley
 from printmend.gcode.read import read_gcode
 from printmend.measure.plan import ProbePlan
+from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.twin import Twin
@@ -28,8 +30,11 @@ from printmend.units import TURN_RAD
 Shape = Literal["round", "eccentric", "oval", "flat", "square"]
 PRINTER = "ender3"
 LAYER = 12  # of the part: the one that the screen draws while sliders move
-MOST_DENT_MM, MOST_PLAY_MM, MOST_SKEW_DEG = 1.5, 0.8, 2.0
+MOST_DENT_MM, MOST_PLAY_MM, MOST_SKEW_DEG, MOST_SCREW_MM = 1.5, 0.8, 2.0, 0.5
 _ANGLES = 180
+_SCREW_PHASE_RAD = 0.6
+_TOWER_MM, _TOWER_TURNS, _TOWER_LAYERS = 20.0, 2.2, 20
+_HAND_MM = 0.03  # how well one measures a tower's corners by hand
 
 
 @dataclass(frozen=True)
@@ -70,12 +75,14 @@ class Faults:
     x: Side = field(default_factory=Side)
     y: Side = field(default_factory=Side)
     skew_deg: float = 0.0
+    screw_mm: float = 0.0
 
     def corruption(self, printer: Printer) -> Corruption:
         """Return the faults as the program describes them."""
         frame = CrookedFrame(skew_deg=self.skew_deg) if self.skew_deg else None
         x, y = (side.drive(axis.radius_mm) for side, axis in zip((self.x, self.y), printer.axes, strict=False))
-        return Corruption((x, y), frame)
+        screw = Screw(wobble_mm=self.screw_mm, wobble_phase_rad=_SCREW_PHASE_RAD) if self.screw_mm else None
+        return Corruption((x, y), frame, screw)
 
     def json(self) -> dict[str, Any]:
         """Return plain values, which `faults_of` reads."""
@@ -84,7 +91,7 @@ class Faults:
 
 def faults_of(table: dict[str, Any]) -> Faults:
     """Read what `Faults.json` wrote."""
-    return Faults(Side(**table["x"]), Side(**table["y"]), table["skew_deg"])
+    return Faults(Side(**table["x"]), Side(**table["y"]), table["skew_deg"], table["screw_mm"])
 
 
 @lru_cache(maxsize=1)
@@ -107,11 +114,12 @@ def preview(faults: Faults) -> dict[str, Any]:
     """Return the shapes of the pulleys and where each mark of the test print lands: a drawing that follows a slider.
 
     ``outlines_mm`` are polygons about the shafts, ``errors_mm`` [M, 2] how far each of the ``marks_mm`` [M, 2] is off;
-    ``part_mm`` and ``printed_mm`` [N, 2] a layer of a part as wanted and as it comes out, laid where it fits.
+    ``part_mm`` and ``printed_mm`` [N, 2] a layer of a part as wanted and as it comes out, laid where it fits;
+    ``wall_mm`` the height of each of its layers, and how far the Z screw pushes it along x.
     """
     printer, plan = play_printer()
     corruption = faults.corruption(printer)
-    twin = Twin.of(corruption, printer)
+    twin = Twin.of(replace(corruption, screw=None), printer)  # one layer: all of it is pushed alike
     off = twin.follow(plan.waypoints_mm)[plan.rows] - plan.marks_mm
     places, joined = play_layer()
     printed = twin.follow(np.concatenate([[printer.home_mm], places]))[1:]
@@ -125,7 +133,25 @@ def preview(faults: Faults) -> dict[str, Any]:
         "rms_mm": round(float(np.sqrt(np.mean(np.sum(shape**2, axis=1)))), 4),
         "big": plan.big.tolist(), "part_mm": places.round(3).tolist(),
         "printed_mm": (printed - (printed - places).mean(axis=0)).round(3).tolist(), "joined": joined.tolist(),
+        "wall_mm": _wall(corruption, printer),
     }  # fmt: skip
+
+
+def _wall(corruption: Corruption, printer: Printer) -> list[list[float]]:
+    moves = read_gcode(demo_body_gcode(), printer=printer).moves
+    z = np.unique(moves.end_mm[moves.extruding, 2])
+    push = np.zeros(len(z)) if corruption.screw is None else corruption.screw.lower(printer).wobble_at_mm(z)[:, 0]
+    return np.column_stack([z, push - push.mean()]).round(3).tolist()
+
+
+def tower_trace(corruption: Corruption, printer: Printer, rng: np.random.Generator) -> Trace:
+    """Return what one measures by hand on a small tower: its corners' places and heights, two turns of the screw up."""
+    middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in printer.axes[:2]])
+    corners = middle + _TOWER_MM / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    heights = np.linspace(0.2, _TOWER_TURNS * printer.z.mm_per_turn, _TOWER_LAYERS)
+    path = np.array([(*printer.home_mm, printer.z.home_mm), *((x, y, z) for z in heights for x, y in corners)])
+    seen = Twin.of(corruption, printer).follow(path) + rng.normal(0, _HAND_MM, path.shape)
+    return Trace(path[:, :2], seen[:, :2], z_mm=path[:, 2], z_measured_mm=seen[:, 2], homed=True)
 
 
 def outline_mm(pulley: Pulley | None, radius_mm: float) -> np.ndarray:

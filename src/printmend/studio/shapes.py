@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from printmend.studio.play import MOST_DENT_MM, MOST_PLAY_MM, MOST_SKEW_DEG, Faults, Shape, Side
+from printmend.studio.play import MOST_DENT_MM, MOST_PLAY_MM, MOST_SCREW_MM, MOST_SKEW_DEG, Faults, Shape, Side
 
 KEY = r"^[0-9a-f]{16}$"
 
@@ -137,10 +137,11 @@ class FaultsIn(Strict):
     x: SideIn = Field(default_factory=SideIn)
     y: SideIn = Field(default_factory=SideIn)
     skew_deg: float = Field(default=0.0, ge=-MOST_SKEW_DEG, le=MOST_SKEW_DEG)
+    screw_mm: float = Field(default=0.0, ge=0, le=MOST_SCREW_MM, description="how far a bent Z screw pushes layers")
 
     def faults(self) -> Faults:
         """Return them as the program's value."""
-        return Faults(Side(**self.x.model_dump()), Side(**self.y.model_dump()), self.skew_deg)
+        return Faults(Side(**self.x.model_dump()), Side(**self.y.model_dump()), self.skew_deg, self.screw_mm)
 
 
 class Preview(BaseModel):
@@ -156,6 +157,7 @@ class Preview(BaseModel):
     part_mm: list[list[float]]
     printed_mm: list[list[float]]
     joined: list[bool]
+    wall_mm: list[list[float]] = Field(description="height of each layer, and how far it is pushed along x")
 
 
 class MendIn(Strict):
@@ -182,6 +184,16 @@ class ProbeCard(BaseModel):
     marks_mm: list[list[float]]
     big: list[bool]
     bed_mm: list[float]
+
+
+class NextCard(BaseModel):
+    """The cheapest next print: the smallest square that shows what the measurement could not tell."""
+
+    size_mm: float
+    marks: int
+    minutes: float
+    grams: float
+    expected_mm: float = Field(description="the error that it leaves anywhere on the bed, root mean square")
 
 
 class ScansIn(Strict):

@@ -282,14 +282,17 @@ def mended_name(name: str) -> str:
 
 def _play(job: Job) -> dict[str, Any]:
     """Break a printer that exists only here, scan its test print, learn, and mend a part that nobody learned from."""
+    from dataclasses import replace
+
     from printmend.body import demo_body_gcode
     from printmend.measure.image import write_image
     from printmend.measure.measurement import measure_scans
     from printmend.path import Trace
     from printmend.repair import mend_gcode
     from printmend.repair.learned import learn_model
+    from printmend.repair.update import update
     from printmend.saved.model import write_model
-    from printmend.studio.play import faults_of, play_printer
+    from printmend.studio.play import faults_of, play_printer, tower_trace
     from printmend.studio.said import said
     from printmend.studio.scene import build_scene, write_scene
     from printmend.twin import Twin
@@ -298,8 +301,11 @@ def _play(job: Job) -> dict[str, Any]:
     faults = faults_of(job.params["faults"])
     job.tell(0.03, "print")
     printer, plan = play_printer()
-    twin = Twin.of(faults.corruption(printer), printer)
-    truth = twin.homed()
+    broken = faults.corruption(printer)
+    twin, truth = (
+        Twin.of(replace(broken, screw=None), printer),
+        Twin.of(broken, printer).homed(),
+    )  # a flat print: no screw
     part = job.folder / "part.gcode"
     with replacing(part, "wb") as file:
         file.write(demo_body_gcode())
@@ -314,6 +320,9 @@ def _play(job: Job) -> dict[str, Any]:
     measurement = measure_scans([job.folder / "scan.png"], plan)
     job.tell(0.5, "learn")
     model = learn_model(measurement.trace, printer)
+    if broken.screw is not None:  # which no flat print shows
+        job.tell(0.75, "tower")
+        model = update(model, tower_trace(broken, printer, rng), rng=rng).model
     write_model(job.file(MODEL), model)
     job.tell(0.85, "mend")
     refused = None

@@ -46,6 +46,14 @@ export function Slice({ wanted, printed, joined, id }) {
   </svg>`;
 }
 
+// A wall from the side, a bead a layer: where a bent Z screw pushes each.
+export function Wall({ wall, id }) {
+  const top = wall.at(-1)[0], thin = top / wall.length;
+  const bead = (x, z) => html`<rect x=${x - 0.45} y=${-z} width="0.9" height=${thin} rx=${thin / 2} fill="var(--card)" class="p" stroke-width="1.4" />`;
+  return html`<svg class="fill" id=${id} viewBox="-5 ${-top - 1.2} 10 ${top + 2}" role="img" aria-label=${t("wall")}>
+    <path d="M-5 0H5" class="axis" />${[-2, 2].map((at) => html`<g>${wall.map(([z, push]) => bead(at + push, z))}<rect x=${at - 0.45} y=${-top} width="0.9" height=${top} class="w" stroke-width="1.2" stroke-dasharray="4 3" /></g>`)}</svg>`;
+}
+
 const STYLES = ["fill", "stroke", "stroke-width", "stroke-dasharray", "stroke-linejoin", "vector-effect", "opacity", "font-size", "font-weight", "font-family"];
 
 // A drawing as a file that looks like it everywhere: styles written out, pictures put in, on the page's paper.

@@ -8,8 +8,8 @@ import { useLook, Zoom } from "./look.js";
 import { Send } from "./send.js";
 import { asked, mm, number, t, typed } from "./words.js";
 
-export function Measure({ printer, changed }) {
-  const [probe, setProbe] = useState(null), [error, setError] = useState(null), [size, setSize] = useState(""), [way, setWay] = useState("scan");
+export function Measure({ printer, changed, more }) {
+  const [probe, setProbe] = useState(null), [error, setError] = useState(null), [size, setSize] = useState(more ?? ""), [way, setWay] = useState("scan");
   const make = async (overwrite = false) => {
     try { setProbe(await post(`/printers/${printer.id}/probe`, { size_mm: asked(size), overwrite })); setError(null); changed(); } catch (problem) {
       if (!overwrite && /plan of another test print/.test(problem.message)) { if (confirm(t("overwrite_sure"))) await make(true); } else setError(problem.message);

@@ -1,20 +1,21 @@
 // Try it: a printer that exists only here, broken with sliders, mended in front of one's eyes.
 import { html, useEffect, useRef, useState } from "./vendor.js";
 import { fileOf, post, scene as fetchScene } from "./api.js";
-import { Number_, Plate, Pulley, Save, Slice } from "./drawings.js";
+import { Number_, Plate, Pulley, Save, Slice, Wall } from "./drawings.js";
 import { ended, Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
-import { mm, number, t } from "./words.js";
+import { mm, number, said as say, t } from "./words.js";
 
-const STEPS = ["print", "scan", "measure", "learn", "mend"];
+const STEPS = ["print", "scan", "measure", "learn", "mend"], TOWER = [...STEPS.slice(0, 4), "tower", "mend"];
 const side = (shape, dent_mm, angle_deg, play_mm) => ({ shape, dent_mm, angle_deg, play_mm });
 const PRESETS = {
-  day: { x: side("eccentric", 0.9, 40, 0.2), y: side("oval", 1.1, 75, 0.3), skew_deg: 0.4 },
-  wobble: { x: side("eccentric", 1.0, 120, 0), y: side("eccentric", 0.7, 10, 0), skew_deg: 0 },
-  oval: { x: side("oval", 1.4, 30, 0.1), y: side("round", 0, 0, 0.1), skew_deg: 0 },
-  loose: { x: side("round", 0, 0, 0.6), y: side("round", 0, 0, 0.5), skew_deg: 0 },
-  crooked: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 1.6 },
-  healthy: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 0 },
+  day: { x: side("eccentric", 0.9, 40, 0.2), y: side("oval", 1.1, 75, 0.3), skew_deg: 0.4, screw_mm: 0 },
+  wobble: { x: side("eccentric", 1.0, 120, 0), y: side("eccentric", 0.7, 10, 0), skew_deg: 0, screw_mm: 0 },
+  oval: { x: side("oval", 1.4, 30, 0.1), y: side("round", 0, 0, 0.1), skew_deg: 0, screw_mm: 0 },
+  loose: { x: side("round", 0, 0, 0.6), y: side("round", 0, 0, 0.5), skew_deg: 0, screw_mm: 0 },
+  screw: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 0, screw_mm: 0.35 },
+  crooked: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 1.6, screw_mm: 0 },
+  healthy: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 0, screw_mm: 0 },
 };
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
@@ -53,7 +54,11 @@ export function Play() {
     };
     ask(faults);
   }, [faults]);
-  const change = (value) => { setFaults(value); if (ended(job) || !key) { setKey(null); setScene(null); } };
+  const change = (value) => {
+    setFaults(value);
+    if (value.screw_mm !== faults.screw_mm) setWhat(value.screw_mm ? "wall" : "part"); else if (what === "wall") setWhat("part");
+    if (ended(job) || !key) { setKey(null); setScene(null); }
+  };
   const start = async () => {
     setScene(null);
     try { setKey((await post("/play", faults)).id); setError(null); } catch (problem) { setError(problem.message); }
@@ -71,24 +76,25 @@ export function Play() {
     <${Problem} error=${error} />
     <div class="split first">
       <div class="stack">
-        ${running && html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${STEPS} /></section>`}
+        ${running && html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${faults.screw_mm ? TOWER : STEPS} /></section>`}
         ${result ? html`<${Result} result=${result} />` : html`
           <div class="chips" role="group" aria-label=${t("play_title")}>${Object.entries(PRESETS).map(([name, preset]) => html`<button class="chip" aria-pressed=${same(faults, preset)} disabled=${running} onClick=${() => change(preset)}>${t(`preset_${name}`)}</button>`)}</div>
           <${Motor} name="X" values=${faults.x} outline=${shown?.outlines_mm[0]} radius=${shown?.radii_mm[0]} onChange=${(x) => change({ ...faults, x })} />
           <${Motor} name="Y" values=${faults.y} outline=${shown?.outlines_mm[1]} radius=${shown?.radii_mm[1]} onChange=${(y) => change({ ...faults, y })} />
-          <section class="card stack"><h2>${t("frame")}</h2><${Slider} label=${t("skew")} value=${faults.skew_deg} unit="°" min="-2" max="2" step="0.05" digits=${2} onInput=${(skew_deg) => change({ ...faults, skew_deg })} /></section>`}
+          <section class="card stack"><h2>${t("frame")}</h2><${Slider} label=${t("skew")} value=${faults.skew_deg} unit="°" min="-2" max="2" step="0.05" digits=${2} onInput=${(skew_deg) => change({ ...faults, skew_deg })} />
+            <${Slider} label=${t("screw")} value=${faults.screw_mm} unit="mm" max="0.5" step="0.01" digits=${2} onInput=${(screw_mm) => change({ ...faults, screw_mm })} /></section>`}
       </div>
       <div class="stack">
         ${scene ? html`<${Part} scene=${scene} name="printmend" morph=${scene.mended ? 2 : 1} /><p class="faint">${t(result?.refused || result?.before.rms_mm < 0.002 ? "play_healthy" : "aligned")}</p>`
           : html`<div class="stage">
             ${running && has("seen.jpg") && what === "plate" ? html`<img alt=${t("step_scan")} src=${fileOf(job, "seen.jpg")} style=${{ width: "100%", height: "100%", objectFit: "contain" }} />`
               : shown && (what === "plate" ? html`<${Plate} id="drawing" marks=${shown.marks_mm} errors=${shown.errors_mm} big=${shown.big} bed=${shown.bed_mm} enlarge=${enlarge} />`
-                : html`<${Slice} id="drawing" wanted=${shown.part_mm} printed=${shown.printed_mm} joined=${shown.joined} />`)}
-            <div class="over"><div class="segment" role="group" aria-label=${t("plate")}>${["part", "plate"].map((one) => html`<button aria-pressed=${what === one} onClick=${() => setWhat(one)}>${t(one)}</button>`)}</div>
+                : what === "wall" ? html`<${Wall} id="drawing" wall=${shown.wall_mm} />` : html`<${Slice} id="drawing" wanted=${shown.part_mm} printed=${shown.printed_mm} joined=${shown.joined} />`)}
+            <div class="over"><div class="segment" role="group" aria-label=${t("plate")}>${["part", "plate", ...(faults.screw_mm ? ["wall"] : [])].map((one) => html`<button aria-pressed=${what === one} onClick=${() => setWhat(one)}>${t(one)}</button>`)}</div>
               <${Save} id="drawing" name=${what} /></div>
             <div class="under"><div class="glass row"><span class="key kw">${t("wanted")}</span><span class="key kp">${t("printed")}</span>
               ${what === "plate" && html`<label class="row">${t("enlarge")}<select style=${{ width: "auto", minHeight: "2rem", padding: "0.2rem 0.5rem" }} value=${enlarge} onChange=${(event) => setEnlarge(Number(event.target.value))}>${[1, 2, 5, 10, 20].map((k) => html`<option value=${k}>${k} ×</option>`)}</select></label>`}</div>
-              ${shown && html`<div class="glass"><b>${mm(shown.rms_mm)} mm</b> ${t("off")}</div>`}</div></div>`}
+              ${shown && html`<div class="glass"><b>${mm(what === "wall" ? Math.hypot(...shown.wall_mm.map(([, push]) => push)) / Math.sqrt(shown.wall_mm.length) : shown.rms_mm)} mm</b> ${t("off")}</div>`}</div></div>`}
       </div>
     </div>`;
 }
@@ -100,5 +106,5 @@ function Result({ result }) {
       ${!result.refused && times > 1.5 && html`<${Number_} value=${number(times, times < 10 ? 1 : 0)} unit="×">${t("better")}</${Number_}>`}</div></section>
     <section class="card stack"><h2>${t("found")}</h2>
       <div class="row">${said.machine.motors.map((motor) => html`<div style=${{ width: "7rem" }}><${Pulley} outline=${motor.outline_mm} radius=${motor.radius_mm} name=${t("motor", { name: motor.name })} /></div>`)}</div>
-      ${said.faults.length ? said.faults.map((fault) => html`<div class="fault ${fault.urgency}"><h3>${fault.title}</h3><p class="faint">${fault.meaning}</p></div>`) : html`<p>${said.headline}</p>`}</section>`;
+      ${said.faults.length ? said.faults.map((fault) => html`<div class="fault ${fault.urgency}"><h3>${say(fault.title)}</h3><p class="faint">${say(fault.meaning)}</p></div>`) : html`<p>${say(said.headline)}</p>`}</section>`;
 }

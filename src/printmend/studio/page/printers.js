@@ -13,7 +13,7 @@ const TABS = { measure: Measure, wrong: Wrong, mend: Mend, prove: Prove };
 
 export function Printers({ at }) {
   if (at[0] === "new") return html`<${New} />`;
-  return at[0] ? html`<${Printer} key=${at[0]} id=${at[0]} tab=${at[1]} />` : html`<${List} />`;
+  return at[0] ? html`<${Printer} key=${at[0]} id=${at[0]} tab=${at[1]} more=${at[2]} />` : html`<${List} />`;
 }
 
 function List() {
@@ -75,7 +75,7 @@ function Bed({ size, room, onChange }) {
     <circle cx=${size[0]} cy=${reach - size[1]} r="7" fill="var(--accent)" style=${{ cursor: "nesw-resize" }} onPointerDown=${(event) => event.target.releasePointerCapture?.(event.pointerId)} /></svg>`;
 }
 
-function Printer({ id, tab = "measure" }) {
+function Printer({ id, tab = "measure", more }) {
   const [printer, setPrinter] = useState(null), [error, setError] = useState(null), [naming, setNaming] = useState(null);
   const load = () => get(`/printers/${id}`).then(setPrinter, (problem) => setError(problem.message));
   useEffect(() => { load(); }, [id]);
@@ -88,5 +88,5 @@ function Printer({ id, tab = "measure" }) {
       <div class="row"><button class="quiet" onClick=${() => setNaming(naming === null ? printer.name : null)}>${t("rename")}</button><button class="quiet" onClick=${away}>${t("remove")}</button></div></div>
     <nav class="tabs" aria-label=${printer.name}>${Object.keys(TABS).map((name) => html`<a href="#/printers/${id}/${name}" aria-current=${name === tab ? "page" : undefined}>${t(`tab_${name}`)}</a>`)}</nav>
     <${Problem} error=${error} />
-    <${Screen} printer=${printer} changed=${load} />`;
+    <${Screen} printer=${printer} changed=${load} more=${more} />`;
 }
