@@ -67,8 +67,8 @@ def deposits(planned: Planned) -> tuple[np.ndarray, np.ndarray]:
 def samples(planned: Planned) -> tuple[np.ndarray, np.ndarray]:
     """Return the times [N] at which plastic lands, and the filament pushed by then [mm]."""
     time, e = planned.steps["e"]
-    most = np.maximum.accumulate(e)
-    new = e > np.concatenate([[0.0], most[:-1]]) + _EPS_MM
+    most = np.maximum.accumulate(np.concatenate([[0.0], e]))
+    new = e > most[:-1] + _EPS_MM
     return time[new], e[new] - E_MM_PER_STEP / 2
 
 

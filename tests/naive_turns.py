@@ -2,12 +2,18 @@
 
 import numpy as np
 
-EPS_MM, FLAT_MM, LEAST_MM, FLATTEST, GENTLE, UNCUT, STEEPEST = 0.005, 2e-4, 0.08, 0.5, 0.5, 0.75, 8.0
+EPS_MM, FLAT_MM, LEAST_MM, FLATTEST, GENTLE, UNCUT = 0.005, 2e-4, 0.08, 0.5, 0.5, 0.75
+STEEP, STEEPEST, SHARP, FAR, SLANT, SIDEWAYS_MM = 8.0, 16.0, 0.5, 4.0, 1.5, 0.01
 PITCH_MM = 2e-4
 
 
-def turns(s_mm: np.ndarray, belt_mm: np.ndarray, slack_mm: float) -> list[tuple[float, float, int]]:
-    """Return (begin, end, trend after) of each reversal of more than 10 µm of a belt along a polyline of nodes [N]."""
+def turns(
+    s_mm: np.ndarray, belt_mm: np.ndarray, other_mm: np.ndarray, slack_mm: float
+) -> list[tuple[float, float, int, float]]:
+    """Return (begin, end, trend after, corner) of each reversal of more than 10 µm of a belt along nodes [N].
+
+    ``other_mm`` [N] is the other motor's belt. ``corner`` is where the path has one, infinity where it has none.
+    """
     found, floor = [], 0.0
     at, trend = 0, 0
     for i in range(1, len(belt_mm)):
@@ -26,19 +32,49 @@ def turns(s_mm: np.ndarray, belt_mm: np.ndarray, slack_mm: float) -> list[tuple[
             first, last = (inside.min(), inside.max()) if inside.size else (end, begin)
             choices = [(first, last), *sorted([(first, end), (begin, last)], key=lambda c: c[0] - c[1])]
             uncut = [c for c in choices if c[1] > c[0] and slack_mm <= UNCUT * (c[1] - c[0])]
-            if not may_cross(begin, end, slack_mm):
-                begin = end = s_mm[at]
+            side = corner_side(*way, other_mm[: i + 1], floor)
+            falls = [abs((belt_mm[at] - belt_mm[b]) / (s_mm[at] - s_mm[b])) for b in (at - 1, at + 1)]
+            steep = slack_mm > UNCUT * (end - begin)
+            corner = np.inf
+            if steep and (min(falls) >= SHARP or slack_mm > STEEP * (end - begin)):
+                begin, end = side
+                corner = s_mm[at]
+                if slack_mm > STEEPEST * (end - begin) or end - begin + slack_mm < LEAST_MM:
+                    begin = end = s_mm[at]
+            elif not (end - begin >= 0.02 and end - begin + slack_mm >= LEAST_MM):
+                begin = end = corner = s_mm[at]
             elif uncut:
                 begin, end = uncut[0]
-            found.append((begin, end, -trend))
+            found.append((begin, end, -trend, corner))
             floor, at, trend = end, i, -trend
     return found
 
 
-def may_cross(begin_mm: float, end_mm: float, slack_mm: float) -> bool:
-    """Say whether the stretch is long enough for firmwares, and the motor not much faster than the nozzle."""
-    long = end_mm - begin_mm
-    return long >= 0.02 and long + slack_mm >= LEAST_MM and slack_mm <= STEEPEST * long
+def agreed(turns_: list[tuple], others: list[tuple]) -> list[tuple]:
+    """Return the turns of one motor; at a corner where the other turns back too, both stand still."""
+    corners = {turn[3] for turn in others} - {np.inf}
+    return [(turn[3], turn[3], turn[2], turn[3]) if turn[3] in corners else turn for turn in turns_]
+
+
+def corner_side(
+    s_mm: np.ndarray, belt_mm: np.ndarray, at: int, trend: int, other_mm: np.ndarray, floor_mm: float
+) -> tuple[float, float]:
+    """Return the stretch to one side of the peak on which the other belt goes further, at least 0.01 mm, or none."""
+    best, most = (s_mm[at], s_mm[at]), SIDEWAYS_MM
+    for beside in (at + 1, at - 1):
+        if not 0 <= beside < len(s_mm) or (beside < at and s_mm[at] <= floor_mm):
+            continue
+        fall, across = abs(belt_mm[beside] - belt_mm[at]), abs(other_mm[beside] - other_mm[at])
+        aslant = 2 * EPS_MM * min(SLANT, np.hypot(fall, across) / max(across, 1e-9))
+        drop = aslant if fall > aslant else 2 * EPS_MM
+        if beside > at > 0 and s_mm[at] > floor_mm and fall > drop + 2 * EPS_MM:  # the tip is not reached either
+            drop += 2 * EPS_MM if abs(belt_mm[at - 1] - belt_mm[at]) > FAR * 2 * EPS_MM else 0.0
+        begin, end = stretch(s_mm, belt_mm, at, trend, drop, floor_mm)
+        begin, end = (s_mm[at], end) if beside > at else (begin, s_mm[at])
+        sideways = abs(np.interp(end, s_mm, other_mm) - np.interp(begin, s_mm, other_mm))
+        if sideways > most:
+            best, most = (begin, end), sideways
+    return best
 
 
 def stretch(

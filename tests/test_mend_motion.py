@@ -187,7 +187,7 @@ def test_turns_against_the_slow_twin(mechanism) -> None:
     from printmend.gcode.read import interpret_text
     from printmend.invert import layout as k
     from printmend.invert import start
-    from tests.naive_turns import turns
+    from tests.naive_turns import agreed, turns
 
     rng = np.random.default_rng(5)
     steps = rng.uniform(0.2, 1.5, 120)[:, None] * np.stack(
@@ -201,10 +201,12 @@ def test_turns_against_the_slow_twin(mechanism) -> None:
     planner = start(mechanism)
     planner.plan(interpret_text(np.frombuffer(text, np.uint8), initial_state(ENDER3, Flavour.KLIPPER)))
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    slack = (0.4, 0.7 if mechanism is PLAY else 0.6)
+    both = [turns(s, points[:, k], points[:, 1 - k], slack[k]) for k in range(2)]
     for motor in range(2):
         found = planner._run[k.TURN + motor * k.TURNS :][: k.TURNS]
         found = found[: int(np.argmax(np.isinf(found[:, k.TURN_BEGIN])))]
-        wanted = turns(s, points[:, motor], (0.4, 0.7 if mechanism is PLAY else 0.6)[motor])
+        wanted = [turn[:3] for turn in agreed(both[motor], both[1 - motor])]
         kernel = found[-len(wanted) :, [k.TURN_BEGIN, k.TURN_END, k.TURN_TREND]]  # one more where the belt lay loose
         assert len(wanted) > 5
         assert 0 <= len(found) - len(wanted) <= 1

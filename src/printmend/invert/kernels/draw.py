@@ -48,6 +48,7 @@ from printmend.invert.kernels.layout import (
     TURN_END,
     TURN_FROM,
     TURN_RISE,
+    TURN_TIP,
     TURN_TO,
     TURN_TREND,
 )
@@ -190,6 +191,13 @@ def _ahead(run, k, s):
 
 
 @inner(error_model="numpy", _nrt=False)
+def _tip(run, k, s):
+    """Return by how much motor k's belt goes too far at s of the run, where its next turn begins."""
+    turn = np.int64(run[0, RUN_AT + k])
+    return run[turn, TURN_TIP] if abs(run[turn, TURN_BEGIN] - s) <= NEAR_MM else 0.0
+
+
+@inner(error_model="numpy", _nrt=False)
 def _engage(model, state, counts, run, k, start, end, s, begin, span):
     """Choose how motor k goes along a stretch from belt ``start`` to ``end`` that begins at s of the run; as `prepare`.
 
@@ -233,6 +241,7 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
         s0, s1 = wanted(model, x, y)
         x, y, _ = place(curve, stop)
         e0, e1 = wanted(model, x, y)
+        e0, e1 = e0 + _tip(run, 0, begin + stop * span), e1 + _tip(run, 1, begin + stop * span)
         anywhere = counts[N_ANYWHERE] != 0
         unsure = anywhere or not is_sure(state, 0) or not is_sure(state, 1)
         mode0, first0, second0 = _engage(model, state, counts, run, 0, s0, e0, s, begin, span)

@@ -55,10 +55,12 @@ P_COUNT, P_GAP, P_SINCE = 0, 1, 2
 # motor RUN_AT the row of its next turn, RUN_TREND 1 or −1 where its belt rises or falls until then, 0 where it stands.
 # From TURN on for each motor TURNS rows in the order of the path, behind the last one at infinity: the stretch on which
 # the slack is crossed (none where it begins and ends at the same place), the trend after it, by how much the belt is
-# wanted higher at its end than at its beginning; and, once the nozzle is there, the motor's place at both ends. From
-# NODE on the path itself, straight from one to the next: s [mm], the belts [mm], 1 at the end of a move.
+# wanted higher at its end than at its beginning; once the nozzle is there, the motor's place at both ends; and by how
+# much the belt rises further beforehand than it is to, below 0 at a corner whose tip it does not reach; and where the
+# corner is, at infinity for a turn that is none. From NODE on the path itself, straight from one to the next: s [mm],
+# the belts [mm], 1 at the end of a move.
 RUN_BEGIN, RUN_END, RUN_AT, RUN_TREND = 0, 1, 2, 4
-TURN_BEGIN, TURN_END, TURN_TREND, TURN_RISE, TURN_FROM, TURN_TO = range(6)
-RUN, TURNS, NODES = 6, 2048, 9216
+TURN_BEGIN, TURN_END, TURN_TREND, TURN_RISE, TURN_FROM, TURN_TO, TURN_TIP, TURN_CORNER = range(8)
+RUN, TURNS, NODES = 8, 2048, 9216
 TURN, NODE = 1, 1 + 2 * TURNS
 RUN_ROWS = NODE + NODES

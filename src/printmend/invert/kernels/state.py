@@ -150,6 +150,8 @@ def prepare(model, state, k, start, end, anywhere, trend, hold):
     forwards = end > start
     if end == start:
         forwards = m <= (backward(model, k, LOWER, start) + backward(model, k, UPPER, start)) / 2
+        if trend != 0.0:
+            forwards = trend > 0.0
     first = m
     if forwards and (anywhere or state[S_HI + k] > start + HOLD_MM):
         first = min(m, backward(model, k, UPPER, start))

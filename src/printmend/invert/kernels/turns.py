@@ -1,8 +1,10 @@
 """Compiled survey of an extruded path: where each motor turns back, and on which stretch its slack is crossed.
 
 Near a reversal a motor's belt hardly moves: for as long as it may stand still within the tolerance, its motor crosses
-the slack while the nozzle prints on. Where a curve of radius R turns, that is 2 √(2 R ε) of path for an error ε. At a
-sharp corner there is no such stretch, and the slack is taken up while the nozzle stands still.
+the slack while the nozzle prints on. Where a curve of radius R turns, that is 2 √(2 R ε) of path for an error ε. A
+sharp corner has ε / sin α on either side of it, α being the side's angle to the other axis: there the firmware is slow
+anyway, and one move that begins or ends at the corner crosses the slack. Where even that is too short, the slack is
+taken up while the nozzle stands still.
 """
 
 import numpy as np
@@ -16,7 +18,7 @@ from printmend.gcode.kernels.layout import (
     KIND_CW,
     KIND_LINEAR,
 )
-from printmend.invert.kernels.curve import ARC, LENGTH, R0, SWEEP, is_flat_arc, place, stays_near, trace
+from printmend.invert.kernels.curve import ARC, LENGTH, R0, SWEEP, is_flat_arc, norm, place, stays_near, trace
 from printmend.invert.kernels.layout import (
     HOLD_MM,
     MIN_PIECE_MM,
@@ -31,9 +33,11 @@ from printmend.invert.kernels.layout import (
     S_SIDE,
     TURN,
     TURN_BEGIN,
+    TURN_CORNER,
     TURN_END,
     TURN_FROM,
     TURN_RISE,
+    TURN_TIP,
     TURN_TREND,
     TURNS,
 )
@@ -53,8 +57,13 @@ FLAT_MM = 2e-4  # a belt that moves less stands still
 GENTLE = 0.5  # how fast a motor may cross its slack, as a multiple of the nozzle's speed, to be no nearer the limit
 UNCUT = 0.75  # the same, to spare a move from being cut
 FLATTEST = 0.5  # below that the stretch where the belt stands still anyway is long enough
-STEEPEST = 8.0  # beyond that the nozzle all but stands: then it may as well
+STEEP = 8.0  # the fastest around a turn that is no corner
+STEEPEST = 16.0  # the fastest at a corner: beyond that the nozzle all but stands, then it may as well
 SHORTEST_MM = 0.02  # of path: beyond that the nozzle stands
+SIDEWAYS_MM = 0.01  # the least that the other motor moves meanwhile at a corner
+SHARP = 0.5  # a corner: on both sides the belt falls by this much a mm of path, or more
+FAR = 4.0  # times the tolerance: the least that a belt moves towards a tip for it to stop before that
+SLANT = 1.5  # times the tolerance: how far a belt may be off where that is aslant to the path
 BOW_MM = 0.002  # how far the nodes of a curved path lie inside it
 MOST_BOWS = 256
 
@@ -94,6 +103,22 @@ def survey(model, state, counts, records, count, i, curve, run, across, along, r
     run[0, RUN_END] = j
     for k in range(2):
         _turns(model, state, counts, run, k, n)
+    _agree(run)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _agree(run):
+    """Where both motors turn back at one corner the nozzle stands: both take up their slack in one move."""
+    b = TURN + TURNS
+    for a in range(TURN, TURN + TURNS):
+        corner = run[a, TURN_CORNER]
+        if run[a, TURN_BEGIN] == np.inf:
+            break
+        while run[b, TURN_END] < min(corner, run[a, TURN_END]):
+            b += 1
+        if corner < np.inf and run[b, TURN_CORNER] == corner:
+            for turn in (a, b):
+                _turn(run, turn, corner, corner, run[turn, TURN_TREND], 0.0, 0.0, corner)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -132,7 +157,7 @@ def _turns(model, state, counts, run, k, n):
     turn = TURN + k * TURNS
     run[0, RUN_AT + k], run[0, RUN_TREND + k] = turn, 0.0
     last = turn + TURNS - 1
-    run[turn, TURN_BEGIN] = run[turn, TURN_END] = np.inf
+    run[turn, TURN_BEGIN] = run[turn, TURN_END] = run[turn, TURN_CORNER] = np.inf
     if n < 2:
         return
     hold = 2.0 * model[M_CHORD]
@@ -158,11 +183,11 @@ def _turns(model, state, counts, run, k, n):
             slack = abs(backward(model, k, UPPER, peak) - backward(model, k, LOWER, peak))
             if slack <= FLAT_MM or _cross(model, run, turn, k, at, q, trend, slack, floor) == 0:
                 s = run[NODE + at, 0]
-                _turn(run, turn, s, s, -trend, 0.0)
+                _turn(run, turn, s, s, -trend, 0.0, 0.0, s)
             floor = run[turn, TURN_END]
             turn += 1
             trend, peak, at = -trend, u, q
-    run[turn, TURN_BEGIN] = run[turn, TURN_END] = np.inf
+    run[turn, TURN_BEGIN] = run[turn, TURN_END] = run[turn, TURN_CORNER] = np.inf
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -177,9 +202,10 @@ def _slack_at_start(model, state, counts, k, start, trend):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _turn(run, turn, begin, end, trend, rise):
+def _turn(run, turn, begin, end, trend, rise, tip, corner):
     row = run[turn]
-    row[TURN_BEGIN], row[TURN_END], row[TURN_TREND], row[TURN_RISE], row[TURN_FROM] = begin, end, trend, rise, np.nan
+    row[TURN_BEGIN], row[TURN_END], row[TURN_TREND], row[TURN_RISE] = begin, end, trend, rise - tip
+    row[TURN_FROM], row[TURN_TIP], row[TURN_CORNER] = np.nan, tip, corner
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -196,7 +222,16 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
     if slack > GENTLE * (end - begin):
         begin, end = _stretch(run, k, at, n, trend, 2.0 * model[M_CHORD], floor)
     long = end - begin
-    if long < SHORTEST_MM or long + slack < MIN_PIECE_MM or slack > STEEPEST * long:
+    if slack > UNCUT * long and (_is_corner(run, k, at, n) or slack > STEEP * long):
+        if at == 0:
+            return 0  # before the path begins the nozzle may stand
+        begin, end, tip = _side(model, run, k, at, n, trend, floor)
+        if slack > STEEPEST * (end - begin) or end - begin + slack < MIN_PIECE_MM:
+            return 0
+        rise = _belt(run, k, at, n, end) - _belt(run, k, at, n, begin)
+        _turn(run, turn, begin, end, -trend, rise, tip, run[NODE + at, 0])
+        return 1
+    if long < SHORTEST_MM or long + slack < MIN_PIECE_MM:
         return 0
     # Where it may begin or end at the end of a move, no move has to be cut.
     first, last = _ends_within(run, at, n, begin, end)
@@ -208,8 +243,48 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
         end = last
     elif slack <= UNCUT * (end - first):
         begin = first
-    _turn(run, turn, begin, end, -trend, _belt(run, k, at, n, end) - _belt(run, k, at, n, begin))
+    rise = _belt(run, k, at, n, end) - _belt(run, k, at, n, begin)
+    _turn(run, turn, begin, end, -trend, rise, 0.0, np.inf)
     return 1
+
+
+@inner(error_model="numpy", _nrt=False)
+def _is_corner(run, k, at, n):
+    if at == 0 or at == n - 1:
+        return False
+    into = abs(run[NODE + at, 1 + k] - run[NODE + at - 1, 1 + k]) / (run[NODE + at, 0] - run[NODE + at - 1, 0])
+    out = abs(run[NODE + at, 1 + k] - run[NODE + at + 1, 1 + k]) / (run[NODE + at + 1, 0] - run[NODE + at, 0])
+    return min(into, out) >= SHARP
+
+
+@inner(error_model="numpy", _nrt=False)
+def _side(model, run, k, at, n, trend, floor):
+    """Return the stretch before or after node ``at`` on which the other motor goes furthest, an empty one at worst.
+
+    The third is by how much the belt goes too far before the corner, below 0 where it does not reach the tip: then it
+    may stand still for longer behind it.
+    """
+    corner = run[NODE + at, 0]
+    best_begin, best_end, most, tip = corner, corner, SIDEWAYS_MM, 0.0
+    for way in (1, -1):
+        b = at + way
+        if b < 0 or b >= n or (way < 0 and corner <= floor):
+            continue
+        fall = abs(run[NODE + b, 1 + k] - run[NODE + at, 1 + k])
+        across = abs(run[NODE + b, 2 - k] - run[NODE + at, 2 - k])
+        hold = drop = 2.0 * model[M_CHORD]
+        aslant = hold * min(SLANT, norm(fall, across) / max(across, 1e-9))
+        if fall > aslant:  # else the path may bend within the stretch
+            drop = aslant
+        cut = hold if way > 0 and corner > floor and fall > drop + hold else 0.0
+        if cut > 0.0 and abs(run[NODE + at - 1, 1 + k] - run[NODE + at, 1 + k]) <= FAR * hold:
+            cut = 0.0
+        begin, end = _stretch(run, k, at, n, trend, drop + cut, floor)
+        begin, end = (corner, end) if way > 0 else (begin, corner)
+        sideways = abs(_belt(run, 1 - k, at, n, end) - _belt(run, 1 - k, at, n, begin))
+        if sideways > most:
+            best_begin, best_end, most, tip = begin, end, sideways, -trend * cut
+    return best_begin, best_end, tip
 
 
 @inner(error_model="numpy", _nrt=False)
