@@ -7,10 +7,11 @@ import sys
 import time
 from pathlib import Path
 
+import click
 import pytest
 from click.testing import CliRunner
 
-from printmend.cli.main import group
+from printmend.cli.main import COMMANDS, group
 from printmend.errors import ConfigError
 from printmend.saved.model import write_model
 from tests.mending import BENT, SQUARE, exactly
@@ -91,3 +92,18 @@ def test_shells_complete_commands_and_models(place: Path) -> None:
         words = {"_PRINTMEND_COMPLETE": "bash_complete", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
         done = subprocess.run([PROGRAM], env={**os.environ, **words}, capture_output=True, text=True, check=False)  # noqa: S603
         assert said in done.stdout.splitlines()
+
+
+def test_every_command_has_a_manual_page_of_its_help(place: Path) -> None:
+    assert CliRunner().invoke(group, ["man", "-o", "pages"]).exit_code == 0
+    assert {path.stem for path in (place / "pages").iterdir()} == {"printmend", *(f"printmend-{n}" for n in COMMANDS)}
+    requests = {"TH", "SH", "PP", "TP", "nf", "fi", "B"}
+    for path in (place / "pages").iterdir():
+        text = path.read_text()
+        assert {line[1:].split(" ")[0] for line in text.splitlines() if line.startswith((".", "'"))} <= requests
+        assert "\b" not in text
+        if path.stem != "printmend":
+            command = group.get_command(click.Context(group), path.stem.removeprefix("printmend-"))
+            for option in (one for one in command.params if isinstance(one, click.Option)):
+                assert max(option.opts, key=len).replace("-", "\\-") in text
+    assert all(f"\\fB{name}\\fP\n" in (place / "pages/printmend.1").read_text() for name in COMMANDS)

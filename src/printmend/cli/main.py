@@ -30,6 +30,7 @@ COMMANDS: dict[str, str] = {
     "figures": "Draw the paper's figures and its Table I from a data set.",
     "history": "Show what every measurement said, and where wear leads.",
     "learn": "Learn what is wrong with a printer from one measured print.",
+    "man": "Write a manual page for each command.",
     "measure": "Find the marks of a scanned test print: the trace that `learn` needs.",
     "mend": "Rewrite G-code so that a broken printer prints it right.",
     "printer": "Print a printer preset as TOML, to start your own from.",
