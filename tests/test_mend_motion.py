@@ -170,7 +170,7 @@ def test_sharp_corners_alone_stop() -> None:
     judged = judge(text, PLAY)
     right(judged)
     assert (judged.prediction.takeups, judged.prediction.stops) == (2, 1)
-    assert "at 1 of them standing still" in judged.prediction.summary()
+    assert "at 1 of them the nozzle stops" in judged.prediction.summary()
 
 
 @pytest.mark.parametrize("tolerance_mm", [0.004, 0.03])

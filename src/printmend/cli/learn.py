@@ -51,6 +51,7 @@ def command(
     from printmend.printer import read_printer
     from printmend.repair.history import remember_learned
     from printmend.repair.learned import learn_model, report
+    from printmend.repair.mend import is_healthy
     from printmend.saved.model import read_model, write_model
 
     if printer_name is None and old is None:
@@ -84,3 +85,8 @@ def command(
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))
     else:
         click.echo(report(model) + f"\nwritten: {output}{replaced}")
+        known = name or output
+        click.echo(
+            "nothing to mend: files stay as they are" if is_healthy(model)
+            else f"next: printmend mend part.gcode -m {known} --report part.html"
+        )  # fmt: skip

@@ -82,12 +82,6 @@ class Promise:
     planning_rms_mm: float
     made_of: Mapping[str, float] = field(default_factory=dict)
 
-    def said(self) -> str:
-        """Say it in a line: the number, its 90 % range, what it is made of."""
-        made = [f"{name} {share:.3f}" for name, share in self.made_of.items() if name != "planning" and share >= 0.0005]
-        ranged = f"{self.rms_mm:.3f} mm, {self.rms_low_mm:.3f}–{self.rms_high_mm:.3f}"
-        return f"{ranged}: {', '.join(made) or 'nothing beyond the model'}; planning {self.planning_rms_mm:.3f}"
-
 
 def without_doubt(errors: Errors) -> Promise:
     """Return what a model that says nothing of its own doubt can say."""

@@ -302,7 +302,8 @@ def report(model: SavedModel) -> str:
         trace = model.document["trace"]
         lines.append(
             f"{trace['measured']} measured points lie {trace['residual_before_mm']:.3f} mm off, typically; "
-            f"{trace['residual_after_mm']:.3f} mm of that stays unexplained (noise {model.noise_mm:.3f} mm in x and y)"
+            f"{trace['residual_after_mm']:.3f} mm of that stays unexplained "
+            f"(measuring scatters by {model.noise_mm:.3f} mm in x and in y)"
         )
     return "\n".join(
         [*lines, *misfit_words(model.document), *(f"not told by this trace: {gap}" for gap in gaps), *todo(gaps)]

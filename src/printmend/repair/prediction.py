@@ -10,6 +10,7 @@ from printmend.invert import Planner
 from printmend.invert import layout as k
 from printmend.promise.budget import parse_budget
 from printmend.promise.predict import Errors, Path, Promise, promised, without_doubt
+from printmend.promise.words import in_a_line
 from printmend.saved.model import SavedModel
 
 _GAIN_MM = 0.0005
@@ -95,7 +96,7 @@ class Prediction:
     def summary(self) -> str:
         """Say it in a few lines for a terminal."""
         rows = [
-            f"expected distance from {self.distance_to}, over {self.length_mm / 1000:.1f} m of extruded path [mm]:",
+            f"expected distance from {self.distance_to}, over {self.length_mm / 1000:.1f} m of printed lines [mm]:",
             "           typical  9 of 10 prints  95 % within  largest",
         ]
         for name, errors in (("as it is", self.before), ("mended", self.after)):
@@ -104,16 +105,21 @@ class Prediction:
         for name, height in zip(("as it is", "mended"), self.heights or (), strict=False):
             rows.append(f"  {name:8} {height.rms_mm:7.3f}  {'':15}  {'':11}  {height.max_mm:7.3f}  in height")
         if self.gain_mm is not None:
-            rows.append(f"mended: {self.after.said()}")
+            rows.append(
+                f"the {self.after.rms_mm:.3f} are made of: {in_a_line(self.after.made_of) or 'next to nothing'}"
+            )
         rows += [f"before you print: {each}" for each in self.advice]
+        if not self.clamped_extruding and not self.unknown and self.extruding:
+            (x0, y0), (x1, y1) = self.low_mm, self.high_mm
+            rows.append(f"it stays on the bed: X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f} mm")
         rows.append(
-            f"moves {self.moves} → {self.commands}, slack taken up at {self.takeups} reversals"
-            + (f", at {self.stops} of them standing still" if self.stops else "")
+            f"{self.moves} moves become {self.commands}; slack is taken up at {self.takeups} turns"
+            + (f", at {self.stops} of them the nozzle stops for a moment (a small seam)" if self.stops else "")
         )
         if self.coarse:
             rows.append(f"{self.coarse} moves are off by more than the tolerance: the firmware takes no shorter ones")
         if self.unknown:
-            rows.append(f"{self.unknown} extruding moves left as they are: the file does not say where the head is")
+            rows.append(f"{self.unknown} printing moves are left as they are: the file does not say where the head is")
         if self.splines:
             rows.append(f"{self.splines} curves (G5) left as they are: let the slicer write lines or arcs")
         if self.geometry:
@@ -123,7 +129,7 @@ class Prediction:
             )
         if self.clamped:
             rows.append(
-                f"{self.clamped} commands held back at the edge of the bed, {self.clamped_extruding} of them extruding"
+                f"{self.clamped} moves held back at the edge of the bed, {self.clamped_extruding} of them printing"
                 + (f", up to {self.beyond_mm:.2f} mm" if self.clamped_extruding else "")
             )
         return "\n".join(rows)
@@ -201,7 +207,7 @@ def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     name = max(shares, key=lambda each: shares[each])
     if shares[name] < _MOSTLY or name in ("planning", "rounding", "motion"):
         return ()
-    most = f"{100 * shares[name]:.0f} % of the expected error (in squares)"
+    most = "most of what is left"
     if name == "parameters":
         gaps = [gap for gap in model.findings[1:] if "turn" in gap]
         return (f"{most} is what the test print did not show. {gaps[0] if gaps else _PROBE}",)
