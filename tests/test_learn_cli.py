@@ -53,12 +53,13 @@ def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:
     fault = Corruption((Drive(pulley=EccentricBore(0.21, 1.0), belt=Play(0.35)), Drive()))
     done = run("learn", trace_file(tmp_path, fault), "--printer", "ender3", "-o", tmp_path / "m.json")
     assert done.exit_code == 0, done.output
-    first, second, last = done.output.strip().splitlines()
+    first, second, comes, last = done.output.strip().splitlines()
     assert first.startswith("X pulley eccentric 0.2")
     assert "±" in first
     assert "belt play 0.3" in first
     assert first.endswith("; Y healthy")
     assert float(second.split("noise ")[1].split()[0]) == pytest.approx(0.05, rel=0.1)
+    assert comes.startswith("next: printmend mend part.gcode -m")
     assert last == f"written: {tmp_path / 'm.json'}"
     model = read_model(tmp_path / "m.json")
     assert not model.is_healthy

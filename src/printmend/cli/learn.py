@@ -84,9 +84,7 @@ def command(
     if as_json:
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))
     else:
-        click.echo(report(model) + f"\nwritten: {output}{replaced}")
-        known = name or output
-        click.echo(
-            "nothing to mend: files stay as they are" if is_healthy(model)
-            else f"next: printmend mend part.gcode -m {known} --report part.html"
-        )  # fmt: skip
+        comes = f"next: printmend mend part.gcode -m {name or output} --report part.html"
+        click.echo(report(model))
+        click.echo("nothing to mend: files stay as they are" if is_healthy(model) else comes)
+        click.echo(f"written: {output}{replaced}")

@@ -16,6 +16,7 @@ NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its stand
 LEAST_FAULT_MM = 0.002  # … and than this: smaller faults move no print
 NAMED_HARMONICS = 3
 OPPOSITE_SHARE = 0.05  # share of two scale errors' difference that their sum may be for them to count as opposite
+LEAST_SHOWN_MM = 0.005  # of what is said to two digits
 LEAST_EFFECT_MM = 0.003  # on a print, for waves: no print shows less
 _WORD = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
 
@@ -190,7 +191,8 @@ def _rest(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
         bare = replace(branches, warp_mm=np.zeros(0))
         size = float(np.abs(branches.errors_mm(motor)[0] - bare.errors_mm(motor)[0]).max())
         words = f"uneven belt or guide that repeats nothing, up to {size:.2f} mm"
-        faults.append(_fault(drive, "warp", size, 0.0, words))
+        if size >= LEAST_SHOWN_MM:
+            faults.append(_fault(drive, "warp", size, 0.0, words))
     if structure.offset and not (structure.scale or structure.pulley != "none" or structure.play != "none" or faults):
         part = drive.choice.design.parts["mean_powers"]
         value, sd = float(branches.mean.powers_mm[0]), float(_sds(drive)[part][0])

@@ -303,7 +303,7 @@ def report(model: SavedModel) -> str:
         lines.append(
             f"{trace['measured']} measured points lie {trace['residual_before_mm']:.3f} mm off, typically; "
             f"{trace['residual_after_mm']:.3f} mm of that stays unexplained "
-            f"(measuring scatters by {model.noise_mm:.3f} mm in x and in y)"
+            f"(noise {model.noise_mm:.3f} mm in x and y)"
         )
     return "\n".join(
         [*lines, *misfit_words(model.document), *(f"not told by this trace: {gap}" for gap in gaps), *todo(gaps)]
