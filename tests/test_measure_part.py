@@ -109,6 +109,7 @@ def test_the_first_layer_is_a_print_of_its_own(tmp_path):
     first = whole.moves.extruding & (whole.moves.layer == 0)
     assert np.array_equal(alone.moves.end_mm[alone.moves.extruding], whole.moves.end_mm[first])
     assert alone.text.tobytes().endswith(b"M104 S0\nM140 S0\nM107\n")
+    assert b"the first layer of a part" in (tmp_path / "first-how-to.pdf").read_bytes()
 
 
 def test_a_healthy_printer_stays_as_it_is(scanned):

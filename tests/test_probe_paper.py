@@ -25,7 +25,20 @@ def run(folder, *options: str):
     gcode = folder / "probe.gcode"
     outcome = CliRunner().invoke(command, ["--printer", "ender3", "-o", str(gcode), *options])
     assert outcome.exit_code == 0, outcome.output
+    leaflet(folder, f"{gcode.name}: ", "printmend learn probe.csv --printer ender3")
     return gcode, read_plan(folder / "probe.json")
+
+
+def leaflet(folder, *words: str) -> bytes:
+    """The page beside a test print: a PDF whose table of objects is right, with these words on it."""
+    data = (folder / "probe-how-to.pdf").read_bytes()
+    table = data[int(data.split(b"startxref")[1].split()[0]) :]
+    places = [int(line.split()[0]) for line in table.splitlines() if line.endswith(b" n ")]
+    assert len(places) == 4
+    assert all(data[at:].startswith(b"%d 0 obj" % number) for number, at in enumerate(places, start=1))
+    for one in words:
+        assert one.encode("cp1252") in data
+    return data
 
 
 def test_a_pen_shows_what_plastic_would(tmp_path):
@@ -33,6 +46,7 @@ def test_a_pen_shows_what_plastic_would(tmp_path):
     text = gcode.read_text()
     assert not read_gcode(gcode, printer=PRINTER).moves.extrusion_mm.any()
     assert "\nM109" not in text
+    assert b"The file pauses twice" in leaflet(tmp_path, "with a pen on paper")
     broken = Twin.of(
         Corruption((Drive(pulley=EccentricBore(0.3, 0.4), belt=Play(0.3)), Drive(belt=Play(0.2)))), PRINTER
     )
@@ -52,6 +66,7 @@ def test_a_pen_shows_what_plastic_would(tmp_path):
 def test_paper_and_glass_limit_the_pattern(tmp_path):
     gcode, plan = run(tmp_path, "--on", "paper", "--scanner", "letter")
     assert "G1 Z0.34" in gcode.read_text()
+    assert b"pauses" not in leaflet(tmp_path, "Tape a sheet of paper flat", "Black is best")
     low, high = glass_area_mm(PRINTER, (215.9, 279.4))
     assert (plan.marks_mm >= low - 0.01).all()
     assert (plan.marks_mm <= high + 0.01).all()

@@ -65,14 +65,15 @@ def command(
     surface: str, pen: bool, glass: tuple[float, float] | None, layer_path: Path | None, overwrite: bool,
     sheet: Path | None,
 ) -> None:  # fmt: skip
-    """Write a test print that shows every fault, and its plan (probe.json beside it), which `measure` needs.
+    """Write a test print that shows every fault, its plan (probe.json beside it), which `measure` needs, and one page
+    that says what to do with it (probe-how-to.pdf).
 
     Designs: fixed fills an area evenly, along both diagonals. layer follows the longest layer of the part, in the air,
     with dots beside its path. optimal chooses the marks after which the part's expected error is least, active those
     that teach most; without --for they consider the whole bed. All are measured in the same way.
     """
     if layer_path is not None:
-        _write_first_layer(layer_path, output)
+        _write_first_layer(layer_path, output, printer_name)
         return
     import numpy as np
 
@@ -81,6 +82,7 @@ def command(
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
+    from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, write_leaflet
     from printmend.probe.pen import with_pen
     from printmend.probe.start import homed_start, start_from
 
@@ -117,6 +119,10 @@ def command(
         f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm, typically"
     )
     click.echo(f"{plan_path}: the plan; keep it for `printmend measure`")
+    page = write_leaflet(output, plan, printer, printer_name, on_paper=surface == "paper")
+    click.echo(f"{page}: what to do with it, on one page with pictures")
+    if not pen:
+        click.echo(PAPER_COLOURS if surface == "paper" else PLATE_COLOURS)
     if sheet is not None and (np.ptp(plan.marks_mm, axis=0) > window_mm()).any():
         window = f"The sheet's window is {window_mm().min():.0f} mm wide"
         click.echo(f"{window}: for a photo, make --size smaller; on a scanner, lay it beside the print.", err=True)
@@ -125,15 +131,21 @@ def command(
             click.echo(f"The marks span {turns:.1f} turns of motor {motor.upper()}: its pulley needs one.", err=True)
 
 
-def _write_first_layer(part: Path, output: Path) -> None:
+def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> None:
     from printmend.cli.outputs import spare
     from printmend.files import replacing
     from printmend.gcode.read import read_gcode
+    from printmend.printer import read_printer
     from printmend.probe.first_layer import first_layer
+    from printmend.probe.leaflet import leaflet_of, write_layer_leaflet
 
-    spare((output,), (part,))
-    text = first_layer(read_gcode(part))
+    spare((output, leaflet_of(output)), (part,))
+    printer = None if printer_name is None else read_printer(printer_name)
+    program = read_gcode(part, printer=printer)
+    text = first_layer(program)
     with replacing(output, "wb") as file:
         file.write(text)
+    page = write_layer_leaflet(output, program, printer, printer_name or "NAME")
     click.echo(f"{output}: the first layer of {part.name}; print it, scan it, and run")
-    click.echo(f"printmend measure scan.png --gcode {output} --printer NAME -o trace.csv")
+    click.echo(f"printmend measure scan.png --gcode {output} --printer {printer_name or 'NAME'} -o trace.csv")
+    click.echo(f"{page}: the same on one page, with pictures")
