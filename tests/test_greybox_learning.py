@@ -120,23 +120,25 @@ def test_healthy_machines_stay_healthy(printer: Printer) -> None:
     exact = learn(plan.trace(marks), printer)
     assert exact.is_healthy
     assert [drive.structure for drive in exact.drives] == [NOTHING, NOTHING]
-    for seed in range(2):
-        noise = np.random.default_rng(seed).normal(0, 0.05, marks.shape)
-        model = learn(plan.trace(marks + noise), printer)
-        for table in model.mechanism.transmissions:
-            inside = np.linspace(*printer.motor_range_mm(0), 500)
-            assert np.abs(np.stack(table.branches_mm(inside)) - inside).max() < 0.02
+    noise = np.random.default_rng(0).normal(0, 0.05, marks.shape)
+    model = learn(plan.trace(marks + noise), printer)
+    for table in model.mechanism.transmissions:
+        inside = np.linspace(*printer.motor_range_mm(0), 500)
+        assert np.abs(np.stack(table.branches_mm(inside)) - inside).max() < 0.02
 
 
 @pytest.mark.parametrize(
     ("family", "preset"),
     [
-        *((family, "ender5") for family in ("pulley-loose", "pulley-set-screw", "elastic", "friction", "frame")),
+        *(
+            (family, "ender5")
+            for family in ("pulley-loose", "pulley-set-screw", "elastic", "friction", "frame", "smooth")
+        ),
         *((family, "corexy") for family in ("pulley-play", "pulley-loose", "frame")),
     ],
 )
 def test_learns_every_family_from_the_probe(family: str, preset: str) -> None:
-    """Both machines, the true and the learned, go the same way over the bed."""
+    """Both machines, the true and the learned, go the same way over the bed; no jumps are seen where there are none."""
     printer = read_printer(preset)
     rng = np.random.default_rng(11)
     plan, twin = design_probe(printer), Twin.of(sample(family, rng), printer)
@@ -146,6 +148,7 @@ def test_learns_every_family_from_the_probe(family: str, preset: str) -> None:
     way = np.concatenate([[printer.home_mm], low + (high - low) * rng.random((800, 2))])
     difference = follow(model.mechanism, way) - twin.follow(way)
     assert np.sqrt(np.mean(np.sum(difference[50:] ** 2, axis=1))) < 0.03
+    assert model.jumps == ((), ())
 
 
 def follow(mechanism: Mechanism, way: np.ndarray) -> np.ndarray:
@@ -234,14 +237,6 @@ def test_jumps_within_the_print_are_taken_out() -> None:
     assert abs(model.jumps[0][0].row - 300) <= 3
     assert abs(model.jumps[1][0].row - 500) <= 15  # a loss of steps shows when the play is taken up
     assert branch_error_mm(model, drives) < 0.03
-
-
-@pytest.mark.parametrize("family", ["pulley-loose", "smooth", "frame", "elastic"])
-def test_no_jumps_are_seen_where_there_are_none(family: str) -> None:
-    rng = np.random.default_rng(8)
-    plan, twin = design_probe(ENDER3), Twin.of(sample(family, rng), ENDER3)
-    marks = twin.follow(plan.waypoints_mm)[plan.rows]
-    assert learn(plan.trace(marks + rng.normal(0, 0.05, marks.shape))).jumps == ((), ())
 
 
 def test_equal_seeds_give_equal_models() -> None:

@@ -21,6 +21,11 @@ def plan() -> ProbePlan:
     return design_probe(PRINTER)
 
 
+@pytest.fixture(scope="module")
+def small() -> ProbePlan:
+    return design_probe(PRINTER, size_mm=120)
+
+
 def seen(
     plan: ProbePlan, printed: np.ndarray, rng: np.random.Generator, *, lost: float, dust: int, mirrored: bool
 ) -> tuple[Marks | None, np.ndarray]:
@@ -39,12 +44,13 @@ def seen(
 
 @pytest.mark.parametrize("family", [name for name in families() if name != "gain-table"])
 @pytest.mark.parametrize("severity", ["realistic", "damaged"])
-def test_no_mark_is_taken_for_another(plan, family, severity):
+def test_no_mark_is_taken_for_another(plan, small, family, severity):
     rng = np.random.default_rng(list(families()).index(family))
     try:
         corruption = sample(family, rng, severity=severity)
     except ConfigError:
         pytest.skip("this draw is no machine")
+    plan = plan if severity == "damaged" else small
     printed = Twin.of(corruption, PRINTER).follow(plan.waypoints_mm)[plan.rows]
     mirrored = bool(rng.random() < 0.5)
     marks, truth = seen(plan, printed, rng, lost=0.02, dust=10, mirrored=mirrored)

@@ -162,13 +162,13 @@ def test_a_missing_file_is_named(tmp_path):
         read_trace(tmp_path / "none.csv", PRINTER)
 
 
-def test_a_million_rows_are_read_whole(tmp_path):
-    commanded, measured = points(1_000_000)
+def test_hundreds_of_thousands_of_rows_are_read_whole(tmp_path):
+    commanded, measured = points(300_000)
     measured[::7] = np.nan
     path = tmp_path / "trace.csv"
     write_trace(path, Trace(commanded, measured))
     trace = read_trace(path, PRINTER)
-    assert len(trace) == 1_000_000
+    assert len(trace) == 300_000
     np.testing.assert_allclose(trace.measured_mm, measured, atol=5.1e-7)
 
 

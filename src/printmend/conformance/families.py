@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Literal
 
 import numpy as np
@@ -60,17 +60,24 @@ def tables_rise_and_are_ordered(
 
 def prints_another_path(candidate: FamilyCandidate, severity: Literal["damaged", "realistic"], preset: str) -> None:
     """A healthy machine prints the nominal path exactly; one with this fault does not."""
-    twin = candidate.twin(severity, preset)
-    ticks = np.arange(300_000)
-    shuttle = [np.where(ticks // period % 2 == 0, 1, -1) for period in (260, 341)]
-    lift = np.where(ticks % 2000 < 1000, 1, -1) * (ticks % 10 == 0)
-    controls, start = np.column_stack([*shuttle, lift]), middle(twin.printer)
-    nominal = start + np.concatenate([np.zeros((1, 3)), np.cumsum(controls, axis=0)])
-    np.testing.assert_array_equal(Twin.of(HEALTHY, twin.printer).run(controls, start), nominal)
-    printed = twin.run(controls, start)
+    controls, start, nominal = _printed_by_a_healthy_machine(preset)
+    printed = candidate.twin(severity, preset).run(controls, start)
     need(np.isfinite(printed).all(), "wanted a finite print")
     most = float(np.abs(printed - nominal).max())
     need(most > 1e-3, f"wanted a print that is somewhere 0.001 steps off at least, got {most:.6f}")
+
+
+@cache
+def _printed_by_a_healthy_machine(preset: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return controls that go to and fro for long, where they start, and the path, which a healthy machine prints."""
+    printer = read_printer(preset)
+    ticks = np.arange(300_000)
+    shuttle = [np.where(ticks // period % 2 == 0, 1, -1) for period in (260, 341)]
+    lift = np.where(ticks % 2000 < 1000, 1, -1) * (ticks % 10 == 0)
+    controls, start = np.column_stack([*shuttle, lift]), middle(printer)
+    nominal = start + np.concatenate([np.zeros((1, 3)), np.cumsum(controls, axis=0)])
+    np.testing.assert_array_equal(Twin.of(HEALTHY, printer).run(controls, start), nominal)
+    return controls, start, nominal
 
 
 def closed_paths_of_taut_machines_close(
