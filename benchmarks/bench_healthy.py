@@ -32,6 +32,7 @@ from printmend.measure.measurement import measure_scans
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.probe import design_probe, write_probe
+from printmend.promise.by_hand import calliper_section
 from printmend.repair import mend_gcode
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import is_healthy
@@ -107,7 +108,9 @@ def by_hand(printer: Printer, plan: ProbePlan, rng: np.random.Generator, folder:
     across = np.hypot(*(marks[distances.pairs[:, 1]] - marks[distances.pairs[:, 0]]).T) + plan.big_dot_mm
     across += rng.normal(0, 0.1) + rng.normal(0, rng.uniform(0.02, 0.07), len(across))  # dots are as wide as they are
     across[rng.random(len(across)) < 0.1 * (rng.random() < 0.3)] = np.nan
-    return saved_model(mechanism(estimate(distances, across), printer), learner="callipers", findings=("",))
+    found = estimate(distances, across)
+    details = {"promise": calliper_section(found, printer)}
+    return saved_model(mechanism(found, printer), learner="callipers", findings=("",), details=details)
 
 
 MEASURED: dict[str, Callable[[Printer, ProbePlan, np.random.Generator, Path], SavedModel]] = {

@@ -22,6 +22,7 @@ from printmend.machine.mechanism import Frame, Mechanism, Transmission, healthy_
 from printmend.measure import write_plan
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.promise.budget import parse_budget
 from printmend.saved.model import read_model
 from printmend.twin import Twin
 
@@ -142,6 +143,12 @@ def test_the_command_lists_reads_and_learns(tmp_path):
     CliRunner().invoke(command, arguments, input=typed, catch_exceptions=False)
     model = read_model(tmp_path / "printer.mend.json")
     assert not model.is_healthy
+    budget = parse_budget(model)
+    assert budget is not None
+    assert not budget.placed
+    scale, play = (np.abs(budget.motors[0].factor_mm[at]).max() for at in (2, 3))
+    assert 0.01 < scale < 0.2  # mm in 100 mm
+    assert 0.01 < play < 0.3
 
 
 def test_callipers_talk(tmp_path):

@@ -19,7 +19,7 @@ from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_rows import in_order
-from printmend.promise.misfit_tests import as_printed, causes_of, found_in, of_the_end
+from printmend.promise.misfit_tests import as_printed, causes_of, effects_of, found_in, of_the_end
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender5")
@@ -144,6 +144,22 @@ def test_the_turn_of_another_pulley_is_learned(turn_mm: float, said: str, rng: n
     found = found_in(box, trace, ())
     assert [each.kind for each in found] == ["turn"]
     assert said in found[0].words
+
+
+def test_a_rail_with_play_is_told_from_the_belts_of_a_corexy(rng: np.random.Generator) -> None:
+    printer = read_printer("corexy")
+    corners = np.vstack([[printer.home_mm], rng.uniform(20, 280, (40, 2))])
+    along = np.linspace(0, 40, 500)
+    points = np.stack([np.interp(along, np.arange(41), corners[:, axis]) for axis in range(2)], axis=1)
+    lag = np.stack([0.06 * last_way(points[:, 0]), np.zeros(500)], axis=1)
+    trace = Trace(points, points - lag + rng.normal(0, 0.03, points.shape), homed=True)
+    box = Greybox().fit(trace, printer, rng=rng)
+    causes = causes_of(box, trace)
+    found = found_in(box, trace, causes)
+    assert [each.kind for each in found] == ["rail-play"]
+    assert "lags along X by 0.1" in found[0].words
+    effects, _ = effects_of(box, trace, causes)
+    assert {effect.kind for effect in effects} == {"rail-play"}
 
 
 def test_a_good_trace_has_nothing_to_say(rng: np.random.Generator) -> None:

@@ -138,12 +138,15 @@ def _measure_by_hand(
 def _say_estimates(estimates: "tuple[Estimate, ...]", printer_name: str | None, output: Path) -> None:
     from printmend.learn.callipers import mechanism
     from printmend.printer import read_printer
+    from printmend.promise.by_hand import calliper_section
     from printmend.saved.model import saved_model, write_model
 
     for item in estimates:
         click.echo(str(item))
     if printer_name is not None:
-        model = mechanism(estimates, read_printer(printer_name))
+        printer = read_printer(printer_name)
         findings = tuple(str(item) for item in estimates)
-        write_model(output, saved_model(model, learner="callipers", findings=findings))
+        details = {"promise": calliper_section(estimates, printer)}
+        made = saved_model(mechanism(estimates, printer), learner="callipers", findings=findings, details=details)
+        write_model(output, made)
         click.echo(f"{output}: only what is known well is corrected")

@@ -7,15 +7,21 @@ _NAMED = re.compile(
     rb'^[;\s"]*(?:printer_model|printer_settings_id|TARGET_MACHINE\.NAME)"?\s*[:=]\s*"?([^\r\n"]*)', re.MULTILINE
 )
 _BED = re.compile(rb'^[;\s"]*(?:bed_shape|printable_area)"?\s*[:=]\s*([^\r\n]*)', re.MULTILINE)
+_BOUND = re.compile(rb"^;\s*(MIN|MAX)([XY]):\s*(-?\d+(?:\.\d+)?)\s*$", re.MULTILINE)
 _CORNER = re.compile(rb"(-?\d+(?:\.\d+)?)x(-?\d+(?:\.\d+)?)")
+
+
+Corners = tuple[tuple[float, float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
 class Described:
-    """The printer that a file is for: its ``names`` as slicers write them, its bed's corners, None where not said."""
+    """The printer that a file is for: its ``names`` as slicers write them, its bed's corners, the lowest and highest X
+    and Y of what is printed; None where not said."""
 
     names: tuple[str, ...]
-    bed_mm: tuple[tuple[float, float], tuple[float, float]] | None
+    bed_mm: Corners | None
+    print_mm: Corners | None = None
 
 
 def described(*texts: bytes) -> Described:
@@ -26,7 +32,17 @@ def described(*texts: bytes) -> Described:
         if not corners and (found := _BED.search(text)) is not None:
             corners = [(float(x), float(y)) for x, y in _CORNER.findall(found[1])]
     known = tuple(dict.fromkeys(name for name in names if name))
-    if len(corners) < 3:
-        return Described(known, None)
-    xs, ys = zip(*corners, strict=True)
-    return Described(known, ((min(xs), min(ys)), (max(xs), max(ys))))
+    bed = None
+    if len(corners) >= 3:
+        xs, ys = zip(*corners, strict=True)
+        bed = ((min(xs), min(ys)), (max(xs), max(ys)))
+    return Described(known, bed, _bounds(texts))
+
+
+def _bounds(texts: tuple[bytes, ...]) -> Corners | None:
+    """Return Cura's bounds of a print; None where they are missing, or not filled in (the lowest above the highest)."""
+    at = {(end, axis): float(value) for text in texts for end, axis, value in _BOUND.findall(text)}
+    if len(at) < 4:
+        return None
+    low, high = ((at[end, b"X"], at[end, b"Y"]) for end in (b"MIN", b"MAX"))
+    return (low, high) if low[0] < high[0] and low[1] < high[1] else None

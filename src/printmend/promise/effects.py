@@ -105,6 +105,7 @@ class Places:
             beds=np.stack([_between(self.bed_mm[:, axis], spans[2 + axis]) for axis in range(2)], axis=1),
             across=self.side[:, 1 - effect.motor].astype(float),
             move_mm=np.full(len(own), LONG_MM),
+            ways=np.stack([self.side.sum(axis=1), self.side[:, 0] - self.side[:, 1]], axis=1) / 2,  # of a CoreXY
         )
 
 
@@ -130,7 +131,7 @@ def _effect(plain: Any, subject: str) -> Effect:
     spans = np.array([numbers({"row": row}, "row", subject, 2) for row in rows])
     weights, absorbed = numbers(plain, "weights", subject, _MOST_WEIGHTS), numbers(plain, "absorbed", subject, 3)
     motor, period_mm = number(plain, "motor", subject), number(plain, "period_mm", subject)
-    widths = {"two-motors": _MOST_WEIGHTS, "second-period": 2}
+    widths = {"two-motors": _MOST_WEIGHTS, "second-period": 2, "rail-play": 2}
     if spans.shape != (4, 2) or len(absorbed) != 3 or motor not in (0, 1) or period_mm <= 0:
         refuse(subject, "effects with a motor, a period and four spans", "something else")
     if len(weights) != widths.get(plain["kind"], 1):
@@ -138,7 +139,7 @@ def _effect(plain: Any, subject: str) -> Effect:
     detail, place = number(plain, "detail", subject), number(plain, "place", subject)
     if plain["kind"] in ("creep", "second-period") and detail <= 0:
         refuse(subject, f"a positive detail of {plain['kind']}", f"{detail:g}")
-    if plain["kind"] in ("halves", "halves-play") and detail not in (0, 1):
+    if plain["kind"] in ("halves", "halves-play", "rail-play") and detail not in (0, 1):
         refuse(subject, f"an axis of {plain['kind']}", f"{detail:g}")
     return Effect(plain["kind"], int(motor), weights, detail, place, plain["state"], absorbed, spans, period_mm)
 

@@ -14,9 +14,10 @@ TWO_MOTORS = (1, 2, 3)  # harmonics of a pulley that may differ between the two 
 
 @dataclass(frozen=True, eq=False)
 class Sideways:
-    """One motor's rows as the tests see them, all [N]: the share of the print that is ``done``, the ``side`` of the
-    belt that is touched, the motor's place ``own`` and that of the bed's axes ``beds`` [N, 2] from −1 to 1, which way
-    the other motor last went, ``across``, the length of the last move on the bed, ``move_mm``."""
+    """One motor's rows as the tests see them, all [N] but two: the share of the print that is ``done``, the ``side`` of
+    the belt that is touched, the motor's place ``own`` and that of the bed's axes ``beds`` [N, 2] from −1 to 1, which
+    way the other motor last went, ``across``, the length of the last move on the bed, ``move_mm``, and which way the
+    bed's axes last went, ``ways`` [N, 2]."""
 
     motor_mm: np.ndarray
     period_mm: float
@@ -27,6 +28,7 @@ class Sideways:
     beds: np.ndarray
     across: np.ndarray
     move_mm: np.ndarray
+    ways: np.ndarray
 
     def at(self, rows: np.ndarray) -> "Sideways":
         """Return some of the rows."""
@@ -48,6 +50,12 @@ def _waves(one: Sideways, period_mm: float, harmonics: tuple[int, ...]) -> np.nd
     return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
 
 
+def _rail(one: Sideways, axis: float, _: float) -> np.ndarray:
+    """Return the play of one of the bed's axes, as it was from the first point on and as it grew."""
+    way = one.ways[:, int(axis)]
+    return np.stack([way, way * one.done], axis=1)
+
+
 Law = Callable[[Sideways, float, float], np.ndarray]  # rows, detail, place → columns [N, Q]
 LAWS: dict[str, Law] = {
     "linear": lambda s, _, __: s.done[:, None],
@@ -60,6 +68,7 @@ LAWS: dict[str, Law] = {
     "halves": lambda s, axis, place: _upper(s, axis, place)[:, None],
     "halves-play": lambda s, axis, place: (s.side * _upper(s, axis, place))[:, None],
     "racking": lambda s, _, __: (s.side * s.other)[:, None],
+    "rail-play": _rail,
     "two-motors": lambda s, _, __: _waves(s, s.period_mm, TWO_MOTORS) * s.other[:, None],
     "second-period": lambda s, period, _: _waves(s, period, (1,)),
 }

@@ -44,11 +44,12 @@ def sideways(motors: list[Rows], which: int, commanded_mm: np.ndarray, side: np.
         np.stack([_scaled(axis) for axis in commanded_mm.T], axis=1),
         last_way(other.motor_mm),
         np.hypot(*np.diff(commanded_mm, axis=0, prepend=commanded_mm[:1]).T),
+        np.stack([last_way(axis) for axis in commanded_mm.T], axis=1),
     )
 
 
-def candidates(one: Sideways) -> Iterator[Candidate]:
-    """Yield everything that is looked for."""
+def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
+    """Yield everything that is looked for. Only on a CoreXY the play of a rail is not that of a motor's belt."""
     yield Candidate("linear")
     for share in BREAKS:
         yield Candidate("step", len(BREAKS), float(share))
@@ -61,6 +62,8 @@ def candidates(one: Sideways) -> Iterator[Candidate]:
             yield Candidate("halves", 2 * len(HALVES), axis, float(place))
             yield Candidate("halves-play", 2 * len(HALVES), axis, float(place))
     yield Candidate("racking")
+    for axis in range(2 * corexy):
+        yield Candidate("rail-play", 2, axis)
     yield Candidate("two-motors")
     span = np.ptp(one.motor_mm)
     turns = one.period_mm / PERIODS_MM

@@ -72,12 +72,13 @@ def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
         if len(used) < LEAST_ROWS:
             continue
         one = sideways(rows, motor, trace.commanded_mm, touch.side).at(used)
+        offered = list(candidates(one, corexy=box.printer.kinematics == "corexy"))
         near = _near(touch.residual_mm[used])
         found += _explained(
-            motor, one.at(near), touch.residual_mm[used][near], _own_columns(drive, rows[motor], used[near])
+            motor, offered, one.at(near), touch.residual_mm[used][near], _own_columns(drive, rows[motor], used[near])
         )
         if drive.structure.warp_mm:
-            found += _repeated(motor, one, drive, rows[motor], used)
+            found += _repeated(motor, offered, one, drive, rows[motor], used)
     return tuple(found)
 
 
@@ -88,7 +89,9 @@ def _near(residual_mm: np.ndarray) -> np.ndarray:
     return np.flatnonzero(~outlier) if outlier.mean() > MANY_LOST else np.arange(len(residual_mm))
 
 
-def _repeated(motor: int, one: Sideways, drive: LearnedDrive, rows: Rows, used: np.ndarray) -> list[Cause]:
+def _repeated(
+    motor: int, offered: list[Candidate], one: Sideways, drive: LearnedDrive, rows: Rows, used: np.ndarray
+) -> list[Cause]:
     """Return the period of what was learned as an error that repeats nothing, where it does repeat."""
     design, values = drive.choice.design, drive.choice.fit.posterior.values
     mean, _ = design.columns(rows.motor_mm[drive.choice.fit.touch.at[used]], rows.period_mm, rows.origin_mm)
@@ -96,7 +99,7 @@ def _repeated(motor: int, one: Sideways, drive: LearnedDrive, rows: Rows, used: 
     uneven = mean[:, part] @ values[part]
     basis = _own_columns(drive, rows, used, without=("warp",))
     left = uneven - basis @ (basis.T @ uneven)
-    periods = [each for each in candidates(one) if each.kind == "second-period"]
+    periods = [each for each in offered if each.kind == "second-period"]
     tried = [_tried(motor, each, one, left, basis, len(left)) for each in periods]
     best = max((cause for cause in tried if cause is not None), key=lambda cause: cause.nats, default=None)
     if best is None or best.size_mm < LEAST_COST_MM:
@@ -118,13 +121,14 @@ def _own_columns(drive: LearnedDrive, rows: Rows, used: np.ndarray, without: tup
     return np.asarray(basis[:, sizes > 1e-5 * sizes[0]])
 
 
-def _explained(motor: int, one: Sideways, residual_mm: np.ndarray, basis: np.ndarray) -> list[Cause]:
+def _explained(
+    motor: int, offered: list[Candidate], one: Sideways, residual_mm: np.ndarray, basis: np.ndarray
+) -> list[Cause]:
     sigma = robust_sigma_mm(residual_mm)
     left = np.clip(residual_mm, -CLIP_SIGMAS * sigma, CLIP_SIGMAS * sigma)
     left = left - basis @ (basis.T @ left)
     spare = max(len(left) - basis.shape[1], 1)
     found: list[Cause] = []
-    offered = list(candidates(one))
     while len(found) < MOST_CAUSES:
         tried = [cause for each in offered if (cause := _tried(motor, each, one, left, basis, spare)) is not None]
         sure = [
@@ -249,7 +253,7 @@ def _one_of_each(found: list[Misfit]) -> list[Misfit]:
 def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
     weight, detail = float(cause.weights[0]), cause.candidate.detail
     other = next((each.upper() for each in motors if each.upper() != name), "")
-    half = "XY"[int(detail)] if cause.candidate.kind.startswith("halves") else ""
+    half = "XY"[int(detail)] if cause.candidate.kind.startswith(("halves", "rail")) else ""
     return {
         "linear": f"{name} drifted evenly during the print, by {weight:+.2f} mm from the first point to the last",
         "step": f"{name} was suddenly off by {weight:+.2f} mm after {100 * detail:.0f} % of the print",
@@ -266,6 +270,8 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
         "halves-play": f"{name} has {2 * weight:+.2f} mm more play in the upper part of {half}",
         "racking": f"the play of {name} changes by {4 * weight:+.2f} mm from one end of {other} to the other: the "
         "gantry racks, or one of two motors is loose",
+        "rail-play": f"{name} shows a head that lags along {half} by {2 * abs(float(cause.weights.sum())):.2f} mm "
+        "whichever motor turns: a rail or the head has play, not a belt",
         "two-motors": f"the turn of {name} looks different at the two ends of {other}: two motors of one axis, with "
         f"pulleys that differ by {2 * cause.size_mm:.2f} mm",
         "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {cause.size_mm:.3f} mm: an idler or "

@@ -24,17 +24,15 @@ ROUNDED = (0.5, 1.1)
 # Mean and standard deviation of the logarithm of how much larger a pattern that no model follows is in another print
 # than what the fit of this one left of it: a fit takes some of it in, and another path meets it otherwise.
 ELSEWHERE_LOG = (0.0, 0.6)
-OTHERWISE_SHARE = (
-    0.7  # share of what no part follows that mended moves may add to it: they meet it otherwise than the plain ones
-)
+# Share of what no part follows that mended moves may add to it: they meet it otherwise than the plain ones.
+OTHERWISE_SHARE = 0.7
 # What marks at rest do not show, as ringing, sticking, a loose nozzle: median [mm] over both axes, and the standard
 # deviation of its logarithm. Most printers have hardly any, some have 0.03 mm.
 UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.8
 WHOLE_TURN_SHARE = 0.95  # of a turn that counts as all of it
-GUESSED_LOG = (
-    -0.1,
-    0.8,
-)  # of the logarithm of how much larger the doubt of a pulley seen in part is than it says itself
+# Mean and standard deviation of the logarithm of how much larger the doubt of a pulley seen in part is than it says
+# itself: what nobody saw is mostly nothing, and now and then a flat.
+GUESSED_LOG = (-0.35, 1.3)
 LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
 STANDS_SHARE = 1e-6  # the share of a move below which a motor stands still
 SEED = 11  # the same file and model always get the same promise

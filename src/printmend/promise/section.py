@@ -7,13 +7,16 @@ import numpy as np
 
 from printmend.learn.drive import Design, bed_middle
 from printmend.learn.greybox import LearnedDrive, motor_rows
+from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import Acting
 from printmend.promise.budget import DIRECTIONS, LAYOUT, VERSION, MotorBudget
 from printmend.promise.unexplained import unexplained
+from printmend.twin import Twin
 
 KEPT_VARIANCE_SHARE = 0.998  # share of the variance on the bed that the kept directions have
+NO_PARTS: dict[str, Any] = {"cross": 0, "warp": 0, "warp_span_mm": [0.0, 1.0]}
 PLACES_COMPARED = 400  # on the bed at which that variance is looked at
 
 
@@ -36,6 +39,31 @@ def promise_section(acts: Acting, trace: Trace, explained_mm: np.ndarray | None 
     if acts.left_out:
         section["left_out"] = [asdict(each) for each in acts.left_out]
     return {**section, "motors": motors}
+
+
+def residual_section(mechanism: Mechanism, trace: Trace) -> dict[str, Any]:
+    """Return the budget of a machine whose learner tells nothing of its doubt: all that it leaves of its own trace.
+
+    Noise is in it, so that no less is promised than is true.
+    """
+    printer = mechanism.printer
+    known = trace.measured_rows
+    left = printer.to_motor((trace.measured_mm - Twin(mechanism).follow(trace.commanded_mm))[known])
+    if not trace.placed:
+        left = left - left.mean(axis=0)
+    motors = {}
+    for motor, name in enumerate(printer.motors):
+        low_mm, high_mm = printer.motor_range_mm(motor)
+        variance = float(np.mean(left[:, motor] ** 2))
+        motors[name] = {
+            "parameters": {"mean_powers": 0, "play_powers": 0, **NO_PARTS}, "factor_mm": {},
+            "period_mm": printer.axes[motor].mm_per_turn, "middle_mm": (low_mm + high_mm) / 2,
+            "reach_mm": [low_mm, high_mm], "unexplained_mm2": float(f"{variance:.4g}"),
+            "unexplained_sd_mm2": float(f"{variance * np.sqrt(2 / len(left)):.4g}"),
+        }  # fmt: skip
+    return {
+        "version": VERSION, "placed": trace.placed, "instrument": asdict(trace.instrument_doubt), "motors": motors
+    }  # fmt: skip
 
 
 def motor_section(

@@ -23,7 +23,7 @@ from printmend.promise.effects import Effect
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import IN_TIME, as_printed, causes_of, effects_of, found_in, of_the_end
-from printmend.promise.section import promise_section
+from printmend.promise.section import promise_section, residual_section
 from printmend.protocols import WorldModel
 from printmend.saved.branches import Branches
 from printmend.saved.model import SavedModel, saved_model, with_screw
@@ -106,7 +106,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         )
     known = trace.measured_rows
     noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))
-    details = {"misfit": misfit_section(ordered.found)}
+    details = {"misfit": misfit_section(ordered.found), "promise": residual_section(mechanism, trace)}
     details |= {"model": fit.to_json()} if hasattr(fit, "to_json") else {}
     finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
     saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)

@@ -205,6 +205,13 @@ def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
         if off_mm > _BED_OFF_MM:
             shown = [f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) mm" for low, high in (own, said.bed_mm)]
             raise ModelError(name, wanted=f"G-code for a bed from {shown[0]}", came=f"a bed from {shown[1]}", todo=todo)
+    if said.print_mm is not None:
+        low, high = said.print_mm
+        ends = ((printer.x, low[0], high[0]), (printer.y, low[1], high[1]))
+        for axis, least, most in ends:
+            if least < axis.min_mm - _OUTSIDE_MM or most > axis.max_mm + _OUTSIDE_MM:
+                wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
+                raise ModelError(name, wanted=wanted, came=f"a header from {least:g} to {most:g} mm", todo=todo)
     if not said.names:
         return
     mine = _model_word(printer.name)

@@ -248,14 +248,17 @@ def distances(here: Here, key: Key) -> list[Distance]:
 def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
     """Learn from distances that were taken with callipers: scale, play, pulleys off their centre, skew."""
     from printmend.learn.callipers import estimate, mechanism, parse_readings
+    from printmend.promise.by_hand import calliper_section
     from printmend.saved.model import saved_model, write_model
 
     chosen, folder = _distances(here, key), _folder(here, key)
     text = "\n".join("" if value is None else f"{value:.6f}" for value in given.readings_mm) + "\n"
     estimates = estimate(chosen, parse_readings(text, chosen, subject="the distances"))
-    model = mechanism(estimates, read_printer(folder / PRINTER))
+    printer = read_printer(folder / PRINTER)
     found = tuple(str(one) for one in estimates)
-    write_model(folder / MODEL, saved_model(model, learner="callipers", findings=found))
+    details = {"promise": calliper_section(estimates, printer)}
+    made = saved_model(mechanism(estimates, printer), learner="callipers", findings=found, details=details)
+    write_model(folder / MODEL, made)
     return known(here, key)
 
 
