@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from bench_corpus import around
-from klippy_judge import Judged, Track, judge, wanted_path
+from klippy_judge import Judged, Track, deposits, judge, wanted_path
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import Corruption, corruption_toml, sample
 from printmend.errors import PrintmendError
@@ -37,7 +37,7 @@ PRINTMEND = Path(sys.executable).parent / "printmend"
 
 
 class Refused(Exception):
-    """`mend` refused the file; the text is its reason."""
+    """There is nothing to judge: the text is the reason, that of `mend` where it refused the file."""
 
 
 def both(
@@ -46,6 +46,8 @@ def both(
     """Judge a file and its mended form on one broken printer; the last are complaints about the mended one alone."""
     true = TruePrinter.of(corruption_toml(corruption), printer)
     original = plan(text, printer, folder)
+    if not len(original.moves) or not len(deposits(original)[0]):
+        raise Refused("nothing is extruded")
     corrected = plan(mended, printer, folder, around=original)
     wanted = wanted_path(original)
     before = judge(original, wanted, Track(original, printer, true), Track(original, printer), text)

@@ -26,7 +26,7 @@ E_MM_PER_STEP = 0.0025
 """So fine that a step of the extruder is some 0.06 mm of path: the steps are the samples at which plastic lands."""
 FAST = (300.0, 3000.0)
 """The printer's largest speed [mm/s] and acceleration [mm/s²]."""
-_ACCEPTED_MM2 = (None, 1e4)  # the firmware's own limit of a bead's cross section; and for files that exceed it, none
+_ANY_MM2 = 1e4  # a limit of the bead's cross section for files that exceed the firmware's own: none
 _OFFSET_MM = 0.01  # a bed is this much larger than the file: commands are rounded to 0.001 mm, G20 ones to 0.0003
 
 # The words of a board's protocol, as Klipper's own boards announce them: what may be sent, and what comes back.
@@ -109,15 +109,20 @@ def plan(gcode: bytes, printer: Printer, folder: Path, *, extras: str = "", arou
     A file without G28 is homed first. The bed is as large as the printer's, and as ``around`` went, the same file
     before it was mended; the first file of a printer may go anywhere. Raises `RefusedByPlanner` with the complaint.
     """
-    for cross_mm2 in _ACCEPTED_MM2:
+    cross_mm2 = None
+    for drain_s in (0.1, 0.5, 2.0, 8.0, 30.0):
+        more = f"drain: {drain_s}\n{extras}"
         try:
-            return _run(gcode, printer, folder, extras, around, cross_mm2)
-        except RefusedByPlanner as caught:
-            if cross_mm2 is not None or "maximum extrusion" not in str(caught):
-                raise
+            try:
+                return _run(gcode, printer, folder, more, around, cross_mm2)
+            except RefusedByPlanner as caught:
+                if cross_mm2 is not None or "maximum extrusion" not in str(caught):
+                    raise
+            cross_mm2 = _ANY_MM2
+            return _run(gcode, printer, folder, more, around, cross_mm2)
         except CutOff:
-            return _run(gcode, printer, folder, extras, around, cross_mm2)
-    raise AssertionError("the last of the limits is none")
+            continue
+    raise CutOff(f"{folder}: the steps end before the moves, however long one waits")
 
 
 def _run(

@@ -3,6 +3,7 @@
 import http.client
 import json
 import os
+import random
 import socket
 import subprocess
 import sys
@@ -16,12 +17,20 @@ from pathlib import Path
 PRINTMEND = Path(sys.executable).parent / "printmend"
 SOURCE = Path(__file__).resolve().parents[2] / "src"
 INTEGRATIONS = SOURCE.parent / "integrations"
+PATIENCE_S = 600
+"""What does not come within this never will: a quiet computer needs a hundredth of it."""
 
 
 def free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
+    """Return a port that nobody listens at, below those from which connections are made: it stays free for a while."""
+    while True:
+        port = random.SystemRandom().randrange(20_000, 32_000)
+        with socket.socket() as free:
+            try:
+                free.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+        return port
 
 
 @contextmanager
@@ -36,15 +45,15 @@ def running(command: list, log: Path, **options) -> Iterator[subprocess.Popen]:
         finally:
             process.terminate()
             try:
-                process.wait(20)
+                process.wait(60)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
 
 
-def wait_for(ready: Callable[[], object], seconds: float, what: str) -> object:
+def wait_for(ready: Callable[[], object], what: str) -> object:
     """Return the first true answer of ``ready``; a host that is not up yet may refuse or talk nonsense."""
-    end = time.monotonic() + 3 * seconds  # a quiet computer needs a tenth
+    end = time.monotonic() + PATIENCE_S
     while True:
         try:
             if answer := ready():
@@ -52,7 +61,7 @@ def wait_for(ready: Callable[[], object], seconds: float, what: str) -> object:
         except (OSError, ValueError, KeyError, urllib.error.URLError, http.client.HTTPException):
             pass
         if time.monotonic() > end:
-            raise TimeoutError(f"{what} within {seconds} s")
+            raise TimeoutError(f"{what} did not come within {PATIENCE_S} s")
         time.sleep(0.05)
 
 
@@ -62,7 +71,7 @@ def call(url: str, data: bytes | dict | None = None, headers: dict | None = None
         data, headers = json.dumps(data).encode(), {**(headers or {}), "Content-Type": "application/json"}
     request = urllib.request.Request(url, data=data, headers=headers or {}, method=method)  # noqa: S310 — loopback
     try:
-        with urllib.request.urlopen(request, timeout=60) as answer:  # noqa: S310 — loopback
+        with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:  # noqa: S310 — loopback
             text = answer.read()
             return json.loads(text) if text else {}
     except urllib.error.HTTPError as error:
