@@ -16,7 +16,7 @@ test: $(STAMP)
 
 setup: kernels
 
-# A minute, once: what learn, check and mend run is compiled here, not when they are first used.
+# Two minutes, once: what learn, check, mend and the planners run is compiled here, not when they are first used.
 kernels: $(STAMP)
 	$(BIN)/python tools/ship_kernels.py
 

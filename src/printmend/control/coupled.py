@@ -12,14 +12,19 @@ from printmend.machine import PlayTables, run_motors
 from printmend.path import Plan
 from printmend.protocols import WorldModel
 
-# Targets whose costs to go are kept at a time, and how far beyond them those look.
+# Ticks whose costs to go are kept at a time, and ticks beyond them that these costs still count: memory stays bounded,
+# and what happens 128 ticks later changes no choice.
 _BLOCK, _HORIZON = 1024, 128
 
 
 @dataclass(frozen=True)
 class Breadth:
-    """How many states a search follows: those whose bounds of the cost, in squared steps, are at most ``slack`` above
-    the least, ``most`` where the bound turns out to be loose; and never more than ``width``."""
+    """How many states a search follows from tick to tick.
+
+    Each state has a lower bound of the cost of all plans through it [squared steps]. Followed are those whose bound is
+    at most ``slack`` above the least one, or at most ``most`` where the bounds turn out to be loose, and never more
+    than ``width`` states.
+    """
 
     slack: float
     most: float
@@ -113,12 +118,16 @@ def _prices(
     belts: np.ndarray,
     windows: list[Window],
 ) -> np.ndarray:
-    """Return what the motors of a CoreXY pay for an even and an odd index from their windows' offsets on [2, T, 2].
+    """Return prices [2, T, 2] that a CoreXY's motors pay at each tick for an even and for an odd motor index.
 
-    Both are even or both odd (of the commanded a = x + y and b = x − y). What one pays for an odd index the other gets,
-    so any price leaves the cost of both as it is. Where both push or are drawn in a known plan, with motor indices
-    [T, 2] and belts [T, 2], and one would rather be at an odd index and the other at an even one, the price is what it
-    costs the one that gives way: then neither's own cost to go forgets it.
+    A CoreXY's motors make a = x + y and b = x − y full steps, so both indices are even or both are odd. The search
+    bounds a plan's cost by what either motor would pay alone, and alone it would choose its parity freely. A price for
+    an odd index that one motor pays and the other one gets leaves the sum for both as it is, whatever its size, but
+    makes either motor feel the other's wish: the bounds come nearer to the truth (a Lagrange multiplier).
+
+    In a known plan (motor indices and belts, [T, 2] each) the ticks count at which a belt is pushed or drawn. Where one
+    motor's target is nearer to an odd place and the other's to an even one, the price is what giving way costs the one
+    that loses less. Even and odd are counted from the offset of each motor's window.
     """
     price = np.zeros((2, len(seen)))
     for motor, each in enumerate(tables.motors):

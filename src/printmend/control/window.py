@@ -12,10 +12,10 @@ from printmend.path import Plan
 class Window:
     """One motor's states as arrays for the kernels.
 
-    Motor indices count from ``offset`` of the tables. ``places`` [K]: the sorted distinct positions where the play can
-    leave the belt. Motor indices first[k]…last[k]
-    leave it at place k; a motor at m pushes it to low[m] at least and high[m] at most. A plan for T targets stays at
-    places left[t] ≤ k < right[t] at ticks t = 0…T; it begins at place ``start``.
+    Motor indices count from ``offset`` of the tables. ``places`` [K] are the sorted distinct positions where the play
+    can leave the belt. Motor indices first[k]…last[k] leave the belt at place k; a motor at index m pushes it to place
+    low[m] at least and high[m] at most. A plan for T targets is looked for among the places left[t] ≤ k < right[t] at
+    ticks t = 0…T; it begins at place ``start``.
     """
 
     offset: int
@@ -35,10 +35,8 @@ class Window:
         return int((self.last - self.first)[used].max()) + 1
 
 
-# How far around a target, in motor steps, the room of its window is measured.
-_REACH = 10
-# Motor steps kept beyond the places that a plan and its targets reach.
-_MARGIN = 100
+_REACH = 10  # motor steps around a target in which the steepest slope and the widest play set the room of its window
+_MARGIN = 100  # motor steps of the tables that are kept beyond all that a plan and its targets reach
 
 
 def _highest(values: np.ndarray) -> np.ndarray:

@@ -12,13 +12,13 @@ from printmend.invert.kernels.curve import CURVE
 from printmend.invert.kernels.mend import mend
 from printmend.machine.mechanism import Mechanism, ScrewDrive, Transmission
 
-_SAME_MM = 1e-7
+_SAME_MM = 1e-7  # tables that differ by less are the same: saved ones are rounded to 1e-9 mm
 _RISE_LOOK_MM = 0.05  # a screw's curvature is measured over this distance
 _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
 
 
 def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> np.ndarray:
-    """Return a mechanism as the one array that the compiled planner reads (see `kernels.inverse_lookup`).
+    """Return a mechanism as the one array that the compiled planner reads (its fields are in `kernels.lookup`).
 
     Its origin is taken as it is: call `Mechanism.homed` first where homing defines it. ``tolerance_mm`` is how far the
     printed path may lie from the wanted one: half of it where a chord bulges, half where slack is crossed.

@@ -22,7 +22,7 @@ from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
-SCALE_MM = 100.0
+SCALE_MM = 100.0  # distance from the middle at which x, in which the powers are taken, is 1
 
 
 def warp_columns(count: int, span_mm: tuple[float, float], motor_mm: np.ndarray) -> np.ndarray:

@@ -10,8 +10,8 @@ from printmend.printer import Printer
 from printmend.saved.series import HARMONICS, ScrewSeries
 from printmend.saved.values import number, numbers, refuse, rising, rounded
 
-_MOST_MM = 100.0  # no Z is farther off, and tables of what is would fill the memory
-_LEAST_LEAD_MM = 0.1
+_MOST_MM = 100.0  # no height or push is farther off; tables of what is would fill the memory
+_LEAST_LEAD_MM = 0.1  # rise of a turn: no screw of a printer is finer
 
 
 def screw_section(screw: ScrewDrive | ScrewSeries) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from printmend.machine.mechanism import ScrewDrive, Transmission, healthy_mechan
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
-HARMONICS = 2
+HARMONICS = 2  # waves of a screw's turn that are kept, of the height and of the push
 
 
 @dataclass(frozen=True, eq=False)

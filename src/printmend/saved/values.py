@@ -7,8 +7,8 @@ import numpy as np
 
 from printmend.errors import ModelError
 
-LARGEST = 1e5
-MAX_SDS = 1024  # of one part of a motor
+LARGEST = 1e5  # no number of a model is larger, in whatever unit: 100 m
+MAX_SDS = 1024  # standard deviations that one part of a motor may have
 TODO = "learn it again: `printmend learn trace.csv --printer P`"
 
 

@@ -15,24 +15,24 @@ from printmend.path import last_way
 from printmend.saved.layout import SCALE_MM
 from printmend.units import TURN_RAD
 
-TOOTH_MM = 2.0  # of a GT2 belt
-PERIODS_MM = (12.0, 84.0)  # shortest and longest that are looked at: beyond are no pulleys of printers
-HARMONICS, PLAY_HARMONICS = 5, 2
-GRID_TURNS = 0.08  # of a turn, by which a wave may be off at the end of the measured span between lengths of the grid
-LEAST_TURNS = 3.0  # of a length within what was measured, or nothing repeats
-LEAST_ROWS = 80
-MOST_ROWS = 1500  # rows at most
-WEIGHING_ROUNDS = 3  # of weighing rows down that lie far off
-FAR_SIGMAS = 3.0  # standard deviations beyond which a row lies far off
-LEAST_NATS = 30.0  # that another length must gain beyond the choice among those tried
-EDGE_SHARE = 0.93  # of the longest length that is looked at, beyond which a best one is none
-OWN_SHARE = 0.2  # of what another length explains beside the printer's turn, that the latter may explain beside it
-LEAST_GAIN_MM = 0.015  # root mean square that another length must explain more
-ALIKE_SHARE = 0.02  # share to which a length is a whole part, or a multiple, of the printer's turn
-NEAR_SHARE = 0.04  # share by which a turn differs from the printer's where its steps a millimetre were calibrated
-TOOTH_SHARE = 0.02  # share to which a length may be that of a whole number of teeth
-MOST_PARTS = 5  # of a length, of which one may be the turn
-AS_GOOD_NATS = 10.0  # that the turn of a toothed pulley, or a whole part of the best length, may cost
+TOOTH_MM = 2.0  # distance of two teeth of a GT2 belt, which printers have
+PERIODS_MM = (12.0, 84.0)  # shortest and longest turn that is tried: 6 and 42 teeth, and no printer's pulley is beyond
+HARMONICS, PLAY_HARMONICS = 5, 2  # harmonics of a tried turn, and of how the play changes over it
+GRID_TURNS = 0.08  # two lengths that are tried one after the other differ by this share of a turn over the whole span
+LEAST_TURNS = 3.0  # turns of a length that the measured span must hold; with fewer nothing is seen to repeat
+LEAST_ROWS = 80  # measured rows that are needed to ask; with fewer the printer's own turn stands
+MOST_ROWS = 1500  # measured rows that are used at most; more take time and say the same
+WEIGHING_ROUNDS = 3  # how often rows far from the fit of the printer's own turn are given less weight
+FAR_SIGMAS = 3.0  # a row that many standard deviations from the fit, or more, lies far from it
+LEAST_NATS = 30.0  # log likelihood that another length must gain, beyond the logarithm of the number of lengths tried
+EDGE_SHARE = 0.93  # a best length above this share of the longest one tried is no turn but a slow bend of the axis
+OWN_SHARE = 0.2  # to be given up, the printer's turn explains less than this share of what the other one explains
+LEAST_GAIN_MM = 0.015  # root mean square that another length must explain beyond what the printer's turn explains
+ALIKE_SHARE = 0.02  # a length within this share of a whole part, or a multiple, of the printer's turn counts as such
+NEAR_SHARE = 0.04  # most by which calibrated steps a millimetre make a turn differ from the printer's, as a share
+TOOTH_SHARE = 0.02  # a length within this share of a whole number of teeth may be a toothed pulley's turn
+MOST_PARTS = 5  # the turn may be up to this whole part of the best length, of which it then is a harmonic
+AS_GOOD_NATS = 10.0  # log likelihood that a toothed pulley's turn, or a part of the best length, may lose against it
 
 
 def likeliest_period_mm(rows: Rows) -> float:

@@ -17,12 +17,14 @@ from printmend.printer import Printer
 from printmend.saved.branches import SCALE_MM, Branches
 from printmend.saved.model import SavedModel, branches_of
 
-START_MM, OFFSET_MM = 2.0, 5.0  # where a plate lay on the scanner says nothing
-SCALE_PERCENT, BEND_MM = 0.2, 0.02
-PLAY_MM, PLAY_SLOPE_MM = 0.3, 0.03
-CROSS_MM = 0.1
-SHAPE_MM = 0.02  # of harmonic 1, falling as k^−2.5
-PHASE_RAD = 0.05
+# Standard deviations by which a machine's parameters drift between two prints, where `Drift` says 1. They are guesses
+# of ours, on the large side: where the new print says more, it decides.
+START_MM, OFFSET_MM = 2.0, 5.0  # the belt at the start, the print's place: where a plate lay on a scanner says nothing
+SCALE_PERCENT, BEND_MM = 0.2, 0.02  # the belt's length (also another scanner's scale), and a bend along the axis
+PLAY_MM, PLAY_SLOPE_MM = 0.3, 0.03  # the play, and its change along the axis [mm over 100 mm]
+CROSS_MM = 0.1  # each term of the frame, 100 mm from the bed's middle
+SHAPE_MM = 0.02  # the pulley's first harmonic; harmonic k drifts by this times k^−2.5
+PHASE_RAD = 0.05  # the pulley's angle on its shaft
 
 
 @dataclass(frozen=True)

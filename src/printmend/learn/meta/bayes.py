@@ -12,10 +12,10 @@ from printmend.learn.meta.columns import FIXED, FIXED_SD_MM, GROUPS
 
 # What is believed for a first look: standard deviations of all weights and of the noise [mm].
 LOOKS = ((0.03, 0.01), (0.03, 0.1), (0.5, 0.01), (0.5, 0.1))
-LEARNED = len(GROUPS) - FIXED
-FEATURES = len(LOOKS) * (2 * LEARNED + 1) + 2
-OUTPUTS = LEARNED + 1
-_LEAST = 1e-5
+LEARNED = len(GROUPS) - FIXED  # groups of which the network says what to believe
+FEATURES = len(LOOKS) * (2 * LEARNED + 1) + 2  # what it reads: two numbers a group and one more a look, count and turn
+OUTPUTS = LEARNED + 1  # what it says: a standard deviation a group, and that of the noise
+_LEAST = 1e-5  # added to what a logarithm is taken of
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,18 +10,18 @@ import numpy as np
 
 from printmend.units import TURN_RAD
 
-HARMONICS, PLAY_HARMONICS = 12, 6
-ELASTIC_HARMONICS = (1, 3, 5)
+HARMONICS, PLAY_HARMONICS = 12, 6  # waves of a turn: those of the belt's place, and those of the play
+ELASTIC_HARMONICS = (1, 3, 5)  # waves that change along the bed, as a belt's stretch and a loose pulley make them
 NARROW_MM, WIDE_MM = 10.0, 30.0  # spacing and standard deviation of the bumps
-SCALE_MM = 100.0
-CROSS = 5
+SCALE_MM = 100.0  # distance from the bed's middle at which a slope or a term of the frame is as large as its weight
+CROSS = 5  # terms of the frame
 # The groups in order; those of `FIXED` are believed to be anything, whatever the network says.
 GROUPS = (
     "offset", "slope", *(f"wave {k}" for k in range(1, HARMONICS + 1)), "narrow bumps", "wide bumps", "elastic",
     "cross", "play", "play wave 1", "play waves", "play bumps", "play slope",
 )  # fmt: skip
-FIXED = 2
-FIXED_SD_MM = (100.0, 30.0)
+FIXED = 2  # the first groups: offset and slope
+FIXED_SD_MM = (100.0, 30.0)  # standard deviations of what is believed of them, wider than any machine
 
 
 def groups(reach_mm: tuple[float, float]) -> np.ndarray:

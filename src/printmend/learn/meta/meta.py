@@ -27,14 +27,14 @@ from printmend.machine.mechanism import Mechanism, Transmission, healthy_transmi
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 
-PASSES = 4  # contacts and belief in turn
-LOOKED_AT = 800  # rows of all passes but the last
-CLEAR_MM = (3.0, 1.0, 0.3, 0.0)  # travel after which a belt surely touches; the largest that leaves enough rows
-ENOUGH_ROWS, ENOUGH_SHARE = 12, 0.3
-HUBER, OUTLYING = 2.5, 8.0  # standard deviations
-SURE = 2.0  # standard deviations that the frame's terms, and the play, must be away from nothing
-AT_HOME_MM = 1e-6
-_NEVER_MM = 1e-9
+PASSES = 4  # how often contacts are found under the belief, and the belief from the contacts
+LOOKED_AT = 800  # measured rows that all passes but the last one use at most
+CLEAR_MM = (3.0, 1.0, 0.3, 0.0)  # travel one way after which a belt surely touches: the first that leaves enough rows
+ENOUGH_ROWS, ENOUGH_SHARE = 12, 0.3  # enough are this many measured rows, and this share of all
+HUBER, OUTLYING = 2.5, 8.0  # standard deviations beyond which a row counts for less, and for nothing
+SURE = 2.0  # standard deviations that the frame's terms, and the play, must be away from 0 to be believed
+AT_HOME_MM = 1e-6  # a first way-point this near to the home position is that position, but for rounding
+_NEVER_MM = 1e-9  # standard deviation of the weights that the rows cannot show: they stay at 0
 _CROSS, _PLAY = GROUPS.index("cross"), GROUPS.index("play")
 CROSS_POWERS = ((0, 1), (0, 2), (1, 1), (2, 0), (0, 3))  # of this belt's place and of the other's, as in `columns`
 
