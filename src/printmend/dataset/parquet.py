@@ -41,8 +41,8 @@ PRINT_COLUMNS = {
     "y_printed": ("float32", "the same of y"),
 }
 
-# What is read back: a row group is a layer, so that the column of its number need not be looked at.
-_of_body, _of_print = (tuple(name for name in columns if name != "layer") for columns in (BODY_COLUMNS, PRINT_COLUMNS))
+# What is read back: a row group is a layer, whose number and start are in the metadata, and nominal positions are sums.
+_of_body, _of_print = ("x_control", "y_control", "extruding"), ("x_printed", "y_printed")
 
 
 def write_body(path: Path, body: Body, about: dict[str, Any]) -> str:
@@ -54,7 +54,10 @@ def write_body(path: Path, body: Body, about: dict[str, Any]) -> str:
         extruding = np.concatenate([[False], layer.extruding])
         number = np.full(len(nominal), layer.index, np.int32)
         parts.append([number, *control.T, *nominal.T.astype(np.int32), extruding])
-    layers = [{"layer": item.index, "z_mm": item.z_mm, "rows": item.transitions + 1} for item in body.layers]
+    layers = [
+        {"layer": item.index, "z_mm": item.z_mm, "rows": item.transitions + 1, "start_steps": item.start_steps.tolist()}
+        for item in body.layers
+    ]
     return _write(path, BODY_COLUMNS, parts, {**about, "layers": layers})
 
 
@@ -70,12 +73,14 @@ def write_print(path: Path, layers: Sequence[Layer], printed_steps: Sequence[np.
 def read_body(path: Path, rows: Sequence[int] | None = None) -> Body:
     """Read a body, or only some of its row groups. Raise `TraceError` for a file that is none."""
     about, tables = _read(path, _of_body, rows)
-    places = about["layers"]
     layers = []
     for group, columns in tables:
-        start = np.array([columns["x_nominal"][0], columns["y_nominal"][0]])
+        place = about["layers"][group]
+        if (start := place.get("start_steps")) is None:  # by printmend before the 22nd of November 2026
+            ((_, nominal),) = _read(path, ("x_nominal", "y_nominal"), [group])[1]
+            start = [nominal["x_nominal"][0], nominal["y_nominal"][0]]
         controls = np.stack([columns["x_control"], columns["y_control"]], axis=1)[1:]
-        layers.append(Layer(places[group]["layer"], places[group]["z_mm"], start, controls, columns["extruding"][1:]))
+        layers.append(Layer(place["layer"], place["z_mm"], np.array(start), controls, columns["extruding"][1:]))
     return Body(about["body"], tuple(layers))
 
 
