@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from printmend.learn.meta.columns import FIXED, FIXED_SD_MM, GROUPS
 
@@ -34,8 +35,17 @@ def posterior(xp: Any, gram: Any, slope: Any, deviation: Any, sigma: Any) -> tup
     """Return the mean [C] and covariance [C, C] (physics.md eq. 19) for prior standard deviations [C] and the noise."""
     size = gram.shape[-1]
     inner = xp.eye(size) + deviation[:, None] * gram * deviation[None, :] / sigma**2
-    covariance = deviation[:, None] * xp.linalg.inv(inner) * deviation[None, :]
+    covariance = deviation[:, None] * _inverse(xp, inner) * deviation[None, :]
     return covariance @ slope / sigma**2, covariance
+
+
+def _inverse(xp: Any, matrix: Any) -> Any:
+    """Invert a symmetric matrix [C, C] without eigenvalues below 1."""
+    if xp is not np:
+        return xp.linalg.inv(matrix)
+    lower, _ = dpotri(dpotrf(matrix, lower=1)[0], lower=1)
+    lower = np.tril(lower)
+    return lower + np.tril(lower, -1).T
 
 
 def first_look(xp: Any, gram: Any, slope: Any, square: Any, count: Any, seen: Any, member: Any) -> Any:

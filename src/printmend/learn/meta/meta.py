@@ -9,7 +9,7 @@ After Harrison, Sharma, Pavone: Meta-learning priors for efficient online Bayesi
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 
 import numpy as np
@@ -24,7 +24,7 @@ from printmend.learn.meta.bayes import believed, first_look, forward, membership
 from printmend.learn.meta.columns import GROUPS, columns, groups
 from printmend.learn.meta.tasks import evidence, reach_of
 from printmend.machine.mechanism import Mechanism, Transmission, healthy_transmission
-from printmend.path import Trace, last_way
+from printmend.path import Trace, frozen, last_way
 from printmend.printer import Printer
 
 PASSES = 4  # how often contacts are found under the belief, and the belief from the contacts
@@ -59,24 +59,37 @@ class MetaDrive:
 
     def branches_mm(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (lower, upper) [mm] at motor positions [N] that rise."""
-        whole = self._columns(motor_mm, 1.0)
+        return self.branches_of(motor_mm, self._columns(motor_mm, 1.0))
+
+    def branches_of(self, motor_mm: np.ndarray, whole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Do so where the columns [N, C] of the upper branch are known."""
         playing = groups(self.place.reach_mm) >= _PLAY
-        middle = motor_mm + whole[:, ~playing] @ self.mean[~playing]
-        half = np.maximum(whole[:, playing] @ self.mean[playing], 0.0)
+        middle = motor_mm + whole @ np.where(playing, 0.0, self.mean)
+        half = np.maximum(whole @ np.where(playing, self.mean, 0.0), 0.0)
         lower = np.maximum.accumulate(middle - half)
         return lower, np.maximum(np.maximum.accumulate(middle + half), lower)
 
     def sd_mm(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the standard deviations (lower, upper) [mm] of the branches at motor positions [N]."""
         found = [self._columns(motor_mm, side) for side in (-1.0, 1.0)]
-        lower, upper = (np.sqrt(np.einsum("ij,jk,ik->i", phi, self.covariance, phi)) for phi in found)
+        lower, upper = (np.sqrt(_doubt(phi, self.covariance)) for phi in found)
         return lower, upper
 
     def _columns(self, motor_mm: np.ndarray, side: float) -> np.ndarray:
-        at = np.asarray(motor_mm, float) - self.place.middle_mm
-        found = columns(at, np.full(len(at), side), np.zeros(len(at)), self.place.turn_mm, self.place.reach_mm)
-        found[:, groups(self.place.reach_mm) == _CROSS] = 0.0  # the frame's
-        return found
+        return _drive_columns(self.place, motor_mm, side)
+
+
+def _drive_columns(place: Place, motor_mm: np.ndarray, side: float) -> np.ndarray:
+    """Return the columns [N, C] of a drive's branch; those of the frame are zero."""
+    at = np.asarray(motor_mm, float) - place.middle_mm
+    found = columns(at, np.full(len(at), side), np.zeros(len(at)), place.turn_mm, place.reach_mm)
+    found[:, groups(place.reach_mm) == _CROSS] = 0.0
+    return found
+
+
+def _doubt(phi: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Return the variances [N] of what the columns [N, C] say."""
+    return np.asarray(((phi @ covariance) * phi).sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +232,7 @@ def _believe(seen: _Seen, place: Place, weights: Mapping[str, np.ndarray]) -> Me
 def _is_sure(phi: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> bool:
     """Say whether what these columns do at the rows is more than its own doubt."""
     effect = phi @ mean
-    doubt = np.einsum("ij,jk,ik->i", phi, covariance, phi)
-    return bool(np.mean(effect**2) > SURE**2 * np.mean(doubt))
+    return bool(np.mean(effect**2) > SURE**2 * np.mean(_doubt(phi, covariance)))
 
 
 def _touched(
@@ -249,7 +261,7 @@ def _robust(seen: _Seen, drive: MetaDrive) -> _Seen:
     scale = np.full(len(left), max(drive.noise_mm, 1.4826 * float(np.median(left)) if len(left) else 0.0, 1e-4))
     far = left > HUBER * scale
     # where nothing was seen before, what is believed may be off by more than the measurement
-    doubt = np.einsum("ij,jk,ik->i", seen.phi[far], drive.covariance, seen.phi[far]) * seen.weight[far]
+    doubt = _doubt(seen.phi[far], drive.covariance) * seen.weight[far]
     scale[far] = np.sqrt(scale[far] ** 2 + doubt)
     share = np.where(left > OUTLYING * scale, 0.0, np.minimum(1.0, HUBER * scale / np.maximum(left, 1e-12)))
     return replace(seen, weight=seen.weight * share) if (share > 0).sum() >= ENOUGH_ROWS else seen
@@ -259,8 +271,18 @@ def _table(drive: MetaDrive, printer: Printer, motor: int) -> Transmission:
     """Return the drive's branches over the bed and one more bed on either side, straight between full steps."""
     healthy, stride = healthy_transmission(printer, motor), printer.axes[motor].microsteps
     at = healthy.motor_mm
-    lower, upper = (at + np.interp(at, at[::stride], one - at[::stride]) for one in drive.branches_mm(at[::stride]))
+    whole = at[::stride]
+    branches = drive.branches_of(
+        whole, _table_columns(drive.place, float(at[0]), healthy.pitch_mm * stride, len(whole))
+    )
+    lower, upper = (at + np.interp(at, whole, one - whole) for one in branches)
     return Transmission(healthy.first_mm, healthy.pitch_mm, lower, upper)
+
+
+@lru_cache(maxsize=2)
+def _table_columns(place: Place, first_mm: float, pitch_mm: float, count: int) -> np.ndarray:
+    """Return the columns [N, C] at a table's full steps: the same for every look at the drive."""
+    return frozen(_drive_columns(place, first_mm + pitch_mm * np.arange(count), 1.0))
 
 
 LEARNERS = {"meta": MetaLearner()}

@@ -125,10 +125,11 @@ def evidence(
     phi: np.ndarray, residual_mm: np.ndarray, weight: np.ndarray, touched_mm: np.ndarray, turn_mm: float
 ) -> Evidence:
     """Return what is kept of rows: their sums of products, and the share of 64 parts of a turn that they meet."""
-    heavy = phi * weight[:, None]
+    root = np.sqrt(weight)
+    heavy = phi * root[:, None]
     parts = np.floor(touched_mm[weight > 0] / turn_mm * 64).astype(np.int64) % 64
     return Evidence(
-        phi.T @ heavy, heavy.T @ residual_mm, float(weight @ residual_mm**2), float(weight.sum()) + 1e-9,
+        heavy.T @ heavy, heavy.T @ (root * residual_mm), float(weight @ residual_mm**2), float(weight.sum()) + 1e-9,
         len(np.unique(parts)) / 64,
     )  # fmt: skip
 
