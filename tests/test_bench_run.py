@@ -116,6 +116,20 @@ def test_a_second_run_evaluates_nothing_and_an_interrupted_one_goes_on(vases: li
     assert [rows for _, rows in evaluated] == [("greybox",)] * 3
 
 
+def test_a_plug_in_that_is_edited_during_a_run_does_not_end_it(
+    vases: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = ["first"]
+    monkeypatch.setattr("printmend.bench.case.code_digest", lambda *what: code[0])
+
+    def edited(case: Case, rows: tuple[str, ...]) -> list[Result]:
+        code[0] = "second"
+        return [Result(case, row, {"rmse_steps": 1.0}) for row in rows]
+
+    found = run(drawn(vases[:2]), ("naive",), tmp_path, Serial(), evaluate=edited)
+    assert [item.value("rmse_steps") for item in found] == [1.0, 1.0]
+
+
 def test_results_that_are_something_else_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
     path.write_text('{"a": 1}\n')

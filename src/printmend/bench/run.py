@@ -49,9 +49,10 @@ def run(
         raise InputError("the table", wanted="at least one case", came="none", todo="ask for more")
     path = results_folder(out) / f"{cases[0].table}.jsonl"
     known = {result.key: result for result in read_results(path)}
+    keys = {(case, row): case.key(row) for case in cases for row in rows}  # a plug-in may be edited meanwhile
     tasks = []
     for case in cases:
-        missing = tuple(row for row in rows if case.key(row) not in known)
+        missing = tuple(row for row in rows if keys[case, row] not in known)
         if missing:
             tasks.append(_Task(case, missing, evaluate))
         else:
@@ -63,11 +64,11 @@ def run(
             else:
                 results = outcome
             for result in results:
-                known[result.key] = result
+                known[keys[result.case, result.row]] = result
                 file.write(json.dumps(result.flat()) + "\n")
             file.flush()
             tick(str(task.case))
-    return [known[case.key(row)] for case in cases for row in rows]
+    return [known[keys[case, row]] for case in cases for row in rows]
 
 
 def read_results(path: Path) -> list[Result]:
