@@ -38,6 +38,7 @@ from printmend.twin import Twin
 MACHINE = Corruption((Drive(pulley=EccentricBore(0.3), belt=Play(0.8)), Drive(pulley=EccentricBore(0.2, 2.0),
                                                                               belt=Play(0.6))))  # fmt: skip
 FARTHEST_STEPS = 6.0  # that the agent may aim beside a target
+HASTE = 0.3  # share of the way to a new aim that a tick goes: tries that jump about would shake the play, not cross it
 ABOUT = 8  # ticks before and after, in which a printed point may lie on the line
 TICKS, AHEAD = 500, 6
 LESSON_TICKS = 2000  # of the layer that the planner's model is learned from
@@ -45,7 +46,7 @@ C_MAX = 3
 
 
 class ShapeEnv(gymnasium.vector.VectorEnv):
-    """`PrintVectorEnv` on one machine: an action [N, 2] in −1…1 is where to aim beside the next target, over
+    """`PrintVectorEnv` on one machine: an action [N, 2] in −1…1 is how far beside the targets to aim, over
     `FARTHEST_STEPS`; the reward is minus the distance of the printed point from the line about that target."""
 
     metadata = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012 - Gymnasium's own way
@@ -55,7 +56,7 @@ class ShapeEnv(gymnasium.vector.VectorEnv):
         self.env = PrintVectorEnv(
             count, corruption=lambda _: MACHINE, machines=1, layers=layers, ticks=TICKS, lookahead=AHEAD
         )
-        self.single_observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (8 + 2 * AHEAD,), np.float32)
+        self.single_observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (14 + 2 * AHEAD,), np.float32)
         self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, count)
         self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, count)
@@ -63,13 +64,16 @@ class ShapeEnv(gymnasium.vector.VectorEnv):
 
     def reset(self, *, seed=None, options=None):
         self.seen, _ = self.env.reset(seed=seed)
+        self.aside = np.zeros((self.num_envs, 2))
         return self._features(), {}
 
     def step(self, actions):
         fleet, tasks = self.env.fleet, self.env.tasks
         job, tick = fleet.task.copy(), fleet.tick.copy()
-        controls = np.rint(self.seen[:, 8:10] + FARTHEST_STEPS * np.clip(actions, -1, 1))
+        self.aside += HASTE * (FARTHEST_STEPS * np.clip(actions, -1, 1) - self.aside)
+        controls = np.rint(self.seen[:, 8:10] + self.aside)
         self.seen, _, done, cut, info = self.env.step(np.clip(controls, -C_MAX, C_MAX).astype(np.int64) + C_MAX)
+        self.aside[done] = 0.0
         about = np.clip(tick[:, None] + np.arange(-ABOUT, ABOUT + 1), 0, TICKS - 1)
         lines = tasks.targets[job[:, None], about].astype(float)
         return self._features(), -_distance(fleet.position, lines), done, cut, info
@@ -78,9 +82,18 @@ class ShapeEnv(gymnasium.vector.VectorEnv):
         seen = self.seen
         targets = seen[:, 8:].reshape(len(seen), AHEAD, 2)
         aimed = seen[:, :2] + seen[:, 2:4] + targets[:, 0]
-        phase = 2 * np.pi * aimed / self.turn_steps
+        # of the pulleys, here and where the layer began: there the belts lay where they should
+        phase = 2 * np.pi * np.concatenate([aimed, seen[:, :2]], axis=1) / np.tile(self.turn_steps, 2)
         way = (targets[:, 1:] - targets[:, :1]).reshape(len(seen), -1) / AHEAD
-        parts = [seen[:, 6:8], targets[:, 0] / FARTHEST_STEPS, np.sin(phase), np.cos(phase), way, seen[:, 4:6] / C_MAX]
+        parts = [
+            seen[:, 6:8],
+            self.aside / FARTHEST_STEPS,
+            targets[:, 0] / FARTHEST_STEPS,
+            np.sin(phase),
+            np.cos(phase),
+            way,
+            seen[:, 4:6] / C_MAX,
+        ]
         return np.concatenate(parts, axis=1).astype(np.float32)
 
 
@@ -104,7 +117,7 @@ class Policy(GaussianMixin, Model):
         for _ in range(2):
             hidden = linen.tanh(linen.Dense(64)(hidden))
         mean = linen.Dense(self.num_actions, kernel_init=linen.initializers.orthogonal(0.01))(hidden)
-        return mean, {"log_std": self.param("log_std", lambda _: -1.8 * np.ones(self.num_actions, np.float32))}
+        return mean, {"log_std": self.param("log_std", lambda _: -1.0 * np.ones(self.num_actions, np.float32))}
 
 
 class Value(DeterministicMixin, Model):
