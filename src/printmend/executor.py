@@ -107,20 +107,9 @@ class Cluster:
 
     def map(self, work: Callable[[Item], Value], items: Iterable[Item]) -> Iterator[tuple[Item, Value | WorkerDied]]:
         """Yield each item with its value; as many items as the workers can use are under way at any time."""
-        from distributed import Client, KilledWorker, LocalCluster
+        from distributed import KilledWorker
 
-        kind, _, count = self.address.partition(":")
-        with contextlib.ExitStack() as stack:
-            if kind == "local":
-                threads = dict.fromkeys(_ONE_THREAD, "1")
-                cluster = LocalCluster(
-                    n_workers=int(count), threads_per_worker=1, dashboard_address=None, env=threads, memory_limit=0
-                )
-                stack.enter_context(cluster)
-                client = stack.enter_context(Client(cluster))
-            else:
-                client = stack.enter_context(self._connected())
-            pool = stack.enter_context(client.get_executor(pure=False))
+        with self.client() as client, client.get_executor(pure=False) as pool:
             rest = list(reversed(list(items)))
             under_way: dict[Future[Value], Item] = {}
             while rest or under_way:
@@ -135,6 +124,23 @@ class Cluster:
                         yield item, future.result()
                     except KilledWorker:
                         yield item, WorkerDied()
+
+    @contextlib.contextmanager
+    def client(self) -> Iterator[Any]:
+        """Connect to the scheduler, or start one here; give Dask's client. Raise `InputError` where none answers."""
+        from distributed import Client, LocalCluster
+
+        kind, _, count = self.address.partition(":")
+        with contextlib.ExitStack() as stack:
+            if kind == "local":
+                threads = dict.fromkeys(_ONE_THREAD, "1")
+                cluster = LocalCluster(
+                    n_workers=int(count), threads_per_worker=1, dashboard_address=None, env=threads, memory_limit=0
+                )
+                stack.enter_context(cluster)
+                yield stack.enter_context(Client(cluster))
+            else:
+                yield stack.enter_context(self._connected())
 
     def _connected(self) -> Any:
         """Return a client of the scheduler. Raise `InputError` where none answers."""

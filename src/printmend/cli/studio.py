@@ -14,8 +14,11 @@ import click
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), help="Where everything is kept [default: a "
               "folder of the user's]")  # fmt: skip
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Jobs at a time.")
+@click.option("--cluster", help="Run jobs on Dask workers instead, which see the folder, too: tcp://HOST:PORT of a "
+              "scheduler, or local:N.")  # fmt: skip
 def command(
-    host: str, port: int, names: tuple[str, ...], no_browser: bool, folder: Path | None, workers: int
+    host: str, port: int, names: tuple[str, ...], no_browser: bool, folder: Path | None, workers: int,
+    cluster: str | None,
 ) -> None:  # fmt: skip
     """Open printmend in the browser: your printers, measuring, mending, and a printer to break.
 
@@ -25,5 +28,5 @@ def command(
 
     folder = folder or Path(click.get_app_dir("printmend")) / "studio"
     folder.mkdir(parents=True, exist_ok=True)
-    serve(folder, host=host, port=port, names=names, browser=not no_browser, workers=workers,
+    serve(folder, host=host, port=port, names=names, browser=not no_browser, workers=workers, cluster=cluster,
           told=lambda words: click.echo(words))  # fmt: skip

@@ -1,6 +1,7 @@
 """The server: a FastAPI application over a folder of the user's, its page and its API."""
 
 from collections.abc import AsyncIterator, Iterable
+from concurrent.futures import Executor
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -34,17 +35,19 @@ def create_app(
     hosts: Iterable[str] = LOOPBACK,
     token: str | None = None,
     workers: int = WORKERS,
+    cluster: Executor | None = None,
     most_bytes: int = MOST_BYTES,
 ) -> ASGIApp:
     """Return the server over ``folder``, where everything is kept: printers, uploads, jobs and their files.
 
-    ``hosts`` are the names that it answers to, ``token`` what everybody must know who is not on this computer.
+    ``hosts`` are the names that it answers to, ``token`` what everybody must know who is not on this computer. Jobs
+    run in ``workers`` processes, or on a ``cluster`` that sees the folder, too.
     """
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         store = Store(folder)
-        jobs = Jobs(store, workers=workers)
+        jobs = Jobs(store, workers=workers, cluster=cluster)
         jobs.warm()
         app.state.studio = Studio(store, jobs)
         yield

@@ -4,7 +4,8 @@ import logging
 import multiprocessing
 import shutil
 import time
-from concurrent.futures import CancelledError, Future
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Executor, Future
 from concurrent.futures import TimeoutError as TooLongError
 from dataclasses import dataclass
 from typing import Any
@@ -22,13 +23,17 @@ _LOG = logging.getLogger("printmend.studio")
 
 
 class Jobs:
-    """The jobs of a `Store`, run by ``workers`` processes; those that a kill interrupted begin again."""
+    """The jobs of a `Store`, run by ``workers`` processes; those that a kill interrupted begin again.
 
-    def __init__(self, store: Store, *, workers: int) -> None:
+    With a ``cluster`` they run there instead, on workers that see the store's folder under the same name; a job that
+    is stopped is forgotten at once, though its worker works on it to the end.
+    """
+
+    def __init__(self, store: Store, *, workers: int, cluster: Executor | None = None) -> None:
         self._store, self._closing = store, False
         # spawned, not forked: a fork of a process with threads may hang
         context = multiprocessing.get_context("spawn")
-        self._pool = ProcessPool(max_workers=workers, context=context, initializer=work.begin)
+        self._pool = _Remote(cluster) if cluster else ProcessPool(workers, context=context, initializer=work.begin)
         self._running: dict[str, Future[Any]] = {}
         self._tidy()
         for job in store.jobs(waiting=True):
@@ -66,12 +71,11 @@ class Jobs:
         """Return a job with its progress: ``share`` 0–1, ``step`` in words, and the seconds that may be ``left_s``."""
         job = self._store.job(key)
         future = self._running.get(key)
-        if job["state"] == "queued" and future is not None and future.running():
+        told = work.read_progress(self._store.path("job", key)) if job["state"] == "queued" and future else {}
+        if told or (future is not None and future.running() and job["state"] == "queued"):
             job["state"] = "running"
         job.update({"share": 1.0 if job["state"] == "done" else 0.0, "step": "", "left_s": None})
-        if job["state"] == "running":
-            job |= work.read_progress(self._store.path("job", key))
-        return job
+        return job | told
 
     def ahead(self, key: str) -> int:
         """Return how many jobs wait before this one."""
@@ -86,7 +90,7 @@ class Jobs:
 
     def warm(self) -> None:
         """Let every worker import what it needs, before somebody waits for it."""
-        for _ in range(2):
+        for _ in range(2 if isinstance(self._pool, ProcessPool) else 0):
             self._pool.schedule(work.imports)
 
     def close(self) -> None:
@@ -97,6 +101,7 @@ class Jobs:
 
     def _schedule(self, key: str, kind: str, params: Row) -> None:
         folder = self._store.path("job", key)
+        (folder / work.PROGRESS).unlink(missing_ok=True)  # of a run that was killed
         arguments = (kind, str(folder), str(self._store.folder), params)
         future = self._pool.schedule(work.run, args=arguments, timeout=LONGEST_S)
         self._running[key] = future
@@ -114,11 +119,30 @@ class Jobs:
             what = "took too long" if isinstance(error, TooLongError) else "ran out of memory or was killed"
             self._store.end_job(key, "failed", error=f"the job {what}; give a smaller file, or try again")
         except Exception as error:
+            if type(error).__name__ == "KilledWorker":  # Dask's, which need not be installed
+                self._store.end_job(key, "failed", error="the workers that had this job died; give a smaller file")
+                return
             _LOG.exception("job %s", key)
             self._store.end_job(key, "failed", error=f"a fault of printmend itself ({type(error).__name__}: {error})")
         else:
             error_text = result.pop("error", None)
             self._store.end_job(key, "failed" if error_text else "done", error=error_text, result=result or None)
+
+
+class _Remote:
+    """A cluster's executor, asked like pebble's pool."""
+
+    def __init__(self, executor: Executor) -> None:
+        self._executor = executor
+
+    def schedule(self, function: Callable[..., Any], args: tuple[Any, ...] = (), timeout: float = 0.0) -> Future[Any]:
+        return self._executor.submit(function, *args)
+
+    def stop(self) -> None:
+        self._executor.shutdown(wait=False)
+
+    def join(self) -> None:
+        pass
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,15 +1,18 @@
 """Start the studio: a socket on this computer, a token where others may come, the browser."""
 
+import contextlib
 import secrets
 import socket
 import threading
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
+from typing import cast
 
 import uvicorn
 
 from printmend.errors import InputError
+from printmend.executor import Cluster, executor
 from printmend.studio.app import WORKERS, create_app
 from printmend.studio.guard import LOOPBACK
 
@@ -18,12 +21,14 @@ _EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - recognised, never a default
 
 def serve(
     folder: Path, *, host: str, port: int, names: tuple[str, ...] = (), browser: bool, told: Callable[[str], None],
-    workers: int = WORKERS,
+    workers: int = WORKERS, cluster: str | None = None,
 ) -> None:  # fmt: skip
     """Serve until Ctrl-C. Another ``host`` than this computer needs a token, which ``told`` hears once.
 
-    ``names`` are further names by which browsers reach it. Raises `InputError` where the port is not free.
+    ``names`` are further names by which browsers reach it; ``cluster`` runs the jobs elsewhere (see `executor`). Raises
+    `InputError` where the port is not free, or nobody answers at the cluster's address.
     """
+    remote = None if cluster is None else cast(Cluster, executor(1, cluster))
     token = None if host in LOOPBACK else secrets.token_urlsafe(24)
     hosts = {*LOOPBACK, *names, *((host,) if host not in _EVERYWHERE else (socket.gethostname(), *_addresses()))}
     listener = _listener(host, port)
@@ -33,14 +38,17 @@ def serve(
     told(f"printmend studio: {address}  (Ctrl-C ends it; everything is kept in {folder})")
     if token:
         told("Whoever knows this address may use the studio. It is not encrypted: put a proxy with TLS in front of it.")
-    config = uvicorn.Config(
-        create_app(folder, hosts=hosts, token=token, workers=workers), log_level="warning", server_header=False,
-        timeout_keep_alive=30, timeout_graceful_shutdown=2, limit_concurrency=400, ws="none", lifespan="on",
-    )  # fmt: skip
-    server = uvicorn.Server(config)
-    if browser:
-        threading.Thread(target=_show, args=(server, address), daemon=True).start()
-    server.run(sockets=[listener])
+    with contextlib.ExitStack() as stack:
+        pool = None if remote is None else stack.enter_context(remote.client()).get_executor(pure=False)
+        config = uvicorn.Config(
+            create_app(folder.resolve(), hosts=hosts, token=token, workers=workers, cluster=pool), log_level="warning",
+            server_header=False, timeout_keep_alive=30, timeout_graceful_shutdown=2, limit_concurrency=400, ws="none",
+            lifespan="on",
+        )  # fmt: skip
+        server = uvicorn.Server(config)
+        if browser:
+            threading.Thread(target=_show, args=(server, address), daemon=True).start()
+        server.run(sockets=[listener])
 
 
 def _listener(host: str, port: int) -> socket.socket:
