@@ -1,12 +1,52 @@
-"""Take the pictures of the studio that `make integrations` left in build/studio into docs/figures, in 256 colours."""
+"""Take the pictures of the studio into docs/figures, in 256 colours.
 
+Those that `make integrations` left in build/studio, and two of the Mend screen with a large part, made here: run
+`.venv/bin/python tools/studio_pictures.py`. Needs PrusaSlicer and Debian's Chromium.
+"""
+
+import sys
+import tempfile
 from pathlib import Path
 
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
-NAMES = ("play-broken", "play-mended", "printers", "measure", "wrong", "mend", "prove")
+sys.path[:0] = [str(ROOT / "integrations/tests"), str(ROOT / "benchmarks")]
 
-for name in NAMES:
-    picture = Image.open(ROOT / f"build/studio/{name}.png").convert("RGB")
-    picture.quantize(256, dither=Image.Dither.NONE).save(ROOT / f"docs/figures/studio-{name}.png", optimize=True)
+from studio_server import PICTURES, Server, Watched, chromium, until  # noqa: E402
+
+from bench_studio import printer_of  # noqa: E402 - found on the path that is set above
+from studio_part import gear_gcode  # noqa: E402
+
+NAMES = ("play-broken", "play-mended", "printers", "measure", "wrong", "mend", "cut", "prove")
+
+
+def take_mend() -> None:
+    """Mend a gear as owners print them, and take it as it would be printed, whole and cut open."""
+    with tempfile.TemporaryDirectory() as name, chromium() as browser:
+        (source := Path(name) / "herringbone gear.gcode").write_bytes(gear_gcode())
+        server = Server(Path(name) / "studio")
+        try:
+            key = printer_of(server)
+            size = {"width": 1280, "height": 860}
+            page = browser.new_context(viewport=size, locale="en-GB", device_scale_factor=1.5).new_page()
+            watched = Watched(page, server.address)
+            page.goto(f"{server.address}#/printers/{key}/mend")
+            page.set_input_files("input[type=file]", source)
+            page.wait_for_selector("text=Download mended")
+            page.get_by_role("button", name="as it prints").click()
+            until(lambda: page.locator("canvas").get_attribute("data-frame"))
+            page.wait_for_timeout(4000)  # the fine picture follows the coarse one
+            watched.picture("mend")
+            page.get_by_role("button", name="Cut a wall").click()
+            page.get_by_test_id("cut").scroll_into_view_if_needed()
+            page.get_by_test_id("cut").screenshot(path=str(PICTURES / "cut.png"))
+            assert watched.problems == []
+        finally:
+            server.stop()
+
+
+take_mend()
+for one in NAMES:
+    picture = Image.open(PICTURES / f"{one}.png").convert("RGB")
+    picture.quantize(256, dither=Image.Dither.NONE).save(ROOT / f"docs/figures/studio-{one}.png", optimize=True)

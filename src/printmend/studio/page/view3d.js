@@ -158,7 +158,7 @@ export class View {
     const tilt = Math.min(1.55, Math.max(-1.55, Math.atan2(away.z, flat) + up));
     this.camera.position.set(Math.cos(around) * Math.cos(tilt), Math.sin(around) * Math.cos(tilt), Math.sin(tilt)).multiplyScalar(size).add(this.controls.target);
     this.controls.update();
-    this.draw();
+    this.glance();
   }
 
   draw() {

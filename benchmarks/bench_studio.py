@@ -1,0 +1,157 @@
+"""Measure the studio as a person meets it: from the drop of a file to its picture, mended and shown; start; memory.
+
+    .venv/bin/python benchmarks/bench_studio.py [--only start small large huge uploads]
+
+`small` is a sliced gear of 5 MB, `large` one of half a million segments, `huge` six of 9 MB in one file of more
+than 50 MB. Each is dropped on the page in Debian's Chromium, which draws in software. Wall time is what one waits;
+processor time is that of server, workers and browser together, and does not depend on who else uses the machine.
+"""
+
+import argparse
+import gzip
+import os
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "integrations" / "tests"))
+sys.path.insert(0, str(Path(__file__).parent))
+from parts import part
+from playwright.sync_api import Browser
+from studio_server import Server, chromium
+
+from printmend.client import Studio
+from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
+from printmend.printer import read_printer
+from printmend.saved.model import exact_model, write_model
+from printmend.studio.app import PAGE
+from printmend.twin import Twin
+from studio_part import gear_gcode
+
+FAULTS = Corruption(
+    (Drive(pulley=EccentricBore(0.6, 1.0), belt=Play(0.3)), Drive(belt=Play(0.15))), CrookedFrame(skew_deg=0.5)
+)
+PARTS = {
+    "small": lambda: gear_gcode(),
+    "large": lambda: gear_gcode(62.0, 36.0),
+    "huge": lambda: 6 * gear_gcode(58.0, 26.0),
+}
+LONGEST_MS = 600_000
+
+
+def processor_s() -> float:
+    """Return the processor time of this process and of all that it started and that still runs, s."""
+    rows = {}
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (place / "stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        rows[int(place.name)] = (int(fields[1]), sum(map(int, fields[11:15])))
+    mine = {os.getpid()}
+    while more := {pid for pid, (parent, _) in rows.items() if parent in mine} - mine:
+        mine |= more
+    return sum(rows[pid][1] for pid in mine if pid in rows) / os.sysconf("SC_CLK_TCK")
+
+
+class Watch:
+    """Wall and processor time since it was made."""
+
+    def __init__(self) -> None:
+        self._wall_s, self._processor_s = time.monotonic(), processor_s()
+
+    def __str__(self) -> str:
+        wall_s, used_s = time.monotonic() - self._wall_s, processor_s() - self._processor_s
+        return f"{wall_s:.1f} s (processor {used_s:.1f} s)"
+
+
+def printer_of(server: Server) -> str:
+    """Return the key of a printer with faults that are known exactly."""
+    key = Studio(server.address).post("/printers", {"preset": "ender3", "name": "Workshop, the old one"})["id"]
+    model = exact_model(Twin.of(FAULTS, read_printer("ender3")).homed())
+    write_model(server.folder / "printers" / key / "printer.mend.json", model)
+    return str(key)
+
+
+def drop(browser: Browser, server: Server, key: str, name: str, folder: Path) -> None:
+    """Drop a part on the Mend screen; print how long until it is shown, and until it is mended and shown."""
+    text = PARTS[name]()
+    (path := folder / f"{name}.gcode").write_bytes(text)
+    page = browser.new_context(viewport={"width": 1280, "height": 860}, locale="en-GB").new_page()
+    page.set_default_timeout(LONGEST_MS)
+    page.goto(f"{server.address}#/printers/{key}/mend")
+    page.wait_for_selector("input[type=file]", state="attached")
+    watch = Watch()
+    page.set_input_files("input[type=file]", path)
+    page.wait_for_function("document.querySelector('canvas')?.dataset.frame")
+    shown = str(watch)
+    page.wait_for_selector("text=Download mended")
+    page.wait_for_selector("button:has-text('mended')")
+    mended = str(watch)
+    canvas = page.locator("canvas")
+    canvas.focus()
+    watch = Watch()
+    for _ in range(5):
+        page.keyboard.press("ArrowLeft")
+        page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    turned = str(watch)
+    job = next(job for job in Studio(server.address).get(f"/jobs?printer={key}") if job["params"]["name"] == path.name)
+    after = job["result"]["prediction"]
+    print(f"{name}: {len(text) / 1e6:.1f} MB, {after['moves']} moves; shown {shown}; mended and shown {mended}; "
+          f"turned five times {turned}; error {after['before']['rms_mm']:.3f} -> {after['after']['rms_mm']:.3f} mm; "
+          f"the page holds {page.evaluate('performance.memory.usedJSHeapSize') / 1e6:.0f} MB", flush=True)  # fmt: skip
+    page.context.close()
+
+
+def uploads(server: Server, key: str, folder: Path) -> None:
+    """Send and mend fifty files at once; print time and the most memory of the server and its workers."""
+    studio, watch, most = Studio(server.address), Watch(), 0
+    for number in range(50):
+        (folder / f"{number}.gcode").write_bytes(part(1).replace(b"G28", b"; part %d\nG28" % number, 1))
+
+    def send(number: int) -> str:
+        sent = studio.upload(folder / f"{number}.gcode")
+        return str(studio.post(f"/printers/{key}/mend", {"upload": sent, "scene": False})["id"])
+
+    with ThreadPoolExecutor(50) as many:
+        jobs = list(many.map(send, range(50)))
+    for job in jobs:
+        assert studio.wait(job)["prediction"]["after"]["rms_mm"] < 0.01
+        most = max(most, server.memory_bytes())
+    print(f"uploads: 50 at once, all mended in {watch}; at most {most / 1e9:.2f} GB of memory", flush=True)
+
+
+def main() -> None:
+    """Measure what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    names = ["start", *PARTS, "uploads"]
+    parser.add_argument("--only", nargs="+", choices=names, default=names)
+    only = parser.parse_args().only
+    loaded = [path for path in PAGE.iterdir() if path.suffix in (".html", ".css", ".svg", ".js")]
+    print(f"page: {sum(len(gzip.compress(path.read_bytes())) for path in loaded) / 1000:.0f} kB compressed", flush=True)
+    with tempfile.TemporaryDirectory() as name, chromium() as browser:
+        folder = Path(name)
+        Server(folder / "studio").stop()  # warm: what is read from the disk has been read
+        watch = Watch()
+        server = Server(folder / "studio")
+        try:
+            page = browser.new_page()
+            page.goto(server.address)
+            page.wait_for_selector("#drawing", timeout=LONGEST_MS)
+            if "start" in only:
+                print(f"start: the play screen is drawn after {watch}", flush=True)
+            page.close()
+            key = printer_of(server)
+            for one in PARTS:
+                if one in only:
+                    drop(browser, server, key, one, folder)
+            if "uploads" in only:
+                uploads(server, key, folder)
+        finally:
+            server.stop()
+
+
+if __name__ == "__main__":
+    main()
