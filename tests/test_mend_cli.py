@@ -12,9 +12,13 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY
 from printmend.errors import GcodeError, InputError, ModelError, RefusedError, UnwritableError
+from printmend.gcode.read import read_gcode
 from printmend.measure.table import read_trace
+from printmend.probe import design_probe, write_probe
 from printmend.report.part_view import look_at
 from printmend.saved.model import exact_model, write_model
+from printmend.twin import Twin
+from printmend.twin.gcode import print_dots
 from tests.mending import BENT, ENDER3, SQUARE, START, exactly
 
 
@@ -204,6 +208,22 @@ def test_an_owner_sees_the_part_before_it_is_printed(folder: Path) -> None:
     assert view.minutes[0] == pytest.approx(whole.sum() / 60, rel=0.01)
     assert view.minutes[1] == pytest.approx(view.minutes[0], rel=0.1)
     assert ((view.low_mm >= 0) & (view.high_mm <= 220)).all()
+
+
+def test_a_test_print_is_mended_as_a_check_print(folder: Path) -> None:
+    """Its dots are printed standing, so that its lines, which are all that is judged, gain nothing."""
+    plan = design_probe(ENDER3, size_mm=50, marks=100)
+    write_probe(folder / "probe.gcode", plan)
+    done = run("mend", folder / "probe.gcode", "-m", folder / "printer.mend.json", "-o", folder / "check.gcode")
+    assert done.exit_code == 0, done.output
+    worst = []
+    for name in ("probe", "check"):
+        dots = print_dots(read_gcode(folder / f"{name}.gcode", printer=ENDER3), Twin(BENT), plan)
+        worst.append(np.hypot(*(dots - plan.marks_mm).T).max())
+    assert worst[0] > 0.2
+    assert worst[1] < 0.02
+    with pytest.raises(InputError, match=f"{len(plan)} dots"):
+        print_dots(read_gcode(folder / "part.gcode", printer=ENDER3), Twin(BENT), plan)
 
 
 def test_a_place_that_cannot_be_written_is_named_before_the_work(folder: Path) -> None:

@@ -21,7 +21,7 @@ from printmend.cli.number import Finite
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("trace.csv"), show_default=True
 )
 @click.option("--scan", type=click.Path(path_type=Path, dir_okay=False), metavar="SCAN.png",
-              help="Also draw the scan of a printed probe.")  # fmt: skip
+              help="Also draw the scan of a printed probe, mended or not.")  # fmt: skip
 @click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The probe's plan [default: FILE.json]")
 @click.option("--dpi", type=Finite(min=50, max=2400), default=600, show_default=True,
               help="Resolution of the scan.")  # fmt: skip
@@ -44,7 +44,7 @@ def command(
     from printmend.measure.table import write_trace
     from printmend.printer import read_printer
     from printmend.twin import Twin
-    from printmend.twin.gcode import print_gcode
+    from printmend.twin.gcode import print_dots, print_gcode
 
     spare((output, scan), (source, corruption_path, plan_path, Path(printer_name)))
     plan = read_plan(plan_path or source.with_suffix(".json")) if scan is not None else None
@@ -56,11 +56,10 @@ def command(
     click.echo(f"{output}: {len(trace)} way-points, measured with {noise_mm:g} mm of noise")
     if plan is not None and scan is not None:
         from printmend.measure.image import write_image
-        from printmend.twin.scanner import DEGRADATIONS, scan_trace
+        from printmend.twin.scanner import DEGRADATIONS, render_scan
 
-        exact = print_gcode(program, twin, noise_mm=0.0, rng=np.random.default_rng(seed))
-        drawn = scan_trace(
-            exact, plan, dpi=dpi, degradations=DEGRADATIONS[dirt],
+        drawn = render_scan(
+            print_dots(program, twin, plan), plan, dpi=dpi, degradations=DEGRADATIONS[dirt],
             rng=np.random.default_rng(seed), quarter_turns=int(turn) // 90,
         )  # fmt: skip
         write_image(scan, drawn.image, dpi=dpi)

@@ -27,6 +27,7 @@ from printmend.saved.model import SavedModel
 _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
 _BED_OFF_MM = 30.0  # slicers' beds and presets differ by less where the printer is the same
 _GENERIC = {"300", "xl"}  # words that name no printer
+PROBE_HEAD = b"; printmend probe: "
 _HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print
 AS_USUAL = Fineness()
 Progress = Callable[[int], None]
@@ -169,12 +170,17 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
             todo="move the object that much away from it, give the scale to the firmware first (`printmend export`), "
             "or use --force",
         )  # fmt: skip
-    if not prediction.is_better:
+    if not prediction.is_better and not _is_probe(file):
         came = f"{prediction.after.rms_mm:.4f} mm instead of {prediction.before.rms_mm:.4f} mm"
         if prediction.heights is not None:
             before, after = prediction.heights
             came += f", in height {after.rms_mm:.4f} mm instead of {before.rms_mm:.4f} mm"
         raise RefusedError(file.name, wanted="a smaller error after mending", came=came, todo=todo)
+
+
+def _is_probe(file: GcodeFile) -> bool:
+    """Say whether a file is one of our test prints: its dots are printed standing, and lines are all that is judged."""
+    return any(PROBE_HEAD in hint for part in file.parts for hint in part.hints())
 
 
 def _refuse_motionless(file: GcodeFile, prediction: Prediction) -> None:

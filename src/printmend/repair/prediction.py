@@ -105,9 +105,7 @@ class Prediction:
         for name, height in zip(("as it is", "mended"), self.heights or (), strict=False):
             rows.append(f"  {name:8} {height.rms_mm:7.3f}  {'':15}  {'':11}  {height.max_mm:7.3f}  in height")
         if self.gain_mm is not None:
-            rows.append(
-                f"the {self.after.rms_mm:.3f} are made of: {in_a_line(self.after.made_of) or 'next to nothing'}"
-            )
+            rows.append(f"mended, it is made of: {in_a_line(self.after.made_of) or 'next to nothing'}")
         rows += [f"before you print: {each}" for each in self.advice]
         if not self.clamped_extruding and not self.unknown and self.extruding:
             (x0, y0), (x1, y1) = self.low_mm, self.high_mm

@@ -23,6 +23,8 @@ from printmend.twin import Twin
 
 LEAST_MARKS = 10
 ROUND = 2**0.5  # a distance on the bed has two coordinates
+_LEAST_SIGMA_MM = 0.002  # of a mark: no scan is read better
+_STRETCHED_PERCENT = 0.01  # less of it is not worth a word
 _SURE = 2.0  # standard deviations that a measured error may exceed its promise by
 
 
@@ -30,7 +32,8 @@ _SURE = 2.0  # standard deviations that a measured error may exceed its promise 
 class Verdict:
     """Distances of the marks from where they were wanted, root mean square [mm]: unmended as the model says
     (``before_mm``), as measured now with its standard deviation, and as was promised with its 90 % range. ``placed``:
-    they contain where on the bed the print lies; else a shift of the whole is taken off."""
+    they contain where on the bed the print lies; else a shift of the whole is taken off, and ``stretch_percent`` of
+    scale that may as well be the instrument's own."""
 
     marks: int
     before_mm: float
@@ -40,6 +43,7 @@ class Verdict:
     promised_low_mm: float
     promised_high_mm: float
     placed: bool
+    stretch_percent: float = 0.0
 
     @property
     def kept(self) -> bool:
@@ -49,10 +53,16 @@ class Verdict:
     @property
     def words(self) -> str:
         """Say it in one line, the numbers first."""
+        # what is not above the noise of the measurement is said as what it may be at most
+        now = f"{self.now_mm:.3f}"
+        if self.now_mm <= self.now_sd_mm:
+            now = f"less than {self.now_mm + _SURE * self.now_sd_mm:.3f}"
         numbers = (
-            f"{self.before_mm:.3f} mm before, {self.now_mm:.3f} now, "
+            f"{self.before_mm:.3f} mm before, {now} now, "
             f"{self.promised_low_mm:.3f}–{self.promised_high_mm:.3f} was promised"
         )
+        if abs(self.stretch_percent) >= _STRETCHED_PERCENT:
+            numbers += f" (a scale of {self.stretch_percent:+.2f} % may be the scanner's own and is taken off)"
         if self.kept:
             return f"{numbers}: kept ({self.marks} marks)"
         return f"{numbers}: broken. Bring the model up to date with this measurement (-o), and mend again"
@@ -84,10 +94,12 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     placed = trace.placed and budget.placed
     outlook, off = _of_marks(model, budget, trace)
     error = (trace.measured_mm - trace.commanded_mm)[known]
+    sigma = model.noise_mm if trace.sigma_mm is None else float(np.sqrt(np.nanmean(trace.sigma_mm[known] ** 2)))
+    stretch = 0.0
     if not placed:
         error = error - error.mean(axis=0)
         off = off - off.mean(axis=0)
-    sigma = model.noise_mm if trace.sigma_mm is None else float(np.sqrt(np.nanmean(trace.sigma_mm[known] ** 2)))
+        error, stretch = _unstretched(error, trace, model.printer.kinematics == "corexy", sigma)
     square = np.sum(error**2, axis=1)
     now2, now2_sd = float(square.mean()) - 2 * sigma**2, float(square.std()) / np.sqrt(len(known))
     now = float(np.sqrt(max(now2, 0.0)))
@@ -96,8 +108,23 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     before_mm = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
     return Verdict(
         len(known), before_mm, now, now_sd, ROUND * after.rms_mm, ROUND * after.rms_low_mm, ROUND * after.rms_high_mm,
-        placed,
+        placed, stretch,
     )  # fmt: skip
+
+
+def _unstretched(error_mm: np.ndarray, trace: Trace, corexy: bool, sigma_mm: float) -> tuple[np.ndarray, float]:
+    """Return the errors of the measured marks [N, 2] without what may as well be the instrument's own stretch, its most
+    likely one as far as its doubt allows, and how much of that is its scale [%]."""
+    x, y = (trace.commanded_mm - trace.commanded_mm[trace.measured_rows].mean(axis=0))[trace.measured_rows].T
+    # common scale, half the difference of both axes' scales, half the lean; the x axis keeps its direction
+    along_x = np.stack([x, x, y if corexy else 2 * y], axis=1)
+    along_y = np.stack([y, -y, x if corexy else 0 * x], axis=1)
+    columns, off = np.concatenate([along_x, along_y]), error_mm.T.ravel()
+    prior = trace.instrument_doubt.covariance
+    found = prior @ np.linalg.solve(
+        columns.T @ columns @ prior + max(sigma_mm, _LEAST_SIGMA_MM) ** 2 * np.eye(3), columns.T @ off
+    )
+    return error_mm - (columns @ found).reshape(2, -1).T, 100 * float(found[0])
 
 
 def expectation(model: SavedModel, trace: Trace) -> Promise | None:

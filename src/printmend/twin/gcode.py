@@ -4,14 +4,17 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.errors import GcodeError
+from printmend.errors import GcodeError, InputError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program, read_gcode
 from printmend.machine.mechanism import Mechanism
+from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.twin.twin import Twin
 
 _CHORD_MM = 0.01
+_SAME_MM = 0.01  # of way-points: as many digits as the file has
+_MENDED_MM = 5.0  # no mended dot is commanded farther than this from where it is wanted
 
 
 def print_gcode(
@@ -72,3 +75,29 @@ def print_gcode(
         homed=True,
         z_measured_mm=z_measured_mm,
     )
+
+
+def print_dots(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray:
+    """Print a probe on the twin, as it was written or mended; return where its dots come to lie [M, 2].
+
+    Raises `InputError` for a file that is not this plan's.
+    """
+    trace = print_gcode(program, twin)
+    if len(trace) == len(plan.waypoints_mm) and np.abs(trace.commanded_mm - plan.waypoints_mm).max() <= _SAME_MM:
+        return trace.measured_mm[plan.rows]
+    # mended, it has other way-points; a dot is what is extruded standing, on the place of the last way-point
+    moves = program.moves
+    standing = (moves.start_mm[:, :2] == moves.end_mm[:, :2]).all(axis=1)
+    rests = np.flatnonzero(standing & (moves.extrusion_mm > 0) & moves.known[:, :2].all(axis=1))
+    path = moves.end_mm[rests, :2]
+    fresh = np.append(True, (path[1:] != path[:-1]).any(axis=1))[: len(path)]
+    rests, path = rests[fresh], path[fresh]
+    if len(path) != len(plan) or np.abs(path - plan.marks_mm).max() > _MENDED_MM:
+        raise InputError(
+            "the printed file", wanted=f"the probe of this plan, with {len(plan)} dots, or what `mend` made of it",
+            came=f"a file with {len(path)} dots, or others",
+            todo="print the G-code that was written together with the probe.json",
+        )  # fmt: skip
+    commanded = np.concatenate([[twin.printer.home_mm], moves.end_mm[: rests[-1] + 1, :2]])
+    known = np.append(True, moves.known[: rests[-1] + 1, :2].all(axis=1))
+    return np.asarray(twin.follow(commanded[known])[np.cumsum(known)[rests + 1] - 1, :2])
