@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -228,3 +229,36 @@ def test_a_slow_firmware_gets_fewer_moves() -> None:
         lengths = [move.length for move in naive_mend.read_moves(given, (0.0, 0.0, 0.0)) if move.draws]
         assert min(lengths) > (1.1 if firmware else 0.0)
         assert firmware or min(lengths) < 0.9
+
+
+@MODELS
+def test_a_purge_line_at_the_beds_edge_stays_a_line(mechanism) -> None:
+    """Where the edge holds a move back no number of pieces would bring it nearer."""
+    text = START + b"G0 X0.1 Y20 F6000\nG1 Y200 E15 F1500\nG0 X0.4\nG1 Y20 E15\nG0 X60 Y60\nG1 X80 E1 F1800\n"
+    judged = judge(text, mechanism)
+    assert sum(move.draws for move in judged.given) < (60 if mechanism is BENT else 8)
+    assert min(move.end[0] for move in judged.given) >= 0
+
+
+def test_a_mended_vase_is_judged_like_a_flat_wall(tmp_path: Path) -> None:
+    """Without layer comments its pieces have heights of their own: filament says what they belong to."""
+    from printmend.errors import GcodeError
+    from printmend.repair import mend_gcode
+    from printmend.repair.against import judged as judged_against
+    from tests.mending import exactly
+
+    found = {}
+    for rise in (0.0, 0.2):
+        source, output = tmp_path / f"{rise}.gcode", tmp_path / f"{rise}.out.gcode"
+        t = np.linspace(0, 6 * np.pi, 240)[1:]
+        rows = (f"X{70 + 10 * math.cos(a):.3f} Y{70 + 10 * math.sin(a):.3f} Z{0.2 + rise * a / 6.2832:.3f}" for a in t)
+        lines = "".join(f"G1 {row} E0.03\n" for row in rows)
+        source.write_bytes(START + b"G0 X80 Y70\nG1 F1500\n" + lines.encode())
+        done = mend_gcode(source, exactly(BENT), output)
+        found[rise] = judged_against(done.prediction, str(source), str(output), BENT)
+    assert max(each.after.max_mm for each in found.values()) < 0.012
+    assert found[0.2].before.rms_mm == pytest.approx(found[0.0].before.rms_mm, rel=0.02)
+    short = tmp_path / "short.gcode"
+    short.write_bytes(b"\n".join((tmp_path / "0.2.out.gcode").read_bytes().splitlines()[:150]) + b"\n")
+    with pytest.raises(GcodeError, match=r"wanted the .* mm of filament"):
+        judged_against(done.prediction, str(tmp_path / "0.2.gcode"), str(short), BENT)

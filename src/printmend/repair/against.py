@@ -18,6 +18,7 @@ from printmend.twin.twin import Twin
 
 _CHORD_MM = 0.002
 _SAMPLE_MM = 0.5
+_SAME_FILAMENT = 0.01
 _NEAR_MM, _STRETCH = 5.0, 8  # of path before and after a stretch of filament; a stretch is so many times that
 
 
@@ -41,11 +42,18 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
     """
     wanted = straightened(read_gcode(source, printer=mechanism.printer).moves, _CHORD_MM)
     given = straightened(read_gcode(output, printer=mechanism.printer).moves, _CHORD_MM)
-    # Where the screw is bad, a layer's commands have heights of their own: filament says which layer they are of.
-    if mechanism.screw is None and wanted.layer.max(initial=-1) != given.layer.max(initial=-1):
+    # On a rising path, or where the screw is bad, commands have heights of their own: filament says which layer it is.
+    same = wanted.layer.max(initial=-1) == given.layer.max(initial=-1)
+    if mechanism.screw is None and not same and not _is_sloped(wanted):
         raise GcodeError(
             output, wanted=f"the {wanted.layer.max(initial=-1) + 1} layers of {source}",
             came=f"{given.layer.max(initial=-1) + 1}", todo="give the file that was made from it",
+        )  # fmt: skip
+    used, got = _advance(wanted).sum(), _advance(given).sum()
+    if not same and abs(got - used) > _SAME_FILAMENT * used:
+        raise GcodeError(
+            output, wanted=f"the {used:.1f} mm of filament of {source}", came=f"{got:.1f} mm",
+            todo="give the file that was made from it",
         )  # fmt: skip
     before = _distances(wanted, wanted, mechanism)
     after = _distances(wanted, given, mechanism)
@@ -105,7 +113,7 @@ def _distances(
     layer, weight, printed = given.layer[move][drawn], weight[drawn], printed[drawn]
     used, fed, group = _fed(wanted), None, layer
     near = _NEAR_MM * used[-1] / max(float(weight.sum()), _NEAR_MM) if len(used) else 0.0
-    sloped = mechanism.screw is not None and _is_sloped(wanted)
+    sloped = _is_sloped(wanted)
     if sloped or wanted.layer.max(initial=-1) != given.layer.max(initial=-1):
         fed = ((_fed(given) - _advance(given))[move] + share * _advance(given)[move])[drawn]
         order = np.flatnonzero(wanted.extruding)
