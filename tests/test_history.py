@@ -15,7 +15,7 @@ from printmend.measure import write_trace
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.repair.history import draw_history, history_of, read_history, trends_of
+from printmend.repair.history import ageing_of, draw_history, history_of, read_history, trends_of
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender3")
@@ -29,7 +29,7 @@ def event(months: float, value: float, sd: float, kind: str = "play") -> dict:
     return {"event": "updated", "time": when.isoformat(), "seconds": when.timestamp(), "faults": [fault]}
 
 
-def test_wear_is_dated(tmp_path):
+def test_wear_is_dated_though_every_update_believes_the_last(tmp_path):
     """Play grows from 0.03 to 0.08 mm in five measurements of 0.05 mm of noise: it reaches 0.1 mm 1.6 months later."""
     plan, rng, model = design_probe(PRINTER), np.random.default_rng(3), tmp_path / "printer.mend.json"
     for month in range(5):
@@ -39,9 +39,8 @@ def test_wear_is_dated(tmp_path):
         seen[plan.rows] = printed[plan.rows] + rng.normal(0, 0.05, (len(plan), 2))
         write_trace(tmp_path / "trace.csv", Trace(plan.waypoints_mm, seen, homed=True))
         day = (START + month * MONTH).strftime("%Y-%m-%d")
-        done = CliRunner().invoke(
-            learn, [str(tmp_path / "trace.csv"), "--printer", "ender3", "-o", str(model), "--date", day]
-        )
+        how = ["--update", str(model)] if month else ["--printer", "ender3", "-o", str(model)]
+        done = CliRunner().invoke(learn, [str(tmp_path / "trace.csv"), *how, "--date", day])
         assert done.exit_code == 0, done.output
     play = next(one for one in trends_of(read_history(model)) if one.name.upper().startswith("X PLAY"))
     assert play.is_sure
@@ -79,6 +78,20 @@ def test_a_repair_begins_anew_and_what_is_steady_stays(tmp_path):
     (few,) = trends_of(worn[:2])
     assert "three measurements" in few.words
     draw_history(tmp_path / "none.png", ())
+
+
+def test_old_knowledge_weighs_less_and_wear_is_expected(tmp_path):
+    model = tmp_path / "printer.mend.json"
+    assert ageing_of(model) is None
+    history_of(model).write_text(
+        "".join(json.dumps(event(month, 0.1 + 0.02 * month, 0.004)) + "\n" for month in range(4))
+    )
+    soon, late = (ageing_of(model, START + months * MONTH) for months in (3.5, 9.0))
+    assert soon.of("x")["play"][0] == pytest.approx(0.01, abs=0.002)
+    assert late.of("x")["play"][0] == pytest.approx(0.12, abs=0.01)
+    assert late.of("x")["play"][1] > 3 * soon.of("x")["play"][1]
+    assert not late.of("y")
+    assert ageing_of(model, START).months == 0.0
 
 
 def test_a_damaged_history_is_named(tmp_path):

@@ -49,7 +49,7 @@ def command(
     from printmend.cli.outputs import spare
     from printmend.measure import read_trace
     from printmend.printer import read_printer
-    from printmend.repair.history import remember_learned
+    from printmend.repair.history import ageing_of, remember_learned
     from printmend.repair.learned import learn_model, report
     from printmend.repair.mend import is_healthy
     from printmend.saved.model import read_model, write_model
@@ -65,6 +65,7 @@ def command(
     replaced = ", in place of the one that was there" if output.exists() else ""
     spare((output,), (trace, Path(printer_name or "-")))
     rng = np.random.default_rng(seed)
+    dated = None if when is None else when.replace(tzinfo=UTC)
     if old is None:
         printer = read_printer(printer_name or "")
         model = learn_model(read_trace(trace, printer), printer, model=learner, rng=rng)
@@ -74,12 +75,14 @@ def command(
         past = read_model(old)
         if printer_name is not None:
             same_machine(past, read_printer(printer_name))
-        updated = update(past, read_trace(trace, past.printer), rng=rng)
+        ageing = ageing_of(old, dated)
+        updated = update(past, read_trace(trace, past.printer), rng=rng, ageing=ageing)
         model = updated.model
+        if ageing is not None and ageing.words:
+            click.echo(ageing.words, err=as_json)
         click.echo(updated.words, err=as_json)
     write_model(output, model)
     if output.is_file():
-        dated = None if when is None else when.replace(tzinfo=UTC)
         remember_learned(output, model, trace.name, updated=old is not None, when=dated)
     if as_json:
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))

@@ -27,6 +27,7 @@ SURE = 2.0  # standard deviations of a slope that is a trend
 REPAIRED = 0.5  # a size that falls below this share of the last was repaired
 FARTHEST_YEARS = 20.0
 PLAYS = ("play", "friction", "loose-belt", "play-by-angle")
+LEAST_RUN = 3  # measurements since the last repair that tell a trend
 MOST_DRAWN, DRAWN_YEARS = 4, 3.0
 _TODO = "move it away; the model itself does not need it"
 
@@ -70,7 +71,7 @@ class Trend:
         """Say where it leads, and what to do."""
         advice, unit = advise(replace(self.fault, value=self.level)), self.fault.unit
         size = abs(self.fault.value)
-        if len(self.sizes) - self.since < 3:
+        if len(self.sizes) - self.since < LEAST_RUN:
             return f"{size:.3f} {unit} now; three measurements since the last repair tell a trend"
         if not self.is_sure:
             return f"{size:.3f} {unit} now, and steady"
@@ -94,6 +95,31 @@ class Trend:
             "per_month": self.per_month, "per_month_sd": self.per_month_sd, "level": self.level,
             "crossing": _iso(self.crossing_s), "earliest": _iso(self.earliest_s), "latest": _iso(self.latest_s),
         }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Ageing:
+    """How old the last measurement is, in ``months``, and by how much (± standard deviation) faults should have
+    ``grown`` since: of each part, in capitals, its play [mm] and scale [%], where three measurements tell."""
+
+    months: float
+    grown: Mapping[tuple[str, str], tuple[float, float]]
+
+    def of(self, part: str) -> dict[str, tuple[float, float]]:
+        """Return what has grown of one motor."""
+        return {kind: size for (name, kind), size in self.grown.items() if name == part.upper()}
+
+    @property
+    def words(self) -> str:
+        """Say what was expected."""
+        said = [
+            f"{part} {kind} {more:+.3f} ± {sd:.3f} {'%' if kind == 'scale' else 'mm'}"
+            for (part, kind), (more, sd) in self.grown.items()
+            if abs(more) > sd
+        ]
+        if not said:
+            return ""
+        return f"{self.months:.1f} months after the last measurement, wear so far lets expect {', '.join(said)}"
 
 
 def history_of(model_path: Path) -> Path:
@@ -170,6 +196,36 @@ def trends_of(events: Sequence[Mapping[str, Any]]) -> tuple[Trend, ...]:
     return tuple(sorted(found, key=lambda trend: -advise(trend.fault).effect_mm))
 
 
+def ageing_of(model_path: Path, when: datetime | None = None) -> Ageing | None:
+    """Return what the history of a model says of the time from its last measurement until ``when`` (now), None without
+    any. Raises `ModelError` for a history that is none."""
+    if not history_of(model_path).exists():
+        return None
+    events = [event for event in read_history(model_path) if "faults" in event]
+    if not events:
+        return None
+    last = max(float(event["seconds"]) for event in events)
+    months = max((when or datetime.now(UTC)).timestamp() - last, 0.0) / (YEAR_S / 12)
+    grown: dict[tuple[str, str], tuple[float, float]] = {}
+    for trend in trends_of(events):
+        if trend.fault.kind in (*PLAYS, "scale") and len(trend.sizes) - trend.since >= LEAST_RUN:
+            more = trend.per_month if trend.is_sure else 0.0
+            slope_sd = trend.per_month_sd if trend.is_sure else np.hypot(trend.per_month, trend.per_month_sd)
+            sd = float(np.hypot(slope_sd * months, _walk(trend) * np.sqrt(months)))
+            grown[trend.fault.part.upper(), _family(trend.fault.kind)] = (more * months, sd)
+    return Ageing(months, grown)
+
+
+def _walk(trend: Trend) -> float:
+    """Return by how much a fault strays from its trend, per root of a month: what its doubts do not explain."""
+    run = trend.sizes[trend.since :]
+    months = np.diff([one.time_s for one in run]) / (YEAR_S / 12)
+    strayed = np.diff([one.value for one in run]) - trend.per_month * months
+    doubt2 = np.square([one.sd for one in run])
+    excess = float(np.sum(strayed**2 - doubt2[1:] - doubt2[:-1]))
+    return float(np.sqrt(max(excess, 0.0) / max(float(months.sum()), 1e-6)))
+
+
 def _family(kind: str) -> str:
     """Return the fault that a kind is a form of: play may look constant today and loose tomorrow."""
     return "play" if kind in PLAYS else kind
@@ -186,7 +242,7 @@ def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
     if sizes[-1].value >= level:
         level = _level(fault, REPAIR_MM)
     run = sizes[since:]
-    if len(run) < 3:
+    if len(run) < LEAST_RUN:
         return Trend(fault, sizes, since, 0.0, np.inf, level, None, None, None)
     now = run[-1].time_s
     months = np.array([(one.time_s - now) / (YEAR_S / 12) for one in run])

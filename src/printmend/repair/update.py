@@ -1,7 +1,8 @@
 """Bring a saved model up to date with a second, smaller print, and say what changed: Bayes, the old one as the prior.
 
 For each motor the posterior of the old print, widened by what a machine drifts, is the prior of the new one. How much
-it drifted is what makes the new trace most likely, so that a machine that did not change stays as it was. Where even
+it drifted is what makes the new trace most likely, so that a machine that did not change stays as it was. The time
+since then widens the prior, too, and the wear seen so far moves it: a random walk with drift (`Ageing`). Where even
 that leaves more noise than learning from the new trace alone, the part was replaced: start anew.
 """
 
@@ -24,13 +25,24 @@ from printmend.learn.drive.fit import (
     robust_sigma_mm,
     robust_weights,
 )  # fmt: skip
-from printmend.learn.greybox import Drift, Greybox, GreyboxModel, Remembered, model_of, motor_rows, remember, with_belts
+from printmend.learn.greybox import (
+    Drift,
+    Greybox,
+    GreyboxModel,
+    Remembered,
+    aged,
+    model_of,
+    motor_rows,
+    remember,
+    with_belts,
+)
 from printmend.learn.walls import with_walls
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_tests import causes_of, effects_of, found_in
+from printmend.repair.history import Ageing
 from printmend.repair.learned import greybox_model
 from printmend.repair.screw_update import screw_changes, seen_screw, with_seen_screw
 from printmend.saved.model import SavedModel
@@ -79,15 +91,16 @@ class Updated:
         return "\n".join(rows or ["nothing changed by more than this trace can tell"])
 
 
-def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator) -> Updated:
+def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: Ageing | None = None) -> Updated:
     """Update ``old`` with a trace of the same printer, which may be small.
 
+    ``ageing`` says how long ago the old measurement was, and what was seen of wear: the older, the less it weighs.
     Raises `ModelError` for a model that is not a grey box, `TraceError` like `learn`.
     """
     with threadpool_limits(1, user_api="blas"):
         trace = with_walls(trace, old.printer)
         screw = seen_screw(old, trace)
-        updated = _updated(old, screw.trace, rng)
+        updated = _updated(old, screw.trace, rng, ageing)
         changes = tuple(
             Change("Z", words=f"Z {one['kind']} was {one['before']:.3f}, is {one['now']:.3f} {one['unit']}", **one)
             for one in screw_changes(old, screw)
@@ -107,9 +120,12 @@ def same_machine(old: SavedModel, printer: Printer) -> None:
         )  # fmt: skip
 
 
-def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated:
+def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator, ageing: Ageing | None) -> Updated:
     printer = old.printer
     past = [remember(old, motor) for motor in range(2)]
+    prior = past
+    if ageing is not None:
+        prior = [aged(one, ageing.months / 12, ageing.of(name)) for one, name in zip(past, printer.motors, strict=True)]
     if len(trace) < 2 or not np.isfinite(trace.commanded_mm).all():
         raise TraceError("trace", wanted="every commanded way-point", came="none or NaN", todo="check the trace")
     fresh = Greybox().fit(trace, printer, rng=rng)
@@ -117,13 +133,13 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator) -> Updated
         replace(row, origin_mm=one.branches.middle_mm)
         for row, one in zip(motor_rows(trace, printer, _turns_mm(past)), past, strict=True)
     ]
-    chosen = [_learn_on(row, one) for row, one in zip(rows, past, strict=True)]
+    chosen = [_learn_on(row, one) for row, one in zip(rows, prior, strict=True)]
     if any(choice.structure.cross for choice in chosen):
         rows = with_belts(rows, chosen)
-        chosen = [_learn_on(row, one) for row, one in zip(rows, past, strict=True)]
+        chosen = [_learn_on(row, one) for row, one in zip(rows, prior, strict=True)]
     anew = [
         _is_other(row, one, drive.choice, choice)
-        for row, one, drive, choice in zip(rows, past, fresh.drives, chosen, strict=True)
+        for row, one, drive, choice in zip(rows, prior, fresh.drives, chosen, strict=True)
     ]
     if any(anew):
         chosen = [

@@ -6,7 +6,7 @@ the prior of the next one.
 
 from printmend.learn.greybox.greybox import Greybox, fit_greybox
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive, model_of
-from printmend.learn.greybox.previous import Drift, Remembered, remember
+from printmend.learn.greybox.previous import Drift, Remembered, aged, remember
 from printmend.learn.greybox.rows import motor_rows, with_belts
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "GreyboxModel",
     "LearnedDrive",
     "Remembered",
+    "aged",
     "fit_greybox",
     "model_of",
     "motor_rows",

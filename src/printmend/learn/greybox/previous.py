@@ -1,10 +1,12 @@
 """A saved grey box as the prior of the next one: its parameters, how sure they were, how far machines drift.
 
 A machine ages: its belts stretch, its pulleys slip on their shafts, its frame shifts, but worn shapes change slowly. So
-the variance of each parameter grows between two prints, that of the play and of the pulley's phase most.
+the variance of each parameter grows between two prints, that of the play and of the pulley's phase most; and it grows
+with the time between them (`aged`).
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,7 @@ PLAY_MM, PLAY_SLOPE_MM = 0.3, 0.03  # the play, and its change along the axis [m
 CROSS_MM = 0.1  # each term of the frame, 100 mm from the bed's middle
 SHAPE_MM = 0.02  # the pulley's first harmonic; harmonic k drifts by this times k^−2.5
 PHASE_RAD = 0.05  # the pulley's angle on its shaft
+WALK_A_YEAR = 0.1  # share of these that each parameter walks at random in a year
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,23 @@ class Remembered:
         # All harmonics turn together with the pulley.
         slope = (self.turned(phase_rad + 1e-4) - self.turned(phase_rad - 1e-4)) / 2e-4
         return np.diag(self.sds**2 + moved**2) + (drift.scale * PHASE_RAD) ** 2 * np.outer(slope, slope)
+
+
+def aged(past: Remembered, years: float, grown: Mapping[str, tuple[float, float]]) -> Remembered:
+    """Return a motor as it may be by now: every parameter has walked at random, and faults have ``grown``.
+
+    A random walk's variance grows with the time. ``grown`` says by how much (± standard deviation) the measurements so
+    far let a fault's size be larger by now: of play [mm] and scale [%].
+    """
+    values, design = past.values.copy(), past.design
+    variance = past.sds**2 + (WALK_A_YEAR * drift_mm(design)) ** 2 * years
+    places = {"play": design.parts["play_powers"].start, "scale": design.parts["mean_powers"].start + 1}
+    for kind, (more, sd) in grown.items():
+        at = places[kind]
+        if past.known[at]:
+            values[at] += more * (np.sign(values[at]) or 1.0)
+            variance[at] += sd**2
+    return replace(past, values=values, sds=np.sqrt(variance))
 
 
 def drift_mm(design: Design) -> np.ndarray:
