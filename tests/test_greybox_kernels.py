@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from printmend.learn.drive import CROSS, Contacts, Design, Rows, Structure, contacts, normal_equations
+from printmend.learn.drive.fit import lower_inverse
 from printmend.learn.drive.kernels.columns import turning_rows
 from tests.naive_greybox import column_matrix, follow_play
 
@@ -96,3 +97,10 @@ def test_designs_hand_parameters_over(rng: np.random.Generator) -> None:
     there = large.moved(parameters, small)
     np.testing.assert_array_equal(small.moved(there, large), parameters)
     assert np.count_nonzero(there) == small.size
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 33])
+def test_a_triangular_inverse_is_the_inverse(size: int, rng: np.random.Generator) -> None:
+    matrix = rng.normal(size=(size, 2 * size))
+    factor = np.linalg.cholesky(matrix @ matrix.T + np.eye(size))
+    np.testing.assert_allclose(lower_inverse(factor), np.linalg.inv(factor), atol=1e-13)

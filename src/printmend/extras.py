@@ -6,6 +6,8 @@ from printmend.errors import MissingToolError
 _EXTRAS = {
     "cv2": "scan",
     "PIL": "scan",
+    "scipy": "scan",
+    "lightgbm": "trees",
     "matplotlib": "report",
     "mpl_toolkits": "report",
     "reportlab": "report",

@@ -112,3 +112,17 @@ def _points(points: np.ndarray) -> np.ndarray:
         came = f"{points.shape}" if np.isfinite(points).all() else f"{points.shape} with NaN or infinity"
         raise TraceError("a metric of shapes", wanted="finite points [N, 2], N ≥ 2", came=came, todo="correct the path")
     return points
+
+
+def nearest(places: np.ndarray, asked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far the nearest of the ``places`` [N, 2] is from each of ``asked`` [M, 2], and which one it is."""
+    at = shapely.STRtree(shapely.points(places)).nearest(shapely.points(asked))
+    return np.hypot(*(places[at] - asked).T), at
+
+
+def spacing(places: np.ndarray) -> np.ndarray:
+    """Return how far each of the places [N, 2] is from its neighbour [N]; 0 where another is at the same place."""
+    single, which, times = np.unique(places, axis=0, return_inverse=True, return_counts=True)
+    points = shapely.points(single)
+    _, apart = shapely.STRtree(points).query_nearest(points, exclusive=True, return_distance=True, all_matches=False)
+    return np.where(times[which.ravel()] > 1, 0.0, apart[which.ravel()])

@@ -5,12 +5,12 @@ tell them apart; where the path passes a site, the nozzle goes there, leaves the
 """
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan
+from printmend.metrics.shape import nearest
 from printmend.printer import Printer
 from printmend.probe.gcode import cost
 from printmend.probe.layout import EDGE_MM, MARKS, Layout, grid_of, mark_area_mm, pitch_for
@@ -63,14 +63,14 @@ def _marked(printer: Printer, path_mm: np.ndarray, marks: int) -> ProbePlan:
         raise _too_small(0)
     grid = grid_of(printer, low, high, pitch_for(low, high, marks))
     samples, segment = _sampled(path_mm)
-    distance, nearest = cKDTree(samples).query(grid.place_mm)
+    distance, sample = nearest(samples, grid.place_mm)
     near = np.flatnonzero(distance <= grid.pitch_mm / np.sqrt(2))
     if len(near) < LEAST_MARKS:
         raise _too_small(len(near))
-    near = near[np.argsort(nearest[near], kind="stable")]
+    near = near[np.argsort(sample[near], kind="stable")]
     points, rows, heading, done = [], [], [], 0
     for site in near:
-        at = int(nearest[site])
+        at = int(sample[site])
         points += [path_mm[k] for k in range(done, segment[at] + 1)]
         done = int(segment[at]) + 1
         points += [samples[at], grid.place_mm[site]]

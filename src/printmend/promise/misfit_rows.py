@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
 from printmend.errors import TraceError
@@ -17,6 +16,7 @@ from printmend.learn.drive.design import contacts, cross_columns
 from printmend.learn.drive.select import main_parts
 from printmend.learn.greybox.rows import FARTHEST_MM, motor_rows, trial_of
 from printmend.measure.axes import AXES_TODO, wrong_axes
+from printmend.metrics.shape import nearest, spacing
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.misfit import WARNING, Misfit
@@ -230,12 +230,12 @@ def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
     if not trace.placed:
         fit[0] = np.median(measured, axis=0) - np.median(commanded, axis=0)
     for _ in range(8):
-        away, to = cKDTree(_mapped(fit, commanded)).query(measured)
+        away, to = nearest(_mapped(fit, commanded), measured)
         near = away <= np.quantile(away, 0.8)
         fit = _map(commanded[to[near]], measured[near])
     expected = _mapped(fit, commanded)
-    apart = float(np.median(cKDTree(expected).query(expected, k=2)[0][:, 1]))
-    away, to = cKDTree(expected).query(measured)
+    apart = float(np.median(spacing(expected)))
+    away, to = nearest(expected, measured)
     if np.median(away) > min(plain_mm * BETTER_SHARE, LEAST_SPREAD_MM / 4):
         return InOrder(trace)  # no order of these rows makes them a measurement of this print
     counts = np.bincount(to, minlength=len(seen))

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.diagnosis import LEAST_FAULT_MM, NAMED_SIGMAS, Doubt, amount, doubt_of
@@ -22,6 +21,7 @@ from printmend.learn.drive.fit import (
     Posterior,
     Prior,
     independent_share,
+    lower_inverse,
     robust_sigma_mm,
     robust_weights,
 )  # fmt: skip
@@ -252,7 +252,8 @@ def _fit(rows: Rows, past: Remembered, active: np.ndarray, phase: float, drift: 
     """Iterate contacts and least squares about the prior; return the pass with the largest evidence."""
     mean = np.where(active, past.turned(phase), 0.0)
     prior = past.covariance(phase, drift)[np.ix_(active, active)] + 1e-12 * np.eye(int(active.sum()))
-    precision = cho_solve(cho_factor(prior, lower=True), np.eye(len(prior)))
+    whitened = lower_inverse(np.linalg.cholesky(prior))
+    precision = whitened.T @ whitened
     log_prior = np.linalg.slogdet(prior)[1]
     measured = rows.weight > 0
     values = _placed(past, mean, rows)
@@ -270,14 +271,14 @@ def _fit(rows: Rows, past: Remembered, active: np.ndarray, phase: float, drift: 
         slope = normal.slope[active] + matrix @ away
         sigma2 = max(sigma**2, LEAST_SIGMA_MM**2)
         for _ in range(3):
-            factor = cho_factor(matrix / sigma2 + precision, lower=True)
-            step = cho_solve(factor, slope / sigma2)
+            whitened = lower_inverse(np.linalg.cholesky(matrix / sigma2 + precision))
+            step = whitened.T @ (whitened @ (slope / sigma2))
             change = step - away
             misfit = max(normal.square - 2 * normal.slope[active] @ change + change @ matrix @ change, 0.0)
-            covariance = cho_solve(factor, np.eye(len(step)))
+            covariance = whitened.T @ whitened
             known = len(step) - float(np.trace(covariance @ precision))
             sigma2 = max(misfit / max(normal.count - known, 1.0), LEAST_SIGMA_MM**2)
-        log_det = 2 * np.log(np.diag(factor[0])).sum() + log_prior
+        log_det = log_prior - 2 * np.log(np.diag(whitened)).sum()
         evidence = -0.5 * (misfit / sigma2 + step @ precision @ step + log_det + normal.count * np.log(sigma2))
         values = np.zeros(past.design.size)
         values[active] = mean[active] + step

@@ -10,9 +10,9 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtri
 
 from printmend.learn.drive.design import Contacts, Design, Normal, Rows, contacts, normal_equations
+from printmend.learn.drive.kernels import triangular as kernels
 from printmend.path import frozen
 
 LEAST_SIGMA_MM = 2e-4  # smallest σ that is believed: tables and G-code are written no finer
@@ -130,8 +130,8 @@ def solve(
         scaled = matrix * (root[:, None] * (root / sigma2))
         scaled.flat[:: len(v) + 1] += 1.0
         # The matrix is symmetric and at least the identity, so that Cholesky's factor always exists.
-        factor, _ = dpotrf(scaled.T, lower=1, overwrite_a=1)
-        whitened, _ = dtrtri(factor, lower=1)
+        factor = np.linalg.cholesky(scaled)
+        whitened = lower_inverse(factor)
         values = root * (whitened.T @ (whitened @ (root * slope))) / sigma2
         misfit = _misfit(normal, active, values)
         if last == rounds:
@@ -146,6 +146,13 @@ def solve(
     full[active] = values
     covariance = (whitened.T @ whitened) * np.outer(root, root)
     return Posterior(full, covariance, active, float(np.sqrt(sigma2)), prior, float(evidence))
+
+
+def lower_inverse(factor: np.ndarray) -> np.ndarray:
+    """Return the inverse of a lower triangular matrix [N, N]."""
+    out = np.zeros_like(factor)
+    kernels.lower_inverse(factor, out)
+    return out
 
 
 def _misfit(normal: Normal, active: np.ndarray, values: np.ndarray) -> float:

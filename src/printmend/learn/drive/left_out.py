@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit
 
 from printmend.learn.drive.design import Design, Rows, normal_equations
 from printmend.learn.drive.fit import robust_weights, solve
@@ -55,7 +54,7 @@ def left_out(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> OmittedPart
         added = larger.covariance + np.outer(shift, shift)
         inside = own[more]
         added[np.ix_(inside, inside)] -= chosen.covariance
-        covariance[np.ix_(more, more)] += expit(larger.log_evidence - chosen.log_evidence) * added
+        covariance[np.ix_(more, more)] += np.exp(-np.logaddexp(0.0, chosen.log_evidence - larger.log_evidence)) * added
     return OmittedParts(design, covariance)
 
 

@@ -246,9 +246,12 @@ def trees(data: Points, seed: int) -> Any:
 
 @cache
 def has_trees() -> bool:
-    """Say whether LightGBM can be loaded: it wants the system's OpenMP library, which not every system has."""
+    """Say whether LightGBM can be loaded: it is an extra, and wants the system's OpenMP library."""
     try:
         import lightgbm  # noqa: F401
+    except ModuleNotFoundError:
+        log.warning("no trees are tried on what the machine leaves over: pip install 'printmend[trees]'")
+        return False
     except OSError as error:
         log.warning("no trees are tried: LightGBM cannot be loaded (%s); install libgomp (macOS: libomp)", error)
         return False

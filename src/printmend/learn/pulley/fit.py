@@ -10,8 +10,6 @@ where the print has no noise, and then all of q is known, whether it was seen or
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dgeqrf, dtrtrs
 
 from printmend.learn.pulley.outline import Outline, SeriesOutline
 
@@ -92,7 +90,7 @@ def _with_variance(outline: Outline, places: Places, q: np.ndarray) -> OutlineFi
     whole = variance + noise
     evidence = (solution.residual_mm**2 / whole).sum() + np.log(whole).sum() + problem.away(q, solution.rest)
     evidence += 2 * np.log(np.abs(np.diag(factor))).sum() + 2 * np.log(problem.spread).sum()
-    fine = solve_triangular(factor, np.eye(len(factor)))
+    fine = np.linalg.inv(factor)
     return OutlineFit(
         outline, q, solution.rest, fine @ fine.T, float(np.sqrt(variance)), solution.residual_mm, -0.5 * float(evidence)
     )
@@ -148,7 +146,7 @@ class _Problem:
         """Return the weighted equations for (q, rest), linearised about q: [G + P + L, P + L + 1], right side last."""
         value, slope = self._unwound(q)
         places, count = self.places, len(self.root)
-        stacked = np.zeros((count + len(self.spread), len(self.spread) + 1), order="F")
+        stacked = np.zeros((count + len(self.spread), len(self.spread) + 1))
         stacked[:count, : len(q)] = places.radius_mm * slope
         stacked[:count, len(q) : -1] = places.columns
         stacked[:count, -1] = places.error_mm - places.radius_mm * (value - slope @ q)
@@ -159,8 +157,8 @@ class _Problem:
 
     def stepped(self, q: np.ndarray) -> np.ndarray:
         """Return q after a whole Gauss–Newton step."""
-        packed, size = dgeqrf(self._stacked(q))[0], len(self.spread)  # the right side is multiplied by Qᵀ, too
-        return np.asarray(dtrtrs(packed[:size, :size], packed[:size, size])[0][: len(q)])
+        factor, size = np.linalg.qr(self._stacked(q), mode="r"), len(self.spread)  # the right side is multiplied, too
+        return np.asarray(np.linalg.solve(factor[:size, :size], factor[:size, size])[: len(q)])
 
     def solved(self, q: np.ndarray) -> _Solution:
         """Return the solution linearised about q."""
