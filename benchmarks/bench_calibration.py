@@ -17,7 +17,7 @@ from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
 from printmend.learn.greybox import Greybox
 from printmend.learn.published import layer_trace
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe

@@ -24,7 +24,7 @@ from printmend.gcode.read import Moves, read_gcode
 from printmend.printer import Printer, read_printer
 from printmend.repair import mend_gcode
 from printmend.repair.against import judged
-from printmend.saved.model import exact_model
+from printmend.saved import exact_model
 
 _MARGIN_MM = 5.0
 

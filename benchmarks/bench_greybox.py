@@ -15,7 +15,7 @@ import numpy as np
 
 from printmend.corruption import HEALTHY, families, sample
 from printmend.learn.greybox import Greybox
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe

@@ -20,12 +20,12 @@ import numpy as np
 from printmend.bench.drawn_body import drawn_body
 from printmend.control.registry import controller
 from printmend.corruption import Corruption, Drive, PublishedHull, sample
+from printmend.learn import learner
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.prior import PriorLearner
 from printmend.learn.prior.mixture import mixture, parse_weights
 from printmend.learn.published import layer_trace
-from printmend.learn.registry import learner
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin

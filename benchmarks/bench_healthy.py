@@ -36,7 +36,7 @@ from printmend.promise.by_hand import calliper_section
 from printmend.repair import mend_gcode
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import is_healthy
-from printmend.saved.model import SavedModel, saved_model
+from printmend.saved import SavedModel, saved_model
 from printmend.twin.camera import render_photo
 
 KINDS = ("traces", "scans", "pictures", "photos", "callipers")

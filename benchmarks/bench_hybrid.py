@@ -17,9 +17,9 @@ import numpy as np
 from printmend.bench.drawn_body import drawn_body
 from printmend.control.registry import controller
 from printmend.corruption import sample
+from printmend.learn import fit
 from printmend.learn.published import layer_trace
-from printmend.learn.registry import fit
-from printmend.machine.mechanism import Mechanism, Transmission, healthy_mechanism
+from printmend.machine import Mechanism, Transmission, healthy_mechanism
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin

@@ -30,7 +30,7 @@ from printmend.errors import PrintmendError
 from printmend.gcode.container import open_gcode
 from printmend.gcode.read import Moves, read_gcode
 from printmend.printer import Printer, read_printer
-from printmend.saved.model import exact_model, write_model
+from printmend.saved import exact_model, write_model
 from true_printer import TruePrinter
 
 PRINTMEND = Path(sys.executable).parent / "printmend"

@@ -31,7 +31,7 @@ from printmend.repair import mend, mend_gcode
 from printmend.repair.against import judged
 from printmend.repair.learned import learn_model
 from printmend.repair.prediction import Prediction, with_doubt
-from printmend.saved.model import SavedModel, exact_model, write_model
+from printmend.saved import SavedModel, exact_model, write_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_gcode
 

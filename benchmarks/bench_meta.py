@@ -17,9 +17,9 @@ import numpy as np
 from printmend.bench.print_shapes import SHAPES, path_print
 from printmend.corruption import sample
 from printmend.errors import PrintmendError
+from printmend.learn import fit
 from printmend.learn.meta.tasks import draw_drive
-from printmend.learn.registry import fit
-from printmend.machine.mechanism import Mechanism, Transmission
+from printmend.machine import Mechanism, Transmission
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin

@@ -21,9 +21,9 @@ from printmend.body import body_of, demo_body_gcode
 from printmend.control.registry import controller, controller_names
 from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
 from printmend.errors import InputError
+from printmend.learn import fit, model_names
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.published import layer_trace
-from printmend.learn.registry import fit, model_names
 from printmend.path import Layer
 from printmend.printer import read_printer
 from printmend.protocols import State, WorldModel

@@ -20,7 +20,7 @@ import numpy as np
 from printmend.corruption import sample
 from printmend.corruption.toml import corruption_toml
 from printmend.printer import read_printer
-from printmend.saved.model import exact_model, write_model
+from printmend.saved import exact_model, write_model
 
 PRINTMEND = str(Path(sys.executable).with_name("printmend"))
 PRESET = "ender3"

@@ -11,10 +11,10 @@ from printmend.corruption.pulley import EccentricBore
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.write import rewrite
 from printmend.invert import start
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.printer import read_printer
 from printmend.repair.prediction import Prediction, prediction_of
-from printmend.saved.model import SavedModel, exact_model
+from printmend.saved import SavedModel, exact_model
 from tests import naive_mend
 
 ENDER3, ENDER5, COREXY = read_printer("ender3"), read_printer("ender5"), read_printer("corexy")

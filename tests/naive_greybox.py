@@ -3,7 +3,7 @@
 import numpy as np
 
 from printmend.learn.drive import Design, Rows
-from printmend.saved.branches import Branches
+from printmend.saved import Branches
 
 
 def follow_play(rows: Rows, branches: Branches, start_mm: float) -> tuple[list[int], list[int], list[float]]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from printmend.machine.mechanism import Frame
+from printmend.machine import Frame
 
 
 def clip(position: float, lower: float, upper: float) -> float:

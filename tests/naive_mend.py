@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from printmend.machine.mechanism import Mechanism, ScrewDrive
+from printmend.machine import Mechanism, ScrewDrive
 
 _WORD = re.compile(r"([A-Za-z])\s*([-+]?\d*\.?\d+)")
 

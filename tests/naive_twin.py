@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from printmend.machine.mechanism import GainMechanism, Mechanism, Transmission
+from printmend.machine import GainMechanism, Mechanism, Transmission
 from printmend.printer.printer import Axis
 from printmend.twin import Twin
 

@@ -7,12 +7,11 @@ from hypothesis import strategies as st
 
 from printmend.control.greedy import Greedy
 from printmend.corruption import families, sample
+from printmend.learn import fit, learner_names
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.published import layer_trace
 from printmend.learn.published.increments import AxisModel, moved, start_state
-from printmend.learn.registry import fit, learner_names
-from printmend.machine import PlayTables
-from printmend.machine.mechanism import Mechanism, healthy_transmission
+from printmend.machine import Mechanism, PlayTables, healthy_transmission
 from printmend.printer import Printer, read_printer
 from printmend.protocols import IncrementTables, WorldModel
 from printmend.twin import Twin

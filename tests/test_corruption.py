@@ -28,7 +28,7 @@ from printmend.corruption import (
     published_names,
 )
 from printmend.errors import ConfigError
-from printmend.machine.mechanism import Mechanism, Transmission
+from printmend.machine import Mechanism, Transmission
 from printmend.printer import Printer
 from printmend.units import radius_mm
 from tests.naive_twin import hull_support_mm

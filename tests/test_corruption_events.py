@@ -22,7 +22,7 @@ from printmend.corruption import (
 )
 from printmend.corruption.jump import places_mm
 from printmend.errors import ConfigError, InputError
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.path import Body
 from printmend.printer import Printer
 from printmend.twin import Twin

@@ -12,7 +12,7 @@ from printmend.conformance.controllers import CHECKS as CONTROLLER_CHECKS
 from printmend.conformance.controllers import ControllerCandidate
 from printmend.conformance.learners import CHECKS as LEARNER_CHECKS
 from printmend.conformance.learners import LearnerCandidate
-from printmend.learn.registry import learner
+from printmend.learn import learner
 from tests.mending import ENDER5
 from tests.test_mend_laws import part
 

@@ -9,7 +9,7 @@ import pytest
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, WrongRadius
 from printmend.corruption.frame import CrookedFrame
 from printmend.export.firmware import EXPORTS
-from printmend.machine.mechanism import Frame, Mechanism
+from printmend.machine import Frame, Mechanism
 from printmend.printer import Printer, read_printer
 from tests import naive_mend
 

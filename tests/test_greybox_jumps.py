@@ -13,7 +13,7 @@ from printmend.learn.drive.kernels.jumps import cheapest_levels
 from printmend.learn.drive.ladder import Jump, lasting
 from printmend.learn.greybox import Greybox, motor_rows
 from printmend.learn.published import layer_trace
-from printmend.machine.mechanism import Transmission, healthy_mechanism
+from printmend.machine import Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin

@@ -10,7 +10,7 @@ from printmend.errors import TraceError
 from printmend.learn.drive import NOTHING
 from printmend.learn.greybox import Greybox, GreyboxModel
 from printmend.learn.published import layer_trace
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe

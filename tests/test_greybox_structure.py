@@ -10,7 +10,7 @@ from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Pl
 from printmend.diagnosis.diagnosis import diagnose
 from printmend.learn.greybox import Greybox, GreyboxModel
 from printmend.learn.published import layer_trace
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe

@@ -31,7 +31,7 @@ from printmend.measure.plan import read_plan
 from printmend.measure.table import read_trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
-from printmend.saved.model import read_model, write_model
+from printmend.saved import read_model, write_model
 from tests.mending import BENT, SQUARE, START, exactly
 from tests.mortal import heed_ctrl_c
 
@@ -238,7 +238,7 @@ def test_a_fault_of_our_own_is_one_line(folder: Path, monkeypatch: pytest.Monkey
     def broken(path: Path) -> None:
         raise ZeroDivisionError("division\nby zero")
 
-    monkeypatch.setattr("printmend.saved.model.read_model", broken)
+    monkeypatch.setattr("printmend.saved.read_model", broken)
     monkeypatch.setattr("signal.signal", lambda number, handler: None)
     monkeypatch.setattr(sys, "argv", ["printmend", "export", "-m", "x", "--to", "marlin"])
     with pytest.raises(SystemExit) as caught:

@@ -25,7 +25,7 @@ from printmend.machine.kernels import run
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.repair.learned import learn_model
-from printmend.saved.model import model_text, parse_model
+from printmend.saved import model_text, parse_model
 from printmend.twin import Twin
 from tests.naive_greybox import follow_tables_slowly
 from tests.shapes import ring_layer

@@ -23,7 +23,7 @@ from printmend.printer import read_printer
 from printmend.repair.learned import learn_model, report
 from printmend.repair.update import update
 from printmend.report.examination import examine, summary, write_examination
-from printmend.saved.model import SavedModel, screw_of, write_model
+from printmend.saved import SavedModel, screw_of, write_model
 from printmend.twin import Twin
 
 ENDER3 = read_printer("ender3")

@@ -18,12 +18,12 @@ from printmend.learn.callipers import (
     number_in,
     parse_readings,
 )
-from printmend.machine.mechanism import Frame, Mechanism, Transmission, healthy_transmission
+from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.measure import write_plan
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.budget import parse_budget
-from printmend.saved.model import read_model
+from printmend.saved import read_model
 from printmend.twin import Twin
 
 

@@ -13,7 +13,7 @@ from printmend.gcode.machine import Flavour
 from printmend.gcode.read import read_gcode
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judged
-from printmend.saved.model import exact_model
+from printmend.saved import exact_model
 from tests.mending import BENT, ENDER3, PLAY, SQUARE, START, exactly, mended
 from tests.test_mend_text import HEAD, TAIL
 

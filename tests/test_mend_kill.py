@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from printmend.saved.model import write_model
+from printmend.saved import write_model
 from tests.mending import BENT, START, exactly
 
 KILLS = 6

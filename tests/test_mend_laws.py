@@ -12,7 +12,7 @@ from printmend.corruption.belt import Play
 from printmend.printer import Printer
 from printmend.repair import mend_gcode
 from printmend.repair.against import judged
-from printmend.saved.model import exact_model
+from printmend.saved import exact_model
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, ENDER5, PLAY, SQUARE, START, judge, mended
 

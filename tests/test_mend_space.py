@@ -16,11 +16,10 @@ from printmend.invert import is_identity, lookup
 from printmend.invert import layout as layout
 from printmend.invert.kernels import height as kernels
 from printmend.invert.kernels.lookup import LOWER, UPPER, backward, forward
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judged
-from printmend.saved.model import exact_model, model_text, parse_model, read_model, with_screw, write_model
-from printmend.saved.series import ScrewSeries
+from printmend.saved import ScrewSeries, exact_model, model_text, parse_model, read_model, with_screw, write_model
 from tests import naive_mend
 from tests.mending import COREXY, ENDER3, START, Judged, judge, mended
 

@@ -5,9 +5,9 @@ import pytest
 
 from printmend.control.registry import controller
 from printmend.corruption import sample
+from printmend.learn import fit, learner
 from printmend.learn.published import layer_trace, network, transitions_of
 from printmend.learn.published.neighbours import KNN, LINEAR
-from printmend.learn.registry import fit, learner
 from printmend.path import Layer
 from printmend.printer import read_printer
 from printmend.twin import Twin

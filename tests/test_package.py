@@ -13,7 +13,7 @@ import pytest
 
 import printmend
 from printmend.corruption import corruption_toml, sample
-from printmend.learn.registry import learner
+from printmend.learn import learner
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import WorldModel

@@ -16,7 +16,7 @@ from printmend.cli.conformance import command as conformance
 from printmend.control.registry import controller
 from printmend.corruption import fault
 from printmend.errors import ConfigError
-from printmend.learn.registry import learner
+from printmend.learn import learner
 from tests.mending import ENDER5
 from tests.test_mend_laws import part
 

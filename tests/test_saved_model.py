@@ -7,9 +7,9 @@ import pytest
 
 from printmend.corruption import HEALTHY, sample
 from printmend.errors import ModelError
-from printmend.machine.mechanism import Frame, Mechanism
+from printmend.machine import Frame, Mechanism
 from printmend.printer import Printer, read_printer
-from printmend.saved.branches import Branches, Wave
+from printmend.saved import Branches, Wave
 from printmend.saved.model import (
     branches_of,
     exact_model,

@@ -19,7 +19,7 @@ from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.repair.learned import learn_model
 from printmend.repair.update import update
-from printmend.saved.model import SavedModel, model_text, parse_model, read_model, write_model
+from printmend.saved import SavedModel, model_text, parse_model, read_model, write_model
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
 

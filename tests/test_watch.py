@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.errors import InputError
 from printmend.repair.watch import JOURNAL, Watch
-from printmend.saved.model import write_model
+from printmend.saved import write_model
 from tests.mending import BENT, PLAY, SQUARE, exactly
 
 

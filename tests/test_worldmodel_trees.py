@@ -9,9 +9,9 @@ from sklearn.ensemble import RandomForestRegressor
 
 from printmend.corruption import sample
 from printmend.errors import ModelError, TraceError
+from printmend.learn import fit
 from printmend.learn.published import AxisModel, Ensemble, from_forest, from_lightgbm, layer_trace
 from printmend.learn.published.trees import JointTreeModel
-from printmend.learn.registry import fit
 from printmend.machine import lattice_tables
 from printmend.path import Trace
 from printmend.printer import Printer

@@ -8,8 +8,8 @@ import pytest
 
 from printmend.conformance.families import CHECKS, FamilyCandidate, middle, walk
 from printmend.corruption import Corruption, corruption_toml, families, parse_corruption, sample
+from printmend.machine import Mechanism
 from printmend.machine.kernels.play import RESOLUTION
-from printmend.machine.mechanism import Mechanism
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 from tests import naive_twin

@@ -7,7 +7,7 @@ import pytest
 
 from printmend.conformance.learners import CHECKS, LearnerCandidate, random_controls
 from printmend.corruption import sample
-from printmend.learn.registry import fit, model_names
+from printmend.learn import fit, model_names
 from printmend.printer import Printer
 from printmend.twin import Twin
 

@@ -22,7 +22,7 @@ def command(source: Path, model_path: Path, against: Path | None, as_json: bool)
 
     from printmend.cli.mend_output import progress
     from printmend.repair import check_gcode
-    from printmend.saved.model import read_model
+    from printmend.saved import read_model
 
     model = read_model(model_path)
     with progress(source) as tick:

@@ -139,7 +139,7 @@ def _say_estimates(estimates: "tuple[Estimate, ...]", printer_name: str | None, 
     from printmend.learn.callipers import mechanism
     from printmend.printer import read_printer
     from printmend.promise.by_hand import calliper_section
-    from printmend.saved.model import saved_model, write_model
+    from printmend.saved import saved_model, write_model
 
     for item in estimates:
         click.echo(str(item))

@@ -10,7 +10,7 @@ from printmend.cli.outcome import tell
 
 if TYPE_CHECKING:
     from printmend.invert.fineness import Fineness
-    from printmend.saved.model import SavedModel
+    from printmend.saved import SavedModel
 
 
 @click.command(epilog="Example: printmend mend part.gcode -m printer.mend.json --report part.html")
@@ -52,7 +52,7 @@ def command(
     Of several files the others are written all the same, and it ends with the worst of theirs: 1, then 2, then 3.
     """
     from printmend.invert.fineness import Fineness
-    from printmend.saved.model import read_model
+    from printmend.saved import read_model
 
     fineness = Fineness(tolerance_mm, firmware)
     if len(sources) > 1 or sources[0].is_dir() or as_json:
@@ -73,7 +73,7 @@ def _one(
     from printmend.repair import mend_gcode
     from printmend.repair.many import refuse_overwriting
     from printmend.report.part import check_report_name, write_report
-    from printmend.saved.model import read_model
+    from printmend.saved import read_model
 
     check_report_name(report)
     target = output_path(source, output, in_place=in_place)

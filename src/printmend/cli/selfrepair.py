@@ -10,7 +10,7 @@ from printmend.cli.model import Model
 
 if TYPE_CHECKING:
     from printmend.corruption import Corruption
-    from printmend.saved.model import SavedModel
+    from printmend.saved import SavedModel
 
 ALL = "all"
 
@@ -75,7 +75,7 @@ def _broken(
     """Return what is broken, and the figure's title."""
     from printmend.corruption import read_corruption
     from printmend.demo.selfrepair_report import hull_damage
-    from printmend.saved.model import read_model
+    from printmend.saved import read_model
 
     if sum(value is not None for value in (hull, broken_path, model_path)) > 1:
         raise click.UsageError("--hull, --corruption and --model each say what is broken: give one")

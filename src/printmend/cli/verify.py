@@ -39,7 +39,7 @@ def command(
     from printmend.measure import read_plan, read_trace
     from printmend.repair.history import history_of
     from printmend.repair.verify import remember_verdict, updated, verify
-    from printmend.saved.model import read_model, write_model
+    from printmend.saved import read_model, write_model
 
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
     if not is_table and (plan_path is None) == (part_path is None):

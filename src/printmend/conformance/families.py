@@ -9,7 +9,7 @@ import numpy as np
 
 from printmend.conformance.need import need
 from printmend.corruption import HEALTHY, Fault, fault
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 

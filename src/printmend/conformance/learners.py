@@ -13,8 +13,8 @@ from printmend.conformance.tables import follow_tables
 from printmend.control.check import tables_of
 from printmend.control.registry import controller
 from printmend.corruption import HEALTHY, sample
+from printmend.learn import fit
 from printmend.learn.published import layer_trace
-from printmend.learn.registry import fit
 from printmend.machine import PlayTables
 from printmend.path import Trace
 from printmend.printer import read_printer

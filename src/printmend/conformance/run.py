@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from printmend.errors import ConfigError, PrintmendError
-from printmend.learn.registry import ORACLE
+from printmend.learn import ORACLE
 from printmend.plugins import CONTROLLERS, CORRUPTIONS, LEARNERS, is_plugin, load_plugin
 
 KINDS = ("learner", "controller", "family")
@@ -24,7 +24,7 @@ def kind_of(name: str) -> str:
     """Return which of `KINDS` a name or a place `module:NAME` is. Raise `ConfigError` for neither."""
     from printmend.control.registry import controller_names
     from printmend.corruption import families
-    from printmend.learn.registry import learner_names
+    from printmend.learn import learner_names
 
     known = {"learner": (*learner_names(), ORACLE), "controller": controller_names(), "family": families()}
     for kind in KINDS:
@@ -50,7 +50,7 @@ def conformance(name: str) -> Iterator[Outcome]:
     kind = kind_of(name)
     if kind == "learner":
         from printmend.conformance import learners
-        from printmend.learn.registry import check_model_name
+        from printmend.learn import check_model_name
 
         check_model_name(name)
         yield from _outcomes(learners.CHECKS, learners.LearnerCandidate(name))

@@ -14,13 +14,7 @@ from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.warp import Warp
 from printmend.errors import ConfigError
-from printmend.machine.mechanism import (
-    Frame,
-    GainMechanism,
-    Mechanism,
-    Transmission,
-    healthy_transmission,
-)
+from printmend.machine import Frame, GainMechanism, Mechanism, Transmission, healthy_transmission
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 

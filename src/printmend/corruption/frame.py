@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from printmend.corruption.check import in_range
-from printmend.machine.mechanism import Frame
+from printmend.machine import Frame
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from printmend.corruption.check import in_range, refuse
 from printmend.errors import ConfigError
-from printmend.machine.mechanism import ScrewDrive, Transmission
+from printmend.machine import ScrewDrive, Transmission
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from printmend.errors import TraceError
 from printmend.files import replacing
-from printmend.machine.mechanism import GainMechanism
+from printmend.machine import GainMechanism
 from printmend.path import Body, Layer, frozen
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin

@@ -13,7 +13,7 @@ import numpy as np
 from printmend.body import demo_body_gcode
 from printmend.corruption import Corruption
 from printmend.gcode.read import Program, read_gcode
-from printmend.learn.registry import fit
+from printmend.learn import fit
 from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.printer import Printer

@@ -24,7 +24,7 @@ from printmend.printer import Printer
 from printmend.repair import mend_gcode
 from printmend.repair.learned import learn_model
 from printmend.repair.part import PartMeasurement, measure_part
-from printmend.saved.model import SavedModel, write_model
+from printmend.saved import SavedModel, write_model
 from printmend.twin import Twin
 from printmend.twin.scanner import DEFAULT, render_layer
 

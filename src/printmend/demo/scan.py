@@ -25,7 +25,7 @@ from printmend.printer import Printer
 from printmend.probe import design_probe, write_probe
 from printmend.repair import mend_gcode
 from printmend.repair.learned import learn_model
-from printmend.saved.model import SavedModel, write_model
+from printmend.saved import SavedModel, write_model
 from printmend.twin import Twin
 from printmend.twin.scanner import DEGRADATIONS, scan_trace
 

@@ -19,13 +19,13 @@ from printmend.demo.pulley_part import BEAD_MM, RADIUS_MM, TOOTHED_LAYER, pulley
 from printmend.errors import InputError, PrintmendError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.probe import design_probe
 from printmend.repair import mend_gcode
 from printmend.repair.learned import learn_model
-from printmend.saved.model import SavedModel
+from printmend.saved import SavedModel
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
 

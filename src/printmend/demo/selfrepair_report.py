@@ -9,7 +9,7 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Play, Publish
 from printmend.demo.pulley_part import TIP_MM
 from printmend.demo.selfrepair import CONVERGED_MM, MENDED, OPEN, Series, run_series
 from printmend.printer import Printer
-from printmend.saved.model import SavedModel
+from printmend.saved import SavedModel
 from printmend.units import TURN_RAD
 
 HEADER = ("way", "generation", "RMS mm", "size mm", "shape mm")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
 from printmend.units import TURN_RAD
 

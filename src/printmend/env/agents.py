@@ -17,7 +17,7 @@ from printmend.env import kernels
 from printmend.env.print_env import C_MAX, PrintEnv
 from printmend.env.vector_env import PrintVectorEnv
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.protocols import Controller
 
 Agent = Callable[[np.ndarray], np.ndarray]

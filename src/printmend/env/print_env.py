@@ -13,7 +13,7 @@ import numpy as np
 from printmend.corruption import Corruption, sample
 from printmend.env import kernels
 from printmend.env.fleet import Fleet, Machines, Tasks, fleet_of, machines_of, mechanisms_of, random_layer, tasks_of
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 

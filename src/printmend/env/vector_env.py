@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 from printmend.env import kernels
 from printmend.env.fleet import Fleet, Machines, Tasks, fleet_of, machines_of, mechanisms_of, random_layer, tasks_of
 from printmend.env.print_env import C_MAX, DrawCorruption, Reward, draw_damaged, observation_space
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 

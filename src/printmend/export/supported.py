@@ -8,7 +8,7 @@ from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, Export, Simple, simple_part
 from printmend.promise.budget import Budget, parse_budget
 from printmend.promise.misfit import refusals
-from printmend.saved.model import SavedModel
+from printmend.saved import SavedModel
 
 SURE = 2.0  # standard deviations: the coverage factor k of an expanded uncertainty (JCGM 100, 6.3)
 GAIN_MM = 0.001  # a setting that lowers the error over the bed by less is not worth typing

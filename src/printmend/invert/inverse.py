@@ -10,7 +10,7 @@ from printmend.invert.kernels import layout as k
 from printmend.invert.kernels import lookup as look
 from printmend.invert.kernels.curve import CURVE
 from printmend.invert.kernels.mend import mend
-from printmend.machine.mechanism import Mechanism, ScrewDrive, Transmission
+from printmend.machine import Mechanism, ScrewDrive, Transmission
 
 _SAME_MM = 1e-7  # tables that differ by less are the same: saved ones are rounded to 1e-9 mm
 _RISE_LOOK_MM = 0.05  # a screw's curvature is measured over this distance

@@ -15,7 +15,7 @@ import numpy as np
 
 from printmend.errors import TraceError
 from printmend.files import read_text
-from printmend.machine.mechanism import Frame, Mechanism, Transmission, healthy_transmission
+from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.measure.plan import ProbePlan
 from printmend.path import frozen
 from printmend.printer import Printer

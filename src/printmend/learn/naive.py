@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.machine.mechanism import Mechanism, healthy_mechanism
+from printmend.machine import Mechanism, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import IncrementTables, State

@@ -9,7 +9,7 @@ import importlib
 import numpy as np
 
 from printmend.errors import ConfigError, ModelError
-from printmend.machine.mechanism import GainMechanism, Mechanism
+from printmend.machine import GainMechanism, Mechanism
 from printmend.path import Trace
 from printmend.plugins import LEARNERS, is_plugin, load_plugin, plugin_names
 from printmend.printer import Printer

@@ -15,7 +15,7 @@ from printmend.learn.drive.design import Contacts, Rows, contacts
 from printmend.learn.greybox.rows import INDEPENDENT_WALLS, wall_shares
 from printmend.path import FLATBED, Trace
 from printmend.printer import Printer
-from printmend.saved.layout import Design, bed_middle
+from printmend.saved import Design, bed_middle
 
 DESIGN = Design(mean_powers=2, play_powers=1, mean_harmonics=tuple(range(1, 13)), play_harmonics=(1, 3))
 PASSES, ROUNDS = 14, 3

@@ -18,7 +18,7 @@ from printmend.learn.greybox import Greybox
 from printmend.machine.kernels import run
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.saved.branches import SCALE_MM, Branches, Wave
+from printmend.saved import SCALE_MM, Branches, Wave
 
 NOISE_MM = 0.05
 LEAST_NOISE_MM = 0.01  # no scan is better

@@ -15,10 +15,9 @@ import numpy as np
 
 from printmend.learn.drive import CROSS
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive, frame_of
-from printmend.machine.mechanism import Frame, Mechanism
+from printmend.machine import Frame, Mechanism
 from printmend.path import Instrument, Trace
-from printmend.saved.branches import SCALE_MM
-from printmend.saved.model import SavedModel, branches_of
+from printmend.saved import SCALE_MM, SavedModel, branches_of
 
 SCALE_SD, SKEW_SD = 0.02, 0.01  # of a scale and of half a skew [rad] that are faults
 FAULT_ODDS = np.exp(-2.0)  # of each fault

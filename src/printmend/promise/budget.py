@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 
 from printmend.promise.effects import Effect, parse_effects
-from printmend.saved.branches import SCALE_MM
-from printmend.saved.layout import CROSS, Design
-from printmend.saved.model import SavedModel
+from printmend.saved import CROSS, SCALE_MM, Design, SavedModel
 from printmend.saved.values import number, numbers, refuse, section_of
 
 VERSION = 1

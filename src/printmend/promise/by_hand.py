@@ -14,7 +14,7 @@ from printmend.path import Instrument
 from printmend.printer import Printer
 from printmend.promise.budget import VERSION
 from printmend.promise.section import NO_PARTS
-from printmend.saved.branches import SCALE_MM
+from printmend.saved import SCALE_MM
 
 FINER_MM = 0.03  # standard deviation of what twelve distances do not show, as finer harmonics: most printers have less
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.machine.mechanism import Mechanism, Transmission
+from printmend.machine import Mechanism, Transmission
 from printmend.promise.budget import Budget, MotorBudget
 from printmend.promise.effects import Drawn, Places
-from printmend.saved.layout import bed_middle
+from printmend.saved import bed_middle
 
 DRAWS = 256
 RANKED_DRAWS = 32  # of these, for the quantiles over the places of a path

@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.learn.drive import Design, bed_middle
 from printmend.learn.greybox import LearnedDrive, motor_rows
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import Acting

@@ -13,7 +13,7 @@ from printmend.machine import Mechanism, print_from_home
 from printmend.promise.predict import Errors, without_doubt
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Heights, Prediction
-from printmend.saved.model import exact_model
+from printmend.saved import exact_model
 from printmend.twin.twin import Twin
 
 _CHORD_MM = 0.002

@@ -10,12 +10,12 @@ from threadpoolctl import threadpool_limits
 from printmend.diagnosis.diagnosis import Diagnosis, diagnose, doubt_of
 from printmend.diagnosis.screw import ScrewFound, find_screw
 from printmend.errors import ConfigError
+from printmend.learn import learner
 from printmend.learn.drive import ALL_SEEN
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
 from printmend.learn.hybrid import HybridModel
-from printmend.learn.registry import learner
 from printmend.learn.walls import with_walls
-from printmend.machine.mechanism import Mechanism, healthy_mechanism, healthy_transmission
+from printmend.machine import Mechanism, healthy_mechanism, healthy_transmission
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import acting
@@ -25,9 +25,7 @@ from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import IN_TIME, as_printed, causes_of, effects_of, found_in, of_the_end
 from printmend.promise.section import promise_section, residual_section
 from printmend.protocols import WorldModel
-from printmend.saved.branches import Branches
-from printmend.saved.model import SavedModel, saved_model, with_screw
-from printmend.saved.series import ScrewSeries
+from printmend.saved import Branches, SavedModel, ScrewSeries, saved_model, with_screw
 
 AUTO = "auto"
 Planar = TypeVar("Planar", bound=WorldModel)

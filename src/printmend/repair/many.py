@@ -10,7 +10,7 @@ from typing import Any
 from printmend.errors import InputError, PrintmendError
 from printmend.invert import Fineness
 from printmend.repair.mend import AS_USUAL, Mended, mend_gcode
-from printmend.saved.model import SavedModel
+from printmend.saved import SavedModel
 
 # The last one alone is a mesh more often than G-code: named, it is tried; in a folder it is left alone.
 SUFFIXES = (".gcode.3mf", ".bgcode", ".gcode", ".gco", ".g", ".nc", ".3mf")

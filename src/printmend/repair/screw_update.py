@@ -9,8 +9,7 @@ from printmend.diagnosis.diagnosis import NAMED_SIGMAS
 from printmend.diagnosis.screw import KINDS, ScrewFound, find_screw, heights_mm, without_push
 from printmend.path import Trace
 from printmend.repair.learned import Z_SAID, told
-from printmend.saved.model import SavedModel, screw_of, with_screw
-from printmend.saved.series import ScrewSeries
+from printmend.saved import SavedModel, ScrewSeries, screw_of, with_screw
 from printmend.twin import Twin
 
 

@@ -18,7 +18,7 @@ from printmend.promise.predict import Errors, Outlook, Promise, promised
 from printmend.promise.predict import Path as Places
 from printmend.repair.history import remember
 from printmend.repair.update import Updated, update
-from printmend.saved.model import SavedModel
+from printmend.saved import SavedModel
 from printmend.twin import Twin
 
 LEAST_MARKS = 10

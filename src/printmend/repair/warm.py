@@ -9,12 +9,12 @@ import numpy as np
 
 from printmend.corruption import sample
 from printmend.jit import compilations
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.printer import read_printer
 from printmend.probe.probe import design_probe, write_probe
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import mend_gcode
-from printmend.saved.model import exact_model
+from printmend.saved import exact_model
 from printmend.twin.gcode import print_gcode
 from printmend.twin.twin import Twin
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
 from printmend.repair.many import Outcome, is_gcode_name, mend_files
-from printmend.saved.model import SavedModel, read_model
+from printmend.saved import SavedModel, read_model
 
 JOURNAL = ".printmend-watch.jsonl"
 _ERROR = ".error.txt"  # beside where the mended file would be: why it is not there

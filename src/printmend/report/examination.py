@@ -20,7 +20,7 @@ from printmend.repair.learned import learn, left_over_mm, todo
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Prediction
 from printmend.repair.verify import expectation
-from printmend.saved.model import SavedModel
+from printmend.saved import SavedModel
 
 SUFFIXES = (".html", ".htm", ".pdf")
 MOST_ARROWS = 1200

@@ -10,7 +10,7 @@ from printmend.errors import InputError, MissingToolError
 from printmend.files import replacing
 from printmend.promise.budget import parse_budget
 from printmend.repair.prediction import Prediction
-from printmend.saved.model import SavedModel
+from printmend.saved import SavedModel
 
 if TYPE_CHECKING:
     from printmend.report.part_view import PartView

@@ -11,7 +11,7 @@ import shapely
 
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
 
 MOST_BYTES = 80_000_000  # of a file that is read again whole

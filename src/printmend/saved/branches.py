@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from printmend.machine.mechanism import Transmission, healthy_transmission
+from printmend.machine import Transmission, healthy_transmission
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.units import TURN_RAD

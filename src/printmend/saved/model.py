@@ -18,7 +18,7 @@ import tomli_w
 from printmend import __version__
 from printmend.errors import ConfigError, ModelError
 from printmend.files import read_text, replacing
-from printmend.machine.mechanism import Frame, Mechanism, Transmission, healthy_transmission
+from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
 from printmend.printer import Printer
 from printmend.printer.toml import parse_printer
 from printmend.saved.branches import Branches, Wave

@@ -249,7 +249,7 @@ def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
     """Learn from distances that were taken with callipers: scale, play, pulleys off their centre, skew."""
     from printmend.learn.callipers import estimate, mechanism, parse_readings
     from printmend.promise.by_hand import calliper_section
-    from printmend.saved.model import saved_model, write_model
+    from printmend.saved import saved_model, write_model
 
     chosen, folder = _distances(here, key), _folder(here, key)
     text = "\n".join("" if value is None else f"{value:.6f}" for value in given.readings_mm) + "\n"
@@ -265,7 +265,7 @@ def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
 @router.get("/{key}/known")
 def known(here: Here, key: Key) -> Known:
     """Return what is known of a printer."""
-    from printmend.saved.model import read_model
+    from printmend.saved import read_model
 
     folder = _folder(here, key)
     history: list[dict[str, Any]] = []
@@ -283,7 +283,7 @@ def known(here: Here, key: Key) -> Known:
 @router.get("/{key}/next", tags=["measure"])
 def next_one(here: Here, key: Key) -> NextCard | None:
     """Return the cheapest print that would show what the measurement could not tell; null where nothing is missing."""
-    from printmend.saved.model import read_model
+    from printmend.saved import read_model
     from printmend.studio.next_print import next_print
 
     folder = _folder(here, key)

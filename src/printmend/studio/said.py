@@ -7,11 +7,11 @@ import numpy as np
 
 from printmend.diagnosis.advice import Advice, advise
 from printmend.diagnosis.diagnosis import Fault
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.promise.misfit import misfit_words
 from printmend.repair.learned import todo
 from printmend.report.examination import LEAST_ADVICE_MM, URGENCY
-from printmend.saved.model import SavedModel
+from printmend.saved import SavedModel
 from printmend.units import TURN_RAD
 
 _ANGLES = 180

@@ -19,7 +19,7 @@ from printmend.gcode.layers import layers_of
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import follow
 from printmend.invert import Planner, layout, start
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
 from printmend.studio import kernels
 

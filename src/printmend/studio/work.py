@@ -99,7 +99,7 @@ def _mend(job: Job) -> dict[str, Any]:
     """Mend one file, show it in three dimensions, and predict what it comes to."""
     from printmend.repair import mend_gcode
     from printmend.repair.mend import check_gcode, is_healthy
-    from printmend.saved.model import read_model
+    from printmend.saved import read_model
     from printmend.studio.scene import build_scene, write_scene
 
     model = read_model(job.printer_folder / MODEL)
@@ -204,7 +204,7 @@ def _learn(job: Job) -> dict[str, Any]:
     from printmend.measure import read_plan, read_trace
     from printmend.printer import read_printer
     from printmend.repair.learned import learn_model
-    from printmend.saved.model import write_model
+    from printmend.saved import write_model
     from printmend.studio.said import said
 
     printer = read_printer(job.printer_folder / PRINTER)
@@ -227,7 +227,7 @@ def _learn(job: Job) -> dict[str, Any]:
 def _check_print(job: Job) -> dict[str, Any]:
     """Mend the test print itself: printed and measured, it shows whether the promise is kept."""
     from printmend.repair import mend_gcode
-    from printmend.saved.model import read_model
+    from printmend.saved import read_model
 
     model = read_model(job.printer_folder / MODEL)
     prediction = mend_gcode(job.printer_folder / PROBE, model, job.file("check.mended.gcode"), force=True).prediction
@@ -239,7 +239,7 @@ def _verify(job: Job) -> dict[str, Any]:
     from printmend.measure import read_plan, read_trace
     from printmend.measure.measurement import measure_scans
     from printmend.repair.verify import remember_verdict, updated, verify
-    from printmend.saved.model import read_model, write_model
+    from printmend.saved import read_model, write_model
 
     model = read_model(job.printer_folder / MODEL)
     paths = [_named(job, one["upload"], f"{i + 1}-{one['name']}") for i, one in enumerate(job.params["scans"])]
@@ -291,7 +291,7 @@ def _play(job: Job) -> dict[str, Any]:
     from printmend.repair import mend_gcode
     from printmend.repair.learned import learn_model
     from printmend.repair.update import update
-    from printmend.saved.model import write_model
+    from printmend.saved import write_model
     from printmend.studio.play import faults_of, play_printer, tower_trace
     from printmend.studio.said import said
     from printmend.studio.scene import build_scene, write_scene

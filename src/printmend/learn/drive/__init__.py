@@ -9,7 +9,7 @@ from printmend.learn.drive.design import Contacts, Rows, contacts, normal_equati
 from printmend.learn.drive.ladder import Jump, jumped
 from printmend.learn.drive.select import NOTHING, Choice, Structure
 from printmend.learn.drive.sight import ALL_SEEN, Sight
-from printmend.saved.layout import CROSS, Design, bed_middle
+from printmend.saved import CROSS, Design, bed_middle
 
 __all__ = [
     "ALL_SEEN",

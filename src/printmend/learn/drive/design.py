@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.learn.drive.kernels import columns as kernels
-from printmend.saved.branches import SCALE_MM
-from printmend.saved.layout import Design
+from printmend.saved import SCALE_MM, Design
 
 CHUNK_ROWS = 1 << 12  # rows that are summed at once: their columns stay in the processor's cache
 PHASE_CELLS = 1024  # cells of a turn for the moments: of two harmonics up to 32 their product is off by 2 % at most

@@ -12,7 +12,7 @@ import numpy as np
 
 from printmend.learn.drive.design import Rows
 from printmend.path import last_way
-from printmend.saved.layout import SCALE_MM
+from printmend.saved import SCALE_MM
 from printmend.units import TURN_RAD
 
 TOOTH_MM = 2.0  # distance of two teeth of a GT2 belt, which printers have

@@ -13,7 +13,7 @@ from printmend.learn.drive.design import Design, Normal, Rows
 from printmend.learn.drive.fit import Fit, Posterior, Prior, refine, solve, variances
 from printmend.learn.drive.sight import crosses
 from printmend.path import last_way
-from printmend.saved.layout import CROSS
+from printmend.saved import CROSS
 
 COARSE_HARMONICS = 8  # of the search for contacts
 TRIAL_HARMONICS = 16  # of the choice of parts

@@ -10,10 +10,10 @@ from printmend.learn.drive.left_out import OmittedParts
 from printmend.learn.drive.rest import CENTRED, rest_shares
 from printmend.learn.drive.sight import Sight, sight
 from printmend.learn.mechanism_model import MachineLearned
-from printmend.machine.mechanism import Frame, Mechanism
+from printmend.machine import Frame, Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.saved.branches import Branches
+from printmend.saved import Branches
 
 
 @dataclass(frozen=True, eq=False)

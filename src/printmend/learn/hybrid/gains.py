@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.learn.drive.fit import independent_share, robust_sigma_mm
-from printmend.machine.mechanism import GainMechanism
+from printmend.machine import GainMechanism
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import TURN_RAD

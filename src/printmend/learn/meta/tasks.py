@@ -11,7 +11,7 @@ from printmend.corruption import HEALTHY, Corruption, sample
 from printmend.learn.meta import kernels
 from printmend.learn.meta.bayes import Evidence
 from printmend.learn.meta.columns import CROSS, GROUPS, columns, groups
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism
 from printmend.printer import Printer
 
 FAMILIES = (

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from printmend.errors import ModelError
-from printmend.machine.mechanism import Mechanism, healthy_transmission
+from printmend.machine import Mechanism, healthy_transmission
 from printmend.path import Trace, frozen
 from printmend.printer import Printer
 from printmend.protocols import IncrementTables, JointTables, State, Tables, WorldModel

@@ -18,7 +18,7 @@ from printmend.learn.drive.sight import sight
 from printmend.learn.pulley.fit import LEAST_LEFT_MM, OutlineFit, Places, fitted_outline
 from printmend.learn.pulley.outline import ANY_PULLEY, OUTLINES, ROUND, EggOutline, FlatOutline, Outline
 from printmend.learn.pulley.shapes import ANGLES, series
-from printmend.saved.branches import SCALE_MM
+from printmend.saved import SCALE_MM
 from printmend.units import TURN_RAD
 
 WHOLE_TURN = 0.999  # share of a turn that counts as all of it: nothing is left to complete
