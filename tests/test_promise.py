@@ -98,6 +98,15 @@ def test_a_model_that_says_nothing_of_its_doubt_promises_what_it_plans(part: Pat
     assert set(after.made_of) == {"planning"}
 
 
+def test_a_learner_without_doubt_promises_no_less_than_it_leaves(part: Path) -> None:
+    trace = measured(BENT, 0.05, 1, 250)
+    model = learn_model(trace, ENDER3, model="naive")
+    before = check_gcode(part, model).before
+    off_mm = np.sqrt(np.mean((trace.measured_mm - trace.commanded_mm) ** 2))
+    assert before.rms_low_mm < off_mm < before.rms_high_mm
+    assert before.made_of["unexplained"] > 0.9 * before.rms_mm
+
+
 def test_the_budget_follows_the_machine(bent: SavedModel) -> None:
     """Each direction of a motor's budget, added to its parameters, moves its belt as its columns say."""
     budget = parse_budget(bent)

@@ -35,6 +35,7 @@ LOST_SIGMAS = 6.0
 LOST_MM = 0.05
 FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3  # shares of the points: a note, a warning, a refusal from there on
 UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # of the error that a model leaves, and at least mm, from where it is none
+MOST_JUMPS = 4  # skipped teeth and lost steps in a print, beyond which its end is no better known than its beginning
 IN_TIME = ("linear", "step", "creep", "wear", "thermal")
 TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # both axes by so much, and alike to this share
 MOVED_MM, HOME_SD_MM = 0.3, 0.05  # a plate lies shifted from there on; the most doubt of the error at home
@@ -171,7 +172,7 @@ def of_the_end(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tu
     What gives way stays so: the end. A printer that warms up is cold again when the next print begins: early.
     """
     timed = [cause for cause in causes if cause.candidate.kind in IN_TIME and cause.size_mm > LEAST_COST_MM]
-    if not timed:
+    if not timed or sum(len(jumps) for jumps in box.jumps) > MOST_JUMPS:
         return None
     state = EARLY if any(cause.candidate.kind == "thermal" for cause in timed) else ENDED
     rows = motor_rows(trace, box.printer, box.periods_mm)

@@ -28,6 +28,14 @@ _EXPECTED = {
 NAMES = tuple(_EXPECTED)
 EXPECTED = tuple(float(mean) for mean, _ in _EXPECTED.values())
 _PHASE_SD_MM = 2.0
+SHORTEST_MM, LONGEST_MM = 20.0, 72.0  # of turns: pulleys of 10 to 36 teeth
+_GRID_TURNS = 0.05  # of a turn, by which a wave may be off at the end of the span between lengths of the grid
+_USUAL_TURN_MM, _TURN_SD = 40.0, 0.3  # prior of the turn: its median, and the standard deviation of its logarithm
+
+
+def turns_mm(span_mm: float) -> np.ndarray:
+    """Return the lengths of a turn among which a search begins, for what was seen over ``span_mm``."""
+    return 1 / np.arange(1 / LONGEST_MM, 1 / SHORTEST_MM, _GRID_TURNS / span_mm)
 
 
 @dataclass(frozen=True)
@@ -57,11 +65,12 @@ class Settings:
         return float(1 / (1 + np.exp(-self.logit_share)))
 
     def outside(self) -> bool:
-        return not (25 < self.turn_mm < 60 and self.decay >= 0 and abs(self.logit_share) < 12)
+        return not (SHORTEST_MM <= self.turn_mm <= LONGEST_MM and self.decay >= 0 and abs(self.logit_share) < 12)
 
     def penalty(self) -> float:
         """The negative log prior."""
         off = [(getattr(self, name) - mean) / spread for name, (mean, spread) in _EXPECTED.items()]
+        off.append(np.log(self.turn_mm / _USUAL_TURN_MM) / _TURN_SD)
         return float(np.square(off).sum() / 2 + np.square(self.phases_mm).sum() / (2 * _PHASE_SD_MM**2))
 
     def shift_mm(self, direction: int, file: int) -> float:

@@ -34,6 +34,7 @@ from printmend.bench.real.evidence import (
     harmonics,
     likeliest_steps,
     system,
+    turns_mm,
 )
 from printmend.path import frozen
 
@@ -81,7 +82,8 @@ def fit(traces: Sequence[Trace1d]) -> Periodic:
         return 1e9 if settings.outside() else -system(traces, settings).posterior()[1] + settings.penalty()
 
     with threadpool_limits(1, user_api="blas"):  # systems of some 100 unknowns: a second thread only waits
-        values = _descend(loss, _start(loss, files))
+        span_mm = max(float(np.ptp(trace.place_mm)) for trace in traces)
+        values = _descend(loss, _start(loss, files, span_mm))
         for _ in range(_ROUNDS):
             if not _add_steps(traces, Settings.of(values)):
                 break
@@ -149,9 +151,9 @@ def _descend(loss: Callable[[np.ndarray], float], values: np.ndarray) -> np.ndar
     return np.asarray(values + scale * found.x)
 
 
-def _start(loss: Callable[[np.ndarray], float], files: int) -> np.ndarray:
+def _start(loss: Callable[[np.ndarray], float], files: int, span_mm: float) -> np.ndarray:
     """Search the turn, then the phase of each other file."""
-    turns = np.arange(34.0, 48.1, 0.25)
+    turns = turns_mm(span_mm)
     values = min((np.array([turn, *EXPECTED] + [0.0] * (files - 1)) for turn in turns), key=loss)
     for at in range(1 + len(NAMES), len(values)):
         shifted = [values + phase * (np.arange(len(values)) == at) for phase in np.arange(-6.0, 6.1)]

@@ -21,7 +21,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.bench.case import Case, Result
-from printmend.bench.real.evidence import Trace1d
+from printmend.bench.real.evidence import Trace1d, turns_mm
 from printmend.bench.real.periodic import Periodic, fit
 from printmend.bench.real.shipped import shipped_fit
 from printmend.bench.real.traverse import Traverse, detrended, middles_mm, read_traverses
@@ -201,7 +201,7 @@ def _learned(source: str, shape: str, speed: str) -> _Learned:
         model = fit([file.trace(direction) for file in numbered for direction in (1, -1)])
         shipped = shipped_fit(
             [(direction, *file.samples(file.first(direction), model.settings.phases_mm[file.number]))
-             for file in numbered for direction in (1, -1)], model.settings.turn_mm,
+             for file in numbered for direction in (1, -1)]
         )  # fmt: skip
     return _Learned(numbered, model, shipped)
 
@@ -246,7 +246,7 @@ def plain_fit(
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Return the least-squares harmonics of (angle, error) [N] mm of one direction as a function of the angle [N] mm.
 
-    Each trace has a line of its own. The travel of a turn is the best of 36 to 48 mm in steps of 0.1.
+    Each trace has a line of its own. The travel of a turn is the best of `turns_mm`.
     """
     angle_mm, error_mm = (np.concatenate(values) for values in zip(*traces, strict=True))
     of = np.repeat(np.arange(len(traces)), [len(angle) for angle, _ in traces])
@@ -262,7 +262,10 @@ def plain_fit(
         weights = np.linalg.lstsq(design, error_mm, rcond=None)[0]
         return float(((error_mm - design @ weights) ** 2).sum()), turn_mm, weights[: 2 * harmonics]
 
-    _, turn, weights = min((fitted(turn) for turn in np.arange(36.0, 48.05, 0.1)), key=lambda found: found[0])
+    grid = turns_mm(float(np.ptp(angle_mm)))
+    at = int(np.argmin([fitted(turn)[0] for turn in grid]))
+    finer = np.linspace(grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)], 25)
+    _, turn, weights = min((fitted(turn) for turn in finer), key=lambda found: found[0])
     return lambda at: columns(at, turn) @ weights
 
 

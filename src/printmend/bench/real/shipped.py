@@ -9,20 +9,18 @@ from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.repair.learned import learn_model
 
-TOOTH_MM = 2.0  # of a GT2 belt
-
 
 def shipped_fit(
-    traces: Sequence[tuple[int, np.ndarray, np.ndarray]], turn_mm: float
+    traces: Sequence[tuple[int, np.ndarray, np.ndarray]],
 ) -> Callable[[int, np.ndarray], np.ndarray]:
     """Learn from (direction, place [N], error along the way [N]) mm; predict the error of (direction, place [N]).
 
-    The printer is told how many teeth its pulley has, as a user would: the whole number nearest to ``turn_mm``.
+    The printer is a preset of 20 teeth: that its pulley turns by another length, the learner has to find.
     """
-    turn_mm = TOOTH_MM * round(turn_mm / TOOTH_MM)
-    turns = 1 + np.ceil(2 * max(float(np.abs(place).max()) for _, place, _ in traces) / turn_mm)
     printer = read_printer("ender5")
-    printer = replace(printer, x=replace(printer.x, mm_per_turn=turn_mm, max_mm=float(turns * turn_mm)))
+    turn_mm = printer.x.mm_per_turn
+    turns = 1 + np.ceil(2 * max(float(np.abs(place).max()) for _, place, _ in traces) / turn_mm)
+    printer = replace(printer, x=replace(printer.x, max_mm=float(turns * turn_mm)))
     middle = printer.x.max_mm / 2
     commanded = np.concatenate([place for _, place, _ in traces]) + middle
     measured = commanded + np.concatenate([direction * error for direction, _, error in traces])
