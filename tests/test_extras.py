@@ -16,6 +16,7 @@ import printmend
 for name in set(printmend.__all__) - {{"measure_scans"}}:
     getattr(printmend, name)
 import printmend.export.firmware, printmend.learn.callipers, printmend.learn.prior.prior, printmend.repair.update
+import printmend.learn.hybrid.residual, printmend.learn.meta, printmend.probe.part_layer, printmend.promise.misfit_rows
 import printmend.cli.main as cli
 try:
     printmend.measure_scans

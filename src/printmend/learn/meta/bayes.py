@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri
 
+from printmend.learn.drive.fit import lower_inverse
 from printmend.learn.meta.columns import FIXED, FIXED_SD_MM, GROUPS
 
 # What is believed for a first look: standard deviations of all weights and of the noise [mm].
@@ -43,9 +43,8 @@ def _inverse(xp: Any, matrix: Any) -> Any:
     """Invert a symmetric matrix [C, C] without eigenvalues below 1."""
     if xp is not np:
         return xp.linalg.inv(matrix)
-    lower, _ = dpotri(dpotrf(matrix, lower=1)[0], lower=1)
-    lower = np.tril(lower)
-    return lower + np.tril(lower, -1).T
+    whitened = lower_inverse(np.linalg.cholesky(matrix))
+    return whitened.T @ whitened
 
 
 def first_look(xp: Any, gram: Any, slope: Any, square: Any, count: Any, seen: Any, member: Any) -> Any:
