@@ -39,7 +39,7 @@ def test_same_plan_for_every_family(family: str, preset: str, rng: np.random.Gen
     assert_same_plan(model, LAYER.nominal_steps[at + 1 : at + 41], LAYER.nominal_steps[at])
 
 
-@pytest.mark.parametrize("name", learner_names())
+@pytest.mark.parametrize("name", [name for name in learner_names() if name != "prior"])  # its tables are the grey box's
 def test_same_plan_for_every_learner(name: str, ender5: Printer, rng: np.random.Generator) -> None:
     twin = Twin.of(sample("gain-table", rng), ender5)
     trace = layer_trace(LAYER, twin.run(LAYER.controls, START), ender5)

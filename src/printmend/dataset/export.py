@@ -24,6 +24,7 @@ class Exported:
     refused: tuple[tuple[str, str], ...]
 
 
+# Long because bodies are read while they are written: the generator within shares what was refused and named so far.
 def export_reference(
     root: Path,
     files: list[Path],

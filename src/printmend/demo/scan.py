@@ -60,6 +60,7 @@ class ScanDemo:
     mended: contour.Way
 
 
+# Long because it is the chain itself: each step is one call, told before it begins.
 def run_chain(
     printer: Printer,
     corruption: Corruption,

@@ -13,7 +13,7 @@ from printmend.pdf import BLUE, GREY, PALE, RED, Page
 from printmend.printer import Printer
 from printmend.probe.gcode import cost
 
-LEFT_MM, TOP_MM, RIGHT_MM = 20.0, 22.0, 190.0  # of the page; all above 260 mm, so that letter paper shows it, too
+LEFT_MM, TOP_MM = 20.0, 22.0  # of the page; all above 260 mm, so that letter paper shows it, too
 BED_MM, GLASS_MM = 88.0, 62.0  # the longer side of the drawn bed, and of the drawn glass
 PICTURES_MM = 42.0  # from the upper edge of the page to the pictures
 STEPS_MM = 152.0

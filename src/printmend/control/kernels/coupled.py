@@ -26,6 +26,7 @@ from printmend.jit import entry, inner
 _CHUNK = 16
 
 
+# Its many parameters are the arrays of one motor's `window`, as Python has them.
 @entry
 def arrivals(wanted, weight, price, places, first, last, low, high, left, right, reach, out):
     """Fill out [T + 1, R, W] with the least cost of being in state (k, m) at tick t and of all ticks after it.
@@ -278,6 +279,7 @@ def pair_choices(motors, task, choices, reached, pairs, kept, s, bound, t, clock
     return leader, bar, total
 
 
+# Its many parameters are the four records of `follow` and the numbers that change hands from chunk to chunk.
 @inner
 def sweep(t0, t1, clock, slack, motors, task, choices, reached, pairs, kept, bounds, kept_count, way, base, used):
     """Go over ticks t0 to t1; return how many states are kept, how much of ``way`` is used, and the least bound.
@@ -325,6 +327,7 @@ def sweep(t0, t1, clock, slack, motors, task, choices, reached, pairs, kept, bou
     return kept_count, used, lowest
 
 
+# Long because what was left out in a chunk of ticks may have to be gone over again: what it began with is kept here.
 @entry
 def follow(states, paid, motors, task, slack, most, width):
     """Follow the states whose bounds are near the least, at most ``width``, for T targets.

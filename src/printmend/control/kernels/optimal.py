@@ -61,6 +61,7 @@ def spread(costs, base, m0, m1, rows, n0, n1, c_max, first, second):
     return second
 
 
+# From here on the many parameters are the arrays of one motor's `window`, and where in `costs` a tick's costs lie.
 @inner
 def advance(
     costs, base0, left0, right0, base, left, right, target, places, first, last, low, high, c_max, missed, one, other

@@ -5,6 +5,7 @@ import numpy as np
 from printmend.jit import entry
 
 
+# Its many parameters are the fields of a record's arc: a caller that has no record gives them as they are.
 @entry
 def arc_chords(x0, y0, z0, x1, y1, z1, c0, c1, plane, clockwise, turns, tolerance, points):
     """Return how many chords an arc needs; fill ``points`` [n, 3] with their ends if it has that length.

@@ -52,6 +52,7 @@ from printmend.gcode.kernels.words import (
 from printmend.jit import inner
 
 
+# Long because it is one pass over the statement's bytes: each word is kept, changed or left out where it stands.
 @inner
 def edit_statement(buf, r, piece, before, writer, out, at):
     """Write the statement itself with the last piece's numbers: its words, their order and its comment stay."""

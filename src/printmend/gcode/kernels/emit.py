@@ -60,6 +60,7 @@ def _follow(r, writer):
         writer[W_FEED] = r.feed
 
 
+# Long because the writer's state goes from record to record: its parts that stand alone are in `edit` and `row`.
 @entry
 def emit(buf, begin, records, n, first, pieces, writer, out):
     """Write buf[begin:] up to the end of record n − 1, with the pieces in place; return (records done, read, written).

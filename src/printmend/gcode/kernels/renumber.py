@@ -36,6 +36,7 @@ def _integer(buf, p, stop):
     return number, p
 
 
+# Long because a line's number and its checksum are read, changed and written in one pass, on what the line before left.
 @entry
 def renumber(buf, begin, end, lines, out):
     """Finish the intermediate text of `emit`; return (read, written).

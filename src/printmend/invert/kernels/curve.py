@@ -29,6 +29,7 @@ def set_line(curve, x0, y0, z0, x1, y1, z1):
     curve[SHARE], curve[LEAST] = 1.0, max(MIN_PIECE_MM, curve[LENGTH] / (PIECES_A_RECORD // 2))
 
 
+# Its many parameters are the numbers of one arc, each of which becomes a field of the curve.
 @inner(error_model="numpy", _nrt=False)
 def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     """Fill a curve with an arc about (ca, cb) in its plane: 0 XY, 1 ZX, 2 YZ. Ends that coincide make a full circle."""

@@ -114,6 +114,8 @@ from printmend.invert.kernels.turns import survey
 from printmend.jit import entry, inner
 
 
+# The kernels here, in `draw` and in `predict` have many parameters: the arrays of one file's way through the planner,
+# which `Planner` allocates once, and the record in hand.
 @inner(error_model="numpy", _nrt=False)
 def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
     """Write a move that draws nothing: only its end must be right."""
@@ -233,6 +235,7 @@ def _note_copied(model, curve, state, counts, pieces, n, record, records, count,
         state[S_FEED] = record.feed
 
 
+# Long because each kind of record is let through here by its own exit, in the order in which it has to be asked.
 @entry(error_model="numpy", _nrt=False)
 def mend(
     model, records, begin, count, state, counts, curve, moved, first, pieces, layers, errors, quantum, samples, run

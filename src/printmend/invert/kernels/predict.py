@@ -141,6 +141,7 @@ def keep(samples, state, curve, s, length, x, y, row):
     samples[0, P_SINCE] = 0.0
 
 
+# Its many parameters are the arrays of one file's way through `mend`, handed on as they are.
 @inner(error_model="numpy", _nrt=False)
 def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors, samples, moved):
     """Print a move as the file has it; where ``noted``, add up its distance to the wanted path."""

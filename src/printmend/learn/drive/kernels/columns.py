@@ -12,6 +12,7 @@ from printmend.jit import entry
 from printmend.machine.kernels.play import FREE, contact
 
 
+# Both entries have many parameters: the arrays of a `Rows`, a `Design` and its values, which Python classes hold.
 @entry
 def follow_play(
     motor_mm, origin_mm, period_mm, tables, mean_powers, play_powers, warp, warp_span, start_mm, at, side, belt_mm
