@@ -149,7 +149,9 @@ def train(steps: int, *, seed: int = 0, count: int = 64, rollouts: int = 64) -> 
     cfg.experiment.write_interval = cfg.experiment.checkpoint_interval = 0
     agent = PPO(models=models, memory=RandomMemory(memory_size=rollouts, num_envs=count), cfg=cfg, **spaces)
     SequentialTrainer(
-        env=env, agents=agent, cfg={"timesteps": steps, "headless": True, "disable_progressbar": True}
+        env=env,
+        agents=agent,
+        cfg={"timesteps": steps, "headless": True, "disable_progressbar": True, "close_environment_at_exit": False},
     ).train()
     return models["policy"]
 
@@ -203,7 +205,7 @@ def shape_error(line: np.ndarray, printed: np.ndarray) -> float:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--steps", type=int, default=4000, help="of 64 prints side by side")
+    parser.add_argument("--steps", type=int, default=5000, help="of 64 prints side by side")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     found = compare(train(options.steps, seed=options.seed))

@@ -48,3 +48,15 @@ def test_the_agent_that_takes_up_play_does_not_deadlock() -> None:
     assert ahead > -1.0 > naive > greedy
     assert naive > random
     assert np.isfinite(list(returns.values())).all()
+
+
+@pytest.mark.filterwarnings("ignore")  # of jax and flax
+def test_the_agent_that_is_trained_stands_beside_planning() -> None:
+    pytest.importorskip("skrl", reason="the extra `agents` is not installed")
+    example = runpy.run_path(str(EXAMPLES / "train_agent.py"))
+    found = example["compare"](example["train"](64, count=8, rollouts=32), count=2)
+    shape, error = zip(*found.values(), strict=True)
+    assert list(found)[:2] == ["Naive", "agent"]
+    assert np.isfinite([*shape, *error]).all()
+    assert found["agent"] != found["Naive"]
+    assert found["optimal, learned from one layer"][0] < 0.5 * found["Naive"][0]
