@@ -5,6 +5,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -48,8 +50,9 @@ class Moonraker:
         return [entry["description"] for entry in entries if entry["feed"] == "printmend"]
 
 
-@pytest.fixture(scope="module")
-def moonraker(tmp_path_factory):
+@contextmanager
+def moonraker_running() -> Iterator[Moonraker]:
+    """Run Moonraker with the component, and Klippy, until the end of the block."""
     data = Path(tempfile.mkdtemp(prefix="mr", dir="/tmp"))  # a socket's path has 107 characters at most
     for name in ("config", "gcodes", "logs"):
         (data / name).mkdir(parents=True)
@@ -75,6 +78,12 @@ def moonraker(tmp_path_factory):
         wait_for(lambda: host.get("/server/info")["klippy_state"] == "ready", "Moonraker ready")
         yield host
     shutil.rmtree(data)
+
+
+@pytest.fixture(scope="module")
+def moonraker():
+    with moonraker_running() as host:
+        yield host
 
 
 def test_an_upload_is_mended_before_it_is_printed(moonraker: Moonraker) -> None:

@@ -2,6 +2,8 @@
 
 import re
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -59,9 +61,9 @@ class OctoPrint:
         return re.findall(r"- Send: N\d+ (.*)\*\d+$", log, re.MULTILINE)
 
 
-@pytest.fixture(scope="module")
-def octoprint(tmp_path_factory):
-    base = tmp_path_factory.mktemp("octoprint")
+@contextmanager
+def octoprint_running(base: Path) -> Iterator[OctoPrint]:
+    """Run OctoPrint with the plugin and its virtual printer in ``base`` until the end of the block."""
     model = base / "printer.mend.json"
     machine = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.6)))).lower(read_printer("ender3"))
     write_model(model, exact_model(machine))
@@ -80,6 +82,12 @@ def octoprint(tmp_path_factory):
         host = OctoPrint(f"http://127.0.0.1:{port}", base)
         wait_for(lambda: host.get("/api/version")["server"], "OctoPrint up")
         wait_for(host.connected, "the virtual printer")
+        yield host
+
+
+@pytest.fixture(scope="module")
+def octoprint(tmp_path_factory):
+    with octoprint_running(tmp_path_factory.mktemp("octoprint")) as host:
         yield host
 
 
@@ -114,6 +122,16 @@ def test_an_upload_is_answered_at_once(octoprint: OctoPrint) -> None:
     assert octoprint.told("quick.mended.gcode") == {}
     hold.unlink()
     wait_for(lambda: octoprint.told("quick.mended.gcode").get("state") == "mended", "the copy")
+
+
+def test_mending_can_be_cancelled(octoprint: OctoPrint) -> None:
+    hold = octoprint.base / "HOLD"
+    hold.touch()
+    octoprint.upload("endless.gcode", part(1, size_mm=6.0))
+    wait_for(lambda: octoprint.get("/api/plugin/printmend", {"command": "cancel"})["cancelled"], "the cancelling")
+    wait_for(lambda: octoprint.told("endless.gcode") == {"state": "failed", "reason": "cancelled"}, "the reason")
+    hold.unlink()
+    assert octoprint.told("endless.mended.gcode") == {}
 
 
 def test_what_cannot_be_mended_is_not_printed(octoprint: OctoPrint) -> None:
