@@ -31,7 +31,7 @@ from printmend.twin.scanner import CLEAN, render_scan
 from tests.test_docs import PAGES, ROOT
 from tests.test_learn_space import DRIVES, SCREW, measured, tower
 
-RUN = {"probe", "twin", "measure", "learn", "check", "mend", "export", "diagnose", "printer", "body"}
+RUN = {"probe", "twin", "measure", "learn", "check", "mend", "verify", "export", "diagnose", "printer", "body"}
 LANGUAGES = {"sh", "python", "toml", "text"}
 TRUSTED = {"pip", "pre-commit"}  # programs of others
 

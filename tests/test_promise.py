@@ -290,6 +290,10 @@ def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path
     assert history[0]["before_mm"] == pytest.approx(np.sqrt((raw**2).sum(axis=1).mean()), rel=0.02)
     assert history[0]["now_mm"] < 0.03
     assert history[1]["now_mm"] > 0.1
+    noise = np.random.default_rng(9).normal(0, 0.01, wanted.shape)
+    scanned = verify(bent, Trace(wanted, 1.001 * wanted + noise, placed=False))  # the scanner's stretch is no fault
+    assert scanned.kept
+    assert scanned.stretch_percent == pytest.approx(0.1, abs=0.01)
     with pytest.raises(ModelError):
         verify(exact_model(BENT.lower(ENDER3)), Trace(wanted, wanted))
 

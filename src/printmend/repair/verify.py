@@ -25,6 +25,7 @@ LEAST_MARKS = 10
 ROUND = 2**0.5  # a distance on the bed has two coordinates
 _LEAST_SIGMA_MM = 0.002  # of a mark: no scan is read better
 _STRETCHED_PERCENT = 0.01  # less of it is not worth a word
+_NOISE_DOUBT = 0.15  # share to which the noise of a measurement is known
 _SURE = 2.0  # standard deviations that a measured error may exceed its promise by
 
 
@@ -101,7 +102,9 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
         off = off - off.mean(axis=0)
         error, stretch = _unstretched(error, trace, model.printer.kinematics == "corexy", sigma)
     square = np.sum(error**2, axis=1)
-    now2, now2_sd = float(square.mean()) - 2 * sigma**2, float(square.std()) / np.sqrt(len(known))
+    noise2 = ROUND**2 * sigma**2
+    now2 = float(square.mean()) - noise2
+    now2_sd = float(np.hypot(square.std() / np.sqrt(len(known)), 2 * _NOISE_DOUBT * noise2))
     now = float(np.sqrt(max(now2, 0.0)))
     now_sd = float(np.sqrt(max(now2, 0.0) + now2_sd)) - now
     after = outlook.after
