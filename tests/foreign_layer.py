@@ -156,7 +156,7 @@ def scan(strokes, rng, *, dpi=600, below=True, angle=3.0, swell=0.09, texture=5.
 
 
 def photo(strokes, rng, *, height=0.24, focal_film=26.0, tilt=(0.12, -0.09), turn=17.0, k1=-0.03, stated=True,
-          swell=0.06, size_px=(1500, 2000), ink=(60, 55, 50)):  # fmt: skip
+          swell=0.06, size_px=(1500, 2000), sheet=1.0, ink=(60, 55, 50)):  # fmt: skip
     """Draw what a telephone sees of a part that lies upside down on the sheet of tags, as a JPEG in bytes.
 
     The paper is at z = 0, the part's underside at z = ``height``, its walls between them; a pinhole camera with its
@@ -170,7 +170,7 @@ def photo(strokes, rng, *, height=0.24, focal_film=26.0, tilt=(0.12, -0.09), tur
     for number, (x, y) in enumerate(middles):
         cells = cv2.aruco.generateImageMarker(book, number, 8)
         at = np.array([[0, 0], [7, 0], [0, 7]], np.float32)
-        to = ((np.array([x, y]) - 7 + (at + 0.5) * 14 / 8) * fine - 0.5).astype(np.float32)
+        to = ((np.array([x, y]) - 7 + (at + 0.5) * 14 / 8) * fine * sheet - 0.5).astype(np.float32)
         cv2.warpAffine(cells, cv2.getAffineTransform(at, to), paper.shape[::-1], paper, cv2.INTER_NEAREST,
                        cv2.BORDER_TRANSPARENT)  # fmt: skip
     a = math.radians(turn)

@@ -146,6 +146,15 @@ def test_a_photo_without_tags_is_told_the_way_out(scanned):
         measure_part(scanned / "bare.png", scanned / "gear.gcode", PRINTER)
 
 
+def test_a_sheet_that_was_printed_to_fit_the_page_is_named(scanned):
+    strokes = foreign.gcode(foreign.gear())[1]
+    (scanned / "fit.jpg").write_bytes(
+        foreign.photo(strokes, np.random.default_rng(6), sheet=0.95, size_px=(1050, 1400))
+    )
+    with pytest.raises(ScanError, match="seems printed at 95 %"):
+        measure_part(scanned / "fit.jpg", scanned / "gear.gcode", PRINTER)
+
+
 def test_widths_by_callipers_settle_the_scale(scanned):
     wide = foreign.Machine(gain=(0.002, 0.002))
     printed, swell = wide.strokes(foreign.gcode(foreign.gear())[1]), 0.09

@@ -11,7 +11,7 @@ from PIL import Image
 
 from printmend.cli.measure import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
-from printmend.errors import ScanError
+from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
 from printmend.measure.image import read_image, write_image
 from printmend.measure.measurement import measure_scans
@@ -166,6 +166,9 @@ def test_bad_images_end_in_one_line(tmp_path, plan, printed):
     saved(tmp_path / "whole.jpg", scan.image, dpi=300)
     (tmp_path / "truncated.jpg").write_bytes((tmp_path / "whole.jpg").read_bytes()[:20_000])
     saved(tmp_path / "cropped.png", scan.image[:, : scan.image.shape[1] // 2], dpi=300)
+    noted = Image.Exif()
+    noted.get_ifd(0x8769)[0x829A] = 0.01  # the exposure time, which cameras note
+    Image.fromarray(grey(500, 500)).save(tmp_path / "photo.jpg", exif=noted)
     for name, named in (
         ("none.png", "no such file"),
         ("text.png", "no image"),
@@ -177,10 +180,13 @@ def test_bad_images_end_in_one_line(tmp_path, plan, printed):
         ("empty.png", "no image"),
         ("folder.png", "a folder"),
         ("cropped.png", "most missing at the right"),
+        ("photo.jpg", "a photo without any; print the sheet of tags"),
     ):
         with pytest.raises(ScanError, match=named) as caught:
             measure_scans([tmp_path / name], plan)
         assert "\n" not in str(caught.value)
+    with pytest.raises(TraceError, match="which looks like inches"):
+        measure_scans([tmp_path / "whole.png"], plan, distance_mm=3.9)
 
 
 @pytest.mark.parametrize(("true_dpi", "said_dpi"), [(300, 600), (300, 150), (300, 200)])

@@ -26,6 +26,7 @@ PHOTO = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005
 FILM_DIAGONAL_MM, USUAL_FOCAL_MM = 43.27, 27.0
 STATED_SD, USUAL_SD = 0.04, 0.15
 INSIDE_MM = 1.0  # of the line along which the window is cut
+SCALED_SHEET, ALIKE = 0.012, 0.004  # shares: a sheet's scale beyond which it is refused, where both axes agree so well
 _EXIF, _EXPOSURE, _FOCAL, _FOCAL_FILM = 0x8769, 0x829A, 0x920A, 0xA405
 PHOTO_TODO = (
     "print the sheet of tags (`printmend probe --sheet sheet.pdf`), lay the print on it, and take the photo from above "
@@ -49,6 +50,11 @@ class Page:
     @property
     def dpi(self) -> float:
         return self.px_per_mm * MM_PER_INCH
+
+    @property
+    def tagged(self) -> bool:
+        """True where the scale is that of a sheet of tags."""
+        return self.instrument is not FLATBED
 
 
 def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.0) -> Page:
@@ -86,6 +92,19 @@ def refuse_bare_photo(path: str | Path, tags: Tags, *, camera: bool) -> None:
     if camera:
         came = f"a photo that shows {len(tags)}" if len(tags) else "a photo without any"
         raise ScanError(path, wanted=f"at least {LEAST_TAGS} tags of the reference sheet", came=came, todo=PHOTO_TODO)
+
+
+def check_sheet(path: str | Path, scales: tuple[float, float]) -> None:
+    """Raise `ScanError` where tags make a print too large or too small by one share in x and y: their sheet was scaled.
+
+    A printer whose belts are both wrong by the same share is rarer than a sheet printed to fit a page.
+    """
+    common = sum(scales) / 2
+    if abs(common - 1) > SCALED_SHEET and abs(scales[0] - scales[1]) < ALIKE:
+        raise ScanError(
+            path, wanted="the sheet of tags printed at 100 %", came=f"one that seems printed at {100 / common:.0f} %",
+            todo="print it again without `fit to page`, until its line measures 100 mm; or scan without it",
+        )  # fmt: skip
 
 
 def exposure(path: str | Path) -> tuple[bool, float | None]:

@@ -21,7 +21,7 @@ from printmend.measure.fiducials import (
 from printmend.measure.identity import lattice_pitch
 from printmend.measure.image import read_image
 from printmend.measure.marks import Marks, read_marks
-from printmend.measure.page import PHOTO, SHEET, USUAL_DPI, exposure, refuse_bare_photo, tags_said
+from printmend.measure.page import PHOTO, SHEET, USUAL_DPI, check_sheet, exposure, refuse_bare_photo, tags_said
 from printmend.measure.plan import ProbePlan
 from printmend.measure.sheet import tag_corners_mm
 from printmend.path import FLATBED, Instrument
@@ -81,6 +81,8 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, wh
     marks = read_marks(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
     if marks is None or _scale_ratio(dots, dots_mm, marks, dpi, plan) is not None:
         raise _explained(path, image, dots, marks, dpi, plan)
+    if instrument is SHEET:
+        check_sheet(path, _scales(dots_mm, marks, plan))
     if whole:
         check_whole(path, marks.found, plan)
     return _reading(path, image, dots, dots_mm, marks, MM_PER_INCH / dpi, scale, instrument)
@@ -104,9 +106,18 @@ def _read_photo(
     marks = read_marks(dots_mm, dots.diameter_px / px_per_mm, plan)
     if marks is None:
         raise _stranger(path, dots, plan)
+    check_sheet(path, _scales(dots_mm, marks, plan))
     if whole:
         check_whole(path, marks.found, plan)
     return _reading(path, flat, dots, dots_mm, marks, 1 / px_per_mm, scale, PHOTO)
+
+
+def _scales(dots_mm: np.ndarray, marks: Marks, plan: ProbePlan) -> tuple[float, float]:
+    """Return how much larger than commanded the marks lie, along two axes of the bed."""
+    places, wanted = dots_mm[marks.match.dot[marks.found]], plan.marks_mm[marks.found]
+    fit, *_ = np.linalg.lstsq(wanted - wanted.mean(axis=0), places - places.mean(axis=0), rcond=None)
+    x, y = np.hypot(*fit.T)
+    return float(x), float(y)
 
 
 def _scaled(dots: Dots, tags: Tags, dpi: float) -> tuple[np.ndarray, str, Instrument]:

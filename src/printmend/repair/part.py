@@ -18,7 +18,7 @@ from printmend.learn.walls import WallFit, fit_walls
 from printmend.measure.image import with_legend, write_image
 from printmend.measure.lie import Lie, find_lie
 from printmend.measure.measurement import instrument_on_bed
-from printmend.measure.page import PHOTO_TODO, Page, read_page
+from printmend.measure.page import PHOTO_TODO, Page, check_sheet, read_page
 from printmend.measure.register import Pose
 from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.measure.walls import Walls, read_walls
@@ -80,6 +80,8 @@ def measure_part(
             came=f"{found} of {shown} that scatter by {fit.sigma_mm:.2f} mm",
             todo="give the file that was printed; if it is the one, the printer skipped steps: print again",
         )  # fmt: skip
+    if page.tagged:
+        check_sheet(path, _scales(walls, edges))
     if overlay is not None:
         _draw(overlay, silhouette, walls, edges)
     offset, widths = edges.offset_mm - fit.swell_mm, choose_widths(walls)
@@ -154,6 +156,17 @@ def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, p
         pose = _moved(pose, fit.turn, shift, _bed_middle(printer))
     assert fit is not None
     return _Match(pose, fit, _look(silhouette, walls, pose, printed, swell, CAPTURES[-1][0], eye))
+
+
+def _scales(walls: Walls, edges: _Edges) -> tuple[float, float]:
+    """Return how much larger than commanded the part is in x and y, by least squares over its walls."""
+    seen = np.isfinite(edges.offset_mm)
+    normal, at = walls.normal[seen], walls.commanded_mm[walls.row[seen]]
+    at = at - at.mean(axis=0)
+    turn = normal[:, 1] * at[:, 0] - normal[:, 0] * at[:, 1]
+    columns = np.column_stack([normal * at, normal, turn, np.ones(len(at))])
+    grown = np.linalg.lstsq(columns, edges.offset_mm[seen], rcond=None)[0]
+    return 1 + float(grown[0]), 1 + float(grown[1])
 
 
 def _bed_middle(printer: Printer) -> np.ndarray:
