@@ -248,7 +248,7 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
         link.execute("update jobs set ended_s = 1 where id = ?", [old])  # long ago
     link.close()
     store.close()
-    app = create_app(folder, workers=1)
+    app = create_app(folder, workers=1, stopping=lambda: server.should_exit)
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", ws="none"))
     thread = threading.Thread(target=server.run)
     thread.start()
@@ -278,9 +278,12 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
         with pytest.raises(StudioError, match="wanted a job of this studio"):
             studio.get(f"/jobs/{old}")
         assert studio.get(f"/jobs/{stopped}")["state"] == "cancelled"
+        going = studio.post("/play")["id"]
+        stream = studio._open("GET", f"/jobs/{going}/events")
     finally:
-        server.should_exit = True
+        server.should_exit = True  # as Ctrl-C does, while a page follows a job
         thread.join()
+    assert b'"state"' in stream.read()
 
 
 CLUSTERED = """

@@ -139,7 +139,7 @@ def job(here: Here, key: Key) -> JobCard:
 
 
 @router.get("/jobs/{key}/events", response_class=EventSourceResponse, tags=["jobs"])
-async def events(here: Here, key: Key) -> AsyncIterator[ServerSentEvent]:
+async def events(request: Request, here: Here, key: Key) -> AsyncIterator[ServerSentEvent]:
     """Follow a job: an event with the job's table whenever it changes, the last one when it has ended."""
     last = None
     while True:
@@ -147,7 +147,7 @@ async def events(here: Here, key: Key) -> AsyncIterator[ServerSentEvent]:
         if now != last:
             yield ServerSentEvent(data=now, event="job")
             last = now
-        if now.state in DONE:
+        if now.state in DONE or request.app.state.stopping():  # a page asks again when the server is back
             return
         await asyncio.sleep(_LOOK_S)
 

@@ -1,6 +1,6 @@
 """The server: a FastAPI application over a folder of the user's, its page and its API."""
 
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from concurrent.futures import Executor
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -37,11 +37,13 @@ def create_app(
     workers: int = WORKERS,
     cluster: Executor | None = None,
     most_bytes: int = MOST_BYTES,
+    stopping: Callable[[], bool] = lambda: False,
 ) -> ASGIApp:
     """Return the server over ``folder``, where everything is kept: printers, uploads, jobs and their files.
 
     ``hosts`` are the names that it answers to, ``token`` what everybody must know who is not on this computer. Jobs
-    run in ``workers`` processes, or on a ``cluster`` that sees the folder, too.
+    run in ``workers`` processes, or on a ``cluster`` that sees the folder, too. ``stopping`` says when streams of
+    events should end.
     """
 
     @asynccontextmanager
@@ -58,7 +60,7 @@ def create_app(
         title="printmend studio", version=__version__, description=_ABOUT, lifespan=lifespan, docs_url=None,
         redoc_url=None, openapi_url="/api/openapi.json",
     )  # fmt: skip
-    app.state.most_bytes = most_bytes
+    app.state.most_bytes, app.state.stopping = most_bytes, stopping
     app.add_exception_handler(PrintmendError, _refused)
     app.add_exception_handler(RequestValidationError, _misfit)
     app.add_exception_handler(HTTPException, _http)

@@ -41,7 +41,8 @@ def serve(
     with contextlib.ExitStack() as stack:
         pool = None if remote is None else stack.enter_context(remote.client()).get_executor(pure=False)
         config = uvicorn.Config(
-            create_app(folder.resolve(), hosts=hosts, token=token, workers=workers, cluster=pool), log_level="warning",
+            create_app(folder.resolve(), hosts=hosts, token=token, workers=workers, cluster=pool,
+                       stopping=lambda: server.should_exit), log_level="warning",
             server_header=False, timeout_keep_alive=30, timeout_graceful_shutdown=2, limit_concurrency=400, ws="none",
             lifespan="on",
         )  # fmt: skip
