@@ -34,7 +34,7 @@ FAULTS = Corruption(
     (Drive(pulley=EccentricBore(0.6, 1.0), belt=Play(0.3)), Drive(belt=Play(0.15))), CrookedFrame(skew_deg=0.5)
 )
 PARTS = {
-    "small": lambda: gear_gcode(),
+    "small": lambda: gear_gcode(38.0, 18.0),
     "large": lambda: gear_gcode(62.0, 36.0),
     "huge": lambda: 6 * gear_gcode(58.0, 26.0),
 }
@@ -85,7 +85,7 @@ def drop(browser: Browser, server: Server, key: str, name: str, folder: Path) ->
     page.wait_for_selector("input[type=file]", state="attached")
     watch = Watch()
     page.set_input_files("input[type=file]", path)
-    page.wait_for_function("document.querySelector('canvas')?.dataset.frame")
+    page.wait_for_selector("canvas[data-frame]")
     shown = str(watch)
     page.wait_for_selector("text=Download mended")
     page.wait_for_selector("button:has-text('mended')")

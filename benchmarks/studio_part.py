@@ -16,7 +16,7 @@ _FORM = ((0.0, 0.93), (0.26, 0.935), (0.38, 1.0), (0.62, 1.0), (0.74, 0.935))  #
 
 @lru_cache(maxsize=2)
 def gear_gcode(radius_mm: float = 46.0, height_mm: float = 22.0) -> bytes:
-    """Return the sliced gear; 5 MB at the default size."""
+    """Return the sliced gear; 7 MB at the default size."""
     return slice_solid(gear(radius_mm, height_mm), read_printer("ender5"))
 
 

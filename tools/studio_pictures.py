@@ -1,6 +1,6 @@
 """Take the pictures of the studio into docs/figures, in 256 colours.
 
-Those that `make integrations` left in build/studio, and two of the Mend screen with a large part, made here: run
+Those that `make integrations` left in build/studio, and those of a large part and of callipers, made here: run
 `.venv/bin/python tools/studio_pictures.py`. Needs PrusaSlicer and Debian's Chromium.
 """
 
@@ -16,13 +16,14 @@ sys.path[:0] = [str(ROOT / "integrations/tests"), str(ROOT / "benchmarks")]
 from studio_server import PICTURES, Server, Watched, chromium, until  # noqa: E402
 
 from bench_studio import printer_of  # noqa: E402 - found on the path that is set above
+from printmend.client import Studio  # noqa: E402
 from studio_part import gear_gcode  # noqa: E402
 
-NAMES = ("play-broken", "play-mended", "printers", "measure", "wrong", "mend", "cut", "prove")
+NAMES = ("play-broken", "play-mended", "printers", "measure", "wrong", "mend", "cut", "callipers", "prove")
 
 
-def take_mend() -> None:
-    """Mend a gear as owners print them, and take it as it would be printed, whole and cut open."""
+def take_others() -> None:
+    """Mend a gear as owners print them, take it whole and cut open, and the form for callipers."""
     with tempfile.TemporaryDirectory() as name, chromium() as browser:
         (source := Path(name) / "herringbone gear.gcode").write_bytes(gear_gcode())
         server = Server(Path(name) / "studio")
@@ -33,7 +34,7 @@ def take_mend() -> None:
             watched = Watched(page, server.address)
             page.goto(f"{server.address}#/printers/{key}/mend")
             page.set_input_files("input[type=file]", source)
-            page.wait_for_selector("text=Download mended")
+            page.wait_for_selector("text=Download mended", timeout=600_000)
             page.get_by_role("button", name="as it prints").click()
             until(lambda: page.locator("canvas").get_attribute("data-frame"))
             page.wait_for_timeout(4000)  # the fine picture follows the coarse one
@@ -41,12 +42,18 @@ def take_mend() -> None:
             page.get_by_role("button", name="Cut a wall").click()
             page.get_by_test_id("cut").scroll_into_view_if_needed()
             page.get_by_test_id("cut").screenshot(path=str(PICTURES / "cut.png"))
+            Studio(server.address).post(f"/printers/{key}/probe")
+            page.goto(f"{server.address}#/printers/{key}/measure")
+            page.reload()
+            page.get_by_role("button", name="Callipers").click()
+            page.get_by_label("Distance 1,").fill("146,25")
+            watched.picture("callipers")
             assert watched.problems == []
         finally:
             server.stop()
 
 
-take_mend()
+take_others()
 for one in NAMES:
     picture = Image.open(PICTURES / f"{one}.png").convert("RGB")
     picture.quantize(256, dither=Image.Dither.NONE).save(ROOT / f"docs/figures/studio-{one}.png", optimize=True)

@@ -3,6 +3,7 @@
 import logging
 import multiprocessing
 import shutil
+import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
@@ -19,6 +20,7 @@ from printmend.studio.store import Row, Store
 LONGEST_S = 1800.0  # a job that takes longer is stopped
 MOST_WAITING = 500
 KEPT_DAYS = 30
+_WARM_AFTER_S = 4.0  # until then the page has the processor
 _LOG = logging.getLogger("printmend.studio")
 
 
@@ -31,6 +33,7 @@ class Jobs:
 
     def __init__(self, store: Store, *, workers: int, cluster: Executor | None = None) -> None:
         self._store, self._closing = store, False
+        self._warming: threading.Timer | None = None
         # spawned, not forked: a fork of a process with threads may hang
         context = multiprocessing.get_context("spawn")
         self._pool = _Remote(cluster) if cluster else ProcessPool(workers, context=context, initializer=work.begin)
@@ -89,13 +92,17 @@ class Jobs:
         shutil.rmtree(self._store.path("job", key), ignore_errors=True)
 
     def warm(self) -> None:
-        """Let every worker import what it needs, before somebody waits for it."""
-        for _ in range(2 if isinstance(self._pool, ProcessPool) else 0):
-            self._pool.schedule(work.imports)
+        """Let the workers start and import what they need before somebody waits for it, once the page is drawn."""
+        if isinstance(self._pool, ProcessPool):
+            self._warming = threading.Timer(_WARM_AFTER_S, self._pool.schedule, args=(work.imports,))
+            self._warming.daemon = True
+            self._warming.start()
 
     def close(self) -> None:
         """Stop the workers; what they had not finished begins again with the next server."""
         self._closing = True
+        if self._warming is not None:
+            self._warming.cancel()
         self._pool.stop()
         self._pool.join()
 
