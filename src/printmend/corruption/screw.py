@@ -1,18 +1,14 @@
 """A bad Z screw: wrong lead, periodic error, backlash, wobble that pushes layers about (physics.md eq. 15)."""
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from printmend.corruption.check import in_range, refuse
-from printmend.errors import ConfigError
-from printmend.machine import ScrewDrive, Transmission
+from printmend.machine import ScrewDrive, Transmission, z_grid_mm
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
-
-_MOST_PLACES = 5_000_000  # of its tables; 300 mm of a lead of 8 mm at 128 a step are a million
 
 
 @dataclass(frozen=True)
@@ -61,19 +57,3 @@ class Screw:
             Transmission(first_mm, pitch_mm, height - half_mm, height + half_mm),
             self.wobble_mm * np.stack([np.cos(phase), np.sin(phase)], axis=1),
         )
-
-
-def z_grid_mm(printer: Printer) -> tuple[np.ndarray, float, float]:
-    """Return the commanded heights of the tables [N], the first and their pitch: micro-steps, a turn beyond the ends.
-
-    Every full step from the axis' lower end is an entry. Raise `ConfigError` for a screw that is too fine to tabulate.
-    """
-    axis = printer.z
-    steps = math.ceil(axis.length_mm / axis.mm_per_step) + 2 * axis.steps_per_turn
-    if steps * axis.microsteps > _MOST_PLACES:
-        raise ConfigError(
-            printer.name, wanted=f"[z] at most {_MOST_PLACES} micro-steps long", came=f"{steps * axis.microsteps:.3g}",
-            todo="check mm_per_turn, steps_per_turn and microsteps",
-        )  # fmt: skip
-    first_mm, pitch_mm = axis.min_mm - axis.mm_per_turn, axis.mm_per_step / axis.microsteps
-    return first_mm + pitch_mm * np.arange(steps * axis.microsteps + 1), first_mm, pitch_mm

@@ -24,6 +24,7 @@ from printmend.machine.mechanism import (
     Transmission,
     healthy_mechanism,
     healthy_transmission,
+    z_grid_mm,
 )
 from printmend.machine.printing import drive_belts, print_from_home, print_path, reach_bed
 
@@ -48,4 +49,5 @@ __all__ = [
     "reach_bed",
     "run_motors",
     "run_screw",
+    "z_grid_mm",
 ]

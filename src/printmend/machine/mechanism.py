@@ -10,16 +10,20 @@ monotone map (eq. 10), play after it, and friction that grows with the distance 
 because a clip passes through a monotone map. A `Frame` then maps the two belt positions to the bed.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from printmend.errors import ConfigError
 from printmend.machine.bed import BedMap
 from printmend.machine.kernels import run
 from printmend.path import frozen
 from printmend.printer import Printer
+
+_MOST_Z_PLACES = 5_000_000  # of the tables of a screw; 300 mm of a lead of 8 mm at 128 a step are a million
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +81,23 @@ def healthy_transmission(printer: Printer, motor: int) -> Transmission:
     first_mm, pitch_mm = low_mm - steps * axis.mm_per_step, axis.mm_per_step / axis.microsteps
     motor_mm = first_mm + pitch_mm * np.arange(3 * steps * axis.microsteps + 1)
     return Transmission(first_mm, pitch_mm, motor_mm, motor_mm)
+
+
+def z_grid_mm(printer: Printer) -> tuple[np.ndarray, float, float]:
+    """Return the commanded heights of the tables [N], the first and their pitch: micro-steps, a turn beyond the ends.
+
+    Every full step from the axis' lower end is an entry. Raise `ConfigError` for a screw that is too fine to tabulate.
+    """
+    axis = printer.z
+    steps = math.ceil(axis.length_mm / axis.mm_per_step) + 2 * axis.steps_per_turn
+    places = steps * axis.microsteps
+    if places > _MOST_Z_PLACES:
+        raise ConfigError(
+            printer.name, wanted=f"[z] at most {_MOST_Z_PLACES} micro-steps long", came=f"{places:.3g}",
+            todo="check mm_per_turn, steps_per_turn and microsteps",
+        )  # fmt: skip
+    first_mm, pitch_mm = axis.min_mm - axis.mm_per_turn, axis.mm_per_step / axis.microsteps
+    return first_mm + pitch_mm * np.arange(places + 1), first_mm, pitch_mm
 
 
 @dataclass(frozen=True, eq=False)

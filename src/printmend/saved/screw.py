@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.corruption.screw import z_grid_mm
-from printmend.machine import ScrewDrive, Transmission
+from printmend.machine import ScrewDrive, Transmission, z_grid_mm
 from printmend.printer import Printer
 from printmend.saved.series import HARMONICS, ScrewSeries
 from printmend.saved.values import number, numbers, refuse, rising, rounded

@@ -4,8 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.corruption.screw import z_grid_mm
-from printmend.machine import ScrewDrive, Transmission, healthy_mechanism
+from printmend.machine import ScrewDrive, Transmission, healthy_mechanism, z_grid_mm
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
