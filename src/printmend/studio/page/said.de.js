@@ -91,6 +91,7 @@ export const sentences = [
   ["{a} is off by {b} mm in the upper part of {c}", "{a} liegt im oberen Teil von {c} um {b} mm daneben"],
   ["{a} has {b} mm more play in the upper part of {c}", "{a} hat im oberen Teil von {c} {b} mm mehr Spiel"],
   ["the play of {a} changes by {b} mm from one end of {c} to the other: the gantry racks, or one of two motors is loose", "das Spiel von {a} ändert sich um {b} mm von einem Ende von {c} zum anderen: Das Portal verkantet sich, oder einer von zwei Motoren ist lose"],
+  ["{a} shows a head that lags along {b} by {c} mm whichever motor turns: a rail or the head has play, not a belt", "{a} zeigt einen Kopf, der längs {b} um {c} mm nachhängt, gleich welcher Motor dreht: Eine Schiene oder der Kopf hat Spiel, kein Riemen"],
   ["the turn of {a} looks different at the two ends of {b}: two motors of one axis, with pulleys that differ by {c} mm", "die Umdrehung von {a} sieht an den beiden Enden von {b} verschieden aus: zwei Motoren einer Achse, deren Scheiben sich um {c} mm unterscheiden"],
   ["{a} has an error that repeats every {b} mm, {c} mm: an idler or the belt, not the motor's pulley", "{a} hat einen Fehler von {c} mm, der sich alle {b} mm wiederholt: eine Umlenkrolle oder der Riemen, nicht die Scheibe des Motors"],
   ["the model leaves {a} mm of {b} mm: this measurement is not of a printer that repeats itself, or its rows are not those of the print", "das Modell lässt {a} mm von {b} mm übrig: Diese Messung ist nicht von einem Drucker, der sich wiederholt, oder ihre Zeilen sind nicht die des Drucks"],
