@@ -15,7 +15,7 @@ from printmend.cli.number import Finite
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws what is broken, and noise.")
 @click.option("--promise", "promise_mm", type=Finite(min=0.001), default=0.05, show_default=True,
-              help="Stop where no more than this RMS error [mm] is to be expected on the bed.")  # fmt: skip
+              help="Stop where no more than this typical error [mm] is to be expected on the bed.")  # fmt: skip
 @click.option("--rounds", type=click.IntRange(1, 50), default=6, show_default=True, help="Prints at most, each way.")
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="Folder for the figure.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")

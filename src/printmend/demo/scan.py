@@ -144,15 +144,15 @@ def figures(done: ScanDemo) -> dict[str, Any]:
 def lines(done: ScanDemo, written: list[Path]) -> list[str]:
     """Say what came of it."""
     rows = [
-        f"{done.marks - done.missing} of {done.marks} marks read from two scans, {1000 * done.mark_mm:.0f} µm (RMS) "
-        f"from where they are, the scanner's scale ({done.scale_percent:+.2f} %) taken off",
+        f"{done.marks - done.missing} of {done.marks} marks read from two scans, {1000 * done.mark_mm:.0f} µm from "
+        f"where they are, typically, the scanner's scale ({done.scale_percent:+.2f} %) taken off",
         f"learned: {done.model.findings[0]}",
         "distance from the wanted outline of another part on the same broken printer, its place on the bed taken off "
         f"({np.hypot(*done.shift_before_mm):.2f} mm as it is, {np.hypot(*done.shift_mm):.2f} mm mended) [mm]:",
-        "             RMS      p95      max",
+        "         typical  95 % within  largest",
     ]
     rows += [
-        f"  {name:8} {e.rms:7.3f}  {e.p95:7.3f}  {e.max:7.3f}"
+        f"  {name:8} {e.rms:5.3f}  {e.p95:11.3f}  {e.max:7.3f}"
         for name, e in (("as it is", done.before), ("mended", done.after))
     ]
     if done.refused:
@@ -180,7 +180,7 @@ def write_pictures(done: ScanDemo, folder: Path) -> list[Path]:
     worst = pictures[1].error_mm[1:][pictures[1].extruding]
     colours = Normalize(0, max(float(np.percentile(worst, 98)), 0.05))
     titles = [
-        "wanted", f"as it is: {done.before.rms:.2f} mm (RMS)", f"mended: {done.after.rms:.3f} mm (RMS)",
+        "wanted", f"as it is: typically {done.before.rms:.2f} mm off", f"mended: typically {done.after.rms:.3f} mm off",
     ]  # fmt: skip
     draw = [functools.partial(draw_layer, layer=one, colours=colours) for one in pictures]
     title = "a part that was not learned from, on the broken printer"

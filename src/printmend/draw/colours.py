@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
+from matplotlib.ticker import MaxNLocator
 
 from printmend.draw.figure import ERROR_COLOURS, INK, draw_scale_bar, fit_view, plain
 
@@ -25,7 +26,9 @@ def draw_coloured(
     if figure is not None:
         high_in = figure.get_size_inches()[1]
         place = figure.add_axes((0.12, 0.48 / high_in, 0.76, 0.12 / high_in))
-        bar = figure.colorbar(ScalarMappable(norm, ERROR_COLOURS), cax=place, orientation="horizontal", extend="max")
+        bar = figure.colorbar(
+            ScalarMappable(norm, ERROR_COLOURS), cax=place, orientation="horizontal", extend="max", ticks=MaxNLocator(4)
+        )
         bar.set_label("off by [mm]", color=INK, fontsize=9)
         bar.ax.tick_params(labelsize=8, colors=INK)
         bar.outline.set_visible(False)

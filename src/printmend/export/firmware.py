@@ -178,8 +178,8 @@ EXPORTS: dict[str, Callable[..., Export]] = {
 def remainder(export: Export) -> str:
     """Say what the firmware takes, what remains, and which settings stay out."""
     said = (
-        f"expected over the bed: {export.before_mm:.3f} mm (RMS) without, {export.after_mm:.3f} mm with this; what "
-        "remains is for `printmend mend`, with a model learned after these settings are in place"
+        f"expected over the bed, typically: {export.before_mm:.3f} mm without, {export.after_mm:.3f} mm with this; "
+        "what remains is for `printmend mend`, with a model learned after these settings are in place"
     )
     return "\n".join([said, *(f"left out: {each}" for each in export.left_out)])
 

@@ -296,9 +296,10 @@ def draw_overlay(path: Path, reading: Reading, plan: ProbePlan) -> None:
             place = (wanted[mark] // 16).tolist()
             cv2.drawMarker(picture, place, MISSING, cv2.MARKER_TILTED_CROSS, int(2 * scale) + 3, 2 * thick)
     lost = int((~found).sum())
+    shown = "true to size" if enlarged == 1 else f"enlarged {enlarged} times"
     items = [
         (f"found: {int(found.sum())} of {len(found)} dots", FOUND),
-        (f"how far each lies off, enlarged {enlarged} times", ERROR),
+        (f"how far each lies off, {shown}", ERROR),
         *([(f"not found: {lost}", MISSING)] if lost else []),
     ]
     picture = with_legend(picture, items)

@@ -70,7 +70,7 @@ def look_at(source: Path, output: Path, mechanism: Mechanism, *, placed: bool) -
     return PartView(
         ends.min(axis=0), ends.max(axis=0), (minutes(wanted), minutes(given)), layer,
         float(np.median(wanted.end_mm[mine, 2])), _printed(wanted, layer, mechanism, tree, aligned=not placed),
-        _printed(given, layer, mechanism, tree, aligned=False), _seams(given, layer),
+        _printed(given, layer, mechanism, tree, aligned=False), _new_seams(wanted, given, layer),
     )  # fmt: skip
 
 
@@ -121,6 +121,15 @@ def _printed(moves: Moves, layer: int, mechanism: Mechanism, wanted: shapely.STR
     (at, _), found = wanted.query_nearest(points, return_distance=True, all_matches=False)
     off[at] = found
     return Drawn(list(np.stack([printed[begin], printed[last]], axis=1)), off)
+
+
+def _new_seams(wanted: Moves, given: Moves, layer: int) -> np.ndarray:
+    """Return the stops in a layer [K, 2] that mending brought: a slicer writes some, too."""
+    old, new = _seams(wanted, layer), _seams(given, layer)
+    if not len(old) or not len(new):
+        return new
+    apart = np.hypot(*(new[:, None] - old[None]).transpose(2, 0, 1))
+    return np.asarray(new[apart.min(axis=1) > _SEAM_MM])
 
 
 def _seams(moves: Moves, layer: int) -> np.ndarray:

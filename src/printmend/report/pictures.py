@@ -46,7 +46,7 @@ def layers_picture(layers: Sequence[dict[str, float]], part: str) -> Group:
 def part_picture(view: PartView) -> Group:
     """Return the drawings of one layer of a part, as it is and mended, in the same colours."""
     everything = [each.off_mm for each in (view.before, view.after) if len(each.off_mm)]
-    worst_mm = max([float(np.quantile(each, 0.98)) for each in everything] + [0.02])
+    worst_mm = max([float(np.quantile(each, 0.98)) for each in everything] + [0.04])
     both = np.concatenate([np.concatenate(each.lines) for each in (view.before, view.after) if len(each.lines)])
     corners = both.min(axis=0), both.max(axis=0)
 
