@@ -73,6 +73,17 @@ def test_rows_in_order_stay_as_they_are(rng: np.random.Generator) -> None:
     assert in_order(trace, PRINTER).trace is trace
 
 
+def test_another_turn_of_the_pulley_is_no_shift_of_rows(rng: np.random.Generator) -> None:
+    """There and back along X with a pulley of 22 teeth, 2.3 mm off its centre, where the preset has 20."""
+    large = replace(PRINTER, x=replace(PRINTER.x, mm_per_turn=44.0))
+    along = np.concatenate([np.arange(24.0, 215.0), np.arange(214.0, 24.0, -1.0)])
+    points = np.stack([along, np.full(len(along), 110.0)], axis=1)
+    twin = Twin.of(Corruption((Drive(pulley=EccentricBore(2.3, 1.0), belt=Play(0.1)), Drive())), large)
+    wandering = np.cumsum(rng.normal(0, 0.03, points.shape), axis=0) * [1, 0]
+    trace = Trace(points, twin.follow(points) + wandering)
+    assert in_order(trace, PRINTER).trace is trace
+
+
 AXES: dict[str, Change] = {
     "x and y swapped": lambda mm: mm[:, ::-1],
     "x mirrored": lambda mm: mm * [-1, 1] + [220, 0],

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.errors import TraceError
 from printmend.learn.drive.design import contacts, cross_columns
+from printmend.learn.drive.period import likeliest_period_mm
 from printmend.learn.drive.select import main_parts
 from printmend.learn.greybox.rows import FARTHEST_MM, motor_rows, trial_of
 from printmend.measure.axes import AXES_TODO, wrong_axes
@@ -211,7 +212,7 @@ class _Learned:
 
 
 def _learned(trace: Trace, printer: Printer) -> _Learned:
-    full = motor_rows(trace, printer)
+    full = [replace(row, period_mm=likeliest_period_mm(row)) for row in motor_rows(trace, printer)]
     with threadpool_limits(1, user_api="blas"):
         found = [main_parts(row) for row in trial_of(full, np.random.default_rng(0)).rows(full)]
     belts = []
