@@ -17,6 +17,7 @@ from printmend.measure.plan import keep_plan
 from printmend.path import Trace, last_way
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.promise import misfit_rows
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import as_printed, causes_of, effects_of, found_in, of_the_end
@@ -82,6 +83,7 @@ def test_another_turn_of_the_pulley_is_no_shift_of_rows(rng: np.random.Generator
     wandering = np.cumsum(rng.normal(0, 0.03, points.shape), axis=0) * [1, 0]
     trace = Trace(points, twin.follow(points) + wandering)
     assert in_order(trace, PRINTER).trace is trace
+    assert misfit_rows._learned(trace, PRINTER).left_mm < 0.3  # else any shift looks better
 
 
 AXES: dict[str, Change] = {
