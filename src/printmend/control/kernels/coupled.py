@@ -68,11 +68,13 @@ def arrivals(wanted, weight, price, places, first, last, low, high, left, right,
                     for n in range(stop - 1, block - 1, -1):
                         least = min(least, stay[n])
                         behind[n] = least
-                for n in range(count):
-                    begin, end = max(n - reach, 0), min(n + reach, count - 1)
-                    row[n] = before[end] if begin == 0 else behind[begin]
-                    if count > window and begin // window != end // window:
-                        row[n] = min(row[n], before[end])
+                for n in range(min(reach + 1, count)):
+                    row[n] = before[min(n + reach, count - 1)]
+                for n in range(reach + 1, count - reach):
+                    row[n] = min(behind[n - reach], before[n + reach])
+                final = (count - 1) // window * window  # where the last block begins
+                for n in range(max(reach + 1, count - reach), count):
+                    row[n] = behind[n - reach] if n - reach >= final else min(behind[n - reach], before[count - 1])
             else:
                 row[:count] = np.inf
             # Other moves leave the place: back beyond the first of its motor indices, or on beyond the last.
