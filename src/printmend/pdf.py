@@ -20,6 +20,7 @@ BLACK, GREY, PALE, BLUE, RED = (
 )
 FONTS = {"plain": "Helvetica", "bold": "Helvetica-Bold", "typed": "Courier"}
 Colour = tuple[float, float, float]
+Place = Sequence[float] | np.ndarray  # x and y, or width and height [2] mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +30,11 @@ class Page:
     size_mm: tuple[float, float] = A4_MM
     drawn: list[str] = field(default_factory=list)
 
-    def rectangle(self, corner_mm: Sequence[float], size_mm: Sequence[float], colour: Colour = BLACK) -> None:
+    def rectangle(self, corner_mm: Place, size_mm: Place, colour: Colour = BLACK) -> None:
         """Fill a rectangle, its upper left corner first."""
         self.drawn.append(f"{_said(colour)} rg {self._rectangle(corner_mm, size_mm)} f")
 
-    def frame(
-        self, corner_mm: Sequence[float], size_mm: Sequence[float], colour: Colour = BLACK, width_mm: float = 0.3
-    ) -> None:
+    def frame(self, corner_mm: Place, size_mm: Place, colour: Colour = BLACK, width_mm: float = 0.3) -> None:
         """Draw the outline of a rectangle."""
         drawn = self._rectangle(corner_mm, size_mm)
         self.drawn.append(f"{_said(colour)} RG {width_mm * POINTS_PER_MM:.3f} w 0 J {drawn} S")
@@ -51,7 +50,7 @@ class Page:
             self.line(np.array([point, point]), colour, diameter_mm)
 
     def words(
-        self, at_mm: Sequence[float], text: str, size_pt: float = 10.0, *, font: str = "plain", colour: Colour = BLACK
+        self, at_mm: Place, text: str, size_pt: float = 10.0, *, font: str = "plain", colour: Colour = BLACK
     ) -> None:
         """Write one line of words, its left end on the base line at a place."""
         plain = text.encode("cp1252", "replace").decode("cp1252")
@@ -60,7 +59,7 @@ class Page:
         self.drawn.append(f"{_said(colour)} rg BT /{font} {size_pt:g} Tf {self._at(at_mm)} Td ({plain}) Tj ET")
 
     def paragraph(
-        self, at_mm: Sequence[float], text: str, size_pt: float = 10.0, *, letters: int = 96, font: str = "plain"
+        self, at_mm: Place, text: str, size_pt: float = 10.0, *, letters: int = 96, font: str = "plain"
     ) -> float:
         """Write words in lines of at most so many letters; return where the next line would be [mm]."""
         x, y = at_mm
@@ -93,10 +92,10 @@ class Page:
         out += b"".join(b"%010d 00000 n \n" % place for place in places)
         return out + b"trailer\n<< /Size %d /Root 1 0 R >>\nstartxref\n%d\n%%%%EOF\n" % (len(objects) + 1, start)
 
-    def _at(self, place_mm: Sequence[float] | np.ndarray) -> str:
+    def _at(self, place_mm: Place) -> str:
         return f"{place_mm[0] * POINTS_PER_MM:.4f} {(self.size_mm[1] - place_mm[1]) * POINTS_PER_MM:.4f}"
 
-    def _rectangle(self, corner_mm: Sequence[float], size_mm: Sequence[float]) -> str:
+    def _rectangle(self, corner_mm: Place, size_mm: Place) -> str:
         low = self._at((corner_mm[0], corner_mm[1] + size_mm[1]))
         return f"{low} {size_mm[0] * POINTS_PER_MM:.4f} {size_mm[1] * POINTS_PER_MM:.4f} re"
 
