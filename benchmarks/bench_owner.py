@@ -108,7 +108,11 @@ def main() -> None:
         for way in ("scan", "photo"):
             if way in ways:
                 laid = broken.strokes(strokes)
-                taken = foreign.scan(laid, rng, dpi=options.dpi) if way == "scan" else foreign.photo(laid, rng)
+                taken = (
+                    foreign.scan(laid, rng, dpi=options.dpi)
+                    if way == "scan"
+                    else foreign.photo(laid, rng, size_px=(3000, 4000))
+                )
                 (folder / f"{way}.jpg").write_bytes(taken)
                 begun = time.process_time()
                 part = measure_part(folder / f"{way}.jpg", folder / "gear.gcode", PRINTER)
