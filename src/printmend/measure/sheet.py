@@ -63,7 +63,8 @@ def write_sheet(path: str | Path) -> None:
         cell = TAG_MM / 8
         for row, column in np.argwhere(tag_cells(tag)):
             page.rectangle(centre - TAG_MM / 2 + cell * np.array([column, row]), (cell, cell), INK)
-    page.frame(np.full(2, BORDER_MM + TAG_MM / 2 + WINDOW_EDGE_MM), window_mm(), INK, 0.15)
+    edge = BORDER_MM + TAG_MM / 2 + WINDOW_EDGE_MM
+    page.frame((edge, edge), window_mm().tolist(), INK, 0.15)
     line, left = RULER_Y_MM, (PAGE_MM[0] - RULER_MM) / 2
     page.rectangle((left, line), (RULER_MM, 0.3), INK)
     for end in (left, left + RULER_MM):

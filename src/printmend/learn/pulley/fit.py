@@ -157,7 +157,8 @@ class _Problem:
 
     def stepped(self, q: np.ndarray) -> np.ndarray:
         """Return q after a whole Gauss–Newton step."""
-        factor, size = np.linalg.qr(self._stacked(q), mode="r"), len(self.spread)  # the right side is multiplied, too
+        size = len(self.spread)
+        factor = np.asarray(np.linalg.qr(self._stacked(q), mode="r"))  # the right side is multiplied, too
         return np.asarray(np.linalg.solve(factor[:size, :size], factor[:size, size])[: len(q)])
 
     def solved(self, q: np.ndarray) -> _Solution:
