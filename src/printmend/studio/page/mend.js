@@ -48,7 +48,7 @@ function File_({ id, printer, changed }) {
   return html`<${Problem} error=${error ?? (job?.state === "failed" ? job.error : null)} />
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
     ${job && !ended(job) && html`<section class="card"><${Progress} job=${job} steps=${STEPS} /></section>`}
-    ${scene ? html`<${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene.mended ? 2 : 1} />` : !ended(job) && html`<div class="stage"></div>`}
+    ${scene ? html`<${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene.mended ? 2 : 1} busy=${!ended(job)} />` : !ended(job) && html`<div class="stage"></div>`}
     ${result && html`<${Numbers} job=${job} printer=${printer} changed=${changed} />`}`;
 }
 

@@ -8,7 +8,7 @@ import { View } from "./view3d.js";
 const PLACES = [["wanted", 0], ["printed", 1], ["mended", 2]];
 const nice = (value) => { const p = 10 ** Math.floor(Math.log10(value)); return [1, 2, 5, 10].map((k) => k * p).find((v) => v >= value * 0.999); };
 
-export function Part({ scene, bed, name = "part", morph: start }) {
+export function Part({ scene, bed, name = "part", morph: start, busy = false }) {
   const canvas = useRef(), view = useRef();
   const [failed, setFailed] = useState(false), [morph, setMorph] = useState(start ?? 1), [enlarge, setEnlarge] = useState(1);
   const [top, setTop] = useState(0), [single, setSingle] = useState(false), [cut, setCut] = useState(false);
@@ -23,6 +23,7 @@ export function Part({ scene, bed, name = "part", morph: start }) {
     setSingle(false);
     view.current?.set({ most });
   }, [scene]);
+  useEffect(() => { view.current?.wait(busy); }, [busy]);
   useEffect(() => { if (start !== undefined) setMorph(start); }, [start, scene]);
   useEffect(() => { view.current?.set({ morph, enlarge, tinted: morph > 0.02 ? 1 : 0 }); }, [morph, enlarge, scene]);
   useEffect(() => { view.current?.layers(single ? Math.min(top, last) : 0, Math.min(top, last)); }, [top, single, scene]);

@@ -83,7 +83,13 @@ export class View {
   glance() {
     this.moving = true;
     clearTimeout(this.still);
-    this.still = setTimeout(() => { this.moving = false; this.draw(); }, 300);
+    this.still = setTimeout(() => { this.moving = false; this.draw(); }, this.slow ? 1200 : 300);
+    this.draw();
+  }
+
+  // Without a graphics card a fine picture takes the processor from the work that goes on: until it is done, a coarse one.
+  wait(busy) {
+    this.busy = busy;
     this.draw();
   }
 
@@ -169,7 +175,7 @@ export class View {
   now() {
     if (!this.part || this.gone) return;
     const begun = performance.now();
-    const coarse = this.coarse && this.moving && this.whole;
+    const coarse = this.coarse && (this.moving || (this.busy && this.slow)) && this.whole;
     this.fine.visible = !coarse;
     if (this.coarse) this.coarse.visible = Boolean(coarse);
     this.uniforms.first.value = coarse ? 0 : this.range[0];
