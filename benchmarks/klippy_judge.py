@@ -5,6 +5,7 @@ is wanted is the original as the planner understands it on a healthy machine; a 
 pushes new plastic. Nothing of printmend reads, mends or predicts here; a `Printer` is its plain numbers.
 """
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -160,11 +161,11 @@ def judge(planned: Planned, wanted: Wanted, track: Track, path: Track, gcode: by
     time, filament = samples(planned)
     speed = slowest_mm_s(planned, path)
     off, height = distances_mm(wanted, track.at(time), filament)
-    commands = sum(line.lstrip()[:3].upper() in _MOTION for line in gcode.decode("latin-1").splitlines())
+    commands = len(_MOTION.findall(gcode))
     return Judged(
         float(np.sqrt((off**2).mean())), float(np.quantile(off, 0.95)), float(off.max()), float(height.max()),
         planned.job_s, places(speed, STOP_MM_S), places(speed, CORNER_MM_S), commands, len(off),
     )  # fmt: skip
 
 
-_MOTION = {f"G{k} " for k in range(4)} | {f"G0{k}" for k in range(4)}
+_MOTION = re.compile(rb"^\s*G0?[0-3](?![0-9])", re.MULTILINE | re.IGNORECASE)

@@ -185,7 +185,7 @@ def _reach(printer: Printer, around: Planned | None) -> list[tuple[float, float]
         low, high = (axis.min_mm, axis.max_mm) if around is not None else (axis.min_mm - 1e3, axis.max_mm + 1e3)
         if around is not None and len(around.moves):
             low, high = min(low, around.end_mm[:, k].min()), max(high, around.end_mm[:, k].max())
-        reach.append((low - _OFFSET_MM, high + _OFFSET_MM))
+        reach.append((float(low) - _OFFSET_MM, float(high) + _OFFSET_MM))
     return reach
 
 
@@ -222,6 +222,7 @@ rotation_distance: {E_MM_PER_STEP * 3200!r}
 nozzle_diameter: 0.4
 filament_diameter: 1.75
 max_extrude_only_distance: 10000
+min_extrude_temp: 0
 {"" if cross_mm2 is None else f"max_extrude_cross_section: {cross_mm2:g}"}
 heater_pin: P12
 sensor_pin: P13
