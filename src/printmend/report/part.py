@@ -106,7 +106,8 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
     said = []
     if view is not None:
         reach = [
-            f"{axis.name.upper()} from {low:.1f} to {high:.1f} mm (the bed: {axis.min_mm:g} to {axis.max_mm:g})"
+            f"{axis.name.upper()} from {round(low, 1) + 0.0:.1f} to {high:.1f} mm "
+            f"(the bed: {axis.min_mm:g} to {axis.max_mm:g})"
             for axis, low, high in zip((model.printer.x, model.printer.y), view.low_mm, view.high_mm, strict=True)
         ]
         said.append(f"The head moves over {' and '.join(reach)}.")
