@@ -143,12 +143,11 @@ def main() -> None:
             if "start" in only:
                 print(f"start: the play screen is drawn after {watch}", flush=True)
             page.close()
-            key = printer_of(server)
             for one in PARTS:
                 if one in only:
-                    drop(browser, server, key, one, folder)
+                    drop(browser, server, printer_of(server), one, folder)  # its page shows no other part before
             if "uploads" in only:
-                uploads(server, key, folder)
+                uploads(server, printer_of(server), folder)
         finally:
             server.stop()
 
