@@ -150,8 +150,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--json", type=Path, help="also write every case to this file, a line each")
-    for kind in KINDS:
-        parser.add_argument(f"--{kind}", type=int, default=0)
+    for option in ("--traces", "--scans", "--pictures", "--photos", "--callipers"):
+        parser.add_argument(option, type=int, default=0, help="how many of these")
     options = parser.parse_args()
     rows: list[dict] = []
     with tempfile.TemporaryDirectory() as folder:
