@@ -35,7 +35,7 @@ from printmend.saved.model import exact_model, saved_model, write_model
 from printmend.studio import kernels
 from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
-from printmend.studio.host import checked_address, find_host
+from printmend.studio.host import Host, checked_address, find_host
 from printmend.studio.jobs import Jobs
 from printmend.studio.next_print import next_print
 from printmend.studio.play import Faults, preview
@@ -321,9 +321,19 @@ class _Strange(BaseHTTPRequestHandler):
     """A computer in the network that is neither OctoPrint nor Moonraker, and tries what it can."""
 
     asked: ClassVar[list[str]] = []
+    mainsail = False  # or else Mainsail's nginx, which packs what it is asked to
 
     def do_GET(self) -> None:
         self.asked.append(self.path)
+        if self.mainsail and self.path == "/server/info":
+            body = b'{"result": {"klippy_state": "ready"}}'
+            packed = "gzip" in self.headers.get("Accept-Encoding", "")
+            self.send_response(200)
+            if packed:
+                self.send_header("Content-Encoding", "gzip")
+            self.end_headers()
+            self.wfile.write(gzip.compress(body) if packed else body)
+            return
         way = self.path.split("/")[1]
         if way == "elsewhere":
             self.send_response(302)
@@ -340,13 +350,15 @@ class _Strange(BaseHTTPRequestHandler):
         pass
 
 
-def test_only_octoprint_and_moonraker_are_sent_to(folder: Path) -> None:
+def test_only_octoprint_and_moonraker_are_sent_to(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for text in ("ftp://octopi.local", "file:///etc/passwd", "http://me:pw@octopi.local", "http://", "http://a b",
-                 "x?y", "http://[::1", "http://octopi:99999", "http://octopi/#x"):  # fmt: skip
+                 "?y", "http://[::1", "http://octopi:99999", "http://a..b", "x" * 64):  # fmt: skip
         with pytest.raises(InputError, match="wanted http"):
             checked_address(text)
     assert checked_address(" octopi.local/ ") == "http://octopi.local"
     assert checked_address("https://print.example:7125/one") == "https://print.example:7125/one"
+    for text in ("http://fluidd.local/#/", "fluidd.local/?#temp"):  # as browsers show it
+        assert checked_address(text) == "http://fluidd.local"
     server = ThreadingHTTPServer(("127.0.0.1", 0), _Strange)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
@@ -360,7 +372,9 @@ def test_only_octoprint_and_moonraker_are_sent_to(folder: Path) -> None:
                 assert "wanted OctoPrint or Moonraker" in said.json()["error"]
             assert client.get(f"/api/printers/{key}").json()["host"] is None
         assert "/secret" not in _Strange.asked
-        assert len(_Strange.asked) == 6
+        assert len(_Strange.asked) == 12  # where it was told, and at the root
+        monkeypatch.setattr(_Strange, "mainsail", True)
+        assert find_host(f"{address}/console", "") == Host(address, "", "moonraker")
     finally:
         server.shutdown()
         server.server_close()

@@ -5,6 +5,7 @@ comes back is read up to a bound. The key lies beside the printer's description,
 never shows it.
 """
 
+import itertools
 import json
 import time
 from collections.abc import Callable
@@ -24,6 +25,7 @@ FILE = "host.json"
 _PATIENCE_S = 10.0  # for an answer to a question
 _DIGEST_S = 300.0  # for the answer to a file: a host may mend and read it first
 _MOST_BYTES = 200_000  # of an answer
+_QUESTIONS: tuple[tuple[Kind, str], ...] = (("moonraker", "/server/info"), ("octoprint", "/api/version"))
 _FILES = {"octoprint": "/api/files/local", "moonraker": "/server/files/upload"}
 
 
@@ -40,7 +42,7 @@ def read_host(folder: Path) -> Host | None:
     """Return the host that is kept in a printer's folder, None where there is none."""
     try:
         return Host(**json.loads((folder / FILE).read_text(encoding="utf-8")))
-    except (FileNotFoundError, ValueError):
+    except (FileNotFoundError, ValueError, TypeError):
         return None
 
 
@@ -60,28 +62,33 @@ def find_host(address: str, key: str) -> Host:
     Raises `InputError` for what is no address, where neither program answers, and where the key is not accepted.
     """
     address = checked_address(address)
-    with _client(address, key, _PATIENCE_S) as client:
-        for kind, path in (("moonraker", "/server/info"), ("octoprint", "/api/version")):
-            status, said = _ask(client, client.build_request("GET", address + path), _PATIENCE_S)
+    # Mainsail shows http://mainsail.local/console, a page of its own: then it is at the root.
+    root = address[: address.index("/", address.index("://") + 3)] if address.count("/") > 2 else address
+    with _client(key, _PATIENCE_S) as client:
+        for at, (kind, path) in itertools.product(dict.fromkeys((address, root)), _QUESTIONS):
+            status, said = _ask(client, client.build_request("GET", at + path), _PATIENCE_S)
             if status in (401, 403) and said is not None:
                 came = "no for an answer to this key" if key else "no for an answer without a key"
-                raise InputError(address, wanted="a key that it accepts", came=came,
+                raise InputError(at, wanted="a key that it accepts", came=came,
                                  todo="copy the API key from its settings")  # fmt: skip
             if status == 200 and _is(kind, said):
-                return Host(address, key, cast(Kind, kind))
+                return Host(at, key, kind)
     raise InputError(address, wanted="OctoPrint or Moonraker (Mainsail, Fluidd)", came="something else",
                      todo="give the address that the browser shows when you print")  # fmt: skip
 
 
 def checked_address(text: str) -> str:
-    """Return an address as it is kept: with http:// where nothing is said, without a slash at its end."""
-    text = text.strip()
+    """Return an address as it is kept: with http:// where nothing is said, without a slash at its end.
+
+    What a browser keeps to itself, as the end of http://fluidd.local/#/, is left out.
+    """
+    text = text.strip().partition("#")[0].partition("?")[0]
     text = text if "://" in text else f"http://{text}"
     try:
         parts = urlsplit(text)
         good = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
-        good &= not (parts.username or parts.password or parts.query or parts.fragment)
-        httpx.URL(text)
+        good &= not (parts.username or parts.password)
+        httpx.URL(text).raw_host.decode("ascii").encode("idna")  # as a socket will: "a..b" is no name
     except (ValueError, httpx.InvalidURL):
         good = False
     if not good or not text.isprintable() or " " in text:
@@ -97,7 +104,7 @@ def send_file(host: Host, path: Path, name: str, told: Callable[[float], None]) 
 
     Raises `InputError` where the host does not answer, `RefusedError` where it will not have the file.
     """
-    with path.open("rb") as file, _client(host.address, host.key, _DIGEST_S) as client:
+    with path.open("rb") as file, _client(host.key, _DIGEST_S) as client:
         told_file = _Told(file, max(path.stat().st_size, 1), told)
         request = client.build_request(
             "POST", host.address + _FILES[host.kind], files={"file": (name, cast(IO[bytes], told_file))},
@@ -130,9 +137,9 @@ class _Told:
         return self._file.fileno()
 
 
-def _client(address: str, key: str, patience_s: float) -> httpx.Client:
+def _client(key: str, patience_s: float) -> httpx.Client:
     timeout = httpx.Timeout(patience_s, connect=_PATIENCE_S)
-    headers = {"X-Api-Key": key} if key else {}
+    headers = {"Accept-Encoding": "identity"} | ({"X-Api-Key": key} if key else {})  # answers are read as they come
     # no proxy of the environment: the host is in the owner's network
     return httpx.Client(timeout=timeout, headers=headers, follow_redirects=False, trust_env=False)
 
