@@ -22,7 +22,7 @@ def command(
 ) -> None:  # fmt: skip
     """Open printmend in the browser: your printers, measuring, mending, and a printer to break.
 
-    The server listens on this computer only and sends nothing anywhere.
+    The server listens on this computer only. It sends nothing anywhere but the files that you send to your printer.
     """
     from printmend.studio.serve import serve
 

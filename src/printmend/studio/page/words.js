@@ -33,7 +33,7 @@ function german(text) {
 // What the program says in English, in the reader's language where somebody has said it there.
 export function said(text) {
   const plain = text.replaceAll("`", "");
-  for (const [english, into] of before) if (language === "de" && plain.startsWith(english)) { const rest = plain.slice(english.length); return into + said(rest[0].toUpperCase() + rest.slice(1)); }
+  for (const [english, into] of before) if (language === "de" && plain.startsWith(english) && plain !== english) { const rest = plain.slice(english.length); return into + said(rest[0].toUpperCase() + rest.slice(1)); }
   const part = (words, at, glue) => german(words) ?? words.split(at).map((one) => (glue === "; " || german(one) ? german(one) ?? one : part(one, "; ", "; "))).join(glue);
   return language === "de" ? part(plain, /(?<=[.:]) (?=[A-Z])/, " ") : plain;
 }
