@@ -10,6 +10,7 @@ from PIL import Image
 
 from printmend.cli.probe import command
 from printmend.errors import GcodeError, ScanError, TraceError
+from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
 from printmend.measure import read_trace, write_trace
 from printmend.measure.walls import read_walls
@@ -104,6 +105,8 @@ def test_the_first_layer_is_a_print_of_its_own(tmp_path):
         command, ["--first-layer", str(tmp_path / "part.gcode"), "-o", str(tmp_path / "first.gcode")]
     )
     assert outcome.exit_code == 0, outcome.output
+    assert is_test_print(tmp_path / "first.gcode")
+    assert not is_test_print(tmp_path / "part.gcode")
     alone, whole = (read_gcode(tmp_path / name) for name in ("first.gcode", "part.gcode"))
     assert set(alone.moves.layer[alone.moves.extruding]) == {0}
     first = whole.moves.extruding & (whole.moves.layer == 0)

@@ -7,6 +7,7 @@ from click.testing import CliRunner
 from printmend.cli.probe import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.errors import ConfigError
+from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
 from printmend.measure import read_plan
 from printmend.measure.image import write_image
@@ -25,6 +26,7 @@ def run(folder, *options: str):
     gcode = folder / "probe.gcode"
     outcome = CliRunner().invoke(command, ["--printer", "ender3", "-o", str(gcode), *options])
     assert outcome.exit_code == 0, outcome.output
+    assert is_test_print(gcode)
     leaflet(folder, f"{gcode.name}: ", "printmend learn probe.csv --printer ender3")
     return gcode, read_plan(folder / "probe.json")
 

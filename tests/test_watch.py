@@ -1,5 +1,6 @@
 """The watched folder: half-copied files, restarts, changed files and models, files that cannot be mended."""
 
+import json
 import os
 from pathlib import Path
 
@@ -8,6 +9,7 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.errors import InputError
+from printmend.gcode import mark
 from printmend.repair.watch import JOURNAL, Watch
 from printmend.saved import write_model
 from tests.mending import BENT, PLAY, SQUARE, exactly
@@ -84,6 +86,32 @@ def test_a_file_that_changes_while_it_is_read_is_taken_later(job: Watch, monkeyp
     monkeypatch.undo()
     job.look()
     assert [item.code for item in job.look()] == [0]
+
+
+def test_a_test_print_is_copied_as_it_is_and_mended_by_hand_alone(job: Watch) -> None:
+    text = b"; printmend probe: 1 dots on one layer\n" + SQUARE
+    probe, out, check = job.source / "probe.gcode", job.target / "probe.gcode", job.source / "check.gcode"
+    probe.write_bytes(text)
+    arguments = ["watch", str(job.source), str(job.target), "-m", str(job.model_path), "--once", "--every", "0.1"]
+    done = CliRunner().invoke(group, [*arguments, "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout) == {"source": str(probe), "code": 0, "output": str(out), "test_print": True}
+    assert out.read_bytes() == text
+    done = CliRunner().invoke(group, ["mend", str(probe), "-m", str(job.model_path), "-o", str(check)])
+    assert done.exit_code == 0, done.output
+    assert b"; printmend probe: " in check.read_bytes()
+    assert not mark.is_test_print(check)
+    assert "one that was mended" in CliRunner().invoke(group, arguments).stderr
+    probe.write_bytes(text + b"G1 X61 Y60\n")
+    assert "must show the printer as it is" in CliRunner().invoke(group, arguments).stdout
+    assert out.read_bytes() == probe.read_bytes()
+
+
+def test_the_plug_ins_know_a_test_print_as_printmend_does() -> None:
+    folder = Path(__file__).parents[1] / "integrations"
+    expression = mark._TEST_PRINT.pattern.decode()
+    for name in ("octoprint/octoprint_printmend/__init__.py", "moonraker/printmend.py", "klipper/printmend.py"):
+        assert f'TEST_PRINT = re.compile(rb"{expression}", re.MULTILINE)' in (folder / name).read_text()
 
 
 def test_the_command(job: Watch) -> None:

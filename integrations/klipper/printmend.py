@@ -18,6 +18,7 @@ import os
 import re
 
 MARK = re.compile(rb"^; mended by printmend (\S+)", re.MULTILINE)
+TEST_PRINT = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)  # as printmend.gcode.mark has it
 NEWEST = 2
 PITCH_MM = 0.05  # of the tables, and at least 24 places a wave
 EXPONENTS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
@@ -357,16 +358,17 @@ class Printmend:
             self.gcode_move.reset_last_position()
 
     def _loaded(self):
-        """A file that `printmend mend` has corrected must not be corrected again."""
+        """Leave a mended file alone, and a test print, which must show the printer as it is."""
         path = self.printer.lookup_object("virtual_sdcard").file_path()
         try:
             with open(path, "rb") as file:
-                mended = MARK.search(file.read(1 << 20)) is not None
+                start = file.read(1 << 20)
         except (OSError, TypeError):
             return
-        if mended and self.active:
+        what = "mended" if MARK.search(start) else "a test print" if TEST_PRINT.search(start) else ""
+        if what and self.active:
             self._switch(False)
-            self.printer.lookup_object("gcode").respond_info("printmend: the file is mended; moves stay as they are")
+            self.printer.lookup_object("gcode").respond_info(f"printmend: the file is {what}; moves stay as they are")
 
     def _unloaded(self):
         self._switch(True)

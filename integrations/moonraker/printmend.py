@@ -9,7 +9,8 @@ model: ~/printer_data/config/printer.mend.json
 
 A file that arrives, by upload, scp or a slicer, is moved out of the way and mended into its place before Moonraker
 reads its metadata and before `print=true` starts it. What could not be mended is not there to be printed: until it is
-known how mending ends, a stub without any move stands in its place. The uploaded file is kept in
+known how mending ends, a stub without any move stands in its place. A test print that `printmend probe` wrote is left
+as it is: measured mended, it would say nothing of the printer. The uploaded file is kept in
 ~/printer_data/printmend/. Moonraker runs this file a second time, as a program of its own, to do the work.
 """
 
@@ -23,6 +24,7 @@ import time
 from pathlib import Path
 
 MARK = re.compile(rb"^; mended by printmend (\S+) model=(\S+)", re.MULTILINE)
+TEST_PRINT = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)  # as printmend.gcode.mark has it
 STUB = b"; held by printmend: "
 WORDS = "This file was not mended, so it is not printed: "
 KEPT_DAYS = 30  # the original of a file that was deleted since
@@ -127,7 +129,8 @@ class Printmend:
         gcodes = self.files.get_directory("gcodes")
         self.storage.register_gcode_processor("printmend", {
             "name": "printmend", "version": "1", "timeout": timeout_s,
-            "ident": {"regex": r"; mended by printmend (?P<version>\S+)", "location": "header"},
+            "ident": {"regex": r"; (?:mended by printmend (?P<version>\S+)|printmend (?:probe|first layer): )",
+                      "location": "header"},
             "command": [sys.executable, os.path.abspath(__file__), self.command, self.model, self.policy, self.folder,
                         str(timeout_s - MARGIN_S), gcodes, "{gcode_file_path}"],
         })  # fmt: skip
@@ -147,12 +150,14 @@ class Printmend:
         self.server.send_event("printmend:result", {"filename": name, **state})
 
     def _state(self, name):
-        """Say what became of a file: mended with its promise, healthy, unmended, or held with the reason."""
+        """Say what a file is: mended with its promise, healthy, unmended, a test print, or held with the reason."""
         start = head(self._path(name))
         if start.startswith(STUB):
             return {"state": "held", "reason": start[len(STUB) :].decode("utf-8", "replace").strip()}
         state = {"state": "unmended", "original": os.path.join(self.folder, name)}
         mark = MARK.search(start)
+        if mark is None and TEST_PRINT.search(start):
+            return {"state": "test print", "reason": "it must show the printer as it is, so it was not mended"}
         try:
             report = json.loads(Path(self.folder, name + ".report.json").read_text())
             state.update({key: report[key] for key in ("before", "after", "warnings") if key in report})
@@ -171,7 +176,9 @@ class Printmend:
             return
         known = self.storage.get(name) or {}
         state = known.get("printmend", {}).get("state")
-        if self.storage.is_file_processing(name) or not (MARK.search(head(self._path(name))) or state == "healthy"):
+        start = head(self._path(name))
+        left_alone = MARK.search(start) or TEST_PRINT.search(start) or state == "healthy"
+        if self.storage.is_file_processing(name) or not left_alone:
             self._announce(name, "The job was stopped: this file was not mended. Upload it again to have it mended.")
             await self.server.lookup_component("klippy_apis").cancel_print(None)
 

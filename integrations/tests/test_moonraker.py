@@ -110,6 +110,15 @@ def test_a_mended_file_is_left_alone(moonraker: Moonraker) -> None:
     assert moonraker.get("/server/printmend/status?filename=two.gcode")["state"] == "mended"
 
 
+def test_a_test_print_is_printed_as_it_is(moonraker: Moonraker) -> None:
+    text, before = b"; printmend probe: 1 dots on one layer\n" + part(1), len(moonraker.announced())
+    assert moonraker.upload("probe.gcode", text, start=True)["print_started"] is True
+    assert (moonraker.data / "gcodes/probe.gcode").read_bytes() == text
+    assert moonraker.get("/server/files/metadata?filename=probe.gcode")["printmend"]["state"] == "test print"
+    wait_for(lambda: moonraker.printing() == "complete", "the print")
+    assert len(moonraker.announced()) == before
+
+
 def test_what_cannot_be_mended_is_not_printed(moonraker: Moonraker) -> None:
     far = b"G28\nM83\nG1 Z0.2\nG1 X900 Y900 F6000\nG1 X950 Y900 E1 F1800\n"
     before = len(moonraker.announced())

@@ -124,6 +124,18 @@ def test_an_upload_is_answered_at_once(octoprint: OctoPrint) -> None:
     wait_for(lambda: octoprint.told("quick.mended.gcode").get("state") == "mended", "the copy")
 
 
+def test_a_test_print_is_printed_as_it_is(octoprint: OctoPrint) -> None:
+    text = b"; printmend first layer: of a part\n" + part(1, size_mm=7.0)
+    before = len(octoprint.sent())
+    octoprint.upload("probe.gcode", text, start=True)
+    wait_for(lambda: octoprint.told("probe.gcode") == {"state": "test print"}, "the word for it")
+    lines = [line.split(";")[0].strip() for line in text.decode().splitlines()]
+    lines = [line for line in lines if line]
+    wait_for(lambda: octoprint.state() == "Operational" and lines[-1] in octoprint.sent()[before:], "the print")
+    assert set(lines) <= set(octoprint.sent()[before:])
+    assert octoprint.told("probe.mended.gcode") == {}
+
+
 def test_mending_can_be_cancelled(octoprint: OctoPrint) -> None:
     hold = octoprint.base / "HOLD"
     hold.touch()

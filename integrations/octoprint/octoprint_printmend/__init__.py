@@ -2,7 +2,8 @@
 """OctoPrint plugin: every uploaded G-code file gets a mended copy, and only that is printed.
 
 An upload is answered at once; one worker mends `x.gcode` to `x.mended.gcode` and keeps the promise in the copy's
-metadata. A print of the original, also by "upload and print", is held before its first line is sent, and the copy is
+metadata. A test print that `printmend probe` wrote is printed as it is: measured mended, it would say nothing of the
+printer. A print of the original, also by "upload and print", is held before its first line is sent, and the copy is
 printed once it is there. printmend runs as a program of its own.
 """
 
@@ -23,6 +24,7 @@ from octoprint.filemanager.destinations import FileDestinations
 from octoprint.filemanager.util import DiskFileWrapper
 
 MARK = re.compile(rb"^; mended by printmend (\S+)", re.MULTILINE)
+TEST_PRINT = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)  # as printmend.gcode.mark has it
 ENDING = ".mended.gcode"
 LOCAL = FileDestinations.LOCAL
 LIMIT_S = 3600
@@ -86,21 +88,35 @@ class PrintmendPlugin(
     def on_event(self, event, payload):
         if event == Events.FILE_ADDED:
             path = payload["path"]
-            if payload["storage"] == LOCAL and "gcode" in (payload["type"] or ()) and not self._is_ours(path):
-                self._file_manager.remove_additional_metadata(LOCAL, path, "printmend")  # of a file of this name before
+            if payload["storage"] != LOCAL or "gcode" not in (payload["type"] or ()) or self._is_mended(path):
+                return
+            self._file_manager.remove_additional_metadata(LOCAL, path, "printmend")  # of a file of this name before
+            if self._is_test_print(path):
+                self._file_manager.set_additional_metadata(LOCAL, path, "printmend", {"state": "test print"},
+                                                           overwrite=True)  # fmt: skip
+                self._say("test print", path)
+            else:
                 self._queue.put(path)
         elif event in (Events.PRINT_DONE, Events.PRINT_FAILED, Events.PRINT_CANCELLED):
             self._verdict = None
 
-    def _is_ours(self, path):
+    def _is_mended(self, path):
         """Say whether a file is a mended one: by its metadata, its name or its mark."""
         if path.endswith(ENDING) or self._report(path).get("state") == "mended":
             return True
+        return MARK.search(self._head(path)) is not None
+
+    def _is_test_print(self, path):
+        """Say whether a file is a test print of printmend's, which is printed as it is."""
+        return TEST_PRINT.search(self._head(path)) is not None
+
+    def _head(self, path):
+        """Return the part of a file in which the marks stand."""
         try:
             with open(self._file_manager.path_on_disk(LOCAL, path), "rb") as file:
-                return MARK.search(file.read(1 << 20)) is not None
+                return file.read(1 << 20)
         except OSError:
-            return False
+            return b""
 
     def _report(self, path):
         return (self._file_manager.get_metadata(LOCAL, path) or {}).get("printmend", {})
@@ -186,7 +202,7 @@ class PrintmendPlugin(
         if self._verdict is None:
             job = self._printer.get_current_job()["file"]
             local = job.get("origin") == LOCAL and not self._settings.get_boolean(["print_unmended"])
-            self._verdict = not local or self._is_ours(job["path"])
+            self._verdict = not local or self._is_mended(job["path"]) or self._is_test_print(job["path"])
             if not self._verdict:
                 self._wanted = job["path"]
                 threading.Thread(target=self._redirect, args=(job["path"],), daemon=True).start()

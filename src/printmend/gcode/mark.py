@@ -1,13 +1,17 @@
-"""The comment that says that a file was mended, so that it is not mended twice."""
+"""The comments that say what a file is: mended, so that it is not mended twice, or a test print of ours."""
 
 import re
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 import numpy as np
 
 import printmend
+from printmend.gcode.container import HINT_BYTES
 
 _MARK = re.compile(rb"(?:^|\r)(?:\xef\xbb\xbf)?; mended by printmend (\S+) model=(\S+)", re.MULTILINE)
+# The plug-ins under integrations/ run without printmend and hold the same expression.
+_TEST_PRINT = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)
 # Headers that must stay first; the mark follows the line that ends them.
 _HEADERS = (
     (b"; HEADER_BLOCK_START", b"; HEADER_BLOCK_END"),  # Bambu, Orca
@@ -25,18 +29,39 @@ def find_mark(*texts: bytes) -> str | None:
     return None
 
 
+def find_test_print(*texts: bytes) -> str | None:
+    """Return which test print of ours the pieces of a file are from: "probe" or "first layer".
+
+    None for any other file, and for a mended test print: that is the check print of `printmend verify`.
+    """
+    if find_mark(*texts) is not None:
+        return None
+    return next((found[1].decode() for text in texts if (found := _TEST_PRINT.search(text))), None)
+
+
+def is_test_print(path: Path) -> bool:
+    """Say whether a file is a test print of ours, unmended. What mends every file must leave it as it is: what is
+    measured on it must be the printer, not the mended printer."""
+    with path.open("rb") as file:
+        return find_test_print(file.read(HINT_BYTES)) is not None
+
+
+def with_comment(text: bytes, comment: bytes) -> bytes:
+    """Return G-code with a comment's line after its header, or after its first comment, or on top."""
+    at, line_end = _place(text), _line_end(text)
+    before = text[:at]
+    missing = line_end if before and not before.endswith((b"\n", b"\r", b"\xef\xbb\xbf")) else b""
+    closing = line_end if at < len(text) or not missing else b""
+    return before + missing + comment + closing + text[at:]
+
+
 def marked(chunks: Iterable[np.ndarray], model_hash: str) -> Iterator[np.ndarray]:
-    """Yield the chunks with the mark in the first: after its header, or after its first comment, or on top."""
+    """Yield the chunks with the mark in the first, where `with_comment` puts it."""
     mark = f"; mended by printmend {printmend.__version__} model={model_hash}".encode()
     first = True
     for chunk in chunks:
         if first:
-            text = chunk.tobytes()
-            at, line_end = _place(text), _line_end(text)
-            before = text[:at]
-            missing = line_end if before and not before.endswith((b"\n", b"\r", b"\xef\xbb\xbf")) else b""
-            closing = line_end if at < len(text) or not missing else b""
-            chunk = np.frombuffer(before + missing + mark + closing + text[at:], np.uint8)
+            chunk = np.frombuffer(with_comment(chunk.tobytes(), mark), np.uint8)
             first = False
         yield chunk
 

@@ -5,8 +5,10 @@ import re
 import numpy as np
 
 from printmend.errors import GcodeError
+from printmend.gcode.mark import with_comment
 from printmend.gcode.read import Program
 
+_HEAD = b"; printmend first layer: of a part, to be printed unmended, scanned and measured"
 _ENDING = """\
 ; printmend: the rest of the part is left out
 G91
@@ -22,7 +24,8 @@ _CONFIG = re.compile(rb"^; (?:gcode_flavor|printer_model|printer_settings_id|fil
 def first_layer(program: Program) -> bytes:
     """Return the G-code of a file up to the end of its first layer, with the heaters switched off after it.
 
-    What the slicer noted of printer and firmware is kept. Raises `GcodeError` for a file that prints nothing.
+    What the slicer noted of printer and firmware is kept. A comment at its head
+    says what it is (`gcode.mark`). Raises `GcodeError` for a file that prints nothing.
     """
     moves = program.moves
     printed = moves.extruding & (moves.layer >= 0)
@@ -34,4 +37,5 @@ def first_layer(program: Program) -> bytes:
     cut = int(ends[last_line]) + 1 if last_line < len(ends) else len(program.text)
     head, rest = program.text[:cut].tobytes(), program.text[cut:].tobytes()
     noted = b"".join(line + b"\n" for line in _CONFIG.findall(rest))
+    head = with_comment(head, _HEAD)
     return head.rstrip(b"\n") + b"\n" + _ENDING.encode() + noted

@@ -1,5 +1,6 @@
 """Mend many files with one model: a farm's evening. What is wrong with one file does not stop the others."""
 
+import shutil
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -8,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from printmend.errors import InputError, PrintmendError
+from printmend.files import replacing
+from printmend.gcode.mark import is_test_print
 from printmend.invert import Fineness
 from printmend.repair.mend import AS_USUAL, Mended, mend_gcode
 from printmend.saved import SavedModel
@@ -19,17 +22,23 @@ _MARK = ".mended"
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of a file: ``mended``, or the ``error`` and its exit ``code`` (2 or 3, 1 for a fault of ours)."""
+    """What became of a file: ``mended``, or the ``error`` and its exit ``code`` (2 or 3, 1 for a fault of ours).
+
+    ``test_print`` is true of a test print of ours that was copied as it is.
+    """
 
     source: Path
     output: Path | None
     mended: Mended | None = None
     error: str | None = None
     code: int = 0
+    test_print: bool = False
 
     def json(self) -> dict[str, Any]:
         """Return plain values for one line."""
         said: dict[str, Any] = {"source": str(self.source), "code": self.code}
+        if self.test_print:
+            return {**said, "output": str(self.output), "test_print": True}
         if self.mended is None:
             return {**said, "error": self.error}
         prediction = self.mended.prediction.json()
@@ -37,6 +46,8 @@ class Outcome:
         return {**said, "output": str(self.output) if self.output else None, "prediction": prediction}
 
     def __str__(self) -> str:
+        if self.test_print:
+            return f"{self.source}: a test print of printmend's must show the printer as it is: copied to {self.output}"
         if self.mended is None:
             return f"{self.error}"
         before, after = self.mended.prediction.before, self.mended.prediction.after
@@ -93,9 +104,13 @@ def mend_files(
     force: bool = False,
     fineness: Fineness = AS_USUAL,
     overwrite: bool = False,
+    spare_test_prints: bool = False,
     jobs: int = 1,
 ) -> Iterator[Outcome]:
-    """Mend each source to its target, ``jobs`` at a time; yield what became of them, in their order."""
+    """Mend each source to its target, ``jobs`` at a time; yield what became of them, in their order.
+
+    ``spare_test_prints`` copies a test print of ours as it is: mending it makes a check print, for which nobody asked.
+    """
     taken: set[Path] = set()
     lock = threading.Lock()
 
@@ -112,6 +127,10 @@ def mend_files(
                 taken.add(target.resolve())
             if not overwrite:
                 refuse_overwriting(target, source)
+            if spare_test_prints and is_test_print(source):
+                with source.open("rb") as plain, replacing(target, "wb") as copy:
+                    shutil.copyfileobj(plain, copy, 1 << 20)
+                return Outcome(source, target, test_print=True)
             return Outcome(source, target, mend_gcode(source, model, target, force=force, fineness=fineness))
         except PrintmendError as error:
             return Outcome(source, target, error=str(error), code=error.exit_code)

@@ -15,7 +15,7 @@ from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
 from printmend.gcode.header import Described, described
-from printmend.gcode.mark import find_mark, marked
+from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
@@ -27,7 +27,6 @@ from printmend.saved.model import SavedModel
 _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
 _BED_OFF_MM = 30.0  # slicers' beds and presets differ by less where the printer is the same
 _GENERIC = {"300", "xl"}  # words that name no printer
-PROBE_HEAD = b"; printmend probe: "
 _HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print
 AS_USUAL = Fineness()
 Progress = Callable[[int], None]
@@ -179,8 +178,8 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
 
 
 def _is_probe(file: GcodeFile) -> bool:
-    """Say whether a file is one of our test prints: its dots are printed standing, and lines are all that is judged."""
-    return any(PROBE_HEAD in hint for part in file.parts for hint in part.hints())
+    """Say whether a file is one of our probes: its dots are printed standing, and lines are all that is judged."""
+    return any(find_test_print(*part.hints()) == "probe" for part in file.parts)
 
 
 def _refuse_motionless(file: GcodeFile, prediction: Prediction) -> None:

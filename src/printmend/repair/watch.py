@@ -78,7 +78,9 @@ class Watch:
             self.ours.add(seen[0])
             self._note(seen, None)
         ours = seen[0] in self.ours
-        (outcome,) = mend_files([source], [target], self._model(), force=self.force, overwrite=ours)
+        (outcome,) = mend_files(
+            [source], [target], self._model(), force=self.force, overwrite=ours, spare_test_prints=True
+        )
         try:
             at = source.stat()
         except OSError:

@@ -37,6 +37,11 @@ $(function () {
                     title: gettext("Mended"), type: "success",
                     text: data.copy + ": " + millimetres(data.before) + " → " + millimetres(data.after)
                 });
+            } else if (data.what === "test print") {
+                show(data.path, {
+                    title: gettext("A test print"),
+                    text: data.path + " " + gettext("shows the printer as it is, so it is not mended.")
+                });
             } else if (data.what === "held") {
                 show(data.path, {
                     title: gettext("Waiting for the mended copy"), hide: false,
