@@ -76,6 +76,12 @@ def test_a_folder_of_its_files_serves_without_a_network(hub: Path, tmp_path: Pat
     np.savez(hub / "5.npz", vertices=np.zeros((3, 2)), facets=np.zeros((1, 3), int))
     with pytest.raises(MeshError, match=r"vertices \(3, 2\)"):
         body_files([hub], made=tmp_path / "made")
+    np.savez_compressed(hub / "5.npz", vertices=np.arange(300.0).reshape(100, 3), facets=np.zeros((1, 3), int))
+    damaged = bytearray((hub / "5.npz").read_bytes())
+    damaged[60:90] = b"\xff" * 30
+    (hub / "5.npz").write_bytes(damaged)
+    with pytest.raises(MeshError, match="fetch it again"):
+        body_files([hub], made=tmp_path / "made")
 
 
 def test_each_bodys_own_licence_is_noted(tmp_path: Path) -> None:

@@ -8,8 +8,10 @@ folder of meshes does: FILE_ID.stl, or the FILE_ID.npz that the library keeps (`
 import json
 import re
 import zipfile
+import zlib
 from functools import lru_cache
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -18,6 +20,11 @@ from printmend.errors import InputError, MeshError
 from printmend.files import read_text, replacing
 
 NAME, LICENCES, UNKNOWN = "thingi10k", "licences.json", "unknown"
+# What zipfile and numpy raise for a damaged npz file.
+_DAMAGED = (
+    OSError, EOFError, ValueError, KeyError, IndexError, SyntaxError, RuntimeError, TokenError, zipfile.BadZipFile,
+    zlib.error,
+)  # fmt: skip
 MAX_ARRAY_BYTES = 256 * 2**20  # of a mesh's array; more is no body
 
 
@@ -61,7 +68,7 @@ def as_stl(path: Path, made: Path) -> Path:
         if vertices.ndim != 2 or vertices.shape[1] != 3 or facets.ndim != 2 or facets.shape[1] != 3:
             raise ValueError(f"vertices {vertices.shape} and facets {facets.shape}")
         data = stl_bytes(Solid(path.stem, vertices, facets))
-    except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
+    except _DAMAGED as error:
         wanted = "vertices [N, 3] and facets [M, 3] in an npz file of Thingi10K"
         raise MeshError(path, wanted=wanted, came=f"{error}", todo="fetch it again") from None
     made.mkdir(parents=True, exist_ok=True)
