@@ -181,3 +181,16 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
         write_trace(path, broken)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_correlations_that_no_instrument_has_are_refused(tmp_path: Path) -> None:
+    text = lines(*points()).splitlines()
+    more = "scale_sd,axes_sd,lean_sd,scale_axes,scale_lean,axes_lean"
+    for last, possible in (("0.9", True), ("-0.9", False)):
+        rows = [f"{text[0]},{more}", *(f"{row},0.001,0.001,0.001,0.9,0.9,{last}" for row in text[1:])]
+        path = table(tmp_path, "\n".join(rows))
+        if possible:
+            assert read_trace(path, PRINTER).instrument.axes_lean == 0.9
+        else:
+            with pytest.raises(TraceError, match="possible together, got 0.9, 0.9, -0.9"):
+                read_trace(path, PRINTER)

@@ -13,6 +13,7 @@ far along it the wall lies from where it was commanded. Other columns are ignore
 import csv
 import io
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ WALL = ("nx", "ny", "offset_mm")
 INSTRUMENT = ("scale_sd", "axes_sd", "lean_sd", "wave_mm")
 TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the first three, once one length is known
 KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT, *TOGETHER)
+_ROUNDED = -1e-5  # least eigenvalue of correlations that were written with six digits
 _MOST_DOUBT = 0.5  # of an instrument: one that is less sure of a length measures nothing
 MIN_MEASURED = 10
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
@@ -119,7 +121,13 @@ def _instrument(path: Path, columns: dict[str, np.ndarray]) -> Instrument | None
     for name, value in alike.items():
         if not -1 <= value <= 1:
             raise TraceError(path, wanted=f"{name} from -1 to 1", came=f"{value:g}", todo="leave the column out")
-    return Instrument(**found, **alike) if found else None
+    instrument = Instrument(**found, **alike)
+    if np.linalg.eigvalsh(replace(instrument, scale_sd=1.0, axes_sd=1.0, lean_sd=1.0).covariance)[0] < _ROUNDED:
+        raise TraceError(
+            path, wanted=f"{', '.join(TOGETHER)} that are possible together",
+            came=", ".join(f"{getattr(instrument, name):g}" for name in TOGETHER), todo="leave these columns out",
+        )  # fmt: skip
+    return instrument if found else None
 
 
 def write_trace(path: str | Path, trace: Trace) -> None:
