@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.probe import command
-from printmend.errors import GcodeError
+from printmend.errors import GcodeError, InputError
 from printmend.gcode.read import read_gcode
 from printmend.measure import read_plan
 from printmend.probe.gcode import APPROACH_MM_S, RETRACT_MM
@@ -34,6 +34,16 @@ def test_a_sliced_file_gives_its_start_without_its_part(tmp_path: Path) -> None:
     assert lines[:3] == ['M862.3 P "MK3S"', "G28 W", "G80"]
     assert lines[-3:] == ["G1 Z10 F600", "G28 X Y", "M420 S1"]  # the intro line moved away from home
     assert not any("X100" in line for line in lines)
+
+
+def test_a_test_print_never_replaces_the_file_that_it_starts_as(tmp_path: Path) -> None:
+    path = tmp_path / "part.gcode"
+    path.write_text(SLICED)
+    arguments = ["--printer", "ender3", "--size", "40", "--marks", "100"]
+    for more in (["--start-from", str(path), "-o", str(path)], ["-o", str(tmp_path / "probe.json")]):
+        assert isinstance(CliRunner().invoke(command, [*arguments, *more]).exception, InputError)
+    assert [each.name for each in tmp_path.iterdir()] == ["part.gcode"]
+    assert path.read_text() == SLICED
 
 
 def test_start_code_that_stays_at_home_is_kept_as_it_is() -> None:

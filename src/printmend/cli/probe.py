@@ -77,17 +77,20 @@ def command(
         return
     import numpy as np
 
+    from printmend.cli.outputs import spare
     from printmend.gcode.read import read_gcode
     from printmend.measure.plan import keep_plan
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
-    from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, write_leaflet
+    from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, write_leaflet
     from printmend.probe.pen import with_pen
     from printmend.probe.start import homed_start, start_from
 
     if printer_name is None and sheet is None:
         raise click.UsageError("--printer says which bed the test print is for")
+    made = () if printer_name is None else (output, output.with_suffix(".json"), leaflet_of(output))
+    spare((*made, sheet), (part_path, after, start_path, Path(printer_name or "-")))
     if sheet is not None:
         from printmend.measure.sheet import window_mm, write_sheet
 
