@@ -208,6 +208,8 @@ def test_an_owner_sees_the_part_before_it_is_printed(folder: Path) -> None:
     assert view.minutes[0] == pytest.approx(whole.sum() / 60, rel=0.01)
     assert view.minutes[1] == pytest.approx(view.minutes[0], rel=0.1)
     assert ((view.low_mm >= 0) & (view.high_mm <= 220)).all()
+    (folder / "taller.gcode").write_bytes(SQUARE + b"\nG1 Z5\nG1 X70 Y60 E9\n")
+    assert look_at(folder / "part.gcode", folder / "taller.gcode", BENT, placed=True) is None  # other layers
 
 
 def test_a_test_print_is_mended_as_a_check_print(folder: Path) -> None:

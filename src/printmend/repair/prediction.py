@@ -107,7 +107,7 @@ class Prediction:
         if self.gain_mm is not None:
             rows.append(f"mended, it is made of: {in_a_line(self.after.made_of) or 'next to nothing'}")
         rows += [f"before you print: {each}" for each in self.advice]
-        if not self.clamped_extruding and not self.unknown and self.extruding:
+        if not (self.clamped_extruding or self.unknown or self.splines) and self.extruding:
             (x0, y0), (x1, y1) = self.low_mm, self.high_mm
             rows.append(f"it stays on the bed: X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f} mm")
         rows.append(

@@ -96,7 +96,7 @@ def _numbers(prediction: Prediction, view: "PartView | None") -> list[tuple[str,
         longer = view.minutes[1] - view.minutes[0]
         more = "as long as before" if abs(longer) < _SAME_MIN else f"{longer:+.0f} min for mending"
         found.append((f"about {view.minutes[1]:.0f} min", f"printing time, {more}"))
-    if prediction.clamped_extruding or prediction.unknown:
+    if prediction.clamped_extruding or prediction.unknown or prediction.splines:
         return [*found, ("look below", "not all of it stays on the bed, or is understood")]
     return [*found, ("safe to print", "all of it stays on the bed, and every printing move is understood")]
 
@@ -129,6 +129,8 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
         said.append(
             f"{prediction.unknown} printing moves are left as they are: the file does not say where the head is there."
         )
+    if prediction.splines:
+        said.append(f"{prediction.splines} curves (G5) are left as they are: let the slicer write lines or arcs.")
     return [*prediction.advice, *said]
 
 

@@ -51,7 +51,8 @@ class PartView:
 
 
 def look_at(source: Path, output: Path, mechanism: Mechanism, *, placed: bool) -> PartView | None:
-    """Return the view of a mended file; None for one that is too large, or has no layer to show.
+    """Return the view of a mended file; None for one that is too large, or has no layer to show that
+    both files count alike.
 
     Unless ``placed``, the unmended layer is laid where it fits best, for nobody knows where on the bed it lies.
     """
@@ -59,6 +60,8 @@ def look_at(source: Path, output: Path, mechanism: Mechanism, *, placed: bool) -
         return None
     printer = mechanism.printer
     wanted, given = (straightened(read_gcode(path, printer=printer).moves, _CHORD_MM) for path in (source, output))
+    if wanted.layer.max(initial=-1) != given.layer.max(initial=-1):
+        return None  # a bad screw's heights, or a rising path: the same number is not the same layer
     told = given.known[:, :2].all(axis=1)
     drawn = wanted.extruding & wanted.known[:, :2].all(axis=1) & (wanted.layer >= 0)
     if not drawn.any() or not told.any():
