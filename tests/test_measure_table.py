@@ -192,5 +192,5 @@ def test_correlations_that_no_instrument_has_are_refused(tmp_path: Path) -> None
         if possible:
             assert read_trace(path, PRINTER).instrument.axes_lean == 0.9
         else:
-            with pytest.raises(TraceError, match="possible together, got 0.9, 0.9, -0.9"):
+            with pytest.raises(TraceError, match=r"possible together, got 0\.9, 0\.9, -0\.9"):
                 read_trace(path, PRINTER)
