@@ -43,7 +43,12 @@ export function Mend({ printer, changed }) {
 function File_({ id, printer, changed }) {
   const job = useJob(id), [scene, setScene] = useState(null), [error, setError] = useState(null);
   const has = (name) => job?.files?.includes(name), best = job?.state === "done" && has("scene.bin") ? "scene.bin" : has("wanted.bin") && (ended(job) || job?.step !== "read") ? "wanted.bin" : null;
-  useEffect(() => { if (best) fetchScene(fileOf(job, best)).then(setScene, (problem) => setError(problem.message)); }, [best]);
+  useEffect(() => {
+    if (!best) return undefined;
+    let asked = true; // the mended picture may come before the first one
+    fetchScene(fileOf(job, best)).then((found) => asked && setScene(found), (problem) => asked && setError(problem.message));
+    return () => { asked = false; };
+  }, [best]);
   const result = job?.state === "done" ? job.result : null;
   return html`<${Problem} error=${error ?? (job?.state === "failed" ? job.error : null)} />
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}

@@ -66,8 +66,10 @@ export function Play() {
   const has = (name) => job?.files?.includes(name);
   const done = job?.state === "done", running = key && !ended(job);
   useEffect(() => {
-    if (done) fetchScene(fileOf(job, "scene.bin")).then(setScene, (problem) => setError(problem.message));
+    let asked = true; // until other sliders are wanted
+    if (done) fetchScene(fileOf(job, "scene.bin")).then((found) => asked && setScene(found), (problem) => asked && setError(problem.message));
     if (job?.state === "failed") setError(job.error);
+    return () => { asked = false; };
   }, [job?.state]);
   const faulty = !same(faults, PRESETS.healthy), result = done ? job.result : null;
   return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : "play_now")}</p></div>
