@@ -5,8 +5,9 @@ import pytest
 
 from printmend.gcode import kernels as k
 from printmend.gcode.arcs import arc_points, straightened
+from printmend.gcode.container import open_gcode
 from printmend.gcode.machine import Flavour, detect_flavour, initial_state
-from printmend.gcode.read import interpret_text, moves_of, read_gcode
+from printmend.gcode.read import e_warning, interpret_text, moves_of, read_gcode, starting_state
 from printmend.printer import read_printer
 
 
@@ -169,6 +170,31 @@ def test_relative_extrusion_that_a_macro_switched_on_is_found_in_the_numbers():
     assert moves.extrusion_mm.min() > 0
     absolute = "".join(f"G1 X{i % 20} Y{i % 7} E{i / 50:.3f}\n" for i in range(100))
     assert read_gcode(("START_PRINT\nG28\n" + absolute).encode()).moves.extrusion_mm.sum() == pytest.approx(1.98)
+
+
+RELATIVE = "".join(f"G1 X{i % 20} Y{i % 7} E0.0{1 + i % 3}\n" for i in range(40))
+ABSOLUTE = "".join(f"G1 X{i % 20} Y{i % 7} E{i / 5:.3f}\n" for i in range(40))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("START_PRINT\nG28\n" + RELATIVE, "before it says M82 or M83: its E is read as relative"),
+        ("G28\nG90\n" + RELATIVE, "read as relative"),
+        (";FLAVOR:Marlin\nG28\nG90\n" + RELATIVE, "read as relative"),
+        ("G28\nM83\n" + RELATIVE, None),
+        ("G28\nM83\nG90\n" + RELATIVE, None),
+        ("G28\nM82\n" + ABSOLUTE, None),
+        ("G28\n" + ABSOLUTE, None),
+        ("; gcode_flavor = marlin2\nG28\nM83\nG90\n" + RELATIVE, "G91 makes E relative too"),
+        ("G28\nM83\nG90\n" + ABSOLUTE, "G90 and G91 set E too"),
+    ],
+)
+def test_e_that_a_firmware_may_read_otherwise_is_said(text, said, tmp_path):
+    (tmp_path / "part.gcode").write_text(text)
+    with open_gcode(tmp_path / "part.gcode") as file:
+        warning = e_warning(starting_state(file.parts[0]))
+    assert warning is None if said is None else said in warning
 
 
 @pytest.mark.parametrize(

@@ -157,6 +157,14 @@ def test_check(folder: Path) -> None:
     assert same["after"]["rms_mm"] == pytest.approx(same["before"]["rms_mm"])
 
 
+def test_relative_e_that_no_line_asks_for_is_said(folder: Path) -> None:
+    rows = b"".join(b"G1 X%d Y%d E0.%d\n" % (60 + k % 20, 60 + k % 7, 1 + k % 3) for k in range(30))
+    (folder / "part.gcode").write_bytes(START.replace(b"M83\n", b"") + rows)
+    for command in (["mend"], ["mend", "--overwrite", "--json"], ["check"], ["check", "--json"]):
+        result = run(*command, folder / "part.gcode", "-m", folder / "printer.mend.json")
+        assert "this file prints before it says M82 or M83: its E is read as relative" in result.output
+
+
 def test_twin(folder: Path) -> None:
     output = folder / "trace.csv"
     args = ("twin", folder / "part.gcode", "--printer", "ender3", "--corruption", folder / "broken.toml", "-o", output)

@@ -152,6 +152,32 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
         state.counts[k.C_RULE], state.counts[k.C_M83] = others[int(np.argmin(shares))]
 
 
+_RULES = {
+    k.E_EITHER: "G91 makes E relative too (as in Klipper)",
+    k.E_FOLLOWS: "G90 and G91 set E too (as in Marlin 2)",
+    k.E_APART: "G90 and G91 leave E as it is (as in RepRapFirmware)",
+}
+
+
+def e_warning(state: MachineState) -> str | None:
+    """Return what an owner must know where `settle_e` found E to be meant otherwise than its firmware reads it.
+
+    ``state`` is as it is before the first line (`starting_state`). None where the firmware alone reads it so.
+    """
+    if state.counts[k.C_M83]:
+        return (
+            "this file prints before it says M82 or M83: its E is read as relative, as its numbers say; a printer "
+            "starts with absolute E, so put M83 at its top unless the printer's start macro says it"
+        )
+    rule = int(state.counts[k.C_RULE])
+    if rule != state.flavour.g90_influences_e:
+        return (
+            f"the numbers of this file fit only a printer on which {_RULES[rule]}; for another one let the file say "
+            "M82 or M83 after its last G90 or G91"
+        )
+    return None
+
+
 def _implausible_share(text: np.ndarray, state: MachineState, rule: int, m83: int) -> float:
     trial = state.copy()
     trial.counts[k.C_RULE], trial.counts[k.C_M83] = rule, m83

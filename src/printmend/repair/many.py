@@ -51,7 +51,8 @@ class Outcome:
         if self.mended is None:
             return f"{self.error}"
         before, after = self.mended.prediction.before, self.mended.prediction.after
-        return f"{self.source}: {before.rms_mm:.3f} mm → {after.rms_mm:.3f} mm, written: {self.output}"
+        said = f"{self.source}: {before.rms_mm:.3f} mm → {after.rms_mm:.3f} mm, written: {self.output}"
+        return "\n".join([said, *(f"warning: {each}" for each in self.mended.prediction.warnings)])
 
 
 def mended_path(source: Path, folder: Path | None = None) -> Path:

@@ -5,7 +5,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
@@ -15,8 +15,9 @@ from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
 from printmend.gcode.header import Described, described
+from printmend.gcode.machine import MachineState
 from printmend.gcode.mark import find_mark, find_test_print, marked
-from printmend.gcode.read import starting_state
+from printmend.gcode.read import e_warning, starting_state
 from printmend.gcode.write import follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.printer import Printer, preset_names, read_printer
@@ -63,13 +64,14 @@ def mend_gcode(
         refuse_mended(file)
         planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
         if is_healthy(model):
-            _plan(file, planner, model, progress)
+            warnings = _plan(file, planner, model, progress)
             with _destination(output) as handle, file.path.open("rb") as whole:
                 shutil.copyfileobj(whole, handle, 1 << 20)
-            return Mended(output, with_doubt(prediction_of(planner), model))
+            return Mended(output, replace(with_doubt(prediction_of(planner), model), warnings=warnings))
         with _destination(output) as handle:
-            file.write(handle, lambda part: _texts(part, planner, model, fineness, progress))
-            prediction = with_doubt(prediction_of(planner), model)
+            states: list[MachineState] = []
+            file.write(handle, lambda part: _texts(part, planner, model, fineness, progress, states))
+            prediction = replace(with_doubt(prediction_of(planner), model), warnings=_warnings(states))
             _judge(file, model, prediction, force=force)
         return Mended(output, prediction)
 
@@ -79,8 +81,8 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
     with open_gcode(source) as file:
         refuse_mended(file)
         planner = start(model.mechanism)
-        _plan(file, planner, model, progress)
-        prediction = with_doubt(prediction_of(planner), model)
+        warnings = _plan(file, planner, model, progress)
+        prediction = replace(with_doubt(prediction_of(planner), model), warnings=warnings)
         _refuse_motionless(file, prediction)
         _refuse_other_printer(file, model, prediction)
         return prediction
@@ -101,17 +103,27 @@ def refuse_mended(file: GcodeFile) -> None:
             )  # fmt: skip
 
 
-def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progress | None) -> None:
+def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progress | None) -> tuple[str, ...]:
+    states = []
     for part in file.parts:
         state = starting_state(part, printer=model.printer)
+        states.append(state.copy())
         planner.begin()
         follow(_counted(part.chunks(), progress), state, planner.plan)
+    return _warnings(states)
+
+
+def _warnings(states: list[MachineState]) -> tuple[str, ...]:
+    """Return what is to be said of how the programs of a file were read; ``states`` are before their first lines."""
+    return tuple(dict.fromkeys(filter(None, map(e_warning, states))))
 
 
 def _texts(
-    part: Part, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None
-) -> Iterator[memoryview]:
+    part: Part, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None,
+    states: list[MachineState],
+) -> Iterator[memoryview]:  # fmt: skip
     state = starting_state(part, printer=model.printer)
+    states.append(state.copy())
     planner.begin(fineness.segments_per_s(state.flavour))
     chunks = marked(_counted(part.chunks(), progress), model.digest)
     return rewrite(chunks, state, planner.plan)

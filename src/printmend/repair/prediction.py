@@ -44,7 +44,8 @@ class Prediction:
     (purge lines lie at the edge of the bed and need not be right); ``unknown`` the extruding moves that were left as
     they are, because the file does not say where the head is, ``splines`` the curves (G5) that were, ``geometry`` the
     commands that make the firmware scale or skew what it is told. ``distance_to`` says what the errors are distances
-    to, from above. ``heights`` are the errors in height before and after, where the model has a Z screw.
+    to, from above. ``warnings`` say where the file was read otherwise than its firmware may read it. ``heights`` are
+    the errors in height before and after, where the model has a Z screw.
     """
 
     length_mm: float
@@ -70,6 +71,7 @@ class Prediction:
     distance_to: str = "the wanted path"
     heights: tuple[Heights, Heights] | None = None
     advice: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     path: Path | None = field(default=None, repr=False)
     gain_mm: np.ndarray | None = field(default=None, repr=False)
 
@@ -107,6 +109,7 @@ class Prediction:
         if self.gain_mm is not None:
             rows.append(f"mended, it is made of: {in_a_line(self.after.made_of) or 'next to nothing'}")
         rows += [f"before you print: {each}" for each in self.advice]
+        rows += [f"warning: {each}" for each in self.warnings]
         if not (self.clamped_extruding or self.unknown or self.splines) and self.extruding:
             (x0, y0), (x1, y1) = self.low_mm, self.high_mm
             rows.append(f"it stays on the bed: X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f} mm")

@@ -131,7 +131,7 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
         )
     if prediction.splines:
         said.append(f"{prediction.splines} curves (G5) are left as they are: let the slicer write lines or arcs.")
-    return [*prediction.advice, *said]
+    return [*prediction.advice, *(f"{each[0].upper()}{each[1:]}." for each in prediction.warnings), *said]
 
 
 def _layers(prediction: Prediction) -> str:
