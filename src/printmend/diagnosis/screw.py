@@ -63,12 +63,15 @@ class ScrewFound:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
+    """What was found of a lift or a push: its ``terms``, and of a push by how much each may be off, ``doubt``."""
+
     terms: np.ndarray
     backlash_mm: float = 0.0
     said: Mapping[str, str] = field(default_factory=dict)
     gaps: Mapping[str, str] = field(default_factory=dict)
     faults: tuple[dict[str, Any], ...] = ()
     sds: Mapping[str, float] = field(default_factory=dict)
+    doubt: np.ndarray = field(default_factory=lambda: np.zeros((2 * HARMONICS, 2)))
 
 
 def find_screw(
@@ -100,7 +103,9 @@ def find_screw(
         return ScrewFound(None, trace, {"wobble": ""}) if push.said else None
     faults, series = (*lift.faults, *push.faults), None
     if faults:
-        series = ScrewSeries(printer.z.mm_per_turn, float(lift.terms[0]), lift.backlash_mm, lift.terms[1:], push.terms)
+        series = ScrewSeries(
+            printer.z.mm_per_turn, float(lift.terms[0]), lift.backlash_mm, lift.terms[1:], push.terms, push.doubt
+        )
     return ScrewFound(
         series, clean, {**lift.said, **push.said}, {**lift.gaps, **push.gaps}, faults, {**lift.sds, **push.sds}
     )
@@ -229,12 +234,12 @@ def _push(z_mm: np.ndarray, left_over_mm: np.ndarray, printer: Printer) -> _Part
             return _Part(none, gaps={"wobble": _vague("wobble", float(spreads[0]))})
         if not sure[0]:
             return _Part(none, said={"wobble": ""}, sds={"wobble": float(spreads[0])})
-        found = none.copy()
-        found[: 2 * harmonics] = terms
+        found, doubt = none.copy(), none.copy()
+        found[: 2 * harmonics], doubt[: 2 * harmonics] = terms, sds
         waved = [(k, float(s), float(d)) for k, (s, d) in enumerate(zip(sizes, spreads, strict=True), 1)]
         faults = tuple(_fault(f"wobble-{k}", size, sd, "mm") for k, size, sd in waved)
         said = {"wobble": "pushes the layers aside by " + _often(waved)}
-        return _Part(found, said=said, faults=faults, sds={"wobble": waved[0][2]})
+        return _Part(found, said=said, faults=faults, sds={"wobble": waved[0][2]}, doubt=doubt)
     if phases < 3 or len(layer_z) < 3 + _SPARE_LAYERS:
         came = f"{len(layer_z)} heights at {phases} angles of the screw"
         return _Part(none, gaps={"wobble": f"Z wobble: {came}, it needs six heights and three angles"})

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from printmend.promise.effects import Effect, parse_effects
-from printmend.saved import CROSS, SCALE_MM, Design, SavedModel
+from printmend.saved import CROSS, SCALE_MM, Design, SavedModel, ScrewSeries, screw_of
 from printmend.saved.values import number, numbers, refuse, section_of
 
 VERSION = 1
@@ -65,13 +65,15 @@ class Budget:
     ``placed``: the measurement says where on the bed things lie; else errors are counted from home. ``stretch`` are
     weighed Gaussians of how the bed may be stretched beyond what acts, because the instrument cannot tell: (weight,
     mean [3], covariance [3, 3]) of common scale, half the difference of both axes' scales, half the skew [rad]; empty
-    where the instrument is exact. ``effects`` are what the tests of misfit found.
+    where the instrument is exact. ``effects`` are what the tests of misfit found. ``screw`` is the learned one of Z,
+    which says how sure its push is; None without one.
     """
 
     motors: tuple[MotorBudget, MotorBudget]
     placed: bool
     stretch: tuple[tuple[float, np.ndarray, np.ndarray], ...]
     effects: tuple[Effect, ...]
+    screw: ScrewSeries | None = None
 
     @property
     def turns_mm(self) -> tuple[float, float]:
@@ -95,8 +97,9 @@ def parse_budget(model: SavedModel) -> Budget | None:
         refuse(subject, f"motors {' and '.join(model.printer.motors)}", "others")
     parsed = [_motor(motors[name], f"{subject} {name}") for name in model.printer.motors]
     return Budget(
-        (parsed[0], parsed[1]), bool(section.get("placed")), _stretch(section, subject), parse_effects(model.document)
-    )
+        (parsed[0], parsed[1]), bool(section.get("placed")), _stretch(section, subject), parse_effects(model.document),
+        screw_of(model),
+    )  # fmt: skip
 
 
 def _stretch(section: dict[str, Any], subject: str) -> tuple[tuple[float, np.ndarray, np.ndarray], ...]:

@@ -15,6 +15,7 @@ from printmend.machine import Mechanism, Transmission
 from printmend.promise.budget import Budget, MotorBudget
 from printmend.promise.effects import Drawn, Places
 from printmend.saved import bed_middle
+from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
 DRAWS = 256
 RANKED_DRAWS = 32  # of these, for the quantiles over the places of a path
@@ -42,13 +43,14 @@ SEED = 11  # the same file and model always get the same promise
 class Path:
     """Places at even distances along an extruded path: ``wanted_mm`` [N, 2], unit ``tangent`` [N, 2], by how much the
     file as it is prints to the left of the path there, ``off_mm`` [N], the side that each motor pushed before the move,
-    ``side`` [N, 2], and the length that a place stands for, ``weight`` [N]."""
+    ``side`` [N, 2], the length that a place stands for, ``weight`` [N], and its height, ``z_mm`` [N], where known."""
 
     wanted_mm: np.ndarray
     tangent: np.ndarray
     off_mm: np.ndarray
     side: np.ndarray
     weight: np.ndarray
+    z_mm: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,7 @@ def _outlook(mechanism: Mechanism, budget: Budget, path: Path, errors: tuple[Err
     both = _stretch(mechanism, budget, path, rng) | _effects(mechanism, budget, path, aims, rng)
     if not budget.placed:
         both["homing"] = _homing(mechanism, path, rng)
+    both |= push_doubt(budget.screw, path, rng)
     doubts = [{"parameters": Drawn(each, z), **both} for each in columns]
     raw = _Side(path, path.off_mm, doubts[0], local, errors[0], signed=True)
     mended = _Side(path, np.zeros_like(path.off_mm), doubts[1], local, errors[1], signed=False)
@@ -161,7 +164,8 @@ def _thinned(path: Path) -> Path:
     at = np.floor((np.arange(MOST_PLACES) + 0.5) * count / MOST_PLACES).astype(np.int64)
     edges = np.concatenate([[0], (at[1:] + at[:-1] + 1) // 2, [count]])
     weight = np.add.reduceat(path.weight, edges[:-1])
-    return Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight)
+    z_mm = None if path.z_mm is None else path.z_mm[at]
+    return Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, z_mm)
 
 
 def _aims(mechanism: Mechanism, path: Path, at_rest: bool) -> _Aims:
@@ -205,6 +209,17 @@ def _homing(mechanism: Mechanism, path: Path, rng: np.random.Generator) -> Drawn
         resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < LOOSE_AT_HOME_SHARE)
         shift[motor] = -printer.motor_home_direction(motor) * max(upper - lower, 0.0) * resting
     return Drawn(_across(mechanism, path), shift)
+
+
+def push_doubt(screw: ScrewSeries | None, path: Path, rng: np.random.Generator) -> dict[str, Drawn]:
+    """Return the error across the path of what is not known of the push of Z; what it does at every height alike is in
+    the planar machine's own doubt."""
+    if screw is None or path.z_mm is None or not screw.push_sd_mm.any():
+        return {}
+    waves = waves_of(path.z_mm, screw.lead_mm, HARMONICS)
+    columns = np.hstack([-path.tangent[:, [1]] * waves, path.tangent[:, [0]] * waves])
+    sd = screw.push_sd_mm.T.ravel()
+    return {"screw": Drawn(columns, sd[:, None] * rng.standard_normal((len(sd), DRAWS)))}
 
 
 def _columns(mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, motor_mm: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 _CAUSES = {
     "parameters": ("what the test print left open", "what the test print left open of the printer's parts", "A"),
     "unexplained": ("what follows no known fault", "what follows no known fault", "A"),
+    "screw": ("the Z screw", "how far it pushes each layer, as few heights tell it", "A"),
     "homing": ("play at home", "where in its play a belt rests at home", "B"),
     "instrument": ("the scanner", "the scanner's or photo's own scale and squareness", "B"),
     "motion": ("printing beside measuring", "how printing differs from what a test print shows", "B"),

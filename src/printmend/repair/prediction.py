@@ -173,7 +173,7 @@ def prediction_of(planner: Planner) -> Prediction:
         low_mm=(float(state[k.S_LOW]), float(state[k.S_LOW + 1])),
         high_mm=(float(state[k.S_HIGH]), float(state[k.S_HIGH + 1])),
         heights=(heights[0], heights[1]) if planner.has_screw else None,
-        path=_path(planner.samples),
+        path=_path(planner.samples, layers[:, k.L_Z]),
     )
 
 
@@ -219,11 +219,12 @@ def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     return (f"{most} is {name}: see what `printmend learn` said of it.",)
 
 
-def _path(samples: np.ndarray) -> Path:
+def _path(samples: np.ndarray, layer_z_mm: np.ndarray) -> Path:
     found = samples[1 : 1 + int(samples[0, k.P_COUNT])]
     return Path(
         found[:, [k.P_X, k.P_Y]].copy(), found[:, [k.P_TX, k.P_TY]].copy(), found[:, k.P_OFF].copy(),
         found[:, k.P_SIDE : k.P_SIDE + 2].copy(), found[:, k.P_WEIGHT].copy(),
+        layer_z_mm[found[:, k.P_LAYER].astype(np.int64)],
     )  # fmt: skip
 
 

@@ -86,6 +86,8 @@ def _merged(old: ScrewSeries | None, found: ScrewFound) -> ScrewSeries | None:
     lead_mm = (new or old).lead_mm  # type: ignore[union-attr]
     nothing = ScrewSeries.healthy(lead_mm)
     lead, periodic, backlash, wobble = ((new if kind in found.said else old) or nothing for kind in KINDS)
-    merged = ScrewSeries(lead_mm, lead.lead_error, backlash.backlash_mm, periodic.height_mm, wobble.push_mm)
+    merged = ScrewSeries(
+        lead_mm, lead.lead_error, backlash.backlash_mm, periodic.height_mm, wobble.push_mm, wobble.push_sd_mm
+    )
     healthy = merged.lead_error == merged.backlash_mm == 0.0 and not merged.height_mm.any() and not merged.push_mm.any()
     return None if healthy else merged

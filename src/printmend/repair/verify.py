@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from printmend.diagnosis.screw import heights_mm
 from printmend.errors import ModelError, TraceError
 from printmend.learn.walls import with_walls
 from printmend.path import Trace, last_way
@@ -155,6 +156,7 @@ def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook,
         np.stack([off[:, 1], -off[:, 0]], axis=1).ravel(),
         np.repeat(sides[known].astype(float), 2, axis=0),
         np.ones(2 * len(off)),
+        None if (z_mm := heights_mm(trace, printer)) is None else np.repeat(z_mm[known], 2),
     )
     before = Errors(float(np.sqrt(np.mean(path.off_mm**2))), 0.0, float(np.abs(path.off_mm).max()))
     outlook = promised(model.mechanism, budget, path, before, Errors(0.0, 0.0, 0.0), at_rest=True)
