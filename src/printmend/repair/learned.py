@@ -13,7 +13,7 @@ from printmend.errors import ConfigError
 from printmend.learn import learner
 from printmend.learn.drive import ALL_SEEN
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
-from printmend.learn.hybrid import HybridModel
+from printmend.learn.hybrid import HybridModel, with_residuals
 from printmend.learn.walls import with_walls
 from printmend.machine import Mechanism, healthy_mechanism, healthy_transmission
 from printmend.path import Trace
@@ -28,6 +28,7 @@ from printmend.protocols import WorldModel
 from printmend.saved import Branches, SavedModel, ScrewSeries, saved_model, with_screw
 
 AUTO = "auto"
+_HYBRIDS = (AUTO, "hybrid")
 Planar = TypeVar("Planar", bound=WorldModel)
 FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's is moved there
 MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
@@ -80,11 +81,11 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         if moved:
             trace = again
             fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
-            box = _box_of(fit)
-    if box is not None:
-        flat = trace if found is None else found.trace
+    flat = trace if found is None else found.trace
+    fit = _completed(fit, flat, printer, model, rng)
+    if (box := _box_of(fit)) is not None:
         fit, flat, misfits, (effects, explained) = _of_the_end(
-            fit, box, flat, lambda clean: _planar(clean, printer, model, rng)
+            fit, box, flat, lambda clean: _completed(_planar(clean, printer, model, rng), clean, printer, model, rng)
         )
         box = _box_of(fit) or box
         # what is too small to be said is not worth a model that a second print cannot bring up to date
@@ -156,8 +157,16 @@ def fit_beside_screw(
 
 
 def _planar(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> WorldModel:
-    fit = learner("hybrid" if model == AUTO else model).fit(trace, printer, rng=rng)
-    if model == AUTO and isinstance(fit, HybridModel) and not fit.findings and _is_partial(fit.box):
+    """Learn x and y, of a hybrid the grey box alone: what it leaves is learned once, when the trace is settled."""
+    return learner("greybox" if model in _HYBRIDS else model).fit(trace, printer, rng=rng)
+
+
+def _completed(fit: WorldModel, trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> WorldModel:
+    """Return a hybrid's grey box with what it leaves, or with a likely shape of what was not seen."""
+    if model not in _HYBRIDS or not isinstance(fit, GreyboxModel):
+        return fit
+    fit = with_residuals(fit, trace, seed=int(rng.integers(2**31)))
+    if model == AUTO and not fit.findings and _is_partial(fit.box):
         return learner("prior").fit(trace, printer, rng=rng)
     return fit
 
