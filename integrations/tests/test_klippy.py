@@ -1,5 +1,6 @@
 """Klipper's own planner as judge: what it makes of mended files, and where that lands on a truly broken printer."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ from klippy_judge import Track, distances_mm, judge, places, samples, slowest_mm
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import Corruption, Drive, corruption_toml, sample
 from printmend.corruption.belt import Play
+from printmend.corruption.frame import CrookedFrame
+from printmend.export.firmware import export_klipper
 from printmend.printer import read_printer
 from printmend.saved.model import exact_model, write_model
 from true_printer import TruePrinter
@@ -86,3 +89,19 @@ def test_a_mended_file_lands_where_it_should(family: str, printer, kind: dict, t
     assert after.rms_mm < report["after"]["rms_mm"] + 0.006  # half a micro-step on both motors
     assert before.rms_mm == pytest.approx(report["before"]["rms_mm"], abs=0.02, rel=0.1)
     assert after.samples == pytest.approx(before.samples, rel=1e-3)
+
+
+@pytest.mark.parametrize("skew_deg", [0.7, -0.4])
+def test_klipper_takes_off_the_skew_that_export_gives_it(skew_deg: float, tmp_path: Path) -> None:
+    corruption, text = Corruption(frame=CrookedFrame(skew_deg=skew_deg)), part(1)
+    export = dict(export_klipper(corruption.lower(ENDER3).homed()).files)["klipper.cfg"]
+    (command,) = re.findall(r"^# (SET_SKEW XY=.*)$", export, re.MULTILINE)
+    original = plan(text, ENDER3, tmp_path / "a")
+    lines = text.replace(b"G28\n", f"G28\n{command}\n".encode())
+    corrected = plan(lines, ENDER3, tmp_path / "b", around=original, extras=export)
+    true, wanted = TruePrinter.of(corruption_toml(corruption), ENDER3), wanted_path(original)
+    before = judge(original, wanted, Track(original, ENDER3, true), Track(original, ENDER3), text)
+    track = Track(corrected, ENDER3, true)
+    after = judge(corrected, wanted, track, track, text)
+    assert not set(corrected.complaints) - set(original.complaints)
+    assert after.rms_mm < 0.012 < 0.1 < before.rms_mm
