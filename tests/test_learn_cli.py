@@ -49,6 +49,18 @@ def run(*args: object) -> Result:
     return CliRunner().invoke(group, [str(arg) for arg in args])
 
 
+@pytest.mark.parametrize(("offset_mm", "said"), [(0.3, "X pulley eccentric 0.3000"), (0.0, "X healthy")])
+def test_a_trace_without_any_error_is_learned(tmp_path: Path, offset_mm: float, said: str) -> None:
+    """As exact machines make it: what an axis measures is what it was told, to the last digit."""
+    at = np.vstack([[0.0, 0.0], np.random.default_rng(0).uniform(10, 210, (300, 2))])
+    off = np.stack([offset_mm * np.sin(2 * np.pi * at[:, 0] / 40), np.zeros(len(at))], axis=1)
+    write_trace(tmp_path / "trace.csv", Trace(at, at + off, homed=True))
+    done = run("learn", tmp_path / "trace.csv", "--printer", "ender3", "-o", tmp_path / "m.json")
+    assert done.exit_code == 0, done.exception
+    assert done.output.startswith(said)
+    assert "; Y healthy" in done.output
+
+
 def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:
     fault = Corruption((Drive(pulley=EccentricBore(0.21, 1.0), belt=Play(0.35)), Drive()))
     done = run("learn", trace_file(tmp_path, fault), "--printer", "ender3", "-o", tmp_path / "m.json")

@@ -160,7 +160,7 @@ def _tried(
         return None
     weights = np.linalg.lstsq(freed, left, rcond=None)[0]
     after = left - freed @ weights
-    before2, after2 = float(left @ left), max(float(after @ after), 1e-18)
+    before2, after2 = (max(float(each @ each), 1e-18) for each in (left, after))
     share = independent_share(after, robust_sigma_mm(after))
     nats = share * spare / 2 * np.log(before2 / after2) - np.log(candidate.tried) - columns.shape[1]
     return Cause(motor, candidate, weights, float(np.std(columns @ weights)), float(nats))

@@ -24,6 +24,7 @@ LEAST_ROWS = 80  # measured rows that are needed to ask; with fewer the printer'
 MOST_ROWS = 1500  # measured rows that are used at most; more take time and say the same
 WEIGHING_ROUNDS = 3  # how often rows far from the fit of the printer's own turn are given less weight
 FAR_SIGMAS = 3.0  # a row that many standard deviations from the fit, or more, lies far from it
+NO_ERROR_MM = 1e-9  # a row that is off by less fits exactly: traces of exact machines have no other
 LEAST_NATS = 30.0  # log likelihood that another length must gain, beyond the logarithm of the number of lengths tried
 EDGE_SHARE = 0.93  # a best length above this share of the longest one tried is no turn but a slow bend of the axis
 OWN_SHARE = 0.2  # to be given up, the printer's turn explains less than this share of what the other one explains
@@ -130,7 +131,8 @@ def _weights(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
         root = np.sqrt(weight)[:, None]
         fit = columns @ np.linalg.lstsq(columns * root, error * root[:, 0], rcond=None)[0]
         away = np.abs(error - fit)
-        weight = np.minimum(1.0, FAR_SIGMAS * 1.4826 * np.median(away) / np.maximum(away, 1e-9)) ** 2
+        far = max(FAR_SIGMAS * 1.4826 * float(np.median(away)), NO_ERROR_MM)
+        weight = np.minimum(1.0, far / np.maximum(away, NO_ERROR_MM)) ** 2
     return weight
 
 
