@@ -1,6 +1,7 @@
 """Thingi10K as a source: by its library (a stand-in here: its hub is elsewhere), or from a folder of its files."""
 
 import json
+import os
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ import pytest
 import trimesh
 
 from printmend.body.mesh import read_solid
+from printmend.dataset import thingi10k
 from printmend.dataset.bodies import body_files
 from printmend.dataset.build import Recipe, build_dataset, read_lines
 from printmend.dataset.thingi10k import licence_beside
@@ -82,6 +84,14 @@ def test_a_folder_of_its_files_serves_without_a_network(hub: Path, tmp_path: Pat
     (hub / "5.npz").write_bytes(damaged)
     with pytest.raises(MeshError, match="fetch it again"):
         body_files([hub], made=tmp_path / "made")
+
+
+def test_licences_noted_at_once_are_all_kept(tmp_path: Path) -> None:
+    for name in ("a", "b", "c"):
+        thingi10k._note(tmp_path, {name: PUBLIC})
+        os.utime(tmp_path / "licences.json", ns=(1, 1))  # as a coarse clock would have it
+        assert licence_beside(tmp_path / f"{name}.stl") == PUBLIC
+    assert licence_beside(tmp_path / "a.stl") == PUBLIC
 
 
 def test_each_bodys_own_licence_is_noted(tmp_path: Path) -> None:

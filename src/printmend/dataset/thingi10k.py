@@ -104,6 +104,8 @@ def _changed(folder: Path) -> int:
 
 
 def _note(folder: Path, licences: dict[str, str]) -> None:
+    _licences.cache_clear()  # clocks of file systems are coarse: what was written last may seem no newer
     known = _licences(folder, _changed(folder))
     with replacing(folder / LICENCES) as file:
         file.write(json.dumps({**known, **licences}, indent=1) + "\n")
+    _licences.cache_clear()
