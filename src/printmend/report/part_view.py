@@ -131,8 +131,8 @@ def _new_seams(wanted: Moves, given: Moves, layer: int) -> np.ndarray:
     old, new = _seams(wanted, layer), _seams(given, layer)
     if not len(old) or not len(new):
         return new
-    apart = np.hypot(*(new[:, None] - old[None]).transpose(2, 0, 1))
-    return np.asarray(new[apart.min(axis=1) > _SEAM_MM])
+    near, _ = shapely.STRtree(shapely.points(old)).query(shapely.points(new), predicate="dwithin", distance=_SEAM_MM)
+    return np.delete(new, near, axis=0)
 
 
 def _seams(moves: Moves, layer: int) -> np.ndarray:
