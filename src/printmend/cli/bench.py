@@ -24,6 +24,7 @@ command.add_command(prints)
 command.add_command(objectives)
 
 
+# Its many parameters are its options.
 @command.command(epilog="Example: printmend bench table1 --bodies models/ --protocol heldout --limit 60 --workers 2")
 @click.option(
     "--bodies",

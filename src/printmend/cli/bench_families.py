@@ -15,6 +15,7 @@ def numbers(text: str) -> tuple[float, ...]:
         raise click.BadParameter(f"wanted numbers with commas, got {text!r}") from None
 
 
+# Its many parameters are its options.
 @click.command(
     short_help="Every family of faults: learners, controllers, noise, coverage.",
     epilog="Example: printmend bench families --families pulley-loose,smooth --samples 3 --out families",

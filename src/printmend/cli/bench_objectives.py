@@ -10,6 +10,7 @@ import click
 NAMES = ("rmse", "area")
 
 
+# Its many parameters are its options.
 @click.command(
     short_help="Does planning for the area instead of the RMSE pay?",
     epilog="Example: printmend bench objectives --objective area --families pulley-loose",

@@ -13,6 +13,7 @@ def command() -> None:
     """Build, check and fetch data sets; exchange them with the paper's published code."""
 
 
+# Its many parameters are its options.
 @command.command(
     short_help="Slice bodies and print them on broken printers, as Parquet.",
     epilog="Example: printmend dataset build --bodies generated:100 --corruptions 3 -o data --workers 2",

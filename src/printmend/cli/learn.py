@@ -9,6 +9,7 @@ import click
 from printmend.cli.model import SUFFIX, Model, models_folder
 
 
+# Long because of its options, and because each kind of result is told in its own words.
 @click.command(epilog="Example: printmend learn trace.csv --printer ender3 -o printer.mend.json")
 @click.argument("trace", metavar="TRACE.csv", type=click.Path(path_type=Path))
 @click.option(

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from printmend.saved import SavedModel
 
 
+# Its many parameters are its options.
 @click.command(epilog="Example: printmend mend part.gcode -m printer.mend.json --report part.html")
 @click.argument("sources", metavar="FILE|FOLDER|-...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
@@ -90,6 +91,7 @@ def _one(
         click.echo(f"written: {target or 'standard output'}", err=target is None)
 
 
+# Its many parameters are the command's options.
 def _many(
     ctx: click.Context, sources: tuple[Path, ...], model: "SavedModel", output: Path | None, in_place: bool,
     overwrite: bool, force: bool, fineness: "Fineness", jobs: int, as_json: bool, quiet: bool,

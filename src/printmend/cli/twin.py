@@ -7,6 +7,7 @@ import click
 from printmend.cli.number import Finite
 
 
+# Its many parameters are its options.
 @click.command(epilog="Example: printmend twin probe.gcode --printer ender3 --corruption broken.toml -o trace.csv")
 @click.argument("source", metavar="FILE.gcode", type=click.Path(path_type=Path))
 @click.option(

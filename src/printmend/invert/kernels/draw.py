@@ -120,6 +120,7 @@ def _dead_move(model, state, pieces, n, record, m0, m1, z, quantum):
     return put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, state[S_FEED])
 
 
+# From here on the many parameters are the arrays of one file's way through `mend`, the record in hand, a piece's end.
 @inner(error_model="numpy", _nrt=False)
 def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
     """Write the piece of an extruding move from t to end, and add up its error; the caller sets an arc's centre."""

@@ -68,6 +68,7 @@ BOW_MM = 0.002  # how far the nodes of a curved path lie inside it
 MOST_BOWS = 256
 
 
+# Its many parameters are the arrays of one file's way through `mend`, and how the Z screw pushes the path aside.
 @inner(error_model="numpy", _nrt=False)
 def survey(model, state, counts, records, count, i, curve, run, across, along, rising):
     """Fill ``run`` with the turns of the path that record i begins: extruding moves, each from where the last ended.
