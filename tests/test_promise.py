@@ -264,15 +264,45 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     assert export_supported(model, "klipper").settings == ("scale of X",)
 
 
-def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path: Path) -> None:
-    write_model(tmp_path / "printer.mend.json", bent)
-    wanted = stairs(300)
-    motors = ENDER3.to_motor(bent.mechanism.frame.invert(wanted)).copy()
-    for motor, table in enumerate(bent.mechanism.transmissions):
+def mended_mm(model: SavedModel, wanted: np.ndarray) -> np.ndarray:
+    """Return what mending commands [N, 2] for marks at wanted places [N, 2]."""
+    motors = ENDER3.to_motor(model.mechanism.frame.invert(wanted)).copy()
+    for motor, table in enumerate(model.mechanism.transmissions):
         side = last_way(motors[:, motor])
         branches = [np.interp(motors[:, motor], each, table.motor_mm) for each in (table.lower_mm, table.upper_mm)]
         motors[:, motor] = np.where(side > 0, branches[0], np.where(side < 0, branches[1], motors[:, motor]))
     motors[0] = wanted[0]
+    return motors
+
+
+LOOSER = Corruption((replace(BENT.drives[0], belt=Play(0.4)), Drive(belt=Play(0.3))))
+KNOWN_SCALE = Instrument(scale_sd=0.0003, axes_sd=0.001, lean_sd=0.0005)
+
+
+@pytest.mark.parametrize(
+    ("machine", "grown", "instrument", "kept"),
+    [
+        (BENT, 0.0, FLATBED, True),
+        (BENT, 0.002, FLATBED, True),  # no more than such a scanner may do
+        (BENT, 0.006, FLATBED, False),
+        (BENT, 0.003, KNOWN_SCALE, False),
+        (LOOSER, 0.0, FLATBED, False),
+    ],
+)
+def test_a_scanners_doubt_hides_no_change_of_the_machine(
+    bent: SavedModel, machine: Corruption, grown: float, instrument: Instrument, kept: bool
+) -> None:
+    wanted = stairs(300)
+    printed = (1 + grown) * Twin.of(machine, ENDER3).follow(mended_mm(bent, wanted))
+    printed += np.random.default_rng(9).normal(0, 0.02, wanted.shape)
+    verdict = verify(bent, Trace(wanted, printed, homed=True, placed=False, instrument=instrument))
+    assert verdict.kept == kept, verdict.words
+
+
+def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path: Path) -> None:
+    write_model(tmp_path / "printer.mend.json", bent)
+    wanted = stairs(300)
+    motors = mended_mm(bent, wanted)
     for name, corruption, kept in (("same", BENT, True), ("slipped", SLIPPED, False)):
         printed = Twin.of(corruption, ENDER3).follow(motors)
         noise = np.random.default_rng(9).normal(0, 0.05, wanted.shape)

@@ -14,6 +14,7 @@ from printmend.diagnosis.screw import heights_mm
 from printmend.errors import ModelError, TraceError
 from printmend.learn.walls import with_walls
 from printmend.path import Trace, last_way
+from printmend.printer import Printer
 from printmend.promise.budget import Budget, parse_budget
 from printmend.promise.predict import Errors, Outlook, Promise, promised
 from printmend.promise.predict import Path as Places
@@ -108,6 +109,10 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     now2_sd = float(np.hypot(square.std() / np.sqrt(len(known)), 2 * _NOISE_DOUBT * noise2))
     now = float(np.sqrt(max(now2, 0.0)))
     now_sd = float(np.sqrt(max(now2, 0.0) + now2_sd)) - now
+    play, play_sd = _from_play(error, trace, model.printer)
+    if play - _SURE * play_sd > now - _SURE * now_sd:  # what goes with direction is no noise, however much of that is
+        now = max(now, play)
+        now_sd = (now - play) / _SURE + play_sd
     after = outlook.after
     before_mm = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
     return Verdict(
@@ -116,18 +121,40 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     )  # fmt: skip
 
 
+def _from_play(error_mm: np.ndarray, trace: Trace, printer: Printer) -> tuple[float, float]:
+    """Return how much of the errors of the measured marks [N, 2] goes with the way that the motors came, root mean
+    square, and its standard deviation by the scatter of the marks themselves."""
+    known = trace.measured_rows
+    sides = np.stack([last_way(column) for column in printer.to_motor(trace.commanded_mm).T], axis=1)[known]
+    sides = sides - sides.mean(axis=0)
+    size = np.square(sides).sum(axis=0)
+    if len(error_mm) < LEAST_MARKS or (size < 1).any():
+        return 0.0, 0.0
+    # to and from a motor is linear: the errors of marks are those of the belts
+    belts = printer.to_motor(error_mm)
+    found = np.sum(sides * belts, axis=0) / size
+    sds = np.sqrt(np.square(belts - sides * found).sum(axis=0) / (len(belts) - 2) / size)
+    rms, doubt = (
+        float(np.sqrt(np.mean(np.sum(printer.from_motor(sides * each) ** 2, axis=1)))) for each in (found, sds)
+    )
+    return rms, doubt
+
+
 def _unstretched(error_mm: np.ndarray, trace: Trace, corexy: bool, sigma_mm: float) -> tuple[np.ndarray, float]:
     """Return the errors of the measured marks [N, 2] without what may as well be the instrument's own stretch, its most
-    likely one as far as its doubt allows, and how much of that is its scale [%]."""
+    likely one but no more than two of its standard deviations, and how much of that is its scale [%]."""
     x, y = (trace.commanded_mm - trace.commanded_mm[trace.measured_rows].mean(axis=0))[trace.measured_rows].T
     # common scale, half the difference of both axes' scales, half the lean; the x axis keeps its direction
     along_x = np.stack([x, x, y if corexy else 2 * y], axis=1)
     along_y = np.stack([y, -y, x if corexy else 0 * x], axis=1)
     columns, off = np.concatenate([along_x, along_y]), error_mm.T.ravel()
     prior = trace.instrument_doubt.covariance
-    found = prior @ np.linalg.solve(
+    pull = np.linalg.solve(
         columns.T @ columns @ prior + max(sigma_mm, _LEAST_SIGMA_MM) ** 2 * np.eye(3), columns.T @ off
     )
+    found = prior @ pull
+    sds = float(np.sqrt(max(pull @ found, 0.0)))  # how far the instrument would have to be off
+    found *= min(1.0, _SURE / max(sds, 1e-9))  # the rest is the printer's
     return error_mm - (columns @ found).reshape(2, -1).T, 100 * float(found[0])
 
 
