@@ -324,6 +324,8 @@ def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path
     scanned = verify(bent, Trace(wanted, 1.001 * wanted + noise, placed=False))  # the scanner's stretch is no fault
     assert scanned.kept
     assert scanned.stretch_percent == pytest.approx(0.1, abs=0.01)
+    unsaid = np.full(len(wanted), np.nan)  # an empty column of sigma_mm is none
+    assert verify(bent, Trace(wanted, 1.001 * wanted + noise, placed=False, sigma_mm=unsaid)) == scanned
     with pytest.raises(ModelError):
         verify(exact_model(BENT.lower(ENDER3)), Trace(wanted, wanted))
 

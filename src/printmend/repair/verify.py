@@ -97,7 +97,9 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     placed = trace.placed and budget.placed
     outlook, off = _of_marks(model, budget, trace)
     error = (trace.measured_mm - trace.commanded_mm)[known]
-    sigma = model.noise_mm if trace.sigma_mm is None else float(np.sqrt(np.nanmean(trace.sigma_mm[known] ** 2)))
+    sigmas = np.empty(0) if trace.sigma_mm is None else trace.sigma_mm[known]
+    stated = sigmas[np.isfinite(sigmas)]
+    sigma = float(np.sqrt(np.mean(stated**2))) if len(stated) else model.noise_mm
     stretch = 0.0
     if not placed:
         error = error - error.mean(axis=0)
