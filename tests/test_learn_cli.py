@@ -59,6 +59,9 @@ def test_a_trace_without_any_error_is_learned(tmp_path: Path, offset_mm: float, 
     assert done.exit_code == 0, done.exception
     assert done.output.startswith(said)
     assert "; Y healthy" in done.output
+    write_trace(tmp_path / "trace.csv", Trace(at, at, homed=True))  # repaired: nothing is shifted by 0.0000 mm
+    done = run("learn", tmp_path / "trace.csv", "--update", tmp_path / "m.json", "-o", tmp_path / "now.json")
+    assert "X healthy; Y healthy" in done.output, done.output
 
 
 def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:

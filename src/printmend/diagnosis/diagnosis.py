@@ -196,7 +196,8 @@ def _rest(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     if structure.offset and not (structure.scale or structure.pulley != "none" or structure.play != "none" or faults):
         part = drive.choice.design.parts["mean_powers"]
         value, sd = float(branches.mean.powers_mm[0]), float(_sds(drive)[part][0])
-        faults.append(_fault(drive, "offset", value, sd, f"shifted by {amount(value, sd)}"))
+        if abs(value) > LEAST_FAULT_MM:
+            faults.append(_fault(drive, "offset", value, sd, f"shifted by {amount(value, sd)}"))
     return faults
 
 
