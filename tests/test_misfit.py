@@ -142,6 +142,19 @@ def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> N
         assert moved == pytest.approx(wanted, abs=0.03)
 
 
+@pytest.mark.parametrize(("order", "grows"), [("as printed", True), ("from left to right", False), ("few", False)])
+def test_growth_is_said_only_where_all_places_come_again(order: str, grows: bool, rng: np.random.Generator) -> None:
+    points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (100 if order == "few" else 500, 2))])
+    if order == "from left to right":
+        points[1:] = points[1:][np.argsort(points[1:, 0])]
+    done = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    warm = 1 - np.exp(-4 * done / done[-1])
+    off = np.stack([0.6 * warm * (points[:, 0] - 110) / 100, 0 * warm], axis=1)
+    trace = Trace(points, points + off + rng.normal(0, 0.03, points.shape), homed=True)
+    causes = causes_of(Greybox().fit(trace, PRINTER, rng=rng), trace)
+    assert ("thermal" in {cause.candidate.kind for cause in causes}) == grows
+
+
 @pytest.mark.parametrize(("turn_mm", "said"), [(32.0, "a pulley of 16 teeth"), (39.5, "steps a millimetre")])
 def test_the_turn_of_another_pulley_is_learned(turn_mm: float, said: str, rng: np.random.Generator) -> None:
     """A pulley of 16 teeth where the preset has 20, or steps that were calibrated: an uneven pulley again, and no belt

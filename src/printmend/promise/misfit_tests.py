@@ -23,6 +23,8 @@ from printmend.promise.misfit_columns import Candidate, candidates, sideways
 
 MOST_ROWS = 2500  # rows of a motor
 LEAST_ROWS = 60  # rows below which nothing is looked for
+QUARTERS = 4  # of a print: growth is looked for where each of them
+LEAST_ROWS_A_QUARTER, LEAST_SPREAD_SHARE = 40, 0.3  # has so many rows, over this share of the motor's places
 MOST_CAUSES = 3  # causes for each motor
 SURE_NATS = 14.0  # nats beyond the choice among those tried
 LEAST_COST_MM = 0.018  # root mean square on a print: less costs nothing that an owner sees
@@ -75,6 +77,8 @@ def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
         one = sideways(rows, motor, trace.commanded_mm, touch.side).at(used)
         offered = list(candidates(one, corexy=box.printer.kinematics == "corexy"))
         near = _near(touch.residual_mm[used])
+        if not _shows_growth(one.at(near)):
+            offered = [each for each in offered if each.kind != "thermal"]
         found += _explained(
             motor, offered, one.at(near), touch.residual_mm[used][near], _own_columns(drive, rows[motor], used[near])
         )
@@ -88,6 +92,19 @@ def _near(residual_mm: np.ndarray) -> np.ndarray:
     look like something."""
     outlier = np.abs(residual_mm) > CLIP_SIGMAS * robust_sigma_mm(residual_mm)
     return np.flatnonzero(~outlier) if outlier.mean() > MANY_LOST else np.arange(len(residual_mm))
+
+
+def _shows_growth(one: Sideways) -> bool:
+    """Say whether both ends of a motor's way were printed again and again: few walls, each printed once, show where
+    they are wrong, but not that this came with time."""
+    for quarter in range(QUARTERS):
+        own = one.own[np.floor(np.minimum(one.done, 1 - 1e-9) * QUARTERS) == quarter]
+        if len(own) < LEAST_ROWS_A_QUARTER:
+            return False
+        low, high = np.quantile(own, (0.1, 0.9))
+        if high - low < LEAST_SPREAD_SHARE * np.ptp(one.own):
+            return False
+    return True
 
 
 def _repeated(
