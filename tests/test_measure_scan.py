@@ -15,6 +15,7 @@ from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
 from printmend.measure.image import read_image, write_image
 from printmend.measure.measurement import measure_scans
+from printmend.measure.page import exposure
 from printmend.measure.plan import ProbePlan
 from printmend.measure.sheet import write_sheet
 from printmend.printer import read_printer
@@ -251,3 +252,9 @@ def test_overlapping_scans_of_a_large_plate_are_joined(tmp_path, plan, printed):
     narrow = saved(tmp_path / "c.png", scan.image[int(low + 0.6 * (high - low)) :], 300)
     with pytest.raises(ScanError, match="overlap by a third"):
         measure_scans([parts[0], narrow], plan)
+
+
+@pytest.mark.parametrize("damaged", [b"Exif\0\0garbage!", b"Exif\0\0II*\0\xff\xff\xff\x7f"])
+def test_a_damaged_note_of_the_camera_is_as_none(damaged: bytes, tmp_path: Path) -> None:
+    Image.new("RGB", (300, 300)).save(tmp_path / "scan.jpg", exif=damaged)
+    assert exposure(tmp_path / "scan.jpg") == (False, None)

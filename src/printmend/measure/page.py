@@ -5,6 +5,8 @@ paper: a point at the height h above the place p of the sheet appears at p + (p 
 over the sheet. C follows from the homography once the focal length is known, which a photo's file states.
 """
 
+import struct
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -109,8 +111,13 @@ def check_sheet(path: str | Path, scales: tuple[float, float]) -> None:
 
 def exposure(path: str | Path) -> tuple[bool, float | None]:
     """Say whether a camera took an image, and with which focal length [mm of a film of 36 × 24 mm], None if unsaid."""
-    with Image.open(path) as image:
-        noted = image.getexif().get_ifd(_EXIF)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(path) as image:
+                noted = image.getexif().get_ifd(_EXIF)
+    except (SyntaxError, OSError, ValueError, TypeError, KeyError, struct.error):
+        return False, None  # damaged: the picture itself has been read
     try:
         focal = float(noted.get(_FOCAL_FILM) or 0.0)
     except (TypeError, ValueError, ZeroDivisionError):
