@@ -170,8 +170,11 @@ def test_a_body_that_crashes_or_hangs_the_slicer_is_listed_and_the_run_goes_on(
     program.write_text(SLICER % (len(stl_bytes(read_solid(crashes))), pid))
     program.chmod(0o755)
     monkeypatch.setenv("PATH", f"{program.parent}:{os.environ['PATH']}")
-    for file, limit_s, said in ((crashes, 300.0, "got a crash"), (hangs, 3.0, "slices within 3 s")):
-        root, recipe = tmp_path / f"{file.stem}-set", replace(RECIPE, timeout_s=limit_s)
+    tries = ((crashes, 300.0, "got a crash"), (hangs, 3.0, "slices within 3 s"), (hangs, 60.0, "slices within 60 s"))
+    for file, limit_s, said in tries:
+        if pid.exists():
+            break  # else the machine was so busy that within 3 s nothing had begun
+        root, recipe = tmp_path / f"{file.stem}-{limit_s:g}", replace(RECIPE, timeout_s=limit_s)
         built = build_dataset(root, [file, sources[0]], recipe, Serial())
         ((name, why),) = built.failures
         assert name.startswith(file.stem)
