@@ -14,13 +14,14 @@ from printmend.errors import InputError, TraceError
 from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
 from printmend.measure.plan import keep_plan
-from printmend.path import Trace, last_way
+from printmend.path import Instrument, Trace, last_way
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise import misfit_rows
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import as_printed, causes_of, effects_of, found_in, of_the_end
+from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender5")
@@ -211,6 +212,18 @@ def test_points_left_out_a_turned_plate_and_unseen_places_are_said(rng: np.rando
     assert "+1.0" in found["turned"].words
     assert found["left-out"].severity == "warning"
     assert set(misfit_section(tuple(found.values()))) == {"found", "effects"}
+
+
+def test_a_shifted_plate_is_learned_as_one_whose_place_is_not_known(rng: np.random.Generator) -> None:
+    once = measured_once(rng, count=300)
+    shifted = replace(once, measured_mm=once.measured_mm + np.array([0.9, -0.6]))
+    model = learn_model(shifted, PRINTER, model="greybox")
+    other = learn_model(replace(shifted, placed=False, instrument=Instrument()), PRINTER, model="greybox")
+    assert "moved" in {each["kind"] for each in model.document["misfit"]["found"]}
+    assert not model.document["promise"]["placed"]
+    for mine, theirs in zip(model.mechanism.transmissions, other.mechanism.transmissions, strict=True):
+        assert mine.lower_mm == pytest.approx(theirs.lower_mm, abs=1e-9)
+        assert mine.upper_mm == pytest.approx(theirs.upper_mm, abs=1e-9)
 
 
 def test_a_probe_does_not_overwrite_another_plan(tmp_path: Path) -> None:

@@ -361,11 +361,13 @@ def as_printed(box: GreyboxModel, trace: Trace) -> tuple[Trace, tuple[Misfit, ..
     found = (*_turned(box), *_moved(box, trace))
     if not found:
         return trace, ()
-    turn = -np.radians(_turn_deg(box))
+    instrument = trace.instrument_doubt
+    if not (turn := -np.radians(_turn_deg(box))):
+        return replace(trace, placed=False, instrument=instrument), found
     middle = np.nanmean(trace.measured_mm, axis=0)
     back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     measured = (trace.measured_mm - middle) @ back + middle
-    return replace(trace, measured_mm=measured, placed=False, instrument=trace.instrument_doubt), found
+    return replace(trace, measured_mm=measured, placed=False, instrument=instrument), found
 
 
 def _turn_deg(box: GreyboxModel) -> float:

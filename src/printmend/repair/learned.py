@@ -78,8 +78,13 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     moved: tuple[Misfit, ...] = ()
     if (box := _box_of(fit)) is not None:
         again, moved = as_printed(box, trace)
-        if moved:
-            trace = again
+        is_shifted = moved and np.array_equal(again.measured_mm, trace.measured_mm, equal_nan=True)
+        trace = again
+        if is_shifted and model in (*_HYBRIDS, "greybox"):  # no grey box asks where the plate lay
+            if found is not None:
+                flat = replace(found.trace, placed=again.placed, instrument=again.instrument)
+                found = replace(found, trace=flat)
+        elif moved:
             fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
     flat = trace if found is None else found.trace
     fit = _completed(fit, flat, printer, model, rng)
