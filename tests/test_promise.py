@@ -28,7 +28,8 @@ from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
 from printmend.repair.learned import learn_model
 from printmend.repair.prediction import advice_of
-from printmend.repair.verify import verify
+from printmend.repair.update import Updated
+from printmend.repair.verify import update_words, verify
 from printmend.saved.model import SavedModel, exact_model, read_model, write_model
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
@@ -297,6 +298,8 @@ def test_a_scanners_doubt_hides_no_change_of_the_machine(
     printed += np.random.default_rng(9).normal(0, 0.02, wanted.shape)
     verdict = verify(bent, Trace(wanted, printed, homed=True, placed=False, instrument=instrument))
     assert verdict.kept == kept, verdict.words
+    anew = update_words(verdict, Updated(bent, (), ("X",)))
+    assert ("is not the one" in anew) != kept  # what keeps its promise is of this machine
 
 
 def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path: Path) -> None:

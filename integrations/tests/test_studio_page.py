@@ -138,6 +138,7 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     page.set_input_files("input[type=file]", _scan(tmp_path / "check.png", printed, plan_path, 2))
     page.wait_for_selector("text=Take this measurement into the model")
     expect(page.get_by_role("heading", name="The promise was kept")).to_be_visible()
+    expect(page.get_by_text("is not the one")).to_have_count(0)  # what keeps its promise is of this machine
     page.get_by_role("button", name="Take this measurement").click()
     page.wait_for_selector("text=Taken over")
     watched.picture("prove")

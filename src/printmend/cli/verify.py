@@ -38,7 +38,7 @@ def command(
     from printmend.cli.outputs import spare
     from printmend.measure import read_plan, read_trace
     from printmend.repair.history import history_of
-    from printmend.repair.verify import remember_verdict, updated, verify
+    from printmend.repair.verify import remember_verdict, update_words, updated, verify
     from printmend.saved import read_model, write_model
 
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
@@ -67,7 +67,5 @@ def command(
         return
     click.echo(verdict.words)
     if newer is not None:
-        # a model that keeps its promise is of this machine, even where a fresh fit explains the small print better
-        said = newer.words if not (verdict.kept and newer.anew) else "the model was brought up to date"
-        click.echo(f"{said}\nwritten: {output}")
+        click.echo(f"{update_words(verdict, newer)}\nwritten: {output}")
     click.echo(f"noted in {history}")

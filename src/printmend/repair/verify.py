@@ -193,6 +193,14 @@ def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook,
     return outlook, off
 
 
+def update_words(verdict: Verdict, newer: Updated) -> str:
+    """Say what the check print changed in the model.
+
+    One that keeps its promise is of this machine, even where a fresh fit explains the small print better.
+    """
+    return "the model was brought up to date" if verdict.kept and newer.anew else newer.words
+
+
 def updated(model: SavedModel, trace: Trace, *, rng: np.random.Generator | None = None) -> Updated:
     """Bring the model up to date with a mended check print: what was really commanded is what mending had made of it.
 

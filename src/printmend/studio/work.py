@@ -238,7 +238,7 @@ def _verify(job: Job) -> dict[str, Any]:
     """Measure a mended check print and compare it with what was promised."""
     from printmend.measure import read_plan, read_trace
     from printmend.measure.measurement import measure_scans
-    from printmend.repair.verify import remember_verdict, updated, verify
+    from printmend.repair.verify import remember_verdict, update_words, updated, verify
     from printmend.saved import read_model, write_model
 
     model = read_model(job.printer_folder / MODEL)
@@ -257,7 +257,7 @@ def _verify(job: Job) -> dict[str, Any]:
     remember_verdict(job.printer_folder / MODEL, model, verdict)
     newer = updated(model, trace)
     write_model(job.file(MODEL), newer.model)
-    return {"verdict": verdict.json(), "words": verdict.words, "newer": newer.words}
+    return {"verdict": verdict.json(), "words": verdict.words, "newer": update_words(verdict, newer)}
 
 
 def _send(job: Job) -> dict[str, Any]:
