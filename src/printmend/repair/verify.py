@@ -54,12 +54,14 @@ class Verdict:
         return self.now_mm - _SURE * self.now_sd_mm <= self.promised_high_mm
 
     @property
+    def at_most_mm(self) -> float | None:
+        """What the error may be at most where it is not above the noise of the measurement; None where it is."""
+        return self.now_mm + _SURE * self.now_sd_mm if self.now_mm <= self.now_sd_mm else None
+
+    @property
     def words(self) -> str:
         """Say it in one line, the numbers first."""
-        # what is not above the noise of the measurement is said as what it may be at most
-        now = f"{self.now_mm:.3f}"
-        if self.now_mm <= self.now_sd_mm:
-            now = f"less than {self.now_mm + _SURE * self.now_sd_mm:.3f}"
+        now = f"{self.now_mm:.3f}" if self.at_most_mm is None else f"less than {self.at_most_mm:.3f}"
         numbers = (
             f"{self.before_mm:.3f} mm before, {now} now, "
             f"{self.promised_low_mm:.3f}–{self.promised_high_mm:.3f} was promised"
@@ -72,7 +74,7 @@ class Verdict:
 
     def json(self) -> dict[str, Any]:
         """Return plain values."""
-        return {**asdict(self), "kept": self.kept}
+        return {**asdict(self), "now_at_most_mm": self.at_most_mm, "kept": self.kept}
 
 
 def verify(model: SavedModel, trace: Trace) -> Verdict:
