@@ -64,12 +64,14 @@ export function upload(file, told = () => {}) {
   });
 }
 
+export const ended = (job) => ["done", "failed", "cancelled"].includes(job?.state);
+
 // Follow a job until it ends; `told` hears each change. Returns a function that stops listening.
 export function follow(key, told) {
   let source = null, stopped = false;
   const hear = (job) => {
     if (stopped) return;
-    if (["done", "failed", "cancelled"].includes(job.state)) source.close();
+    if (ended(job)) source.close();
     told(job);
   };
   const open = () => {
@@ -80,7 +82,7 @@ export function follow(key, told) {
       const job = await get(`/jobs/${key}`).catch(() => null);
       if (!job || stopped) return;
       hear(job);
-      if (!["done", "failed", "cancelled"].includes(job.state)) setTimeout(() => stopped || open(), PAUSE_MS);
+      if (!ended(job)) setTimeout(() => stopped || open(), PAUSE_MS);
     };
   };
   open();

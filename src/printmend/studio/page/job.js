@@ -1,6 +1,6 @@
 // A job as one sees it: what it is doing, how long it may take, and a way to stop it.
 import { html, useEffect, useState } from "./vendor.js";
-import { follow, post } from "./api.js";
+import { ended, follow, post } from "./api.js";
 import { seconds, t } from "./words.js";
 
 // Follow the job `key`; null without one.
@@ -12,8 +12,6 @@ export function useJob(key) {
   }, [key]);
   return key ? job : null;
 }
-
-export const ended = (job) => ["done", "failed", "cancelled"].includes(job?.state);
 
 export function Progress({ job, steps }) {
   if (!job || ended(job)) return null;

@@ -1,9 +1,9 @@
 // Measure: the test print, and what was seen of it, by scan, by callipers or as a table.
 import { html, useEffect, useState } from "./vendor.js";
-import { fileOf, get, post, upload } from "./api.js";
+import { ended, fileOf, get, post, upload } from "./api.js";
 import { Plate, Save } from "./drawings.js";
 import { Drop } from "./drop.js";
-import { ended, Problem, Progress, useJob } from "./job.js";
+import { Problem, Progress, useJob } from "./job.js";
 import { useLook, Zoom } from "./look.js";
 import { Send } from "./send.js";
 import { asked, mm, number, t, typed } from "./words.js";

@@ -1,9 +1,9 @@
 // Mend: files in, and each as wanted, as this printer prints it, and mended.
 import { html, useEffect, useState } from "./vendor.js";
-import { fileOf, get, post, scene as fetchScene, upload } from "./api.js";
+import { ended, fileOf, get, post, scene as fetchScene, upload } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
-import { ended, Problem, Progress, useJob } from "./job.js";
+import { Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
 import { Send } from "./send.js";
 import { mm, number, t } from "./words.js";

@@ -1,8 +1,8 @@
 // Try it: a printer that exists only here, broken with sliders, mended in front of one's eyes.
 import { html, useEffect, useRef, useState } from "./vendor.js";
-import { fileOf, post, scene as fetchScene } from "./api.js";
+import { ended, fileOf, post, scene as fetchScene } from "./api.js";
 import { Number_, Plate, Pulley, Save, Slice, Wall } from "./drawings.js";
-import { ended, Problem, Progress, useJob } from "./job.js";
+import { Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
 import { mm, number, said as say, t } from "./words.js";
 

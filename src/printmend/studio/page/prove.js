@@ -1,9 +1,9 @@
 // Prove: the mended test print, measured; promise against result, and how both went over time.
 import { html, useEffect, useState } from "./vendor.js";
-import { fileOf, get, post, upload } from "./api.js";
+import { ended, fileOf, get, post, upload } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
-import { ended, Problem, Progress, useJob } from "./job.js";
+import { Problem, Progress, useJob } from "./job.js";
 import { Send } from "./send.js";
 import { asked, day, mm, number, t } from "./words.js";
 

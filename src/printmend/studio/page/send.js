@@ -1,7 +1,7 @@
 // Send a file to the program that the printer prints with: OctoPrint, or Moonraker behind Mainsail and Fluidd.
 import { html, useEffect, useState } from "./vendor.js";
-import { post, remove } from "./api.js";
-import { ended, Problem, Progress, useJob } from "./job.js";
+import { ended, post, remove } from "./api.js";
+import { Problem, Progress, useJob } from "./job.js";
 import { t } from "./words.js";
 
 const NAMES = { octoprint: "OctoPrint", moonraker: "Moonraker" };
