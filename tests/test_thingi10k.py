@@ -84,6 +84,11 @@ def test_a_folder_of_its_files_serves_without_a_network(hub: Path, tmp_path: Pat
     (hub / "5.npz").write_bytes(damaged)
     with pytest.raises(MeshError, match="fetch it again"):
         body_files([hub], made=tmp_path / "made")
+    unread: dict[Path, str] = {}
+    assert len(body_files([hub], made=tmp_path / "made", left_out=unread.__setitem__)) == 3
+    for _ in range(2):  # noted once, however often a build goes on
+        built = build_dataset(tmp_path / "set", [], Recipe(1, ("play",), "damaged", 1), Serial(), unread=unread)
+    assert [(body, "fetch it again" in why) for body, why in built.failures] == [("5", True)]
 
 
 def test_licences_noted_at_once_are_all_kept(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ worked on the item was killed.
 import contextlib
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -19,6 +20,7 @@ Item = TypeVar("Item")
 Value = TypeVar("Value")
 
 _CONNECT_S = 10.0
+_ANSWERED_S = 2.0  # by then the answer of a worker that is ended has left it
 _ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -45,6 +47,9 @@ class Serial:
         """Yield each item with its value, in order."""
         for item in items:
             yield item, work(item)
+
+
+HERE = Serial()
 
 
 @dataclass(frozen=True)
@@ -166,6 +171,30 @@ def executor(workers: int, cluster: str | None = None) -> Executor:
             raise InputError("--cluster", wanted="tcp://HOST:PORT or local:N", came=repr(cluster), todo="correct it")
         return Cluster(cluster)
     return Serial() if workers == 1 else Processes(workers or os.cpu_count() or 1)
+
+
+def limited(limit_s: float, work: Callable[..., Value], *arguments: Any) -> Value:
+    """Run work on a worker of a cluster. Raise TimeoutError where it takes longer than ``limit_s``.
+
+    Nothing else ends a thread that hangs, so the worker's process ends soon after: its nanny starts it anew, and what
+    else ran there runs again.
+    """
+    outcome: Future[Value] = Future()
+
+    def run() -> None:
+        try:
+            outcome.set_result(work(*arguments))
+        except BaseException as error:
+            outcome.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    try:
+        return outcome.result(limit_s)
+    finally:
+        if not outcome.done():
+            end = threading.Timer(_ANSWERED_S, os._exit, (1,))
+            end.daemon = True
+            end.start()
 
 
 def _one_thread() -> None:

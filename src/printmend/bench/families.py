@@ -21,7 +21,7 @@ from printmend.bench.towers import TowerStand, tower_stand
 from printmend.corruption import fault
 from printmend.corruption.sample import check_family
 from printmend.errors import InputError
-from printmend.executor import executor
+from printmend.executor import HERE, Executor
 from printmend.files import replacing
 from printmend.learn.published import layer_trace
 from printmend.path import Body, Trace
@@ -152,7 +152,7 @@ def families_table(
     noises_mm: Sequence[float],
     out: Path,
     *,
-    workers: int = 1,
+    executor: Executor = HERE,
     tick: Callable[[str], None] = lambda case: None,
 ) -> list[Result]:
     """Evaluate the cases for LEARNER+CONTROLLER rows and the optimum; keep results in ``out``/families.jsonl.
@@ -163,7 +163,7 @@ def families_table(
     names = [f"{label}@{noise:g}" for label in labels for noise in (noises_mm if measures(label) else (0.0,))]
     for name in names:
         row(name)
-    return run(cases, names, out, executor(workers), tick=tick)
+    return run(cases, names, out, executor, tick=tick)
 
 
 def measures(label: str) -> bool:

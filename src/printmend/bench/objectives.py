@@ -22,7 +22,7 @@ from printmend.corruption import families as known_families
 from printmend.corruption import sample
 from printmend.dataset.bodies import digest
 from printmend.errors import InputError
-from printmend.executor import executor
+from printmend.executor import HERE, Executor
 from printmend.learn.published import layer_trace
 from printmend.metrics import rmse
 from printmend.metrics.shape import bead_difference_area, frechet
@@ -99,14 +99,14 @@ def objectives_table(
     out: Path,
     *,
     learner: str = "greybox",
-    workers: int = 1,
+    executor: Executor = HERE,
     tick: Callable[[str], None] = lambda what: None,
 ) -> tuple[list[ObjectiveLine], list[Result]]:
     """Return a line a family and objective; keep results in ``out``/objectives.jsonl."""
     names = {f"{learner}+optimal" + ("" if name == "rmse" else f"-{name}"): name for name in objectives}
     for name in names:
         row(name)
-    results = run(cases, tuple(names), out, executor(workers), tick=tick)
+    results = run(cases, tuple(names), out, executor, tick=tick)
     figures = ("rmse_mm", "p95_mm", "area_mm2", "frechet_mm", "plan_s")
     lines = [
         ObjectiveLine(item.case.family, names[item.row], *(item.values[name] for name in figures))

@@ -21,7 +21,7 @@ from printmend.bench.rows import OPTIMUM, Row, read_noise, row
 from printmend.bench.run import run
 from printmend.corruption import families as known_families
 from printmend.errors import InputError
-from printmend.executor import executor
+from printmend.executor import HERE, Executor
 from printmend.path import Body, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
@@ -137,7 +137,7 @@ def prints_table(
     noises_mm: Sequence[float],
     out: Path,
     *,
-    workers: int = 1,
+    executor: Executor = HERE,
     tick: Callable[[str], None] = lambda case: None,
 ) -> list[Result]:
     """Evaluate every test print with every number of points and noise; keep results in ``out``/prints.jsonl.
@@ -147,7 +147,7 @@ def prints_table(
     rows = [OPTIMUM, *(f"{label}@{count}@{noise:g}" for label in prints for count in points for noise in noises_mm)]
     for name in rows:
         read_row(name)
-    return run(cases, rows, out, executor(workers), tick=tick)
+    return run(cases, rows, out, executor, tick=tick)
 
 
 def print_lines(

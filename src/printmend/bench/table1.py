@@ -22,7 +22,7 @@ from printmend.dataset.build import BODIES, RECIPE, body_file, corruption_file, 
 from printmend.dataset.parquet import read_body
 from printmend.dataset.reference import read_reference
 from printmend.errors import InputError
-from printmend.executor import executor
+from printmend.executor import HERE, Executor
 from printmend.learn.published import layer_trace
 from printmend.path import Layer, Trace
 from printmend.printer import Printer, read_printer
@@ -62,8 +62,8 @@ def draw_cases(
         family = str(body_rng(seed, identity, _FAMILY).choice(families))
         cases.append(
             Case(
-                TABLE, path.stem, identity, family, severity, protocol, seed, source=str(path),
-                sliced=None if sliced is None else str(sliced),
+                TABLE, path.stem, identity, family, severity, protocol, seed, source=str(path.absolute()),
+                sliced=None if sliced is None else str(sliced.absolute()),
             )
         )  # fmt: skip
     return cases
@@ -79,7 +79,8 @@ def reference_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | N
         identity = hashlib.sha256((digest(path) + matrix).encode()).hexdigest()[:16]
         cases.append(
             Case(
-                TABLE, name, identity, "gain-table", "damaged", protocol, seed, source=str(path), reference=str(root)
+                TABLE, name, identity, "gain-table", "damaged", protocol, seed, source=str(path.absolute()),
+                reference=str(Path(root).absolute()),
             )
         )  # fmt: skip
     return cases
@@ -87,7 +88,7 @@ def reference_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | N
 
 def dataset_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | None = None) -> list[Case]:
     """Return the bodies of a data set in Parquet, each on one of its broken printers, drawn from the seed."""
-    root, recipe = Path(root), read_recipe(root)
+    root, recipe = Path(root).absolute(), read_recipe(root)
     prints = [digest(corruption_file(root, number)) for number in range(recipe.corruptions)]
     cases = []
     for line in read_lines(root / BODIES)[:limit]:
@@ -209,7 +210,7 @@ def table1(
     rows: Sequence[str],
     out: Path,
     *,
-    workers: int = 1,
+    executor: Executor = HERE,
     tick: Callable[[str], None] = lambda body: None,
 ) -> tuple[list[Line], list[Result]]:
     """Evaluate the cases for the rows; keep results in ``out``/table1.jsonl and draw Fig. 6 beside them.
@@ -221,7 +222,7 @@ def table1(
         row(name)
     if not cases:
         raise InputError("bodies", wanted="at least one", came="none", todo="check --bodies, --reference and --limit")
-    results = run(cases, rows, out, executor(workers), tick=tick)
+    results = run(cases, rows, out, executor, tick=tick)
     drawn = sorted({case.family for case in cases})
     world = drawn[0] if len(drawn) == 1 else "mixed"
     draw_figure6(results, rows, Path(out) / f"figure6-{world}-{cases[0].protocol}.png")

@@ -11,6 +11,7 @@ from printmend.cli.bench_families import families
 from printmend.cli.bench_objectives import NAMES, objectives
 from printmend.cli.bench_prints import prints
 from printmend.cli.bench_real import real
+from printmend.cli.where import with_executor
 
 
 @click.group(epilog="Example: printmend bench table1 --bodies models/ --limit 20 --workers 2")
@@ -47,13 +48,13 @@ command.add_command(objectives)
 @click.option("--objective", type=click.Choice(NAMES), help="Plan every learned row for this; else as the row says.")
 @click.option("--seed", default=0, show_default=True)
 @click.option("--limit", type=click.IntRange(1), help="How many bodies to draw; all without it.")
-@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@with_executor
 @click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-bench", show_default=True)
 @click.option("--per-body", is_flag=True, help="Also the RMSE of every body; always with --reference.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def table1(
     bodies: tuple[Path, ...], reference: Path | None, dataset: Path | None, protocol: Any, families: str, severity: Any,
-    models: str | None, objective: str | None, seed: int, limit: int | None, workers: int, out: Path, per_body: bool,
+    models: str | None, objective: str | None, seed: int, limit: int | None, executor: Any, out: Path, per_body: bool,
     as_json: bool,
 ) -> None:  # fmt: skip
     """Print the paper's Table I. Results go to OUT/table1.jsonl, Fig. 6 to OUT/figure6-*.png.
@@ -79,13 +80,17 @@ def table1(
     elif reference is not None:
         cases = reference_cases(reference, protocol=protocol, seed=seed, limit=limit)
     else:
-        names = tuple(families.split(","))
+
+        def left_out(path: Path, why: str) -> None:
+            click.echo(f"left out {path.name}: {why}", err=True)
+
+        files = body_files(bodies, made=out / "generated", seed=seed, left_out=left_out)
         cases = draw_cases(
-            body_files(bodies, made=out / "generated", seed=seed), protocol=protocol, families=names,
-            severity=severity, seed=seed, limit=limit, sliced=out / "sliced",
+            files, protocol=protocol, families=tuple(families.split(",")), severity=severity, seed=seed, limit=limit,
+            sliced=out / "sliced",
         )  # fmt: skip
     with progress("bodies", len(cases)) as tick:
-        lines, results = table1(cases, rows, out, workers=workers, tick=tick)
+        lines, results = table1(cases, rows, out, executor=executor, tick=tick)
     if as_json:
         table = [asdict(line) for line in lines]
         click.echo(json.dumps({"table": table, "bodies": [item.flat() for item in results]}))

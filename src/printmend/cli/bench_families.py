@@ -3,8 +3,11 @@
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
+
+from printmend.cli.where import with_executor
 
 
 def numbers(text: str) -> tuple[float, ...]:
@@ -32,12 +35,12 @@ def numbers(text: str) -> tuple[float, ...]:
 @click.option("--samples", type=click.IntRange(1), default=3, show_default=True, help="Faults drawn a family.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--test", is_flag=True, help="The seed kept for the published tables, instead of --seed.")
-@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@with_executor
 @click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-families", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The cells as JSON on stdout.")
 def families(
     families: str | None, dataset: Path | None, severity: str, rows: str | None, noise: str, coverage: str,
-    samples: int, seed: int, test: bool, workers: int, out: Path, as_json: bool,
+    samples: int, seed: int, test: bool, executor: Any, out: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Print bodies on random faults of every family: learn from the first layer's noisy scan, print the others.
 
@@ -61,7 +64,7 @@ def families(
 
     if dataset is not None:
         _over_dataset(
-            dataset, rows.split(",") if rows else list(ROWS), TEST_SEED if test else seed, workers, out, as_json
+            dataset, rows.split(",") if rows else list(ROWS), TEST_SEED if test else seed, executor, out, as_json
         )
         return
     noises, coverages = numbers(noise), numbers(coverage)
@@ -71,7 +74,7 @@ def families(
     )  # fmt: skip
     with progress("cases", len(cases)) as tick:
         chosen = rows.split(",") if rows else ROWS
-        results = families_table(cases, chosen, noises, out, workers=workers, tick=tick)
+        results = families_table(cases, chosen, noises, out, executor=executor, tick=tick)
     cells = family_cells(results, noises)
     write_families(out, cells, coverages, noises)
     if as_json:
@@ -82,7 +85,7 @@ def families(
     show_failures(results)
 
 
-def _over_dataset(root: Path, rows: list[str], seed: int, workers: int, out: Path, as_json: bool) -> None:
+def _over_dataset(root: Path, rows: list[str], seed: int, executor: Any, out: Path, as_json: bool) -> None:
     from printmend.bench.report import write_markdown
     from printmend.bench.rows import OPTIMUM
     from printmend.bench.table1 import by_family, dataset_cases, table1
@@ -92,7 +95,7 @@ def _over_dataset(root: Path, rows: list[str], seed: int, workers: int, out: Pat
     rows = list(dict.fromkeys([*rows, OPTIMUM]))
     cases = dataset_cases(root, protocol="heldout", seed=seed)
     with progress("bodies", len(cases)) as tick:
-        _, results = table1(cases, rows, out, workers=workers, tick=tick)
+        _, results = table1(cases, rows, out, executor=executor, tick=tick)
     header, lines = by_family(results, rows)
     write_markdown(out / "families.md", header, lines)
     if as_json:

@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from printmend.cli.where import with_executor
+
 NAMES = ("rmse", "area")
 
 
@@ -23,12 +25,12 @@ NAMES = ("rmse", "area")
 @click.option("--layers", type=click.IntRange(1), default=2, show_default=True, help="How many to hold out and print.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--printer", default="ender5", show_default=True, help="A preset or a TOML file.")
-@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@with_executor
 @click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-objectives", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def objectives(
     chosen: tuple[str, ...], body: Path | None, families: str, severity: Any, learner: str, layers: int, seed: int,
-    printer: str, workers: int, out: Path, as_json: bool,
+    printer: str, executor: Any, out: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Learn from one layer, plan others for each objective, print them, measure them by every metric.
 
@@ -42,7 +44,7 @@ def objectives(
         body, families=families.split(","), severity=severity, layers=layers, seed=seed, printer=printer
     )
     with progress("faults", len(cases)) as tick:
-        lines, results = objectives_table(cases, chosen or NAMES, out, learner=learner, workers=workers, tick=tick)
+        lines, results = objectives_table(cases, chosen or NAMES, out, learner=learner, executor=executor, tick=tick)
     if as_json:
         click.echo(json.dumps([asdict(line) for line in lines]))
     else:

@@ -2,10 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
 from printmend.cli.bench_families import numbers
+from printmend.cli.where import with_executor
 
 
 @click.command(
@@ -18,12 +20,12 @@ from printmend.cli.bench_families import numbers
 @click.option("--noise", default="0,0.05,0.1", show_default=True, help="Of the measurement, mm a coordinate.")
 @click.option("--samples", type=click.IntRange(1), default=2, show_default=True, help="Faults drawn a family.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
-@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@with_executor
 @click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-prints", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="Every result as JSON on stdout.")
 def prints(
-    prints: str | None, families: str | None, points: str, noise: str, samples: int, seed: int, workers: int, out: Path,
-    as_json: bool,
+    prints: str | None, families: str | None, points: str, noise: str, samples: int, seed: int, executor: Any,
+    out: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Make test prints on randomly damaged printers, learn from each, and print a body with what was learned.
 
@@ -39,7 +41,7 @@ def prints(
     cases = bench.draw_print_cases(families.split(",") if families else bench.FAMILIES, samples=samples, seed=seed)
     chosen = prints.split(",") if prints else bench.PRINTS
     with progress("cases", len(cases)) as tick:
-        results = bench.prints_table(cases, chosen, counts, noises, out, workers=workers, tick=tick)
+        results = bench.prints_table(cases, chosen, counts, noises, out, executor=executor, tick=tick)
     if as_json:
         click.echo(json.dumps([item.flat() for item in results]))
     header, lines = bench.print_lines(results, counts, noises)

@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from printmend.cli.where import with_executor
+
 
 @click.command(
     short_help="Learn from real traverses, predict later ones.",
@@ -14,10 +16,10 @@ import click
 )
 @click.argument("data", type=click.Path(path_type=Path))
 @click.option("--protocol", type=click.Choice(["first", "pooled"]), default="first", show_default=True)
-@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@with_executor
 @click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-real", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
-def real(data: Path, protocol: Any, workers: int, out: Path, as_json: bool) -> None:
+def real(data: Path, protocol: Any, executor: Any, out: Path, as_json: bool) -> None:
     """Learn from the first measured traverse of each direction, predict the later ones.
 
     DATA is a CSV of traverses (motion capture of real pulleys). --protocol pooled learns a shape from the first
@@ -31,7 +33,7 @@ def real(data: Path, protocol: Any, workers: int, out: Path, as_json: bool) -> N
 
     cases = real_cases(data, read_traverses(data), protocol)
     with progress("pulleys and speeds", len(cases)) as tick:
-        lines, results = real_table(cases, out, workers=workers, tick=tick)
+        lines, results = real_table(cases, out, executor=executor, tick=tick)
     if as_json:
         click.echo(json.dumps({"protocol": protocol, "lines": [asdict(line) for line in lines]}))
     else:

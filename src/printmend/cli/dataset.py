@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from printmend.cli.where import with_executor
+
 
 @click.group(epilog="Example: printmend dataset export-reference data --bodies models/ --corruptions 50 --layers 3")
 def command() -> None:
@@ -32,13 +34,12 @@ def command() -> None:
               help="Of the bodies' files, noted with each; where "
               "a licence is known (thingi10k, a licences.json beside), only bodies of which it says so.")  # fmt: skip
 @click.option("--timeout", default=600.0, show_default=True, help="Seconds that slicing a body may take.")
-@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
-@click.option("--cluster", help="Dask workers instead: tcp://HOST:PORT of a scheduler, or local:N.")
+@with_executor
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="The data set's folder.")
 @click.option("--json", "as_json", is_flag=True, help="The summary as JSON on stdout.")
 def build(
     bodies: tuple[Path, ...], corruptions: int, families: str, severity: Any, seed: int, licence: str, timeout: float,
-    workers: int, cluster: str | None, out: Path, as_json: bool,
+    executor: Any, out: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Build a data set: STL or G-code to layers of controls, and where broken printers put the nozzle.
 
@@ -49,12 +50,13 @@ def build(
     from printmend.cli.progress import progress
     from printmend.dataset.bodies import body_files
     from printmend.dataset.build import Recipe, build_dataset
-    from printmend.executor import executor
 
     recipe = Recipe(corruptions, tuple(families.split(",")), severity, seed, timeout_s=timeout)
-    files = body_files(bodies, made=out.with_name(out.name + "-generated"), seed=seed, licence=licence)
+    unread: dict[Path, str] = {}
+    made = out.with_name(out.name + "-generated")
+    files = body_files(bodies, made=made, seed=seed, licence=licence, left_out=unread.__setitem__)
     with progress("bodies", len(files)) as tick:
-        built = build_dataset(out, files, recipe, executor(workers, cluster), licence=licence, tick=tick)
+        built = build_dataset(out, files, recipe, executor, licence=licence, unread=unread, tick=tick)
     if as_json:
         click.echo(json.dumps({"folder": str(out), "bodies": built.bodies, "failures": dict(built.failures)}))
         return

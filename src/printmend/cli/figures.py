@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from printmend.cli.where import with_executor
+
 
 @click.command(epilog="Example: printmend figures --dataset data -o figures --workers 2")
 @click.option("--dataset", "root", required=True, type=click.Path(path_type=Path),
@@ -15,10 +17,10 @@ import click
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Which printer and layers a body gets."
 )
 @click.option("--limit", type=click.IntRange(1), help="How many bodies; all without it.")
-@click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+@with_executor
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="Folder for figures and table.")
 def command(
-    root: Path, protocol: Any, models: str | None, seed: int, limit: int | None, workers: int, out: Path
+    root: Path, protocol: Any, models: str | None, seed: int, limit: int | None, executor: Any, out: Path
 ) -> None:  # fmt: skip
     """Draw Fig. 1 to 6 as SVG and write Table I as Markdown, LaTeX and SVG, from a data set.
 
@@ -35,7 +37,7 @@ def command(
     rows = tuple(models.split(",")) if models else PAPER_ROWS
     cases = dataset_cases(root, protocol=protocol, seed=seed, limit=limit)
     with progress("bodies", len(cases)) as tick:
-        lines, results = table1(cases, rows, out, workers=workers, tick=tick)
+        lines, results = table1(cases, rows, out, executor=executor, tick=tick)
     show_failures(results)
     with progress("figures", 7) as tick:
         written = write_figures(root, cases, lines, results, out, tick=tick)

@@ -1,14 +1,14 @@
 """Lists of bodies: files and folders on the command line become files, in a fixed order."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 
 from printmend.body.generated import generated_name, generated_solid
 from printmend.body.solid import stl_bytes
-from printmend.dataset.thingi10k import NAME, UNKNOWN, as_stl, licence_beside, thingi10k_files
+from printmend.dataset.thingi10k import NAME, UNKNOWN, licence_beside, thingi10k_files, unpacked
 from printmend.errors import InputError
 from printmend.files import replacing
 from printmend.path import Body
@@ -21,15 +21,21 @@ SUFFIXES = (
 
 
 def body_files(
-    paths: Iterable[str | Path], *, made: Path | None = None, seed: int = 0, licence: str = UNKNOWN
+    paths: Iterable[str | Path],
+    *,
+    made: Path | None = None,
+    seed: int = 0,
+    licence: str = UNKNOWN,
+    left_out: Callable[[Path, str], None] | None = None,
 ) -> list[Path]:
     """Return the meshes and G-code files given and those below the folders given, each once, sorted within a folder.
 
     With a folder ``made``, `generated:N` stands for the first N bodies that are made from a ``seed``
     (`printmend.body.generated`), and `thingi10k` or `thingi10k:N` for those of Thingi10K under a ``licence``; these,
-    and Thingi10K's npz files in the folders given, are written there as STL. Raises `InputError` for a path that does
-    not exist and where nothing is found. With a ``licence``, bodies of which a `licences.json` beside them says
-    something else are left out.
+    and Thingi10K's npz files in the folders given, are written there as STL. ``left_out`` is told of an npz file that
+    is damaged, and why; without it that is a `MeshError`. Raises `InputError` for a path that does not exist and where
+    nothing is found. With a ``licence``, bodies of which a `licences.json` beside them says something else are left
+    out.
     """
     found: dict[Path, None] = {}
     asked = [Path(path) for path in paths]
@@ -37,13 +43,13 @@ def body_files(
         if made is not None and str(path).startswith(GENERATED):
             found.update(dict.fromkeys(_generated(str(path), made, seed)))
         elif made is not None and str(path).partition(":")[0] == NAME and not path.exists():
-            found.update(dict.fromkeys(thingi10k_files(str(path), made, licence)))
+            found.update(dict.fromkeys(thingi10k_files(str(path), made, licence, left_out)))
         elif path.is_dir():
             inside = (item for item in path.rglob("*") if item.suffix.lower() in SUFFIXES and item.is_file())
             found.update(dict.fromkeys(sorted(inside)))
             if made is not None:
-                packed = (item for item in path.rglob("*.npz") if item.stem.isdigit())
-                found.update(dict.fromkeys(as_stl(item, made) for item in sorted(packed)))
+                packed = sorted(item for item in path.rglob("*.npz") if item.stem.isdigit())
+                found.update(dict.fromkeys(stl for _, stl in unpacked(packed, made, left_out)))
         elif path.is_file():
             found[path] = None
         else:

@@ -12,9 +12,10 @@ sliced/                             the G-code of meshes
 import json
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -70,13 +71,14 @@ def build_dataset(
     executor: Executor,
     *,
     licence: str = "unknown",
+    unread: Mapping[Path, str] = MappingProxyType({}),
     tick: Callable[[str], None] = lambda name: None,
 ) -> Built:
     """Build what is missing of a data set in ``root``; files of equal content count once.
 
     ``licence`` is noted for every body but those that are made here or have one in a `licences.json` beside. A body
-    that cannot be sliced, or whose worker dies, is a failure with its reason. Raises `InputError` where ``root`` holds
-    something else or was begun otherwise.
+    that cannot be sliced, or whose worker dies, is a failure with its reason, as is each of the ``unread`` files, whose
+    reasons are known. Raises `InputError` where ``root`` holds something else or was begun otherwise.
     """
     from printmend.corruption.sample import check_family
 
@@ -86,7 +88,7 @@ def build_dataset(
         raise InputError(
             "--corruptions", wanted=f"1 to {MAX_CORRUPTIONS}", came=f"{recipe.corruptions}", todo="correct it"
         )
-    root = Path(root)
+    root = Path(root).absolute()  # workers may run elsewhere
     _begin(root, recipe)
     done = {line["identity"] for name in (BODIES, FAILURES) for line in read_lines(root / name)}
     tasks: dict[str, _Task] = {}
@@ -98,9 +100,13 @@ def build_dataset(
             tick(path.stem)
         else:
             said = LICENCE if made else licence_beside(path) or licence
-            task = _Task(str(root), str(path), name, identity, said, recipe)
+            task = _Task(str(root), str(path.absolute()), name, identity, said, recipe)
             tasks.setdefault(identity, task)
     with (root / BODIES).open("a", encoding="utf-8") as good, (root / FAILURES).open("a", encoding="utf-8") as bad:
+        for path, why in unread.items():
+            if (identity := digest(path) if path.is_file() else path.stem) not in done:
+                note = {"identity": identity, "body": path.stem, "source": str(path), "why": why}
+                bad.write(json.dumps(note) + "\n")
         for task, outcome in executor.map(_build_body, list(tasks.values())):
             failed = outcome.reason if isinstance(outcome, WorkerDied) else outcome.get("error")
             if failed is None:

@@ -9,6 +9,7 @@ import json
 import re
 import zipfile
 import zlib
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from tokenize import TokenError
@@ -28,11 +29,14 @@ _DAMAGED = (
 MAX_ARRAY_BYTES = 256 * 2**20  # of a mesh's array; more is no body
 
 
-def thingi10k_files(asked: str, made: Path, licence: str = UNKNOWN) -> list[Path]:
+def thingi10k_files(
+    asked: str, made: Path, licence: str = UNKNOWN, left_out: Callable[[Path, str], None] | None = None
+) -> list[Path]:
     """Return Thingi10K's bodies in the order of their numbers as STL below ``made``, their licences beside them.
 
     ``asked`` is `thingi10k`, or `thingi10k:N` for the first N; with a ``licence`` (other than unknown) only those whose
-    own licence has these words. Raises `InputError` where the data set cannot be had or nothing is left.
+    own licence has these words; ``left_out`` is as in `unpacked`. Raises `InputError` where the data set cannot be had
+    or nothing is left.
     """
     count = asked.removeprefix(NAME).removeprefix(":")
     if asked != NAME and not (count.isascii() and count.isdigit() and int(count) > 0):
@@ -49,9 +53,23 @@ def thingi10k_files(asked: str, made: Path, licence: str = UNKNOWN) -> list[Path
     rows = rows[: int(count)] if count else rows
     if not rows:
         raise InputError(NAME, wanted=f"bodies under “{licence}”", came="none", todo="name another licence")
-    files = [as_stl(Path(row["file_path"]), made) for row in rows]
-    _note(made, {path.stem: str(row["license"]) for path, row in zip(files, rows, strict=True)})
-    return files
+    said = {Path(row["file_path"]): str(row["license"]) for row in rows}
+    files = dict(unpacked(said, made, left_out))
+    _note(made, {stl.stem: said[path] for path, stl in files.items()})
+    return list(files.values())
+
+
+def unpacked(
+    paths: Iterable[Path], made: Path, left_out: Callable[[Path, str], None] | None
+) -> Iterator[tuple[Path, Path]]:
+    """Yield each npz file with its STL below ``made``; a damaged one is told to ``left_out``, or raised without it."""
+    for path in paths:
+        try:
+            yield path, as_stl(path, made)
+        except MeshError as error:
+            if left_out is None:
+                raise
+            left_out(path, str(error))
 
 
 def as_stl(path: Path, made: Path) -> Path:

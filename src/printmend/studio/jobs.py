@@ -14,6 +14,7 @@ from typing import Any
 from pebble import ProcessExpired, ProcessPool
 
 from printmend.errors import RefusedError
+from printmend.executor import limited
 from printmend.studio import work
 from printmend.studio.store import Row, Store
 
@@ -142,8 +143,8 @@ class _Remote:
     def __init__(self, executor: Executor) -> None:
         self._executor = executor
 
-    def schedule(self, function: Callable[..., Any], args: tuple[Any, ...] = (), timeout: float = 0.0) -> Future[Any]:
-        return self._executor.submit(function, *args)
+    def schedule(self, function: Callable[..., Any], args: tuple[Any, ...], timeout: float) -> Future[Any]:
+        return self._executor.submit(limited, timeout, function, *args)
 
     def stop(self) -> None:
         self._executor.shutdown(wait=False)

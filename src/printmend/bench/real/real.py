@@ -29,7 +29,7 @@ from printmend.bench.report import grouped
 from printmend.bench.run import run
 from printmend.dataset.bodies import digest
 from printmend.errors import TraceError
-from printmend.executor import executor
+from printmend.executor import HERE, Executor
 
 RealProtocol = Literal["first", "pooled"]
 PROTOCOLS: tuple[RealProtocol, ...] = ("first", "pooled")
@@ -220,10 +220,14 @@ def _file(number: int, traverses: Sequence[Traverse], speed: float) -> _File:
 
 
 def real_table(
-    cases: Sequence[Case], out: Path, *, workers: int = 1, tick: Callable[[str], None] = lambda name: None
+    cases: Sequence[Case],
+    out: Path,
+    *,
+    executor: Executor = HERE,
+    tick: Callable[[str], None] = lambda name: None,
 ) -> tuple[list[RealLine], list[Result]]:
     """Evaluate every shape and speed; keep results in ``out``/real.jsonl."""
-    results = run(cases, ROWS, out, executor(workers), tick=tick)
+    results = run(cases, ROWS, out, executor, tick=tick)
     groups = grouped([item for item in results if item.error is None], lambda item: item.case)
     return [_line(items) for items in groups.values()], results
 

@@ -1,0 +1,21 @@
+"""Where a command's work runs: the options --workers and --cluster become an executor."""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+
+def with_executor(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options --workers and --cluster; it is called with the ``executor`` that they name."""
+
+    @click.option("--workers", type=click.IntRange(0), default=1, show_default=True, help="Processes; 0 is one a core.")
+    @click.option("--cluster", help="Dask workers that see the same files instead: tcp://HOST:PORT, or local:N.")
+    @functools.wraps(command)
+    def called(*arguments: Any, workers: int, cluster: str | None, **options: Any) -> Any:
+        from printmend.executor import executor
+
+        return command(*arguments, executor=executor(workers, cluster), **options)
+
+    return called
