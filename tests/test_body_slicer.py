@@ -10,7 +10,7 @@ import pytest
 from printmend.body import demo_body_gcode, load_body
 from printmend.body.layers import strokes_of
 from printmend.body.pulley import timing_pulley
-from printmend.body.slicer import slice_solid, slice_to
+from printmend.body.slicer import _processor, slice_solid, slice_to
 from printmend.body.solid import Solid
 from printmend.errors import MeshError, MissingToolError
 from printmend.gcode.read import read_gcode
@@ -71,7 +71,17 @@ def test_a_slow_body_is_given_up_and_nothing_is_left(
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with pytest.raises(MeshError, match=r"within 0\.01 s"):
         slice_solid(cube(50), ender5, timeout_s=0.01)
-    assert list(tmp_path.iterdir()) == []
+    assert not any(path.is_dir() for path in tmp_path.iterdir())
+
+
+def test_slicings_at_the_same_time_take_a_processor_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {3, 7}, raising=False)
+    with _processor() as one, _processor() as other, _processor() as third:
+        assert (one, other) == (3, 7)
+        assert third in (3, 7)
+    with _processor() as again:
+        assert again == 3
 
 
 @needs_slicer

@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import tempfile
+from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 
@@ -49,7 +50,8 @@ def slice_solid(solid: Solid, printer: Printer, *, timeout_s: float = TIMEOUT_S)
         (folder / "profile.ini").write_text(profile_text(), encoding="utf-8")
         (folder / "body.stl").write_bytes(stl_bytes(solid))
         try:
-            code, said = _run([*_steady(), program, *_arguments(solid, printer, folder)], folder, timeout_s)
+            with _steady() as prefix:
+                code, said = _run([*prefix, program, *_arguments(solid, printer, folder)], folder, timeout_s)
         except subprocess.TimeoutExpired:
             raise MeshError(
                 solid.name, wanted=f"a body that slices within {timeout_s:g} s",
@@ -122,8 +124,9 @@ def _run(arguments: list[str], folder: Path, timeout_s: float) -> tuple[int, byt
     return process.returncode, said
 
 
-def _steady() -> list[str]:
-    """Return the prefix that makes PrusaSlicer repeat itself: fixed addresses and one processor.
+@contextlib.contextmanager
+def _steady() -> Iterator[list[str]]:
+    """Give the prefix that makes PrusaSlicer repeat itself: fixed addresses and one processor.
 
     Its paths depend on the order of pointers and of threads. Where the system refuses either, slicing still
     works, but two runs may differ in the order of equal islands.
@@ -131,11 +134,32 @@ def _steady() -> list[str]:
     prefix = []
     if (setarch := shutil.which("setarch")) and _works([setarch, "-R", "true"]):
         prefix += [setarch, "-R"]
-    if (taskset := shutil.which("taskset")) and hasattr(os, "sched_getaffinity"):
-        processors = sorted(os.sched_getaffinity(0))
-        # Any one processor will do; workers of one pool should not all take the first.
-        prefix += [taskset, "-c", str(processors[os.getpid() % len(processors)])]
-    return prefix
+    taskset = shutil.which("taskset")
+    if taskset is None or not hasattr(os, "sched_getaffinity"):
+        yield prefix
+        return
+    with _processor() as number:
+        yield [*prefix, taskset, "-c", str(number)]
+
+
+@contextlib.contextmanager
+def _processor() -> Iterator[int]:
+    """Give the number of a processor on which none of this user's other slicings runs, or any where none is free."""
+    import fcntl  # there is none where there are no affinities
+
+    numbers = sorted(os.sched_getaffinity(0))
+    with contextlib.ExitStack() as held:
+        for number in numbers:
+            path = Path(tempfile.gettempdir()) / f"printmend-{os.getuid()}-slices-on-{number}"
+            try:
+                file = held.enter_context(os.fdopen(os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600)))
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:  # held by another, or nowhere to say so
+                continue
+            break
+        else:
+            number = numbers[os.getpid() % len(numbers)]
+        yield number
 
 
 def _works(command: list[str]) -> bool:

@@ -14,6 +14,7 @@ import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -28,6 +29,9 @@ from printmend.dataset.thingi10k import licence_beside
 from printmend.errors import InputError, PrintmendError, UnwritableError
 from printmend.executor import Executor, WorkerDied
 from printmend.files import read_text, replacing
+from printmend.path import Body
+from printmend.printer import Printer, read_printer
+from printmend.twin import Twin
 
 RECIPE, BODIES, FAILURES = "dataset.json", "bodies.jsonl", "failures.jsonl"
 MAX_CORRUPTIONS = 9999
@@ -199,12 +203,15 @@ def _build_body(task: _Task) -> dict[str, Any]:
         return {"error": f"{type(error).__name__}: {error}"}
 
 
+@lru_cache(maxsize=32)  # the next body is printed on the same
+def _twin(root: Path, number: int, printer: Printer) -> Twin:
+    from printmend.corruption import read_corruption
+
+    return Twin.of(read_corruption(corruption_file(root, number)), printer)
+
+
 def _built(task: _Task) -> dict[str, Any]:
     from printmend.body.load import body_of, is_mesh
-    from printmend.corruption import read_corruption
-    from printmend.path import Body
-    from printmend.printer import read_printer
-    from printmend.twin import Twin
 
     recipe, root, source = task.recipe, Path(task.root), Path(task.source)
     if not (root / RECIPE).exists():
@@ -227,7 +234,7 @@ def _built(task: _Task) -> dict[str, Any]:
     }  # fmt: skip
     files = {str(body_file(Path(), task.name)): write_body(body_file(root, task.name), body, about)}
     for number in range(recipe.corruptions):
-        twin = Twin.of(read_corruption(corruption_file(root, number)), printer)
+        twin = _twin(root, number, printer)
         printed = [twin.run(layer.controls, layer.start_steps) for layer in body.layers]
         what = {**about, "corruption": number, "family": recipe.families[number % len(recipe.families)]}
         place = print_file(Path(), task.name, number)

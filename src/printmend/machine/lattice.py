@@ -4,6 +4,7 @@ Twins print with these tables and planners imagine with them, through the same k
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -126,16 +127,22 @@ def lattice_screw(screw: ScrewDrive, printer: Printer, start_step: int) -> Latti
 def _lattice_motor(
     name: str, table: Transmission, axis: Axis, corner_mm: float, start_step: int, rest_share: float
 ) -> LatticeMotor:
-    # Errors, not positions, go through the change of units: a healthy motor stays exact.
-    stride = axis.microsteps
-    motor_mm = table.motor_mm[::stride]
-    lower, upper = ((branch[::stride] - motor_mm) / axis.mm_per_step for branch in (table.lower_mm, table.upper_mm))
+    lower, upper = _errors_steps(table, axis.microsteps, axis.mm_per_step)
     first = round((table.first_mm - corner_mm) / axis.mm_per_step)
     motor = LatticeMotor(name, first, start_step - first, np.empty(len(lower)), np.empty(len(lower)))
     motor.check(np.array(motor.start))
     branches = np.empty((2, len(lower)))
     run.lay_branches(lower, upper, first, motor.start, rest_share, *branches)
     return LatticeMotor(name, first, motor.start, *branches)
+
+
+@lru_cache(maxsize=16)  # every layer on a machine asks again
+def _errors_steps(table: Transmission, stride: int, mm_per_step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far the branches of a table lie from its motor at full steps, in full steps."""
+    # Errors, not positions, go through the change of units: a healthy motor stays exact.
+    motor_mm = table.motor_mm[::stride]
+    lower, upper = ((branch[::stride] - motor_mm) / mm_per_step for branch in (table.lower_mm, table.upper_mm))
+    return frozen(lower), frozen(upper)
 
 
 def lattice_bed(mechanism: Mechanism) -> BedMap:
