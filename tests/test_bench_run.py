@@ -51,6 +51,16 @@ def test_what_is_drawn_for_a_body_does_not_depend_on_the_others(vases: list[Path
     assert drawn([moved])[0].key("naive") == drawn([vases[0]])[0].key("naive")
 
 
+def test_bodies_are_printed_on_the_printer_that_is_asked_for(vases: list[Path], tmp_path: Path) -> None:
+    cases = drawn(vases[:1], printer="corexy", families=("pulley-loose",))
+    _, (naive, best) = table1(cases, ("naive", "optimum"), tmp_path)
+    assert naive.case.printer == "corexy"
+    assert best.values["rmse_steps"] < 0.5 < naive.values["rmse_steps"]
+    assert cases[0].key("naive") != drawn(vases[:1], families=("pulley-loose",))[0].key("naive")
+    with pytest.raises(InputError, match="wanted one of aquila, corexy"):
+        drawn(vases[:1], printer="teapot")
+
+
 def test_limit_draws_a_prefix_of_the_seeds_order(vases: list[Path]) -> None:
     assert drawn(vases, limit=2) == drawn(vases)[:2]
     orders = {tuple(case.identity for case in drawn(vases, seed=seed)) for seed in range(8)}

@@ -25,7 +25,7 @@ from printmend.executor import HERE, Executor
 from printmend.files import replacing
 from printmend.learn.published import layer_trace
 from printmend.path import Body, Trace
-from printmend.printer import Printer, preset_names, read_printer
+from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 
 TABLE, MARKDOWN, CSV = "families", "families.md", "families.csv"
@@ -76,9 +76,7 @@ def draw_family_cases(
             wanted = f"{', '.join((*_ALONE, *_COMPOSED, 'screw'))}, then +screw and @PRINTER where wanted"
             raise InputError("--families", wanted=wanted, came=repr(name), todo="correct it")
         check_family(planar)
-        if printer and printer not in preset_names():
-            wanted = f"printers out of {', '.join(preset_names())}"
-            raise InputError("--families", wanted=wanted, came=repr(printer), todo="correct it")
+        check_preset(printer or PRINTER)
         if wrong := [value for value in coverages if not 0.1 <= value <= 100]:
             raise InputError("--coverage", wanted="0.1 to 100 turns", came=f"{wrong[0]:g}", todo="correct it")
         cases += [

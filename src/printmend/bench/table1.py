@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from printmend.bench.case import Case, Result
+from printmend.bench.case import PRINTER, Case, Result
 from printmend.bench.layers import LayerStand
 from printmend.bench.report import Summary, grouped, summary
 from printmend.bench.rows import OPTIMUM, Row, row
@@ -25,7 +25,7 @@ from printmend.errors import InputError
 from printmend.executor import HERE, Executor
 from printmend.learn.published import layer_trace
 from printmend.path import Layer, Trace
-from printmend.printer import Printer, read_printer
+from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 
 Protocol = Literal["paper", "heldout"]
@@ -44,11 +44,13 @@ def draw_cases(
     seed: int,
     limit: int | None = None,
     sliced: Path | None = None,
+    printer: str = PRINTER,
 ) -> list[Case]:
-    """Draw ``limit`` bodies of ``files``, and a family for each, from the seed.
+    """Draw ``limit`` bodies of ``files``, and a family for each, from the seed; all on one preset of a ``printer``.
 
     Files of equal content count once. What is drawn for a body does not depend on the other bodies.
     """
+    check_preset(printer)
     for family in families:
         check_family(family)
     identities: dict[str, Path] = {}
@@ -62,7 +64,7 @@ def draw_cases(
         family = str(body_rng(seed, identity, _FAMILY).choice(families))
         cases.append(
             Case(
-                TABLE, path.stem, identity, family, severity, protocol, seed, source=str(path.absolute()),
+                TABLE, path.stem, identity, family, severity, protocol, seed, printer, source=str(path.absolute()),
                 sliced=None if sliced is None else str(sliced.absolute()),
             )
         )  # fmt: skip

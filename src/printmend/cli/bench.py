@@ -43,6 +43,9 @@ command.add_command(objectives)
 @click.option("--families", default="pulley", show_default=True, help="Corruptions to draw from, with commas.")
 @click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
 @click.option(
+    "--printer", default="ender5", show_default=True, help="A preset, for --bodies; `printmend printer` lists them."
+)
+@click.option(
     "--models", help="Rows, with commas: LEARNER or LEARNER+CONTROLLER. Default: the paper's and the grey box."
 )
 @click.option("--objective", type=click.Choice(NAMES), help="Plan every learned row for this; else as the row says.")
@@ -54,8 +57,8 @@ command.add_command(objectives)
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def table1(
     bodies: tuple[Path, ...], reference: Path | None, dataset: Path | None, protocol: Any, families: str, severity: Any,
-    models: str | None, objective: str | None, seed: int, limit: int | None, executor: Any, out: Path, per_body: bool,
-    as_json: bool,
+    printer: str, models: str | None, objective: str | None, seed: int, limit: int | None, executor: Any, out: Path,
+    per_body: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Print the paper's Table I. Results go to OUT/table1.jsonl, Fig. 6 to OUT/figure6-*.png.
 
@@ -87,7 +90,7 @@ def table1(
         files = body_files(bodies, made=out / "generated", seed=seed, left_out=left_out)
         cases = draw_cases(
             files, protocol=protocol, families=tuple(families.split(",")), severity=severity, seed=seed, limit=limit,
-            sliced=out / "sliced",
+            sliced=out / "sliced", printer=printer,
         )  # fmt: skip
     with progress("bodies", len(cases)) as tick:
         lines, results = table1(cases, rows, out, executor=executor, tick=tick)

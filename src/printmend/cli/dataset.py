@@ -27,6 +27,7 @@ def command() -> None:
 @click.option("--corruptions", default=1, show_default=True, help="Broken printers that each body is printed on.")
 @click.option("--families", default="pulley", show_default=True, help="What is broken on them by turns, with commas.")
 @click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
+@click.option("--printer", default="ender5", show_default=True, help="Their healthy kind, a preset.")
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of corruptions and generated bodies."
 )
@@ -38,8 +39,8 @@ def command() -> None:
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="The data set's folder.")
 @click.option("--json", "as_json", is_flag=True, help="The summary as JSON on stdout.")
 def build(
-    bodies: tuple[Path, ...], corruptions: int, families: str, severity: Any, seed: int, licence: str, timeout: float,
-    executor: Any, out: Path, as_json: bool,
+    bodies: tuple[Path, ...], corruptions: int, families: str, severity: Any, printer: str, seed: int, licence: str,
+    timeout: float, executor: Any, out: Path, as_json: bool,
 ) -> None:  # fmt: skip
     """Build a data set: STL or G-code to layers of controls, and where broken printers put the nozzle.
 
@@ -51,7 +52,7 @@ def build(
     from printmend.dataset.bodies import body_files
     from printmend.dataset.build import Recipe, build_dataset
 
-    recipe = Recipe(corruptions, tuple(families.split(",")), severity, seed, timeout_s=timeout)
+    recipe = Recipe(corruptions, tuple(families.split(",")), severity, seed, printer, timeout_s=timeout)
     unread: dict[Path, str] = {}
     made = out.with_name(out.name + "-generated")
     files = body_files(bodies, made=made, seed=seed, licence=licence, left_out=unread.__setitem__)

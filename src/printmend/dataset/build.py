@@ -30,7 +30,7 @@ from printmend.errors import InputError, PrintmendError, UnwritableError
 from printmend.executor import Executor, WorkerDied
 from printmend.files import read_text, replacing
 from printmend.path import Body
-from printmend.printer import Printer, read_printer
+from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 
 RECIPE, BODIES, FAILURES = "dataset.json", "bodies.jsonl", "failures.jsonl"
@@ -86,6 +86,7 @@ def build_dataset(
     """
     from printmend.corruption.sample import check_family
 
+    check_preset(recipe.printer)
     for family in recipe.families:
         check_family(family)
     if not 1 <= recipe.corruptions <= MAX_CORRUPTIONS:

@@ -1,6 +1,6 @@
 """Machine geometry as a frozen value: axes, bed, steps, homing, kinematics."""
 
 from printmend.printer.printer import Axis, Extruder, Kinematics, Printer
-from printmend.printer.toml import preset_names, read_printer
+from printmend.printer.toml import check_preset, preset_names, read_printer
 
-__all__ = ["Axis", "Extruder", "Kinematics", "Printer", "preset_names", "read_printer"]
+__all__ = ["Axis", "Extruder", "Kinematics", "Printer", "check_preset", "preset_names", "read_printer"]

@@ -6,7 +6,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from printmend.errors import ConfigError
+from printmend.errors import ConfigError, InputError
 from printmend.files import read_text
 from printmend.printer.printer import Axis, Printer
 
@@ -26,6 +26,12 @@ def preset_names() -> tuple[str, ...]:
     """Return the names of the printers that ship with the program."""
     folder = resources.files("printmend.printer") / "presets"
     return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir()))
+
+
+def check_preset(name: str) -> None:
+    """Raise `InputError` for a name that is none of `preset_names`."""
+    if name not in preset_names():
+        raise InputError("printer", wanted=f"one of {', '.join(preset_names())}", came=repr(name), todo="correct it")
 
 
 def preset_text(name: str) -> str:
