@@ -39,7 +39,7 @@ from printmend.studio.host import Host, checked_address, find_host
 from printmend.studio.jobs import Jobs
 from printmend.studio.next_print import next_print
 from printmend.studio.play import Faults, preview
-from printmend.studio.scene import build_scene, write_scene
+from printmend.studio.scene import ROW, build_scene, write_mended, write_wanted
 from printmend.studio.store import Store
 from printmend.twin import Twin
 from tests import naive_studio
@@ -147,6 +147,18 @@ PART = "G28\nG90\nM83\n;LAYER_CHANGE\nG1 Z0.2 F3000\n" + "".join(
 )
 
 
+def _tables(path: Path, *kinds: str) -> list[np.ndarray]:
+    """Read a packed picture as the page does."""
+    data = path.read_bytes()
+    at = 4 + int.from_bytes(data[:4], "little")
+    count = json.loads(data[4:at])["points"]
+    rows = -(-count // ROW) * ROW
+    assert len(data) == at + rows * 8 * len(kinds)
+    return [
+        np.frombuffer(data, kind, rows * 4, at + 8 * rows * i).reshape(-1, 4)[:count] for i, kind in enumerate(kinds)
+    ]
+
+
 def test_the_picture_shows_what_is_predicted(tmp_path: Path) -> None:
     """The scene's errors are those that `check` adds up by its own means; what no planner touches is where it was."""
     (path := tmp_path / "part.gcode").write_text(PART)
@@ -164,10 +176,18 @@ def test_the_picture_shows_what_is_predicted(tmp_path: Path) -> None:
     # a bead's cross-section times its length is its filament: a bar with round sides
     area = scene.height_mm * (scene.width_mm - scene.height_mm * (1 - np.pi / 4))
     assert (area[1:] * length).sum() == pytest.approx(3 * 8 * 2.405, rel=0.02)
-    head = write_scene(tmp_path / "scene.bin", scene)
-    assert (tmp_path / "scene.bin").stat().st_size == 28 * head["points"] + 4 + int.from_bytes(
-        (tmp_path / "scene.bin").read_bytes()[:4], "little"
+    head = write_wanted(packed := tmp_path / "packed.bin", scene)
+    base, raw = _tables(packed, "<u2", "<i2")
+    assert base[:, :3] * head["step_mm"] + head["low_mm"] == pytest.approx(scene.wanted_mm, abs=1e-3)
+    assert raw[:, :3] * [0.002, 0.002, 0.001] == pytest.approx(
+        np.column_stack([scene.raw_mm, scene.raw_error_mm]), abs=1.1e-3
     )
+    assert (base[:, 3] & 1 == scene.joined).all()
+    assert base[:, 3] >> 1 & 255 == pytest.approx(100 * scene.width_mm, abs=0.51)
+    assert base[:, 3] >> 9 == pytest.approx(100 * scene.height_mm, abs=0.51)
+    write_mended(packed, scene)
+    (mended,) = _tables(packed, "<i2")
+    assert mended[:, 2] * 0.001 == pytest.approx(scene.mended_error_mm, abs=6e-4)
     assert [z for _, _, z in head["layers"]] == [0.2, 0.4, 0.6]
     healthy = saved_model(Twin.of(Corruption((Drive(), Drive())), printer).homed(), learner="exact")
     still = build_scene(path, healthy.mechanism, plan=healthy.mechanism, most=20)
@@ -301,7 +321,7 @@ if __name__ == "__main__":
             assert job["state"] == "done", job
             assert [one["title"] for one in job["result"]["said"]["faults"]] == ["The Z screw is bent"]
             assert job["result"]["after"]["rms_mm"] < 0.02 < 0.2 < job["result"]["before"]["rms_mm"]
-            assert client.get(f"/api/jobs/{job['id']}/files/scene.bin").status_code == 200
+            assert client.get(f"/api/jobs/{job['id']}/files/mended.bin").status_code == 200
 """
 
 

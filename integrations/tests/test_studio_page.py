@@ -191,9 +191,11 @@ def test_a_cut_shows_each_bead_at_its_width(browser: Browser, server: Server) ->
     """A bead that is cut at a slant shows a longer bar; one that ends before the cut its round end."""
     watched = _page(browser, server)
     watched.page.goto(server.address)
+    # of the first point the last number says: joined, 0.5 mm wide, 0.2 mm high
     cut = """(wanted) => import("/cut.js").then((cut) => cut.beads({
-        points: 2, unit_mm: 0.002, wanted: new Float32Array(wanted), errors: new Uint16Array([0, 0, 100, 40]),
-        offsets: new Int16Array([100, 0, 0, 0, 100, 0, 0, 0]), marks: new Uint8Array([1, 50, 20, 0, 0, 50, 20, 0]),
+        points: 2, unit_mm: 0.002, low_mm: [0, 0, 0], step_mm: [0.001, 0.001, 0.001], mended: null,
+        base: new Uint16Array([...wanted.slice(0, 3), 10.341, ...wanted.slice(3), 0].map((v) => Math.round(1000 * v))),
+        raw: new Int16Array([100, 0, 100, 0, 100, 0, 100, 0]),
     }, 1, 1, 10))"""
 
     def beads(*wanted: float) -> np.ndarray:

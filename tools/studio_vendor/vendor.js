@@ -3,8 +3,7 @@ export { h, render } from "preact";
 export { useCallback, useEffect, useMemo, useRef, useState } from "preact/hooks";
 export { html } from "htm/preact";
 export {
-  Color, GLSL3, InstancedBufferGeometry, InstancedInterleavedBuffer, InterleavedBufferAttribute, BufferAttribute, Mesh,
-  PerspectiveCamera, RawShaderMaterial, Scene, Vector2, Vector3, WebGLRenderer, LineSegments, LineBasicMaterial,
-  BufferGeometry,
+  BufferAttribute, BufferGeometry, Color, DataTexture, GLSL3, LineSegments, Mesh, PerspectiveCamera, RGBAIntegerFormat,
+  RawShaderMaterial, Scene, ShortType, UnsignedShortType, Vector3, WebGLRenderTarget, WebGLRenderer,
 } from "three";
 export { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";

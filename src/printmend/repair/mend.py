@@ -18,7 +18,7 @@ from printmend.gcode.header import Described, described
 from printmend.gcode.machine import MachineState
 from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import e_warning, starting_state
-from printmend.gcode.write import follow, rewrite
+from printmend.gcode.write import Plan, follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.promise.misfit import refusals
@@ -31,6 +31,7 @@ _GENERIC = {"300", "xl"}  # words that name no printer
 _HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print
 AS_USUAL = Fineness()
 Progress = Callable[[int], None]
+Watch = Callable[[Part, Plan], Plan]  # what is told of each program's plan, and may look on while it is carried out
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +50,13 @@ def mend_gcode(
     force: bool = False,
     fineness: Fineness = AS_USUAL,
     progress: Progress | None = None,
+    watch: Watch | None = None,
 ) -> Mended:
     """Write ``source`` (`-` for the standard input) as the printer of ``model`` must read it to print it right.
 
     ``output`` may be the source itself; None is the standard output. Nothing is written unless all went well. A model
     without a fault returns the file byte for byte. The plates of a project are prints of their own. ``fineness`` says
-    how far the path may be off, and which firmware reads it.
+    how far the path may be off, and which firmware reads it. ``watch`` may look on while each program is planned.
 
     Raises `GcodeError` for what cannot be read or was mended before, `ModelError` where the file is not for this
     printer, `RefusedError` where mending would not help and not ``force``.
@@ -70,7 +72,7 @@ def mend_gcode(
             return Mended(output, replace(with_doubt(prediction_of(planner), model), warnings=warnings))
         with _destination(output) as handle:
             states: list[MachineState] = []
-            file.write(handle, lambda part: _texts(part, planner, model, fineness, progress, states))
+            file.write(handle, lambda part: _texts(part, planner, model, fineness, progress, states, watch))
             prediction = replace(with_doubt(prediction_of(planner), model), warnings=_warnings(states))
             _judge(file, model, prediction, force=force)
         return Mended(output, prediction)
@@ -120,13 +122,13 @@ def _warnings(states: list[MachineState]) -> tuple[str, ...]:
 
 def _texts(
     part: Part, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None,
-    states: list[MachineState],
+    states: list[MachineState], watch: Watch | None,
 ) -> Iterator[memoryview]:  # fmt: skip
     state = starting_state(part, printer=model.printer)
     states.append(state.copy())
     planner.begin(fineness.segments_per_s(state.flavour))
     chunks = marked(_counted(part.chunks(), progress), model.digest)
-    return rewrite(chunks, state, planner.plan)
+    return rewrite(chunks, state, planner.plan if watch is None else watch(part, planner.plan))
 
 
 def _counted(chunks: Iterator[np.ndarray], progress: Progress | None) -> Iterator[np.ndarray]:

@@ -2,11 +2,11 @@
 
 The points lie along the wanted extruded path. The planner says which pieces each line of the file becomes, so that the
 mended print is known at the very points of the wanted one, and a page can draw anything between the three by moving
-points. `write_scene` packs them as flat arrays that a graphics card takes as they are.
+points. `write_wanted` and `write_mended` pack them as tables that a graphics card takes as they are.
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +14,24 @@ import numpy as np
 
 from printmend.files import replacing
 from printmend.gcode import kernels as k
-from printmend.gcode.container import open_gcode
+from printmend.gcode.container import Part, open_gcode
 from printmend.gcode.layers import layers_of
 from printmend.gcode.read import starting_state
-from printmend.gcode.write import follow
-from printmend.invert import Planner, layout, start
+from printmend.gcode.write import Plan, follow
+from printmend.invert import layout, start
 from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
+from printmend.printer import Printer
 from printmend.studio import kernels
 
-MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 17 MB
+MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 14 MB
+ROW = 2048  # points in a row of a packed table
 _PITCHES_MM = (0.8, 6.0)  # between points on long lines: finest and coarsest
 _SIDE = 1e-7  # of a line: this side of its end, or that
 _NEAR = 3  # wanted segments to either side that a printed point may belong to
 _UNIT_MM = 0.002  # of the packed offsets: 16 bits reach 65 mm
 _COLUMNS = ["x0", "y0", "z0", "x1", "y1", "z1", "c0", "c1", "advance", "flags", "layer", "turns", "kind", "plane"]
+Columns = dict[str, np.ndarray]
 _BOTH_KNOWN = k.FLAG_KNOWN_X0 | k.FLAG_KNOWN_Y0 | k.FLAG_KNOWN_X1 | k.FLAG_KNOWN_Y1
 
 
@@ -72,32 +75,64 @@ class Scene:
         return float(np.sqrt(np.average(square, weights=length))) if length.sum() else 0.0
 
 
-class _Tap:
-    """A planner that keeps what passes through it: motion records and the pieces that each becomes."""
+class Tap:
+    """Keeps what passes through a planner: how many pieces each motion of a file became, and the pieces."""
 
-    def __init__(self, planner: Planner | None) -> None:
-        self._planner = planner
-        self._records: list[np.ndarray] = []
-        self._counts: list[np.ndarray] = []
-        self._pieces: list[np.ndarray] = []
+    def __init__(self) -> None:
+        self._name: str | None = None
+        self._counts: list[np.ndarray] = [np.empty(0, np.int64)]
+        self._pieces: list[np.ndarray] = [np.empty(0, k.PIECE)]
 
-    def plan(self, records: np.ndarray, begin: int) -> tuple[int, np.ndarray, np.ndarray]:
-        """Do as `Planner.plan`, without a planner nothing."""
-        if self._planner is None:
-            end, first, pieces = len(records), np.zeros(len(records) + 1, np.int64), np.empty(0, k.PIECE)
-        else:
-            end, first, pieces = self._planner.plan(records, begin)
-        rows = records[begin:end]
-        motion = np.isin(rows["kind"], (k.KIND_LINEAR, k.KIND_CW, k.KIND_CCW))
-        count = np.diff(first[begin : end + 1])
-        self._records.append(rows[motion][_COLUMNS].copy())
-        self._counts.append(count[motion])
-        self._pieces.append(pieces[first[begin] : first[end]][np.repeat(motion, count)].copy())
-        return end, first, pieces
+    @property
+    def seen(self) -> bool:
+        """Whether anything was planned."""
+        return self._name is not None
 
-    def kept(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the records [R], how many pieces each became [R], and the pieces."""
-        return np.concatenate(self._records), np.concatenate(self._counts), np.concatenate(self._pieces)
+    def watch(self, part: Part, plan: Plan) -> Plan:
+        """Look on while the first program of a file is planned, as `mend_gcode` offers it."""
+        if self._name not in (None, part.name):
+            return plan
+        self._name = part.name
+        return self.over(plan)
+
+    def over(self, plan: Plan) -> Plan:
+        """Return a plan that does as ``plan`` does, and is noticed."""
+
+        def noticed(records: np.ndarray, begin: int) -> tuple[int, np.ndarray, np.ndarray]:
+            end, first, pieces = plan(records, begin)
+            motion = _motion(records[begin:end])
+            count = np.diff(first[begin : end + 1])
+            self._counts.append(count[motion])
+            self._pieces.append(pieces[first[begin] : first[end]][np.repeat(motion, count)])
+            return end, first, pieces
+
+        return noticed
+
+    def kept(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return how many pieces each motion became [R], and the pieces."""
+        return np.concatenate(self._counts), np.concatenate(self._pieces)
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A file as it was read, and the points along it: columns of its motion ``records`` [R] with their ``lines``,
+    ``length_mm`` and ``record_layer``; ``points_mm`` [N, 3], ``at`` [N] which part of the file each is, ``bead_end``
+    [N] which of them end a bead, ``keep`` [N] which are shown. Of those [P]: their ``record``, ``joined`` and
+    ``layer``. ``pitch_mm`` lies between points, every ``every``-th layer is shown."""
+
+    records: Columns
+    lines: Lines
+    length_mm: np.ndarray
+    record_layer: np.ndarray
+    points_mm: np.ndarray
+    at: np.ndarray
+    bead_end: np.ndarray
+    record: np.ndarray
+    keep: np.ndarray
+    joined: np.ndarray
+    layer: np.ndarray
+    pitch_mm: float
+    every: int
 
 
 def build_scene(
@@ -108,11 +143,30 @@ def build_scene(
     Both machines are absolute, as those of a saved model. ``aligned`` lays either print where it fits the wanted one
     best, as someone does who holds a part in the hand. Raises `GcodeError` for what cannot be read.
     """
-    tap = _Tap(None if plan is None else start(plan))
+    drawing = read_drawing(source, truth.printer, most=most)
+    scene = as_printed(drawing, truth, aligned=aligned)
+    if plan is None:
+        return scene
+    tap = Tap()
     with open_gcode(source) as file:
         part = file.parts[0]
-        follow(part.chunks(), starting_state(part, printer=truth.printer), tap.plan)
-    records, counts, pieces = tap.kept()
+        follow(part.chunks(), starting_state(part, printer=truth.printer), tap.over(start(plan).plan))
+    return as_mended(scene, drawing, truth, tap, aligned=aligned)
+
+
+def read_drawing(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> Drawing:
+    """Read a file's first part and lay points along its extruded path. Raises `GcodeError` for what cannot be read."""
+    parts = [{name: np.empty(0, k.RECORD[name]) for name in _COLUMNS}]
+
+    def keep_records(records: np.ndarray, begin: int) -> tuple[int, np.ndarray, np.ndarray]:
+        motion = _motion(records[begin:])
+        parts.append({name: records[name][begin:][motion] for name in _COLUMNS})
+        return len(records), np.zeros(len(records) + 1, np.int64), np.empty(0, k.PIECE)
+
+    with open_gcode(source) as file:
+        part = file.parts[0]
+        follow(part.chunks(), starting_state(part, printer=printer), keep_records)
+    records = {name: np.concatenate([one[name] for one in parts]) for name in _COLUMNS}
     drawn = (records["flags"] & k.FLAG_EXTRUDING != 0) & (records["flags"] & _BOTH_KNOWN == _BOTH_KNOWN)
     layer = layers_of(records["layer"].astype(np.int64), records["z0"], records["z1"], drawn)
     drawn &= layer >= 0
@@ -120,54 +174,70 @@ def build_scene(
     length, *_ = _lengths(lines)
     pitch_mm = float(np.clip(length[drawn].sum() / (0.6 * most), *_PITCHES_MM))
     points, at = _points(lines, np.where(drawn, pitch_mm, np.inf))
-    record = np.clip(np.ceil(at).astype(np.int64) - 1, 0, max(len(records) - 1, 0))
-    raw = print_from_home(truth, points)
+    record = np.clip(np.ceil(at).astype(np.int64) - 1, 0, max(len(length) - 1, 0))
     # a bead begins at a point that ends another line, or where the head jumped to
     bead_end = drawn[record] & (at > record)
-    mended = None
-    if plan is not None:
-        told = _given_lines(lines, records, counts, pieces)
-        given, given_at = _points(told, np.where(told.turn != 0, pitch_mm / 4, pitch_mm))
-        result = print_from_home(truth, given)
-        # slack is taken up between two lines: before a bead begins, after one ends
-        look = at + np.where(bead_end, -_SIDE, _SIDE)
-        mended = np.column_stack([np.interp(look, given_at, column) for column in result[:, :2].T])
-    joined = np.append(bead_end[1:], False) & (np.append(at[1:], np.inf) - at <= 1.0)
+    joined = np.append(bead_end[1:], False)[: len(at)] & (np.append(at[1:], np.inf)[: len(at)] - at <= 1.0)
     keep = bead_end | joined
     every = max(1, -(-int(keep.sum()) // most))
-    of = layer[np.where(bead_end, record, np.minimum(record + 1, len(records) - 1))]
+    which = np.where(bead_end, record, np.minimum(record + 1, len(length) - 1))
+    of = layer[which]
     keep &= of % every == 0
-    wanted, joined = points[keep], joined[keep]
-    joined &= np.append(of[keep][1:] == of[keep][:-1], False)
-    offsets = [None if way is None else (way[:, :2] - points[:, :2])[keep] for way in (raw, mended)]
-    if aligned:
-        offsets = [None if off is None else off - off.mean(axis=0) for off in offsets]
-    off, off_mended = offsets
-    assert off is not None
-    width, height = _bead(records, length, layer)
-    which = np.where(bead_end, record, np.minimum(record + 1, len(records) - 1))[keep]
-    return Scene(
-        wanted, off, _distance(wanted, wanted[:, :2] + off, joined), off_mended,
-        None if off_mended is None else _distance(wanted, wanted[:, :2] + off_mended, joined),
-        joined, width[which], height[which], of[keep], every,
+    joined = joined[keep] & np.append(of[keep][1:] == of[keep][:-1], False)[: int(keep.sum())]
+    return Drawing(
+        records, lines, length, layer, points, at, bead_end, which[keep], keep, joined, of[keep], pitch_mm, every
     )  # fmt: skip
 
 
-def _source_lines(records: np.ndarray) -> Lines:
+def as_printed(drawing: Drawing, truth: Mechanism, *, aligned: bool = False) -> Scene:
+    """Print a file as it is on ``truth``."""
+    off = _off(print_from_home(truth, drawing.points_mm)[:, :2], drawing, aligned)
+    wanted = drawing.points_mm[drawing.keep]
+    width, height = _bead(drawing.records, drawing.length_mm, drawing.record_layer)
+    return Scene(
+        wanted, off, _distance(wanted, wanted[:, :2] + off, drawing.joined), None, None, drawing.joined,
+        width[drawing.record], height[drawing.record], drawing.layer, drawing.every,
+    )  # fmt: skip
+
+
+def as_mended(scene: Scene, drawing: Drawing, truth: Mechanism, tap: Tap, *, aligned: bool = False) -> Scene:
+    """Add to a scene how ``truth`` prints the same file mended; ``tap`` has seen it planned."""
+    told = _given_lines(drawing.lines, *tap.kept())
+    given, given_at = _points(told, np.where(told.turn != 0, drawing.pitch_mm / 4, drawing.pitch_mm))
+    result = print_from_home(truth, given)
+    # slack is taken up between two lines: before a bead begins, after one ends
+    look = drawing.at + np.where(drawing.bead_end, -_SIDE, _SIDE)
+    off = _off(np.column_stack([np.interp(look, given_at, column) for column in result[:, :2].T]), drawing, aligned)
+    error = _distance(scene.wanted_mm, scene.wanted_mm[:, :2] + off, drawing.joined)
+    return replace(scene, mended_mm=off, mended_error_mm=error)
+
+
+def _motion(records: np.ndarray) -> np.ndarray:
+    kind = records["kind"]
+    return (kind == k.KIND_LINEAR) | (kind == k.KIND_CW) | (kind == k.KIND_CCW)
+
+
+def _off(printed_mm: np.ndarray, drawing: Drawing, aligned: bool) -> np.ndarray:
+    off = (printed_mm - drawing.points_mm[:, :2])[drawing.keep]
+    return off - off.mean(axis=0) if aligned and len(off) else off
+
+
+def _source_lines(records: Columns) -> Lines:
     start_mm = np.column_stack([records[name] for name in ("x0", "y0", "z0")])
     end_mm = np.column_stack([records[name] for name in ("x1", "y1", "z1")])
     turn = np.where(records["kind"] == k.KIND_CW, -1, np.where(records["kind"] == k.KIND_CCW, 1, 0))
     turn[records["plane"] != 0] = 0  # arcs that stand upright are drawn as chords
-    number = np.arange(len(records), dtype=float)
+    number = np.arange(len(turn), dtype=float)
     center = np.column_stack([records["c0"], records["c1"]])
     return Lines(start_mm, end_mm, center, turn, records["turns"].astype(np.int64), number, number + 1)
 
 
-def _given_lines(lines: Lines, records: np.ndarray, counts: np.ndarray, pieces: np.ndarray) -> Lines:
-    """Return what the head is told to do instead: the pieces, and as they are the records that have none."""
+def _given_lines(lines: Lines, counts: np.ndarray, pieces: np.ndarray) -> Lines:
+    """Return what the head is told to do instead: the pieces, and as they are the lines that have none."""
+    count = len(lines.begin)
     rows = np.maximum(counts, 1)
     first = np.cumsum(rows) - rows
-    of = np.repeat(np.arange(len(records)), rows)
+    of = np.repeat(np.arange(count), rows)
     planned = np.repeat(counts > 0, rows)
     end_mm = lines.end_mm[of].copy()
     share = np.ones(len(of))
@@ -182,7 +252,7 @@ def _given_lines(lines: Lines, records: np.ndarray, counts: np.ndarray, pieces: 
     done[np.append(first[1:], len(of)) - 1] = 1.0
     begin = of + np.where(np.arange(len(of)) == first[of], 0.0, np.roll(done, 1))
     # where a record does not begin at the last one's end, the head went there by itself
-    jumped = np.concatenate([[True], (lines.start_mm[1:] != lines.end_mm[:-1]).any(axis=1)])[: len(records)]
+    jumped = np.concatenate([[True], (lines.start_mm[1:] != lines.end_mm[:-1]).any(axis=1)])[:count]
     # what moves neither X nor Y (retractions, lifts) leaves the head where mending had put it
     still = (~planned & (lines.start_mm[of, :2] == lines.end_mm[of, :2]).all(axis=1)) & ~jumped[of]
     end_mm[:, :2] = end_mm[np.maximum.accumulate(np.where(still, 0, np.arange(len(of)))), :2]
@@ -234,7 +304,7 @@ def _distance(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray)
     return out
 
 
-def _bead(records: np.ndarray, length_mm: np.ndarray, layer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _bead(records: Columns, length_mm: np.ndarray, layer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return width and height [R] mm of each record's bead: a bar with round sides, of the filament's volume."""
     count = int(layer.max(initial=0)) + 1
     heights = np.full(count, np.nan)
@@ -250,37 +320,61 @@ def _bead(records: np.ndarray, length_mm: np.ndarray, layer: np.ndarray) -> tupl
     return np.clip(area / height + height * (1 - np.pi / 4), 0.15, 1.5), height
 
 
-def write_scene(path: Path, scene: Scene) -> dict[str, Any]:
-    """Pack a scene into a file: a JSON head, then the arrays. Return the head."""
+def write_wanted(path: Path, scene: Scene) -> dict[str, Any]:
+    """Pack what is wanted and how it is printed as it is; return the head.
+
+    The file is the head's length (4 bytes), the head in JSON, and two tables of four 16-bit numbers a point, filled up
+    to whole rows of `ROW` points as a graphics card keeps them: x, y, z in steps of ``step_mm`` from ``low_mm`` with
+    bits for joined (1), width (8) and height (7) in 0.01 mm; and as in `write_mended`.
+    """
     count = len(scene.wanted_mm)
     layers, first = np.unique(scene.layer, return_index=True)
-    low, high = (
-        (scene.wanted_mm.min(axis=0), scene.wanted_mm.max(axis=0)) if count else (np.zeros(3), np.zeros(3))
-    )  # fmt: skip
+    none = np.zeros(3)
+    low, high = (scene.wanted_mm.min(axis=0), scene.wanted_mm.max(axis=0)) if count else (none, none)
+    step = np.maximum(high - low, 1e-3) / 65535
     head = {
-        "points": count, "every": scene.every, "unit_mm": _UNIT_MM, "mended": scene.mended_mm is not None,
-        "low_mm": np.round(low, 3).tolist(), "high_mm": np.round(high, 3).tolist(),
+        "points": count, "every": scene.every, "unit_mm": _UNIT_MM, "row": ROW,
+        "low_mm": low.tolist(), "high_mm": high.tolist(), "step_mm": step.tolist(), "p95_mm": _p95(scene.raw_error_mm),
         "layers": [[int(number), int(at), round(float(scene.wanted_mm[at, 2]), 3)]
                    for number, at in zip(layers, first, strict=True)],
-        "raw_p95_mm": _p95(scene.raw_error_mm), "mended_p95_mm": _p95(scene.mended_error_mm),
     }  # fmt: skip
-    none = np.zeros((count, 2))
-    mended, error = (none, none[:, 0]) if scene.mended_mm is None else (scene.mended_mm, scene.mended_error_mm)
-    offsets = np.column_stack([scene.raw_mm, mended]) / _UNIT_MM
-    errors = np.column_stack([scene.raw_error_mm, none[:, 0] if error is None else error]) * 1000
-    marks = np.column_stack(
-        [scene.joined, np.rint(scene.width_mm * 100), np.rint(scene.height_mm * 100), np.zeros(count)]
-    )
+    table = np.empty((count, 4), "<u2")
+    table[:, :3] = np.rint((scene.wanted_mm - low) / step)
+    width, height = np.rint(scene.width_mm * 100), np.rint(scene.height_mm * 100)
+    table[:, 3] = scene.joined + 2 * np.clip(width, 0, 255) + 512 * np.clip(height, 0, 127)
+    _write(path, head, [table, _way(scene.raw_mm, scene.raw_error_mm)])
+    return head
+
+
+def write_mended(path: Path, scene: Scene) -> dict[str, Any]:
+    """Pack how the mended print comes out, to be shown over `write_wanted`; return the head.
+
+    Four 16-bit numbers a point: how far it lies from where it was wanted along x and y, in units of ``unit_mm``, its
+    distance from the wanted path in µm, and 0.
+    """
+    assert scene.mended_mm is not None
+    assert scene.mended_error_mm is not None
+    head = {"points": len(scene.wanted_mm), "row": ROW, "p95_mm": _p95(scene.mended_error_mm)}
+    _write(path, head, [_way(scene.mended_mm, scene.mended_error_mm)])
+    return head
+
+
+def _way(off_mm: np.ndarray, error_mm: np.ndarray) -> np.ndarray:
+    table = np.zeros((len(off_mm), 4), "<i2")
+    table[:, :2] = np.clip(np.rint(off_mm / _UNIT_MM), -32767, 32767)
+    table[:, 2] = np.clip(np.rint(error_mm * 1000), 0, 32767)
+    return table
+
+
+def _write(path: Path, head: dict[str, Any], tables: list[np.ndarray]) -> None:
     text = json.dumps(head).encode()
     text += b" " * (-(4 + len(text)) % 4)
     with replacing(path, "wb") as file:
         file.write(len(text).to_bytes(4, "little") + text)
-        file.write(scene.wanted_mm.astype("<f4").tobytes())
-        file.write(np.clip(np.rint(offsets), -32767, 32767).astype("<i2").tobytes())
-        file.write(np.clip(np.rint(errors), 0, 65535).astype("<u2").tobytes())
-        file.write(np.clip(marks, 0, 255).astype("u1").tobytes())
-    return head
+        for table in tables:
+            file.write(table.tobytes())
+            file.write(bytes(-len(table) % ROW * table.itemsize * 4))
 
 
-def _p95(error_mm: np.ndarray | None) -> float | None:
-    return None if error_mm is None or not len(error_mm) else round(float(np.quantile(error_mm, 0.95)), 4)
+def _p95(error_mm: np.ndarray) -> float | None:
+    return round(float(np.quantile(error_mm, 0.95)), 4) if len(error_mm) else None

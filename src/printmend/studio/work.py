@@ -21,6 +21,7 @@ from printmend.files import replacing
 Params = dict[str, Any]
 PROGRESS = "progress.json"
 MODEL, PRINTER, PLAN, PROBE = "printer.mend.json", "printer.toml", "probe.json", "probe.gcode"
+WANTED, MENDED = "wanted.bin", "mended.bin"
 _PLAY_DPI = 300.0
 _SEEN_PX = 1800  # of a scan as it is shown
 
@@ -98,34 +99,39 @@ def read_progress(folder: Path) -> dict[str, Any]:
 def _mend(job: Job) -> dict[str, Any]:
     """Mend one file, show it in three dimensions, and predict what it comes to."""
     from printmend.repair import mend_gcode
-    from printmend.repair.mend import check_gcode, is_healthy
+    from printmend.repair.mend import check_gcode
     from printmend.saved import read_model
-    from printmend.studio.scene import build_scene, write_scene
+    from printmend.studio.scene import Tap, as_mended, as_printed, read_drawing, write_mended, write_wanted
 
     model = read_model(job.printer_folder / MODEL)
     source, name = job.upload(job.params["upload"]), job.params["name"]
     named = _named(job, job.params["upload"], name)
     size = max(source.stat().st_size, 1)
     job.tell(0.05, "read")
+    tap, drawing = Tap(), None
     if job.params.get("scene", True):
-        write_scene(job.file("wanted.bin"), build_scene(named, model.mechanism, plan=None))
+        drawing = read_drawing(named, model.printer)
+        scene = as_printed(drawing, model.mechanism)
+        write_wanted(job.folder / WANTED, scene)
+        job.file(WANTED)
         job.tell(0.3, "mend")
     seen = 0
 
     def tick(count: int) -> None:
         nonlocal seen
         seen += count
-        job.tell(0.3 + 0.4 * min(seen / size, 1.0), "mend", now=False)
+        job.tell(0.3 + 0.5 * min(seen / size, 1.0), "mend", now=False)
 
     refused, output = None, mended_name(name)
     try:
-        prediction = mend_gcode(named, model, job.folder / output, progress=tick).prediction
+        prediction = mend_gcode(named, model, job.folder / output, progress=tick, watch=tap.watch).prediction
         job.file(output)
     except RefusedError as error:
         refused, prediction = str(error), check_gcode(named, model)
-    job.tell(0.7, "draw")
-    if job.params.get("scene", True) and not is_healthy(model):
-        write_scene(job.file("scene.bin"), build_scene(named, model.mechanism, plan=model.mechanism))
+    if drawing is not None and tap.seen:
+        job.tell(0.8, "draw")
+        write_mended(job.folder / MENDED, as_mended(scene, drawing, model.mechanism, tap))
+        job.file(MENDED)
     table = prediction.json()
     table.pop("layers")
     return {"name": name, "output": None if refused else output, "refused": refused, "prediction": table,
@@ -294,7 +300,7 @@ def _play(job: Job) -> dict[str, Any]:
     from printmend.saved import write_model
     from printmend.studio.play import faults_of, play_printer, tower_trace
     from printmend.studio.said import said
-    from printmend.studio.scene import build_scene, write_scene
+    from printmend.studio.scene import Tap, as_mended, as_printed, read_drawing, write_mended, write_wanted
     from printmend.twin import Twin
     from printmend.twin.scanner import DEFAULT, scan_trace
 
@@ -309,7 +315,10 @@ def _play(job: Job) -> dict[str, Any]:
     part = job.folder / "part.gcode"
     with replacing(part, "wb") as file:
         file.write(demo_body_gcode())
-    write_scene(job.file("wanted.bin"), build_scene(part, truth, plan=None, aligned=True))
+    drawing, tap = read_drawing(part, printer), Tap()
+    scene = as_printed(drawing, truth, aligned=True)
+    write_wanted(job.folder / WANTED, scene)
+    job.file(WANTED)
     printed = twin.follow(plan.waypoints_mm)
     job.tell(0.1, "scan")
     rng = np.random.default_rng(job.params.get("seed", 0))
@@ -327,12 +336,13 @@ def _play(job: Job) -> dict[str, Any]:
     job.tell(0.85, "mend")
     refused = None
     try:
-        mend_gcode(part, model, job.folder / mended_name(part.name))
+        mend_gcode(part, model, job.folder / mended_name(part.name), watch=tap.watch)
         job.file(mended_name(part.name))
+        scene = as_mended(scene, drawing, truth, tap, aligned=True)
+        write_mended(job.folder / MENDED, scene)
+        job.file(MENDED)
     except RefusedError as error:
         refused = str(error)
-    scene = build_scene(part, truth, plan=model.mechanism if refused is None else None, aligned=True)
-    write_scene(job.file("scene.bin"), scene)
     after = scene.raw_error_mm if scene.mended_error_mm is None else scene.mended_error_mm
     numbers = {name: {"rms_mm": scene.rms_mm(error), "p95_mm": float(np.quantile(error, 0.95))}
                for name, error in (("before", scene.raw_error_mm), ("after", after))}  # fmt: skip

@@ -91,15 +91,11 @@ export function follow(key, told) {
 
 export const fileOf = (job, name) => `/api/jobs/${job.id}/files/${encodeURIComponent(name)}`;
 
-// A scene as the server packs it: see scene.py.
-export async function scene(url) {
+// A picture as scene.py packs it: its head, and tables of four 16-bit numbers a point, of the kinds that are asked for.
+export async function tables(url, kinds) {
   const response = await read(url);
   if (!response.ok) throw new Problem(`${response.status}`);
-  const buffer = await response.arrayBuffer();
-  const size = new DataView(buffer).getUint32(0, true);
-  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
-  const n = head.points;
-  let at = 4 + size;
-  const take = (Kind, each) => { const array = new Kind(buffer, at, n * each); at += array.byteLength; return array; };
-  return { ...head, wanted: take(Float32Array, 3), offsets: take(Int16Array, 4), errors: take(Uint16Array, 2), marks: take(Uint8Array, 4) };
+  const buffer = await response.arrayBuffer(), size = new DataView(buffer).getUint32(0, true);
+  const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size))), each = Math.ceil(head.points / head.row) * head.row * 4;
+  return [head, ...kinds.map((Kind, i) => new Kind(buffer, 4 + size + i * each * Kind.BYTES_PER_ELEMENT, each))];
 }

@@ -2,6 +2,7 @@
 import { html, useEffect, useMemo, useState } from "./vendor.js";
 import { Save } from "./drawings.js";
 import { useLook, Zoom } from "./look.js";
+import { beadOf, errorOf, heightOf, placeOf } from "./scene.js";
 import { number, t } from "./words.js";
 
 const SHADES = 20, WINDOW_MM = 9;
@@ -14,13 +15,12 @@ function shade(share) {
 // Where the plane cuts beads: [from, to, top, height, error mm] each, along the cut. `across` is the axis that the plane
 // stands across, 0 or 1, `at` where it stands. A bead covers what lies within half its width of its line.
 export function beads(scene, morph, across, at) {
-  const { wanted, offsets, errors, marks, unit_mm: unit } = scene, along = 1 - across, found = [];
-  const [raw, mended] = morph <= 1 ? [morph, 0] : [2 - morph, morph - 1];
-  const place = (i, axis) => wanted[3 * i + axis] + (raw * offsets[4 * i + axis] + mended * offsets[4 * i + 2 + axis]) * unit;
+  const along = 1 - across, found = [], place = placeOf(scene, morph), error = errorOf(scene, morph);
   let last = -2, v1 = 0, fresh = true;
   for (let i = 0; i + 1 < scene.points; i++) {
-    if (!marks[4 * i]) { fresh = true; continue; }
-    const v0 = fresh ? place(i, across) : v1, r = 0.005 * marks[4 * i + 5];
+    const bead = beadOf(scene, i);
+    if (!bead) { fresh = true; continue; }
+    const v0 = fresh ? place(i, across) : v1, r = bead[0] / 2;
     v1 = place(i + 1, across);
     fresh = false;
     if ((v0 < at - r && v1 < at - r) || (v0 > at + r && v1 > at + r)) continue;
@@ -36,9 +36,9 @@ export function beads(scene, morph, across, at) {
       if (a !== b && (a - at) * (b - at) <= 0) take(u + ((u1 - u0) * (at - a)) / (b - a));
     }
     if (low > high) continue;
-    const error = (raw * errors[2 * i + 2] + mended * errors[2 * i + 3]) / 1000, before = found.at(-1);
-    if (last === i - 1 && low <= before[1] && high >= before[0]) { before[0] = Math.min(before[0], low); before[1] = Math.max(before[1], high); before[4] = Math.max(before[4], error); }
-    else found.push([low, high, wanted[3 * i + 5], 0.01 * marks[4 * i + 6], error]);
+    const off = error(i + 1), before = found.at(-1);
+    if (last === i - 1 && low <= before[1] && high >= before[0]) { before[0] = Math.min(before[0], low); before[1] = Math.max(before[1], high); before[4] = Math.max(before[4], off); }
+    else found.push([low, high, heightOf(scene, i + 1), bead[1], off]);
     last = i;
   }
   return found;

@@ -1,10 +1,11 @@
 // Mend: files in, and each as wanted, as this printer prints it, and mended.
 import { html, useEffect, useState } from "./vendor.js";
-import { ended, fileOf, get, post, scene as fetchScene, upload } from "./api.js";
+import { ended, fileOf, get, post, upload } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
+import { useScene } from "./scene.js";
 import { Send } from "./send.js";
 import { mm, number, t } from "./words.js";
 
@@ -41,14 +42,7 @@ export function Mend({ printer, changed }) {
 }
 
 function File_({ id, printer, changed }) {
-  const job = useJob(id), [scene, setScene] = useState(null), [error, setError] = useState(null);
-  const has = (name) => job?.files?.includes(name), best = job?.state === "done" && has("scene.bin") ? "scene.bin" : has("wanted.bin") && (ended(job) || job?.step !== "read") ? "wanted.bin" : null;
-  useEffect(() => {
-    if (!best) return undefined;
-    let asked = true; // the mended picture may come before the first one
-    fetchScene(fileOf(job, best)).then((found) => asked && setScene(found), (problem) => asked && setError(problem.message));
-    return () => { asked = false; };
-  }, [best]);
+  const job = useJob(id), [error, setError] = useState(null), scene = useScene(job, setError);
   const result = job?.state === "done" ? job.result : null;
   return html`<${Problem} error=${error ?? (job?.state === "failed" ? job.error : null)} />
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}

@@ -12,9 +12,9 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false }) 
   const canvas = useRef(), view = useRef();
   const [failed, setFailed] = useState(false), [morph, setMorph] = useState(start ?? 1), [enlarge, setEnlarge] = useState(1);
   const [top, setTop] = useState(0), [single, setSingle] = useState(false), [cut, setCut] = useState(false);
-  const last = scene.layers.length - 1, most = nice(Math.max(scene.raw_p95_mm || 0.01, 0.01));
+  const last = scene.layers.length - 1, most = nice(Math.max(scene.p95_mm || 0.01, 0.01));
   useEffect(() => {
-    try { view.current = new View(canvas.current, { onFrame: (ms) => { canvas.current && (canvas.current.dataset.frame = ms.toFixed(1)); } }); } catch { setFailed(true); }
+    try { view.current = new View(canvas.current, { onFrame: (ms, fine) => { if (canvas.current) { canvas.current.dataset.frame = ms.toFixed(1); canvas.current.dataset.fine = fine; } } }); } catch { setFailed(true); }
     return () => { view.current?.close(); view.current = null; };
   }, []);
   useEffect(() => {

@@ -1,9 +1,10 @@
 // Try it: a printer that exists only here, broken with sliders, mended in front of one's eyes.
 import { html, useEffect, useRef, useState } from "./vendor.js";
-import { ended, fileOf, post, scene as fetchScene } from "./api.js";
+import { ended, fileOf, post } from "./api.js";
 import { Number_, Plate, Pulley, Save, Slice, Wall } from "./drawings.js";
 import { Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
+import { useScene } from "./scene.js";
 import { mm, number, said as say, t } from "./words.js";
 
 const STEPS = ["print", "scan", "measure", "learn", "mend"], TOWER = [...STEPS.slice(0, 4), "tower", "mend"];
@@ -42,7 +43,7 @@ function Motor({ name, values, outline, radius, onChange }) {
 
 export function Play() {
   const [faults, setFaults] = useState(PRESETS.day), [shown, setShown] = useState(null), [error, setError] = useState(null);
-  const [key, setKey] = useState(null), [scene, setScene] = useState(null), [what, setWhat] = useState("part"), [enlarge, setEnlarge] = useState(5);
+  const [key, setKey] = useState(null), [what, setWhat] = useState("part"), [enlarge, setEnlarge] = useState(5);
   const job = useJob(key), busy = useRef(false), next = useRef(null);
   useEffect(() => { // one question at a time; the newest waits
     const ask = async (wanted) => {
@@ -57,23 +58,18 @@ export function Play() {
   const change = (value) => {
     setFaults(value);
     if (value.screw_mm !== faults.screw_mm) setWhat(value.screw_mm ? "wall" : "part"); else if (what === "wall") setWhat("part");
-    if (ended(job) || !key) { setKey(null); setScene(null); }
+    if (ended(job) || !key) setKey(null);
   };
   const start = async () => {
-    setScene(null);
     try { setKey((await post("/play", faults)).id); setError(null); } catch (problem) { setError(problem.message); }
   };
   const has = (name) => job?.files?.includes(name);
   const done = job?.state === "done", running = key && !ended(job);
-  useEffect(() => {
-    let asked = true; // until other sliders are wanted
-    if (done) fetchScene(fileOf(job, "scene.bin")).then((found) => asked && setScene(found), (problem) => asked && setError(problem.message));
-    if (job?.state === "failed") setError(job.error);
-    return () => { asked = false; };
-  }, [job?.state]);
-  const faulty = !same(faults, PRESETS.healthy), result = done ? job.result : null;
+  const scene = useScene(done ? job : null, setError);
+  useEffect(() => { if (job?.state === "failed") setError(job.error); }, [job?.state]);
+  const result = done ? job.result : null;
   return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : "play_now")}</p></div>
-      ${done ? html`<button class="big" onClick=${() => { setKey(null); setScene(null); }}>${t("change")}</button>`
+      ${done ? html`<button class="big" onClick=${() => setKey(null)}>${t("change")}</button>`
         : html`<button class="primary big" disabled=${running} onClick=${start}>${running ? t("mending") : t("mend_it")}</button>`}</div>
     <${Problem} error=${error} />
     <div class="split first">

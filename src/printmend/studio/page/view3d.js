@@ -1,65 +1,89 @@
 // A part in three dimensions: beads as strips that face the eye and are shaded as if they were round, so that a segment
-// costs two triangles. One uniform moves all points between wanted, as printed and mended. Drawn only when something changes.
+// costs two triangles. The card keeps the points as they were sent and looks them up by the number of the corner that it
+// draws: no corner is stored. One uniform moves all points between wanted, as printed and mended. Drawn only when
+// something changes; while it turns with as many layers as are drawn without a jerk, and then, in pieces that another
+// turn may interrupt, with all of them.
 import {
-  BufferAttribute, BufferGeometry, Color, GLSL3, InstancedBufferGeometry, InstancedInterleavedBuffer,
-  InterleavedBufferAttribute, LineBasicMaterial, LineSegments, Mesh, OrbitControls, PerspectiveCamera, RawShaderMaterial,
-  Scene, Vector3, WebGLRenderer,
+  BufferAttribute, BufferGeometry, Color, DataTexture, GLSL3, LineSegments, Mesh, OrbitControls, PerspectiveCamera,
+  RawShaderMaterial, RGBAIntegerFormat, Scene, ShortType, UnsignedShortType, Vector3, WebGLRenderer,
 } from "./vendor.js";
 
+const ROW = 2048, CORNERS = 6; // points in a row of a table; of the two triangles of a segment
 const VERTEX = `
-in vec3 position; in vec3 wantedA; in vec3 wantedB; in vec4 offA; in vec4 offB; in vec2 errA; in vec2 errB; in vec4 markA; in vec4 markB;
-uniform mat4 modelViewMatrix, projectionMatrix;
-uniform float morph, unit, enlarge, first, minimum;
-out float across; out float err; out vec3 sideDir; out vec3 faceDir;
-vec3 place(vec3 wanted, vec4 off) {
-  vec2 by = morph <= 1.0 ? off.xy * morph : mix(off.xy, off.zw, morph - 1.0);
-  return wanted + vec3(by * unit * enlarge, 0.0);
+precision highp float; precision highp int; precision highp usampler2D; precision highp isampler2D;
+uniform usampler2D base; uniform isampler2D raw, mended;
+uniform mat4 modelViewMatrix, projectionMatrix; uniform vec3 low, pitch;
+uniform float morph, unit, enlarge, minimum;
+out float across; out float err; out vec3 sideDir; out vec3 faceDir; flat out int number;
+vec3 off(ivec2 at) {
+  vec3 by = vec3(texelFetch(raw, at, 0).xyz);
+  return morph <= 1.0 ? by * morph : mix(by, vec3(texelFetch(mended, at, 0).xyz), morph - 1.0);
 }
 void main() {
-  if (markA.x < 0.5 || float(gl_InstanceID) < first) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
-  vec3 a = (modelViewMatrix * vec4(place(wantedA, offA), 1.0)).xyz;
-  vec3 b = (modelViewMatrix * vec4(place(wantedB, offB), 1.0)).xyz;
+  int segment = gl_VertexID / 6, corner = gl_VertexID - 6 * segment;
+  corner = corner < 3 ? corner : corner == 3 ? 2 : corner == 4 ? 1 : 3;
+  ivec2 atA = ivec2(segment % ROW, segment / ROW), atB = ivec2((segment + 1) % ROW, (segment + 1) / ROW);
+  uvec4 rowA = texelFetch(base, atA, 0), rowB = texelFetch(base, atB, 0);
+  number = segment;
+  if ((rowA.w & 1u) == 0u) { gl_Position = vec4(2.0, 2.0, 2.0, 1.0); return; }
+  vec3 offA = off(atA), offB = off(atB);
+  vec3 a = (modelViewMatrix * vec4(low + pitch * vec3(rowA.xyz) + vec3(offA.xy * unit * enlarge, 0.0), 1.0)).xyz;
+  vec3 b = (modelViewMatrix * vec4(low + pitch * vec3(rowB.xyz) + vec3(offB.xy * unit * enlarge, 0.0), 1.0)).xyz;
   vec3 along = b - a;
   float size = length(along);
   along = size > 1e-6 ? along / size : vec3(1.0, 0.0, 0.0);
-  vec3 here = position.x < 0.5 ? a : b;
+  bool begins = corner < 2;
+  vec3 here = begins ? a : b;
+  across = (corner & 1) == 0 ? -1.0 : 1.0;
   vec3 eye = normalize(-here);
   vec3 side = cross(along, eye);
   side = length(side) > 1e-4 ? normalize(side) : vec3(0.0, 1.0, 0.0);
   vec3 world = transpose(mat3(modelViewMatrix)) * side;
-  vec2 bead = 0.005 * markB.yz;
+  vec2 bead = 0.005 * vec2(float((rowA.w >> 1u) & 255u), float(rowA.w >> 9u));
   float half_ = max(length(vec2(length(world.xy) * bead.x, world.z * bead.y)), minimum * -here.z);
-  here += along * (position.x - 0.5) * bead.x * 0.9 + side * position.y * half_;
-  across = position.y;
-  vec2 e = position.x < 0.5 ? errA : errB;
-  err = (morph <= 1.0 ? e.x * morph : mix(e.x, e.y, morph - 1.0)) * 0.001;
+  here += along * (begins ? -0.45 : 0.45) * bead.x + side * across * half_;
+  err = (begins ? offA.z : offB.z) * 0.001;
   sideDir = side;
   faceDir = normalize(cross(side, along)) * sign(dot(cross(side, along), eye) + 1e-9);
   gl_Position = projectionMatrix * vec4(here, 1.0);
-}`;
+}`.replaceAll("ROW", ROW);
 const FRAGMENT = `
-precision highp float;
-in float across; in float err; in vec3 sideDir; in vec3 faceDir;
-uniform float most, tinted; uniform vec3 plain; out vec4 colour;
+precision highp float; precision highp int;
+in float across; in float err; in vec3 sideDir; in vec3 faceDir; flat in int number;
+uniform float most, tinted; uniform bool counted; uniform vec3 plain; out vec4 colour;
 vec3 ramp(float t) {
   vec3 a = vec3(0.184, 0.561, 0.514), b = vec3(0.914, 0.769, 0.416), c = vec3(0.906, 0.435, 0.318), d = vec3(0.608, 0.133, 0.149);
   return t < 0.45 ? mix(a, b, t / 0.45) : t < 0.72 ? mix(b, c, (t - 0.45) / 0.27) : mix(c, d, clamp((t - 0.72) / 0.28, 0.0, 1.0));
 }
 void main() {
+  if (counted) { colour = vec4(ivec4(number, number >> 8, number >> 16, 255) & 255) / 255.0; return; }
   float rise = sqrt(max(0.0, 1.0 - across * across));
   vec3 normal = normalize(sideDir * across + faceDir * rise);
   float light = 0.42 + 0.5 * max(dot(normal, normalize(vec3(-0.35, 0.65, 0.7))), 0.0) + 0.14 * max(dot(normal, normalize(vec3(0.7, 0.1, 0.5))), 0.0);
   vec3 base = tinted > 0.5 ? ramp(clamp(err / most, 0.0, 1.0)) : plain;
   colour = vec4(base * light * mix(0.8, 1.06, rise), 1.0);
 }`;
-const COARSE = { gpu: 700000, cpu: 10000 }; // segments that are turned without a jerk
+const FLOOR = {
+  vertexShader: "precision highp float; in vec3 position; uniform mat4 modelViewMatrix, projectionMatrix; void main() { gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }",
+  fragmentShader: "precision highp float; out vec4 colour; void main() { colour = vec4(0.153, 0.149, 0.137, 0.28); }", // of premultiplied alpha
+};
+// Of a picture while it turns: how long it may take, and how many segments may be drawn in it to begin with. Without a
+// graphics card a fine picture is drawn in pieces of so many segments.
+const JERK_MS = 110, FIRST = { gpu: 1e9, cpu: 12000 }, LEAST = 4000, PIECE = 25000;
 
 export class View {
   constructor(canvas, { onFrame = () => {} } = {}) {
     this.canvas = canvas;
     this.onFrame = onFrame;
-    this.renderer = new WebGLRenderer({ canvas, antialias: !isSlow(), alpha: true, powerPreference: "high-performance" });
     this.slow = isSlow();
+    this.rest = [];
+    this.step = 1;
+    this.budget = this.slow ? FIRST.cpu : FIRST.gpu;
+    // fine pieces are drawn over the coarse picture, which therefore stays
+    this.renderer = new WebGLRenderer({ canvas, antialias: !this.slow, alpha: true, powerPreference: "high-performance", preserveDrawingBuffer: this.slow });
+    this.renderer.sortObjects = false;
+    this.renderer.autoClear = false;
+    this.gl = this.renderer.getContext();
     this.scene = new Scene();
     this.camera = new PerspectiveCamera(32, 1, 1, 5000);
     this.camera.up.set(0, 0, 1);
@@ -70,10 +94,14 @@ export class View {
     this.wheel = () => this.glance();
     canvas.addEventListener("wheel", this.wheel, { passive: true });
     this.uniforms = {
-      morph: { value: 1 }, unit: { value: 0.002 }, enlarge: { value: 1 }, first: { value: 0 }, minimum: { value: 0.0004 },
-      most: { value: 1 }, tinted: { value: 1 }, plain: { value: new Color("#9aa7a5") },
+      morph: { value: 1 }, unit: { value: 0.002 }, enlarge: { value: 1 }, minimum: { value: 0.0004 }, most: { value: 1 }, tinted: { value: 1 },
+      plain: { value: new Color("#9aa7a5") }, low: { value: new Vector3() }, pitch: { value: new Vector3() }, counted: { value: false },
+      base: { value: null }, raw: { value: null }, mended: { value: null },
     };
     this.material = new RawShaderMaterial({ glslVersion: GLSL3, vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms: this.uniforms, side: 2 });
+    this.beads = new Mesh(new BufferGeometry(), [this.material]);
+    this.beads.frustumCulled = false;
+    this.scene.add(this.beads);
     this.seen = new ResizeObserver(() => this.resize());
     this.seen.observe(canvas);
     this.resize();
@@ -83,7 +111,7 @@ export class View {
   glance() {
     this.moving = true;
     clearTimeout(this.still);
-    this.still = setTimeout(() => { this.moving = false; this.draw(); }, this.slow ? 1200 : 300);
+    this.still = setTimeout(() => { this.moving = false; this.draw(); }, 300);
     this.draw();
   }
 
@@ -99,11 +127,11 @@ export class View {
     this.clear();
     this.part = part;
     this.uniforms.unit.value = part.unit_mm;
-    this.fine = this.mesh(part.wanted, part.offsets, part.errors, part.marks);
-    const limit = this.slow ? COARSE.cpu : COARSE.gpu;
-    this.coarse = part.points > 1.3 * limit ? this.mesh(...thinned(part, limit)) : null;
-    this.scene.add(this.fine);
-    if (this.coarse) this.scene.add(this.coarse);
+    this.uniforms.low.value.set(...part.low_mm);
+    this.uniforms.pitch.value.set(...part.step_mm);
+    this.uniforms.base.value = table(part.base, "RGBA16UI", UnsignedShortType);
+    this.uniforms.raw.value = table(part.raw, "RGBA16I", ShortType);
+    this.uniforms.mended.value = part.mended ? table(part.mended, "RGBA16I", ShortType) : this.uniforms.raw.value;
     this.floor = floor(bed ?? [part.low_mm[0] - 15, part.low_mm[1] - 15, part.high_mm[0] + 15, part.high_mm[1] + 15], part);
     this.scene.add(this.floor);
     this.layers(0, part.layers.length - 1);
@@ -111,28 +139,24 @@ export class View {
     this.glance();
   }
 
-  mesh(wanted, offsets, errors, marks) {
-    const geometry = new InstancedBufferGeometry();
-    geometry.setAttribute("position", new BufferAttribute(new Float32Array([0, -1, 0, 0, 1, 0, 1, -1, 0, 1, 1, 0]), 3));
-    geometry.setIndex([0, 2, 1, 1, 2, 3]);
-    for (const [name, array, stride] of [["wanted", wanted, 3], ["off", offsets, 4], ["err", errors, 2], ["mark", marks, 4]]) {
-      const buffer = new InstancedInterleavedBuffer(array, stride, 1);
-      geometry.setAttribute(`${name}A`, new InterleavedBufferAttribute(buffer, stride, 0));
-      geometry.setAttribute(`${name}B`, new InterleavedBufferAttribute(buffer, stride, stride));
-    }
-    geometry.instanceCount = Math.max(0, wanted.length / 3 - 1);
-    const mesh = new Mesh(geometry, this.material);
-    mesh.frustumCulled = false;
-    return mesh;
-  }
-
   // Show the layers from `low` to `high`, counted from 0.
   layers(low, high) {
-    const { part } = this;
-    const end = high + 1 < part.layers.length ? part.layers[high + 1][1] : part.points;
-    this.range = [part.layers[low]?.[1] ?? 0, Math.max(0, end - 1)];
-    this.whole = low === 0 && high === part.layers.length - 1;
+    this.range = [low, high];
     this.draw();
+  }
+
+  // The segments [first, count] of every `step`-th layer that is shown, the lowest and the highest always.
+  spans(step) {
+    const { layers, points } = this.part, [low, high] = this.range, found = [];
+    for (let i = low; i <= high && i < layers.length; i++) {
+      if ((i - low) % step && i !== high) continue;
+      const first = layers[i][1], end = layers[i + 1]?.[1] ?? points, before = found.at(-1);
+      if (before && before[0] + before[1] === first) before[1] += end - first;
+      else found.push([first, end - first]);
+    }
+    const last = found.at(-1);
+    if (last && last[0] + last[1] === points) last[1] -= 1; // nothing leads on from the last point
+    return found;
   }
 
   set(values) {
@@ -167,22 +191,66 @@ export class View {
     this.glance();
   }
 
+  // Draw soon: one picture at a time, however fast things change.
   draw() {
-    if (this.waiting || this.gone) return;
-    this.waiting = requestAnimationFrame(() => { this.waiting = 0; this.now(); });
+    this.stale = true;
+    this.soon();
   }
 
-  now() {
+  soon() {
+    if (!this.waiting && !this.gone) this.waiting = requestAnimationFrame(() => { this.waiting = 0; this.next(); });
+  }
+
+  next() {
     if (!this.part || this.gone) return;
-    const begun = performance.now();
-    const coarse = this.coarse && (this.moving || (this.busy && this.slow)) && this.whole;
-    this.fine.visible = !coarse;
-    if (this.coarse) this.coarse.visible = Boolean(coarse);
-    this.uniforms.first.value = coarse ? 0 : this.range[0];
-    this.fine.geometry.instanceCount = this.range[1];
-    this.renderer.setPixelRatio(this.moving && this.slow ? Math.min(1, devicePixelRatio) : Math.min(2, devicePixelRatio));
+    if (this.sync && this.gl.clientWaitSync(this.sync, 0, 0) === this.gl.TIMEOUT_EXPIRED) { this.soon(); return; }
+    if (this.sync) this.drawn();
+    if (this.stale) this.begin();
+    else if (this.rest.length) this.render(this.rest.shift());
+    else return;
+    this.soon();
+  }
+
+  // What was drawn last is on the screen: was it quick enough?
+  drawn() {
+    const took = performance.now() - this.begun;
+    this.gl.deleteSync(this.sync);
+    this.sync = null;
+    if (this.moving && this.coarse && took > JERK_MS) this.budget = Math.max(LEAST, 0.7 * Math.min(this.budget, this.count));
+    else if (this.moving && this.step > 1 && took < JERK_MS / 3) this.budget *= 1.4;
+    this.onFrame(took, !this.stale && !this.rest.length && !(this.step > 1));
+  }
+
+  // Begin a picture: coarse where all of it would take too long, with the rest to come as soon as nothing moves.
+  begin() {
+    const all = this.spans(1), total = all.reduce((sum, [, count]) => sum + count, 0), hold = this.moving || (this.busy && this.slow);
+    const step = hold || this.slow ? Math.ceil(total / this.budget) : 1;
+    this.stale = false;
+    this.rest = [];
+    this.step = step;
+    this.coarse = hold;
+    const ratio = Math.min(this.slow && this.moving ? 1 : 2, devicePixelRatio);
+    if (ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(ratio);
+    this.renderer.clear();
+    this.floor.visible = true;
+    this.render(this.spans(step));
+    this.floor.visible = false;
+    if (hold || step === 1) return;
+    for (const [first, count] of all) for (let at = 0; at < count; at += PIECE) this.rest.push([[first + at, Math.min(PIECE, count - at)]]);
+    this.rest.reverse(); // from the top: what lies below is then hidden, and costs less
+    this.step = 1;
+  }
+
+  render(spans) {
+    const { geometry } = this.beads;
+    geometry.clearGroups();
+    this.count = 0;
+    for (const [first, count] of spans) { geometry.addGroup(first * CORNERS, count * CORNERS, 0); this.count += count; }
+    this.begun = performance.now();
     this.renderer.render(this.scene, this.camera);
-    this.onFrame(performance.now() - begun, coarse);
+    if (this.sync) this.gl.deleteSync(this.sync);
+    this.sync = this.gl.fenceSync(this.gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    this.gl.flush();
   }
 
   resize() {
@@ -195,16 +263,24 @@ export class View {
     this.draw();
   }
 
+  // Draw all of it now.
+  whole() {
+    this.stale = false;
+    this.rest = [];
+    this.floor.visible = true;
+    this.renderer.clear();
+    this.render(this.spans(1));
+    this.floor.visible = false;
+  }
+
   picture() {
-    this.moving = false;
-    this.now();
+    this.whole();
     return new Promise((done) => this.canvas.toBlob(done, "image/png"));
   }
 
   clear() {
-    for (const mesh of [this.fine, this.coarse, this.floor]) {
-      if (mesh) { this.scene.remove(mesh); mesh.geometry.dispose(); }
-    }
+    for (const name of ["base", "raw", "mended"]) this.uniforms[name].value?.dispose();
+    if (this.floor) { this.scene.remove(this.floor); this.floor.geometry.dispose(); this.floor.material.dispose(); }
   }
 
   close() {
@@ -215,6 +291,7 @@ export class View {
     this.canvas.removeEventListener("wheel", this.wheel);
     this.clear();
     this.controls.dispose();
+    this.beads.geometry.dispose();
     this.material.dispose();
     this.renderer.dispose();
   }
@@ -231,19 +308,11 @@ function isSlow() {
   return slow;
 }
 
-// Whole layers only, evenly over the height, so that a turning part keeps its shape.
-function thinned(part, limit) {
-  const step = Math.ceil(part.points / limit), spans = [];
-  part.layers.forEach(([, first], i) => {
-    if (i % step === 0 || i === part.layers.length - 1) spans.push([first, part.layers[i + 1]?.[1] ?? part.points]);
-  });
-  const count = spans.reduce((sum, [a, b]) => sum + b - a, 0);
-  return [["wanted", 3], ["offsets", 4], ["errors", 2], ["marks", 4]].map(([name, each]) => {
-    const whole = part[name], out = new whole.constructor(count * each);
-    let at = 0;
-    for (const [a, b] of spans) { out.set(whole.subarray(a * each, b * each), at); at += (b - a) * each; }
-    return out;
-  });
+function table(data, internalFormat, type) {
+  const texture = new DataTexture(data, ROW, data.length / (4 * ROW), RGBAIntegerFormat, type);
+  texture.internalFormat = internalFormat;
+  texture.needsUpdate = true;
+  return texture;
 }
 
 function floor([x0, y0, x1, y1], part) {
@@ -252,5 +321,5 @@ function floor([x0, y0, x1, y1], part) {
   for (let y = Math.ceil(y0 / 10) * 10; y <= y1; y += 10) points.push(x0, y, z, x1, y, z);
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(new Float32Array(points), 3));
-  return new LineSegments(geometry, new LineBasicMaterial({ color: 0x8b8780, transparent: true, opacity: 0.28 }));
+  return new LineSegments(geometry, new RawShaderMaterial({ glslVersion: GLSL3, ...FLOOR, transparent: true, premultipliedAlpha: true }));
 }

@@ -1,0 +1,41 @@
+// The picture of a job's part: wanted and as printed, then mended over it.
+import { useEffect, useMemo, useState } from "./vendor.js";
+import { fileOf, tables } from "./api.js";
+
+// Fetch what a job has of its picture; null until there is something to show.
+export function useScene(job, failed) {
+  const [wanted, setWanted] = useState(null), [mended, setMended] = useState(null);
+  const load = (name, kinds, set) => {
+    useEffect(() => {
+      set(null);
+      if (!job?.files?.includes(name)) return undefined;
+      let asked = true;
+      tables(fileOf(job, name), kinds).then((found) => asked && set(found), (problem) => asked && failed(problem.message));
+      return () => { asked = false; };
+    }, [job?.id, job?.files?.includes(name)]);
+  };
+  load("wanted.bin", [Uint16Array, Int16Array], setWanted);
+  load("mended.bin", [Int16Array], setMended);
+  return useMemo(() => {
+    if (!wanted) return null;
+    const [head, base, raw] = wanted;
+    return { ...head, base, raw, mended: mended?.[1] ?? null };
+  }, [wanted, mended]);
+}
+
+// Place [mm] of point `i` along `axis` 0 or 1, `morph` of the way from wanted over printed to mended.
+export function placeOf({ base, low_mm: low, step_mm: step, raw, mended, unit_mm: unit }, morph) {
+  const [r, m] = morph <= 1 ? [morph * unit, 0] : [(2 - morph) * unit, (morph - 1) * unit];
+  return (i, axis) => low[axis] + base[4 * i + axis] * step[axis] + r * raw[4 * i + axis] + (m ? m * mended[4 * i + axis] : 0);
+}
+
+export const heightOf = ({ base, low_mm: low, step_mm: step }, i) => low[2] + base[4 * i + 2] * step[2];
+
+// Its distance from the wanted path [mm].
+export function errorOf({ raw, mended }, morph) {
+  const [r, m] = morph <= 1 ? [morph / 1000, 0] : [(2 - morph) / 1000, (morph - 1) / 1000];
+  return (i) => r * raw[4 * i + 2] + (m ? m * mended[4 * i + 2] : 0);
+}
+
+// The bead that leads on from point `i`: [width, height] in mm; null where none does.
+export const beadOf = ({ base }, i) => (base[4 * i + 3] & 1 ? [((base[4 * i + 3] >> 1) & 255) / 100, (base[4 * i + 3] >> 9) / 100] : null);
