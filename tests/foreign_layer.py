@@ -155,6 +155,76 @@ def scan(strokes, rng, *, dpi=600, below=True, angle=3.0, swell=0.09, texture=5.
     return file.getvalue()
 
 
+def printed_dots(path, machine):
+    """Return where the dots of a file come to lie [M, 2], their filament [M], and the strokes printed after the purge
+    line, by a machine that starts at home: from the words of its lines alone."""
+    way, dots, lines = [], {}, []
+    at = np.zeros(2)
+    for line in path.read_text().splitlines():
+        words = line.partition(";")[0].split()
+        if not words or words[0] not in ("G0", "G1"):
+            continue
+        value = {word[0]: float(word[1:]) for word in words[1:]}
+        fed = value.get("E", 0.0)
+        if "X" in value or "Y" in value:
+            at = np.array([value.get("X", at[0]), value.get("Y", at[1])])
+            way.append(at)
+            if fed > 0:
+                lines.append(len(way) - 1)
+        elif fed > 0 and fed not in (0.6, 2.5):  # what is drawn back comes back
+            dots[len(way) - 1] = fed
+    printed = machine.run(way)
+    return printed[list(dots)], np.array(list(dots.values())), [printed[k - 1 : k + 1] for k in lines[1:]]
+
+
+def plate(places, radii, rng, *, threads=(), dpi=300, angle=3.0, quarter=0, jpeg=80, ink=(60, 55, 50),
+          plate=(232, 230, 226), hair=0.1, texture=4.0, narrow=0.0):  # fmt: skip
+    """Draw what a flatbed sees of dots of plastic [M, 2] with ``radii`` [M] from below, as a JPEG in bytes.
+
+    Dots are wobbly polygons, some with a tail or a hair to the next; ``threads`` are strokes of a net of uneven width.
+    """
+    fine = 2 * dpi / 25.4
+    a = math.radians(angle)
+    spin = np.array([[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]])
+    laid, nets = (places * [-1.0, -1.0]) @ spin, [(line * [-1.0, -1.0]) @ spin for line in threads]
+    low = laid.min(axis=0) - 12.0
+    width, height = (int(v) for v in (np.ptp(laid, axis=0) + 24.0) * dpi / 25.4)
+    mask = np.zeros((2 * height, 2 * width), np.uint8)
+
+    def at(points):
+        return np.rint(((points - low) * fine - 0.5) * 16).astype(int)
+
+    def stroke(points, wide):
+        cv2.polylines(mask, [at(points)], False, 255, max(1, round(wide * fine)), cv2.LINE_AA, 4)
+
+    for line in nets:
+        cut = line[0] + np.linspace(0, 1, 12)[:, None] * (line[1] - line[0])
+        for piece in itertools.pairwise(cut):
+            stroke(np.array(piece), rng.uniform(0.33, 0.52))
+    turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    for k, (middle, radius) in enumerate(zip(laid, radii, strict=True)):
+        waves = sum(rng.normal(0, 0.05 / m) * np.cos(m * turn + rng.uniform(0, 6)) for m in (2, 3, 4))
+        edge = radius * np.exp(rng.normal(0, 0.05)) * (1 + waves)
+        cv2.fillPoly(mask, [at(middle + edge[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1))], 255,
+                     cv2.LINE_AA, 4)  # fmt: skip
+        if rng.random() < hair and k + 1 < len(laid):
+            stroke(laid[k : k + 2], rng.uniform(0.08, 0.25))
+    share = cv2.GaussianBlur(cv2.resize(mask, (width, height), interpolation=cv2.INTER_AREA), (0, 0), 0.7) / 255.0
+    grain = cv2.resize(rng.normal(0, texture, (height // 4 + 1, width // 4 + 1)), (width, height))
+    light = 1 - 0.15 * np.linspace(-1, 1, width)[None, :] ** 2
+    image = np.stack([(p + (i - p) * share + grain) * light for i, p in zip(ink, plate, strict=True)], axis=2)
+    image = (image + rng.normal(0, 2, image.shape)).clip(0, 255).astype(np.uint8)
+    if narrow:
+        square = np.float32([[0, 0], [width, 0], [width, height], [0, height]])
+        seen = square + np.float32([[narrow * width, 0], [-narrow * width, 0], [0, 0], [0, 0]])
+        image = cv2.warpPerspective(
+            image, cv2.getPerspectiveTransform(square, seen), (width, height), borderMode=cv2.BORDER_REPLICATE
+        )
+    file = io.BytesIO()
+    Image.fromarray(np.rot90(image, quarter).copy()).save(file, "JPEG", quality=jpeg, dpi=(dpi, dpi))
+    return file.getvalue()
+
+
 def photo(strokes, rng, *, height=0.24, focal_film=26.0, tilt=(0.12, -0.09), turn=17.0, k1=-0.03, stated=True,
           swell=0.06, size_px=(1500, 2000), sheet=1.0, ink=(60, 55, 50)):  # fmt: skip
     """Draw what a telephone sees of a part that lies upside down on the sheet of tags, as a JPEG in bytes.

@@ -6,7 +6,7 @@ from click.testing import CliRunner
 
 from printmend.cli.probe import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
-from printmend.errors import ConfigError
+from printmend.errors import ConfigError, ScanError
 from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
 from printmend.measure import read_plan
@@ -18,6 +18,7 @@ from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_gcode
 from printmend.twin.scanner import DEFAULT, render_scan
+from tests import foreign_layer as foreign
 
 PRINTER = read_printer("ender3")
 
@@ -79,3 +80,59 @@ def test_paper_and_glass_limit_the_pattern(tmp_path):
     bad = CliRunner().invoke(command, ["--printer", "ender3", "--scanner", "big"])
     assert bad.exit_code == 2
     assert "a4, letter" in bad.output
+
+
+BROKEN = foreign.Machine(waves=(((1, 0.25, 0.5),), ((1, 0.15, 2.0),)), play=(0.3, 0.15))
+
+
+def _radii(filament: np.ndarray, small: float, large: float) -> np.ndarray:
+    return np.where(filament > 1.4 * filament.min(), large, small) / 2
+
+
+def test_sheets_are_joined_by_the_dots_that_they_share(tmp_path):
+    rng = np.random.default_rng(3)
+    outcome = CliRunner().invoke(command, ["--printer", "ender3", "--on", "paper", "--scanner", "110x140", "--sheets",
+                                           "2", "--marks", "150", "-o", str(tmp_path / "two.gcode")])  # fmt: skip
+    assert outcome.exit_code == 0, outcome.output
+    assert "Sheet 2: tape it so that it covers X" in outcome.output
+    plan = read_plan(tmp_path / "two.json")
+    printed, scans = np.empty((len(plan), 2)), []
+    for number in (1, 2):
+        dots, filament, _ = foreign.printed_dots(tmp_path / f"two-{number}.gcode", BROKEN)
+        printed[plan.sheet_of == number - 1] = dots
+        scans.append(tmp_path / f"scan-{number}.jpg")
+        scans[-1].write_bytes(foreign.plate(dots, _radii(filament, 1.0, 1.6), rng, angle=4.0 - 3 * number,
+                                            quarter=number - 1))  # fmt: skip
+    with pytest.raises(ScanError, match="none of sheet 2"):
+        measure_scans(scans[:1], plan)
+    measured = measure_scans(scans[::-1], plan)
+    assert any("2 scans of 2 sheets joined by" in note for note in measured.notes)
+    assert len(measured.missing) < 0.02 * len(plan)
+    off = measured.measured_mm - printed
+    off = off[np.isfinite(off).all(axis=1)]
+    assert np.sqrt(np.square(off - off.mean(axis=0)).mean()) < 0.015
+    model = learn_model(measured.trace, PRINTER)
+    left = Twin(model.mechanism).follow(plan.waypoints_mm)[plan.rows] - printed
+    assert np.std(left, axis=0).max() < 0.015
+
+
+def test_a_net_joins_the_dots_and_does_not_hide_them(tmp_path):
+    rng = np.random.default_rng(4)
+    gcode, plan = run(tmp_path, "--net", "--size", "70")
+    leaflet(tmp_path, "lift the frame")
+    assert np.allclose(foreign.way(gcode)[0], plan.waypoints_mm[1:])
+    dots, filament, threads = foreign.printed_dots(gcode, BROKEN)
+    radii = _radii(filament, plan.dot_mm, plan.big_dot_mm)
+    (tmp_path / "net.jpg").write_bytes(foreign.plate(dots, radii, rng, threads=threads))
+    measured = measure_scans([tmp_path / "net.jpg"], plan)
+    assert len(measured.missing) < 0.02 * len(plan)
+    off = measured.measured_mm - dots
+    off = off[np.isfinite(off).all(axis=1)]
+    assert np.sqrt(np.square(off - np.median(off, axis=0)).mean()) < 0.03
+    model = learn_model(measured.trace, PRINTER)
+    left = Twin(model.mechanism).follow(plan.waypoints_mm)[plan.rows] - dots
+    assert np.std(left, axis=0).max() < 0.015
+    # a photo without tags and without a note of its camera is told by its perspective
+    (tmp_path / "photo.jpg").write_bytes(foreign.plate(dots, radii, rng, threads=threads, narrow=0.01))
+    with pytest.raises(ScanError, match=r"narrows by 1\.\d% to one side, as a photo does"):
+        measure_scans([tmp_path / "photo.jpg"], plan)

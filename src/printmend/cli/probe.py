@@ -9,7 +9,8 @@ import click
 from printmend.cli.number import Finite
 
 if TYPE_CHECKING:
-    from printmend.printer import Extruder
+    from printmend.measure import ProbePlan
+    from printmend.printer import Extruder, Printer
 
 
 SHEETS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
@@ -55,6 +56,9 @@ class Glass(click.ParamType):
 @click.option("--pen", is_flag=True, help="Draw with a pen in a clip on the tool head, cold, on paper.")
 @click.option("--scanner", "glass", type=Glass(), metavar="a4|letter|WxH",
               help="Keep the dots within this glass [on paper: a4].")  # fmt: skip
+@click.option("--sheets", type=click.IntRange(1, 3), default=1, show_default=True,
+              help="With --on paper or --pen: so many sheets, one after the other, show a large bed.")  # fmt: skip
+@click.option("--net", is_flag=True, help="On the plate: join larger dots by a thin net, to come off as one sheet.")
 @click.option("--first-layer", "layer_path", type=click.Path(path_type=Path), metavar="PART.gcode",
               help="Instead: write the first layer of this part alone, for `measure --gcode`.")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="Replace the plan of another test print.")
@@ -63,8 +67,8 @@ class Glass(click.ParamType):
 def command(
     printer_name: str | None, size_mm: float | None, part_path: Path | None, design: str, after: Path | None,
     marks: int, output: Path, extruder: "Extruder | None", start_path: Path | None,
-    surface: str, pen: bool, glass: tuple[float, float] | None, layer_path: Path | None, overwrite: bool,
-    sheet: Path | None,
+    surface: str, pen: bool, glass: tuple[float, float] | None, sheets: int, net: bool, layer_path: Path | None,
+    overwrite: bool, sheet: Path | None,
 ) -> None:  # fmt: skip
     """Write a test print that shows every fault, its plan (probe.json beside it), which `measure` needs, and one page
     that says what to do with it (probe-how-to.pdf).
@@ -84,8 +88,12 @@ def command(
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
+    from printmend.probe.gcode import covered_mm
     from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, write_leaflet
+    from printmend.probe.net import with_net
     from printmend.probe.pen import with_pen
+    from printmend.probe.probe import gcode_of
+    from printmend.probe.sheets import design_sheets
     from printmend.probe.start import homed_start, start_from
 
     if printer_name is None and sheet is None:
@@ -102,11 +110,26 @@ def command(
     printer = read_printer(printer_name)
     part = read_gcode(part_path, printer=printer) if part_path else None
     trace = read_trace(after, printer=printer) if after else None
-    if pen or surface == "paper":
+    on_paper = pen or surface == "paper"
+    if on_paper:
         glass = glass or SHEETS["a4"]
-    plan = design_probe(printer, design=design, size_mm=size_mm, part=part, after=trace, marks=marks, glass_mm=glass)
+    if net and on_paper:
+        raise click.UsageError("--net joins dots on a plate; on paper they are joined already")
+    if sheets > 1 and (not on_paper or size_mm is not None or part is not None or design != "fixed"):
+        raise click.UsageError("--sheets is for --on paper or --pen, and shows as much of the bed as it can: leave out "
+                               "--size, --for and --design")  # fmt: skip
+    if sheets > 1 and glass is not None:
+        plan = design_sheets(printer, glass, sheets, marks=marks)
+    else:
+        plan = design_probe(
+            printer, design=design, size_mm=size_mm, part=part, after=trace, marks=marks, glass_mm=glass
+        )
+    if net:
+        plan = with_net(plan, printer)
     if pen:
         plan = with_pen(plan)
+    files = gcode_of(output, plan)
+    spare(tuple(files), (part_path, after, start_path))
     if not overwrite:
         keep_plan(output.with_suffix(".json"), plan)
     start = printer.start_gcode and homed_start(printer.start_gcode, subject=f"start_gcode of {printer_name}")
@@ -117,7 +140,14 @@ def command(
     )
     minutes, grams = cost(plan)
     used = "a pen and a sheet of paper" if pen else f"{grams:.1f} g of PLA"
-    click.echo(f"{output}: {len(plan)} dots, {minutes:.0f} min, {used}")
+    click.echo(f"{' and '.join(map(str, files))}: {len(plan)} dots, {minutes:.0f} min, {used}")
+    if sheets > 1:
+        for number, one in enumerate(plan.sheets, start=1):
+            (x0, y0), (x1, y1) = covered_mm(one)
+            where = f"X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f}"
+            click.echo(f"Sheet {number}: tape it so that it covers {where}; print {files[number - 1].name} on it")
+    elif on_paper and size_mm is None and part is None and (unseen := _unseen(printer, plan)):
+        click.echo(unseen)
     error_mm = expected_error_mm(printer, plan, part=part, after=trace)
     click.echo(
         f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm, typically"
@@ -133,6 +163,21 @@ def command(
     for motor, turns in zip(printer.motors, turns_covered(printer, plan), strict=True):
         if turns < 1:
             click.echo(f"The marks span {turns:.1f} turns of motor {motor.upper()}: its pulley needs one.", err=True)
+
+
+def _unseen(printer: "Printer", plan: "ProbePlan") -> str:
+    """Say where a bed is larger than the sheet, and how to see all of it."""
+    import numpy as np
+
+    from printmend.probe.layout import mark_area_mm
+
+    low, high = mark_area_mm(printer)
+    marked = np.ptp(plan.marks_mm, axis=0)
+    if (marked > high - low - plan.pitch_mm).all():
+        return ""
+    whole = high - low
+    shown = f"{marked[0]:.0f} × {marked[1]:.0f} of {whole[0]:.0f} × {whole[1]:.0f} mm of the bed"
+    return f"The sheet shows {shown}: what lies beyond needs --sheets 2 or 3"
 
 
 def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> None:

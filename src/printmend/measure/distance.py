@@ -28,7 +28,8 @@ def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | N
     spans = [
         (length, one, other)
         for one, other in itertools.combinations(found.tolist(), 2)
-        if SHORTEST_MM <= (length := math.dist(marks[one], marks[other])) <= LONGEST_MM
+        if plan.sheet_of[one] == plan.sheet_of[other]
+        and SHORTEST_MM <= (length := math.dist(marks[one], marks[other])) <= LONGEST_MM
     ]
     if not spans:
         return None
@@ -40,6 +41,8 @@ def asked(plan: ProbePlan, span: tuple[int, int], measured_mm: np.ndarray, dot_m
     """Say which distance would settle the scale."""
     across = math.dist(*measured_mm[list(span)]) + dot_mm
     one, other = (f"dot {at} (X{plan.marks_mm[at, 0]:.0f} Y{plan.marks_mm[at, 1]:.0f})" for at in span)
+    if len(plan.sheets) > 1:
+        other += f" of sheet {plan.sheet_of[span[0]] + 1}"
     return (
         "the scale is the scanner's: it may be off by 0.1 to 0.2 %, and a fault of the printer as small stays out. To "
         f"settle it, measure from {one} to {other}, outer edges, and give --distance {across:.2f} or what it is"

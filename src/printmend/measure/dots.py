@@ -12,10 +12,12 @@ import cv2
 import numpy as np
 
 from printmend.errors import ScanError
+from printmend.measure.plan import ProbePlan
 from printmend.path import frozen
 
 COARSE_MM = 0.085  # a pixel of the reduced picture
 STRING_MM = 0.5  # plastic thinner than this is no dot
+NET_SHARE = 0.7  # of a dot that hangs in a net: plastic thinner than this is a thread
 BACKGROUND_MM = 5.0  # the window whose median is the plate's own colour
 RAYS, RADII = 72, 40
 MOST_DOTS = 6000
@@ -39,19 +41,19 @@ class Dots:
         return len(self.centre_px)
 
 
-def find_dots(image: np.ndarray, px_per_mm: float, dot_mm: float, big_dot_mm: float, *, subject: str) -> Dots:
-    """Find dots of about ``dot_mm`` or ``big_dot_mm`` in ``image`` [H, W, 3] uint8.
+def find_dots(image: np.ndarray, px_per_mm: float, plan: ProbePlan, *, subject: str) -> Dots:
+    """Find dots of about the two sizes of ``plan`` in ``image`` [H, W, 3] uint8.
 
     Raises `ScanError` for a page without any contrast; a page with few dots returns few.
     """
-    colour, seeds, diameters = _coarse(image, px_per_mm, dot_mm, big_dot_mm, subject)
+    colour, seeds, diameters = _coarse(image, px_per_mm, plan, subject)
     if not len(seeds):
         return Dots(np.empty((0, 2)), np.empty(0), np.empty(0))
     return _centred(image, colour, seeds, diameters, px_per_mm)
 
 
 def _coarse(
-    image: np.ndarray, px_per_mm: float, dot_mm: float, big_dot_mm: float, subject: str
+    image: np.ndarray, px_per_mm: float, plan: ProbePlan, subject: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the colour direction [3], centres [N, 2] px and diameters [N] px of everything that may be a dot."""
     factor = min(1.0, 1.0 / (COARSE_MM * px_per_mm))
@@ -62,10 +64,11 @@ def _coarse(
     excess = small.astype(np.float32) - _background(small, coarse_mm)
     colour = _colour_direction(excess)
     signal = cv2.GaussianBlur(excess @ colour, (0, 0), max(0.6, 0.06 / coarse_mm))
-    least, most = 0.45 * dot_mm, 1.7 * big_dot_mm
+    least, most = 0.45 * plan.dot_mm, 1.7 * plan.big_dot_mm
+    opening = max(1, round((NET_SHARE * plan.dot_mm if plan.net else STRING_MM) / coarse_mm))
     noise = 1.4826 * float(np.median(np.abs(signal[::3, ::3])))
     level = max(5.0 * noise, LEAST_CONTRAST / 2)
-    labels, _, areas, _ = _components(signal > level, 1)
+    labels, _, areas, _ = _components(signal > level, opening if plan.net else 1)
     diameters = np.sqrt(4 * areas / np.pi) * coarse_mm
     fitting = np.flatnonzero((diameters > least) & (diameters < most))
     if not len(fitting):
@@ -73,12 +76,11 @@ def _coarse(
     peaks = np.zeros(len(areas) + 1, np.float32)
     np.maximum.at(peaks, labels[labels > 0], signal[labels > 0])
     contrast = float(np.median(peaks[fitting + 1]))
-    opening = max(1, round(STRING_MM / coarse_mm))
     _, centres, areas, _ = _components(signal > max(0.45 * contrast, level), opening)
     diameters = np.sqrt(4 * areas / np.pi) * coarse_mm
     keep = np.flatnonzero((diameters > least) & (diameters < most))
     # A page of print or noise has far more specks than a probe has dots: the likeliest will do to see that.
-    keep = keep[np.argsort(np.abs(np.log(diameters[keep] / dot_mm)), kind="stable")[:MOST_DOTS]]
+    keep = keep[np.argsort(np.abs(np.log(diameters[keep] / plan.dot_mm)), kind="stable")[:MOST_DOTS]]
     return colour, (centres[keep] + 0.5) * scale - 0.5, diameters[keep] * px_per_mm
 
 

@@ -8,24 +8,18 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.errors import ScanError
 from printmend.measure.distance import asked, choose_span, scaled_by
 from printmend.measure.image import with_legend, write_image
+from printmend.measure.join import aligned, check_sheets, joined, mean_of, scanner_axes, shared_number
 from printmend.measure.plan import ProbePlan, read_plan
-from printmend.measure.register import find_pose, turn_onto
+from printmend.measure.register import find_pose
 from printmend.measure.scan import Reading, check_whole, read_scan
 from printmend.path import Instrument, Trace
 from printmend.units import MM_PER_INCH
 
 SETTLED_AXES = 1e-4  # what two turns of the plate leave open of the scanner's axes
 JOINED = 0.85  # of all marks: where a scan shows fewer, each shows a part of the print
-QUARTER = 0.35  # |sin| of the turn between two scans that tells the scanner's axes apart
 DISAGREEMENT = 6.0  # standard deviations between two scans of one mark: one of them saw dirt
-LEAST_SHARED, LEAST_APART = (
-    25,
-    0.25,
-)  # marks on two scans that join them, and how far they spread (share of the pattern)
-ROUNDS = 12  # of turning every scan onto the mean of all
 OVERLAY_PX = 3000
 ENLARGED = (1, 2, 5, 10, 20, 50)
 FOUND, MISSING, ERROR = (60, 170, 60), (40, 40, 230), (230, 120, 30)
@@ -84,33 +78,20 @@ def _measured(
     for path in paths:
         reading = read_scan(path, plan, dpi=dpi, whole=len(paths) == 1)
         if overlay is not None and not readings:
-            draw_overlay(overlay, reading, plan)
+            draw_overlay(overlay, reading)
         if look is not None and not readings:
             look(reading)
         # the pixels of one scan at a time
         readings.append(_without_image(reading))
-        notes.append(_described(reading))
-    places, settled = [reading.image_mm for reading in readings], False
-    if len(readings) > 1:
-        stretch, note, settled = scanner_axes(places)
-        places = [place @ np.linalg.inv(stretch).T for place in places]
-        notes.append(note)
-    together = np.any([reading.marks.found for reading in readings], axis=0)
-    check_whole(readings[0].path, together, plan)
-    pose = find_pose(places[0], plan, mirrored=readings[0].marks.match.mirrored)
-    first, instrument = pose.apply(places[0]), instrument_on_bed(readings[0].instrument, pose.matrix, settled=settled)
-    if min(reading.marks.found.sum() for reading in readings) < JOINED * together.sum():
-        on_bed, note = _joined(places, readings, plan)
-        notes.append(note)
-    else:
-        others = zip(places[1:], readings[1:], strict=True)
-        on_bed = [first, *(_aligned(place, first, reading) for place, reading in others)]
-    measured, sigma = _merged(on_bed, [reading.sigma_mm for reading in readings])
+        notes.append(_described(reading, several=len(plan.sheets) > 1))
+    measured, sigma, instrument, said = _on_bed(readings, plan)
+    notes += said
     kept = "the x axis keeps its direction" if plan.kinematics == "cartesian" else "the motors share the turn"
     notes.append(f"position and turn are those that fit the commanded marks best ({kept})")
     span = choose_span(plan, measured)
     if span is not None:
-        widths_mm = _mean(np.stack([_widths(reading) for reading in readings]))
+        widths = [_of_marks(_widths(reading), plan.sheet_of == reading.sheet) for reading in readings]
+        widths_mm = mean_of(np.stack(widths))
         dots_mm = widths_mm[list(span)] if distance_mm is not None else np.zeros(2)
         if distance_mm is not None:
             measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
@@ -120,6 +101,45 @@ def _measured(
     if plan.pen:  # a circle says where the pen went round, not where it came to rest
         measured[plan.big], sigma[plan.big] = np.nan, np.nan
     return Measurement(plan, measured, sigma, tuple(notes), instrument)
+
+
+def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, np.ndarray, Instrument, list[str]]:
+    """Return the marks [M, 2] on the bed, their standard deviations [M], what is open of the instrument, and notes."""
+    number = shared_number(plan)
+    mine = [plan.sheet_of == reading.sheet for reading in readings]
+    places, settled, notes = [], False, []
+    for reading, own in zip(readings, mine, strict=True):
+        places.append(np.full((int(number.max()) + 1, 2), np.nan))
+        places[-1][number[own]] = reading.image_mm
+    if len(readings) > 1:
+        stretch, note, settled = scanner_axes(places)
+        places = [place @ np.linalg.inv(stretch).T for place in places]
+        notes.append(note)
+    check_sheets(readings, plan)
+    seen = [own & np.isfinite(place[number, 0]) for place, own in zip(places, mine, strict=True)]
+    together = np.any(seen, axis=0)
+    check_whole(readings[0].path, together, plan)
+    pose = find_pose(
+        np.where(mine[0][:, None], places[0][number], np.nan), plan, mirrored=readings[0].marks.match.mirrored
+    )
+    instrument = instrument_on_bed(readings[0].instrument, pose.matrix, settled=settled)
+    if len(plan.sheets) > 1 or min(int(one.sum()) for one in seen) < JOINED * together.sum():
+        laid, note = joined(places, readings, plan)
+        notes.append(note)
+    else:
+        first = pose.apply(places[0])
+        others = zip(places[1:], readings[1:], strict=True)
+        laid = [first, *(aligned(place, first, reading) for place, reading in others)]
+    on_bed = [np.where(one[:, None], place[number], np.nan) for place, one in zip(laid, seen, strict=True)]
+    sigmas = [_of_marks(reading.sigma_mm, own) for reading, own in zip(readings, mine, strict=True)]
+    return *_merged(on_bed, sigmas), instrument, notes
+
+
+def _of_marks(values: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Return values of the marks ``own`` [M] among all of them, NaN for the others."""
+    every = np.full(len(own), np.nan)
+    every[own] = values
+    return every
 
 
 def instrument_on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bool) -> Instrument:
@@ -137,103 +157,6 @@ def _widths(reading: Reading) -> np.ndarray:
     widths, found = np.full(len(reading.marks.found), np.nan), reading.marks.found
     widths[found] = reading.dots.diameter_px[reading.marks.match.dot[found]] * reading.mm_per_px
     return widths
-
-
-def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str, bool]:
-    """Return the scanner's own linear map [2, 2] relative to a scanner with equal, square axes, a note, and whether the
-    scans could tell.
-
-    Two scans of one plate are linked by A = S·R·S⁻¹ with a rotation R. For S = 1 + E, E symmetric and without
-    trace, A·Rᵀ − 1 ≈ E − R·E·Rᵀ, which gives E unless R is a half turn.
-    """
-    rows, wanted, sines = [], [], []
-    for other in places_mm[1:]:
-        both = np.isfinite(places_mm[0]).all(axis=1) & np.isfinite(other).all(axis=1)
-        first, second = places_mm[0][both], other[both]
-        link, *_ = np.linalg.lstsq(first - first.mean(axis=0), second - second.mean(axis=0), rcond=None)
-        link = link.T
-        angle = np.arctan2(link[1, 0] - link[0, 1], link[0, 0] + link[1, 1])
-        c, s = np.cos(angle), np.sin(angle)
-        rest = link @ np.array([[c, s], [-s, c]])
-        wanted += [(rest[0, 0] - rest[1, 1]) / 2, (rest[0, 1] + rest[1, 0]) / 2]
-        double = np.array([[np.cos(2 * angle), -np.sin(2 * angle)], [np.sin(2 * angle), np.cos(2 * angle)]])
-        rows.append(np.eye(2) - double)
-        sines.append(abs(s))
-    if max(sines) < QUARTER:
-        return np.eye(2), "the scans are not turned by a quarter: the scanner's own axes stay unknown", False
-    (even, skew), *_ = np.linalg.lstsq(np.vstack(rows), np.array(wanted), rcond=None)
-    stretch = np.eye(2) + np.array([[even, skew], [skew, -even]])
-    return (
-        stretch,
-        f"the scanner's axes differ by {200 * even:+.2f} % and lean by {np.degrees(2 * skew):+.3f}°: removed",
-        True,
-    )
-
-
-def _aligned(place: np.ndarray, first: np.ndarray, reading: Reading) -> np.ndarray:
-    """Turn and shift the marks of a further scan [M, 2] onto those of the first: their common marks fix that best."""
-    upright = place * np.array([-1.0 if reading.marks.match.mirrored else 1.0, -1.0])
-    both = np.isfinite(upright).all(axis=1) & np.isfinite(first).all(axis=1)
-    turned = upright @ turn_onto(upright[both], first[both])
-    return turned + np.median((first - turned)[both], axis=0)
-
-
-def _joined(places: Sequence[np.ndarray], readings: Sequence[Reading], plan: ProbePlan) -> tuple[list[np.ndarray], str]:
-    """Return scans that show parts of one print, [K × [M, 2]] on the bed, and how well their shared marks agree.
-
-    Every scan is turned and shifted onto the mean of all, again and again: least squares over all of them at once.
-    Raises `ScanError` for one that shares too few marks with the others.
-    """
-    upright = [
-        place * np.array([-1.0 if reading.marks.match.mirrored else 1.0, -1.0])
-        for place, reading in zip(places, readings, strict=True)
-    ]
-    order = [int(np.argmax([np.isfinite(one[:, 0]).sum() for one in upright]))]
-    laid: dict[int, np.ndarray] = {order[0]: upright[order[0]]}
-    while len(laid) < len(upright):
-        mean = _mean(np.stack(list(laid.values())))
-        left = [k for k in range(len(upright)) if k not in laid]
-        best = max(left, key=lambda k: _shared(upright[k], mean).sum())
-        _check_shared(_shared(upright[best], mean), readings[best], plan)
-        laid[best] = _onto(upright[best], mean)
-    for _ in range(ROUNDS):
-        mean = _mean(np.stack(list(laid.values())))
-        laid = {k: _onto(one, mean) for k, one in laid.items()}
-    stack = np.stack([laid[k] for k in range(len(upright))])
-    mean = _mean(stack)
-    pose = find_pose(mean * np.array([1.0, -1.0]), plan, mirrored=False)
-    both = np.isfinite(stack[..., 0]).sum(axis=0) > 1
-    off = (stack - mean)[:, both]
-    apart = float(np.sqrt(np.nanmean(np.sum(off**2, axis=2))))
-    note = f"{len(stack)} scans joined by {int(both.sum())} marks that they share: these agree to {apart:.3f} mm"
-    return [pose.apply(one * np.array([1.0, -1.0])) for one in stack], note
-
-
-def _mean(stack: np.ndarray) -> np.ndarray:
-    """Return the mean over the first axis of what is there, NaN where nothing is."""
-    known = np.isfinite(stack)
-    count = known.sum(axis=0)
-    return np.where(count > 0, np.where(known, stack, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
-
-
-def _shared(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    return np.asarray(np.isfinite(one).all(axis=1) & np.isfinite(other).all(axis=1))
-
-
-def _onto(one: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Turn and shift places [M, 2] onto others, robustly."""
-    both = _shared(one, mean)
-    turned = one @ turn_onto(one[both], mean[both])
-    return turned + np.median((mean - turned)[both], axis=0)
-
-
-def _check_shared(both: np.ndarray, reading: Reading, plan: ProbePlan) -> None:
-    spread = np.ptp(plan.marks_mm[both], axis=0).max() if both.any() else 0.0
-    if both.sum() < LEAST_SHARED or spread < LEAST_APART * np.ptp(plan.marks_mm, axis=0).max():
-        raise ScanError(
-            reading.path, wanted=f"at least {LEAST_SHARED} marks that another scan shows, too",
-            came=f"{int(both.sum())}", todo="let neighbouring scans overlap by a third",
-        )  # fmt: skip
 
 
 def _merged(on_bed: list[np.ndarray], sigmas: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -254,24 +177,25 @@ def _merged(on_bed: list[np.ndarray], sigmas: list[np.ndarray]) -> tuple[np.ndar
     return mean, merged
 
 
-def _described(reading: Reading) -> str:
+def _described(reading: Reading, *, several: bool) -> str:
     found, total = int(reading.marks.found.sum()), len(reading.marks.found)
     match, matrix = reading.marks.match, reading.marks.pose.matrix
     side = "seen from below, " if match.mirrored else ""
     upright = np.diag([-1.0 if match.mirrored else 1.0, -1.0]) @ matrix
     turned = np.degrees(np.arctan2(upright[0, 1], upright[0, 0]))
-    return f"{reading.path}: {found} of {total} marks, {side}turned by {-turned:.1f}°, {reading.scale}"
+    sheet = f" of sheet {reading.sheet + 1}" if several else ""
+    return f"{reading.path}: {found} of {total} marks{sheet}, {side}turned by {-turned:.1f}°, {reading.scale}"
 
 
 def _without_image(reading: Reading) -> Reading:
     return replace(reading, image=np.empty((0, 0, 3), np.uint8))
 
 
-def draw_overlay(path: Path, reading: Reading, plan: ProbePlan) -> None:
+def draw_overlay(path: Path, reading: Reading) -> None:
     """Draw found marks as rings, missing ones as crosses, and the error of each mark as a line, enlarged to be seen."""
     factor = min(1.0, OVERLAY_PX / max(reading.image.shape[:2]))
     picture = cv2.resize(reading.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    pose, found = reading.marks.pose, reading.marks.found
+    plan, pose, found = reading.plan, reading.marks.pose, reading.marks.found
     to_px = _affine(reading.dots_mm, reading.dots.centre_px)
 
     def pixel(bed_mm: np.ndarray) -> np.ndarray:

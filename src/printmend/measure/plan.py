@@ -5,7 +5,8 @@ would be biased along its direction by the pressure in the nozzle, which looks l
 """
 
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,9 @@ class ProbePlan:
     one of the large dots that say which mark is which, ``direction`` [M, 2] the sign of the last move of each bed
     axis before it, ``reversal_mm`` [M, 2] how far each axis had moved that way since it turned.
     With a ``pen`` the large dots are drawn as small circles: they say which mark is which, and are not measured.
+    A bed larger than a sheet of paper is printed sheet after sheet: ``starts`` are the way-points at which each begins
+    anew at home, and where sheets overlap, the same ``site`` has a mark on each. Before the dots, way-points 3 to
+    ``net`` may draw a thin net that joins them: strokes, each from one way-point to the next.
     ``pitch_mm`` and ``angle_rad`` give the lattice: mark = origin + pitch·R(angle)·site.
     """
 
@@ -47,6 +51,8 @@ class ProbePlan:
     direction: np.ndarray
     reversal_mm: np.ndarray
     pen: bool = False
+    starts: tuple[int, ...] = (0,)
+    net: int = 0
 
     def __post_init__(self) -> None:
         kinds = {"waypoints_mm": float, "reversal_mm": float, "big": bool}
@@ -78,6 +84,27 @@ class ProbePlan:
         direction, run = approaches(self.to_motor(self.waypoints_mm))
         return direction[self.rows], run[self.rows]
 
+    @cached_property
+    def sheets(self) -> tuple["ProbePlan", ...]:
+        """A plan for each sheet of paper; of one that needs no more than one, itself."""
+        if len(self.starts) == 1:
+            return (self,)
+        return tuple(self._sheet(number) for number in range(len(self.starts)))
+
+    @cached_property
+    def sheet_of(self) -> np.ndarray:
+        """The number of the sheet [M] that shows each mark, from 0."""
+        return np.searchsorted(self.starts, self.rows, side="right") - 1
+
+    def _sheet(self, number: int) -> "ProbePlan":
+        begin = self.starts[number]
+        end = self.starts[number + 1] if number + 1 < len(self.starts) else len(self.waypoints_mm)
+        mine = self.sheet_of == number
+        return replace(
+            self, waypoints_mm=self.waypoints_mm[begin:end], rows=self.rows[mine] - begin, site=self.site[mine],
+            big=self.big[mine], direction=self.direction[mine], reversal_mm=self.reversal_mm[mine], starts=(0,),
+        )  # fmt: skip
+
     @property
     def diameter_mm(self) -> np.ndarray:
         """Intended diameters of the marks [M]."""
@@ -92,6 +119,24 @@ class ProbePlan:
             sigma = np.full(len(self.waypoints_mm), np.nan)
             sigma[self.rows] = sigma_mm
         return Trace(self.waypoints_mm, measured, sigma_mm=sigma, homed=True, placed=False)
+
+
+def sheet_after_sheet(plans: Sequence[ProbePlan]) -> ProbePlan:
+    """Return the plan of several sheets that are printed one after the other, homing before each.
+
+    Homing moves every axis towards its end as a straight move would, so that one trace holds all of them.
+    """
+    begin = np.cumsum([0, *(len(plan.waypoints_mm) for plan in plans[:-1])])
+    return replace(
+        plans[0],
+        waypoints_mm=np.concatenate([plan.waypoints_mm for plan in plans]),
+        rows=np.concatenate([plan.rows + start for plan, start in zip(plans, begin, strict=True)]),
+        site=np.concatenate([plan.site for plan in plans]),
+        big=np.concatenate([plan.big for plan in plans]),
+        direction=np.concatenate([plan.direction for plan in plans]),
+        reversal_mm=np.concatenate([plan.reversal_mm for plan in plans]),
+        starts=tuple(int(start) for start in begin),
+    )
 
 
 def approaches(waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -125,6 +170,8 @@ def plan_text(plan: ProbePlan) -> str:
         "dot_mm": plan.dot_mm,
         "big_dot_mm": plan.big_dot_mm,
         **({"pen": True} if plan.pen else {}),
+        **({"starts": list(plan.starts)} if len(plan.starts) > 1 else {}),
+        **({"net": plan.net} if plan.net else {}),
     }
     marks = [
         {
@@ -188,9 +235,13 @@ def _plan(table: dict[str, Any]) -> ProbePlan:
         direction=np.array([mark["direction"] for mark in marks], np.int64).reshape(-1, 2),
         reversal_mm=np.array([mark["reversal_mm"] for mark in marks], float).reshape(-1, 2),
         pen=table.get("pen") is True,
+        starts=tuple(int(row) for row in table.get("starts", (0,))),
+        net=int(table.get("net", 0)),
     )
     if not len(plan) or not np.isfinite(plan.waypoints_mm).all() or plan.rows.min() < 0:
         raise ValueError("no marks")
+    if plan.starts[0] != 0 or sorted(set(plan.starts)) != list(plan.starts) or plan.starts[-1] > plan.rows.max():
+        raise ValueError("sheets that do not follow each other")
     stated = np.array([(mark["x_mm"], mark["y_mm"]) for mark in marks], float)
     if np.abs(stated - plan.marks_mm).max() > 1e-3:
         raise ValueError("marks that are not on their way-points")

@@ -12,6 +12,7 @@ import numpy as np
 
 from printmend.measure.plan import ProbePlan
 
+LEAST_KEYSTONE_MM, ALIKE = 0.04, 0.4  # RMS of what perspective moves, and how well its four signs agree
 CAUCHY_MM = 0.3  # errors beyond this count little when the frames are aligned
 
 
@@ -67,20 +68,47 @@ def turn_onto(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return turn
 
 
+def narrowing(placed_mm: np.ndarray, plan: ProbePlan) -> float:
+    """Return by which share a picture narrows from one side of the marks [M, 2] to the other, as a tilted photo does.
+
+    It is 0 for one that does not.
+    Perspective moves the place p by p (g·p), each axis by the other's place, too: x by g_y x y, y by g_x x y, which no
+    motor can, and by g_x x² and g_y y². Only where all four agree it is perspective.
+    """
+    known = np.isfinite(placed_mm).all(axis=1)
+    at = plan.to_motor(plan.marks_mm[known])
+    a, b = (at - at.mean(axis=0)).T
+    fit = _freed_fit(plan, known, [a * a, a * b, b * b], plan.to_motor(placed_mm[known]) - at)
+    own, cross = np.array([fit[0, 0], fit[2, 1]]), np.array([fit[1, 1], fit[1, 0]])
+    moved = np.stack([a, b], axis=1) * (np.stack([a, b], axis=1) @ cross)[:, None]
+    slant = float(np.hypot(*cross))
+    if np.sqrt((moved**2).sum(axis=1).mean()) < LEAST_KEYSTONE_MM or np.hypot(*(own - cross)) > ALIKE * slant:
+        return 0.0
+    return slant * float(np.ptp(np.stack([a, b], axis=1) @ cross / slant))
+
+
 def _linear(plan: ProbePlan, placed: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Return the slopes [2, 2] of the errors of ``placed`` [K, 2] (the known marks), freed of play and of waves."""
     xy = plan.marks_mm[known]
+    return _freed_fit(plan, known, list((xy - xy.mean(axis=0)).T), placed - xy).T
+
+
+def _freed_fit(plan: ProbePlan, known: np.ndarray, wanted: list[np.ndarray], error: np.ndarray) -> np.ndarray:
+    """Fit the errors [K, 2] of the known marks by columns, robustly and beside slopes, play and waves; return the
+    values [len(wanted), 2] of these."""
+    xy = plan.marks_mm[known]
     motor = plan.to_motor(xy)
-    columns = [np.ones(len(xy)), *(xy - xy.mean(axis=0)).T, *plan.motor_approaches[0][known].T.astype(float)]
+    columns = [*wanted, np.ones(len(xy)), *plan.motor_approaches[0][known].T.astype(float)]
+    if len(wanted) > 2:
+        columns += list((xy - xy.mean(axis=0)).T)
     for axis in range(2):
         phase = 2 * np.pi * motor[:, axis] / plan.mm_per_turn[axis]
         columns += [wave(k * phase) for k in range(1, 5) for wave in (np.cos, np.sin)]
     design = np.stack(columns, axis=1)
-    error = placed - xy
     weight = np.ones(len(xy))
     for _ in range(6):
         normal = design.T @ (weight[:, None] * design) + 1e-9 * np.eye(design.shape[1])
         fit = np.linalg.solve(normal, design.T @ (weight[:, None] * error))
         residual = np.hypot(*(error - design @ fit).T)
         weight = 1.0 / (1.0 + (residual / (np.median(residual) * 2 + 1e-6)) ** 2)
-    return fit[1:3].T
+    return fit[: len(wanted)]

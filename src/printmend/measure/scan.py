@@ -21,8 +21,18 @@ from printmend.measure.fiducials import (
 from printmend.measure.identity import lattice_pitch
 from printmend.measure.image import read_image
 from printmend.measure.marks import Marks, read_marks
-from printmend.measure.page import PHOTO, SHEET, USUAL_DPI, check_sheet, exposure, refuse_bare_photo, tags_said
+from printmend.measure.page import (
+    PHOTO,
+    PHOTO_TODO,
+    SHEET,
+    USUAL_DPI,
+    check_sheet,
+    exposure,
+    refuse_bare_photo,
+    tags_said,
+)
 from printmend.measure.plan import ProbePlan
+from printmend.measure.register import narrowing
 from printmend.measure.sheet import tag_corners_mm
 from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH
@@ -38,7 +48,8 @@ class Reading:
     """What one scan says.
 
     ``image`` [H, W, 3] is the scan, or a photo rectified; ``dots`` are all its dots, ``dots_mm`` [N, 2] their places
-    (y down); ``marks`` says which is which; ``sigma_mm`` [M]; ``scale`` says in words where the scale came from, and
+    (y down); ``sheet`` is the number of the sheet that it shows, ``plan`` that sheet's own with its M marks; ``marks``
+    says which is which; ``sigma_mm`` [M]; ``scale`` says in words where the scale came from, and
     ``instrument`` how far it and the axes of the image are to be trusted; ``mm_per_px`` is the size of a pixel.
     """
 
@@ -46,6 +57,8 @@ class Reading:
     image: np.ndarray
     dots: Dots
     dots_mm: np.ndarray
+    sheet: int
+    plan: ProbePlan
     marks: Marks
     sigma_mm: np.ndarray
     scale: str
@@ -62,7 +75,7 @@ class Reading:
 
 
 def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, whole: bool = True) -> Reading:
-    """Read the marks of ``plan`` from an image file.
+    """Read the marks of ``plan``, or of the one of its sheets that is shown, from an image file.
 
     ``dpi`` overrides what the file says; without either it is 600. ``whole`` refuses an image of a part of the print.
     Raises `ScanError` for an image that is none, a
@@ -76,40 +89,54 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, wh
             return _read_photo(path, image, lens, tags_said(tags, error_mm), plan, whole=whole)
     refuse_bare_photo(path, tags, camera=dpi is None and len(tags) < LEAST_TAGS and exposure(path)[0])
     dpi = dpi or stated or USUAL_DPI
-    dots = find_dots(image, dpi / MM_PER_INCH, plan.dot_mm, plan.big_dot_mm, subject=str(path))
+    dots = find_dots(image, dpi / MM_PER_INCH, plan, subject=str(path))
     dots_mm, scale, instrument = _scaled(dots, tags, dpi)
-    marks = read_marks(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
-    if marks is None or _scale_ratio(dots, dots_mm, marks, dpi, plan) is not None:
+    sheet, marks = _shown(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
+    if marks is None or _scale_ratio(dots, dots_mm, marks, dpi, plan.sheets[sheet]) is not None:
         raise _explained(path, image, dots, marks, dpi, plan)
     if instrument is SHEET:
-        check_sheet(path, _scales(dots_mm, marks, plan))
+        check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
+    elif share := narrowing(marks.measured_mm, plan.sheets[sheet]):
+        raise ScanError(
+            path, wanted="a flat scan", came=f"a picture that narrows by {share:.1%} to one side, as a photo does",
+            todo=PHOTO_TODO,
+        )  # fmt: skip
     if whole:
-        check_whole(path, marks.found, plan)
-    return _reading(path, image, dots, dots_mm, marks, MM_PER_INCH / dpi, scale, instrument)
+        check_whole(path, marks.found, plan.sheets[sheet])
+    return _reading(path, image, dots, dots_mm, sheet, plan, marks, MM_PER_INCH / dpi, scale, instrument)
 
 
+def _shown(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> tuple[int, Marks | None]:
+    """Return the number of the sheet that dots [N, 2] show, and its marks; None where they are no sheet's."""
+    read = [read_marks(dots_mm, diameters_mm, sheet) for sheet in plan.sheets]
+    best = max(range(len(read)), key=lambda number: -1 if (one := read[number]) is None else int(one.found.sum()))
+    return best, read[best]
+
+
+# Ten, because it makes the value of ten fields.
 def _reading(
-    path: str | Path, image: np.ndarray, dots: Dots, dots_mm: np.ndarray, marks: Marks, mm_per_px: float, scale: str,
-    instrument: Instrument,
+    path: str | Path, image: np.ndarray, dots: Dots, dots_mm: np.ndarray, sheet: int, plan: ProbePlan, marks: Marks,
+    mm_per_px: float, scale: str, instrument: Instrument,
 ) -> Reading:  # fmt: skip
     sigma = np.full(len(marks.found), np.nan)
     sigma[marks.found] = dots.sigma_px[marks.match.dot[marks.found]] * mm_per_px
-    return Reading(str(path), image, dots, dots_mm, marks, sigma, scale, instrument, mm_per_px)
+    shown = plan.sheets[sheet]
+    return Reading(str(path), image, dots, dots_mm, sheet, shown, marks, sigma, scale, instrument, mm_per_px)
 
 
 def _read_photo(
     path: str | Path, image: np.ndarray, lens: Lens, scale: str, plan: ProbePlan, *, whole: bool
 ) -> Reading:
     flat, corner_mm, px_per_mm = rectify(image, lens, *tagged_mm())
-    dots = find_dots(flat, px_per_mm, plan.dot_mm, plan.big_dot_mm, subject=str(path))
+    dots = find_dots(flat, px_per_mm, plan, subject=str(path))
     dots_mm = corner_mm + (dots.centre_px + 0.5) / px_per_mm
-    marks = read_marks(dots_mm, dots.diameter_px / px_per_mm, plan)
+    sheet, marks = _shown(dots_mm, dots.diameter_px / px_per_mm, plan)
     if marks is None:
         raise _stranger(path, dots, plan)
-    check_sheet(path, _scales(dots_mm, marks, plan))
+    check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
     if whole:
-        check_whole(path, marks.found, plan)
-    return _reading(path, flat, dots, dots_mm, marks, 1 / px_per_mm, scale, PHOTO)
+        check_whole(path, marks.found, plan.sheets[sheet])
+    return _reading(path, flat, dots, dots_mm, sheet, plan, marks, 1 / px_per_mm, scale, PHOTO)
 
 
 def _scales(dots_mm: np.ndarray, marks: Marks, plan: ProbePlan) -> tuple[float, float]:
@@ -154,12 +181,12 @@ def _explained(
         if abs(np.log(other / dpi)) < 0.1:
             continue
         try:
-            retry = find_dots(image, other / MM_PER_INCH, plan.dot_mm, plan.big_dot_mm, subject=str(path))
+            retry = find_dots(image, other / MM_PER_INCH, plan, subject=str(path))
         except ScanError:
             continue
         retry_mm = retry.centre_px * (MM_PER_INCH / other)
-        found = read_marks(retry_mm, retry.diameter_px * (MM_PER_INCH / other), plan)
-        if found is not None and _scale_ratio(retry, retry_mm, found, other, plan) is None:
+        sheet, found = _shown(retry_mm, retry.diameter_px * (MM_PER_INCH / other), plan)
+        if found is not None and _scale_ratio(retry, retry_mm, found, other, plan.sheets[sheet]) is None:
             spacing = found.match.pitch * other / dpi
             return ScanError(
                 path,

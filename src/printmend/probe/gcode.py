@@ -1,21 +1,26 @@
 """The G-code of a probe plan, and what it costs to print it."""
 
+import itertools
 import math
 
 import numpy as np
 
 from printmend.measure.plan import ProbePlan
 from printmend.printer import Extruder
+from printmend.probe.net import strokes_of
 
 LAYER_MM, HOP_MM = 0.24, 0.8
 BEAD_MM = 0.8
 PAPER_MM = 0.1  # a sheet of 80 g/m²
+PAPER_EDGE_MM = 5.0  # from the outermost marks to the edge of what a sheet must cover
 FILAMENT_MM, PLA_G_PER_MM3 = 1.75, 1.24e-3
 TRAVEL_MM_S, PURGE_MM_S, LIFT_MM_S, EXTRUDE_MM_S = 120.0, 20.0, 10.0, 2.0
 # A dot uses 0.1 mm of filament: a longer retraction would chew each piece of it too often, a shorter one strings. The
 # tube of a Bowden printer gives way by a millimetre or two before the nozzle feels anything.
 RETRACT_MM: dict[Extruder, float] = {"direct": 0.6, "bowden": 2.5}
 RETRACT_MM_S = 30.0
+# Threads of a net are thin and low; the dots of a net are made from higher up, so that they have room around them.
+THREAD_MM, FRAME_BEAD_MM, NET_LAYER_MM, NET_DOT_Z_MM, NET_MM_S = 0.4, 0.8, 0.16, 0.3, 25.0
 # The last way-point before a dot is left slowly: fast arms coast through the play of a belt, printing ones do not.
 APPROACH_MM_S = 20.0
 ACCELERATION_MM_S2, LIFT_ACCELERATION_MM_S2 = 500.0, 100.0
@@ -24,7 +29,8 @@ PREAMBLE = """\
 ; Printed for: {printer}. Change the temperatures below for another material than PLA, and nothing after "dots".
 """
 PAPER = """\
-; Tape the sheet flat onto the bed, its edges outside the dots; the first layer is as much higher as it is thick.
+; Tape {sheet} flat onto the bed so that it covers X {x0:.0f} to {x1:.0f} and Y {y0:.0f} to {y1:.0f}.
+; The first layer is as much higher as paper is thick.
 """
 PLAIN_START = """\
 M140 S60
@@ -51,26 +57,34 @@ def filament_mm(volume_mm3: float) -> float:
     return volume_mm3 / (math.pi * FILAMENT_MM**2 / 4)
 
 
-def dot_mm3(diameter_mm: float) -> float:
+def dot_mm3(diameter_mm: float, layer_mm: float = LAYER_MM) -> float:
     """Return the volume of a dot: a disc as thick as the layer."""
-    return math.pi * diameter_mm**2 / 4 * LAYER_MM
+    return math.pi * diameter_mm**2 / 4 * layer_mm
+
+
+def net_strokes(plan: ProbePlan) -> list[tuple[np.ndarray, float]]:
+    """Return the way-points [N, 2] of each stroke of a plan's net, and the volume [mm³] of plastic for a mm of it."""
+    beads = [FRAME_BEAD_MM, *([THREAD_MM] * len(strokes_of(plan)))]
+    strokes = [plan.waypoints_mm[first : last + 1] for first, last in strokes_of(plan)]
+    return [(points, bead * NET_LAYER_MM) for points, bead in zip(strokes, beads, strict=False)]
 
 
 def probe_gcode(
-    plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "", on_paper: bool = False
+    plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "", on_paper: bool = False, sheet: str = ""
 ) -> str:
     """Return the file that prints ``plan``: after its start code, every way-point is the end of one G0 or G1, in order.
 
     ``extruder`` sets how far the filament is drawn back between dots. ``start_gcode`` takes the place of the plain
     heating and homing; it must home, and end at the home position (`start.homed_start` sees to that). ``on_paper``
-    lays the dots on a sheet that is taped to the bed.
+    lays the dots on a sheet that is taped to the bed; ``sheet`` says which of several it is.
     """
-    first_mm = LAYER_MM + (PAPER_MM if on_paper else 0.0)
+    layer_mm = NET_DOT_Z_MM if plan.net else LAYER_MM
+    first_mm = layer_mm + (PAPER_MM if on_paper else 0.0)
     points = plan.waypoints_mm
     dots = {int(row): float(diameter) for row, diameter in zip(plan.rows, plan.diameter_mm, strict=True)}
     minutes, grams = cost(plan)
     head = PREAMBLE.format(marks=len(plan), minutes=minutes, grams=grams, printer=plan.printer)
-    lines = [head, PAPER if on_paper else "", start_gcode or PLAIN_START, DOTS]
+    lines = [head, _paper(sheet, plan) if on_paper else "", start_gcode or PLAIN_START, DOTS]
     lift, drop = f"G1 Z{HOP_MM + first_mm:g} F{LIFT_MM_S * 60:g}\n", f"G1 Z{first_mm:g} F{LIFT_MM_S * 60:g}\n"
     back_mm, back_feed = RETRACT_MM[extruder], f"F{RETRACT_MM_S * 60:g}"
     retract, restore = f"G1 E-{back_mm:g} {back_feed}\n", f"G1 E{back_mm:g} {back_feed}\n"
@@ -83,29 +97,50 @@ def probe_gcode(
         retract,
         lift,
     ]
+    for stroke, mm3_per_mm in net_strokes(plan):
+        low = f"G1 Z{NET_LAYER_MM:g} F{LIFT_MM_S * 60:g}\n"
+        lines += [f"G0 {_xy(stroke[0])} F{TRAVEL_MM_S * 60:g}\n", low, restore]
+        for start, end in itertools.pairwise(stroke):
+            length = filament_mm(math.dist(start, end) * mm3_per_mm)
+            lines.append(f"G1 {_xy(end)} E{length:.5f} F{NET_MM_S * 60:g}\n")
+        lines += [retract, lift]
     feed_mm_s = 0.0
-    for row in range(3, len(points)):
+    for row in range(max(3, plan.net), len(points)):
         wanted_mm_s = APPROACH_MM_S if row in dots else TRAVEL_MM_S
         feed = f" F{wanted_mm_s * 60:g}" if wanted_mm_s != feed_mm_s else ""
         lines.append(f"G0 {_xy(points[row])}{feed}\n")
         feed_mm_s = wanted_mm_s
         if row in dots:
-            extrude = f"G1 E{filament_mm(dot_mm3(dots[row])):.5f} F{EXTRUDE_MM_S * 60:g}\n"
+            extrude = f"G1 E{filament_mm(dot_mm3(dots[row], layer_mm)):.5f} F{EXTRUDE_MM_S * 60:g}\n"
             lines += [drop, restore, extrude, retract, lift]
             feed_mm_s = 0.0
     lines += [f"G1 Z10 F{LIFT_MM_S * 60:g}\n", CLOSING]
     return "".join(lines)
 
 
+def covered_mm(plan: ProbePlan) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners [2] of what a sheet of paper must cover: the marks and a margin."""
+    return plan.marks_mm.min(axis=0) - PAPER_EDGE_MM, plan.marks_mm.max(axis=0) + PAPER_EDGE_MM
+
+
+def _paper(sheet: str, plan: ProbePlan) -> str:
+    (x0, y0), (x1, y1) = covered_mm(plan)
+    return PAPER.format(sheet=sheet or "the sheet", x0=x0, x1=x1, y0=y0, y1=y1)
+
+
 def cost(plan: ProbePlan) -> tuple[float, float]:
     """Return the estimated printing time [min] after heating, and the mass of plastic [g]."""
     points = plan.waypoints_mm
     seconds = travel_s(points) + approach_s(points, plan.rows)
-    volumes = [dot_mm3(diameter) for diameter in plan.diameter_mm]
+    volumes = [dot_mm3(diameter, NET_DOT_Z_MM if plan.net else LAYER_MM) for diameter in plan.diameter_mm]
     dot_s = 2 * move_s(HOP_MM, LIFT_MM_S, LIFT_ACCELERATION_MM_S2) + 2 * RETRACT_MM["bowden"] / RETRACT_MM_S
     seconds += len(plan) * dot_s + sum(filament_mm(volume) / EXTRUDE_MM_S for volume in volumes)
     purge = float(np.hypot(*(points[2] - points[1])))
     seconds += purge / PURGE_MM_S
+    for stroke, mm3_per_mm in net_strokes(plan):
+        drawn = float(np.hypot(*np.diff(stroke, axis=0).T).sum())
+        volumes.append(drawn * mm3_per_mm)
+        seconds += drawn * (1 / NET_MM_S - 1 / TRAVEL_MM_S) + dot_s
     return seconds / 60, (sum(volumes) + purge * BEAD_MM * LAYER_MM) * PLA_G_PER_MM3
 
 

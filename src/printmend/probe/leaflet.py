@@ -11,13 +11,17 @@ from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan
 from printmend.pdf import BLUE, GREY, PALE, RED, Page
 from printmend.printer import Printer
-from printmend.probe.gcode import cost
+from printmend.probe.gcode import cost, covered_mm
+from printmend.probe.net import strokes_of
+from printmend.probe.probe import gcode_of
 
 LEFT_MM, TOP_MM = 20.0, 22.0  # of the page; all above 260 mm, so that letter paper shows it, too
 BED_MM, GLASS_MM = 88.0, 62.0  # the longer side of the drawn bed, and of the drawn glass
 PICTURES_MM = 42.0  # from the upper edge of the page to the pictures
 STEPS_MM = 152.0
 CHORD_MM = 0.3
+WHITE, GREEN = (1.0, 1.0, 1.0), (0.1, 0.5, 0.2)
+SHEET_COLOURS = (BLUE, RED, GREEN)
 PLATE_COLOURS = (
     "Colours: the dots must stand out from the plate. Dark filament (black, blue, red, green) on a light or golden "
     "plate; white, yellow or grey on a black one. Clear and silk filament glitter: take another."
@@ -35,10 +39,15 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
     minutes, grams = cost(plan)
     sheet = plan.pen or on_paper
     kind = "with a pen on paper" if plan.pen else "on paper" if on_paper else "on the plate"
+    several = len(plan.sheets) > 1
     used = "a pen and a sheet of paper" if plan.pen else f"{grams:.1f} g of filament"
+    files = ", ".join(one.name for one in gcode_of(gcode, plan))
+    kind += f", {len(plan.sheets)} sheets" if several else ", joined by a net" if plan.net else ""
     page = Page()
-    _title(page, f"Your test print, {kind}", f"{gcode.name}: {len(plan)} dots, about {minutes:.0f} min, {used}")
-    _bed(page, printer, [], plan.marks_mm)
+    _title(page, f"Your test print, {kind}", f"{files}: {len(plan)} dots, about {minutes:.0f} min, {used}")
+    frames = [covered_mm(one) for one in plan.sheets] if several else []
+    strokes = [plan.waypoints_mm[first : last + 1] for first, last in strokes_of(plan)]
+    _bed(page, printer, strokes, plan.marks_mm, frames, dot_mm=1.2 if not plan.net else plan.big_dot_mm)
     _glass(page, "The sheet, printed side down" if sheet else "The plate, dots down")
     trace, seen = gcode.with_suffix(".csv").name, f"{gcode.stem}-seen.png"
     scan = "Scan the sheet" if sheet else "Scan the plate, dots down, with the lid or dark paper behind it,"
@@ -47,12 +56,21 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
         "A plate or a pattern larger than the glass: scan it in two or three parts that overlap by a third, and name "
         "all of them."
     )
+    scans = " ".join(f"scan-{number}.png" for number in range(1, len(plan.sheets) + 1)) if several else "scan.png"
+    comes = f"What comes out is one layer of dots{line}"
+    if several:
+        comes = (
+            f"Print {files}, each onto a sheet of its own, and number the sheets. Where they overlap the same dots "
+            "come again: by them the sheets are joined."
+        )
+    elif plan.net:
+        comes += " A thin net joins the dots: when the plate is cold, lift the frame, and all comes off as one sheet."
     steps = [
         *_before(plan, on_paper),
-        f"Print the file as it is: do not slice, scale or turn it. What comes out is one layer of dots{line}",
+        f"Print the file as it is: do not slice, scale or turn it. {comes}",
         f"{scan} at 600 dpi, as PNG or as JPEG of the best quality. Any turn is read. A second scan, turned by a "
         f"quarter, takes the scanner's own error off: name both. {'' if sheet else joined}",
-        f"Measure:  printmend measure scan.png --probe {gcode.with_suffix('.json').name} -o {trace} --overlay {seen}",
+        f"Measure:  printmend measure {scans} --probe {gcode.with_suffix('.json').name} -o {trace} --overlay {seen}",
         f"Learn:  printmend learn {trace} --printer {named}",
         "Mend:  printmend mend part.gcode -m printer.mend.json",
     ]
@@ -92,18 +110,32 @@ def _before(plan: ProbePlan, on_paper: bool) -> list[str]:
     """Return what must be done before the print begins."""
     if plan.pen:
         return [
-            "Tape a sheet of paper flat onto the middle of the cold bed, its edges outside the dots.",
+            _taped(plan, "cold bed"),
             "The file pauses twice: put a felt pen of 0.8 mm into its clip, loosely, tip up; then lower it until it "
             "touches the paper, and fasten it. How far it sits from the nozzle does not matter.",
         ]
     heat = "Change the temperatures at the top of the file for another material than PLA."
     if on_paper:
         return [
-            "Tape a sheet of paper flat onto the middle of the bed, its edges outside the dots.",
+            _taped(plan, "bed"),
             heat,
             PAPER_COLOURS,
         ]
     return [f"Clean the bed. {heat}", PLATE_COLOURS]
+
+
+def _taped(plan: ProbePlan, bed: str) -> str:
+    """Say where a sheet, or each of several, is taped."""
+    if len(plan.sheets) == 1:
+        return f"Tape a sheet of paper flat onto the middle of the {bed}, its edges outside the dots."
+    said = []
+    for number, one in enumerate(plan.sheets, start=1):
+        (x0, y0), (x1, y1) = covered_mm(one)
+        said.append(f"sheet {number} over X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f}")
+    return (
+        f"One sheet at a time: tape it flat onto the {bed}, print its file, take it off. The picture shows where each "
+        f"goes: {'; '.join(said)} (mm)."
+    )
 
 
 def _title(page: Page, title: str, below: str) -> None:
@@ -111,8 +143,11 @@ def _title(page: Page, title: str, below: str) -> None:
     page.words((LEFT_MM, TOP_MM + 8.0), below, 10.5, colour=GREY)
 
 
-def _bed(page: Page, printer: Printer | None, strokes_mm: Sequence[np.ndarray], marks_mm: np.ndarray) -> None:
-    """Draw the bed from above, its front edge below, what is printed on it, and home."""
+def _bed(
+    page: Page, printer: Printer | None, strokes_mm: Sequence[np.ndarray], marks_mm: np.ndarray,
+    frames_mm: Sequence[tuple[np.ndarray, np.ndarray]] = (), *, dot_mm: float = 1.2,
+) -> None:  # fmt: skip
+    """Draw the bed from above, its front edge below, what is printed on it, where each sheet is taped, and home."""
     if printer is None:
         every = np.vstack(strokes_mm)
         low, high = every.min(axis=0) - 10.0, every.max(axis=0) + 10.0
@@ -129,7 +164,14 @@ def _bed(page: Page, printer: Printer | None, strokes_mm: Sequence[np.ndarray], 
     page.rectangle(corner, (width, height), PALE)
     for stroke in strokes_mm:
         page.line(placed(stroke), width_mm=0.45 * scale)
-    page.dots(placed(marks_mm), max(1.2 * scale, 0.4))
+    page.dots(placed(marks_mm), max(dot_mm * scale, 0.4))
+    for number, (sheet_low, sheet_high) in enumerate(frames_mm):
+        ends = placed(np.clip(np.array([sheet_low, sheet_high]), low, high))
+        inset, colour = 0.7 * number, SHEET_COLOURS[number]
+        upper, size = np.array([ends[0, 0], ends[1, 1]]) + inset, np.abs(ends[1] - ends[0]) - 2 * inset
+        page.frame(upper, size, colour, 0.6)
+        page.rectangle(upper + size * (0.06 + 0.38 * number, 0.06), (12.5, 4.6), WHITE)
+        page.words(upper + size * (0.06 + 0.38 * number, 0.06) + (0.8, 3.5), f"sheet {number + 1}", 9.0, colour=colour)
     front, x0 = PICTURES_MM + height, corner[0]
     _arrow(page, (x0, front + 4.0), (x0 + 25.0, front + 4.0))
     page.words((x0 + 27.0, front + 5.2), "X: the front edge", 9.0, colour=BLUE)

@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.measure.plan import ProbePlan
+from printmend.measure.plan import ProbePlan, sheet_after_sheet
 from printmend.path import frozen
+from printmend.probe.gcode import covered_mm
 
 TIP_MM, BIG_MM = 0.8, 1.8  # diameters of what a felt pen leaves, and of a circle that it draws
 CORNERS = 8
@@ -19,6 +20,8 @@ TRAVEL_MM_S, APPROACH_MM_S, CIRCLE_MM_S, DOWN_MM_S, REST_MS = 80.0, 20.0, 5.0, 1
 
 def with_pen(plan: ProbePlan) -> ProbePlan:
     """Return the plan for a pen: a circle of way-points after every large mark, back to its middle."""
+    if len(plan.sheets) > 1:
+        return sheet_after_sheet([with_pen(sheet) for sheet in plan.sheets])
     radius = (BIG_MM - TIP_MM) / 2
     turns = 2 * np.pi * np.arange(CORNERS + 1) / CORNERS
     circle = np.vstack([radius * np.stack([np.cos(turns), np.sin(turns)], axis=1), [[0.0, 0.0]]])
@@ -36,13 +39,18 @@ def with_pen(plan: ProbePlan) -> ProbePlan:
     return replace(plan, waypoints_mm=frozen(np.vstack(points)), rows=rows, dot_mm=TIP_MM, big_dot_mm=BIG_MM, pen=True)
 
 
-def pen_gcode(plan: ProbePlan) -> str:
-    """Return the file that draws ``plan``: every way-point is the end of one G0 or G1, in order."""
+def pen_gcode(plan: ProbePlan, *, sheet: str = "") -> str:
+    """Return the file that draws ``plan``: every way-point is the end of one G0 or G1, in order.
+
+    ``sheet`` says which of several sheets it is.
+    """
+    (x0, y0), (x1, y1) = covered_mm(plan)
     points, dots = plan.waypoints_mm, dict(zip(plan.rows.tolist(), plan.big.tolist(), strict=True))
     up, down = (f"G1 Z{z:g} F{DOWN_MM_S * 60:g}\n" for z in (TOUCH_MM + LIFT_MM, TOUCH_MM - PRESS_MM))
     lines = [
         f"; printmend probe: {len(plan)} dots with a pen on paper. Printed for: {plan.printer}\n",
-        "; Tape the sheet flat onto the cold bed. Two pauses ask for the pen; where M0 does not pause, use yours.\n",
+        f"; Tape {sheet or 'the sheet'} flat onto the cold bed so that it covers X {x0:.0f} to {x1:.0f} and "
+        f"Y {y0:.0f} to {y1:.0f}.\n; Two pauses ask for the pen; where M0 does not pause, use yours.\n",
         "G21\nG90\nG28\nG1 Z40 F600\n", "M0 Put the pen into its clip, loosely, with the tip up\n",
         f"G0 {_xy(points[1])} F{TRAVEL_MM_S * 60:g}\n", f"G0 {_xy(points[2])}\n",
         f"G1 Z{TOUCH_MM:g} F600\n", "M0 Lower the pen until it touches the paper, and fasten it\n", up,

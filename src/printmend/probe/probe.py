@@ -1,5 +1,6 @@
 """A probe print: from a printer to G-code and its plan."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -114,12 +115,26 @@ def write_probe(
 ) -> Path:
     """Write the G-code to ``path`` and the plan beside it; return the plan's path. The options are `probe_gcode`'s.
 
-    A plan `with_pen` becomes a drawing.
+    A plan `with_pen` becomes a drawing; of one for several sheets each has a file, `gcode_of`.
     """
     path = Path(path)
     plan_path = path.with_suffix(".json")
-    with replacing(path) as file:
-        text = probe_gcode(plan, extruder=extruder, start_gcode=start_gcode, on_paper=on_paper)
-        file.write(pen_gcode(plan) if plan.pen else text)
+    with ExitStack() as files:
+        for number, sheet in enumerate(plan.sheets, start=1):
+            said = f"sheet {number} of {len(plan.sheets)}" if len(plan.sheets) > 1 else ""
+            file = files.enter_context(replacing(gcode_of(path, plan)[number - 1]))
+            if sheet.pen:
+                file.write(pen_gcode(sheet, sheet=said))
+            else:
+                file.write(
+                    probe_gcode(sheet, extruder=extruder, start_gcode=start_gcode, on_paper=on_paper, sheet=said)
+                )
     write_plan(plan_path, plan)
     return plan_path
+
+
+def gcode_of(path: Path, plan: ProbePlan) -> list[Path]:
+    """Return the files of a plan: ``path``, or for several sheets one each, as probe-1.gcode."""
+    if len(plan.sheets) == 1:
+        return [path]
+    return [path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(1, len(plan.sheets) + 1)]

@@ -30,10 +30,15 @@ STAIRCASE = np.outer([reversal / 2 * (-1) ** k for k, reversal in enumerate(REVE
 
 def walk(printer: Printer, layout: Layout) -> ProbePlan:
     """Return the plan: home, purge line, then every row of the layout."""
+    return walk_with(printer, layout, swings_for(len(layout.marks_mm)))
+
+
+def swings_for(count: int) -> list[np.ndarray]:
+    """Return the way-points [K, 2] before each of so many marks in their order, as `passes` takes them."""
     order = np.random.default_rng(1)
-    ladders = [_ladder(order, len(layout.marks_mm)) for _ in range(2)]
+    ladders = [_ladder(order, count) for _ in range(2)]
     swings = []
-    for index in range(len(layout.marks_mm)):
+    for index in range(count):
         rung = index // REVERSAL_EVERY
         if index % STAIRCASE_EVERY == 1:
             swings.append(STAIRCASE)
@@ -41,6 +46,11 @@ def walk(printer: Printer, layout: Layout) -> ProbePlan:
             swings.append(np.array([[ladders[0][rung], ladders[1][rung]]]))
         else:
             swings.append(STRAIGHT)
+    return swings
+
+
+def walk_with(printer: Printer, layout: Layout, swings: Sequence[np.ndarray]) -> ProbePlan:
+    """Return the plan of a layout whose marks are approached by ``swings`` [M]."""
     points, rows = passes(printer, layout, swings)
     # A small bed holds few marks and short rows: way-points lie closer there.
     spacing = max(SHORTEST_WAYPOINT_MM, WAYPOINT_MM * min(1.0, len(rows) / MARKS))

@@ -1,0 +1,76 @@
+"""A thin net under the dots of a plate, so that they come off it as one sheet.
+
+It is drawn before the dots: a frame around them, and a thread along every row of the lattice, so that each dot sits on
+one and each thread crosses others. The dots are then made as without it, coming to each through the air: what tells of
+the machine is the dot alone, which is wider than the thread and stands higher.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.errors import ConfigError
+from printmend.measure.plan import ProbePlan, approaches
+from printmend.path import frozen
+from printmend.printer import Printer
+from printmend.probe.layout import EDGE_MM
+from printmend.probe.walk import snapped
+
+DOT_MM, BIG_DOT_MM = 1.6, 2.5
+FRAME_MM = 6.0  # from the outermost dots to the frame
+LEAST_FRAME_MM = 3.0
+FIRST = 3  # way-points before the net: home and the purge line
+FRAME_CORNERS = 5  # of which the last is the first again
+
+
+def with_net(plan: ProbePlan, printer: Printer) -> ProbePlan:
+    """Return the plan with a net before its dots, and larger dots.
+
+    Raises `ConfigError` where the dots come too near to the edge of the bed for a frame.
+    """
+    low, high = plan.marks_mm.min(axis=0) - FRAME_MM, plan.marks_mm.max(axis=0) + FRAME_MM
+    bed = np.array([[axis.min_mm + EDGE_MM, axis.max_mm - EDGE_MM] for axis in (printer.x, printer.y)])
+    low, high = np.maximum(low, bed[:, 0]), np.minimum(high, bed[:, 1])
+    if (plan.marks_mm.min(axis=0) - low).min() < LEAST_FRAME_MM or (
+        high - plan.marks_mm.max(axis=0)
+    ).min() < LEAST_FRAME_MM:
+        raise ConfigError(
+            "--net", wanted=f"{EDGE_MM + LEAST_FRAME_MM:.0f} mm of bed around the dots", came="less",
+            todo="make --size smaller",
+        )  # fmt: skip
+    frame = np.array([low, (high[0], low[1]), high, (low[0], high[1]), low])
+    threads = _threads(plan, low, high)
+    points = snapped(printer, np.vstack([frame, threads.reshape(-1, 2)]))
+    waypoints = np.concatenate([plan.waypoints_mm[:FIRST], points, plan.waypoints_mm[FIRST:]])
+    rows = plan.rows + len(points)
+    direction, reversal = approaches(waypoints)
+    return replace(
+        plan, waypoints_mm=frozen(waypoints), rows=rows, direction=direction[rows], reversal_mm=reversal[rows],
+        dot_mm=DOT_MM, big_dot_mm=BIG_DOT_MM, net=FIRST + len(points),
+    )  # fmt: skip
+
+
+def strokes_of(plan: ProbePlan) -> list[tuple[int, int]]:
+    """Return the first and last way-point of each stroke of a plan's net, the frame first; none without a net."""
+    if not plan.net:
+        return []
+    threads = range(FIRST + FRAME_CORNERS, plan.net, 2)
+    return [(FIRST, FIRST + FRAME_CORNERS - 1), *((row, row + 1) for row in threads)]
+
+
+def _threads(plan: ProbePlan, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the ends [K, 2, 2] of a thread along each row of the lattice, from frame to frame, drawn to and fro."""
+    along, across = plan.site.sum(axis=1), plan.site[:, 1] - plan.site[:, 0]
+    basis = plan.pitch_mm * np.array(
+        [[np.cos(plan.angle_rad), np.sin(plan.angle_rad)], [-np.sin(plan.angle_rad), np.cos(plan.angle_rad)]]
+    )
+    found: list[np.ndarray] = []
+    for parity, line, way in ((0, across, basis[0] + basis[1]), (1, along, basis[1] - basis[0])):
+        unit = way / np.hypot(*way)
+        for value in np.unique(line[along % 2 == parity]):
+            mark = plan.marks_mm[np.flatnonzero((along % 2 == parity) & (line == value))[0]]
+            with np.errstate(divide="ignore"):
+                near, far = (low - mark) / unit, (high - mark) / unit
+            ends = mark + np.array([np.minimum(near, far).max(), np.maximum(near, far).min()])[:, None] * unit
+            found.append(ends if len(found) % 2 else ends[::-1])
+    return np.array(found)

@@ -1,0 +1,72 @@
+"""A bed larger than a sheet of paper: two or three sheets, taped and printed one after the other, that overlap.
+
+All sheets show one pattern. Where two of them overlap, the printer makes the same dots again, coming to each as before,
+so that a scan of one sheet can be laid onto that of the next. Each sheet spells a code of its own.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.errors import ConfigError
+from printmend.measure.plan import ProbePlan, sheet_after_sheet
+from printmend.printer import Printer
+from printmend.probe.layout import GLASS_EDGE_MM, LEAST_AREA_MM, MARKS, Layout, lay_out, mark_area_mm
+from printmend.probe.walk import swings_for, walk_with
+
+MOST_SHEETS = 3
+OVERLAP = 0.35  # of a sheet: what its neighbour shows, too
+
+
+def sheets_mm(printer: Printer, paper_mm: tuple[float, float], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners (low [K, 2], high [K, 2]) of the marks of so many sheets, side by side across the bed.
+
+    They lie the way round that covers most of it. Raises `ConfigError` for paper too small for any marks.
+    """
+    low, high = mark_area_mm(printer)
+    room = np.array(paper_mm) - 2 * GLASS_EDGE_MM
+    if (room < LEAST_AREA_MM).any():
+        raise ConfigError(
+            "--scanner", wanted=f"sheets of at least {LEAST_AREA_MM + 2 * GLASS_EDGE_MM:.0f} mm a side",
+            came=f"{paper_mm[0]:g} × {paper_mm[1]:g} mm", todo="give their width and height in mm, as 210x297",
+        )  # fmt: skip
+    best: tuple[float, np.ndarray, np.ndarray] | None = None
+    for sheet in (room, room[::-1]):
+        for axis in range(2):
+            times = np.ones(2)  # as large as one sheet is what all show
+            times[axis] += (count - 1) * (1 - OVERLAP)
+            whole = np.minimum(high - low, sheet * times)
+            first, one = (low + high - whole) / 2, whole / times
+            lows = first + np.arange(count)[:, None] / max(count - 1, 1) * (whole - one)
+            if best is None or whole.prod() > 1.001 * best[0]:
+                best = float(whole.prod()), lows, lows + one
+    assert best is not None
+    return best[1], best[2]
+
+
+def design_sheets(printer: Printer, paper_mm: tuple[float, float], count: int, *, marks: int = MARKS) -> ProbePlan:
+    """Lay out about ``marks`` marks over the bed, on ``count`` sheets of paper that overlap.
+
+    Raises `ConfigError` for a bed or paper that is too small, and for a bed that needs fewer sheets.
+    """
+    low, high = sheets_mm(printer, paper_mm, count)
+    needless = sheets_mm(printer, paper_mm, count - 1)
+    if np.ptp(np.vstack(needless), axis=0).prod() > 0.999 * np.ptp(np.vstack([low, high]), axis=0).prod():
+        raise ConfigError(
+            "--sheets", wanted=f"at most {count - 1} on {printer.name}: so many show all of its bed", came=str(count),
+            todo="leave it out for one" if count == 2 else "say fewer",
+        )  # fmt: skip
+    whole = lay_out(printer, low.min(axis=0), high.max(axis=0), marks=marks)
+    swings = swings_for(len(whole.marks_mm))
+    plans = []
+    for corner, opposite in zip(low, high, strict=True):
+        mine = np.flatnonzero(((whole.marks_mm >= corner) & (whole.marks_mm <= opposite)).all(axis=1))
+        plans.append(walk_with(printer, _part(whole, mine), [swings[mark] for mark in mine]))
+    return sheet_after_sheet(plans)
+
+
+def _part(whole: Layout, marks: np.ndarray) -> Layout:
+    return replace(
+        whole, marks_mm=whole.marks_mm[marks], site=whole.site[marks], heading=whole.heading[marks],
+        row=whole.row[marks],
+    )  # fmt: skip
