@@ -15,7 +15,7 @@ from printmend.learn.meta.tasks import draw_drive, draw_lesson, evidence
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
-from tests import naive_law
+from tests import naive_law, naive_meta
 
 PRINTER = read_printer("ender5")
 REACH = (-110.0, 110.0)
@@ -37,6 +37,14 @@ def test_contacts_equal_the_slow_version() -> None:
         belt = after
         assert (at[i], side[i]) == (row, branch)
     assert set(side[1:]) == {-1, 1}
+
+
+def test_columns_equal_the_slow_version() -> None:
+    rng = np.random.default_rng(4)
+    at, side, other = rng.uniform(-130, 130, 40), rng.choice([-1.0, 0.0, 1.0], 40), rng.uniform(-60, 60, 40)
+    for turn, reach in ((40.0, REACH), (36.5, (-152.0, 147.5))):
+        slow = [naive_meta.columns(*row, turn, reach) for row in zip(at, side, other, strict=True)]
+        np.testing.assert_allclose(columns(at, side, other, turn, reach), slow, atol=1e-12)
 
 
 def test_evidence_knows_no_order_and_the_posterior_is_that_of_eq_19() -> None:

@@ -33,18 +33,29 @@ class Evidence:
 
 def posterior(xp: Any, gram: Any, slope: Any, deviation: Any, sigma: Any) -> tuple[Any, Any]:
     """Return the mean [C] and covariance [C, C] (physics.md eq. 19) for prior standard deviations [C] and the noise."""
-    size = gram.shape[-1]
-    inner = xp.eye(size) + deviation[:, None] * gram * deviation[None, :] / sigma**2
-    covariance = deviation[:, None] * _inverse(xp, inner) * deviation[None, :]
+    if xp is np:
+        whitened = _whitened(gram, deviation, sigma) * deviation
+        covariance = whitened.T @ whitened
+    else:
+        inner = xp.eye(gram.shape[-1]) + deviation[:, None] * gram * deviation[None, :] / sigma**2
+        covariance = deviation[:, None] * xp.linalg.inv(inner) * deviation[None, :]
     return covariance @ slope / sigma**2, covariance
 
 
-def _inverse(xp: Any, matrix: Any) -> Any:
-    """Invert a symmetric matrix [C, C] without eigenvalues below 1."""
+def _glance(xp: Any, gram: Any, slope: Any, deviation: Any, sigma: float) -> tuple[Any, Any]:
+    """Return the posterior's mean [C] and variances [C]; numpy needs no covariance for that."""
     if xp is not np:
-        return xp.linalg.inv(matrix)
-    whitened = lower_inverse(np.linalg.cholesky(matrix))
-    return whitened.T @ whitened
+        mean, covariance = posterior(xp, gram, slope, deviation, sigma)
+        return mean, xp.diagonal(covariance)
+    whitened = _whitened(gram, deviation, sigma) * deviation
+    return (whitened @ slope) @ whitened / sigma**2, np.einsum("ij,ij->j", whitened, whitened)
+
+
+def _whitened(gram: np.ndarray, deviation: np.ndarray, sigma: float) -> np.ndarray:
+    """Return the inverse Cholesky factor [C, C] of the posterior's precision in units of the prior's deviations."""
+    inner = gram * np.outer(deviation / sigma, deviation / sigma)
+    inner.flat[:: len(inner) + 1] += 1.0
+    return lower_inverse(np.linalg.cholesky(inner))
 
 
 def first_look(xp: Any, gram: Any, slope: Any, square: Any, count: Any, seen: Any, member: Any) -> Any:
@@ -53,9 +64,9 @@ def first_look(xp: Any, gram: Any, slope: Any, square: Any, count: Any, seen: An
     sizes = member.sum(axis=0)
     for sd_mm, sigma_mm in LOOKS:
         deviation = believed(xp, xp.full(LEARNED, np.log(sd_mm)), member)
-        mean, covariance = posterior(xp, gram, slope, deviation, sigma_mm)
+        mean, variance = _glance(xp, gram, slope, deviation, sigma_mm)
         rms = xp.sqrt((mean**2 @ member) / sizes)
-        settled = (xp.diagonal(covariance) / deviation**2) @ member / sizes
+        settled = (variance / deviation**2) @ member / sizes
         left = xp.maximum(square - 2 * mean @ slope + mean @ gram @ mean, 0.0) / count
         found += [xp.log10(rms[FIXED:] + _LEAST), settled[FIXED:], xp.log10(xp.sqrt(left) + _LEAST)[None]]
     return xp.concatenate([*found, xp.stack([xp.log10(count), seen])])

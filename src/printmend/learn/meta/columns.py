@@ -6,8 +6,12 @@ nothing, waves that change along the bed, the frame's terms; and s/2 times the p
 (physics.md eq. 7–10, 17). Columns of one group share what is believed of them.
 """
 
+from functools import lru_cache
+
 import numpy as np
 
+from printmend.learn.meta import kernels
+from printmend.path import frozen
 from printmend.units import TURN_RAD
 
 HARMONICS, PLAY_HARMONICS = 12, 6  # waves of a turn: those of the belt's place, and those of the play
@@ -24,45 +28,27 @@ FIXED = 2  # the first groups: offset and slope
 FIXED_SD_MM = (100.0, 30.0)  # standard deviations of what is believed of them, wider than any machine
 
 
+@lru_cache(maxsize=8)
 def groups(reach_mm: tuple[float, float]) -> np.ndarray:
     """Return the group [C] of each column for a motor that goes from reach_mm[0] to reach_mm[1] about the middle."""
     narrow, wide = len(_places(reach_mm, NARROW_MM)), len(_places(reach_mm, WIDE_MM))
     sizes = [1, 1, *[2] * HARMONICS, narrow, wide, 2 * len(ELASTIC_HARMONICS), CROSS, 1, 2, 2 * (PLAY_HARMONICS - 1),
              wide, 2]  # fmt: skip
-    return np.repeat(np.arange(len(GROUPS)), sizes)
+    return frozen(np.repeat(np.arange(len(GROUPS)), sizes))
 
 
 def columns(
     at_mm: np.ndarray, side: np.ndarray, other_mm: np.ndarray, turn_mm: float, reach_mm: tuple[float, float]
 ) -> np.ndarray:
     """Return the columns [N, C] at contacts ``at_mm`` [N] on ``side`` [N]; places count from the bed's middle."""
-    x, q = at_mm / SCALE_MM, other_mm / SCALE_MM
-    turn = np.exp(1j * TURN_RAD / turn_mm * at_mm)
-    waves, power = [], np.ones_like(turn)
-    for _ in range(HARMONICS):
-        power = power * turn
-        waves += [power.real, power.imag]
-    wide = bumps(at_mm, reach_mm, WIDE_MM)
-    half = (side / 2)[:, None]
-    return np.concatenate(
-        [
-            np.stack([np.ones_like(x), x, *waves], axis=1),
-            bumps(at_mm, reach_mm, NARROW_MM),
-            wide,
-            np.stack([x * waves[2 * k - 2 + part] for k in ELASTIC_HARMONICS for part in (0, 1)], axis=1),
-            np.stack([q, q * q, q * x, x * x, q**3], axis=1),
-            half * np.stack([np.ones_like(x), *waves[: 2 * PLAY_HARMONICS]], axis=1),
-            half * wide,
-            half * np.stack([x, x * x], axis=1),
-        ],
-        axis=1,
-    )
-
-
-def bumps(at_mm: np.ndarray, reach_mm: tuple[float, float], spacing_mm: float) -> np.ndarray:
-    """Return bells [N, B] as wide as their spacing over the reach."""
-    away = (at_mm[:, None] - _places(reach_mm, spacing_mm)) / spacing_mm
-    return np.asarray(np.exp(-0.5 * away * away))
+    places = [_places(reach_mm, apart_mm) for apart_mm in (NARROW_MM, WIDE_MM)]
+    bells = np.array([[found[0], found[1] - found[0], len(found)] for found in places])
+    out = np.empty((len(at_mm), len(groups(reach_mm))))
+    kernels.fill_columns(
+        *(np.ascontiguousarray(values, float) for values in (at_mm, side, other_mm)), TURN_RAD / turn_mm, SCALE_MM,
+        HARMONICS, PLAY_HARMONICS, np.array(ELASTIC_HARMONICS), bells, out,
+    )  # fmt: skip
+    return out
 
 
 def _places(reach_mm: tuple[float, float], spacing_mm: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from functools import cache, lru_cache
 from importlib import resources
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from printmend.learn.drive import Rows
 from printmend.learn.greybox.model import cross_frame
@@ -135,13 +135,19 @@ class MetaLearner:
         """Learn from a trace. Raise `TraceError` where it has too few measured points."""
         check_trace(trace)
         weights = shipped() if self.weights is None else self.weights
-        with threadpool_limits(1, user_api="blas"):
+        with _libraries().limit(limits=1, user_api="blas"):
             rows = motor_rows(_with_home(trace, printer), printer)
             drives = [_drive(found, printer, k, weights, homed=trace.homed) for k, found in enumerate(rows)]
         x, y = (_table(drive, printer, k) for k, drive in enumerate(drives))
         terms = [drive.mean[groups(drive.place.reach_mm) == _CROSS] for drive in drives]
         frame = cross_frame(printer, [(CROSS_POWERS, values) for values in terms])
         return MetaModel(Mechanism(printer, (x, y), frame), (drives[0], drives[1]))
+
+
+@cache
+def _libraries() -> ThreadpoolController:
+    """Return what holds the threads of the libraries for linear algebra, which takes a while to find them."""
+    return ThreadpoolController()
 
 
 @cache
@@ -239,7 +245,8 @@ def _touched(
     rows: _Rows, drive: MetaDrive, printer: Printer, motor: int, *, homed: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Follow the rows through the believed play: contacts (rows [N], −1 before the first; sides [N])."""
-    table, place = _table(drive, printer, motor), drive.place
+    place, (full_mm, _) = drive.place, _whole(drive.place, printer, motor)
+    lower, upper = _branches(drive, printer, motor)
     at, side = np.empty(len(rows.motor_mm), np.int64), np.empty(len(rows.motor_mm), np.int8)
     first = int(np.argmax(rows.weight > 0))
     here = slice(first, first + 1)
@@ -249,8 +256,8 @@ def _touched(
     if homed:  # the end stop was met moving that way
         start_mm = -np.inf if printer.motor_home_direction(motor) > 0 else np.inf
     kernels.touches(
-        np.ascontiguousarray(rows.motor_mm + place.middle_mm), table.first_mm, 1 / table.pitch_mm, table.lower_mm,
-        table.upper_mm, start_mm, at, side,
+        np.ascontiguousarray(rows.motor_mm + place.middle_mm), full_mm[0], 1 / (full_mm[1] - full_mm[0]), lower, upper,
+        start_mm, at, side,
     )  # fmt: skip
     return at, side.astype(float)
 
@@ -269,20 +276,22 @@ def _robust(seen: _Seen, drive: MetaDrive) -> _Seen:
 
 def _table(drive: MetaDrive, printer: Printer, motor: int) -> Transmission:
     """Return the drive's branches over the bed and one more bed on either side, straight between full steps."""
-    healthy, stride = healthy_transmission(printer, motor), printer.axes[motor].microsteps
-    at = healthy.motor_mm
-    whole = at[::stride]
-    branches = drive.branches_of(
-        whole, _table_columns(drive.place, float(at[0]), healthy.pitch_mm * stride, len(whole))
-    )
-    lower, upper = (at + np.interp(at, whole, one - whole) for one in branches)
+    healthy = healthy_transmission(printer, motor)
+    at, whole = healthy.motor_mm, _whole(drive.place, printer, motor)[0]
+    lower, upper = (at + np.interp(at, whole, one - whole) for one in _branches(drive, printer, motor))
     return Transmission(healthy.first_mm, healthy.pitch_mm, lower, upper)
 
 
+def _branches(drive: MetaDrive, printer: Printer, motor: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (lower, upper) [mm] at the full steps of the drive's table."""
+    return drive.branches_of(*_whole(drive.place, printer, motor))
+
+
 @lru_cache(maxsize=2)
-def _table_columns(place: Place, first_mm: float, pitch_mm: float, count: int) -> np.ndarray:
-    """Return the columns [N, C] at a table's full steps: the same for every look at the drive."""
-    return frozen(_drive_columns(place, first_mm + pitch_mm * np.arange(count), 1.0))
+def _whole(place: Place, printer: Printer, motor: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the full steps [N] of a drive's table, mm, and the columns there [N, C]: the same for every look at it."""
+    at = healthy_transmission(printer, motor).motor_mm[:: printer.axes[motor].microsteps]
+    return frozen(at), frozen(_drive_columns(place, at, 1.0))
 
 
 LEARNERS = {"meta": MetaLearner()}
