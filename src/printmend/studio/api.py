@@ -18,7 +18,6 @@ from starlette.concurrency import run_in_threadpool
 from printmend import __version__
 from printmend.errors import InputError
 from printmend.studio.jobs import Studio
-from printmend.studio.play import preview
 from printmend.studio.shapes import KEY, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
 from printmend.studio.store import DONE, NotThereError
 
@@ -184,12 +183,16 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=200)]) -> F
 
 
 @router.post("/play/preview", tags=["play"])
-def play_preview(faults: FaultsIn) -> Preview:
+def play_preview(here: Here, faults: FaultsIn) -> Preview:
     """Return the pulleys and the test print of a printer that is broken like this."""
-    return Preview(**preview(faults.faults()))
+    from printmend.studio.play import faults_of, preview
+
+    shown = Preview(**preview(faults_of(faults.model_dump())))
+    here.jobs.warm()
+    return shown
 
 
 @router.post("/play", status_code=202, tags=["play"])
 def play(here: Here, faults: FaultsIn) -> JobCard:
     """Print the test print on such a printer, scan it, learn, and mend a part: a job."""
-    return card(here, here.jobs.submit("play", None, {"faults": faults.faults().json()}))
+    return card(here, here.jobs.submit("play", None, {"faults": faults.model_dump()}))

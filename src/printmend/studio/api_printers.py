@@ -18,7 +18,6 @@ from printmend.printer.toml import parse_printer
 from printmend.studio.api import PROBLEMS, Here, Key, card, plain_name
 from printmend.studio.host import FILE, find_host, keep_host, read_host
 from printmend.studio.jobs import Studio
-from printmend.studio.said import LEAST_ADVICE_MM, advice_of, said
 from printmend.studio.shapes import (
     Distance,
     HostCard,
@@ -57,6 +56,8 @@ def _card(here: Studio, row: dict[str, Any]) -> PrinterCard:
     trend = [job["result"]["said"]["before_mm"] for job in learned]
     health, healthy, digest, measured_s = None, None, None, None
     if (folder / MODEL).is_file():
+        from printmend.studio.said import LEAST_ADVICE_MM, advice_of  # all of learning: not for a printer's bare card
+
         document = json.loads((folder / MODEL).read_text(encoding="utf-8"))
         titles = [one.title for _, one in advice_of(document) if one.effect_mm >= LEAST_ADVICE_MM]
         health = "; ".join(titles) or (document["findings"] or [""])[0]
@@ -266,6 +267,7 @@ def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
 def known(here: Here, key: Key) -> Known:
     """Return what is known of a printer."""
     from printmend.saved import read_model
+    from printmend.studio.said import said
 
     folder = _folder(here, key)
     history: list[dict[str, Any]] = []

@@ -50,7 +50,6 @@ def create_app(
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         store = Store(folder)
         jobs = Jobs(store, workers=workers, cluster=cluster)
-        jobs.warm()
         app.state.studio = Studio(store, jobs)
         yield
         jobs.close()
@@ -68,7 +67,9 @@ def create_app(
     app.include_router(api.router)
     app.include_router(api_printers.router)
     app.mount("/", StaticFiles(directory=PAGE, html=True))
-    return Guard(GZipMiddleware(app, minimum_size=2000), hosts=hosts, token=token, most_bytes=most_bytes)
+    return Guard(
+        GZipMiddleware(app, minimum_size=2000, compresslevel=5), hosts=hosts, token=token, most_bytes=most_bytes
+    )
 
 
 def _refused(request: Request, error: Exception) -> JSONResponse:

@@ -21,7 +21,7 @@ from printmend.studio.store import Row, Store
 LONGEST_S = 1800.0  # a job that takes longer is stopped
 MOST_WAITING = 500
 KEPT_DAYS = 30
-_WARM_AFTER_S = 4.0  # until then the page has the processor
+_WARM_AFTER_S = 8.0  # at the latest: until the page is drawn, it has the processor
 _LOG = logging.getLogger("printmend.studio")
 
 
@@ -33,8 +33,7 @@ class Jobs:
     """
 
     def __init__(self, store: Store, *, workers: int, cluster: Executor | None = None) -> None:
-        self._store, self._closing = store, False
-        self._warming: threading.Timer | None = None
+        self._store, self._closing, self._warmed = store, False, False
         # spawned, not forked: a fork of a process with threads may hang
         context = multiprocessing.get_context("spawn")
         self._pool = _Remote(cluster) if cluster else ProcessPool(workers, context=context, initializer=work.begin)
@@ -42,6 +41,9 @@ class Jobs:
         self._tidy()
         for job in store.jobs(waiting=True):
             self._schedule(job["id"], job["kind"], job["params"])
+        self._later = threading.Timer(_WARM_AFTER_S, lambda: self.warm())
+        self._later.daemon = True
+        self._later.start()
 
     def _tidy(self) -> None:
         """Remove what nobody fetched for a month; measurements and check prints are a printer's history and stay."""
@@ -93,17 +95,15 @@ class Jobs:
         shutil.rmtree(self._store.path("job", key), ignore_errors=True)
 
     def warm(self) -> None:
-        """Let the workers start and import what they need before somebody waits for it, once the page is drawn."""
-        if isinstance(self._pool, ProcessPool):
-            self._warming = threading.Timer(_WARM_AFTER_S, self._pool.schedule, args=(work.imports,))
-            self._warming.daemon = True
-            self._warming.start()
+        """Let the workers start and rehearse, unless they have, before somebody waits for them."""
+        if isinstance(self._pool, ProcessPool) and not (self._warmed or self._closing):
+            self._warmed = True
+            self._pool.schedule(work.rehearsed)
 
     def close(self) -> None:
         """Stop the workers; what they had not finished begins again with the next server."""
         self._closing = True
-        if self._warming is not None:
-            self._warming.cancel()
+        self._later.cancel()
         self._pool.stop()
         self._pool.join()
 

@@ -1,8 +1,9 @@
 """A printer that exists only here: broken with sliders, its test print scanned, learned and mended."""
 
-from dataclasses import asdict, dataclass, field, replace
+import threading
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -24,14 +25,14 @@ from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
+from printmend.studio.sliders import MOST_DENT_MM, Shape
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
 
-Shape = Literal["round", "eccentric", "oval", "flat", "square"]
 PRINTER = "ender3"
 LAYER = 12  # of the part: the one that the screen draws while sliders move
-MOST_DENT_MM, MOST_PLAY_MM, MOST_SKEW_DEG, MOST_SCREW_MM = 1.5, 0.8, 2.0, 0.5
 _ANGLES = 180
+_FIRST = threading.Lock()  # what is made once is made by one
 _SCREW_PHASE_RAD = 0.6
 _TOWER_MM, _TOWER_TURNS, _TOWER_LAYERS = 20.0, 2.2, 20
 _HAND_MM = 0.03  # how well one measures a tower's corners by hand
@@ -84,13 +85,9 @@ class Faults:
         screw = Screw(wobble_mm=self.screw_mm, wobble_phase_rad=_SCREW_PHASE_RAD) if self.screw_mm else None
         return Corruption((x, y), frame, screw)
 
-    def json(self) -> dict[str, Any]:
-        """Return plain values, which `faults_of` reads."""
-        return asdict(self)
-
 
 def faults_of(table: dict[str, Any]) -> Faults:
-    """Read what `Faults.json` wrote."""
+    """Return the faults of a plain table, as the page sends it."""
     return Faults(Side(**table["x"]), Side(**table["y"]), table["skew_deg"], table["screw_mm"])
 
 
@@ -117,11 +114,12 @@ def preview(faults: Faults) -> dict[str, Any]:
     ``part_mm`` and ``printed_mm`` [N, 2] a layer of a part as wanted and as it comes out, laid where it fits;
     ``wall_mm`` the height of each of its layers, and how far the Z screw pushes it along x.
     """
-    printer, plan = play_printer()
+    with _FIRST:
+        printer, plan = play_printer()
+        places, joined = play_layer()
     corruption = faults.corruption(printer)
     twin = Twin.of(replace(corruption, screw=None), printer)  # one layer: all of it is pushed alike
     off = twin.follow(plan.waypoints_mm)[plan.rows] - plan.marks_mm
-    places, joined = play_layer()
     printed = twin.follow(np.concatenate([[printer.home_mm], places]))[1:]
     shape = off - off.mean(axis=0)
     return {

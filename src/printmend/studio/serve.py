@@ -32,6 +32,7 @@ def serve(
     token = None if host in LOOPBACK else secrets.token_urlsafe(24)
     hosts = {*LOOPBACK, *names, *((host,) if host not in _EVERYWHERE else (socket.gethostname(), *_addresses()))}
     listener = _listener(host, port)
+    threading.Thread(target=_draw_beforehand, daemon=True).start()
     port = listener.getsockname()[1]
     shown = socket.gethostname() if host in _EVERYWHERE else f"[{host}]" if ":" in host else host
     address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
@@ -77,6 +78,13 @@ def _addresses() -> set[str]:
         return {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None)}
     except OSError:
         return set()
+
+
+def _draw_beforehand() -> None:
+    """Draw what the first screen shows, while the browser still asks for the page."""
+    from printmend.studio.play import Faults, preview
+
+    preview(Faults())
 
 
 def _show(server: uvicorn.Server, address: str) -> None:

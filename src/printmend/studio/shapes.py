@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from printmend.studio.play import MOST_DENT_MM, MOST_PLAY_MM, MOST_SCREW_MM, MOST_SKEW_DEG, Faults, Shape, Side
+from printmend.studio.sliders import MOST_DENT_MM, MOST_PLAY_MM, MOST_SCREW_MM, MOST_SKEW_DEG, Shape
 
 KEY = r"^[0-9a-f]{16}$"
 
@@ -138,10 +138,6 @@ class FaultsIn(Strict):
     y: SideIn = Field(default_factory=SideIn)
     skew_deg: float = Field(default=0.0, ge=-MOST_SKEW_DEG, le=MOST_SKEW_DEG)
     screw_mm: float = Field(default=0.0, ge=0, le=MOST_SCREW_MM, description="how far a bent Z screw pushes layers")
-
-    def faults(self) -> Faults:
-        """Return them as the program's value."""
-        return Faults(Side(**self.x.model_dump()), Side(**self.y.model_dump()), self.skew_deg, self.screw_mm)
 
 
 class Preview(BaseModel):

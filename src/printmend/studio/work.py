@@ -5,11 +5,14 @@ small table: numbers, words and the names of the files that may be fetched. Ever
 a job that was killed is simply run again.
 """
 
+import contextlib
 import json
 import os
 import signal
+import tempfile
 import time
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,7 @@ Params = dict[str, Any]
 PROGRESS = "progress.json"
 MODEL, PRINTER, PLAN, PROBE = "printer.mend.json", "printer.toml", "probe.json", "probe.gcode"
 WANTED, MENDED = "wanted.bin", "mended.bin"
+_SMALL_PART = "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X60 Y60\nG1 X110 Y60 E2\nG2 X110 Y100 I0 J20 E3\nG1 X60 Y95 E2\n"
 _PLAY_DPI = 300.0
 _SEEN_PX = 1800  # of a scan as it is shown
 
@@ -69,13 +73,29 @@ class Job:
 def begin() -> None:
     """Begin a worker: Ctrl-C in the terminal is the server's to handle."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    imports()
+    with contextlib.suppress(OSError, PrintmendError):
+        rehearse()
 
 
-def imports() -> None:
-    """Import what every job needs, so that the first one does not wait for it."""
-    import printmend.repair.mend
-    import printmend.studio.scene  # noqa: F401
+def rehearsed() -> None:
+    """Do nothing: a worker that has begun is ready for a job."""
+
+
+def rehearse() -> None:
+    """Mend a small part, so that nobody waits while the first job's libraries and kernels are loaded."""
+    from printmend.corruption import Corruption, Drive, EccentricBore, Play
+    from printmend.printer import read_printer
+    from printmend.saved import exact_model, write_model
+    from printmend.twin import Twin
+
+    bent = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.2)), Drive(belt=Play(0.2))))
+    with tempfile.TemporaryDirectory(prefix="printmend-") as name:
+        data = Path(name)
+        for folder in ("printers/0", "uploads"):
+            (data / folder).mkdir(parents=True)
+        write_model(data / "printers/0" / MODEL, exact_model(Twin.of(bent, read_printer("ender3")).homed()))
+        (data / "uploads/0").write_text(_SMALL_PART, encoding="utf-8")
+        run("mend", str(data / "jobs"), name, {"printer": "0", "upload": "0", "name": "part.gcode"})
 
 
 def run(kind: str, folder: str, data: str, params: Params) -> dict[str, Any]:
@@ -100,10 +120,9 @@ def _mend(job: Job) -> dict[str, Any]:
     """Mend one file, show it in three dimensions, and predict what it comes to."""
     from printmend.repair import mend_gcode
     from printmend.repair.mend import check_gcode
-    from printmend.saved import read_model
     from printmend.studio.scene import Tap, as_mended, as_printed, read_drawing, write_mended, write_wanted
 
-    model = read_model(job.printer_folder / MODEL)
+    model = _model(job.printer_folder / MODEL)
     source, name = job.upload(job.params["upload"]), job.params["name"]
     named = _named(job, job.params["upload"], name)
     size = max(source.stat().st_size, 1)
@@ -139,6 +158,19 @@ def _mend(job: Job) -> dict[str, Any]:
                        for layer in prediction.layers],
             "bytes": source.stat().st_size, "digest": model.digest,
             "summary": prediction.summary()}  # fmt: skip
+
+
+def _model(path: Path) -> Any:
+    """Return a printer's model, read once for many parts."""
+    stat = path.stat()
+    return _read_model(path, stat.st_mtime_ns, stat.st_size, stat.st_ino)
+
+
+@lru_cache(maxsize=4)
+def _read_model(path: Path, *version: int) -> Any:
+    from printmend.saved import read_model
+
+    return read_model(path)
 
 
 def _named(job: Job, upload: str, name: str) -> Path:
