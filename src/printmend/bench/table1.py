@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from printmend.learn.published import layer_trace
 from printmend.path import Layer, Trace
 from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Protocol = Literal["paper", "heldout"]
 TABLE = "table1"
@@ -227,7 +230,10 @@ def table1(
     results = run(cases, rows, out, executor, tick=tick)
     drawn = sorted({case.family for case in cases})
     world = drawn[0] if len(drawn) == 1 else "mixed"
-    draw_figure6(results, rows, Path(out) / f"figure6-{world}-{cases[0].protocol}.png")
+    if (figure := figure6(results, rows)) is not None:
+        from printmend.draw import save
+
+        save(figure, Path(out) / f"figure6-{world}-{cases[0].protocol}.png", dpi=110)
     return lines(results, rows), results
 
 
@@ -269,20 +275,23 @@ def cells(line: Line) -> tuple[str, ...]:
     return (line.row, str(line.bodies), *texts, learn, speed)
 
 
-def draw_figure6(results: Sequence[Result], rows: Sequence[str], path: Path) -> None:
-    """Draw the paper's Fig. 6 (clipped at 100 steps) beside every model's unclipped errors over a logarithmic axis."""
+def figure6(results: Sequence[Result], rows: Sequence[str]) -> "Figure | None":
+    """Draw the paper's Fig. 6 (one model's errors, clipped at 100 steps) beside every model's over a logarithmic axis.
+
+    None where no row succeeded on any body.
+    """
     values = {
         name: np.array([item.values["rmse_steps"] for item in results if item.row == name and item.error is None])
         for name in rows
     }
     values = {name: errors for name, errors in values.items() if len(errors)}
     if not values:
-        return
-    from printmend.draw import draw_histogram, draw_log_histogram, new_figure, save
+        return None
+    from printmend.draw import draw_histogram, draw_log_histogram, new_figure
 
     shown = next((name for name in ("lightgbm", *rows) if name in values), rows[0])
     figure, axes = new_figure(2, width_in=6.0, height_in=4.2)
     draw_histogram(axes[0], values[shown], name=f"{shown}: {len(values[shown])} bodies")
     draw_log_histogram(axes[1], values)
-    figure.subplots_adjust(left=0.06, right=0.95, top=0.92, bottom=0.13, wspace=0.22)
-    save(figure, path, dpi=110)
+    figure.subplots_adjust(left=0.06, right=0.95, top=0.92, bottom=0.13, wspace=0.27)
+    return figure

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from printmend.bench.case import Case, Result
 from printmend.bench.report import markdown_table
 from printmend.bench.rows import row
-from printmend.bench.table1 import HEADER, Line, cells
+from printmend.bench.table1 import HEADER, Line, cells, figure6
 from printmend.corruption import read_corruption
 from printmend.dataset.bodies import thinned
 from printmend.dataset.build import body_file, corruption_file
@@ -22,8 +22,6 @@ from printmend.dataset.parquet import read_body
 from printmend.draw import (
     comparison,
     draw_above,
-    draw_histogram,
-    draw_log_histogram,
     draw_solid,
     new_figure,
     printed_layer,
@@ -96,7 +94,9 @@ def body_figure(shown: Shown, *, solid: bool) -> Figure:
     colours = Normalize(0, max(float(np.percentile(worst, 98)), shown.printer.x.mm_per_step))
     box = view([*ideal, *corrupted, *corrected])
     pictures = [partial(_raster, draw, layers=one, colours=colours, view_mm=box) for one in shown.bodies.values()]
-    return comparison(list(shown.bodies), pictures, title=f"{shown.name}, RMSE", colours=colours)
+    return comparison(
+        list(shown.bodies), pictures, title=f"{shown.name}: RMSE of the whole body as printed", colours=colours
+    )
 
 
 def _raster(draw: Callable[..., Axes], axes: Axes, **more: object) -> Axes:
@@ -138,13 +138,14 @@ def machine_figure(printer: Printer) -> Figure:
         )
     labels = (
         (at, top - 35, "nozzle"),
-        ((x / 2, 0.0), 0.0, f"bed {x:g} × {y:g} mm"),
         ((-20.0, y * 0.8), top + 8, "belt"),
     )
     for place, level, name in labels:
         axes.annotate(
             name, project(np.array([place]), level)[0], xytext=(6, -11), textcoords="offset points", fontsize=8
         )
+    middle = project(np.array([(x / 2, y / 2)]), 0.0)[0]
+    axes.annotate(f"bed\n{x:g} × {y:g} mm", middle, ha="center", va="center", fontsize=8)
     every = np.concatenate([project(np.array(corners), level) for level in (frame[0][2], frame[1][2])])
     fit_view(plain(axes), every.min(axis=0), every.max(axis=0))
     axes.set_title(printer.name, color=INK, fontsize=11)
@@ -168,8 +169,14 @@ def trajectory_figure(twin: Twin) -> Figure:
         place.plot(*way.T, "o-", color=colour, markersize=4)
         if place is axes[1]:
             place.plot(*wanted.T, ":", color=PALETTE[5], linewidth=1)
-        for number, point in enumerate(way):
-            place.annotate(f"{number}", point, xytext=(4, 4), textcoords="offset points", fontsize=8)
+        for number, point in enumerate(way[:-1]):
+            place.annotate(
+                f"{number}" if number else f"0, {len(way) - 1}",
+                point,
+                xytext=(4, 4),
+                textcoords="offset points",
+                fontsize=8,
+            )
         fit_view(plain(place), low, high, margin=0.12)
         place.set_title(name, color=INK, fontsize=11)
     return figure
@@ -181,8 +188,8 @@ def similarity_figure() -> Figure:
     other = np.array([(0, 0), (24, 0), (24, 14), (10, 10), (8, 30), (0, 26)], float)
     figure, axes = new_figure(2, width_in=3.6, height_in=3.6)
     for place, measure, name in (
-        (axes[0], _area_between, "least area of one alone"),
-        (axes[1], _point_distance, "least distance of points"),
+        (axes[0], _area_between, "laid over each other by area"),
+        (axes[1], _point_distance, "by their nearest points"),
     ):
         start = np.append(one.mean(axis=0) - other.mean(axis=0), 0.0)
         best = minimize(lambda move, by=measure: by(one, _moved(other, move)), start, method="Nelder-Mead")
@@ -190,7 +197,7 @@ def similarity_figure() -> Figure:
         for outline, colour in ((one, PALETTE[0]), (laid, PALETTE[1])):
             place.fill(*outline.T, facecolor=colour, alpha=0.35, edgecolor=colour, linewidth=1.5)
         area, distance = _area_between(one, laid), _point_distance(one, laid)
-        place.set_title(f"{name}\n{area:.0f} mm², {distance:.1f} mm", color=INK, fontsize=9)
+        place.set_title(f"{name}\n{area:.0f} mm² of one alone, {distance:.1f} mm between points", color=INK, fontsize=9)
         both = np.vstack([one, laid])
         fit_view(plain(place), both.min(axis=0), both.max(axis=0))
     figure.subplots_adjust(top=0.85)
@@ -211,24 +218,9 @@ def _point_distance(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.sort(np.hypot(*(one - other).T))[:3].mean())
 
 
-def histogram_figure(results: Sequence[Result], rows: Sequence[str]) -> Figure:
-    """Draw Fig. 6: the bodies' errors, of LightGBM as in the paper, and of every row."""
-    values = {
-        name: np.array([item.values["rmse_steps"] for item in results if item.row == name and item.error is None])
-        for name in rows
-    }
-    values = {name: errors for name, errors in values.items() if len(errors)}
-    shown = "lightgbm" if "lightgbm" in values else next(iter(values))
-    figure, axes = new_figure(2, width_in=5.6, height_in=4.0)
-    draw_histogram(axes[0], values[shown], name=f"{shown}: {len(values[shown])} bodies")
-    draw_log_histogram(axes[1], values)
-    figure.subplots_adjust(left=0.07, right=0.94, top=0.92, bottom=0.14, wspace=0.3)
-    return figure
-
-
 def table_lines(lines: Sequence[Line]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return the header and the texts of Table I, the paper's own figure in the last column."""
-    paper = [f"{PAPER_STEPS[line.row]:g}" if line.row in PAPER_STEPS else "–" for line in lines]
+    paper = [f"{PAPER_STEPS[line.row]:.1f}" if line.row in PAPER_STEPS else "–" for line in lines]
     return (*HEADER, "paper"), [(*cells(line), said) for line, said in zip(lines, paper, strict=True)]
 
 
@@ -250,7 +242,11 @@ def latex_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def table_figure(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Figure:
     """Draw Table I as a picture."""
     figure, (axes,) = new_figure(width_in=1.0 * len(header), height_in=0.3 * (len(rows) + 2))
-    table = axes.table([list(row) for row in rows], colLabels=list(header), loc="center", edges="horizontal")
+    table = axes.table([list(row) for row in rows], colLabels=list(header), loc="center")
+    for (line, column), cell in table.get_celld().items():
+        cell.visible_edges = {0: "BT", len(rows): "B"}.get(line, "open")  # as a table of a journal
+        if column == 0:
+            cell.get_text().set_ha("left")
     table.auto_set_font_size(False)
     table.set_fontsize(8)
     table.auto_set_column_width(list(range(len(header))))
@@ -275,7 +271,7 @@ def write_figures(
         "figure3": lambda: trajectory_figure(twin),
         "figure4": similarity_figure,
         "figure5": lambda: body_figure(shown, solid=False),
-        "figure6": lambda: histogram_figure(results, shown_rows),
+        "figure6": lambda: figure6(results, shown_rows),
         "table1": lambda: table_figure(header, texts),
     }
     written = []
