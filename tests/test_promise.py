@@ -90,7 +90,7 @@ def test_less_is_promised_where_less_was_measured(bent: SavedModel, part: Path) 
     poor = learn_model(measured(BENT, 0.2, 1, 250), ENDER3)
     promises = [check_gcode(part, model).after for model in (bent, poor)]
     assert promises[1].rms_mm > 2 * promises[0].rms_mm
-    assert promises[1].rms_high_mm - promises[1].rms_low_mm > 2 * (promises[0].rms_high_mm - promises[0].rms_low_mm)
+    assert promises[1].rms_high_mm - promises[1].rms_low_mm > 1.5 * (promises[0].rms_high_mm - promises[0].rms_low_mm)
 
 
 def test_a_model_that_says_nothing_of_its_doubt_promises_what_it_plans(part: Path) -> None:

@@ -10,18 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from printmend.promise.laws import LAWS, LONG_MM, TWO_MOTORS, Sideways
+from printmend.promise.laws import LAWS, LONG_MM, TWO_MOTORS, WARMING, Sideways, warmed
 from printmend.saved.values import number, numbers, refuse, section_of
 
 STAYS, SPEED, ENDED, VARIES, EARLY, LEARNED = "stays", "speed", "ended", "varies", "early", "learned"
 # Mean and standard deviation of how much of a law a new print has: what stays, what depends on speed, what was taken
 # out as it was at the end of the measured print and may go on, and what was learned as a part of another kind.
-SHARES = {STAYS: (1.0, 0.25), SPEED: (0.5, 0.3), ENDED: (0.0, 0.1), LEARNED: (0.0, 0.4)}
+SHARES = {STAYS: (1.0, 0.25), SPEED: (0.5, 0.3), ENDED: (0.0, 0.1), LEARNED: (0.0, 0.12)}
 GOES_ON = 0.7  # standard deviation of the logarithm of how much what ended may go on
 # What comes anew with every print, as warmth does: a new one may be anywhere on its way. The model is of the whole
 # measured print (varies), or of as early a time as most parts are printed at (early).
 VARIES_FROM, VARIES_TO = 0.1, 1.0
-EARLY_DONE, EARLY_SHARE = 0.108, 0.35  # of the measured print; of a warm-up's law then, with `WARMING`
+EARLY_DONE = 0.108  # of the measured print
+# How much sooner than the measured one another print warms up, the last is still warm from before; the chances of each.
+WARMING_SPEEDS = (0.6, 1.0, 1.4, 1.9, 2.6, 4.0, 1e6)
+WARMING_CHANCES = (0.12, 0.22, 0.2, 0.16, 0.12, 0.1, 0.08)
 _MOST_WEIGHTS = 2 * len(TWO_MOTORS)
 
 
@@ -42,7 +45,8 @@ class Effect:
     """A misfit of one ``motor``: its ``kind``'s law with ``weights`` [Q] mm, and what becomes of it, ``state``.
 
     ``absorbed`` [3] mm is how much of it the model has taken in: as an offset, as play, as a scale. ``spans_mm``
-    [4, 2] are the ends, in the measured print, of the motor's and the other motor's way and of the bed's axes.
+    [4, 2] are the ends, in the measured print, of the motor's and the other motor's way and of the bed's axes;
+    ``way_mm`` is how far that print went, 0 where this is not known.
     """
 
     kind: str
@@ -54,10 +58,11 @@ class Effect:
     absorbed: np.ndarray
     spans_mm: np.ndarray
     period_mm: float
+    way_mm: float = 0.0
 
     def law(self, one: Sideways) -> np.ndarray:
         """Return the misfit at rows [N] mm, none of it absorbed."""
-        return np.asarray(LAWS[self.kind](one, self.detail, self.place) @ self.weights)
+        return np.asarray(LAWS[self.kind](one, self.detail, self.place)[:, : len(self.weights)] @ self.weights)
 
     def drawn(self, places: "Places", begun: np.ndarray, rng: np.random.Generator) -> "Drawn":
         """Return by how much the belt may be off at places of a new print [N, D]; ``begun`` [D] from 0 to 1 draws how
@@ -68,13 +73,24 @@ class Effect:
         if self.state == VARIES:
             return Drawn(columns, np.stack([now, np.full_like(now, -1.0)]))
         if self.state == EARLY:
-            return Drawn(columns[:, :1], now[None] - EARLY_SHARE)
+            return self._warming(places, columns[:, :1], now, rng)
         share = rng.normal(*SHARES[self.state], len(begun))
         if self.state == ENDED:
             share *= np.exp(rng.normal(0.0, GOES_ON, len(begun)))
         if self.state in (STAYS, SPEED):
             return Drawn(columns, np.stack([share, -share]))
         return Drawn(columns[:, :1], share[None])
+
+    def _warming(self, places: "Places", law: np.ndarray, now: np.ndarray, rng: np.random.Generator) -> "Drawn":
+        """Return what a warm-up may do to a print that was mended as of an early time of it: a printer grows as far as
+        the print has gone, sooner or later than in the measured one, or is still warm from the print before."""
+        share = self.detail if self.kind == "thermal" else WARMING
+        early = warmed(np.array([EARLY_DONE]), share)
+        if not self.way_mm or places.gone_mm is None or self.kind != "thermal":
+            return Drawn(law, now[None] - early)
+        grown = np.stack([warmed(places.gone_mm * speed / self.way_mm, share) for speed in WARMING_SPEEDS], axis=1)
+        which = rng.choice(len(WARMING_SPEEDS), len(now), p=WARMING_CHANCES)
+        return Drawn(law / warmed(np.ones(1), share) * (grown - early), np.eye(len(WARMING_SPEEDS))[:, which])
 
     def json(self) -> dict[str, Any]:
         """Return plain values."""
@@ -85,11 +101,13 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places [N] of a new print: both motors, the bed [N, 2], the side of its belt that each motor pushes."""
+    """Places [N] of a new print: both motors, the bed [N, 2], the side of its belt that each motor pushes, and how far
+    the print has gone there, where known."""
 
     motor_mm: np.ndarray
     bed_mm: np.ndarray
     side: np.ndarray
+    gone_mm: np.ndarray | None = None
 
     def seen_by(self, effect: Effect) -> Sideways:
         """Return the places as the rows of a print that is done, in the measures of the one that was measured."""
@@ -134,14 +152,17 @@ def _effect(plain: Any, subject: str) -> Effect:
     widths = {"two-motors": _MOST_WEIGHTS, "second-period": 2, "rail-play": 2}
     if spans.shape != (4, 2) or len(absorbed) != 3 or motor not in (0, 1) or period_mm <= 0:
         refuse(subject, "effects with a motor, a period and four spans", "something else")
-    if len(weights) != widths.get(plain["kind"], 1):
+    if len(weights) != widths.get(plain["kind"], 1) and not (plain["kind"] == "thermal" and len(weights) == 2):
         refuse(subject, f"the weights of {plain['kind']}", f"{len(weights)} numbers")
     detail, place = number(plain, "detail", subject), number(plain, "place", subject)
-    if plain["kind"] in ("creep", "second-period") and detail <= 0:
+    if (plain["kind"] in ("creep", "second-period") and detail <= 0) or detail < 0:
         refuse(subject, f"a positive detail of {plain['kind']}", f"{detail:g}")
     if plain["kind"] in ("halves", "halves-play", "rail-play") and detail not in (0, 1):
         refuse(subject, f"an axis of {plain['kind']}", f"{detail:g}")
-    return Effect(plain["kind"], int(motor), weights, detail, place, plain["state"], absorbed, spans, period_mm)
+    way_mm = number(plain, "way_mm", subject) if "way_mm" in plain else 0.0
+    return Effect(
+        plain["kind"], int(motor), weights, detail, place, plain["state"], absorbed, spans, period_mm, max(way_mm, 0.0)
+    )
 
 
 def _between(values_mm: np.ndarray, span_mm: np.ndarray) -> np.ndarray:

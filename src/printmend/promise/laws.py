@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.units import TURN_RAD
 
-WARMING = 0.25  # time constant of a machine that warms up, as a share of the print
+WARMING = 0.25  # time constant of a machine that warms up, as a share of the print, where none is known
 LONG_MM = 10.0  # moves longer than this have reached their speed
 TWO_MOTORS = (1, 2, 3)  # harmonics of a pulley that may differ between the two motors of an axis
 
@@ -50,6 +50,17 @@ def _waves(one: Sideways, period_mm: float, harmonics: tuple[int, ...]) -> np.nd
     return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
 
 
+def warmed(done: np.ndarray, share: float) -> np.ndarray:
+    """Return how far a machine has warmed up [N], from 0 to 1, with a time constant that is a share of the print."""
+    return np.asarray(1 - np.exp(-done / (share or WARMING)))
+
+
+def _thermal(one: Sideways, share: float, _: float) -> np.ndarray:
+    """Return how a machine that warms up grows, and how its end stop moves away from where it grows from."""
+    grown = warmed(one.done, share)
+    return np.stack([one.own * grown, grown], axis=1)
+
+
 def _rail(one: Sideways, axis: float, _: float) -> np.ndarray:
     """Return the play of one of the bed's axes, as it was from the first point on and as it grew."""
     way = one.ways[:, int(axis)]
@@ -62,7 +73,7 @@ LAWS: dict[str, Law] = {
     "step": lambda s, share, _: (s.done > share)[:, None] * 1.0,
     "creep": lambda s, share, _: 1 - np.exp(-s.done / share)[:, None],
     "wear": lambda s, _, __: (s.side * s.done)[:, None],
-    "thermal": lambda s, _, __: (s.own * (1 - np.exp(-s.done / WARMING)))[:, None],
+    "thermal": _thermal,
     "direction": lambda s, _, __: s.across[:, None],
     "speed": lambda s, _, __: (s.side * np.minimum(1.0, s.move_mm / LONG_MM))[:, None],
     "halves": lambda s, axis, place: _upper(s, axis, place)[:, None],

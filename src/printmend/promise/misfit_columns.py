@@ -11,6 +11,8 @@ from printmend.promise.laws import LAWS, Sideways
 
 BREAKS = np.linspace(0.1, 0.9, 17)  # shares of the print after which a step is looked for
 CREEPS = (0.06, 0.15, 0.3)  # time constants, as shares of the print
+WARMINGS = (0.1, 0.25, 0.7)  # the same, of a machine that warms up
+WARMING_ODDS = 20.0  # against growth from end to end, where a shift that comes with time explains as much
 HALVES = np.linspace(-0.4, 0.4, 9)  # where one half of the bed may end and the other begin, the span from −1 to 1
 PERIODS_MM = np.geomspace(12.0, 150.0, 160)
 OWN_PERIOD = 0.02  # a second period is at least so far from the turn's own harmonics, as a share
@@ -55,7 +57,9 @@ def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
         yield Candidate("step", len(BREAKS), float(share))
     for share in CREEPS:
         yield Candidate("creep", len(CREEPS), share)
-    for kind in ("wear", "thermal", "direction", "speed"):
+    for share in WARMINGS:
+        yield Candidate("thermal", int(WARMING_ODDS * len(WARMINGS)), share)
+    for kind in ("wear", "direction", "speed"):
         yield Candidate(kind)
     for axis in range(2):
         for place in HALVES:

@@ -210,6 +210,7 @@ def effects_of(
     rows = motor_rows(trace, box.printer, box.periods_mm)
     effects, explained = [], np.zeros((len(trace), 2))
     spans = [[float(each.min()), float(each.max())] for each in (*_motors(rows), *trace.commanded_mm.T)]
+    way_mm = round(float(np.hypot(*np.diff(trace.commanded_mm, axis=0).T).sum()), 1)
     for cause in causes:
         drive, kind = box.drives[cause.motor], cause.candidate.kind
         one = sideways(rows, cause.motor, trace.commanded_mm, drive.choice.fit.touch.side)
@@ -229,7 +230,7 @@ def effects_of(
         effects.append(
             Effect(
                 kind, cause.motor, cause.weights, float(candidate.detail), candidate.place, mine, absorbed,
-                np.array(ends), rows[cause.motor].period_mm,
+                np.array(ends), rows[cause.motor].period_mm, way_mm,
             )
         )  # fmt: skip
     return tuple(effects), explained
@@ -251,7 +252,7 @@ def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: 
         replace(each, words=f"{each.words}{_OF_WHEN.get(state, '')}") if each.kind in IN_TIME else each
         for each in _one_of_each(found)
     ]
-    return (*joined, *_unfit(box), *_other_turns(box), *_left_out(box, trace), *_unseen(box, trace))
+    return (*joined, *_unfit(box, trace), *_other_turns(box), *_left_out(box, trace), *_unseen(box, trace))
 
 
 def _one_of_each(found: list[Misfit]) -> list[Misfit]:
@@ -297,10 +298,12 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
     }[cause.candidate.kind]
 
 
-def _unfit(box: GreyboxModel) -> list[Misfit]:
+def _unfit(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     """Say where a model does not follow its own measurement."""
     left, whole = box.residual_after_mm, box.residual_before_mm
     if left < max(UNFIT_MM, UNFIT_SHARE * whole):
+        return []
+    if (few := _without_lost(box, trace)) is not None and few[0] < max(UNFIT_MM, UNFIT_SHARE * few[1]):
         return []
     words = (
         f"the model leaves {left:.2f} mm of {whole:.2f} mm: this measurement is not of a printer that repeats itself, "
@@ -331,13 +334,31 @@ def _other_turns(box: GreyboxModel) -> list[Misfit]:
     return found
 
 
-def _left_out(box: GreyboxModel, trace: Trace) -> list[Misfit]:
-    """Count the points that the model leaves out."""
+def _lost(box: GreyboxModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what the model leaves of the points [N, 2], which were measured [N], and which it leaves out [N]."""
     residual = np.stack([drive.choice.fit.touch.residual_mm for drive in box.drives], axis=1)
     sigma = [robust_sigma_mm(each[np.isfinite(each)]) for each in residual.T]
     known = np.isfinite(residual).all(axis=1)
     with np.errstate(invalid="ignore"):
         lost = known & ((np.abs(residual) > LOST_SIGMAS * np.array(sigma)) & (np.abs(residual) > LOST_MM)).any(axis=1)
+    return residual, known, lost
+
+
+def _without_lost(box: GreyboxModel, trace: Trace) -> tuple[float, float] | None:
+    """Return the RMS errors [mm] that the model leaves and that there were, without the points that it leaves out; None
+    where these are so many that the others may be the wrong ones."""
+    residual, known, lost = _lost(box)
+    kept = known & ~lost
+    if lost.sum() > MOST_LOST * known.sum() or not kept.any() or len(residual) != len(trace):
+        return None
+    both = box.printer.from_motor(residual[kept]), (trace.measured_mm - trace.commanded_mm)[kept]
+    left, whole = (float(np.sqrt(np.mean(np.square(each).sum(axis=1)))) for each in both)
+    return left, whole
+
+
+def _left_out(box: GreyboxModel, trace: Trace) -> list[Misfit]:
+    """Count the points that the model leaves out."""
+    residual, known, lost = _lost(box)
     count, share = int(lost.sum()), float(lost.sum() / max(known.sum(), 1))
     if share < FEW_LOST or count < 2:
         return []

@@ -21,7 +21,7 @@ DRAWS = 256
 RANKED_DRAWS = 32  # of these, for the quantiles over the places of a path
 MOST_PLACES = 512  # of the path that are looked at, at most: 2048 change no figure by more than another seed does
 LOW, HIGH = 0.05, 0.95
-ROUNDED = (0.5, 1.1)
+ROUNDED = (0.0, 1.1)
 # Mean and standard deviation of the logarithm of how much larger a pattern that no model follows is in another print
 # than what the fit of this one left of it: a fit takes some of it in, and another path meets it otherwise.
 ELSEWHERE_LOG = (0.0, 0.6)
@@ -270,7 +270,7 @@ def _local(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Gene
     unexplained = Drawn(across2, drawn * np.exp(2 * rng.normal(*ELSEWHERE_LOG, DRAWS)))
     unshown = UNSHOWN_MM * np.exp(UNSHOWN_SD * rng.standard_normal(DRAWS))
     motion = Drawn(np.full((len(across2), 1), 0.5), unshown[None] ** 2)
-    # Some drives stop evenly on their micro-steps, others hardly hold them: half to once and a bit of their size.
+    # Some drives stop evenly on their micro-steps, others hardly hold them or go between them.
     rounding = Drawn((across2 @ (steps**2 / 12))[:, None], rng.uniform(*ROUNDED, DRAWS)[None] ** 2)
     return {"unexplained": unexplained, "motion": motion, "rounding": rounding}
 
@@ -281,7 +281,7 @@ def _effects(
     """Return the error across the path of what the tests of misfit found, by kind."""
     across = _across(mechanism, path)
     found: dict[str, Drawn] = {}
-    places = Places(aims.before_mm, path.wanted_mm, aims.side)
+    places = Places(aims.before_mm, path.wanted_mm, aims.side, np.cumsum(path.weight))
     begun = rng.uniform(0.0, 1.0, DRAWS)
     for effect in budget.effects:
         belt = effect.drawn(places, begun, rng)

@@ -1,6 +1,6 @@
 """Write down what a fit leaves unknown: the section ``promise`` of a saved model, which `budget` reads."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -17,13 +17,17 @@ from printmend.twin import Twin
 
 KEPT_VARIANCE_SHARE = 0.998  # share of the variance on the bed that the kept directions have
 NO_PARTS: dict[str, Any] = {"cross": 0, "warp": 0, "warp_span_mm": [0.0, 1.0]}
+DOUBTED_SHARE = 0.05  # of the variance that only a learned remainder explains: it may be otherwise in another print
 PLACES_COMPARED = 400  # on the bed at which that variance is looked at
 
 
-def promise_section(acts: Acting, trace: Trace, explained_mm: np.ndarray | None = None) -> dict[str, Any]:
+def promise_section(
+    acts: Acting, trace: Trace, explained_mm: np.ndarray | None = None, left_mm: np.ndarray | None = None
+) -> dict[str, Any]:
     """Return the budget of what acts of a learned machine as plain values: the section ``promise`` of its file.
 
     ``explained_mm`` [N, 2] is what misfits that were found do to each row, motor by motor: they are told apart.
+    ``left_mm`` [N, 2] is what is left where more was learned than the parts of ``acts``; None for no more.
     """
     fit = acts.fit
     rows = motor_rows(trace, fit.printer, fit.periods_mm)
@@ -32,6 +36,10 @@ def promise_section(acts: Acting, trace: Trace, explained_mm: np.ndarray | None 
         touch = drive.choice.fit.touch
         known = 0.0 if explained_mm is None else explained_mm[:, motor]
         left = unexplained(rows[motor], touch.residual_mm - known, touch.side)
+        if left_mm is not None:
+            more = unexplained(rows[motor], left_mm[:, motor] - known, touch.side)
+            if (less_mm2 := left.variance_mm2 - more.variance_mm2) > 0:
+                left = replace(more, variance_mm2=more.variance_mm2 + DOUBTED_SHARE * less_mm2)
         motors[drive.name] = motor_section(drive, fit.printer, motor, left.variance_mm2, left.sd_mm2)
     section: dict[str, Any] = {"version": VERSION, "placed": trace.placed, "instrument": asdict(trace.instrument_doubt)}
     if acts.believed is not None:

@@ -242,7 +242,7 @@ def greybox_model(
             "residual_after_mm": round((hybrid or fit).residual_after_mm, 6),
         },
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
-        "promise": promise_section(acts, trace, explained_mm),
+        "promise": promise_section(acts, trace, explained_mm, None if hybrid is None else hybrid.left_mm),
         **(more or {}),
     }
     saved: list[Branches | None] = list(branches)

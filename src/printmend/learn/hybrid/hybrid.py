@@ -45,7 +45,8 @@ class HybridModel(MachineLearned):
     ``box`` is the grey box; ``mechanism`` is its machine with the ``residuals`` of either motor added (None: nothing to
     add). In the published simulator's ``world`` no machine can say what steps do: there the model plans with the
     world's gains, and ``mechanism`` is the nearest machine. ``noise_mm`` is the standard deviation of a measured
-    coordinate about the model, and ``residual_after_mm`` the RMS distance of the measured points from it.
+    coordinate about the model, and ``residual_after_mm`` the RMS distance of the measured points from it; ``left_mm``
+    [N, 2] is what it leaves of each row, motor by motor, None where nothing was added.
     """
 
     box: GreyboxModel
@@ -54,6 +55,7 @@ class HybridModel(MachineLearned):
     residual_after_mm: float
     residuals: tuple[Residual | None, Residual | None] = (None, None)
     world: GainMechanism | None = None
+    left_mm: np.ndarray | None = None
 
     @property
     def is_plain(self) -> bool:
@@ -126,7 +128,7 @@ def with_residuals(box: GreyboxModel, trace: Trace, *, seed: int) -> HybridModel
     left = np.stack([_left_mm(box, trace, motor, table) for motor, table in enumerate((first, second))], axis=1)
     bed = box.printer.from_motor(left)[trace.measured_rows]
     after = float(np.sqrt(np.nanmean(np.square(bed).sum(axis=1))))
-    return HybridModel(box, mechanism, robust_sigma_mm(bed[np.isfinite(bed)]), after, (x, y))
+    return HybridModel(box, mechanism, robust_sigma_mm(bed[np.isfinite(bed)]), after, (x, y), left_mm=left)
 
 
 def _left_mm(box: GreyboxModel, trace: Trace, motor: int, table: Transmission) -> np.ndarray:
