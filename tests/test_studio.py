@@ -1,7 +1,9 @@
 """The studio: who may come in, what stays where, what a page may load, and that its pictures show what is predicted."""
 
+import ast
 import gzip
 import hashlib
+import importlib
 import inspect
 import json
 import re
@@ -402,11 +404,20 @@ def test_only_octoprint_and_moonraker_are_sent_to(folder: Path, monkeypatch: pyt
         find_host(address, "")
 
 
+def _rows(name: str) -> list[list[str]]:
+    """Read a list of the page: English, German, and where it differs the page's own English."""
+    lines = (PAGE / name).read_text(encoding="utf-8").splitlines()
+    return [json.loads(line.strip().rstrip(",")) for line in lines if line.startswith("  [")]
+
+
+def _patterns(name: str) -> dict[str, str]:
+    return {re.sub(r"\\{(\w+)\\}", r"(?P<\1>[^;]+?)", re.escape(row[0])): row[1] for row in _rows(name)}
+
+
 def _german(text: str) -> str | None:
     """Return what the page would say in German, by its own list and rules; None where it would stay English."""
     listed = (PAGE / "said.de.js").read_text(encoding="utf-8")
-    pairs = [json.loads(line.strip().rstrip(",")) for line in listed.splitlines() if line.startswith("  [")]
-    into = {re.sub(r"\\{(\w+)\\}", r"(?P<\1>[^;]+?)", re.escape(english)): german for english, german in pairs}
+    into = _patterns("said.de.js")
 
     def whole(words: str) -> str | None:
         found = next((german for english, german in into.items() if re.fullmatch(english, words)), None)
@@ -419,6 +430,49 @@ def _german(text: str) -> str | None:
     parts = [plain] if whole(plain) else re.split(r"(?<=[.:]) (?=[A-Z])", plain)
     parts = [part for one in parts for part in ([one] if whole(one) else one.split("; "))]
     return None if any(whole(one) is None for one in parts) else " ".join(str(whole(one)) for one in parts)
+
+
+_REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.store studio.work measure.distance
+measure.dots measure.image measure.join measure.page measure.plan measure.scan measure.table repair.mend repair.update
+repair.verify gcode.arcs gcode.bgcode gcode.container gcode.read gcode.threemf printer.convert printer.klipper
+printer.slicer printer.toml probe.layout probe.start learn.callipers learn.drive.sight learn.greybox.rows
+learn.greybox.previous saved.model files promise.misfit_rows"""
+_OPTIONS = re.compile(r"(?<!\w)--?[a-z]|printmend [a-z]|(probe|mend)\.json|trace\.csv")
+
+
+def _told(node: ast.expr, names: dict[str, object]) -> str:
+    """Return the words of an expression, 7 for what is put in."""
+    if isinstance(node, ast.Constant):
+        return str(node.value)
+    if isinstance(node, ast.JoinedStr):
+        return "".join(_told(part, names) for part in node.values)
+    if isinstance(node, ast.BinOp):
+        return _told(node.left, names) + _told(node.right, names)
+    named = node.value if isinstance(node, ast.FormattedValue) else node
+    value = names.get(named.id) if isinstance(named, ast.Name) else None
+    return value if isinstance(value, str) else "7"
+
+
+def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:
+    """All that the page's jobs may refuse has its German, and no options of the command line in its English."""
+    rows = [*_rows("said.errors.js"), *_rows("said.de.js")]
+    rows.sort(key=lambda row: -len(re.sub(r"{\w+}", "", row[0])))
+    patterns = [(re.compile(re.sub(r"\\{\w+\\}", "[^;]+?", re.escape(row[0]))), row) for row in rows]
+    seen = 0
+    for name in _REFUSING.split():
+        module = importlib.import_module(f"printmend.{name}")
+        for call in ast.walk(ast.parse(inspect.getsource(module))):
+            given = call.keywords if isinstance(call, ast.Call) else []
+            for word in (one for one in given if one.arg in ("wanted", "came", "todo")):
+                text = _told(word.value, vars(module)).replace("`", "")
+                if not text.strip("7 ()×"):
+                    continue
+                seen += 1
+                row = next((row for pattern, row in patterns if pattern.fullmatch(text)), None)
+                assert row is not None, f"{name}: {text!r} has no German in said.errors.js"
+                assert set(re.findall(r"{(\w+)}", row[1])) <= set(re.findall(r"{(\w+)}", row[0])), row
+                assert not _OPTIONS.search(row[-1] if len(row) > 2 else text), text
+    assert seen > 300
 
 
 _KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle friction elastic ripple drift warp

@@ -1,7 +1,7 @@
 // A job as one sees it: what it is doing, how long it may take, and a way to stop it.
 import { html, useEffect, useState } from "./vendor.js";
 import { ended, follow, post } from "./api.js";
-import { seconds, t } from "./words.js";
+import { seconds, t, why } from "./words.js";
 
 // Follow the job `key`; null without one.
 export function useJob(key) {
@@ -24,4 +24,4 @@ export function Progress({ job, steps }) {
   </div>`;
 }
 
-export const Problem = ({ error }) => error && html`<p class="problem" role="alert">${error === "gone" ? t("gone") : error}</p>`;
+export const Problem = ({ error }) => error && html`<p class="problem" role="alert">${error === "gone" ? t("gone") : why(error)}</p>`;

@@ -6,7 +6,7 @@ import { Drop } from "./drop.js";
 import { Problem, Progress, useJob } from "./job.js";
 import { useLook, Zoom } from "./look.js";
 import { Send } from "./send.js";
-import { asked, mm, number, t, typed } from "./words.js";
+import { asked, mm, number, sentence, t, typed } from "./words.js";
 
 export function Measure({ printer, changed, more }) {
   const [probe, setProbe] = useState(null), [error, setError] = useState(null), [size, setSize] = useState(more ?? ""), [way, setWay] = useState("scan");
@@ -61,7 +61,7 @@ function Scan({ printer, learned }) {
     ${result && html`<section class="card stack"><div class="row between"><h2>${t("marks_found", { found: result.marks - result.missing.length, marks: result.marks })}</h2>
         <button class="primary" disabled=${Boolean(learning)} onClick=${() => learn({ measurement: job.id, exclude: [...out] })}>${t(learning ? "learning" : "learn")}</button></div>
       <${Progress} job=${learning} /><${Marks} job=${job} out=${out} toggle=${toggle} /><p class="faint">${t("click_mark")}</p>
-      <ul class="faint" style=${{ margin: 0, paddingLeft: "1.1rem" }}>${result.notes.map((note) => html`<li>${note}</li>`)}</ul></section>`}
+      <ul class="faint" style=${{ margin: 0, paddingLeft: "1.1rem" }}>${result.notes.map((note) => html`<li>${sentence(note)}</li>`)}</ul></section>`}
     <${Drop} multiple accept="image/*" onFiles=${take} disabled=${!printer.has_probe}><p><b>${printer.has_probe ? t("drop_scan") : t("calliper_need")}</b></p><p class="faint">${t("scan_tip")}</p></${Drop}>
     <div class="row" style=${{ alignItems: "end" }}><label class="field">${t("dpi")}<input inputmode="decimal" value=${dpi} onInput=${(event) => setDpi(event.target.value)} /></label>
       <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label>

@@ -7,7 +7,7 @@ import { Problem, Progress, useJob } from "./job.js";
 import { Part } from "./part.js";
 import { useScene } from "./scene.js";
 import { Send } from "./send.js";
-import { mm, number, t } from "./words.js";
+import { mm, number, sentence, t, why } from "./words.js";
 
 const STEPS = ["read", "mend", "draw"];
 
@@ -58,9 +58,9 @@ function Numbers({ job, printer, changed }) {
         <${Number_} value=${mm(p.after.rms_mm)}>${t("rms_mended")}<br />${t("p95", { mm: mm(p.after.p95_mm) })}${p.after.rms_high_mm > p.after.rms_low_mm && html`<br />${t("range", { low: mm(p.after.rms_low_mm), high: mm(p.after.rms_high_mm) })}`}</${Number_}></div>
       ${output && html`<a class="button primary big" href=${fileOf(job, output)} download=${output}>${t("download")}</a>`}</div>
     ${output && html`<${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} />`}
-    ${refused && html`<p class="problem">${refused}</p>`}
+    ${refused && html`<p class="problem">${why(refused)}</p>`}
     <p class="faint">${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${p.clamped > 0 && html`<br />${t("clamped", { n: p.clamped })}`}</p>
-    ${p.advice.map((line) => html`<p class="note">${line.replaceAll("`", "")}</p>`)}
+    ${[...p.advice, ...p.warnings ?? []].map((line) => html`<p class="note">${sentence(line)}</p>`)}
     ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span><span class="key km">${t("mended")}</span><${Save} id="layers" name="layers" /></div></div><${Layers} layers=${layers} /></div>`}</section>`;
 }
 

@@ -14,7 +14,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false }) 
   const [top, setTop] = useState(0), [single, setSingle] = useState(false), [cut, setCut] = useState(false);
   const last = scene.layers.length - 1, most = nice(Math.max(scene.p95_mm || 0.01, 0.01));
   useEffect(() => {
-    try { view.current = new View(canvas.current, { onFrame: (ms, fine) => { if (canvas.current) { canvas.current.dataset.frame = ms.toFixed(1); canvas.current.dataset.fine = fine; } } }); } catch { setFailed(true); }
+    try { view.current = new View(canvas.current, { onFrame: (ms, fine) => { if (canvas.current) Object.assign(canvas.current.dataset, { frame: ms.toFixed(1), fine, pictures: Number(canvas.current.dataset.pictures ?? 0) + 1 }); } }); } catch { setFailed(true); }
     return () => { view.current?.close(); view.current = null; };
   }, []);
   useEffect(() => {

@@ -5,7 +5,7 @@ import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { Problem, Progress, useJob } from "./job.js";
 import { Send } from "./send.js";
-import { asked, day, mm, number, t } from "./words.js";
+import { asked, day, mm, number, sentence, t } from "./words.js";
 
 export function Prove({ printer, changed }) {
   const [check, setCheck] = useState(null), [key, setKey] = useState(null), [error, setError] = useState(null), [known, setKnown] = useState(null), [distance, setDistance] = useState(""), [taken, setTaken] = useState(false);
@@ -30,7 +30,7 @@ export function Prove({ printer, changed }) {
       <section class="card stack"><h2>${t("prove_scan")}</h2><${Drop} multiple accept="image/*,.csv" onFiles=${take}><p><b>${t("drop_check")}</b></p></${Drop}>
         <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
     <div class="stack">${verdict && html`<section class="card stack"><h2>${t(verdict.kept ? "kept" : "broken_promise")}</h2><div class="numbers"><${Number_} value=${mm(verdict.before_mm)}>${t("was")}</${Number_}><${Number_} value=${verdict.now_at_most_mm == null ? mm(verdict.now_mm) : `< ${mm(verdict.now_at_most_mm)}`}>${t("measured_now")}</${Number_}><${Number_} value=${`${mm(verdict.promised_low_mm)} – ${mm(verdict.promised_high_mm)}`}>${t("promised")}</${Number_}></div>
-        <p class="faint">${job.result.newer}</p>${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
+        ${job.result.newer.split("\n").map((line) => html`<p class="faint">${sentence(line)}</p>`)}${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
       <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<${Save} id="history" name="history" />`}</div>${known?.history.length ? html`<${History} events=${known.history} />` : html`<p class="soft">${t("history_none")}</p>`}</section></div></div>`;
 }
 

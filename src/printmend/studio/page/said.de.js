@@ -1,5 +1,6 @@
 // What the program says of a printer, in German: [English, German], a sentence or a whole text each. {a} stands for
-// numbers and names; words among them are in `words`. What is missing here appears in English.
+// numbers and names; words among them are in `words`. What is missing here appears in English. A third text is English
+// as the page says it, where the program names what only the command line has.
 export const sentences = [
   ["{a} prints {b} % too {c}", "{a} druckt {b} % zu {c}"],
   ["Every 100 mm along {a} come out {b} mm too {c}.", "Je 100 mm längs {a} werden {b} mm zu {c}."],
@@ -120,6 +121,56 @@ export const sentences = [
   ["Z {a}: the heights span {b} mm, a turn of the screw is {c} mm; measure up to two", "Z, {a}: Die Höhen umfassen {b} mm, eine Umdrehung der Spindel ist {c} mm; bis zu zwei messen"],
   ["Z backlash: no height was measured after the nozzle came down", "Z, Spiel: Keine Höhe wurde gemessen, nachdem die Düse herunterkam"],
   ["Z wobble: {a} heights at {b} angles of the screw, it needs six heights and three angles", "Z, seitlicher Schub: {a} Höhen bei {b} Winkeln der Spindel; es braucht sechs Höhen und drei Winkel"],
+
+  ["{a}: {b} of {c} marks, seen from below, turned by {d}°, {e}", "{a}: {b} von {c} Punkten, von unten gesehen, um {d}° gedreht, {e}"],
+  ["{a}: {b} of {c} marks of sheet {d}, seen from below, turned by {e}°, {f}", "{a}: {b} von {c} Punkten von Blatt {d}, von unten gesehen, um {e}° gedreht, {f}"],
+  ["{a}: {b} of {c} marks of sheet {d}, turned by {e}°, {f}", "{a}: {b} von {c} Punkten von Blatt {d}, um {e}° gedreht, {f}"],
+  ["{a}: {b} of {c} marks, turned by {d}°, {e}", "{a}: {b} von {c} Punkten, um {d}° gedreht, {e}"],
+  ["scale from {a} dpi", "Maßstab aus {a} dpi"],
+  ["scale from {a} tags", "Maßstab aus {a} Marken"],
+  ["scale and axes from {a} tags", "Maßstab und Achsen aus {a} Marken"],
+  ["perspective and lens from {a} tags, which fit to {b} mm", "Blickwinkel und Linse aus {a} Marken, die auf {b} mm passen"],
+  ["position and turn are those that fit the commanded marks best (the x axis keeps its direction)", "Lage und Drehung so, wie sie am besten zu den befohlenen Punkten passen (die X-Achse behält ihre Richtung)"],
+  ["position and turn are those that fit the commanded marks best (the motors share the turn)", "Lage und Drehung so, wie sie am besten zu den befohlenen Punkten passen (die Motoren teilen sich die Drehung)"],
+  ["the scale is the scanner's: it may be off by 0.1 to 0.2 %, and a fault of the printer as small stays out. To settle it, measure from {a} to {b}, outer edges, and give --distance {c} or what it is", "Der Maßstab ist der des Scanners: Er kann um 0,1 bis 0,2 % falsch sein, und ein so kleiner Fehler des Druckers bleibt unbemerkt. Genauer wird es so: von {a} bis {b} messen, Außenkanten, und {c} oder was es ist unter „Abstand“ eintragen.", "The scale is the scanner's: it may be off by 0.1 to 0.2 %, and a fault of the printer as small stays out. To settle it, measure from {a} to {b}, outer edges, and give {c}, or what it is, as the distance by callipers."],
+  ["dot {a} (X{b} Y{c})", "Punkt {a} (X{b} Y{c})"],
+  ["dot {a} (X{b} Y{c}) of sheet {d}", "Punkt {a} (X{b} Y{c}) von Blatt {d}"],
+  ["by the callipers the image is {a} % too large: taken off; lengths along it are known to {b} % now", "Nach dem Messschieber ist das Bild um {a} % zu groß: herausgerechnet; Längen dort sind jetzt auf {b} % bekannt"],
+  ["the scans are not turned by a quarter: the scanner's own axes stay unknown", "Die Scans sind nicht um ein Viertel gedreht: Die Achsen des Scanners bleiben unbekannt"],
+  ["the scanner's axes differ by {a} % and lean by {b}°: removed", "Die Achsen des Scanners unterscheiden sich um {a} % und stehen um {b}° schief: herausgerechnet"],
+  ["{a} scans joined by {b} marks that they share: these agree to {c} mm", "{a} Scans, verbunden durch {b} gemeinsame Punkte: Diese stimmen auf {c} mm überein"],
+  ["{a} scans of {b} sheets joined by {c} marks that they share: these agree to {d} mm", "{a} Scans von {b} Blättern, verbunden durch {c} gemeinsame Punkte: Diese stimmen auf {d} mm überein"],
+
+  ["most of what is left is what the test print did not show. {a}", "Das meiste, was bleibt, ist, was der Testdruck nicht zeigte. {a}"],
+  ["A whole printmend probe, printed and measured, settles it.", "Ein ganzer Testdruck, gedruckt und gemessen, klärt es.", "A whole test print, printed and measured, settles it."],
+  ["most of what is left is the scale of the scanner: give printmend measure the --distance that it asks for.", "Das meiste, was bleibt, ist der Maßstab des Scanners: unter „Messen“ den Abstand eintragen, um den gebeten wird.", "most of what is left is the scale of the scanner: give the distance by callipers that is asked for under Measure."],
+  ["most of what is left follows no known fault: a mended check print shows what it does (printmend verify).", "Das meiste, was bleibt, folgt keinem bekannten Fehler: Ein Prüfdruck zeigt, was es tut (unter „Beweisen“).", "most of what is left follows no known fault: a check print shows what it does (under Prove)."],
+  ["most of what is left is {a}: see what printmend learn said of it.", "Das meiste, was bleibt: {a}. Siehe „Was fehlt ihm?“.", "most of what is left is {a}: see What is wrong."],
+  ["this file prints before it says M82 or M83: its E is read as relative, as its numbers say; a printer starts with absolute E, so put M83 at its top unless the printer's start macro says it", "Diese Datei druckt, bevor sie M82 oder M83 sagt: Ihr E ist als relativ gelesen, wie ihre Zahlen sagen; ein Drucker beginnt mit absolutem E, darum M83 an ihren Anfang setzen, falls nicht der Startmakro des Druckers es sagt"],
+  ["the numbers of this file fit only a printer on which {a}; for another one let the file say M82 or M83 after its last G90 or G91", "Die Zahlen dieser Datei passen nur zu einem Drucker, auf dem gilt: {a}; für einen anderen soll die Datei nach ihrem letzten G90 oder G91 M82 oder M83 sagen"],
+
+  ["the model was brought up to date", "Das Modell wurde auf den neuen Stand gebracht"],
+  ["nothing changed by more than this trace can tell", "Nichts hat sich um mehr geändert, als diese Messung zeigen kann"],
+  ["{a} is not the one that the old model knew: learned anew", "{a} ist nicht mehr so, wie das alte Modell es kannte: neu gelernt"],
+  ["{a} grew from {b} to {c} (± {d})", "{a} wuchs von {b} auf {c} (± {d})"],
+  ["{a} shrank from {b} to {c} (± {d})", "{a} schrumpfte von {b} auf {c} (± {d})"],
+  ["{a} changed from {b} to {c} (± {d})", "{a} änderte sich von {b} auf {c} (± {d})"],
+  ["{a} belt play", "Das Spiel des Riemens von {a}"],
+  ["{a} scale error", "Der Fehler des Maßstabs von {a}"],
+  ["{a} axis' skew", "Die Schiefe von {a}"],
+  ["{a} pulley's eccentricity", "Die Außermittigkeit der Scheibe von {a}"],
+  ["{a} pulley's ovalness", "Die ovale Form der Scheibe von {a}"],
+  ["{a} pulley's three corners", "Die dreieckige Form der Scheibe von {a}"],
+  ["{a} pulley's four corners", "Die viereckige Form der Scheibe von {a}"],
+  ["{a} pulley turned on its shaft by {b}", "Die Scheibe von {a} drehte sich auf ihrer Welle um {b}"],
+  ["Z {a} was {b}, is {c} {d}", "Z, {a}: war {b}, ist {c} {d}"],
+
+  ["{a} scale error (+: prints too large): {b} ± {c} %, which these distances cannot tell", "{a}, Fehler des Maßstabs (+: druckt zu groß): {b} ± {c} %, was diese Abstände nicht zeigen können"],
+  ["{a} scale error (+: prints too large): {b} ± {c} %, none to be seen", "{a}, Fehler des Maßstabs (+: druckt zu groß): {b} ± {c} %, davon ist nichts zu sehen"],
+  ["{a} scale error (+: prints too large): {b} ± {c} %", "{a}, Fehler des Maßstabs (+: druckt zu groß): {b} ± {c} %"],
+  ["{a} {b}: {c} ± {d} {e}, which these distances cannot tell", "{a}, {b}: {c} ± {d} {e}, was diese Abstände nicht zeigen können"],
+  ["{a} {b}: {c} ± {d} {e}, none to be seen", "{a}, {b}: {c} ± {d} {e}, davon ist nichts zu sehen"],
+  ["{a} {b}: {c} ± {d} {e}", "{a}, {b}: {c} ± {d} {e}"],
 ];
 
 // What may stand before any of them, which then begins with a small letter.
@@ -128,5 +179,8 @@ export const before = [["Nothing, as long as it stays this small. If it grows: "
 export const words = {
   large: "groß", small: "klein", long: "lang", short: "kurz", tall: "hoch", low: "niedrig", forwards: "vorwärts", backwards: "rückwärts",
   oval: "oval", "three-cornered": "dreieckig", "four-cornered": "viereckig", uneven: "unrund", certain: "sicher", "very likely": "sehr wahrscheinlich", likely: "wahrscheinlich",
+  "scale error (+: prints too large)": "Fehler des Maßstabs (+: druckt zu groß)", "belt's play": "Spiel des Riemens", "pulley off its centre, sine part": "Scheibe außermittig, Sinusanteil", "pulley off its centre, cosine part": "Scheibe außermittig, Kosinusanteil",
+  "G91 makes E relative too (as in Klipper)": "G91 auch E relativ macht (wie bei Klipper)", "G90 and G91 set E too (as in Marlin 2)": "G90 und G91 auch für E gelten (wie bei Marlin 2)", "G90 and G91 leave E as it is (as in RepRapFirmware)": "G90 und G91 E lassen, wie es ist (wie bei RepRapFirmware)",
+  left: "links", right: "rechts", front: "vorn", back: "hinten", inches: "Zoll", metres: "Meter", centimetres: "Zentimeter",
   lead: "Steigung", "lead and backlash": "Steigung und Spiel", "lead and its unevenness": "Steigung und ihre Ungleichheit", unevenness: "Ungleichheit", wobble: "seitlicher Schub", backlash: "Spiel",
 };

@@ -2,6 +2,7 @@
 import en from "./strings.en.js";
 import de from "./strings.de.js";
 import { before, sentences, words } from "./said.de.js";
+import errors from "./said.errors.js";
 
 const LANGUAGES = { en, de };
 const kept = (() => { try { return localStorage.getItem("language"); } catch { return null; } })();
@@ -20,22 +21,36 @@ export function t(key, values = {}) {
   return text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
 }
 
-const patterns = sentences.map(([english, german]) => [new RegExp(`^${english.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>[^;]+?)")}$`), german]);
-const comma = (value) => words[value] ?? (/^[-+]?\d+\.\d+$/.test(value) ? value.replace(".", ",") : value);
-function german(text) {
-  for (const [pattern, into] of patterns) {
+const sure = (english) => english.replace(/\{\w+\}/g, "").length; // what says more of itself is looked at first
+const patternsOf = (rows) => rows.map(([english, german, ours]) => [new RegExp(`^${english.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>[^;]+?)")}$`), language === "de" ? german : ours ?? english]);
+const patterns = patternsOf(sentences), misfits = patternsOf([...errors, ...sentences].sort(([a], [b]) => sure(b) - sure(a)));
+const plainly = (value) => language !== "de" ? value : words[value] ?? (/^[-+±]?\d+\.\d+( ?[%°a-z]+)?$/.test(value) ? value.replace(".", ",") : value);
+function ours(text, all) {
+  for (const [pattern, into] of all) {
     const found = pattern.exec(text);
-    if (found) return into.replace(/\{(\w+)\}/g, (_, name) => comma(found.groups[name]));
+    // a part may be a sentence itself, as what a scan's scale is known from
+    if (found) return into.replace(/\{(\w+)\}/g, (_, name) => { const part = found.groups[name], whole = plainly(part); return whole === part && part !== text ? ours(part, patterns.filter(([one]) => one !== pattern)) ?? part : whole; });
   }
   return null;
 }
 
-// What the program says in English, in the reader's language where somebody has said it there.
+// What the program says in English, in the page's words: in the reader's language where somebody has said it there.
 export function said(text) {
   const plain = text.replaceAll("`", "");
   for (const [english, into] of before) if (language === "de" && plain.startsWith(english) && plain !== english) { const rest = plain.slice(english.length); return into + said(rest[0].toUpperCase() + rest.slice(1)); }
-  const part = (words, at, glue) => german(words) ?? words.split(at).map((one) => (glue === "; " || german(one) ? german(one) ?? one : part(one, "; ", "; "))).join(glue);
-  return language === "de" ? part(plain, /(?<=[.:]) (?=[A-Z])/, " ") : plain;
+  const clauses = (one) => ours(one, patterns) ?? one.split("; ").map((each) => ours(each, patterns) ?? each).join("; ");
+  return ours(plain, patterns) ?? plain.split(/(?<=[.:]) (?=[A-Z])/).map(clauses).join(" ");
+}
+
+// The same, where it stands alone.
+export const sentence = (text) => said(text).replace(/^\p{Ll}+ /u, (word) => word[0].toUpperCase() + word.slice(1));
+
+// Why something did not work: what was wanted, what came, what to do.
+export function why(text) {
+  const plain = text.replaceAll("`", ""), found = /^(?:(.*?): )?wanted (.*?), got (.*?); (.*)$/s.exec(plain);
+  if (!found) return ours(plain, misfits) ?? plain;
+  const [subject, wanted, came, todo] = found.slice(1).map((part) => part && (ours(part, misfits) ?? plainly(part)));
+  return t("why", { subject: subject ? `${subject}: ` : "", wanted, came, todo: `${todo[0].toUpperCase()}${todo.slice(1)}${/[.?!]$/.test(todo) ? "" : "."}` });
 }
 
 export const number = (value, digits = 2) =>

@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "./vendor.js";
 import { get } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Problem } from "./job.js";
-import { mm, number, said as say, t } from "./words.js";
+import { mm, number, said as say, sentence, t } from "./words.js";
 
 export function Wrong({ printer }) {
   const [known, setKnown] = useState(null), [error, setError] = useState(null), [larger, setLarger] = useState(10);
@@ -13,9 +13,9 @@ export function Wrong({ printer }) {
   if (!said) return html`<p class="note">${t("wrong_none")}</p>`;
   return html`<div class="split"><div class="stack">
       <section class="card stack">${said.before_mm != null && html`<div class="numbers"><${Number_} value=${mm(said.before_mm)}>${t("before_model")}</${Number_}><${Number_} value=${mm(said.after_mm)}>${t("after_model")}</${Number_}><${Number_} value=${said.measured} unit="">${t("points")}</${Number_}></div>`}
-        ${said.faults.length ? said.faults.map((fault) => html`<${Fault} fault=${fault} />`) : html`<p>${said.learner === "callipers" ? said.headline : t("nothing_wrong")}</p>`}
-        ${said.misfit.map((line) => { const [, grade, words] = /^(?:(\w+): )?(.*)$/s.exec(line); return html`<p class=${{ refusal: "problem", warning: "note" }[grade] ?? "faint"}>${say(words)}</p>`; })}</section>
-      ${said.gaps.length > 0 && html`<section class="card stack"><h2>${t("gaps")}</h2>${said.gaps.map((gap) => html`<p class="soft">${say(gap)}</p>`)}<${Next} printer=${printer} /></section>`}
+        ${said.faults.length ? said.faults.map((fault) => html`<${Fault} fault=${fault} />`) : html`<p>${said.learner === "callipers" ? say(said.headline) : t("nothing_wrong")}</p>`}
+        ${said.misfit.map((line) => { const [, grade, words] = /^(?:(\w+): )?(.*)$/s.exec(line); return html`<p class=${{ refusal: "problem", warning: "note" }[grade] ?? "faint"}>${sentence(words)}</p>`; })}</section>
+      ${said.gaps.length > 0 && html`<section class="card stack"><h2>${t("gaps")}</h2>${said.gaps.map((gap) => html`<p class="soft">${sentence(gap)}</p>`)}<${Next} printer=${printer} /></section>`}
       <a class="button primary" href="#/printers/${printer.id}/mend">${t("next_mend")}</a></div>
     <div class="stack"><div class="stage"><${Machine} machine=${said.machine} larger=${larger} />
         <div class="over"><div class="glass"><b>${t("machine", { n: larger })}</b></div><${Save} id="machine" name="machine" /></div></div>
