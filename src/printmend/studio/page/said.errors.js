@@ -94,7 +94,7 @@ export default [
   ["something else", "etwas anderes"],
   ["give the address that the browser shows when you print", "Die Adresse angeben, die der Browser beim Drucken zeigt"],
   ["http:// or https:// and a host", "http:// oder https:// und ein Name"],
-  ["give it as the browser shows it, for example http://octopi.local", "So angeben, wie der Browser sie zeigt, etwa http://octopi.local"],
+  ["give it as the browser shows it, for example {a}", "So angeben, wie der Browser sie zeigt, etwa {a}"],
   ["that {a} takes it", "dass {a} die Datei annimmt"],
   ["its answer {a}", "die Antwort {a}"],
   ["see its log, or download the file and put it there yourself", "In dessen Protokoll nachsehen, oder die Datei herunterladen und selbst dorthin legen"],
