@@ -4,7 +4,7 @@ import numpy as np
 
 EPS_MM, FLAT_MM, LEAST_MM, FLATTEST, GENTLE, UNCUT = 0.005, 2e-4, 0.08, 0.5, 0.5, 0.75
 STEEP, STEEPEST, SHARP, FAR, SLANT, SIDEWAYS_MM = 8.0, 16.0, 0.5, 4.0, 1.5, 0.01
-PITCH_MM = 2e-4
+PITCH_MM, NEAR_MM = 2e-4, 0.005
 
 
 def turns(
@@ -41,6 +41,8 @@ def turns(
                 corner = s_mm[at]
                 if slack_mm > STEEPEST * (end - begin) or end - begin + slack_mm < LEAST_MM:
                     begin = end = s_mm[at]
+                rounded = around(*way, other_mm[: i + 1], slack_mm, floor)
+                begin, end = rounded if rounded else (begin, end)
             elif not (end - begin >= 0.02 and end - begin + slack_mm >= LEAST_MM):
                 begin = end = corner = s_mm[at]
             elif uncut:
@@ -54,6 +56,42 @@ def agreed(turns_: list[tuple], others: list[tuple]) -> list[tuple]:
     """Return the turns of one motor; at a corner where the other turns back too, both stand still."""
     corners = {turn[3] for turn in others} - {np.inf}
     return [(turn[3], turn[3], turn[2], turn[3]) if turn[3] in corners else turn for turn in turns_]
+
+
+def joined(
+    turns_: list[tuple], others: list[tuple], s_mm: np.ndarray, belt_mm: np.ndarray, other_mm: np.ndarray
+) -> list[tuple]:
+    """Return the agreed turns of one motor; one that ends at another's corner goes on until that has been taken up."""
+    found = list(turns_)
+    for begin, end, _, corner in others:
+        if begin != corner or end == corner:
+            continue
+        i = next((i for i, turn in enumerate(found) if turn[1] >= corner - NEAR_MM), None)
+        if i is None or found[i][3] < np.inf or found[i][0] > corner - NEAR_MM or found[i][1] > end:
+            continue
+        after = found[i + 1][0] if i + 1 < len(found) else np.inf
+        way, fall = (np.interp(end, s_mm, b) - np.interp(corner, s_mm, b) for b in (belt_mm, other_mm))
+        if after >= end and found[i][2] * way > 0 and abs(fall) > 0:
+            found[i] = (found[i][0], end, found[i][2], corner)
+    return found
+
+
+def around(
+    s_mm: np.ndarray, belt_mm: np.ndarray, at: int, trend: int, other_mm: np.ndarray, slack_mm: float, floor_mm: float
+) -> tuple[float, float] | None:
+    """Return the stretch from before a corner to behind it, its tip cut off; None where the other belt rests."""
+    if at == 0:
+        return None
+    (fall_in, across_in), (fall_out, across_out) = (
+        (abs(belt_mm[at] - belt_mm[b]), abs(other_mm[at] - other_mm[b])) for b in (at - 1, at + 1)
+    )
+    aslant = [np.hypot(f, a) / max(a, 1e-9) for f, a in ((fall_in, across_in), (fall_out, across_out))]
+    drop, tip = 2 * EPS_MM * min(SLANT, aslant[1]), 2 * EPS_MM * min(SLANT, *aslant)
+    if min(fall_in, fall_out) < FAR * tip or tip * across_in / fall_in < SIDEWAYS_MM or slack_mm < LEAST_MM:
+        return None
+    begin = s_mm[at] - tip * (s_mm[at] - s_mm[at - 1]) / fall_in
+    end = s_mm[at] + (tip + drop) * (s_mm[at + 1] - s_mm[at]) / fall_out
+    return (begin, end) if begin >= floor_mm and slack_mm <= STEEPEST * (end - begin) else None
 
 
 def corner_side(

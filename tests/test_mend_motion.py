@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from printmend.corruption import Corruption, Drive
+from printmend.corruption.belt import Play
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, START, Judged, judge, mended
 
@@ -167,11 +169,43 @@ def test_smooth_walls_are_drawn_without_a_stop(mechanism, points: int) -> None:
 
 
 def test_sharp_corners_alone_stop() -> None:
-    text = START + b"G1 X80 Y80 E1 F1800\nG1 X60 Y85 E1\nG1 X60 Y105 E1\nG1 X80 E1\n"
+    text = START + b"G1 X80 Y80 E1 F1800\nG1 X60 Y85 E1\nG1 X60 Y105 E1\nG1 X80 E1\nG1 X60 Y106 E1\n"
     judged = judge(text, PLAY)
     right(judged)
-    assert (judged.prediction.takeups, judged.prediction.stops) == (2, 1)
+    assert (judged.prediction.takeups, judged.prediction.stops) == (3, 1)
     assert "at 1 of them the nozzle stops" in judged.prediction.summary()
+
+
+def test_infill_goes_round_its_links_without_a_stop() -> None:
+    """Two loose axes turn back at each link: nothing stops, and the command bends once, towards the next line."""
+    loose = Corruption((Drive(belt=Play(0.12)), Drive(belt=Play(0.15)))).lower(ENDER3).homed()
+    lines, x, y = [], 60.0, 60.0
+    for i in range(24):
+        x, y = x + (10 if i % 2 else -10), y + (10 if i % 2 else -10)
+        lines.append(f"G1 X{x:g} Y{y:g} E.5 F3600")
+        y += 0.5 if i % 2 else -0.5
+        lines.append(f"G1 X{x:g} Y{y:g} E.02")
+    judged = judge(START + "\n".join(lines).encode() + b"\n", loose)
+    assert naive_mend.rms(judged.after) <= 0.006
+    assert judged.after.max() <= 0.016
+    assert judged.prediction.stops == 0
+    assert judged.prediction.takeups >= 40
+    drawn = [move for move in judged.given if move.start[2] == move.end[2] == 0.2][3:]
+    assert all(move.draws for move in drawn)
+    ways = np.array([np.subtract(move.end, move.start)[:2] for move in drawn])
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    back = np.flatnonzero((ways[:-1] * ways[1:]).sum(axis=1) < -0.5)  # the corners at which the command turns back
+    assert len(back) == 23
+    assert np.median((ways[back + 1] * ways[back + 2]).sum(axis=1)) > 0.99
+
+
+def test_a_prime_on_the_spot_is_where_it_should_be() -> None:
+    """Nothing is known of where a file without G28 begins: its first travel ends with both belts engaged."""
+    text = b"G21\nG90\nM83\nG1 X60 Y60 Z.2 F6000\nG1 E4 F300\nG1 X61 Y61 E.1 F1800\nG1 X80 Y70 E1\n"
+    given = naive_mend.read_moves(mended(text, PLAY)[0], (0.0, 0.0, 0.0))
+    printed = naive_mend.print_moves(given, PLAY)
+    prime = next(i for i, move in enumerate(given) if move.filament == 4.0)
+    assert printed[prime][-1] == pytest.approx([60.0, 60.0], abs=0.002)
 
 
 @pytest.mark.parametrize("tolerance_mm", [0.004, 0.03])
@@ -188,7 +222,7 @@ def test_turns_against_the_slow_twin(mechanism) -> None:
     from printmend.gcode.read import interpret_text
     from printmend.invert import layout as k
     from printmend.invert import start
-    from tests.naive_turns import agreed, turns
+    from tests.naive_turns import agreed, joined, turns
 
     rng = np.random.default_rng(5)
     steps = rng.uniform(0.2, 1.5, 120)[:, None] * np.stack(
@@ -204,10 +238,12 @@ def test_turns_against_the_slow_twin(mechanism) -> None:
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     slack = (0.4, 0.7 if mechanism is PLAY else 0.6)
     both = [turns(s, points[:, k], points[:, 1 - k], slack[k]) for k in range(2)]
+    settled = [agreed(both[0], both[1]), agreed(both[1], both[0])]
     for motor in range(2):
         found = planner._run[k.TURN + motor * k.TURNS :][: k.TURNS]
         found = found[: int(np.argmax(np.isinf(found[:, k.TURN_BEGIN])))]
-        wanted = [turn[:3] for turn in agreed(both[motor], both[1 - motor])]
+        way = settled[motor], settled[1 - motor], s, points[:, motor], points[:, 1 - motor]
+        wanted = [turn[:3] for turn in joined(*way)]
         kernel = found[-len(wanted) :, [k.TURN_BEGIN, k.TURN_END, k.TURN_TREND]]  # one more where the belt lay loose
         assert len(wanted) > 5
         assert 0 <= len(found) - len(wanted) <= 1

@@ -34,7 +34,14 @@ from printmend.invert.kernels.lookup import (
 from printmend.invert.kernels.state import followed, middle, motor_along
 from printmend.jit import inner
 
+SHORT_MM = 0.4  # a chord that bulges by half the tolerance is as short where the path's radius is 4 mm
 _FAR_MM = 12.0  # beyond that a chord is searched for from the curvature nearby
+
+
+@inner(error_model="numpy", _nrt=False)
+def _bulge(model, length):
+    """Return how far a chord of that length may bulge: short ones twice as far, as they cost the firmware its speed."""
+    return model[M_CHORD] * (2.0 if length < SHORT_MM else 1.0)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -52,7 +59,7 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
     from0, from1 = state[S_M], state[S_M + 1]
     now0, now1 = middle(state, 0), middle(state, 1)
     held = (1 if mode0 == 0 else 0) + (1 if mode1 == 0 else 0)
-    aside_most = model[M_CHORD] * (1.0 + held)  # a motor that stands still is off by as much
+    aside_most = _bulge(model, (end - t) * curve[LENGTH]) + held * model[M_CHORD]  # one that stands is off by as much
     worst = 0.0
     for i in range(1, samples + 1):
         s = i / (samples + 1)
@@ -119,7 +126,7 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     elif model[M_FRAMED] != 0.0:
         bound += model[M_FRAME_BEND] * whole * whole * length * length
     step = whole
-    if bound > 8.0 * model[M_CHORD] or ((d0 > _FAR_MM or d1 > _FAR_MM) and model[M_BENT] != 0.0):
+    if bound > 8.0 * _bulge(model, whole * length) or ((d0 > _FAR_MM or d1 > _FAR_MM) and model[M_BENT] != 0.0):
         step = _longest(model, curve, state, mode0, mode1, t, whole, bound)
         if step < whole:
             m0, m1 = ends(model, curve, state, mode0, mode1, t + step)

@@ -30,6 +30,7 @@ from printmend.invert.kernels.layout import (
     N_COARSE,
     N_STOPS,
     N_TAKEUPS,
+    NEAR_MM,
     RUN_AT,
     RUN_TREND,
     S_BEYOND,
@@ -45,9 +46,11 @@ from printmend.invert.kernels.layout import (
     SAME_FEED,
     SEEN_MM,
     TURN_BEGIN,
+    TURN_CORNER,
     TURN_END,
     TURN_FROM,
     TURN_RISE,
+    TURN_SHARE,
     TURN_TIP,
     TURN_TO,
     TURN_TREND,
@@ -82,7 +85,6 @@ from printmend.jit import inner
 # Gauss's places and weights of three: exact for the square of a parabola, which is what a chord's error is.
 NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
 WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
-NEAR_MM = 0.005  # a stretch that begins or ends this near is here
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -219,8 +221,16 @@ def _engage(model, state, counts, run, k, start, end, s, begin, span):
         to = backward(model, k, LOWER if trend > 0 else UPPER, now)
         run[turn, TURN_FROM], run[turn, TURN_TO] = m, to if trend * (to - m) > 0.0 else m
         counts[N_TAKEUPS] += 1
-    slope = (run[turn, TURN_TO] - run[turn, TURN_FROM]) / (run[turn, TURN_END] - run[turn, TURN_BEGIN])
-    state[S_CROSS + k] = run[turn, TURN_FROM] + slope * (begin - run[turn, TURN_BEGIN])
+    at, to, corner = run[turn, TURN_BEGIN], run[turn, TURN_END], run[turn, TURN_CORNER]
+    m_at, m_to = run[turn, TURN_FROM], run[turn, TURN_TO]
+    if at < corner < to:
+        m_corner = m_at + run[turn, TURN_SHARE] * (m_to - m_at)
+        if s > corner - NEAR_MM:
+            at, m_at = corner, m_corner
+        else:
+            to, m_to = corner, m_corner
+    slope = (m_to - m_at) / (to - at)
+    state[S_CROSS + k] = m_at + slope * (begin - at)
     state[S_CROSSING + k] = slope * span
     return 0, m, m
 

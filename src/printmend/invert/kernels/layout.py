@@ -6,6 +6,7 @@ ALONG = 10.0  # times that: how far it may be ahead or behind, so that the extru
 HOLD_MM = 0.005  # a belt is where it should be, or is known to be, within this
 HOME_MM = 0.05  # a learned origin this near to the end stop's is the same
 MIN_PIECE_MM = 0.08  # firmwares drop or merge shorter moves: Marlin those of fewer than six micro-steps, 0.075 mm
+NEAR_MM = 0.005  # a stretch that begins or ends this near is here
 CLAMP_MM = 0.02  # held back at the edge of the bed by less is not worth a word
 ASTRAY_MM = 0.05  # only the edge of the bed keeps an extruding command that far from its line
 SAME_FEED = 0.005  # a change of speed below half a percent is not worth a word
@@ -57,10 +58,12 @@ P_COUNT, P_GAP, P_SINCE = 0, 1, 2
 # the slack is crossed (none where it begins and ends at the same place), the trend after it, by how much the belt is
 # wanted higher at its end than at its beginning; once the nozzle is there, the motor's place at both ends; and by how
 # much the belt rises further beforehand than it is to, below 0 at a corner whose tip it does not reach; and where the
-# corner is, at infinity for a turn that is none. From NODE on the path itself, straight from one to the next: s [mm],
-# the belts [mm], 1 at the end of a move.
+# corner is, at infinity for a turn that is none; the share of the slack that is crossed before it, the slack [mm] and
+# the path's node there. From NODE on the path itself, straight from one to the next: s [mm], the belts [mm], 1 at the
+# end of a move.
 RUN_BEGIN, RUN_END, RUN_AT, RUN_TREND = 0, 1, 2, 4
 TURN_BEGIN, TURN_END, TURN_TREND, TURN_RISE, TURN_FROM, TURN_TO, TURN_TIP, TURN_CORNER = range(8)
-RUN, TURNS, NODES = 8, 2048, 9216
+TURN_SHARE, TURN_SLACK, TURN_NODE = 8, 9, 10
+RUN, TURNS, NODES = 11, 2048, 9216
 TURN, NODE = 1, 1 + 2 * TURNS
 RUN_ROWS = NODE + NODES

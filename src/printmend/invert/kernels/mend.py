@@ -21,6 +21,7 @@ from printmend.gcode.kernels.layout import (
     KIND_LINEAR,
     PIECE_LINE,
     PIECE_TRAVEL,
+    WORD_E,
     WORD_X,
     WORD_Y,
     WORD_Z,
@@ -66,6 +67,7 @@ from printmend.invert.kernels.layout import (
     CLAMP_MM,
     HOLD_MM,
     L_LENGTH,
+    N_ANCHORS,
     N_ANYWHERE,
     N_CLAMPED,
     N_EXTRUDING,
@@ -117,6 +119,26 @@ from printmend.jit import entry, inner
 # The kernels here, in `draw` and in `predict` have many parameters: the arrays of one file's way through the planner,
 # which `Planner` allocates once, and the record in hand.
 @inner(error_model="numpy", _nrt=False)
+def _come(model, state, counts, pieces, n, record, e0, e1, z, quantum):
+    """Come from an unknown place to one short of belt positions (e0, e1): return (n, m0, m1), how to go on from there.
+
+    Then both belts are engaged before anything is extruded, were it only a prime on the spot.
+    """
+    near, far = UPPER, LOWER
+    x, y, m0, m1, clamp = command(model, backward(model, 0, near, e0), backward(model, 1, near, e1), record, quantum)
+    if clamp > 0.0:
+        near, far = LOWER, UPPER
+        x, y, m0, m1, _ = command(model, backward(model, 0, near, e0), backward(model, 1, near, e1), record, quantum)
+    state[S_M], state[S_M + 1] = m0, m1
+    open_interval(model, state, S_M, S_LO, S_HI)
+    to0, to1 = backward(model, 0, far, e0), backward(model, 1, far, e1)
+    if abs(to0 - m0) + abs(to1 - m1) > quantum:
+        n = put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, record.feed)
+        counts[N_ANCHORS] += 1
+    return n, to0, to1
+
+
+@inner(error_model="numpy", _nrt=False)
 def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
     """Write a move that draws nothing: only its end must be right."""
     x, y, _ = place(curve, t)
@@ -124,15 +146,18 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
     x, y, z = place(curve, end)
     e0, e1 = wanted(model, x, y)
     known = counts[N_KNOWN] != 0
+    came = not known and not record.words & WORD_E and end - t == 1.0
     if known:
         m0, m1 = travel_motor(model, state, 0, s0, e0), travel_motor(model, state, 1, s1, e1)
+    elif came:
+        n, m0, m1 = _come(model, state, counts, pieces, n, record, e0, e1, z, quantum)
     else:
         m0 = (backward(model, 0, LOWER, e0) + backward(model, 0, UPPER, e0)) / 2
         m1 = (backward(model, 1, LOWER, e1) + backward(model, 1, UPPER, e1)) / 2
     x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
     counts[N_CLAMPED] += clamp > CLAMP_MM
     arrive(model, state, m0, m1)
-    if not known or counts[N_ANYWHERE] != 0:
+    if not (known or came) or counts[N_ANYWHERE] != 0:
         open_interval(model, state, S_M, S_LO, S_HI)
     state[S_FEED] = record.feed
     return put(pieces, n, PIECE_LINE, x, y, z, end - t, record.feed)

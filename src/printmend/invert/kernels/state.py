@@ -19,6 +19,8 @@ from printmend.invert.kernels.lookup import (
 )
 from printmend.jit import inner
 
+LAG = 4.0  # times the tolerance of a turn: how far off a belt may be behind it, pushed the way it is going
+
 
 @inner(error_model="numpy", _nrt=False)
 def open_interval(model, state, m, lo, hi):
@@ -131,7 +133,11 @@ def prepare(model, state, k, start, end, anywhere, trend, hold):
         return 2, m, m
     if not anywhere and is_sure(state, k):
         now = middle(state, k)
-        if abs(now - start) <= 1.5 * hold:
+        off = abs(now - start)
+        behind = trend != 0.0 and 1.5 * hold < off <= LAG * hold  # a turn: there the belt waits for the path
+        if behind and abs(backward(model, k, LOWER if trend > 0 else UPPER, now) - m) <= HOLD_MM:
+            return (np.int64(trend) if trend * (end - now) > 0.0 else 0), m, m
+        if off <= 1.5 * hold:
             way = end - now
             if abs(way) < 1e-9:
                 return 0, m, m

@@ -23,6 +23,7 @@ from printmend.invert.kernels.layout import (
     HOLD_MM,
     MIN_PIECE_MM,
     N_ANYWHERE,
+    NEAR_MM,
     NODE,
     NODES,
     RUN_AT,
@@ -36,7 +37,10 @@ from printmend.invert.kernels.layout import (
     TURN_CORNER,
     TURN_END,
     TURN_FROM,
+    TURN_NODE,
     TURN_RISE,
+    TURN_SHARE,
+    TURN_SLACK,
     TURN_TIP,
     TURN_TREND,
     TURNS,
@@ -63,6 +67,7 @@ SHORTEST_MM = 0.02  # of path: beyond that the nozzle stands
 SIDEWAYS_MM = 0.01  # the least that the other motor moves meanwhile at a corner
 SHARP = 0.5  # a corner: on both sides the belt falls by this much a mm of path, or more
 FAR = 4.0  # times the tolerance: the least that a belt moves towards a tip for it to stop before that
+BEND = 0.6  # of the angle between motor and path behind a corner: how far the command has turned half-way
 SLANT = 1.5  # times the tolerance: how far a belt may be off where that is aslant to the path
 BOW_MM = 0.002  # how far the nodes of a curved path lie inside it
 MOST_BOWS = 256
@@ -105,6 +110,8 @@ def survey(model, state, counts, records, count, i, curve, run, across, along, r
     for k in range(2):
         _turns(model, state, counts, run, k, n)
     _agree(run)
+    for k in range(2):
+        _join(run, k, n)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -120,6 +127,35 @@ def _agree(run):
         if corner < np.inf and run[b, TURN_CORNER] == corner:
             for turn in (a, b):
                 _turn(run, turn, corner, corner, run[turn, TURN_TREND], 0.0, 0.0, corner)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _join(run, k, n):
+    """Where motor k takes up its slack behind a corner, leave the other so much of its own that both go as the path.
+
+    The other one's belt stood until there. Crossing as the path goes on, they leave the firmware no second bend.
+    """
+    b, other = TURN + (1 - k) * TURNS, 1 - k
+    for a in range(TURN + k * TURNS, TURN + (k + 1) * TURNS):
+        corner, end = run[a, TURN_CORNER], run[a, TURN_END]
+        if run[a, TURN_BEGIN] == np.inf:
+            break
+        if run[a, TURN_BEGIN] != corner or end == corner:
+            continue
+        while run[b, TURN_END] < corner - NEAR_MM:
+            b += 1
+        begin, trend, at = run[b, TURN_BEGIN], run[b, TURN_TREND], np.int64(run[a, TURN_NODE])
+        if run[b, TURN_CORNER] < np.inf or begin > corner - NEAR_MM or run[b, TURN_END] > end:
+            continue
+        fall = abs(_belt(run, k, at, n, end) - run[NODE + at, 1 + k])
+        across = trend * (_belt(run, other, at, n, end) - run[NODE + at, 1 + other])
+        if run[b + 1, TURN_BEGIN] < end or across <= 0.0 or fall <= 0.0:
+            continue
+        rise = _belt(run, other, at, n, end) - _belt(run, other, np.int64(run[b, TURN_NODE]), n, begin)
+        whole = run[b, TURN_SLACK] + max(trend * rise, 0.0)
+        left = min((run[a, TURN_SLACK] + abs(run[a, TURN_RISE])) * across / fall, whole)
+        run[b, TURN_END], run[b, TURN_CORNER], run[b, TURN_RISE] = end, corner, rise
+        run[b, TURN_SHARE] = 1.0 - left / whole
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -173,6 +209,7 @@ def _turns(model, state, counts, run, k, n):
     floor = 0.0
     slack = _slack_at_start(model, state, counts, k, start, trend)
     if slack > HOLD_MM:
+        run[turn, TURN_SLACK], run[turn, TURN_NODE] = slack, 0
         turn += _cross(model, run, turn, k, 0, j, -trend, slack, floor)
         floor = run[turn - 1, TURN_END] if turn > TURN + k * TURNS else 0.0
     peak, at = run[NODE + j, 1 + k], j
@@ -185,6 +222,7 @@ def _turns(model, state, counts, run, k, n):
             if slack <= FLAT_MM or _cross(model, run, turn, k, at, q, trend, slack, floor) == 0:
                 s = run[NODE + at, 0]
                 _turn(run, turn, s, s, -trend, 0.0, 0.0, s)
+            run[turn, TURN_SLACK], run[turn, TURN_NODE] = slack, at
             floor = run[turn, TURN_END]
             turn += 1
             trend, peak, at = -trend, u, q
@@ -226,6 +264,12 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
     if slack > UNCUT * long and (_is_corner(run, k, at, n) or slack > STEEP * long):
         if at == 0:
             return 0  # before the path begins the nozzle may stand
+        begin, end, share = _around(model, run, k, at, n, slack, floor)
+        if share > 0.0:
+            rise = _belt(run, k, at, n, end) - _belt(run, k, at, n, begin)
+            _turn(run, turn, begin, end, -trend, rise, 0.0, run[NODE + at, 0])
+            run[turn, TURN_SHARE] = share
+            return 1
         begin, end, tip = _side(model, run, k, at, n, trend, floor)
         if slack > STEEPEST * (end - begin) or end - begin + slack < MIN_PIECE_MM:
             return 0
@@ -256,6 +300,35 @@ def _is_corner(run, k, at, n):
     into = abs(run[NODE + at, 1 + k] - run[NODE + at - 1, 1 + k]) / (run[NODE + at, 0] - run[NODE + at - 1, 0])
     out = abs(run[NODE + at, 1 + k] - run[NODE + at + 1, 1 + k]) / (run[NODE + at + 1, 0] - run[NODE + at, 0])
     return min(into, out) >= SHARP
+
+
+@inner(error_model="numpy", _nrt=False)
+def _around(model, run, k, at, n, slack, floor):
+    """Return the stretch from before node ``at`` to behind it on which belt k may stand, its tip cut off.
+
+    The third is which share of the slack is crossed before the node, 0 where there is no such stretch: the other motor
+    has to move on both sides. Behind the node the command then turns half-way to the path, so that the firmware takes
+    both bends faster than one.
+    """
+    corner = run[NODE + at, 0]
+    if at == 0 or at == n - 1 or run[NODE + at, 3] == 0.0:
+        return corner, corner, 0.0
+    hold = 2.0 * model[M_CHORD]
+    fall_in = abs(run[NODE + at, 1 + k] - run[NODE + at - 1, 1 + k])
+    fall_out = abs(run[NODE + at, 1 + k] - run[NODE + at + 1, 1 + k])
+    across_in = abs(run[NODE + at, 2 - k] - run[NODE + at - 1, 2 - k])
+    across_out = abs(run[NODE + at, 2 - k] - run[NODE + at + 1, 2 - k])
+    drop = hold * min(SLANT, norm(fall_out, across_out) / max(across_out, 1e-9))
+    tip = hold * min(SLANT, norm(fall_in, across_in) / max(across_in, 1e-9), drop / hold)
+    if fall_in < FAR * tip or fall_out < FAR * tip or tip * across_in < SIDEWAYS_MM * fall_in:
+        return corner, corner, 0.0
+    begin = corner - tip / fall_in * (corner - run[NODE + at - 1, 0])
+    end = corner + (tip + drop) / fall_out * (run[NODE + at + 1, 0] - corner)
+    if begin < floor or slack > STEEPEST * (end - begin) or slack < MIN_PIECE_MM:
+        return corner, corner, 0.0
+    way = (tip + drop) * across_out / fall_out
+    rest = way / np.tan(BEND * np.arctan2(across_out, fall_out))
+    return begin, end, 1.0 - min(rest / (slack + drop), 0.5)
 
 
 @inner(error_model="numpy", _nrt=False)
