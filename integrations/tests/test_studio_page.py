@@ -1,6 +1,7 @@
 """The studio as a person uses it, in Debian's Chromium: the whole way, every screen, the keyboard, what goes wrong."""
 
 import re
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -184,6 +185,12 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     with page.expect_download() as load:
         page.get_by_role("button", name="Save as PNG").click()
     assert Path(load.value.path()).read_bytes()[:4] == b"\x89PNG"
+    with page.expect_download() as load:
+        page.get_by_role("button", name="Save as SVG").click()
+    drawn = ElementTree.parse(load.value.path()).getroot()  # noqa: S314 - our own page's
+    beads = [one for one in drawn if "stroke-width" in one.attrib and one.get("stroke", "").startswith("rgb")]
+    assert len(beads) > 1000
+    assert len({one.get("stroke") for one in beads}) > 20  # coloured by error, and lit
     _ok(watched)
 
 

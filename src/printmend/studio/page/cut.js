@@ -7,10 +7,11 @@ import { number, t } from "./words.js";
 
 const SHADES = 20, WINDOW_MM = 9;
 const RAMP = [[0, [47, 143, 131]], [0.45, [233, 196, 106]], [0.72, [231, 111, 81]], [1, [155, 34, 38]]]; // as in view3d.js
-function shade(share) {
+export function ramp(share) {
   const k = Math.max(1, RAMP.findIndex(([at]) => share <= at)), [a, from] = RAMP[k - 1], [b, to] = RAMP[k];
-  return `rgb(${from.map((v, i) => Math.round(v + ((to[i] - v) * (share - a)) / (b - a))).join(" ")})`;
+  return from.map((v, i) => Math.round(v + ((to[i] - v) * (share - a)) / (b - a)));
 }
+const shade = (share) => `rgb(${ramp(share).join(" ")})`;
 
 // Where the plane cuts beads: [from, to, top, height, error mm] each, along the cut. `across` is the axis that the plane
 // stands across, 0 or 1, `at` where it stands. A bead covers what lies within half its width of its line.

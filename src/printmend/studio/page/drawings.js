@@ -100,7 +100,7 @@ async function saveDrawing(id, name, kind) {
   return canvas.toBlob((blob) => saveBlob(blob, `${name}.png`), "image/png");
 }
 
-export const Save = ({ id, name }) => html`<div class="segment" role="group" aria-label=${t("save")}>${["png", "svg"].map((kind) => html`<button title=${t(`save_${kind}`)} aria-label=${t(`save_${kind}`)} onClick=${() => saveDrawing(id, name, kind)}>${kind.toUpperCase()}</button>`)}</div>`;
+export const Save = ({ id, name, save = (kind) => saveDrawing(id, name, kind) }) => html`<div class="segment" role="group" aria-label=${t("save")}>${["png", "svg"].map((kind) => html`<button title=${t(`save_${kind}`)} aria-label=${t(`save_${kind}`)} onClick=${() => save(kind)}>${kind.toUpperCase()}</button>`)}</div>`;
 
 export const Number_ = ({ value, unit = "mm", children }) => html`<div class="number"><b>${value} <small>${unit}</small></b><span>${children}</span></div>`;
 export const percent = (share) => `${number(100 * share, 0)} %`;

@@ -63,7 +63,7 @@ function Scan({ printer, learned }) {
       <${Progress} job=${learning} /><${Marks} job=${job} out=${out} toggle=${toggle} /><p class="faint">${t("click_mark")}</p>
       <ul class="faint" style=${{ margin: 0, paddingLeft: "1.1rem" }}>${result.notes.map((note) => html`<li>${sentence(note)}</li>`)}</ul></section>`}
     <${Drop} multiple accept="image/*" onFiles=${take} disabled=${!printer.has_probe}><p><b>${printer.has_probe ? t("drop_scan") : t("calliper_need")}</b></p><p class="faint">${t("scan_tip")}</p></${Drop}>
-    <div class="row" style=${{ alignItems: "end" }}><label class="field">${t("dpi")}<input inputmode="decimal" value=${dpi} onInput=${(event) => setDpi(event.target.value)} /></label>
+    <div class="grid" style=${{ alignItems: "end" }}><label class="field">${t("dpi")}<input inputmode="decimal" value=${dpi} onInput=${(event) => setDpi(event.target.value)} /></label>
       <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label>
       ${uploads.length > 0 && html`<button onClick=${() => run(uploads)}>${t("again")}</button>`}</div>`;
 }

@@ -37,7 +37,7 @@ export function Mend({ printer, changed }) {
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}>
       ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<button class="quiet row between" style=${{ justifyContent: "space-between", textAlign: "left" }} aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span style=${{ overflowWrap: "anywhere" }}>${row.name}</span>
-        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.id === shown ? "●" : ""}</span></button>`)}</section>`}</div>
+        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : ""}</span></button>`)}</section>`}</div>
     <div class="stack">${shown ? html`<${File_} key=${shown} id=${shown} printer=${printer} changed=${changed} />` : html`<div class="stage"></div>`}</div></div>`;
 }
 
@@ -59,7 +59,7 @@ function Numbers({ job, printer, changed }) {
       ${output && html`<a class="button primary big" href=${fileOf(job, output)} download=${output}>${t("download")}</a>`}</div>
     ${output && html`<${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} />`}
     ${refused && html`<p class="problem">${why(refused)}</p>`}
-    <p class="faint">${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${p.clamped > 0 && html`<br />${t("clamped", { n: p.clamped })}`}</p>
+    <p class="faint">${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${p.clamped > 0 && html`<br />${t("clamped", { n: number(p.clamped, 0) })}`}</p>
     ${[...p.advice, ...p.warnings ?? []].map((line) => html`<p class="note">${sentence(line)}</p>`)}
     ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span><span class="key km">${t("mended")}</span><${Save} id="layers" name="layers" /></div></div><${Layers} layers=${layers} /></div>`}</section>`;
 }

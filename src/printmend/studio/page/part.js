@@ -1,8 +1,9 @@
 // The part on a stage: the three-dimensional view with its slider, layers, colours and pictures.
 import { html, useEffect, useRef, useState } from "./vendor.js";
 import { Cut } from "./cut.js";
-import { saveBlob } from "./drawings.js";
+import { Save, saveBlob } from "./drawings.js";
 import { mm, number, t } from "./words.js";
+import { vector } from "./vector.js";
 import { View } from "./view3d.js";
 
 const PLACES = [["wanted", 0], ["printed", 1], ["mended", 2]];
@@ -34,7 +35,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false }) 
     if (layer) setTop((now) => Math.min(last, Math.max(0, now + layer)));
     if (turn || layer) event.preventDefault();
   };
-  const save = async () => saveBlob(await view.current.picture(), `${name}.png`);
+  const save = async (kind) => saveBlob(kind === "png" ? await view.current.picture() : new Blob([vector(view.current)], { type: "image/svg+xml" }), `${name}.${kind}`);
   const places = scene.mended ? PLACES : PLACES.slice(0, 2);
   return html`<div class="stage" data-testid="part">
     ${failed && html`<p class="problem" style=${{ margin: "5rem 1rem" }}>${t("no_gl")}</p>`}
@@ -47,7 +48,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false }) 
         <button class="quiet glass" onClick=${() => { view.current?.fit([0, -0.01, 1]); view.current?.draw(); }}>${t("view_top")}</button>
         <button class="quiet glass" onClick=${() => { setTop(last); setSingle(false); view.current?.fit(); view.current?.draw(); }}>${t("reset")}</button>
         <button class="quiet glass" aria-pressed=${cut} onClick=${() => setCut(!cut)}>${t("cut_show")}</button>
-        <button class="quiet glass" onClick=${save}>${t("save_png")}</button>
+        <${Save} save=${save} />
       </div>
     </div>
     <div class="layers"><input type="range" min="0" max=${last} value=${Math.min(top, last)} aria-label=${t("layer", { n: top + 1, of: last + 1, z: number(scene.layers[Math.min(top, last)]?.[2] ?? 0, 2) })}
