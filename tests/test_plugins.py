@@ -72,7 +72,7 @@ class Raises:
     name: str = "raises"
 
     def fit(self, trace, printer, *, rng):
-        raise KeyError("a column")
+        raise ValueError("a\\ncolumn")
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def test_the_row_of_a_plugin_that_fails_says_so_and_the_others_stand(place: Path
         ("my_plugin:NAN", "the model's tables: wanted finite numbers"),
         ("my_plugin:ASKED", "the model: wanted finite positions"),
         ("my_plugin:TEXT", "learner text: wanted a model with printer"),
-        ("my_plugin:RAISES", "KeyError: 'a column'"),
+        ("my_plugin:RAISES", "ValueError: a column"),
         ("naive+my_plugin:FAR", "controller far: wanted integer controls"),
     ):
         assert said in (found[name].error or "")

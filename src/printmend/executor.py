@@ -5,6 +5,7 @@ worked on the item was killed.
 """
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import threading
@@ -140,7 +141,12 @@ class Cluster:
             if kind == "local":
                 threads = dict.fromkeys(_ONE_THREAD, "1")
                 cluster = LocalCluster(
-                    n_workers=int(count), threads_per_worker=1, dashboard_address=None, env=threads, memory_limit=0
+                    n_workers=int(count),
+                    threads_per_worker=1,
+                    dashboard_address=None,
+                    env=threads,
+                    memory_limit=0,
+                    silence_logs=logging.ERROR,
                 )
                 stack.enter_context(cluster)
                 yield stack.enter_context(Client(cluster))

@@ -67,7 +67,8 @@ def failed(case: Case, row: str, reason: str) -> Result:
 def _reason(error: Exception) -> str:
     if isinstance(error, ImportError):
         error = missing_extra(error) or error
-    return str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"
+    said = str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"
+    return " ".join(said.split())  # one line, whatever a plug-in says
 
 
 def _evaluate_row(

@@ -201,7 +201,7 @@ def _build_body(task: _Task) -> dict[str, Any]:
     except PrintmendError as error:
         return {"error": str(error)}
     except Exception as error:  # one body must not end the build
-        return {"error": f"{type(error).__name__}: {error}"}
+        return {"error": " ".join(f"{type(error).__name__}: {error}".split())}
 
 
 @lru_cache(maxsize=32)  # the next body is printed on the same

@@ -12,6 +12,7 @@ import hashlib
 import io
 import json
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -146,21 +147,33 @@ def _write(path: Path, columns: dict[str, tuple[str, str]], parts: Sequence[list
 def _read(
     path: Path, columns: Sequence[str], rows: Sequence[int] | None
 ) -> tuple[dict[str, Any], list[tuple[int, dict[str, np.ndarray]]]]:
+    """Return a file's metadata, and its row groups, or those of ``rows``, with their columns."""
     import pyarrow as arrow
     from pyarrow import parquet
 
     try:
-        with parquet.ParquetFile(path, memory_map=True) as file:
-            about = _about(path, file.metadata.metadata)
-            wanted = range(file.num_row_groups) if rows is None else rows
-            tables = [(group, file.read_row_group(group, columns=list(columns), use_threads=False)) for group in wanted]
-        found = [
-            (group, {name: table.column(name).to_numpy(zero_copy_only=False) for name in columns})
-            for group, table in tables
-        ]
+        status = path.stat()
+        head, about, sizes = _head(path, status.st_mtime_ns, status.st_size)
+        wanted = range(len(sizes)) if rows is None else [range(len(sizes))[row] for row in rows]
+        with parquet.ParquetFile(path, memory_map=True, metadata=head) as file:
+            table = file.read_row_groups(wanted, columns=list(columns), use_threads=False)
+        values = {name: table.column(name).to_numpy(zero_copy_only=False) for name in columns}
     except (OSError, arrow.ArrowException, KeyError, IndexError) as error:
         raise _strange(path, f"{type(error).__name__}: {error}") from None
-    return about, found
+    ends = np.cumsum([0, *(sizes[group] for group in wanted)]).tolist()
+    return about, [
+        (group, {name: column[low:high] for name, column in values.items()})
+        for group, low, high in zip(wanted, ends[:-1], ends[1:], strict=True)
+    ]
+
+
+@lru_cache(maxsize=32)  # who reads a layer mostly reads another one of the body next
+def _head(path: Path, changed: int, size: int) -> tuple[Any, dict[str, Any], list[int]]:
+    """Return what stands at the end of a file: where its row groups are, `_about` it, and the rows of each."""
+    from pyarrow import parquet
+
+    head = parquet.read_metadata(path)
+    return head, _about(path, head.metadata), [head.row_group(group).num_rows for group in range(head.num_row_groups)]
 
 
 def _strange(path: Path, came: str) -> TraceError:
