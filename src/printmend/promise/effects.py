@@ -24,7 +24,7 @@ VARIES_FROM, VARIES_TO = 0.1, 1.0
 EARLY_DONE = 0.108  # of the measured print
 # How much sooner than the measured one another print warms up, the last is still warm from before; the chances of each.
 WARMING_SPEEDS = (0.6, 1.0, 1.4, 1.9, 2.6, 4.0, 1e6)
-WARMING_CHANCES = (0.12, 0.22, 0.2, 0.16, 0.12, 0.1, 0.08)
+WARMING_CHANCES = (0.14, 0.25, 0.22, 0.17, 0.13, 0.06, 0.03)
 _MOST_WEIGHTS = 2 * len(TWO_MOTORS)
 
 

@@ -87,12 +87,19 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         elif moved:
             fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
     flat = trace if found is None else found.trace
-    fit = _completed(fit, flat, printer, model, rng)
-    if (box := _box_of(fit)) is not None:
-        fit, flat, misfits, (effects, explained) = _of_the_end(
-            fit, box, flat, lambda clean: _completed(_planar(clean, printer, model, rng), clean, printer, model, rng)
-        )
+    if (box := _box_of(fit)) is None or _is_partial(box):
+        fit = _completed(fit, flat, printer, model, rng)
+        box = _box_of(fit)
+    if box is not None:
+        is_whole = not _is_partial(box)  # then what it leaves is learned once, of the time that the model is to be of
+
+        def anew(clean: Trace) -> WorldModel:
+            newer = _planar(clean, printer, model, rng)
+            return newer if is_whole else _completed(newer, clean, printer, model, rng)
+
+        fit, flat, misfits, (effects, explained) = _of_the_end(fit, box, flat, anew)
         box = _box_of(fit) or box
+        fit = _completed(fit, flat, printer, model, rng) if is_whole else fit
         # what is too small to be said is not worth a model that a second print cannot bring up to date
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
         more = {"misfit": misfit_section((*ordered.found, *moved, *misfits), effects)}

@@ -218,17 +218,26 @@ def _gram(scaled: np.ndarray, data: Points) -> _Gram:
 
 
 def _weights(gram: _Gram, root: np.ndarray) -> np.ndarray:
+    return root * _solved(gram, _noise_share(gram))
+
+
+def _solved(gram: _Gram, share: float) -> np.ndarray:
+    """Return the weights of scaled columns for noise of so many times their variance."""
+    return np.asarray(np.linalg.solve(gram.matrix + share * np.eye(len(gram.slope)), gram.slope))
+
+
+def _noise_share(gram: _Gram) -> float:
+    """Return how many times the variance of the scaled columns' weights the noise has."""
     values, vectors = np.linalg.eigh(gram.matrix)
     values, slope = np.maximum(values, 0.0), vectors.T @ gram.slope
     noise = size = max(gram.square / gram.count, LEAST_SIGMA_MM**2)
-    weights = np.zeros(len(values))
     for _ in range(12):  # MacKay's fixed point for the two variances
         weights = slope / (values + noise / size)
         known = float((values / (values + noise / size)).sum())
         left = max(gram.square - 2 * float(slope @ weights) + float(values @ weights**2), 0.0)
         noise = max(left / max(gram.count - known, 1.0), LEAST_SIGMA_MM**2)
         size = max(float(weights @ weights) / max(known, 1e-6), 1e-12)
-    return root * (vectors @ weights)
+    return noise / size
 
 
 def trees(data: Points, seed: int) -> Any:
@@ -275,8 +284,9 @@ def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, 
     scaled = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm) * root
     grams = [_gram(scaled[held], data.where(held)) for held in masks]
     whole = _Gram(*(sum(getattr(gram, name) for gram in grams) for name in vars(grams[0])))
+    share = _noise_share(whole)  # two numbers that no fold can remember its points by
     for held, gram in zip(masks, grams, strict=True):
-        guess[held] = scaled[held] @ (_weights(whole.less(gram), root) / root)
+        guess[held] = scaled[held] @ _solved(whole.less(gram), share)
     return guess
 
 
