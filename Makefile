@@ -4,6 +4,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.stamp
 HOSTS := .venv-hosts
+# Bytecode is kept, in folders that git ignores: else each worker of the tests, and each command that they start, would compile all sources anew.
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
 
