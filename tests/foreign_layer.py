@@ -77,23 +77,22 @@ class Machine:
 
     def run(self, points, home=(0.0, 0.0)):
         """Follow way-points [N, 2] from home; return where each came to lie."""
-        belt = [home[0], home[1]]
-        where = np.array(home, float)
-        out = []
-        for target in points:
-            count = max(1, int(math.dist(where, target) / 0.1))
-            for k in range(1, count + 1):
-                at = where + (np.asarray(target) - where) * k / count
-                for axis in range(2):
-                    m = at[axis]
-                    mean = m * (1 + self.gain[axis])
-                    for order, size, phase in self.waves[axis]:
-                        mean += size * math.sin(2 * math.pi * order * m / self.turn + phase)
-                    half = self.play[axis] / 2
-                    belt[axis] = min(max(belt[axis], mean - half), mean + half)
-            where = np.asarray(target, float)
-            out.append((belt[0] + math.tan(self.skew) * belt[1], belt[1]))
-        return np.array(out)
+        corners = np.vstack([home, points])
+        count = np.maximum(1, (np.hypot(*np.diff(corners, axis=0).T) / 0.1).astype(int))
+        ends = np.cumsum(count)
+        way = np.concatenate([[0.0], ends])
+        belts = []
+        for axis in range(2):
+            m = np.interp(np.arange(1, ends[-1] + 1), way, corners[:, axis])
+            mean = m * (1 + self.gain[axis])
+            for order, size, phase in self.waves[axis]:
+                mean = mean + size * np.sin(2 * math.pi * order * m / self.turn + phase)
+            half, belt, places = self.play[axis] / 2, home[axis], []
+            for value in mean.tolist():
+                belt = min(max(belt, value - half), value + half)
+                places.append(belt)
+            belts.append(np.array(places)[ends - 1])
+        return np.stack([belts[0] + math.tan(self.skew) * belts[1], belts[1]], axis=1)
 
     def strokes(self, strokes):
         """Print strokes one after the other; long lines are cut, so that they come out bent."""

@@ -69,23 +69,6 @@ def test_dataset_goes_out_and_comes_back(printmend, vase: Path, tmp_path: Path) 
     assert [line.split()[0] for line in out.splitlines() if line] == ["Table", "model", "oracle", "body", "vase"]
 
 
-def test_demo_tells_the_story(printmend, vase: Path, tmp_path: Path) -> None:
-    out_folder = tmp_path / "pictures"
-    code, out, err = printmend("demo", "--body", vase, "--out", out_folder)
-    assert (code, err) == (0, "")
-    assert [line.split("  ")[0] for line in out.splitlines()[2:7]] == [
-        "Naive", "LightGBM", "LightGBM per axis", "Grey box", "Oracle",
-    ]  # fmt: skip
-    assert "broken: X pulley eccentric, X belt play, Y pulley ellipse, Y belt play" in out
-    written = ["above.png", "corruption.toml", "solid.png", "test-layer.png"]
-    assert sorted(path.name for path in out_folder.iterdir()) == written
-    # What was broken can be broken again.
-    again = ("demo", "--body", vase, "--corruption", out_folder / "corruption.toml", "--out", out_folder, "--json")
-    code, second, _ = printmend(*again)
-    shown = [f"{row['rmse_steps']:.3f}" for row in json.loads(second)["rows"]]
-    assert shown == [line.split()[-4] for line in out.splitlines()[2:7]]
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -54,7 +54,7 @@ def test_a_foreign_scan_of_a_foreign_printer_mends_a_part_in_its_place(tmp_path,
     rng = np.random.default_rng(6)  # both belts home engaged: where they sit loose, no scan can show it
     drives = tuple(outside.random_drive(rng, "pulley+play", 0.0, -1, 220.0)[1] for _ in range(2))
     probe = tmp_path / "probe.gcode"
-    typed("probe", "--printer", "ender3", "-o", str(probe))
+    typed("probe", "--printer", "ender3", "--size", "110", "-o", str(probe))
     moves = outside.read_moves(probe.read_text(), HOME)
     printed = outside.print_moves(moves, drives, HOME, pitch_mm=1e9)
     picture = outside_scan.draw(outside_scan.read_beads(probe.read_text(), moves, printed), look, rng)

@@ -14,6 +14,8 @@ from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
 from printmend.measure import read_trace, write_trace
 from printmend.measure.walls import read_walls
+from printmend.measure.width import choose_widths, scaled_by_widths
+from printmend.path import Instrument
 from printmend.printer import read_printer
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import mend_gcode
@@ -167,15 +169,19 @@ def test_widths_by_callipers_settle_the_scale(scanned):
     read = tuple(np.round(true + np.array([0.012, -0.008]), 2).tolist())  # callipers show hundredths, the hand adds one
     (scanned / "large.gcode").write_text(foreign.gcode(foreign.star(size=34.0))[0])
 
-    def measured(distances):
-        return measure_part(scanned / "wide.jpg", scanned / "gear.gcode", PRINTER, distances_mm=distances)
-
-    model = learn_model(measured(read).trace, PRINTER)
+    measured = measure_part(scanned / "wide.jpg", scanned / "gear.gcode", PRINTER, distances_mm=read)
+    model = learn_model(measured.trace, PRINTER)
     mend_gcode(scanned / "large.gcode", model, scanned / "narrowed.gcode")
     before = foreign.paired_error(wide, scanned / "large.gcode", scanned / "large.gcode")
     assert before > 0.035
     assert foreign.paired_error(wide, scanned / "large.gcode", scanned / "narrowed.gcode") < 0.02
+
+
+def test_widths_of_another_part_are_named(scanned):
+    walls = read_walls(read_gcode(scanned / "gear.gcode", printer=PRINTER), PRINTER)
+    edges = walls.commanded_mm[walls.row] + walls.half_mm[:, None] * walls.normal
+    widths, offset = choose_widths(walls), np.zeros(len(edges))
     with pytest.raises(TraceError, match=r"along X .*, got 2\.89, which looks like inches; measure"):
-        measured((2.89,))
+        scaled_by_widths((2.89,), widths, edges, walls, offset, Instrument())
     with pytest.raises(TraceError, match=r"wanted 2 widths"):
-        measured((*read, 30.0))
+        scaled_by_widths((73.0, 70.0, 30.0), widths, edges, walls, offset, Instrument())

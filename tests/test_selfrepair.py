@@ -1,6 +1,5 @@
 """A printer that prints its own pulley: the printed hull, its law for small faults, the part's G-code, the command."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -78,18 +77,6 @@ def test_a_small_fault_comes_back_as_the_integral_over_the_part(part: Path) -> N
     expected -= np.cos(phi) * np.mean(around * np.cos(phi) ** 2) * 2
     assert np.abs(found - expected).max() < 0.03
     assert np.abs(expected).max() > 0.1
-
-
-def test_the_command_repairs_and_says_how_far(tmp_path: Path) -> None:
-    arguments = ["selfrepair", "--hull", "egg", "--generations", "1", "--both", "-o", str(tmp_path), "--json"]
-    done = CliRunner().invoke(group, arguments)
-    assert done.exit_code == 0, done.output
-    ways = json.loads(done.stdout)["ways"]
-    first, after = ways["printmend"]["rms_mm"]
-    assert first > 1.0
-    assert after < 0.1 < ways["as it is"]["rms_mm"][1]
-    assert (tmp_path / "selfrepair.png").stat().st_size > 10_000
-    assert "; printmend" in (tmp_path / "generation-1.mended.gcode").read_text()[:2000]
 
 
 @pytest.mark.parametrize("more", [["--hull", "round"], ["--hull", "egg", "--corruption", "x.toml"]])

@@ -1,4 +1,7 @@
-"""Tests of printmend inside the programs that owners print with; `make integrations` installs those and runs them."""
+"""Tests of printmend inside the programs that owners print with, and of its demonstrations from end to end.
+
+`make integrations` installs those programs and runs the tests.
+"""
 
 import sys
 from pathlib import Path

@@ -49,7 +49,7 @@ def likeliest_period_mm(rows: Rows) -> float:
         return rows.period_mm
     error = rows.measured_mm[known] - motor
     plain = _plain(motor, side, rows.other_mm[known])
-    own = np.column_stack([plain, _waves(motor, side, rows.period_mm)])
+    own = np.concatenate([plain, _waves(motor, side, rows.period_mm)])
     weight = _weights(own, error)
     step = GRID_TURNS / span_mm
     tried = 1 / np.arange(1 / longest, 1 / PERIODS_MM[0], step)
@@ -59,17 +59,17 @@ def likeliest_period_mm(rows: Rows) -> float:
     tried = tried[np.abs(ratio / np.rint(ratio) - 1) > ALIKE_SHARE]
 
     def left(period_mm: float) -> float:
-        return _left(np.column_stack([plain, _waves(motor, side, period_mm)]), error, weight)
+        return _left(np.concatenate([plain, _waves(motor, side, period_mm)]), error, weight)
 
     def left_still(period_mm: float) -> float:
-        return _left(np.column_stack([plain, _waves(motor, side, period_mm)[:, :-2]]), error, weight)
+        return _left(np.concatenate([plain, _waves(motor, side, period_mm, fading=False)]), error, weight)
 
     count, before = float((weight > 0.5).sum()), _left(own, error, weight)
     if near := _calibrated(rows.period_mm, step, left_still, count, before, weight.sum()):
         return near
     found = _simplest(_refined(min(tried, key=left), step, left), count, left)
     after = left(found)
-    both = _left(np.column_stack([own, _waves(motor, side, found)]), error, weight)
+    both = _left(np.concatenate([own, _waves(motor, side, found)]), error, weight)
     if after - both > OWN_SHARE * (before - both):  # the printer's own turn is there, and something else beside it
         return rows.period_mm
     if found > EDGE_SHARE * longest:  # the longest is the best where nothing repeats
@@ -110,26 +110,30 @@ def _simplest(period_mm: float, count: float, left: Callable[[float], float]) ->
 
 
 def _plain(motor: np.ndarray, side: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return columns [N, 8] of what repeats nothing: offset, scale, bend, play, play that grows, skew."""
+    """Return columns as rows [8, N] of what repeats nothing: offset, scale, bend, play, play that grows, skew."""
     x, y = (motor - motor.mean()) / SCALE_MM, other / SCALE_MM
-    return np.stack([np.ones(len(x)), x, x**2, x**3, side, side * x, y, x * y], axis=1)
+    return np.stack([np.ones(len(x)), x, x**2, x**3, side, side * x, y, x * y])
 
 
-def _waves(motor: np.ndarray, side: np.ndarray, period_mm: float) -> np.ndarray:
-    """Return the harmonics of a turn, of its play, and the first one as it fades along an elastic belt [N, Q]."""
-    angle = np.outer(motor, np.arange(1, HARMONICS + 1)) * (TURN_RAD / period_mm)
-    waves = np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-    first = waves[:, [0, HARMONICS]]
-    played = [part[:, :PLAY_HARMONICS] * side[:, None] for part in np.split(waves, 2, axis=1)]
-    return np.column_stack([waves, *played, first * ((motor - motor.mean()) / SCALE_MM)[:, None]])
+def _waves(motor: np.ndarray, side: np.ndarray, period_mm: float, *, fading: bool = True) -> np.ndarray:
+    """Return the harmonics of a turn, of its play, and the first one as it fades along an elastic belt [Q, N]."""
+    turn = np.exp(motor * (1j * TURN_RAD / period_mm))
+    waves = np.cumprod(np.broadcast_to(turn, (HARMONICS, len(turn))), axis=0)
+    parts = [waves, waves[:PLAY_HARMONICS] * side]
+    if fading:
+        parts.append(waves[:1] * ((motor - motor.mean()) / SCALE_MM))
+    return np.concatenate([*(part.real for part in parts), *(part.imag for part in parts)])
 
 
 def _weights(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """Return 1 for rows [N] near the fit of the printer's own turn, less for those that lie far off."""
+    """Return 1 for rows [N] near the fit of the printer's own turn, less for those that lie far off.
+
+    ``columns`` are [P, N].
+    """
     weight = np.ones(len(error))
     for _ in range(WEIGHING_ROUNDS):
-        root = np.sqrt(weight)[:, None]
-        fit = columns @ np.linalg.lstsq(columns * root, error * root[:, 0], rcond=None)[0]
+        root = np.sqrt(weight)
+        fit = np.linalg.lstsq((columns * root).T, error * root, rcond=None)[0] @ columns
         away = np.abs(error - fit)
         far = max(FAR_SIGMAS * 1.4826 * float(np.median(away)), NO_ERROR_MM)
         weight = np.minimum(1.0, far / np.maximum(away, NO_ERROR_MM)) ** 2
@@ -137,10 +141,10 @@ def _weights(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def _left(columns: np.ndarray, error: np.ndarray, weight: np.ndarray) -> float:
-    """Return the weighed sum of squares [mm²] that the columns leave: normal equations with a touch of a ridge."""
-    weighed = columns * weight[:, None]
-    gram = weighed.T @ columns
-    pull = weighed.T @ error
+    """Return the weighed sum of squares [mm²] that the columns [P, N] leave: normal equations, a touch of a ridge."""
+    weighed = columns * weight
+    gram = weighed @ columns.T
+    pull = weighed @ error
     gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram)
     return max(float(error @ (weight * error) - pull @ np.linalg.solve(gram, pull)), 1e-12)
 
