@@ -1,10 +1,8 @@
-"""The examples do what they say; the notebook is run by `make notebook`."""
+"""The examples do what they say; `make notebook` runs the notebook, `make integrations` the agents."""
 
-import runpy
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from printmend import evaluate
@@ -40,23 +38,3 @@ def test_the_learner_keeps_what_it_must_and_learns(tmp_path: Path) -> None:
 def test_the_controller_keeps_what_it_must() -> None:
     for check in QUICK:
         CONTROLLER_CHECKS[check](ControllerCandidate("own_controller:MINE"))
-
-
-def test_the_agent_that_takes_up_play_does_not_deadlock() -> None:
-    returns = runpy.run_path(str(EXAMPLES / "rl_agents.py"))["returns"](envs=12, ticks=300)
-    random, naive, greedy, ahead = returns.values()
-    assert ahead > -1.0 > naive > greedy
-    assert naive > random
-    assert np.isfinite(list(returns.values())).all()
-
-
-@pytest.mark.filterwarnings("ignore")  # of jax and flax
-def test_the_agent_that_is_trained_stands_beside_planning() -> None:
-    pytest.importorskip("skrl", reason="the extra `agents` is not installed")
-    example = runpy.run_path(str(EXAMPLES / "train_agent.py"))
-    found = example["compare"](example["train"](64, count=8, rollouts=32), count=2)
-    shape, error = zip(*found.values(), strict=True)
-    assert list(found)[:2] == ["Naive", "agent"]
-    assert np.isfinite([*shape, *error]).all()
-    assert found["agent"] != found["Naive"]
-    assert found["optimal, learned from one layer"][0] < 0.5 * found["Naive"][0]

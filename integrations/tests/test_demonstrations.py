@@ -1,12 +1,16 @@
-"""The demonstrations from end to end, as their commands run them: each measures, learns, mends and draws.
+"""The demonstrations from end to end, as their commands run them, and the examples with agents.
 
 `make test` holds the laws of what they are made of; here is what takes ten seconds each.
 """
 
 import json
+import runpy
+import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pytest
 from click.testing import CliRunner
 from tests.bodies import write_vase
 from tests.mending import SQUARE
@@ -16,6 +20,8 @@ from printmend.cli.main import group
 from printmend.demo import part
 from printmend.demo import scan as demo_scan
 from printmend.printer import Printer, read_printer
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def small_printer() -> Printer:
@@ -74,3 +80,30 @@ def test_demo_tells_the_story(tmp_path: Path) -> None:
     second = CliRunner().invoke(group, [*again, "--out", str(out_folder)], catch_exceptions=False)
     shown = [f"{row['rmse_steps']:.3f}" for row in json.loads(second.stdout)["rows"]]
     assert shown == [line.split()[-4] for line in rows]
+
+
+@pytest.fixture
+def beside_examples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [str(EXAMPLES), *sys.path])
+
+
+@pytest.mark.usefixtures("beside_examples")
+def test_the_agent_that_takes_up_play_does_not_deadlock() -> None:
+    returns = runpy.run_path(str(EXAMPLES / "rl_agents.py"))["returns"](envs=12, ticks=300)
+    random, naive, greedy, ahead = returns.values()
+    assert ahead > -1.0 > naive > greedy
+    assert naive > random
+    assert np.isfinite(list(returns.values())).all()
+
+
+@pytest.mark.usefixtures("beside_examples")
+@pytest.mark.filterwarnings("ignore")  # of jax and flax
+def test_the_agent_that_is_trained_stands_beside_planning() -> None:
+    pytest.importorskip("skrl", reason="the extra `agents` is not installed")
+    example = runpy.run_path(str(EXAMPLES / "train_agent.py"))
+    found = example["compare"](example["train"](64, count=8, rollouts=32), count=2)
+    shape, error = zip(*found.values(), strict=True)
+    assert list(found)[:2] == ["Naive", "agent"]
+    assert np.isfinite([*shape, *error]).all()
+    assert found["agent"] != found["Naive"]
+    assert found["optimal, learned from one layer"][0] < 0.5 * found["Naive"][0]

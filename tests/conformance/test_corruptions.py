@@ -10,7 +10,7 @@ from printmend.conformance.families import CHECKS, FamilyCandidate, middle, walk
 from printmend.corruption import Corruption, corruption_toml, families, parse_corruption, sample
 from printmend.machine import Mechanism
 from printmend.machine.kernels.play import RESOLUTION
-from printmend.printer import Printer, read_printer
+from printmend.printer import Printer
 from printmend.twin import Twin
 from tests import naive_twin
 
@@ -33,7 +33,7 @@ def severity(request: pytest.FixtureRequest) -> Any:
 def twin(request: pytest.FixtureRequest, family: str) -> Twin:
     """A twin of every family on every preset."""
     severity, preset = request.param.split()
-    return Twin.of(drawn(family, severity), read_printer(preset))
+    return FamilyCandidate(family).twin(severity, preset)  # type: ignore[arg-type]
 
 
 def drawn(family: str, severity: Any, seed: int = 5) -> Corruption:

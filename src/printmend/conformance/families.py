@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import Literal
 
 import numpy as np
@@ -33,7 +33,12 @@ class FamilyCandidate:
 
     def twin(self, severity: Literal["damaged", "realistic"], preset: str) -> Twin:
         """Return a broken machine of the family."""
-        return Twin.of(self.drawn(severity), read_printer(preset))
+        return _twin(self, severity, preset)
+
+
+@lru_cache(maxsize=len(MACHINES))
+def _twin(candidate: FamilyCandidate, severity: Literal["damaged", "realistic"], preset: str) -> Twin:
+    return Twin.of(candidate.drawn(severity), read_printer(preset))
 
 
 def seeds_repeat_and_differ(candidate: FamilyCandidate, severity: Literal["damaged", "realistic"]) -> None:
