@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 
 from printmend.control.greedy import Greedy
 from printmend.corruption import families, sample
-from printmend.learn import fit, learner_names
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.learn.published import layer_trace
 from printmend.learn.published.increments import AxisModel, moved, start_state
 from printmend.machine import Mechanism, PlayTables, healthy_transmission
 from printmend.printer import Printer, read_printer
@@ -37,15 +35,6 @@ def test_same_plan_for_every_family(family: str, preset: str, rng: np.random.Gen
     model = MechanismModel(sample(family, rng).lower(read_printer(preset)))
     at = int(rng.integers(0, LAYER.transitions - 40))
     assert_same_plan(model, LAYER.nominal_steps[at + 1 : at + 41], LAYER.nominal_steps[at])
-
-
-@pytest.mark.parametrize("name", [name for name in learner_names() if name != "prior"])  # its tables are the grey box's
-def test_same_plan_for_every_learner(name: str, ender5: Printer, rng: np.random.Generator) -> None:
-    twin = Twin.of(sample("gain-table", rng), ender5)
-    trace = layer_trace(LAYER, twin.run(LAYER.controls, START), ender5)
-    model = fit(name, trace, ender5, rng=rng)
-    assert_same_plan(model, LAYER.nominal_steps[1:80], START)
-    assert_same_plan(model, START + rng.uniform(-9, 9, (20, 2)).cumsum(axis=0), START, c_max=2)
 
 
 @pytest.mark.parametrize("c_max", [1, 2, 4])

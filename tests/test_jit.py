@@ -32,7 +32,7 @@ print(compilations.entries)
 
 def test_kept_and_shipped_code_runs_until_a_helper_of_another_file_is_edited(tmp_path):
     copy = tmp_path / "printmend"
-    shutil.copytree(SOURCES, copy, ignore=shutil.ignore_patterns("__pycache__", "compiled", "*.safetensors"))
+    shutil.copytree(SOURCES, copy, ignore=shutil.ignore_patterns("*.nb?", "compiled", "*.safetensors"))
     outside = {**os.environ, "PYTHONPATH": str(tmp_path)}
 
     def run(kept="kept", *, fill=False, **more):

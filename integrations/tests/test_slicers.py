@@ -8,13 +8,19 @@ import sys
 import types
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hosts import INTEGRATIONS, PRINTMEND, SOURCE
 from parts import part
 
 from klippy_run import HOSTS
+from printmend.body import demo_body_gcode
+from printmend.body.layers import strokes_of
+from printmend.body.pulley import timing_pulley
+from printmend.body.slicer import slice_solid
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
+from printmend.gcode.read import read_gcode
 from printmend.printer import read_printer
 from printmend.saved.model import exact_model, write_model
 
@@ -152,3 +158,12 @@ def test_cura_gets_its_layers_back(cura, model: Path, monkeypatch) -> None:
     assert "nowhere.json" in script.execute(list(data))[0]
     values["or_print"] = True
     assert script.execute(list(data)) == data
+
+
+def test_the_shipped_gcode_is_the_pulley_sliced() -> None:
+    """Another version of the slicer may draw other lines, but not another number of layers or another size."""
+    sliced = strokes_of(read_gcode(slice_solid(timing_pulley(), read_printer("ender5"))))
+    shipped = strokes_of(read_gcode(demo_body_gcode()))
+    assert [stroke.z_mm for stroke in sliced] == [stroke.z_mm for stroke in shipped]
+    for ours, theirs in zip(sliced[2::6], shipped[2::6], strict=True):
+        assert np.ptp(ours.points_mm, axis=0) == pytest.approx(np.ptp(theirs.points_mm, axis=0), abs=0.05)

@@ -5,11 +5,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from printmend.conformance.learners import CHECKS, LearnerCandidate, random_controls
+from printmend.conformance.learners import CHECKS, TRAINING, LearnerCandidate, random_controls
 from printmend.corruption import sample
-from printmend.learn import fit, model_names
+from printmend.learn import fit, learner_names, model_names
 from printmend.printer import Printer
 from printmend.twin import Twin
+from tests.test_control_greedy import assert_same_plan
 
 
 @cache
@@ -27,6 +28,13 @@ def test_keeps_what_a_world_model_must(name: str, check: str) -> None:
             "the paper's joint models know a pair of controls only where they saw it; the zigzags have diagonals"
         )
     CHECKS[check](candidate(name))
+
+
+@pytest.mark.parametrize("name", [name for name in learner_names() if name != "prior"])  # its tables are the grey box's
+def test_algorithm_1_plans_with_every_learner_as_published(name: str, rng: np.random.Generator) -> None:
+    model, start = candidate(name).fitted("gain-table"), TRAINING.start_steps
+    assert_same_plan(model, TRAINING.nominal_steps[1:80], start)
+    assert_same_plan(model, start + rng.uniform(-9, 9, (20, 2)).cumsum(axis=0), start, c_max=2)
 
 
 def test_oracle_imagines_what_the_twin_prints(printer: Printer, rng: np.random.Generator) -> None:

@@ -18,7 +18,7 @@ from printmend.printer import Printer, read_printer
 from printmend.protocols import Controller, JointTables, State, WorldModel
 from printmend.twin import Twin
 
-LAYER = ring_layer((530.0, 530.0), 25.0, turn=0.7, gap=9.0)
+LAYER = ring_layer((530.0, 530.0), 18.0, turn=0.7, gap=9.0)
 TARGETS, START = LAYER.nominal_steps[1:], LAYER.start_steps
 KINDS = ("play", "corexy", "increments", "joint")
 STRAIGHT = ("pulley", "published", "eccentric", "play", "pulley-play", "friction")

@@ -80,7 +80,7 @@ def advance_agrees_with_tables(candidate: LearnerCandidate, world: str, c_max: i
     tables = tables_of(model, START, c_max)
     if tables is None:
         return
-    controls = random_controls(60, c_max, seed=1)
+    controls = random_controls(30, c_max, seed=1)
     state, positions = model.start(START), []
     for control in controls:
         state = model.advance(state, control[None])
