@@ -93,6 +93,9 @@ def test_nothing_that_is_sent_grows_without_bounds_or_gets_out_of_its_folder(fol
 
         assert client.post("/api/uploads?name=a.gcode", content=endless()).status_code == 413
         assert client.post("/api/uploads?name=a.gcode", content=b"").status_code == 400
+        table = {"content-type": "application/json"}
+        long = client.post("/api/play/preview", content=(b" " * 100_000 for _ in range(20)), headers=table)
+        assert (long.status_code, long.json()["error"]) == (413, "wanted at most 1 MB, got more; give a smaller file")
         assert list((folder / "uploads").iterdir()) == []
         sent = client.post("/api/uploads", params={"name": "../../etc/pass\nwd.gcode"}, content=b"G28\n").json()
         assert sent["name"] == "pass_wd.gcode"

@@ -87,7 +87,7 @@ class Watched:
 
     def __init__(self, page: Page, address: str) -> None:
         self.page, self.problems, self.foreign = page, [], []
-        page.set_default_timeout(120_000)
+        page.set_default_timeout(300_000)  # as long as a busy machine may take
         page.on("pageerror", lambda error: self.problems.append(str(error)))
         page.on("console", lambda said: said.type == "error" and self.problems.append(said.text))
         page.on("request", lambda request: self._request(request.url, address))
@@ -102,7 +102,7 @@ class Watched:
         self.page.screenshot(path=str(PICTURES / f"{name}.png"), full_page=whole)
 
 
-def until(done, longest_s: float = 120.0):
+def until(done, longest_s: float = 300.0):
     """Wait until ``done()`` is true; return it."""
     end = time.monotonic() + longest_s
     while time.monotonic() < end:

@@ -31,7 +31,7 @@ FAULTS = Corruption(
     (Drive(pulley=EccentricBore(0.6, 1.0), belt=Play(0.3)), Drive(belt=Play(0.15))), CrookedFrame(skew_deg=0.5)
 )
 DPI, NEAR_MM = 300.0, 0.4
-expect.set_options(timeout=60_000)  # as long as a busy machine may take: nothing on a page is there at once
+expect.set_options(timeout=120_000)  # as long as a busy machine may take: nothing on a page is there at once
 
 
 @pytest.fixture(scope="module")

@@ -86,6 +86,8 @@ def _misfit(request: Request, error: Exception) -> JSONResponse:
 
 def _http(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
+    if isinstance(error.__cause__, TooLargeError):  # while it was read
+        return _too_large(request, error.__cause__)
     return JSONResponse({"error": str(error.detail)}, error.status_code, headers=error.headers)
 
 
