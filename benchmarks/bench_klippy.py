@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from bench_corpus import around
-from klippy_judge import Judged, Track, deposits, judge, wanted_path
+from klippy_judge import Judged, deposits, judge_both
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import Corruption, corruption_toml, sample
 from printmend.errors import PrintmendError
@@ -44,16 +44,12 @@ def both(
     text: bytes, mended: bytes, printer: Printer, corruption: Corruption, folder: Path
 ) -> tuple[Judged, Judged, tuple[str, ...]]:
     """Judge a file and its mended form on one broken printer; the last are complaints about the mended one alone."""
-    true = TruePrinter.of(corruption_toml(corruption), printer)
     original = plan(text, printer, folder)
     if not len(original.moves) or not len(deposits(original)[0]):
         raise Refused("nothing is extruded")
     corrected = plan(mended, printer, folder, around=original)
-    wanted = wanted_path(original)
-    before = judge(original, wanted, Track(original, printer, true), Track(original, printer), text)
-    track = Track(corrected, printer, true)
-    after = judge(corrected, wanted, track, track, mended)
-    return before, after, tuple(sorted(set(corrected.complaints) - set(original.complaints)))
+    true = TruePrinter.of(corruption_toml(corruption), printer)
+    return judge_both(original, corrected, printer, true, text, mended)
 
 
 def mend(source: Path, model: Path, output: Path) -> dict:

@@ -168,4 +168,17 @@ def judge(planned: Planned, wanted: Wanted, track: Track, path: Track, gcode: by
     )  # fmt: skip
 
 
+def judge_both(
+    original: Planned, corrected: Planned, printer: Printer, true: TruePrinter, text: bytes, mended: bytes
+) -> tuple[Judged, Judged, tuple[str, ...]]:
+    """Return the figures of a file and of its corrected form on one broken printer, and what only the second complains.
+
+    Both are held against the path that the original draws on a healthy ``printer``.
+    """
+    wanted, track = wanted_path(original), Track(corrected, printer, true)
+    before = judge(original, wanted, Track(original, printer, true), Track(original, printer), text)
+    after = judge(corrected, wanted, track, track, mended)
+    return before, after, tuple(sorted(set(corrected.complaints) - set(original.complaints)))
+
+
 _MOTION = re.compile(rb"^\s*G0?[0-3](?![0-9])", re.MULTILINE | re.IGNORECASE)

@@ -106,8 +106,9 @@ class Planned:
 def plan(gcode: bytes, printer: Printer, folder: Path, *, extras: str = "", around: "Planned | None" = None) -> Planned:
     """Run a text through the planner of ``printer``; ``extras`` are further lines of its configuration.
 
-    A file without G28 is homed first. The bed is as large as the printer's, and as ``around`` went, the same file
-    before it was mended; the first file of a printer may go anywhere. Raises `RefusedByPlanner` with the complaint.
+    The printer is homed first, as some files move before they home. The bed is as large as the printer's, and as
+    ``around`` went, the same file before it was mended; the first file of a printer may go anywhere. Raises
+    `RefusedByPlanner` with the complaint.
     """
     cross_mm2 = None
     for drain_s in (0.1, 0.5, 2.0, 8.0, 30.0):
@@ -142,8 +143,7 @@ def _run(
             beside = plugins / f"{source.name}.{os.getpid()}"
             shutil.copyfile(source, beside)
             beside.replace(plugins / source.name)
-    homes = re.search(rb"^\s*(N\d+\s*)?G28\b", gcode, re.MULTILINE)
-    paths["in.gcode"].write_bytes(gcode if homes else b"G28\n" + gcode)
+    paths["in.gcode"].write_bytes(b"G28\n" + gcode)
     paths["board.dict"].write_text(json.dumps(board()))
     paths["printer.cfg"].write_text(
         config(printer, _reach(printer, around), cross_mm2) + f"[record_moves]\npath: {paths['moves.bin']}\n{extras}"
@@ -190,7 +190,11 @@ def _reach(printer: Printer, around: Planned | None) -> list[tuple[float, float]
 
 
 def config(printer: Printer, reach_mm: list[tuple[float, float]], cross_mm2: float | None = None) -> str:
-    """Write Klipper's configuration of a printer: G28 starts the count of steps at home, a later G28 drives there."""
+    """Write Klipper's configuration of a printer: G28 starts the count of steps at home, a later G28 drives there.
+
+    Nothing heats here, so M302, which would forbid cold extrusion again, does nothing; neither do M84 and M18, which
+    other firmwares go on after without homing.
+    """
     text = f"""[mcu]
 serial: /dev/null
 [printer]
@@ -238,6 +242,15 @@ pin: P16
 resolution: 0.1
 [force_move]
 enable_force_move: True
+[gcode_macro M302]
+rename_existing: M302.1
+gcode:
+[gcode_macro M84]
+rename_existing: M84.1
+gcode:
+[gcode_macro M18]
+rename_existing: M18.1
+gcode:
 [homing_override]
 axes: xyz
 gcode:
@@ -254,7 +267,7 @@ gcode:
         low = name.lower()
         text += f"""    {{% if all or params.{name} is defined %}}
       {{% set off = printer.gcode_move.position.{low} - printer.gcode_move.gcode_position.{low} %}}
-      G1 {name}{{{at!r} - off}} F6000
+      G1 {name}{{({at!r}) - off}} F6000
       G92 {name}{at!r}
     {{% endif %}}
 """

@@ -9,7 +9,7 @@ import pytest
 from hosts import INTEGRATIONS
 from parts import part
 
-from klippy_judge import Track, judge, wanted_path
+from klippy_judge import judge_both
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import corruption_toml, sample
 from printmend.printer import read_printer
@@ -40,11 +40,9 @@ def test_the_plastic_lands_where_it_should(family: str, printer, segment_mm: flo
     original = plan(text, printer, tmp_path / "a")
     extras = f"[printmend]\nmodel: {model}\nsegment: {segment_mm}\n"
     live = plan(text, printer, tmp_path / "b", around=original, extras=extras)
-    true, wanted = TruePrinter.of(corruption_toml(corruption), printer), wanted_path(original)
-    before = judge(original, wanted, Track(original, printer, true), Track(original, printer), text)
-    track = Track(live, printer, true)
-    after = judge(live, wanted, track, track, text)
-    assert not set(live.complaints) - set(original.complaints)
+    true = TruePrinter.of(corruption_toml(corruption), printer)
+    before, after, complaints = judge_both(original, live, printer, true, text, text)
+    assert not complaints
     assert after.rms_mm < 0.012
     assert after.max_mm < 0.05
     assert before.rms_mm > 4 * after.rms_mm

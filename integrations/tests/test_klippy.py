@@ -8,7 +8,7 @@ import pytest
 from parts import part
 
 from bench_klippy import both, mend
-from klippy_judge import Track, distances_mm, judge, places, samples, slowest_mm_s, wanted_path
+from klippy_judge import Track, distances_mm, judge, judge_both, places, samples, slowest_mm_s, wanted_path
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import Corruption, Drive, corruption_toml, sample
 from printmend.corruption.belt import Play
@@ -99,9 +99,7 @@ def test_klipper_takes_off_the_skew_that_export_gives_it(skew_deg: float, tmp_pa
     original = plan(text, ENDER3, tmp_path / "a")
     lines = text.replace(b"G28\n", f"G28\n{command}\n".encode())
     corrected = plan(lines, ENDER3, tmp_path / "b", around=original, extras=export)
-    true, wanted = TruePrinter.of(corruption_toml(corruption), ENDER3), wanted_path(original)
-    before = judge(original, wanted, Track(original, ENDER3, true), Track(original, ENDER3), text)
-    track = Track(corrected, ENDER3, true)
-    after = judge(corrected, wanted, track, track, text)
-    assert not set(corrected.complaints) - set(original.complaints)
+    true = TruePrinter.of(corruption_toml(corruption), ENDER3)
+    before, after, complaints = judge_both(original, corrected, ENDER3, true, text, lines)
+    assert not complaints
     assert after.rms_mm < 0.012 < 0.1 < before.rms_mm
