@@ -282,3 +282,33 @@ def test_places_that_the_firmware_chooses(line: str, flavour: Flavour, known: bo
     rows = interpret_text(np.frombuffer(f"G28\nG1 X10 Y20\n{line}\nG92 E0\n".encode(), np.uint8), state)
     assert bool(rows[-1]["flags"] & k.FLAG_KNOWN_X0) == known
     assert not known or (rows[-1]["x0"], rows[-1]["y0"]) == (10, 20)
+
+
+def test_a_mended_file_is_read_as_the_file_was(tmp_path):
+    """M82 within G91: what E means is guessed from the numbers, and cutting lines changes the numbers."""
+    from printmend.gcode.mark import marked
+    from printmend.gcode.read import guessed_e_rule
+
+    path, again = tmp_path / "part.gcode", tmp_path / "mended.gcode"
+    path.write_text("G28\nG91\nM82\n" + "".join(f"G1 X{1 + i % 3} E{i}\n" for i in range(15)))
+    with open_gcode(path) as file:
+        state = starting_state(file.parts[0])
+        rule = guessed_e_rule(file.parts[0], state)
+        again.write_bytes(b"".join(bytes(c) for c in marked(file.parts[0].chunks(), "f" * 16, rule)))
+    more = "".join(f"G1 X1 E{i}\n" for i in range(15, 40))
+    again.write_text(again.read_text() + more)
+    with open_gcode(again) as file:
+        assert starting_state(file.parts[0]).counts.tolist() == state.counts.tolist()
+    again.write_text(path.read_text() + more)  # without the mark another rule explains these numbers better
+    with open_gcode(again) as file:
+        assert starting_state(file.parts[0]).counts.tolist() != state.counts.tolist()
+    path.write_text("G28\nM83\nG1 X10 E1\n")
+    with open_gcode(path) as file:
+        assert guessed_e_rule(file.parts[0], state) is None
+
+
+def test_equal_e_words_without_m83_are_read_as_relative(tmp_path):
+    path = tmp_path / "part.gcode"
+    path.write_text("G28\nG1 E1\n" + "".join(f"G1 X{10 * (i % 2)} Y{i} E1\n" for i in range(30)))
+    with open_gcode(path) as file:
+        assert "its E is read as relative" in e_warning(starting_state(file.parts[0]))

@@ -10,6 +10,7 @@ import printmend
 from printmend.gcode.container import HINT_BYTES
 
 _MARK = re.compile(rb"(?:^|\r)(?:\xef\xbb\xbf)?; mended by printmend (\S+) model=(\S+)", re.MULTILINE)
+_E_RULE = re.compile(rb"(?:^|\r)(?:\xef\xbb\xbf)?; mended by printmend \S+ model=\S+ e=([012])([01])\b", re.MULTILINE)
 # The plug-ins under integrations/ run without printmend and hold the same expression.
 _TEST_PRINT = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)
 # Headers that must stay first; the mark follows the line that ends them.
@@ -27,6 +28,12 @@ def find_mark(*texts: bytes) -> str | None:
         if found := _MARK.search(text):
             return found[2].decode("ascii", "replace")
     return None
+
+
+def find_e_rule(text: bytes) -> tuple[int, int] | None:
+    """Return how a mended file's E was read, (C_RULE, C_M83), where its mark says it."""
+    found = _E_RULE.search(text)
+    return None if found is None else (int(found[1]), int(found[2]))
 
 
 def find_test_print(*texts: bytes) -> str | None:
@@ -55,9 +62,15 @@ def with_comment(text: bytes, comment: bytes) -> bytes:
     return before + missing + comment + closing + text[at:]
 
 
-def marked(chunks: Iterable[np.ndarray], model_hash: str) -> Iterator[np.ndarray]:
-    """Yield the chunks with the mark in the first, where `with_comment` puts it."""
-    mark = f"; mended by printmend {printmend.__version__} model={model_hash}".encode()
+def marked(
+    chunks: Iterable[np.ndarray], model_hash: str, e_rule: tuple[int, int] | None = None
+) -> Iterator[np.ndarray]:
+    """Yield the chunks with the mark in the first, where `with_comment` puts it.
+
+    ``e_rule`` is how E was read, where that had to be guessed: the mended numbers are read in the same way.
+    """
+    guessed = "" if e_rule is None else f" e={e_rule[0]}{e_rule[1]}"
+    mark = f"; mended by printmend {printmend.__version__} model={model_hash}{guessed}".encode()
     first = True
     for chunk in chunks:
         if first:

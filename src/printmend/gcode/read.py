@@ -10,6 +10,7 @@ from printmend.gcode import kernels as k
 from printmend.gcode.container import HINT_BYTES, MAX_LINE_BYTES, Part, endless_line, open_gcode, refuse_binary
 from printmend.gcode.layers import layers_of
 from printmend.gcode.machine import MachineState, detect_flavour, initial_state
+from printmend.gcode.mark import find_e_rule
 from printmend.path import frozen
 from printmend.printer import Printer
 
@@ -129,7 +130,8 @@ def larger(capacity: int, name: str = "G-code") -> int:
     return 2 * capacity
 
 
-# What a guess at E has to explain: filament that runs back while the head moves, or more of it than any nozzle melts.
+# What a guess at E has to explain: filament that runs back while the head moves, more of it than any nozzle melts, or
+# an E that is named and pushes none.
 _ENOUGH_MOVES = 20
 _IMPLAUSIBLE_SHARE = 0.1
 _FILAMENT_PER_MM = 3.0
@@ -139,9 +141,12 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
     """Correct ``state`` where the text's E words make sense only with another rule for relative extrusion.
 
     Some files leave M82 or M83 to a macro, and firmwares differ on what G90 does after M83. If under the state's own
-    rule a tenth of the printing moves would pull filament back or melt more than a nozzle can, the rule that
-    explains the moves best is taken.
+    rule a tenth of the printing moves would pull filament back, melt more than a nozzle can or name an E that pushes
+    nothing, the rule that explains the moves best is taken.
     """
+    if (said := find_e_rule(text.tobytes())) is not None:
+        state.counts[k.C_RULE], state.counts[k.C_M83] = said
+        return
     default = int(state.counts[k.C_RULE]), int(state.counts[k.C_M83])
     share = _implausible_share(text, state, *default)
     if share <= _IMPLAUSIBLE_SHARE:
@@ -150,6 +155,14 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
     shares = [_implausible_share(text, state, *other) for other in others]
     if min(shares) < share / 4:
         state.counts[k.C_RULE], state.counts[k.C_M83] = others[int(np.argmin(shares))]
+
+
+def guessed_e_rule(part: Part, state: MachineState) -> tuple[int, int] | None:
+    """Return how `settle_e` reads E, (C_RULE, C_M83); None where the program says M82 or M83 and never G91."""
+    head = next(part.chunks(), np.empty(0, np.uint8))[:HINT_BYTES].tobytes()
+    if b"G91" not in head and (b"M82" in head or b"M83" in head):
+        return None
+    return int(state.counts[k.C_RULE]), int(state.counts[k.C_M83])
 
 
 _RULES = {
@@ -189,7 +202,7 @@ def _implausible_share(text: np.ndarray, state: MachineState, rule: int, m83: in
     rows, length_mm = rows[length_mm > 0], length_mm[length_mm > 0]
     if len(rows) < _ENOUGH_MOVES:
         return 0.0
-    return float(np.mean((rows["advance"] < 0) | (rows["advance"] > _FILAMENT_PER_MM * length_mm)))
+    return float(np.mean((rows["advance"] <= 0) | (rows["advance"] > _FILAMENT_PER_MM * length_mm)))
 
 
 def moves_of(records: np.ndarray) -> Moves:

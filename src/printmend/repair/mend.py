@@ -17,7 +17,7 @@ from printmend.gcode.container import GcodeFile, Part, open_gcode
 from printmend.gcode.header import Described, described
 from printmend.gcode.machine import MachineState
 from printmend.gcode.mark import find_mark, find_test_print, marked
-from printmend.gcode.read import e_warning, starting_state
+from printmend.gcode.read import e_warning, guessed_e_rule, starting_state
 from printmend.gcode.write import Plan, follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.printer import Printer, preset_names, read_printer
@@ -127,7 +127,7 @@ def _texts(
     state = starting_state(part, printer=model.printer)
     states.append(state.copy())
     planner.begin(fineness.segments_per_s(state.flavour))
-    chunks = marked(_counted(part.chunks(), progress), model.digest)
+    chunks = marked(_counted(part.chunks(), progress), model.digest, guessed_e_rule(part, state))
     return rewrite(chunks, state, planner.plan if watch is None else watch(part, planner.plan))
 
 
@@ -169,7 +169,7 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
     if prediction.extruding + prediction.unknown == 0:
         raise RefusedError(
             file.name, wanted="a print", came=f"{prediction.moves} moves that extrude nothing",
-            todo="use --force to mend them as travels",
+            todo="put M83 at its top if each E is meant to add to the last, or use --force to mend them as travels",
         )  # fmt: skip
     if prediction.length_mm == 0:
         raise RefusedError(
