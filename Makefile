@@ -7,11 +7,23 @@ HOSTS := .venv-hosts
 # Bytecode is kept, in folders that git ignores: else each worker of the tests, and each command that they start, would compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
+.PHONY: demo paper test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
 
 demo: $(STAMP)
 	$(BIN)/printmend demo
 	$(BIN)/printmend demo --part
+
+# The paper again, on bodies that are made here: data set, Table I, Fig. 1 to 6, then the families, self-repair and the
+# choice of test prints. BODIES=20 for a small one; what was interrupted goes on where it was.
+BODIES ?= 1000
+WORKERS ?= 2
+PAPER := build/paper
+paper: $(STAMP)
+	$(BIN)/printmend dataset build --bodies generated:$(BODIES) --corruptions 10 --families pulley,pulley-loose -o $(PAPER)/data --workers $(WORKERS)
+	$(BIN)/printmend figures --dataset $(PAPER)/data -o $(PAPER)/figures --workers $(WORKERS)
+	$(BIN)/printmend bench families --dataset $(PAPER)/data --rows naive+greedy,greybox+optimal,meta+optimal,oracle+greedy --out $(PAPER)/families --workers $(WORKERS)
+	$(BIN)/printmend selfrepair --hull egg --generations 6 -o $(PAPER)/selfrepair
+	$(BIN)/printmend curiosity --seed 3 --rounds 6 -o $(PAPER)/curiosity
 
 test: $(STAMP)
 	$(BIN)/python -m pytest
