@@ -20,6 +20,7 @@ from printmend.errors import PrintmendError
 from printmend.learn import fit
 from printmend.learn.meta.tasks import draw_drive
 from printmend.machine import Mechanism, Transmission
+from printmend.machine.printing import print_from_home
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
@@ -81,7 +82,7 @@ def judged(
             found[name] = (np.inf, -1.0, time.process_time() - begun)
             continue
         spent = time.process_time() - begun
-        error = Twin(model.mechanism).follow(asked)[1:] - truth  # type: ignore[attr-defined]
+        error = print_from_home(model.mechanism, asked[1:]) - truth  # type: ignore[attr-defined]
         found[name] = (float(np.sqrt(np.mean(error**2))), _inside(model, twin, asked), spent)
     return found
 

@@ -14,6 +14,7 @@ from printmend.body import demo_body_gcode
 from printmend.corruption import Corruption
 from printmend.gcode.read import Program, read_gcode
 from printmend.learn import fit
+from printmend.machine.printing import print_from_home
 from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -70,7 +71,7 @@ def run_way(
         belief = belief_after(printer, trace)
         promised = belief.expected_mm(belief.wanted(targets_mm(printer, None)))
         model = fit(LEARNER, trace, printer, rng=np.random.default_rng(seed))
-        said = Twin(model.mechanism).follow(asked)[1:]  # type: ignore[attr-defined]
+        said = print_from_home(model.mechanism, asked[1:])  # type: ignore[attr-defined]
         error = float(np.sqrt(np.mean((said - truth) ** 2)))
         marks = sum(int(np.isfinite(one[:, 0]).sum()) for one in measured)
         done.append(Round(marks, minutes, grams, promised, error))

@@ -39,10 +39,13 @@ def print_path(mechanism: Mechanism, motors_mm: np.ndarray, belts_mm: np.ndarray
 
 
 def print_from_home(mechanism: Mechanism, places_mm: np.ndarray) -> np.ndarray:
-    """Return where and how high a machine prints commanded places [N, 3] mm, one after the other from home [N, 3]."""
-    printer = mechanism.printer
+    """Return where a machine prints commanded places [N, 2] mm, with heights [N, 3], one after the other from home.
+
+    The machine's origin is taken as it is: a learned one gives bed positions.
+    """
+    printer, axes = mechanism.printer, places_mm.shape[1]
     home_mm = np.array([*printer.home_mm, printer.z.home_mm])
-    motors_mm = np.concatenate([home_mm[None], places_mm])
+    motors_mm = np.concatenate([home_mm[None, :axes], places_mm])
     motors_mm[:, :2] = printer.to_motor(motors_mm[:, :2])
     at_home_mm = np.array([*mechanism.bed.wanted(home_mm[:2]), home_mm[2]])
-    return print_path(mechanism, motors_mm, at_home_mm)[1:]
+    return print_path(mechanism, motors_mm, at_home_mm[:axes])[1:]
