@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from printmend.promise.predict import Path as Places
 from printmend.promise.predict import push_doubt
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
-from printmend.repair.learned import learn_model, report
+from printmend.repair.learned import learn, learn_model, report
 from printmend.repair.update import update
 from printmend.report.examination import examine, summary, write_examination
 from printmend.saved import SavedModel, screw_of, write_model
@@ -195,6 +196,13 @@ def test_heights_that_do_not_follow_are_refused(kind: str) -> None:
         find_screw(replace(trace, z_measured_mm=nonsense), SHORT, None, lambda clean: np.zeros((len(clean), 2)))
 
 
+@pytest.fixture
+def plainly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a report learn the grey box alone: what a hybrid adds of x and y says nothing of Z, and takes as long."""
+    monkeypatch.setattr("printmend.report.examination.learn", partial(learn, model="greybox"))
+
+
+@pytest.mark.usefixtures("plainly")
 def test_the_owner_is_told_what_to_repair() -> None:
     examination = examine(measured(SCREW, body(10, 1.6)), SHORT, rng=np.random.default_rng(0))
     said = summary(examination)
@@ -203,6 +211,7 @@ def test_the_owner_is_told_what_to_repair() -> None:
     assert "Z lead" in examination.saved.findings[0]
 
 
+@pytest.mark.usefixtures("plainly")
 def test_an_owner_whose_tower_is_too_low_is_told_so(tmp_path: Path) -> None:
     examination = examine(measured(SCREW, body(4)), SHORT, rng=np.random.default_rng(0))
     assert not examination.saved.findings[0].rstrip().endswith(";")

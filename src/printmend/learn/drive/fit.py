@@ -54,29 +54,28 @@ class Prior:
 
 
 @lru_cache(maxsize=256)
-def groups(design: Design, fold: int) -> dict[str, np.ndarray]:
-    """Return the masks [P] of the groups whose prior scale is learned; ``fold`` as in `Prior`."""
+def groups(design: Design, fold: int) -> tuple[tuple[str, ...], np.ndarray]:
+    """Return the groups whose prior scale is learned, and each parameter's group [P], their number for one of none.
+
+    ``fold`` is as in `Prior`.
+    """
     odd = design.harmonic % 2 == 1
     mean, play = design.mask("mean"), design.mask("play")
     on = design.harmonic % fold == 0 if fold > 1 else design.harmonic == fold
     names = ("mean_on", "mean_off") if fold else ("mean_odd", "mean_even")
     first = on if fold else odd
-    return {
-        names[0]: mean & first,
-        names[1]: mean & ~first,
-        "play_odd": play & odd,
-        "play_even": play & ~odd,
-        "elastic": design.mask("elastic"),
-        "warp": design.mask("warp"),
-    }
+    masks = (mean & first, mean & ~first, play & odd, play & ~odd, design.mask("elastic"), design.mask("warp"))
+    group = np.full(design.size, len(masks))
+    for number, mask in enumerate(masks):
+        group[mask] = number
+    return (*names, "play_odd", "play_even", "elastic", "warp"), frozen(group)
 
 
 def variances(design: Design, prior: Prior) -> np.ndarray:
     """Return the prior variance [P] mm² of every parameter."""
-    v = _usual_variances(design, prior.warp_mm).copy()
-    for name, mask in groups(design, prior.fold).items():
-        v[mask] *= getattr(prior, name) ** 2
-    return v
+    names, group = groups(design, prior.fold)
+    scales = np.array([*(getattr(prior, name) for name in names), 1.0])
+    return np.asarray(_usual_variances(design, prior.warp_mm) * np.square(scales)[group])
 
 
 @lru_cache(maxsize=256)
@@ -122,7 +121,8 @@ def solve(
     matrix = normal.matrix[np.ix_(active, active)]
     # The equations are moved from about normal.values to about 0: what inactive parameters explained is data again.
     slope = (normal.slope + normal.matrix @ normal.values)[active]
-    masks = {name: mask[active] for name, mask in groups(design, prior.fold).items()}
+    names, group = groups(design, prior.fold)
+    group = group[active]
     sigma2 = max(sigma_mm, prior.floor_mm) ** 2
     for last in range(rounds + 1):
         v = variances(design, prior)[active]
@@ -139,7 +139,7 @@ def solve(
         spread = np.einsum("ij,ij->j", whitened, whitened)  # C_ii/v_i
         known = len(v) - spread.sum()
         sigma2 = max(misfit / max(normal.count - known, 1.0) / HUBER_VARIANCE_SHARE, prior.floor_mm**2)
-        prior = _rescaled(prior, masks, values, v, spread)
+        prior = _rescaled(prior, names, group, values, v, spread)
     log_det = 2 * np.log(np.diag(factor)).sum()
     evidence = -0.5 * (misfit / sigma2 + (values**2 / v).sum() + log_det + normal.count * np.log(sigma2))
     full = np.zeros(design.size)
@@ -162,15 +162,20 @@ def _misfit(normal: Normal, active: np.ndarray, values: np.ndarray) -> float:
 
 
 def _rescaled(
-    prior: Prior, masks: dict[str, np.ndarray], values: np.ndarray, v: np.ndarray, spread: np.ndarray
+    prior: Prior, names: tuple[str, ...], group: np.ndarray, values: np.ndarray, v: np.ndarray, spread: np.ndarray
 ) -> Prior:
-    """Return the prior after MacKay's update τ² ← τ² Σ w²/v / γ; γ = Σ (1 − C_ii/v_i) counts what the data settle."""
+    """Return the prior after MacKay's update τ² ← τ² Σ w²/v / γ; γ = Σ (1 − C_ii/v_i) counts what the data settle.
+
+    ``group`` [A] is each active parameter's place in ``names``.
+    """
     scales: dict[str, Any] = {}
-    for name, mask in masks.items():
-        if not mask.any():
+    count = np.bincount(group, minlength=len(names))
+    settled = (count - np.bincount(group, spread, len(names))).tolist()
+    moved = np.bincount(group, values**2 / v, len(names)).tolist()
+    for i, name in enumerate(names):
+        if not count[i]:
             continue
-        settled = float((1 - spread[mask]).sum())
-        ratio = (float((values[mask] ** 2 / v[mask]).sum()) + 0.1) / (settled + 0.1)
+        ratio = (moved[i] + 0.1) / (settled[i] + 0.1)
         largest = MOST_OFF_FOLD if name == "mean_off" else 10.0
         scales[name] = min(max(getattr(prior, name) * math.sqrt(min(max(ratio, 0.01), 100.0)), 1e-3), largest)
     return replace(prior, **scales)
