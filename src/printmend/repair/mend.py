@@ -188,7 +188,11 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
         if prediction.heights is not None:
             before, after = prediction.heights
             came += f", in height {after.rms_mm:.4f} mm instead of {before.rms_mm:.4f} mm"
-        raise RefusedError(file.name, wanted="a smaller error after mending", came=came, todo=todo)
+        if (worse := prediction.chance_of_none) > 0 and prediction.after.rms_mm < prediction.before.rms_mm:
+            share = max(1, round(100 * worse))
+            came += f" expected, but no gain in {share} of 100 machines that the measurement allows"
+            todo = f"measure more (a whole probe, or with callipers the --distance that `measure` names), or {todo}"
+        raise RefusedError(file.name, wanted="a smaller error after mending, surely", came=came, todo=todo)
 
 
 def _is_probe(file: GcodeFile) -> bool:

@@ -85,6 +85,11 @@ class Prediction:
             before, after = math.hypot(before, self.heights[0].rms_mm), math.hypot(after, self.heights[1].rms_mm)
         return before - after > _GAIN_MM
 
+    @property
+    def chance_of_none(self) -> float:
+        """The share of the machines that the measurement allows which would print no better mended; 0 where unsaid."""
+        return 0.0 if self.gain_mm is None else float(np.mean(self.gain_mm <= 0.0))
+
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""
         plain = asdict(replace(self, path=None, gain_mm=None))
