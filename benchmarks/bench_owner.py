@@ -4,7 +4,7 @@
 
 The judges are tests/foreign_layer.py's: uneven pulleys and play, beads of uneven width, blobs, texture, dust, JPEG. One
 line for each way: how far a part that nobody learned from is off, as it is and mended [mm RMS, its place taken off],
-and the processor time of measure [s].
+and the processor time of measure [s] (of dots of plastic that of printing and drawing them, too).
 """
 
 import argparse
@@ -21,10 +21,14 @@ from PIL import Image
 from tests import foreign_layer as foreign
 
 from printmend.measure.measurement import measure_scans
+from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
+from printmend.probe.net import with_net
 from printmend.probe.pen import with_pen
+from printmend.probe.probe import gcode_of
+from printmend.probe.sheets import design_sheets
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import mend_gcode
 from printmend.repair.part import measure_part
@@ -58,6 +62,20 @@ def drawn(path: Path, broken: foreign.Machine) -> list[np.ndarray]:
     return [np.vstack([printed[a:b], printed[b - 1] + [1e-3, 0]]) for a, b in zip(ends[::2], ends[1::2], strict=True)]
 
 
+def plastic(folder: Path, plan: ProbePlan, broken: foreign.Machine, rng: np.random.Generator, dpi: float) -> Trace:
+    """Print a probe's dots on the broken machine, sheet after sheet, and measure their scans."""
+    write_probe(folder / "dots.gcode", plan)
+    scans = []
+    for number, path in enumerate(gcode_of(folder / "dots.gcode", plan)):
+        places, filament, threads = foreign.printed_dots(path, broken)
+        radii = np.where(filament > 1.4 * filament.min(), plan.big_dot_mm, plan.dot_mm) / 2
+        scans.append(folder / f"dots{number}.jpg")
+        scans[-1].write_bytes(
+            foreign.plate(places, radii, rng, threads=threads, dpi=dpi, angle=3.0 - 5 * number, quarter=number)
+        )
+    return measure_scans(scans, plan).trace
+
+
 def judged(trace: Trace, broken: foreign.Machine, folder: Path) -> tuple[float, float]:
     mend_gcode(folder / "star.gcode", learn_model(trace, PRINTER), folder / "mended.gcode")
     wanted = folder / "star.gcode"
@@ -72,15 +90,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--dpi", type=float, default=300.0)
-    parser.add_argument("--way", choices=("pen", "scan", "photo"), action="append", help="all without")
+    parser.add_argument(
+        "--way", choices=("dots", "net", "sheets", "pen", "scan", "photo"), action="append", help="all without"
+    )
     options = parser.parse_args()
     rng = np.random.default_rng(options.seed)
-    broken, ways = machine(rng), options.way or ["pen", "scan", "photo"]
+    broken, ways = machine(rng), options.way or ["dots", "net", "sheets", "pen", "scan", "photo"]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "star.gcode").write_text(foreign.gcode(foreign.star())[0])
         text, strokes = foreign.gcode(foreign.gear())
         (folder / "gear.gcode").write_text(text)
+        for way, words in (("dots", "dots of plastic"), ("net", "dots in a net"), ("sheets", "dots on two sheets")):
+            if way in ways:
+                plan = design_probe(PRINTER, glass_mm=(210.0, 297.0))
+                if way == "sheets":
+                    plan = design_sheets(PRINTER, (150.0, 210.0), 2)
+                elif way == "net":
+                    plan = with_net(plan, PRINTER)
+                begun = time.process_time()
+                trace = plastic(folder, plan, broken, rng, options.dpi)
+                said(words, *judged(trace, broken, folder), time.process_time() - begun)
         if "pen" in ways:
             plan = with_pen(design_probe(PRINTER, glass_mm=(210.0, 297.0)))
             write_probe(folder / "pen.gcode", plan)
