@@ -176,6 +176,21 @@ def printed_dots(path, machine):
     return printed[list(dots)], np.array(list(dots.values())), [printed[k - 1 : k + 1] for k in lines[1:]]
 
 
+def with_ruler(jpeg, line_mm, stretch=0.0, length=80.0):
+    """Return a scan, a JPEG in bytes, with a ruler along its lower edge, as a scanner stretches it."""
+    picture = Image.open(io.BytesIO(jpeg))
+    dpi = float(picture.info["dpi"][0])
+    scan = np.array(picture)
+    below = np.full((round(36 * dpi / 25.4), scan.shape[1], 3), scan[-3:].mean(axis=(0, 1)), np.uint8)
+    ruler = below[..., 1].copy()
+    _lay_ruler(ruler, dpi / 25.4 * (1 + stretch), (8.0, 6.0), 1.5, line_mm, length)
+    drawn = ruler != below[..., 1]
+    below[drawn] = ruler[drawn][:, None]
+    file = io.BytesIO()
+    Image.fromarray(np.vstack([scan, below])).save(file, "JPEG", quality=85, dpi=(dpi, dpi))
+    return file.getvalue()
+
+
 def plate(places, radii, rng, *, threads=(), dpi=300, angle=3.0, quarter=0, jpeg=80, ink=(60, 55, 50),
           plate=(232, 230, 226), hair=0.1, texture=4.0, narrow=0.0):  # fmt: skip
     """Draw what a flatbed sees of dots of plastic [M, 2] with ``radii`` [M] from below, as a JPEG in bytes.
@@ -224,28 +239,50 @@ def plate(places, radii, rng, *, threads=(), dpi=300, angle=3.0, quarter=0, jpeg
     return file.getvalue()
 
 
+def _lay_ruler(paper, px_per_mm, corner_mm, turn_deg, line_mm, length=150.0, steel=205):
+    """Draw a ruler into a grey picture: a body 22 mm wide, a line every ``line_mm`` along its upper edge, every fifth
+    and tenth longer, and the words of its numbers as bars."""
+    a = math.radians(turn_deg)
+    along, down = np.array([math.cos(a), math.sin(a)]), np.array([-math.sin(a), math.cos(a)])
+
+    def box(u0, u1, v0, v1, shade):
+        corners = [np.array(corner_mm) + u * along + v * down for u, v in ((u0, v0), (u1, v0), (u1, v1), (u0, v1))]
+        cv2.fillPoly(paper, [np.rint((np.array(corners) * px_per_mm - 0.5) * 16).astype(int)], shade, cv2.LINE_AA, 4)
+
+    box(-4.0, length + 4.0, 0.0, 22.0, steel)
+    for k in range(int(length / line_mm) + 1):
+        tall = 7.5 if k % 10 == 0 else 5.5 if k % 5 == 0 else 3.8
+        box(k * line_mm - 0.08, k * line_mm + 0.08, 0.6, tall, 35)
+        if k % 10 == 0:
+            box(k * line_mm - 1.0, k * line_mm - 0.6, 9.0, 11.5, 35)
+            box(k * line_mm + 0.3, k * line_mm + 1.2, 9.0, 11.5, 35)
+
+
 def photo(strokes, rng, *, height=0.24, focal_film=26.0, tilt=(0.12, -0.09), turn=17.0, k1=-0.03, stated=True,
-          swell=0.06, size_px=(1500, 2000), sheet=1.0, ink=(60, 55, 50)):  # fmt: skip
+          swell=0.06, size_px=(1500, 2000), sheet=1.0, ink=(60, 55, 50), tags=True, ruler=None, table=0):  # fmt: skip
     """Draw what a telephone sees of a part that lies upside down on the sheet of tags, as a JPEG in bytes.
 
     The paper is at z = 0, the part's underside at z = ``height``, its walls between them; a pinhole camera with its
-    own focal length looks down, tilted, through a lens that bends lines.
+    own focal length looks down, tilted, through a lens that bends lines. Without ``tags`` the paper is blank;
+    ``ruler`` [mm between its lines] lays one on it; ``table`` is the grey of what lies around.
     """
     fine = 12.0
     paper = np.full((round(297 * fine), round(210 * fine)), 244, np.uint8)
     book = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36H11)
     middles = [(x, y) for y in np.linspace(14, 283, 5) for x in np.linspace(14, 196, 4)
                if x in (14, 196) or y in (14, 283)]  # fmt: skip
-    for number, (x, y) in enumerate(middles):
+    for number, (x, y) in enumerate(middles if tags else ()):
         cells = cv2.aruco.generateImageMarker(book, number, 8)
         at = np.array([[0, 0], [7, 0], [0, 7]], np.float32)
         to = ((np.array([x, y]) - 7 + (at + 0.5) * 14 / 8) * fine * sheet - 0.5).astype(np.float32)
         cv2.warpAffine(cells, cv2.getAffineTransform(at, to), paper.shape[::-1], paper, cv2.INTER_NEAREST,
                        cv2.BORDER_TRANSPARENT)  # fmt: skip
+    if ruler is not None:
+        _lay_ruler(paper, fine, (30.0, 232.0), 4.0, ruler)
     a = math.radians(turn)
     spin = np.array([[math.cos(a), math.sin(a)], [-math.sin(a), math.cos(a)]])
     laid = [(line * [-1.0, -1.0]) @ spin for line in strokes]  # seen from below, y down
-    every = np.vstack(laid)
+    every = np.vstack([*laid, np.zeros((1, 2))]) if not laid else np.vstack(laid)
     laid = [line - (every.min(axis=0) + every.max(axis=0)) / 2 + [108.0, 140.0] for line in laid]
     plastic = Image.new("L", paper.shape[::-1], 0)
     pen = ImageDraw.Draw(plastic)
@@ -272,13 +309,13 @@ def photo(strokes, rng, *, height=0.24, focal_film=26.0, tilt=(0.12, -0.09), tur
     u, v = u * bend / focal, v * bend / focal
     ray = [turned[0, k] * u + turned[1, k] * v + turned[2, k] for k in range(3)]
 
-    def seen(raster, z):
+    def seen(raster, z, beyond=0):
         share = (-z - eye[2]) / ray[2]
         x, y = ((eye[k] + share * ray[k]) * fine - 0.5 for k in range(2))
-        return cv2.remap(raster, x.astype(np.float32), y.astype(np.float32), cv2.INTER_AREA, borderValue=0) / 255.0
+        return cv2.remap(raster, x.astype(np.float32), y.astype(np.float32), cv2.INTER_AREA, borderValue=beyond) / 255.0
 
     light = 1 + 0.08 * (u + 0.5 * v)
-    image = (235 * seen(paper, 0.0) + 12)[..., None] * np.array([1.0, 0.99, 0.96])
+    image = (235 * seen(paper, 0.0, table) + 12)[..., None] * np.array([1.0, 0.99, 0.96])
     levels = max(1, round(height / 1.5))
     for k in range(levels):
         there = seen(mask, height * (k + 1) / levels)[..., None]

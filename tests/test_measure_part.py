@@ -13,9 +13,12 @@ from printmend.errors import GcodeError, ScanError, TraceError
 from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
 from printmend.measure import read_trace, write_trace
+from printmend.measure.image import read_image
+from printmend.measure.paper import find_sheet
+from printmend.measure.ruler import find_rulers
 from printmend.measure.walls import read_walls
 from printmend.measure.width import choose_widths, scaled_by_widths
-from printmend.path import Instrument
+from printmend.path import FLATBED, Instrument
 from printmend.printer import read_printer
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import mend_gcode
@@ -185,3 +188,40 @@ def test_widths_of_another_part_are_named(scanned):
         scaled_by_widths((2.89,), widths, edges, walls, offset, Instrument())
     with pytest.raises(TraceError, match=r"wanted 2 widths"):
         scaled_by_widths((73.0, 70.0, 30.0), widths, edges, walls, offset, Instrument())
+
+
+def test_a_ruler_beside_the_part_settles_the_scale_along_it(scanned):
+    _, strokes = foreign.gcode(foreign.gear())
+    healthy = foreign.Machine().strokes(strokes)
+    taken = foreign.scan(healthy, np.random.default_rng(5), dpi=300, stretch=(0.0016, 0.0016))
+    (scanned / "ruled.jpg").write_bytes(foreign.with_ruler(taken, 1.0, stretch=0.0016))
+    ruled = measure_part(scanned / "ruled.jpg", scanned / "gear.gcode", PRINTER)
+    note = next(note for note in ruled.notes if "ruler" in note)
+    assert "81 lines over 80 mm" in note
+    assert float(note.split("image is ")[1].split(" %")[0]) == pytest.approx(0.16, abs=0.02)
+    assert ruled.found > 0.95 * ruled.walls
+    # what both axes are too large by, by least squares over the walls' offsets
+    seen = ruled.trace.wall_rows
+    normal, at = ruled.trace.normal[seen], ruled.trace.commanded_mm[seen]
+    columns = np.column_stack([normal * (at - at.mean(axis=0)), normal, np.ones(len(at))])
+    grown = np.linalg.lstsq(columns, ruled.trace.offset_mm[seen], rcond=None)[0]
+    assert abs(grown[0]) < 4e-4
+    assert ruled.trace.instrument.scale_sd < 0.8 * FLATBED.scale_sd
+    inches, _ = read_image(io.BytesIO(foreign.with_ruler(taken, 25.4 / 16)))
+    with pytest.raises(ScanError, match=r"millimetre, got one in inches; turn"):
+        find_rulers(inches, 300 / 25.4, subject="inches.jpg")
+
+
+def test_the_edges_of_the_paper_under_a_part_serve_a_photo(scanned):
+    _, strokes = foreign.gcode(foreign.gear())
+    printed = BROKEN.strokes(strokes)
+    path = scanned / "paper.jpg"
+    path.write_bytes(foreign.photo(printed, np.random.default_rng(2), tags=False, ruler=1.0))
+    measured = measure_part(path, scanned / "gear.gcode", PRINTER)
+    assert any("edges of A4 paper" in note for note in measured.notes)
+    assert any("lines over 150 mm" in note for note in measured.notes), measured.notes
+    mend_gcode(scanned / "star.gcode", learn_model(measured.trace, PRINTER), scanned / "by-paper.gcode")
+    assert foreign.paired_error(BROKEN, scanned / "star.gcode", scanned / "by-paper.gcode") < LIMIT_MM
+    # a table as bright as the paper shows no edges
+    path.write_bytes(foreign.photo([], np.random.default_rng(2), tags=False, table=240))
+    assert find_sheet(read_image(path)[0]) is None

@@ -7,12 +7,14 @@ instrument's doubts as priors.
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from printmend.errors import TraceError
 from printmend.measure.plan import ProbePlan
+from printmend.measure.ruler import Ruler
 from printmend.path import Instrument
 
 LONGEST_MM, SHORTEST_MM = 145.0, 40.0  # the common callipers open 150 mm
@@ -67,6 +69,32 @@ def scaled_by(
     stretch, left, note = settled(excess, math.atan2(other[1] - one[1], other[0] - one[0]), distance_mm, instrument)
     middle = np.nanmean(measured_mm, axis=0)
     return (measured_mm - middle) @ np.linalg.inv(stretch).T + middle, left, note
+
+
+def scaled_by_rulers(
+    rulers: Sequence[tuple[Ruler, np.ndarray]], places_mm: np.ndarray, instrument: Instrument
+) -> tuple[np.ndarray, Instrument, list[str]]:
+    """Return places [N, 2] on the bed at the scale of rulers in the picture, what is still open, and a note for each.
+
+    With each ruler comes the matrix [2, 2] that turns its picture onto the bed.
+    """
+    if not rulers:
+        return places_mm, instrument, []
+    notes, taken = [], np.eye(2)
+    for ruler, matrix in rulers:
+        seen = ruler.on_bed(matrix).stretched(taken)
+        angle = math.atan2(seen.along[1], seen.along[0])
+        stretch, instrument, _ = settled(
+            seen.excess, angle, seen.length_mm, instrument, reading_mm=seen.sd * seen.length_mm
+        )
+        taken = stretch @ taken
+        share = f"{100 * ruler.excess:+.2f} %"
+        notes.append(
+            f"by the ruler beside it ({ruler.lines} lines over {ruler.length_mm:.0f} mm) the image is {share} too "
+            "large along it: taken off"
+        )
+    middle = np.nanmean(places_mm, axis=0)
+    return (places_mm - middle) @ np.linalg.inv(taken).T + middle, instrument, notes
 
 
 def settled(

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.measure.distance import asked, choose_span, scaled_by
+from printmend.measure.distance import asked, choose_span, scaled_by, scaled_by_rulers
 from printmend.measure.image import with_legend, write_image
 from printmend.measure.join import aligned, check_sheets, joined, mean_of, scanner_axes, shared_number
 from printmend.measure.plan import ProbePlan, read_plan
@@ -107,7 +107,7 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     """Return the marks [M, 2] on the bed, their standard deviations [M], what is open of the instrument, and notes."""
     number = shared_number(plan)
     mine = [plan.sheet_of == reading.sheet for reading in readings]
-    places, settled, notes = [], False, []
+    places, settled, notes, stretch = [], False, [], np.eye(2)
     for reading, own in zip(readings, mine, strict=True):
         places.append(np.full((int(number.max()) + 1, 2), np.nan))
         places[-1][number[own]] = reading.image_mm
@@ -132,7 +132,10 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
         laid = [first, *(aligned(place, first, reading) for place, reading in others)]
     on_bed = [np.where(one[:, None], place[number], np.nan) for place, one in zip(laid, seen, strict=True)]
     sigmas = [_of_marks(reading.sigma_mm, own) for reading, own in zip(readings, mine, strict=True)]
-    return *_merged(on_bed, sigmas), instrument, notes
+    measured, sigma = _merged(on_bed, sigmas)
+    rulers = [(one.stretched(stretch), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
+    measured, instrument, said = scaled_by_rulers(rulers, measured, instrument)
+    return measured, sigma, instrument, [*notes, *said]
 
 
 def _of_marks(values: np.ndarray, own: np.ndarray) -> np.ndarray:

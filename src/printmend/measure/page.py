@@ -16,6 +16,7 @@ from PIL import Image
 from printmend.errors import ScanError
 from printmend.measure.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_lens, is_flat, rectify
 from printmend.measure.image import read_image
+from printmend.measure.paper import PAPER, Sheet, find_sheet
 from printmend.measure.sheet import BORDER_MM, TAG_MM, WINDOW_EDGE_MM, window_mm
 from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH
@@ -27,12 +28,13 @@ PHOTO = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005
 # Focal lengths as of a film of 36 × 24 mm, and how well they are known (shares): stated, or a telephone's usual one.
 FILM_DIAGONAL_MM, USUAL_FOCAL_MM = 43.27, 27.0
 STATED_SD, USUAL_SD = 0.04, 0.15
+PAPER_RIM_MM = 3.0  # of a sheet of paper: its edge's shadow is no plastic
 INSIDE_MM = 1.0  # of the line along which the window is cut
 SCALED_SHEET, ALIKE = 0.012, 0.004  # shares: a sheet's scale beyond which it is refused, where both axes agree so well
 _EXIF, _EXPOSURE, _FOCAL, _FOCAL_FILM = 0x8769, 0x829A, 0x920A, 0xA405
 PHOTO_TODO = (
     "print the sheet of tags (`printmend probe --sheet sheet.pdf`), lay the print on it, and take the photo from above "
-    "with all tags in it; or scan it"
+    "with all tags in it; or on a whole sheet of A4 or letter paper on a dark table; or scan it"
 )
 
 
@@ -56,18 +58,21 @@ class Page:
     @property
     def tagged(self) -> bool:
         """True where the scale is that of a sheet of tags."""
-        return self.instrument is not FLATBED
+        return "tags" in self.scale
 
 
 def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.0) -> Page:
     """Read an image of something ``tall_mm`` high: a scan, or a photo or scan of it on the sheet of tags.
 
-    ``dpi`` overrides what the file says. Raises `ScanError` for what is no image, and for a photo without tags.
+    A whole sheet of white paper around it on a darker ground serves instead of the tags. ``dpi`` overrides what the
+    file says. Raises `ScanError` for what is no image, and for a photo without tags or paper.
     """
     image, stated = read_image(path)
     tags = find_tags(image)
     camera, focal_mm = exposure(path)
     if len(tags) < LEAST_TAGS:
+        if dpi is None and (camera or stated is None) and (sheet := find_sheet(image)) is not None:
+            return _photographed(image, sheet.lens, inside_mm(sheet), PAPER, sheet_said(sheet), focal_mm, tall_mm)
         refuse_bare_photo(path, tags, camera=camera and dpi is None)
         scale = dpi or stated or USUAL_DPI
         return Page(image, scale / MM_PER_INCH, FLATBED, f"{scale:g} dpi", unsure=dpi is None and stated is None)
@@ -75,13 +80,34 @@ def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.
     if is_flat(tags, error_mm):
         flat, _, px_per_mm = rectify(image, lens, *_window())
         return Page(flat, px_per_mm, SHEET, f"scale and axes from {len(tags)} tags")
+    return _photographed(image, lens, _window(), PHOTO, tags_said(tags, error_mm), focal_mm, tall_mm)
+
+
+def _photographed(
+    image: np.ndarray, lens: Lens, shown_mm: tuple[np.ndarray, np.ndarray], instrument: Instrument, said: str,
+    focal_mm: float | None, tall_mm: float,
+) -> Page:  # fmt: skip
+    """Return what lies between two corners ``shown_mm`` of a sheet, ``tall_mm`` high, as a scanner would see it."""
     doubt = USUAL_SD if focal_mm is None else STATED_SD
     eye = _eye_mm(lens, 2 * lens.radius_px * (focal_mm or USUAL_FOCAL_MM) / FILM_DIAGONAL_MM)
     nearer = min(tall_mm / eye[2], 0.5)
-    lens, low, high = _raised(lens, eye, nearer)
+    lens, low, high = _raised(lens, eye, nearer, shown_mm)
     flat, corner, px_per_mm = rectify(image, lens, low, high)
-    instrument = replace(PHOTO, scale_sd=float(np.hypot(PHOTO.scale_sd, doubt * nearer)))
-    return Page(flat, px_per_mm, instrument, tags_said(tags, error_mm), eye - np.array([*corner, 0.0]))
+    instrument = replace(instrument, scale_sd=float(np.hypot(instrument.scale_sd, doubt * nearer)))
+    return Page(flat, px_per_mm, instrument, said, eye - np.array([*corner, 0.0]))
+
+
+def inside_mm(sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners [2] of a sheet of paper without its rim."""
+    return np.full(2, PAPER_RIM_MM), sheet.size_mm - PAPER_RIM_MM
+
+
+def sheet_said(sheet: Sheet) -> str:
+    """Say what a photo of a sheet of paper says of its scale."""
+    return (
+        f"perspective and scale from the edges of {sheet.name} paper, straight to {sheet.error_mm:.2f} mm (paper is "
+        "cut to 0.3 mm: a ruler in the picture, or --distance, tells the scale better)"
+    )
 
 
 def tags_said(tags: Tags, error_mm: float) -> str:
@@ -144,9 +170,11 @@ def _eye_mm(lens: Lens, focal_px: float) -> np.ndarray:
     return np.array([place[0], place[1], abs(place[2])])
 
 
-def _raised(lens: Lens, eye_mm: np.ndarray, nearer: float) -> tuple[Lens, np.ndarray, np.ndarray]:
-    """Return the lens for the plane that is ``nearer`` the camera by this share, and the window's corners there."""
+def _raised(
+    lens: Lens, eye_mm: np.ndarray, nearer: float, shown_mm: tuple[np.ndarray, np.ndarray]
+) -> tuple[Lens, np.ndarray, np.ndarray]:
+    """Return the lens for the plane that is ``nearer`` the camera by this share, and the corners shown there."""
     shrunk = np.diag([1 - nearer, 1 - nearer, 1.0])
     shrunk[:2, 2] = nearer * eye_mm[:2]
-    low, high = (eye_mm[:2] + (corner - eye_mm[:2]) * (1 - nearer) for corner in _window())
+    low, high = (eye_mm[:2] + (corner - eye_mm[:2]) * (1 - nearer) for corner in shown_mm)
     return replace(lens, homography=shrunk @ lens.homography), low, high

@@ -28,11 +28,15 @@ from printmend.measure.page import (
     USUAL_DPI,
     check_sheet,
     exposure,
+    inside_mm,
     refuse_bare_photo,
+    sheet_said,
     tags_said,
 )
+from printmend.measure.paper import PAPER, find_sheet
 from printmend.measure.plan import ProbePlan
 from printmend.measure.register import narrowing
+from printmend.measure.ruler import Ruler, find_rulers
 from printmend.measure.sheet import tag_corners_mm
 from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH
@@ -50,7 +54,8 @@ class Reading:
     ``image`` [H, W, 3] is the scan, or a photo rectified; ``dots`` are all its dots, ``dots_mm`` [N, 2] their places
     (y down); ``sheet`` is the number of the sheet that it shows, ``plan`` that sheet's own with its M marks; ``marks``
     says which is which; ``sigma_mm`` [M]; ``scale`` says in words where the scale came from, and
-    ``instrument`` how far it and the axes of the image are to be trusted; ``mm_per_px`` is the size of a pixel.
+    ``instrument`` how far it and the axes of the image are to be trusted; ``mm_per_px`` is the size of a pixel;
+    ``rulers`` lay beside the print on a flatbed.
     """
 
     path: str
@@ -64,6 +69,7 @@ class Reading:
     scale: str
     instrument: Instrument
     mm_per_px: float
+    rulers: tuple[Ruler, ...] = ()
 
     @property
     def image_mm(self) -> np.ndarray:
@@ -86,8 +92,12 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, wh
     if len(tags) >= LEAST_TAGS:
         lens, error_mm = fit_lens(tags, image.shape)
         if not is_flat(tags, error_mm):
-            return _read_photo(path, image, lens, tags_said(tags, error_mm), plan, whole=whole)
-    refuse_bare_photo(path, tags, camera=dpi is None and len(tags) < LEAST_TAGS and exposure(path)[0])
+            return _read_photo(path, image, lens, tagged_mm(), PHOTO, tags_said(tags, error_mm), plan, whole=whole)
+    camera = dpi is None and len(tags) < LEAST_TAGS and exposure(path)[0]
+    if dpi is None and (camera or stated is None) and (paper := find_sheet(image)) is not None:
+        shown = inside_mm(paper)
+        return _read_photo(path, image, paper.lens, shown, PAPER, sheet_said(paper), plan, whole=whole)
+    refuse_bare_photo(path, tags, camera=camera)
     dpi = dpi or stated or USUAL_DPI
     dots = find_dots(image, dpi / MM_PER_INCH, plan, subject=str(path))
     dots_mm, scale, instrument = _scaled(dots, tags, dpi)
@@ -121,22 +131,25 @@ def _reading(
     sigma = np.full(len(marks.found), np.nan)
     sigma[marks.found] = dots.sigma_px[marks.match.dot[marks.found]] * mm_per_px
     shown = plan.sheets[sheet]
-    return Reading(str(path), image, dots, dots_mm, sheet, shown, marks, sigma, scale, instrument, mm_per_px)
+    rulers = find_rulers(image, 1 / mm_per_px, subject=str(path)) if instrument is FLATBED else ()
+    return Reading(str(path), image, dots, dots_mm, sheet, shown, marks, sigma, scale, instrument, mm_per_px, rulers)
 
 
 def _read_photo(
-    path: str | Path, image: np.ndarray, lens: Lens, scale: str, plan: ProbePlan, *, whole: bool
-) -> Reading:
-    flat, corner_mm, px_per_mm = rectify(image, lens, *tagged_mm())
+    path: str | Path, image: np.ndarray, lens: Lens, shown_mm: tuple[np.ndarray, np.ndarray], instrument: Instrument,
+    scale: str, plan: ProbePlan, *, whole: bool,
+) -> Reading:  # fmt: skip
+    flat, corner_mm, px_per_mm = rectify(image, lens, *shown_mm)
     dots = find_dots(flat, px_per_mm, plan, subject=str(path))
     dots_mm = corner_mm + (dots.centre_px + 0.5) / px_per_mm
     sheet, marks = _shown(dots_mm, dots.diameter_px / px_per_mm, plan)
     if marks is None:
         raise _stranger(path, dots, plan)
-    check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
+    if instrument is PHOTO:
+        check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
     if whole:
         check_whole(path, marks.found, plan.sheets[sheet])
-    return _reading(path, flat, dots, dots_mm, sheet, plan, marks, 1 / px_per_mm, scale, PHOTO)
+    return _reading(path, flat, dots, dots_mm, sheet, plan, marks, 1 / px_per_mm, scale, instrument)
 
 
 def _scales(dots_mm: np.ndarray, marks: Marks, plan: ProbePlan) -> tuple[float, float]:

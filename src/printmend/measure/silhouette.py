@@ -1,5 +1,6 @@
 """The outline of a printed part in an image: what is plastic, and where along a ray it ends."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -39,8 +40,11 @@ class Silhouette:
     corner_mm: np.ndarray
 
 
-def find_silhouette(image: np.ndarray, px_per_mm: float, *, subject: str) -> Silhouette:
-    """Find the plastic in an image [H, W, 3] uint8.
+def find_silhouette(
+    image: np.ndarray, px_per_mm: float, *, subject: str, beside_mm: Sequence[np.ndarray] = ()
+) -> Silhouette:
+    """Find the plastic in an image [H, W, 3] uint8; what reaches into one of the areas with the corners
+    ``beside_mm`` [4, 2] is a ruler.
 
     Raises `ScanError` where nothing stands out against the background, or what does is cut off by the image's edge.
     """
@@ -63,6 +67,10 @@ def find_silhouette(image: np.ndarray, px_per_mm: float, *, subject: str) -> Sil
     _count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     areas = stats[:, cv2.CC_STAT_AREA] * COARSE_MM**2
     areas[0] = 0.0
+    for corners_mm in beside_mm:
+        ruler = np.zeros(labels.shape, np.uint8)
+        cv2.fillConvexPoly(ruler, np.rint(corners_mm / COARSE_MM).astype(np.int32), 1)
+        areas[np.unique(labels[ruler > 0])] = 0.0
     keep = (areas >= LEAST_MM2) & (areas >= LEAST_SHARE * areas.max())
     if not keep.any():
         raise ScanError(subject, wanted="a printed part", came="a page without one", todo="scan the printed side")

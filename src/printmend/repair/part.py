@@ -15,11 +15,13 @@ from threadpoolctl import threadpool_limits
 from printmend.errors import ScanError
 from printmend.gcode.read import Program, read_gcode
 from printmend.learn.walls import WallFit, fit_walls
+from printmend.measure.distance import scaled_by_rulers
 from printmend.measure.image import with_legend, write_image
 from printmend.measure.lie import Lie, find_lie
 from printmend.measure.measurement import instrument_on_bed
 from printmend.measure.page import PHOTO_TODO, Page, check_sheet, read_page
 from printmend.measure.register import Pose
+from printmend.measure.ruler import Ruler, find_rulers
 from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.measure.walls import Walls, read_walls
 from printmend.measure.width import choose_widths, scaled_by_widths, widths_asked
@@ -69,7 +71,8 @@ def measure_part(
         program = read_gcode(program, printer=printer)
     walls = read_walls(program, printer, layer=layer)
     page = read_page(path, dpi=dpi, tall_mm=walls.tall_mm)
-    silhouette, lie = _located(path, page, walls)
+    rulers = find_rulers(page.image, page.px_per_mm, subject=str(path))
+    silhouette, lie = _located(path, page, walls, rulers)
     with threadpool_limits(1, "blas"):
         match = _matched(silhouette, walls, lie, printer, page)
     edges, fit = match.edges, match.fit
@@ -86,16 +89,22 @@ def measure_part(
         _draw(overlay, silhouette, walls, edges)
     offset, widths = edges.offset_mm - fit.swell_mm, choose_widths(walls)
     instrument, asked = instrument_on_bed(page.instrument, match.pose.matrix, settled=False), None
+    if page.eye_mm is not None:
+        rulers = tuple(ruler.in_photo(float(page.eye_mm[2]), walls.tall_mm) for ruler in rulers)
+    seen = [(ruler, match.pose.matrix) for ruler in rulers]
+    edge_mm, instrument, ruled = scaled_by_rulers(seen, edges.begin_mm, instrument)
+    offset = offset + np.sum((edge_mm - edges.begin_mm) * walls.normal, axis=1)
     if distances_mm:
-        offset, instrument, asked = scaled_by_widths(distances_mm, widths, edges.begin_mm, walls, offset, instrument)
+        offset, instrument, asked = scaled_by_widths(distances_mm, widths, edge_mm, walls, offset, instrument)
     elif widths:
-        asked = widths_asked(widths, edges.begin_mm)
+        asked = widths_asked(widths, edge_mm)
     side = "seen from below, " if lie.mirrored else ""
     notes = [
         f"{path}: {found} of {len(walls.row)} places of walls, {side}turned by {lie.turned_deg:.1f}°, {page.scale}",
         *([lie.unsure] if lie.unsure else []),
         f"all walls stand {abs(fit.swell_mm):.2f} mm farther {'out' if fit.swell_mm >= 0 else 'in'} than the file has "
         "them, as beads do: no fault, taken off",
+        *ruled,
         *([asked] if asked else []),
     ]  # fmt: skip
     sigma = np.full(len(walls.row), float(np.clip(fit.sigma_mm, EDGE_SIGMA_MM, 1.0)))
@@ -103,10 +112,11 @@ def measure_part(
     return PartMeasurement(trace, tuple(notes), len(walls.row), found)
 
 
-def _located(path: str | Path, page: Page, walls: Walls) -> tuple[Silhouette, Lie]:
+def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]) -> tuple[Silhouette, Lie]:
     """Return the plastic of a page and how the part lies there; say of a page without a scale how a photo gets one."""
     try:
-        silhouette = find_silhouette(page.image, page.px_per_mm, subject=str(path))
+        beside = [ruler.corners_mm for ruler in rulers]
+        silhouette = find_silhouette(page.image, page.px_per_mm, subject=str(path), beside_mm=beside)
         with threadpool_limits(1, "blas"):
             return silhouette, find_lie(silhouette, walls, dpi=page.dpi, subject=str(path))
     except ScanError as error:
