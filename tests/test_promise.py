@@ -165,6 +165,10 @@ def test_what_is_believed_of_a_stretch() -> None:
     assert one_axis[0] == one_axis[1] == pytest.approx(0.01, rel=0.05)  # X alone: Y keeps its length
     _, skew = believe(np.array([0.0, 0.0, 0.01]), exact, FLATBED, True)
     assert skew == pytest.approx([0, 0, 0.01])  # of a CoreXY: a crooked frame before two opposite scales
+    _, wide = believe(np.array([0.01, 0.01, 0.0]), exact, FLATBED, True)
+    assert wide == pytest.approx([0.01, 0.01, 0.0], rel=0.05)  # a CoreXY's frame that is too wide is no scanner's fault
+    slight, _ = believe(np.zeros(3), exact, FLATBED, False)  # nor is a printer exact because it looks so
+    assert 0.0002 < float(np.sqrt(slight.weight @ slight.covariance[:, 0, 0])) < FLATBED.scale_sd / 2
 
 
 def test_one_distance_settles_the_scale(rng: np.random.Generator) -> None:

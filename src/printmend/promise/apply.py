@@ -21,6 +21,8 @@ from printmend.saved import SCALE_MM, SavedModel, branches_of
 
 SCALE_SD, SKEW_SD = 0.02, 0.01  # of a scale and of half a skew [rad] that are faults
 FAULT_ODDS = np.exp(-2.0)  # of each fault
+# Of a fault that an instrument is hardly told from: its size as a share of the above. It does not act.
+SLIGHT_SHARE = 0.1
 LEAST_WEIGHT = 1e-3  # weight of a set of faults that counts
 SETTLED_SHARE = 1e-5  # share to which a fit without a part knows that it is none
 WAVE_FACTOR = 3.0  # times the unevenness of the instrument: a smaller wave may be its own
@@ -126,9 +128,9 @@ def believe(
     spread = fitted + _instrument_covariance(instrument)
     parts = _faults(corexy)
     logs, means, covariances, best = [], [], [], None
-    for sets in _sets(len(parts)):
+    for sets, share in _hypotheses(parts):
         columns = np.stack([parts[i] for i in sets], axis=1) if sets else np.zeros((3, 0))
-        sds = np.array([SKEW_SD if parts[i][2] == 1.0 else SCALE_SD for i in sets])
+        sds = share * np.array([SKEW_SD if parts[i][2] == 1.0 else SCALE_SD for i in sets])
         whole = spread + (columns * sds**2) @ columns.T
         log = len(sets) * np.log(FAULT_ODDS) - 0.5 * (
             np.linalg.slogdet(whole)[1] + observed @ np.linalg.solve(whole, observed)
@@ -137,7 +139,7 @@ def believe(
         logs.append(float(log))
         means.append(gain @ observed)
         covariances.append((columns * sds**2) @ columns.T - gain @ (columns * sds**2) @ columns.T)
-        if best is None or log > best[0]:
+        if (best is None or log > best[0]) and share == 1.0:
             best = (log, _least_squares(columns, spread, observed))
     assert best is not None
     weight = np.exp(np.array(logs) - max(logs))
@@ -163,18 +165,25 @@ def _instrument_covariance(instrument: Instrument) -> np.ndarray:
 
 
 def _faults(corexy: bool) -> list[np.ndarray]:
-    """Return what a printer's own faults do [3]: both scales alike, each motor's scale, the frame's skew."""
-    if corexy:  # a motor's belt runs along a diagonal: its scale stretches and leans
-        motors = [np.array([0.5, 0.0, 0.5]), np.array([0.5, 0.0, -0.5])]
-    else:
-        motors = [np.array([0.5, 0.5, 0.0]), np.array([0.5, -0.5, 0.0])]
-    return [np.array([1.0, 0.0, 0.0]), *motors, np.array([0.0, 0.0, 1.0])]
+    """Return what a printer's own faults do [3]: both scales alike, the frame's skew, each axis's scale, and on a
+    CoreXY each motor's: its belt runs along a diagonal, so its scale stretches and leans."""
+    axes = [np.array([0.5, 0.5, 0.0]), np.array([0.5, -0.5, 0.0])]
+    motors = [np.array([0.5, 0.0, 0.5]), np.array([0.5, 0.0, -0.5])] if corexy else []
+    return [np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), *axes, *motors]
 
 
-def _sets(count: int) -> list[tuple[int, ...]]:
-    """Return all sets of faults but those that name both scales alike and one of them."""
-    every = itertools.chain.from_iterable(itertools.combinations(range(count), size) for size in range(count + 1))
-    return [each for each in every if not (0 in each and (1 in each or 2 in each))]
+def _hypotheses(parts: Sequence[np.ndarray]) -> list[tuple[tuple[int, ...], float]]:
+    """Return all sets of ``parts`` that say nothing twice, of usual size and slight, as a share of that.
+
+    No set has both scales alike and one of them, or an axis's scale and a motor's.
+    """
+    kinds = ({0}, {2, 3}, {4, 5})
+    every = itertools.chain.from_iterable(itertools.combinations(range(len(parts)), size) for size in range(4))
+    sets = [
+        each for each in every
+        if sum(bool(kind & set(each)) for kind in kinds) < 2 and not {1, 4, 5} <= set(each)
+    ]  # fmt: skip
+    return [*((each, 1.0) for each in sets), *((each, SLIGHT_SHARE) for each in sets if each)]
 
 
 def observed_stretch(fit: GreyboxModel) -> Stretch:
