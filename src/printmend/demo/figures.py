@@ -246,7 +246,7 @@ def table_figure(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Figure
     for (line, column), cell in table.get_celld().items():
         cell.visible_edges = {0: "BT", len(rows): "B"}.get(line, "open")  # as a table of a journal
         if column == 0:
-            cell.get_text().set_ha("left")
+            cell.get_text().set_horizontalalignment("left")
     table.auto_set_font_size(False)
     table.set_fontsize(8)
     table.auto_set_column_width(list(range(len(header))))
@@ -265,7 +265,7 @@ def write_figures(
     printer = read_printer(case.printer)
     twin = Twin.of(read_corruption(corruption_file(root, case.sample)), printer)
     shown = show(case)
-    drawings: dict[str, Callable[[], Figure]] = {
+    drawings: dict[str, Callable[[], Figure | None]] = {
         "figure1": lambda: body_figure(shown, solid=True),
         "figure2": lambda: machine_figure(printer),
         "figure3": lambda: trajectory_figure(twin),
@@ -276,7 +276,8 @@ def write_figures(
     }
     written = []
     for name, draw in drawings.items():
-        written.append(_write(out / f"{name}.svg", svg(draw(), dpi=DPI)))
+        if (figure := draw()) is not None:
+            written.append(_write(out / f"{name}.svg", svg(figure, dpi=DPI)))
         tick(name)
     written.append(_write(out / "table1.md", markdown_table(header, texts)))
     written.append(_write(out / "table1.tex", latex_table(header, texts)))
