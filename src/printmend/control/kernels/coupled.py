@@ -238,6 +238,7 @@ def follow_known(motors, task, choices, reached, pairs, kept, bound, t, clock):
     return bound
 
 
+# Its many parameters are the records of the search and the numbers that are others for each state.
 @inner(_nrt=False)
 def pair_choices(motors, task, choices, reached, pairs, kept, s, bound, t, clock, leader, slack, bar, total):
     """Pair what the motors can do from state ``s``: return the least bound, the bar above it, and how many pairs.
