@@ -20,7 +20,8 @@ from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import read_printer
 from printmend.promise.apply import believe
 from printmend.promise.budget import parse_budget
-from printmend.promise.effects import Drawn
+from printmend.promise.effects import EARLY, Drawn, Effect
+from printmend.promise.misfit import misfit_section
 from printmend.promise.predict import DRAWS, Errors, Promise, _Side, _summed_up
 from printmend.promise.predict import Path as Places
 from printmend.promise.unexplained import unexplained
@@ -29,7 +30,7 @@ from printmend.repair.against import judge_gcode
 from printmend.repair.learned import learn_model
 from printmend.repair.prediction import advice_of
 from printmend.repair.update import Updated
-from printmend.repair.verify import update_words, verify
+from printmend.repair.verify import expectation, update_words, verify
 from printmend.saved.model import SavedModel, exact_model, read_model, write_model
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
@@ -91,6 +92,21 @@ def test_less_is_promised_where_less_was_measured(bent: SavedModel, part: Path) 
     promises = [check_gcode(part, model).after for model in (bent, poor)]
     assert promises[1].rms_mm > 2 * promises[0].rms_mm
     assert promises[1].rms_high_mm - promises[1].rms_low_mm > 1.5 * (promises[0].rms_high_mm - promises[0].rms_low_mm)
+
+
+def test_marks_are_expected_as_warm_as_the_way_between_them_is_long(bent: SavedModel) -> None:
+    """A machine that grows by 0.4 mm: marks that are as far apart as those of the measured print, and much nearer."""
+    trace = measured(BENT, 0.05, 1)
+    way_mm = float(np.hypot(*np.diff(trace.commanded_mm, axis=0).T).sum())
+    spans = np.array([[0.0, 220.0]] * 4)
+    grows = Effect("thermal", 0, np.array([0.2, 0.0]), 0.25, 0.0, EARLY, np.zeros(3), spans, 40.0, way_mm)
+    made_of = []
+    for effect in (grows, replace(grows, way_mm=100 * way_mm)):
+        warm = replace(bent, document={**bent.document, "misfit": misfit_section((), (effect,))})
+        found = expectation(warm, trace)
+        assert found is not None
+        made_of.append(found.made_of["thermal"])
+    assert made_of[0] > 1.2 * made_of[1] > 0
 
 
 def test_a_model_that_says_nothing_of_its_doubt_promises_what_it_plans(part: Path) -> None:

@@ -25,6 +25,7 @@ EARLY_DONE = 0.108  # of the measured print
 # How much sooner than the measured one another print warms up, the last is still warm from before; the chances of each.
 WARMING_SPEEDS = (0.6, 1.0, 1.4, 1.9, 2.6, 4.0, 1e6)
 WARMING_CHANCES = (0.14, 0.25, 0.22, 0.17, 0.13, 0.06, 0.03)
+LONGEST_MM = 1e9  # no measured print went further
 _MOST_WEIGHTS = 2 * len(TWO_MOTORS)
 
 
@@ -159,7 +160,7 @@ def _effect(plain: Any, subject: str) -> Effect:
         refuse(subject, f"a positive detail of {plain['kind']}", f"{detail:g}")
     if plain["kind"] in ("halves", "halves-play", "rail-play") and detail not in (0, 1):
         refuse(subject, f"an axis of {plain['kind']}", f"{detail:g}")
-    way_mm = number(plain, "way_mm", subject) if "way_mm" in plain else 0.0
+    way_mm = number(plain, "way_mm", subject, LONGEST_MM) if "way_mm" in plain else 0.0
     return Effect(
         plain["kind"], int(motor), weights, detail, place, plain["state"], absorbed, spans, period_mm, max(way_mm, 0.0)
     )

@@ -43,7 +43,8 @@ SEED = 11  # the same file and model always get the same promise
 class Path:
     """Places at even distances along an extruded path: ``wanted_mm`` [N, 2], unit ``tangent`` [N, 2], by how much the
     file as it is prints to the left of the path there, ``off_mm`` [N], the side that each motor pushed before the move,
-    ``side`` [N, 2], the length that a place stands for, ``weight`` [N], and its height, ``z_mm`` [N], where known."""
+    ``side`` [N, 2], the length that a place stands for, ``weight`` [N], its height, ``z_mm`` [N], where known, and how
+    far the print has gone there, ``gone_mm`` [N]: None where the weights add up to that."""
 
     wanted_mm: np.ndarray
     tangent: np.ndarray
@@ -51,6 +52,7 @@ class Path:
     side: np.ndarray
     weight: np.ndarray
     z_mm: np.ndarray | None = None
+    gone_mm: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -164,8 +166,8 @@ def _thinned(path: Path) -> Path:
     at = np.floor((np.arange(MOST_PLACES) + 0.5) * count / MOST_PLACES).astype(np.int64)
     edges = np.concatenate([[0], (at[1:] + at[:-1] + 1) // 2, [count]])
     weight = np.add.reduceat(path.weight, edges[:-1])
-    z_mm = None if path.z_mm is None else path.z_mm[at]
-    return Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, z_mm)
+    z_mm, gone_mm = (None if each is None else each[at] for each in (path.z_mm, path.gone_mm))
+    return Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, z_mm, gone_mm)
 
 
 def _aims(mechanism: Mechanism, path: Path, at_rest: bool) -> _Aims:
@@ -281,7 +283,8 @@ def _effects(
     """Return the error across the path of what the tests of misfit found, by kind."""
     across = _across(mechanism, path)
     found: dict[str, Drawn] = {}
-    places = Places(aims.before_mm, path.wanted_mm, aims.side, np.cumsum(path.weight))
+    gone_mm = np.cumsum(path.weight) if path.gone_mm is None else path.gone_mm
+    places = Places(aims.before_mm, path.wanted_mm, aims.side, gone_mm)
     begun = rng.uniform(0.0, 1.0, DRAWS)
     for effect in budget.effects:
         belt = effect.drawn(places, begun, rng)

@@ -180,6 +180,7 @@ def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook,
     raw = Twin(model.mechanism).follow(wanted)
     sides = np.stack([last_way(column) for column in printer.to_motor(wanted).T], axis=1)
     off = (raw - wanted)[known]
+    gone_mm = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wanted, axis=0).T))])[known]
     # each mark counts along x and along y; across a path along x lies y, across one along y lies −x
     path = Places(
         np.repeat(wanted[known], 2, axis=0),
@@ -188,6 +189,7 @@ def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook,
         np.repeat(sides[known].astype(float), 2, axis=0),
         np.ones(2 * len(off)),
         None if (z_mm := heights_mm(trace, printer)) is None else np.repeat(z_mm[known], 2),
+        np.repeat(gone_mm, 2),
     )
     before = Errors(float(np.sqrt(np.mean(path.off_mm**2))), 0.0, float(np.abs(path.off_mm).max()))
     outlook = promised(model.mechanism, budget, path, before, Errors(0.0, 0.0, 0.0), at_rest=True)

@@ -36,11 +36,11 @@ def section_of(document: Mapping[str, Any], key: str, kind: type, subject: str) 
     return value
 
 
-def number(section: Mapping[str, Any], key: str, subject: str) -> float:
-    """Return a number up to `LARGEST`."""
+def number(section: Mapping[str, Any], key: str, subject: str, most: float = LARGEST) -> float:
+    """Return a number up to ``most``."""
     value = section.get(key)
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not is_number or not abs(value) <= LARGEST:  # type: ignore[arg-type]
+    if not is_number or not abs(value) <= most:  # type: ignore[arg-type]
         refuse(subject, f"a number for {key}", "none" if value is None else repr(value)[:40])
     return float(value)  # type: ignore[arg-type]
 
