@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -228,6 +229,15 @@ def test_a_data_set_is_fetched_whole_and_faults_are_named(data: Path, tmp_path: 
     (copy / "bodies.jsonl").write_text(json.dumps(line) + "\n")
     with pytest.raises(InputError, match="below bodies/ and prints/"):
         fetch_dataset(str(copy), tmp_path / "other")
+
+
+def test_a_data_set_that_replaces_another_in_its_folder_is_printed_on_its_own_printers(
+    sources: list[Path], tmp_path: Path
+) -> None:
+    for seed in (3, 4):  # in one process, as a worker of a cluster that stays
+        shutil.rmtree(tmp_path / "set", ignore_errors=True)
+        build_dataset(tmp_path / "set", sources[:1], Recipe(1, ("pulley-play",), "damaged", seed), Serial())
+        assert verify_dataset(tmp_path / "set") == []
 
 
 def test_what_does_not_fit_is_refused(data: Path, sources: list[Path], tmp_path: Path) -> None:

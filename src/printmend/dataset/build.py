@@ -205,10 +205,11 @@ def _build_body(task: _Task) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=32)  # the next body is printed on the same
-def _twin(root: Path, number: int, printer: Printer) -> Twin:
-    from printmend.corruption import read_corruption
+def _twin(corruption: str, printer: Printer) -> Twin:
+    """Return the machine of a corruption in TOML: by what it says, as another data set may come into the folder."""
+    from printmend.corruption import parse_corruption
 
-    return Twin.of(read_corruption(corruption_file(root, number)), printer)
+    return Twin.of(parse_corruption(corruption, subject="a corruption of the data set"), printer)
 
 
 def _built(task: _Task) -> dict[str, Any]:
@@ -235,7 +236,9 @@ def _built(task: _Task) -> dict[str, Any]:
     }  # fmt: skip
     files = {str(body_file(Path(), task.name)): write_body(body_file(root, task.name), body, about)}
     for number in range(recipe.corruptions):
-        twin = _twin(root, number, printer)
+        todo = "build the data set anew"
+        broken = read_text(corruption_file(root, number), wanted="a corruption in TOML", todo=todo)
+        twin = _twin(broken, printer)
         printed = [twin.run(layer.controls, layer.start_steps) for layer in body.layers]
         what = {**about, "corruption": number, "family": recipe.families[number % len(recipe.families)]}
         place = print_file(Path(), task.name, number)
