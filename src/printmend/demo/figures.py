@@ -258,7 +258,10 @@ def write_figures(
     root: Path, cases: Sequence[Case], lines: Sequence[Line], results: Sequence[Result], out: Path,
     *, tick: Callable[[str], None] = lambda what: None,
 ) -> list[Path]:  # fmt: skip
-    """Write figure1.svg to figure6.svg and table1.md, .tex and .svg; return their paths."""
+    """Write figure1.svg to figure6.svg and table1.md, .tex and .svg; return their paths.
+
+    There is no figure6.svg where every row failed on every body.
+    """
     out.mkdir(parents=True, exist_ok=True)
     header, texts = table_lines(lines)
     case, shown_rows = shown_case(cases, results), [line.row for line in lines]
