@@ -13,7 +13,7 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "integrations/tests"), str(ROOT / "benchmarks")]
 
-from studio_server import PICTURES, Server, Watched, chromium, until  # noqa: E402
+from studio_server import PICTURES, Server, Watched, chromium, drawn_finely, until  # noqa: E402
 
 from bench_studio import printer_of  # noqa: E402 - found on the path that is set above
 from printmend.client import Studio  # noqa: E402
@@ -35,9 +35,8 @@ def take_others() -> None:
             page.goto(f"{server.address}#/printers/{key}/mend")
             page.set_input_files("input[type=file]", source)
             page.wait_for_selector("text=Download mended", timeout=600_000)
-            page.get_by_role("button", name="as it prints").click()
             until(lambda: page.locator("canvas").get_attribute("data-frame"))
-            page.wait_for_timeout(4000)  # the fine picture follows the coarse one
+            drawn_finely(page, page.get_by_role("button", name="as it prints").click)
             watched.picture("mend")
             page.get_by_role("button", name="Cut a wall").click()
             page.get_by_test_id("cut").scroll_into_view_if_needed()

@@ -110,3 +110,12 @@ def until(done, longest_s: float = 300.0):
             return value
         time.sleep(0.1)
     raise AssertionError("it did not come about")
+
+
+def drawn_finely(page: Page, change) -> None:
+    """Do what changes the picture of a part, and wait until it is drawn anew with all that it has."""
+    canvas = page.locator("[data-testid=part] canvas")
+    before = int(canvas.get_attribute("data-pictures") or 0)
+    change()
+    until(lambda: int(canvas.get_attribute("data-pictures") or 0) > before
+          and canvas.get_attribute("data-fine") == "true")  # fmt: skip

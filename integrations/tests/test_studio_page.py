@@ -11,7 +11,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from parts import part
 from playwright.sync_api import Browser, expect
-from studio_server import CHROMIUM, Server, Watched, chromium, until
+from studio_server import CHROMIUM, Server, Watched, chromium, drawn_finely, until
 
 from printmend.client import Studio
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
@@ -98,6 +98,8 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     page.wait_for_selector("text=dots found")
     rings = page.locator("svg circle")
     until(lambda: rings.count() > 590)
+    missing = int(page.get_by_text(re.compile(r"^not found \d+$")).inner_text().split()[-1])
+    expect(page.locator("#scan path")).to_have_count(missing)  # a cross where each should be
     rings.nth(300).click()
     expect(page.get_by_text("left out 1")).to_be_visible()
     watched.picture("measure")
@@ -119,8 +121,7 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     judged = judge_gcode(source, mended, twin)  # by the twin, which knows the truth
     assert judged.after.rms_mm < 0.05 < 0.25 < judged.before.rms_mm
     until(lambda: page.locator("canvas").get_attribute("data-frame"))
-    page.get_by_role("button", name="as it prints").click()
-    page.wait_for_timeout(500)
+    drawn_finely(page, page.get_by_role("button", name="as it prints").click)
     watched.picture("mend")
     page.get_by_role("button", name="Cut a wall").click()
     cut = page.get_by_test_id("cut")
@@ -179,8 +180,7 @@ def test_broken_to_mended_on_the_play_screen(browser: Browser, server: Server) -
     assert off[1] < 0.05 < 0.3 < off[0], off
     expect(page.get_by_role("heading", name="X pulley is off its centre")).to_be_visible()
     until(lambda: page.locator("canvas").get_attribute("data-frame"))
-    page.get_by_role("button", name="as it prints").click()
-    page.wait_for_timeout(500)
+    drawn_finely(page, page.get_by_role("button", name="as it prints").click)
     watched.picture("play-mended")
     with page.expect_download() as load:
         page.get_by_role("button", name="Save as PNG").click()
@@ -286,8 +286,13 @@ def test_what_goes_wrong_is_said_in_one_line(browser: Browser, server: Server, k
     page = watched.page
     page.goto(server.address + f"#/printers/{known}/mend")
     (strange := tmp_path / "holiday.gcode").write_text("this is no G-code\n")
-    page.set_input_files("input[type=file]", strange)
     alert = page.locator("[role=alert]").first
+    page.route("**/api/uploads*", lambda route: None)  # a way to the server that takes for ever
+    page.set_input_files("input[type=file]", strange)
+    page.get_by_role("button", name="Stop").click()
+    expect(alert).to_have_text("Stopped")
+    page.unroute("**/api/uploads*")
+    page.set_input_files("input[type=file]", strange)
     expect(alert).to_contain_text("holiday.gcode: wanted")
     page.goto(server.address + f"#/printers/{known}/measure")
     (strange := tmp_path / "cat.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing more")

@@ -194,17 +194,23 @@ def _without_image(reading: Reading) -> Reading:
     return replace(reading, image=np.empty((0, 0, 3), np.uint8))
 
 
+def image_px(reading: Reading, bed_mm: np.ndarray) -> np.ndarray:
+    """Return where in its image a reading shows places of the bed [N, 2]: pixels [N, 2], counted from their centres."""
+    pose = reading.marks.pose
+    image_mm = (bed_mm - pose.shift_mm) @ np.linalg.inv(pose.matrix)
+    affine = _affine(reading.dots_mm, reading.dots.centre_px)
+    return np.hstack([image_mm, np.ones((len(image_mm), 1))]) @ affine
+
+
 def draw_overlay(path: Path, reading: Reading) -> None:
     """Draw found marks as rings, missing ones as crosses, and the error of each mark as a line, enlarged to be seen."""
     factor = min(1.0, OVERLAY_PX / max(reading.image.shape[:2]))
     picture = cv2.resize(reading.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    plan, pose, found = reading.plan, reading.marks.pose, reading.marks.found
+    plan, found = reading.plan, reading.marks.found
     to_px = _affine(reading.dots_mm, reading.dots.centre_px)
 
     def pixel(bed_mm: np.ndarray) -> np.ndarray:
-        image_mm = (bed_mm - pose.shift_mm) @ np.linalg.inv(pose.matrix)
-        px = np.hstack([image_mm, np.ones((len(image_mm), 1))]) @ to_px
-        return np.rint(((px + 0.5) * factor - 0.5) * 16).astype(int)
+        return np.rint(((image_px(reading, bed_mm) + 0.5) * factor - 0.5) * 16).astype(int)
 
     measured = reading.marks.measured_mm
     error = np.nan_to_num(measured - plan.marks_mm)

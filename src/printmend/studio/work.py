@@ -184,7 +184,7 @@ def _named(job: Job, upload: str, name: str) -> Path:
 def _measure(job: Job) -> dict[str, Any]:
     """Find the marks of a printed test print in scans or photos."""
     from printmend.measure import read_plan, write_trace
-    from printmend.measure.measurement import measure_scans
+    from printmend.measure.measurement import image_px, measure_scans
 
     plan = read_plan(job.printer_folder / PLAN)
     paths = [_named(job, one["upload"], f"{i + 1}-{one['name']}") for i, one in enumerate(job.params["scans"])]
@@ -196,7 +196,9 @@ def _measure(job: Job) -> dict[str, Any]:
         px = np.full((len(plan), 2), np.nan)
         found = reading.marks.found
         px[found] = (reading.dots.centre_px[reading.marks.match.dot[found]] + 0.5) * factor
-        seen.update(marks_px=_plain(px, 1), size_px=[round(side * factor) for side in reading.image.shape[1::-1]],
+        lost = image_px(reading, reading.marks.expected_mm[~found])
+        seen.update(marks_px=_plain(px, 1), missing_px=_plain((lost + 0.5) * factor, 1),
+                    size_px=[round(side * factor) for side in reading.image.shape[1::-1]],
                     radius_px=_plain(plan.diameter_mm / 2 / reading.mm_per_px * factor, 1))  # fmt: skip
         job.tell(0.5, "measure")
 

@@ -46,13 +46,15 @@ export const post = (path, body) => send("POST", path, body ?? {});
 export const patch = (path, body) => send("PATCH", path, body);
 export const remove = (path) => send("DELETE", path);
 
-// Send a file; `told` hears the share that is there.
+// Send a file; `told` hears the share that is there, and how to stop it.
 export function upload(file, told = () => {}) {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
     request.open("POST", `/api/uploads?name=${encodeURIComponent(file.name)}`);
     request.setRequestHeader("content-type", "application/octet-stream");
-    request.upload.onprogress = (event) => event.total && told(event.loaded / event.total);
+    const stop = () => request.abort();
+    request.upload.onprogress = (event) => event.total && told(event.loaded / event.total, stop);
+    request.onabort = () => reject(new Problem("stopped"));
     request.onerror = () => reject(new Problem("gone"));
     request.onload = () => {
       let body = null;
@@ -61,6 +63,7 @@ export function upload(file, told = () => {}) {
       else reject(new Problem(body?.error ?? `${request.status}`));
     };
     request.send(file);
+    told(0, stop);
   });
 }
 

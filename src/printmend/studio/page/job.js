@@ -1,6 +1,6 @@
 // A job as one sees it: what it is doing, how long it may take, and a way to stop it.
 import { html, useEffect, useState } from "./vendor.js";
-import { ended, follow, post } from "./api.js";
+import { ended, follow, post, upload } from "./api.js";
 import { seconds, t, why } from "./words.js";
 
 // Follow the job `key`; null without one.
@@ -24,4 +24,19 @@ export function Progress({ job, steps }) {
   </div>`;
 }
 
-export const Problem = ({ error }) => error && html`<p class="problem" role="alert">${error === "gone" ? t("gone") : why(error)}</p>`;
+// Send files, one after another, for their keys; `now` says how far that is, null when nothing is sent.
+export function useSending() {
+  const [now, setNow] = useState(null);
+  const send = async (files) => {
+    const keys = [], begun = Date.now();
+    const told = (share, stop) => { const spent = (Date.now() - begun) / 1000; setNow({ share, stop, left_s: share > 0.02 && spent > 0.5 ? (spent * (1 - share)) / share : null }); };
+    try { for (const [i, file] of files.entries()) keys.push((await upload(file, (share, stop) => told((i + share) / files.length, stop))).id); } finally { setNow(null); }
+    return keys;
+  };
+  return [now, send];
+}
+
+export const Sending = ({ now }) => now && html`<section class="card stack" role="status"><progress max="1" value=${now.share} aria-label=${t("sending")}></progress>
+    <div class="row between"><span class="faint">${t("sending")} ${seconds(now.left_s)}</span><button class="quiet" onClick=${now.stop}>${t("cancel")}</button></div></section>`;
+
+export const Problem = ({ error }) => error && html`<p class="problem" role="alert">${["gone", "stopped"].includes(error) ? t(error) : why(error)}</p>`;

@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "./vendor.js";
 import { ended, fileOf, get, post, upload } from "./api.js";
 import { Plate, Save } from "./drawings.js";
 import { Drop } from "./drop.js";
-import { Problem, Progress, useJob } from "./job.js";
+import { Problem, Progress, Sending, useJob, useSending } from "./job.js";
 import { useLook, Zoom } from "./look.js";
 import { Send } from "./send.js";
 import { asked, mm, number, sentence, t, typed } from "./words.js";
@@ -41,7 +41,7 @@ export function useLearn(printer, done) {
 }
 
 function Scan({ printer, learned }) {
-  const [key, setKey] = useState(null), [error, setError] = useState(null), [sent, setSent] = useState(null), [dpi, setDpi] = useState(""), [distance, setDistance] = useState("");
+  const [key, setKey] = useState(null), [error, setError] = useState(null), [now, send] = useSending(), [dpi, setDpi] = useState(""), [distance, setDistance] = useState("");
   const [out, setOut] = useState(new Set()), [uploads, setUploads] = useState([]), job = useJob(key), { learn, job: learning, error: failed } = useLearn(printer, learned);
   const run = async (keys) => {
     setOut(new Set());
@@ -49,14 +49,13 @@ function Scan({ printer, learned }) {
   };
   const take = async (files) => {
     setError(null); setKey(null);
-    try { const keys = []; for (const [i, file] of files.entries()) keys.push((await upload(file, (share) => setSent((i + share) / files.length))).id); setUploads(keys); await run(keys); } catch (problem) { setError(problem.message); }
-    setSent(null);
+    try { const keys = await send(files); setUploads(keys); await run(keys); } catch (problem) { setError(problem.message); }
   };
   useEffect(() => { if (job?.state === "done") setOut(new Set(job.result.odd)); if (job?.state === "failed") setError(job.error); }, [job?.state]);
   const result = job?.state === "done" ? job.result : null;
   const toggle = (mark) => setOut((old) => { const next = new Set(old); if (!next.delete(mark)) next.add(mark); return next; });
   return html`<${Problem} error=${error ?? failed} />
-    ${sent !== null && html`<section class="card"><progress max="1" value=${sent} aria-label=${t("sending")}></progress></section>`}
+    <${Sending} now=${now} />
     ${key && !ended(job) && html`<section class="card"><${Progress} job=${job ?? { id: key, state: "queued", share: 0 }} steps=${["measure"]} /></section>`}
     ${result && html`<section class="card stack"><div class="row between"><h2>${t("marks_found", { found: result.marks - result.missing.length, marks: result.marks })}</h2>
         <button class="primary" disabled=${Boolean(learning)} onClick=${() => learn({ measurement: job.id, exclude: [...out] })}>${t(learning ? "learning" : "learn")}</button></div>
@@ -75,8 +74,9 @@ function Marks({ job, out, toggle }) {
   const colour = { found: "var(--good)", odd: "var(--warn)", out: "var(--bad)" };
   return html`<div class="stage"><svg id="scan" class="fill" ...${props} role="img" aria-label=${t("scanned")}>
       <image href=${fileOf(job, "seen.jpg")} width=${size[0]} height=${size[1]} />
-      ${marks.map((place, i) => place[0] !== null && html`<circle cx=${place[0]} cy=${place[1]} r=${radius[i] * 1.5 + 2} fill="transparent" stroke=${colour[kind(i)]} stroke-width=${kind(i) === "found" ? 1.4 : 2.6} vector-effect="non-scaling-stroke" style=${{ cursor: "pointer" }} onClick=${() => toggle(i)} />`)}</svg>
-    <div class="over"><div class="glass row"><span style=${{ color: "var(--warn)" }}>${t("odd")} ${odd.length}</span><span style=${{ color: "var(--bad)" }}>${t("left_out")} ${out.size}</span><span>${t("missing")} ${job.result.missing.length}</span></div>
+      ${marks.map((place, i) => place[0] !== null && html`<circle cx=${place[0]} cy=${place[1]} r=${radius[i] * 1.5 + 2} fill="transparent" stroke=${colour[kind(i)]} stroke-width=${kind(i) === "found" ? 1.4 : 2.6} vector-effect="non-scaling-stroke" style=${{ cursor: "pointer" }} onClick=${() => toggle(i)} />`)}
+      ${job.result.missing_px?.map(([x, y]) => { const r = radius[0] * 1.5 + 2; return html`<path d=${`M${x - r} ${y - r}l${2 * r} ${2 * r}m0 ${-2 * r}l${-2 * r} ${2 * r}`} stroke="var(--printed)" stroke-width="2.6" vector-effect="non-scaling-stroke" />`; })}</svg>
+    <div class="over"><div class="glass row"><span style=${{ color: "var(--warn)" }}>${t("odd")} ${odd.length}</span><span style=${{ color: "var(--bad)" }}>${t("left_out")} ${out.size}</span><span style=${{ color: "var(--printed)" }}>${t("missing")} ${job.result.missing.length}</span></div>
       <div class="row"><${Zoom} zoom=${zoom} /><${Save} id="scan" name="scan" /></div></div></div>`;
 }
 

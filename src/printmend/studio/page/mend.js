@@ -1,9 +1,9 @@
 // Mend: files in, and each as wanted, as this printer prints it, and mended.
 import { html, useEffect, useState } from "./vendor.js";
-import { ended, fileOf, get, post, upload } from "./api.js";
+import { ended, fileOf, get, post } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
-import { Problem, Progress, useJob } from "./job.js";
+import { Problem, Progress, Sending, useJob, useSending } from "./job.js";
 import { Part } from "./part.js";
 import { useScene } from "./scene.js";
 import { Send } from "./send.js";
@@ -12,7 +12,7 @@ import { mm, number, sentence, t, why } from "./words.js";
 const STEPS = ["read", "mend", "draw"];
 
 export function Mend({ printer, changed }) {
-  const [rows, setRows] = useState([]), [shown, setShown] = useState(null), [error, setError] = useState(null);
+  const [now, send] = useSending(), [rows, setRows] = useState([]), [shown, setShown] = useState(null), [error, setError] = useState(null);
   useEffect(() => {
     get(`/jobs?printer=${printer.id}`).then((jobs) => {
       const mine = jobs.filter((job) => job.kind === "mend").slice(0, 30).map((job) => ({ id: job.id, name: job.params.name, state: job.state }));
@@ -27,17 +27,17 @@ export function Mend({ printer, changed }) {
       const put = (values) => setRows((old) => old.map((one) => (one.at === row.at ? { ...one, ...values } : one)));
       setRows((old) => [row, ...old]);
       try {
-        const job = await post(`/printers/${printer.id}/mend`, { upload: (await upload(file)).id });
+        const job = await post(`/printers/${printer.id}/mend`, { upload: (await send([file]))[0] });
         put({ id: job.id, state: job.state });
         setShown(job.id);
-      } catch (problem) { put({ state: "failed" }); setError(problem.message); }
+      } catch (problem) { put({ state: problem.message === "stopped" ? "cancelled" : "failed" }); setError(problem.message); }
     }
   };
   if (!printer.digest) return html`<p class="note">${t("no_model")}</p>`;
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
-      <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}>
+      <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
       ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<button class="quiet row between" style=${{ justifyContent: "space-between", textAlign: "left" }} aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span style=${{ overflowWrap: "anywhere" }}>${row.name}</span>
-        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : ""}</span></button>`)}</section>`}</div>
+        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ""}</span></button>`)}</section>`}</div>
     <div class="stack">${shown ? html`<${File_} key=${shown} id=${shown} printer=${printer} changed=${changed} />` : html`<div class="stage"></div>`}</div></div>`;
 }
 

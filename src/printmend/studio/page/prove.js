@@ -1,14 +1,14 @@
 // Prove: the mended test print, measured; promise against result, and how both went over time.
 import { html, useEffect, useState } from "./vendor.js";
-import { ended, fileOf, get, post, upload } from "./api.js";
+import { ended, fileOf, get, post } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
-import { Problem, Progress, useJob } from "./job.js";
+import { Problem, Progress, Sending, useJob, useSending } from "./job.js";
 import { Send } from "./send.js";
 import { asked, day, mm, number, sentence, t } from "./words.js";
 
 export function Prove({ printer, changed }) {
-  const [check, setCheck] = useState(null), [key, setKey] = useState(null), [error, setError] = useState(null), [known, setKnown] = useState(null), [distance, setDistance] = useState(""), [taken, setTaken] = useState(false);
+  const [now, send] = useSending(), [check, setCheck] = useState(null), [key, setKey] = useState(null), [error, setError] = useState(null), [known, setKnown] = useState(null), [distance, setDistance] = useState(""), [taken, setTaken] = useState(false);
   const checked = useJob(check), job = useJob(key);
   const load = () => get(`/printers/${printer.id}/known`).then(setKnown, (problem) => setError(problem.message));
   useEffect(() => { load(); }, [printer.id, job?.state]);
@@ -17,8 +17,7 @@ export function Prove({ printer, changed }) {
   const take = async (files) => {
     setError(null); setTaken(false);
     try {
-      const uploads = [];
-      for (const file of files) uploads.push((await upload(file)).id);
+      const uploads = await send(files);
       setKey((await post(`/printers/${printer.id}/verify`, { uploads, distance_mm: asked(distance) })).id);
     } catch (problem) { setError(problem.message); }
   };
@@ -27,7 +26,7 @@ export function Prove({ printer, changed }) {
   const verdict = job?.state === "done" ? job.result.verdict : null;
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <section class="card stack"><h2>${t("prove_print")}</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: checked.id, name: "check.mended.gcode" }} />` : html`<button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>
-      <section class="card stack"><h2>${t("prove_scan")}</h2><${Drop} multiple accept="image/*,.csv" onFiles=${take}><p><b>${t("drop_check")}</b></p></${Drop}>
+      <section class="card stack"><h2>${t("prove_scan")}</h2><${Drop} multiple accept="image/*,.csv" onFiles=${take}><p><b>${t("drop_check")}</b></p></${Drop}><${Sending} now=${now} />
         <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
     <div class="stack">${verdict && html`<section class="card stack"><h2>${t(verdict.kept ? "kept" : "broken_promise")}</h2><div class="numbers"><${Number_} value=${mm(verdict.before_mm)}>${t("was")}</${Number_}><${Number_} value=${verdict.now_at_most_mm == null ? mm(verdict.now_mm) : `< ${mm(verdict.now_at_most_mm)}`}>${t("measured_now")}</${Number_}><${Number_} value=${`${mm(verdict.promised_low_mm)} – ${mm(verdict.promised_high_mm)}`}>${t("promised")}</${Number_}></div>
         ${job.result.newer.split("\n").map((line) => html`<p class="faint">${sentence(line)}</p>`)}${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
