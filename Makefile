@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.stamp
 HOSTS := .venv-hosts
-# Bytecode is kept, in folders that git ignores: else each worker of the tests, and each command that they start, would compile all sources anew.
+# Bytecode is kept, in folders that git ignores: else each worker of the tests would compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo paper test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
@@ -30,7 +30,7 @@ test: $(STAMP)
 
 setup: kernels
 
-# Two minutes, once: what learn, check, mend and the planners run is compiled here, not when they are first used.
+# Two to three minutes, once: what learn, check, mend, the planners and the demonstrations run is compiled here, not when they are first used.
 kernels: $(STAMP)
 	$(BIN)/python tools/ship_kernels.py
 

@@ -1,4 +1,4 @@
-"""Compile what learn, check, mend and the planners need into src/printmend/compiled, for the wheel or for this clone.
+"""Compile what learn, check, mend, planners and demonstrations need into src/printmend/compiled, for wheel or clone.
 
     .venv/bin/python tools/ship_kernels.py
 
