@@ -157,6 +157,32 @@ def test_what_cannot_be_mended_is_not_printed(octoprint: OctoPrint) -> None:
 
 
 @pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
+def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint) -> None:
+    hold = octoprint.base / "HOLD"
+    with chromium() as browser:
+        page = browser.new_context(locale="en-GB").new_page()
+        page.set_default_timeout(300_000)
+        page.goto(octoprint.url)
+        page.locator("#login-user").fill("me")
+        page.locator("#login-password").fill("pw")
+        page.locator("#login-button").click()
+        # The state comes by the socket that the plug-in's messages come by.
+        expect(page.locator("#state")).to_contain_text("Operational", timeout=300_000)
+        popup = page.locator(".ui-pnotify")
+        hold.touch()
+        octoprint.upload("shown.gcode", part(1, size_mm=6.0))
+        begun = popup.filter(has_text="Mending …").filter(has_text="shown.gcode")
+        expect(begun).to_be_visible()
+        begun.get_by_role("button", name="Cancel").click()
+        expect(popup.filter(has_text="Not mended, not printed").filter(has_text="cancelled")).to_be_visible()
+        expect(begun).to_have_count(0)
+        hold.unlink()
+        octoprint.upload("shown2.gcode", part(1, size_mm=6.0))
+        expect(popup.filter(has_text="shown2.mended.gcode").filter(has_text="→")).to_be_visible()
+    assert octoprint.told("shown.gcode") == {"state": "failed", "reason": "cancelled"}
+
+
+@pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
 def test_the_page_sends_the_test_print_and_a_mended_file_to_octoprint(octoprint: OctoPrint, tmp_path: Path) -> None:
     server = Server(tmp_path / "studio")
     try:
