@@ -347,6 +347,10 @@ def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path
     scanned = verify(bent, Trace(wanted, 1.001 * wanted + noise, placed=False))  # the scanner's stretch is no fault
     assert scanned.kept
     assert scanned.stretch_percent == pytest.approx(0.1, abs=0.01)
+    tables = tuple(table.shifted(0.5) for table in bent.mechanism.transmissions)
+    elsewhere = replace(bent, mechanism=replace(bent.mechanism, transmissions=tables))  # a learned origin is the bed's
+    off = np.sqrt(((raw + 0.5) ** 2).sum(axis=1).mean())
+    assert verify(elsewhere, Trace(wanted, wanted + noise, homed=True)).before_mm == pytest.approx(off, rel=0.02)
     unsaid = np.full(len(wanted), np.nan)  # an empty column of sigma_mm is none
     assert verify(bent, Trace(wanted, 1.001 * wanted + noise, placed=False, sigma_mm=unsaid)) == scanned
     with pytest.raises(ModelError):

@@ -13,6 +13,7 @@ import numpy as np
 from printmend.diagnosis.screw import heights_mm
 from printmend.errors import ModelError, TraceError
 from printmend.learn.walls import with_walls
+from printmend.machine import print_from_home
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.promise.budget import Budget, parse_budget
@@ -21,7 +22,6 @@ from printmend.promise.predict import Path as Places
 from printmend.repair.history import remember
 from printmend.repair.update import Updated, update
 from printmend.saved import SavedModel
-from printmend.twin import Twin
 
 LEAST_MARKS = 10
 ROUND = 2**0.5  # a distance on the bed has two coordinates
@@ -177,7 +177,7 @@ def expectation(model: SavedModel, trace: Trace) -> Promise | None:
 def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook, np.ndarray]:
     """Return what to expect of the measured marks [N], across the path, and how far each is off unmended [N, 2]."""
     wanted, printer, known = trace.commanded_mm, model.printer, trace.measured_rows
-    raw = Twin(model.mechanism).follow(wanted)
+    raw = print_from_home(model.mechanism, wanted)
     sides = np.stack([last_way(column) for column in printer.to_motor(wanted).T], axis=1)
     off = (raw - wanted)[known]
     gone_mm = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wanted, axis=0).T))])[known]
