@@ -320,17 +320,23 @@ from printmend.studio.app import create_app
 if __name__ == "__main__":
     with executor(1, "local:2").client() as dask, dask.get_executor(pure=False) as pool:
         with TestClient(create_app(Path(sys.argv[1]), cluster=pool), base_url="http://127.0.0.1:8765") as client:
-            job = client.post("/api/play", json={"screw_mm": 0.35}).json()
-            while (job := client.get("/api/jobs/" + job["id"]).json())["state"] in ("queued", "running"):
-                time.sleep(0.1)
-            assert job["state"] == "done", job
+            def done(job):
+                while (job := client.get("/api/jobs/" + job["id"]).json())["state"] in ("queued", "running"):
+                    time.sleep(0.1)
+                assert job["state"] == "done", job
+                return job
+            bent, sound = (client.post("/api/play", json=faults).json() for faults in ({"screw_mm": 0.35}, {}))
+            sound, job = done(sound), done(bent)
+            assert sound["result"]["after"]["rms_mm"] < 0.01
+            assert not sound["result"]["said"]["faults"]
+            assert "wanted.bin" in sound["files"]
             assert [one["title"] for one in job["result"]["said"]["faults"]] == ["The Z screw is bent"]
             assert job["result"]["after"]["rms_mm"] < 0.02 < 0.2 < job["result"]["before"]["rms_mm"]
             assert client.get(f"/api/jobs/{job['id']}/files/mended.bin").status_code == 200
 """
 
 
-def test_jobs_run_on_the_benches_cluster_and_a_bent_screw_is_mended_in_play(tmp_path: Path) -> None:
+def test_jobs_run_on_the_benches_cluster_and_play_mends_a_bent_screw_and_spares_what_is_sound(tmp_path: Path) -> None:
     (script := tmp_path / "run.py").write_text(CLUSTERED)
     done = subprocess.run(  # noqa: S603 (this interpreter, a list of arguments)
         [sys.executable, str(script), str(tmp_path / "studio")],

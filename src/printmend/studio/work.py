@@ -373,16 +373,17 @@ def _play(job: Job) -> dict[str, Any]:
     try:
         mend_gcode(part, model, job.folder / mended_name(part.name), watch=tap.watch)
         job.file(mended_name(part.name))
+    except RefusedError as error:
+        refused = str(error)
+    if refused is None and tap.seen:  # of a printer found healthy nothing is planned
         scene = as_mended(scene, drawing, truth, tap, aligned=True)
         write_mended(job.folder / MENDED, scene)
         job.file(MENDED)
-    except RefusedError as error:
-        refused = str(error)
     after = scene.raw_error_mm if scene.mended_error_mm is None else scene.mended_error_mm
     numbers = {name: {"rms_mm": scene.rms_mm(error), "p95_mm": float(np.quantile(error, 0.95))}
                for name, error in (("before", scene.raw_error_mm), ("after", after))}  # fmt: skip
     return {
-        "marks": len(plan), "missing": len(measurement.missing), "notes": list(measurement.notes), "refused": refused,
+        "marks": len(plan), "missing": len(measurement.missing), "refused": refused,
         "said": said(model), **numbers, "true": _true(truth),
     }  # fmt: skip
 
