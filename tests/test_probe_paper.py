@@ -136,3 +136,18 @@ def test_a_net_joins_the_dots_and_does_not_hide_them(tmp_path):
     (tmp_path / "photo.jpg").write_bytes(foreign.plate(dots, radii, rng, threads=threads, narrow=0.01))
     with pytest.raises(ScanError, match=r"narrows by 1\.\d% to one side, as a photo does"):
         measure_scans([tmp_path / "photo.jpg"], plan)
+
+
+def test_sheets_that_could_not_be_joined_are_not_printed(tmp_path):
+    few = ["--printer", "ender3", "--on", "paper", "--scanner", "110x140", "--sheets", "2", "--marks", "60"]
+    refused = CliRunner().invoke(command, [*few, "-o", str(tmp_path / "few.gcode")])
+    assert isinstance(refused.exception, ConfigError)
+    assert "wanted at least 30 dots where two sheets overlap" in str(refused.exception)
+    assert "more --marks" in str(refused.exception)
+    needless = ["--printer", "prusa-mini", "--pen", "--sheets", "2", "--sheet", str(tmp_path / "tags.pdf")]
+    with pytest.raises(ConfigError, match="2 show no more of its bed"):
+        CliRunner().invoke(command, [*needless, "-o", str(tmp_path / "mini.gcode")], catch_exceptions=False)
+    misused = CliRunner().invoke(command, ["--printer", "ender3", "--net", "--pen", "--sheet", str(tmp_path / "a.pdf")])
+    assert misused.exit_code == 2
+    assert not (tmp_path / "a.pdf").exists()
+    assert not list(tmp_path.glob("*.gcode"))

@@ -89,7 +89,7 @@ def command(
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
     from printmend.probe.gcode import covered_mm
-    from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, write_leaflet
+    from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, pen_and_paper, write_leaflet
     from printmend.probe.net import with_net
     from printmend.probe.pen import with_pen
     from printmend.probe.probe import gcode_of
@@ -98,6 +98,13 @@ def command(
 
     if printer_name is None and sheet is None:
         raise click.UsageError("--printer says which bed the test print is for")
+    on_paper = pen or surface == "paper"
+    if net and on_paper:
+        raise click.UsageError("--net joins dots on a plate; on paper they are joined already")
+    if sheets > 1 and not on_paper:
+        raise click.UsageError("--sheets is for --on paper or --pen")
+    if sheets > 1 and (size_mm is not None or part_path is not None or design != "fixed"):
+        raise click.UsageError("--sheets shows as much of the bed as it can: leave out --size, --for and --design")
     made = () if printer_name is None else (output, output.with_suffix(".json"), leaflet_of(output))
     spare((*made, sheet), (part_path, after, start_path, Path(printer_name or "-")))
     if sheet is not None:
@@ -110,14 +117,8 @@ def command(
     printer = read_printer(printer_name)
     part = read_gcode(part_path, printer=printer) if part_path else None
     trace = read_trace(after, printer=printer) if after else None
-    on_paper = pen or surface == "paper"
     if on_paper:
         glass = glass or SHEETS["a4"]
-    if net and on_paper:
-        raise click.UsageError("--net joins dots on a plate; on paper they are joined already")
-    if sheets > 1 and (not on_paper or size_mm is not None or part is not None or design != "fixed"):
-        raise click.UsageError("--sheets is for --on paper or --pen, and shows as much of the bed as it can: leave out "
-                               "--size, --for and --design")  # fmt: skip
     if sheets > 1 and glass is not None:
         plan = design_sheets(printer, glass, sheets, marks=marks)
     else:
@@ -129,7 +130,7 @@ def command(
     if pen:
         plan = with_pen(plan)
     files = gcode_of(output, plan)
-    spare(tuple(files), (part_path, after, start_path))
+    spare((*files, *made[1:], sheet), (part_path, after, start_path, Path(printer_name)))
     if not overwrite:
         keep_plan(output.with_suffix(".json"), plan)
     start = printer.start_gcode and homed_start(printer.start_gcode, subject=f"start_gcode of {printer_name}")
@@ -139,14 +140,14 @@ def command(
         output, plan, extruder=extruder or printer.extruder, start_gcode=start, on_paper=surface == "paper"
     )
     minutes, grams = cost(plan)
-    used = "a pen and a sheet of paper" if pen else f"{grams:.1f} g of PLA"
+    used = pen_and_paper(plan) if pen else f"{grams:.1f} g of PLA"
     click.echo(f"{' and '.join(map(str, files))}: {len(plan)} dots, {minutes:.0f} min, {used}")
     if sheets > 1:
         for number, one in enumerate(plan.sheets, start=1):
             (x0, y0), (x1, y1) = covered_mm(one)
             where = f"X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f}"
             click.echo(f"Sheet {number}: tape it so that it covers {where}; print {files[number - 1].name} on it")
-    elif on_paper and size_mm is None and part is None and (unseen := _unseen(printer, plan)):
+    elif on_paper and size_mm is None and part is None and design == "fixed" and (unseen := _unseen(printer, plan)):
         click.echo(unseen)
     error_mm = expected_error_mm(printer, plan, part=part, after=trace)
     click.echo(

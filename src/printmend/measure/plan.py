@@ -240,8 +240,10 @@ def _plan(table: dict[str, Any]) -> ProbePlan:
     )
     if not len(plan) or not np.isfinite(plan.waypoints_mm).all() or plan.rows.min() < 0:
         raise ValueError("no marks")
-    if plan.starts[0] != 0 or sorted(set(plan.starts)) != list(plan.starts) or plan.starts[-1] > plan.rows.max():
+    if plan.starts[0] != 0 or sorted(set(plan.starts)) != list(plan.starts):
         raise ValueError("sheets that do not follow each other")
+    if len(set(plan.sheet_of.tolist())) < len(plan.starts):
+        raise ValueError("a sheet without marks")
     stated = np.array([(mark["x_mm"], mark["y_mm"]) for mark in marks], float)
     if np.abs(stated - plan.marks_mm).max() > 1e-3:
         raise ValueError("marks that are not on their way-points")

@@ -83,9 +83,9 @@ class Reading:
 def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, whole: bool = True) -> Reading:
     """Read the marks of ``plan``, or of the one of its sheets that is shown, from an image file.
 
-    ``dpi`` overrides what the file says; without either it is 600. ``whole`` refuses an image of a part of the print.
-    Raises `ScanError` for an image that is none, a
-    page without dots, another plate, a wrong resolution (which is named) and a scan that shows only a part.
+    ``dpi`` overrides what the file says, and that it may be a photo; without either it is 600. ``whole`` refuses an
+    image of a part of the print. Raises `ScanError` for an image that is none, a page without dots, another plate, a
+    wrong resolution (which is named), a photo without tags and a scan that shows only a part.
     """
     image, stated = read_image(path)
     tags = find_tags(image)
@@ -98,7 +98,7 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, wh
         shown = inside_mm(paper)
         return _read_photo(path, image, paper.lens, shown, PAPER, sheet_said(paper), plan, whole=whole)
     refuse_bare_photo(path, tags, camera=camera)
-    dpi = dpi or stated or USUAL_DPI
+    said_dpi, dpi = dpi, dpi or stated or USUAL_DPI
     dots = find_dots(image, dpi / MM_PER_INCH, plan, subject=str(path))
     dots_mm, scale, instrument = _scaled(dots, tags, dpi)
     sheet, marks = _shown(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
@@ -106,10 +106,10 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, wh
         raise _explained(path, image, dots, marks, dpi, plan)
     if instrument is SHEET:
         check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
-    elif share := narrowing(marks.measured_mm, plan.sheets[sheet]):
+    elif said_dpi is None and (share := narrowing(marks.measured_mm, plan.sheets[sheet])):
         raise ScanError(
             path, wanted="a flat scan", came=f"a picture that narrows by {share:.1%} to one side, as a photo does",
-            todo=PHOTO_TODO,
+            todo=f"{PHOTO_TODO}. If it is a scan, say its --dpi",
         )  # fmt: skip
     if whole:
         check_whole(path, marks.found, plan.sheets[sheet])

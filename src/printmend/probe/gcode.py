@@ -129,7 +129,10 @@ def _paper(sheet: str, plan: ProbePlan) -> str:
 
 
 def cost(plan: ProbePlan) -> tuple[float, float]:
-    """Return the estimated printing time [min] after heating, and the mass of plastic [g]."""
+    """Return the estimated printing time [min] after heating, and the mass of plastic [g]; of all sheets together."""
+    if len(plan.sheets) > 1:
+        minutes, grams = zip(*map(cost, plan.sheets), strict=True)
+        return sum(minutes), sum(grams)
     points = plan.waypoints_mm
     seconds = travel_s(points) + approach_s(points, plan.rows)
     volumes = [dot_mm3(diameter, NET_DOT_Z_MM if plan.net else LAYER_MM) for diameter in plan.diameter_mm]

@@ -34,13 +34,18 @@ def leaflet_of(gcode: Path) -> Path:
     return gcode.with_name(f"{gcode.stem}-how-to.pdf")
 
 
+def pen_and_paper(plan: ProbePlan) -> str:
+    """Say what a drawing uses."""
+    return "a pen and " + ("a sheet of paper" if len(plan.sheets) == 1 else f"{len(plan.sheets)} sheets of paper")
+
+
 def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *, on_paper: bool) -> Path:
     """Write the page of a probe for a printer that its owner calls ``named``; return its path."""
     minutes, grams = cost(plan)
     sheet = plan.pen or on_paper
     kind = "with a pen on paper" if plan.pen else "on paper" if on_paper else "on the plate"
     several = len(plan.sheets) > 1
-    used = "a pen and a sheet of paper" if plan.pen else f"{grams:.1f} g of filament"
+    used = pen_and_paper(plan) if plan.pen else f"{grams:.1f} g of filament"
     files = ", ".join(one.name for one in gcode_of(gcode, plan))
     kind += f", {len(plan.sheets)} sheets" if several else ", joined by a net" if plan.net else ""
     page = Page()

@@ -4,18 +4,20 @@ All sheets show one pattern. Where two of them overlap, the printer makes the sa
 so that a scan of one sheet can be laid onto that of the next. Each sheet spells a code of its own.
 """
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 
 from printmend.errors import ConfigError
+from printmend.measure.join import LEAST_SHARED
 from printmend.measure.plan import ProbePlan, sheet_after_sheet
 from printmend.printer import Printer
 from printmend.probe.layout import GLASS_EDGE_MM, LEAST_AREA_MM, MARKS, Layout, lay_out, mark_area_mm
 from printmend.probe.walk import swings_for, walk_with
 
-MOST_SHEETS = 3
 OVERLAP = 0.35  # of a sheet: what its neighbour shows, too
+UNSEEN = 1.2  # times as many marks are printed there as must be seen
 
 
 def sheets_mm(printer: Printer, paper_mm: tuple[float, float], count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -47,14 +49,15 @@ def sheets_mm(printer: Printer, paper_mm: tuple[float, float], count: int) -> tu
 def design_sheets(printer: Printer, paper_mm: tuple[float, float], count: int, *, marks: int = MARKS) -> ProbePlan:
     """Lay out about ``marks`` marks over the bed, on ``count`` sheets of paper that overlap.
 
-    Raises `ConfigError` for a bed or paper that is too small, and for a bed that needs fewer sheets.
+    Raises `ConfigError` for a bed or paper that is too small, for a bed that needs fewer sheets, and where too few
+    marks would join them.
     """
     low, high = sheets_mm(printer, paper_mm, count)
     needless = sheets_mm(printer, paper_mm, count - 1)
     if np.ptp(np.vstack(needless), axis=0).prod() > 0.999 * np.ptp(np.vstack([low, high]), axis=0).prod():
         raise ConfigError(
-            "--sheets", wanted=f"at most {count - 1} on {printer.name}: so many show all of its bed", came=str(count),
-            todo="leave it out for one" if count == 2 else "say fewer",
+            "--sheets", wanted=f"at most {count - 1} on {printer.name}: {count} show no more of its bed",
+            came=str(count), todo="leave it out for one" if count == 2 else "say fewer",
         )  # fmt: skip
     whole = lay_out(printer, low.min(axis=0), high.max(axis=0), marks=marks)
     swings = swings_for(len(whole.marks_mm))
@@ -62,6 +65,12 @@ def design_sheets(printer: Printer, paper_mm: tuple[float, float], count: int, *
     for corner, opposite in zip(low, high, strict=True):
         mine = np.flatnonzero(((whole.marks_mm >= corner) & (whole.marks_mm <= opposite)).all(axis=1))
         plans.append(walk_with(printer, _part(whole, mine), [swings[mark] for mark in mine]))
+    shared = min(len({*map(tuple, one.site)} & {*map(tuple, other.site)}) for one, other in itertools.pairwise(plans))
+    if shared < UNSEEN * LEAST_SHARED:
+        raise ConfigError(
+            "--sheets", wanted=f"at least {UNSEEN * LEAST_SHARED:.0f} dots where two sheets overlap, which join them",
+            came=str(shared), todo="say more --marks, or larger sheets with --scanner",
+        )  # fmt: skip
     return sheet_after_sheet(plans)
 
 
