@@ -47,7 +47,7 @@ export const sentence = (text) => said(text).replace(/^\p{Ll}+ /u, (word) => wor
 
 // Why something did not work: what was wanted, what came, what to do.
 export function why(text) {
-  const plain = text.replaceAll("`", ""), found = /^(?:(.*?): )?wanted (.*?), got (.*?); (.*)$/s.exec(plain);
+  const plain = text.replaceAll("`", ""), found = /^(?:(.*?): )?wanted (.*?), got (.*?); (.+)$/s.exec(plain);
   if (!found) return ours(plain, misfits) ?? plain;
   const [subject, wanted, came, todo] = found.slice(1).map((part) => part && (ours(part, misfits) ?? plainly(part)));
   return t("why", { subject: subject ? `${subject}: ` : "", wanted, came, todo: `${todo[0].toUpperCase()}${todo.slice(1)}${/[.?!]$/.test(todo) ? "" : "."}` });
