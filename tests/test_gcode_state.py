@@ -174,6 +174,9 @@ def test_relative_extrusion_that_a_macro_switched_on_is_found_in_the_numbers():
 
 RELATIVE = "".join(f"G1 X{i % 20} Y{i % 7} E0.0{1 + i % 3}\n" for i in range(40))
 ABSOLUTE = "".join(f"G1 X{i % 20} Y{i % 7} E{i / 5:.3f}\n" for i in range(40))
+# Both name their E on travels, too: every third and every fifth pushes nothing.
+RELATIVE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E0.0{i % 3}\n" for i in range(60))
+ABSOLUTE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E{(i - i // 5) / 50:.3f}\n" for i in range(60))
 
 
 @pytest.mark.parametrize(
@@ -186,6 +189,8 @@ ABSOLUTE = "".join(f"G1 X{i % 20} Y{i % 7} E{i / 5:.3f}\n" for i in range(40))
         ("G28\nM83\nG90\n" + RELATIVE, None),
         ("G28\nM82\n" + ABSOLUTE, None),
         ("G28\n" + ABSOLUTE, None),
+        ("G28\n" + ABSOLUTE_TRAVELS, None),
+        ("G28\n" + RELATIVE_TRAVELS, "read as relative"),
         ("; gcode_flavor = marlin2\nG28\nM83\nG90\n" + RELATIVE, "G91 makes E relative too"),
         ("G28\nM83\nG90\n" + ABSOLUTE, "G90 and G91 set E too"),
     ],

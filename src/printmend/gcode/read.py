@@ -131,9 +131,11 @@ def larger(capacity: int, name: str = "G-code") -> int:
 
 
 # What a guess at E has to explain: filament that runs back while the head moves, more of it than any nozzle melts, or
-# an E that is named and pushes none.
+# an E that is named and pushes none in most moves. In some of them it does so in good files of either kind: they name
+# their E on travels, too.
 _ENOUGH_MOVES = 20
 _IMPLAUSIBLE_SHARE = 0.1
+_MOST_SHARE = 0.5
 _FILAMENT_PER_MM = 3.0
 
 
@@ -141,8 +143,8 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
     """Correct ``state`` where the text's E words make sense only with another rule for relative extrusion.
 
     Some files leave M82 or M83 to a macro, and firmwares differ on what G90 does after M83. If under the state's own
-    rule a tenth of the printing moves would pull filament back, melt more than a nozzle can or name an E that pushes
-    nothing, the rule that explains the moves best is taken.
+    rule a tenth of the printing moves would pull filament back or melt more than a nozzle can, or most of them name an
+    E that pushes nothing, the rule that explains the moves best is taken.
     """
     if (said := find_e_rule(text.tobytes())) is not None:
         state.counts[k.C_RULE], state.counts[k.C_M83] = said
@@ -202,7 +204,9 @@ def _implausible_share(text: np.ndarray, state: MachineState, rule: int, m83: in
     rows, length_mm = rows[length_mm > 0], length_mm[length_mm > 0]
     if len(rows) < _ENOUGH_MOVES:
         return 0.0
-    return float(np.mean((rows["advance"] <= 0) | (rows["advance"] > _FILAMENT_PER_MM * length_mm)))
+    wrong = float(np.mean((rows["advance"] < 0) | (rows["advance"] > _FILAMENT_PER_MM * length_mm)))
+    none = float(np.mean(rows["advance"] == 0))
+    return wrong + none if none > _MOST_SHARE else wrong
 
 
 def moves_of(records: np.ndarray) -> Moves:
