@@ -51,7 +51,7 @@ def objective_cases(
         )
     pulley = hashlib.sha256(demo_body_gcode()).hexdigest()[:16]
     name, identity = (PULLEY, pulley) if source is None else (source.stem, digest(source))
-    place = "" if source is None else str(source)
+    place = "" if source is None else str(source.absolute())
     return [
         Case(TABLE, name, identity, family, severity, "heldout", seed, printer, layers=layers, source=place)
         for family in families

@@ -95,9 +95,9 @@ class _File:
 
 def real_cases(data: Path, traverses: Sequence[Traverse], protocol: RealProtocol) -> list[Case]:
     """Return a case for each shape and speed of a CSV that `read_traverses` has read."""
-    content = digest(data)
+    content, place = digest(data), str(data.absolute())  # workers may run elsewhere
     return [
-        Case(TABLE, f"{shape} {speed:g}", f"{content} {shape} {speed:g}", "", "", protocol, 0, "", source=str(data))
+        Case(TABLE, f"{shape} {speed:g}", f"{content} {shape} {speed:g}", "", "", protocol, 0, "", source=place)
         for shape, speed in dict.fromkeys((item.shape, item.speed_mm_s) for item in traverses)
     ]
 
