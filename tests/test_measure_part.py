@@ -222,6 +222,7 @@ def test_the_edges_of_the_paper_under_a_part_serve_a_photo(scanned):
     assert any("lines over 150 mm" in note for note in measured.notes), measured.notes
     mend_gcode(scanned / "star.gcode", learn_model(measured.trace, PRINTER), scanned / "by-paper.gcode")
     assert foreign.paired_error(BROKEN, scanned / "star.gcode", scanned / "by-paper.gcode") < LIMIT_MM
+    assert find_sheet(read_image(path)[0]).error_mm < 0.05
     # a table as bright as the paper shows no edges
     path.write_bytes(foreign.photo([], np.random.default_rng(2), tags=False, table=240))
     assert find_sheet(read_image(path)[0]) is None

@@ -20,6 +20,7 @@ LEAST_SHARE = 0.15  # of the picture: a smaller sheet is not what was photograph
 FULL = 0.93  # of its four-cornered outline is bright: less is no sheet
 PLACES, REACH_SHARE = 80, 0.012  # on each edge, and how far about it is looked, as a share of the picture
 MOST_OFF_MM = 0.4  # RMS of the edges from straight lines
+LEAST_OFF_MM, LEAST_KEPT = 0.1, 0.7  # places nearer than this to an edge count, and what share of them must
 ASPECT = 0.035  # share by which the sides may differ from those of a sheet
 USUAL_FOCAL = 27.0 / 43.27  # of a telephone's lens, in diagonals of the picture
 
@@ -123,9 +124,15 @@ def _fitted(
         off = (upper[:, 1], right[:, 0] - size_mm[0], lower[:, 1] - size_mm[1], left[:, 0])
         return np.concatenate([*off, [0.5 * values[8]]])
 
-    fit = least_squares(errors, np.append(start.ravel()[:8], 0.0), loss="huber", f_scale=0.1, x_scale="jac")
-    rest = np.abs(errors(fit.x)[:-1])
-    return Sheet(lens(fit.x), size_mm, name, float(np.sqrt(np.square(np.minimum(rest, 3 * np.median(rest))).mean())))
+    # Levenberg–Marquardt: the default method stops early in this narrow valley
+    rough = least_squares(errors, np.append(start.ravel()[:8], 0.0), method="lm", x_scale="jac").x
+    off = np.abs(errors(rough))
+    kept = off < np.maximum(4 * np.median(off[:-1]), LEAST_OFF_MM)  # not what lies across an edge
+    kept[-1] = True
+    fit = least_squares(lambda values: errors(values) * kept, rough, method="lm", x_scale="jac").x
+    rest = errors(fit)[:-1][kept[:-1]]
+    error_mm = float(np.sqrt(np.square(rest).mean())) if kept.mean() > LEAST_KEPT else np.inf
+    return Sheet(lens(fit), size_mm, name, error_mm)
 
 
 def _uneven(lens: Lens) -> float:
