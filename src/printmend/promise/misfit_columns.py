@@ -10,8 +10,8 @@ from printmend.path import last_way
 from printmend.promise.laws import LAWS, Sideways
 
 BREAKS = np.linspace(0.1, 0.9, 17)  # shares of the print after which a step is looked for
-CREEPS = (0.06, 0.15, 0.3)  # time constants, as shares of the print
-WARMINGS = (0.1, 0.25, 0.7)  # the same, of a machine that warms up
+CREEPS = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)  # time constants, as shares of the print
+WARMINGS = (0.1, 0.25, 0.7)  # the same, of a machine that warms up: some of them, so that none fits a creep better
 WARMING_ODDS = 20.0  # against growth from end to end, where a shift that comes with time explains as much
 HALVES = np.linspace(-0.4, 0.4, 9)  # where one half of the bed may end and the other begin, the span from −1 to 1
 PERIODS_MM = np.geomspace(12.0, 150.0, 160)
