@@ -207,3 +207,13 @@ def test_points_are_the_rows_in_contact() -> None:
     found = points_in_contact(table, motor, np.zeros(5), np.array([1.0, 1.0, 1.0, 1.0, 0.0]), start, 40.0)
     assert found.motor_mm[-1] in (139.9, 140.0)
     assert set(found.side) <= {-1.0, 1.0}
+
+
+def test_noise_at_few_places_is_no_error_of_the_machine() -> None:
+    found = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        motor_mm, noise_mm = rng.uniform(0, 500, 52), rng.normal(0, 0.1, 52)
+        points = Points(motor_mm, rng.choice([-1.0, 1.0], 52), noise_mm, np.ones(52), np.arange(52) // 2, 40.0, 0.1)
+        found.append(chosen_kind(points, (-20.0, 520.0), patterned=False, seed=seed))
+    assert sum(kind is not None for kind in found) <= 1

@@ -140,7 +140,7 @@ def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> N
     assert 0.03 < found[0].size_mm < 0.1
     later = of_the_end(box, trace, causes)
     assert (later is not None) == (kind in ("linear", "step", "creep", "wear"))
-    if later is not None and kind in ("linear", "step"):  # what was printed first is put where the end of the print would have put it
+    if later is not None and kind in ("linear", "step"):  # the first points go where the end would have put them
         assert later[1] == "ended"
         moved = (later[0].measured_mm - trace.measured_mm)[[1, -1]]
         wanted = np.array([[0.21, 0.0], [0.0, 0.0]]) if kind == "linear" else np.array([[0.0, 0.12], [0.0, 0.0]])

@@ -311,7 +311,11 @@ def chosen_kind(data: Points, reach_mm: tuple[float, float], *, patterned: bool,
         after = np.minimum(np.square(data.residual_mm - guess), bound)
         return before - np.bincount(number, data.weight * after)
 
-    gains = {kind: gained(kind) for kind in PROCESSES}
+    # what has more columns than there are points finds some pattern in any noise
+    offered = [kind for kind in PROCESSES if len(column_variances(kind, reach_mm)) <= len(data.motor_mm)]
+    if not offered:
+        return None
+    gains = {kind: gained(kind) for kind in offered}
     best = max(gains, key=lambda kind: gains[kind].sum())
     if (patterned or _is_sure(gains[best], before)) and has_trees():
         both = Kind("trees", sides=True)
