@@ -24,8 +24,8 @@ _OF_FLAVOUR = {
 class Fineness:
     """How far the path may be off, and what reads the file.
 
-    ``tolerance_mm``: half of it where a chord bulges, all where slack is crossed. ``firmware`` is a key of
-    `SEGMENTS_PER_S`, or None: guessed from each file.
+    ``tolerance_mm``: half of it where a chord bulges, all where that is short or slack is crossed. ``firmware`` is a
+    key of `SEGMENTS_PER_S`, or None: guessed from each file.
     """
 
     tolerance_mm: float = TOLERANCE_MM
