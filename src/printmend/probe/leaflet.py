@@ -56,6 +56,8 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
     _glass(page, "The sheet, printed side down" if sheet else "The plate, dots down")
     trace, seen = gcode.with_suffix(".csv").name, f"{gcode.stem}-seen.png"
     scan = "Scan the sheet" if sheet else "Scan the plate, dots down, with the lid or dark paper behind it,"
+    if several:
+        scan = "Scan each sheet"
     line = "." if plan.pen else ", and a line along the front edge at the start."
     joined = (
         "A plate or a pattern larger than the glass: scan it in two or three parts that overlap by a third, and name "

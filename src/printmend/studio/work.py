@@ -73,7 +73,7 @@ class Job:
 def begin() -> None:
     """Begin a worker: Ctrl-C in the terminal is the server's to handle."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(OSError, PrintmendError):
+    with contextlib.suppress(Exception):  # a pool whose workers cannot begin is lost; a job says what is wrong
         rehearse()
 
 

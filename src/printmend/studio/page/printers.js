@@ -6,7 +6,7 @@ import { Problem } from "./job.js";
 import { Measure } from "./measure.js";
 import { Mend } from "./mend.js";
 import { Prove } from "./prove.js";
-import { day, number, said, t, typed } from "./words.js";
+import { day, said, t, typed } from "./words.js";
 import { Wrong } from "./wrong.js";
 
 const TABS = { measure: Measure, wrong: Wrong, mend: Mend, prove: Prove };
