@@ -84,6 +84,10 @@ def test_a_folder_of_its_files_serves_without_a_network(hub: Path, tmp_path: Pat
     (hub / "5.npz").write_bytes(damaged)
     with pytest.raises(MeshError, match="fetch it again"):
         body_files([hub], made=tmp_path / "made")
+    (tmp_path / "alone").mkdir()
+    (tmp_path / "alone" / "5.npz").write_bytes(damaged)
+    with pytest.raises(InputError, match=r"got 1 damaged: .*fetch it again"):
+        body_files([tmp_path / "alone"], made=tmp_path / "made", left_out=lambda path, why: None)
     unread: dict[Path, str] = {}
     assert len(body_files([hub], made=tmp_path / "made", left_out=unread.__setitem__)) == 3
     for _ in range(2):  # noted once, however often a build goes on

@@ -38,18 +38,26 @@ def body_files(
     out.
     """
     found: dict[Path, None] = {}
+    damaged: list[str] = []
+
+    def leave(path: Path, why: str) -> None:
+        damaged.append(why)
+        if left_out is not None:
+            left_out(path, why)
+
+    told = leave if left_out is not None else None
     asked = [Path(path) for path in paths]
     for path in asked:
         if made is not None and str(path).startswith(GENERATED):
             found.update(dict.fromkeys(_generated(str(path), made, seed)))
         elif made is not None and str(path).partition(":")[0] == NAME and not path.exists():
-            found.update(dict.fromkeys(thingi10k_files(str(path), made, licence, left_out)))
+            found.update(dict.fromkeys(thingi10k_files(str(path), made, licence, told)))
         elif path.is_dir():
             inside = (item for item in path.rglob("*") if item.suffix.lower() in SUFFIXES and item.is_file())
             found.update(dict.fromkeys(sorted(inside)))
             if made is not None:
                 packed = sorted(item for item in path.rglob("*.npz") if item.stem.isdigit())
-                found.update(dict.fromkeys(stl for _, stl in unpacked(packed, made, left_out)))
+                found.update(dict.fromkeys(stl for _, stl in unpacked(packed, made, told)))
         elif path.is_file():
             found[path] = None
         else:
@@ -60,7 +68,7 @@ def body_files(
         raise InputError(
             ", ".join(map(str, asked)) or "bodies",
             wanted=f"at least one body ({' '.join(SUFFIXES)})" + f" under “{licence}”" * (licence != UNKNOWN),
-            came="none",
+            came=f"{len(damaged)} damaged: {damaged[0]}" if damaged else "none",
             todo="name files or folders that hold some",
         )
     return list(found)
