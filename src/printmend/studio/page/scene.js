@@ -14,7 +14,7 @@ export function useScene(job, failed) {
       return () => { asked = false; };
     }, [job?.id, job?.files?.includes(name)]);
   };
-  load("wanted.bin", [Uint16Array, Int16Array], setWanted);
+  load("printed.bin", [Uint16Array, Int16Array], setWanted);
   load("mended.bin", [Int16Array], setMended);
   return useMemo(() => {
     if (!wanted) return null;
