@@ -3,8 +3,9 @@
 Near a reversal a motor's belt hardly moves: for as long as it may stand still within the tolerance, its motor crosses
 the slack while the nozzle prints on. Where a curve of radius R turns, that is 2 √(2 R ε) of path for an error ε. A
 sharp corner has ε / sin α on either side of it, α being the side's angle to the other axis: there the firmware is slow
-anyway, and one move that begins or ends at the corner crosses the slack. Where even that is too short, the slack is
-taken up while the nozzle stands still.
+anyway, and the slack is crossed around the corner, whose tip is cut off, or in one move that begins or ends there. The
+firmware brakes for the angle between two commands: so the crossing bends towards the path behind the corner, and the
+other motor leaves some slack of its own for it. Where there is no room, it is taken up while the nozzle stands still.
 """
 
 import numpy as np
