@@ -95,9 +95,9 @@ def _measured(
         dots_mm = widths_mm[list(span)] if distance_mm is not None else np.zeros(2)
         if distance_mm is not None:
             measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
-        else:
-            note = asked(plan, span, measured, float(plan.big_dot_mm))
-        notes.append(note)
+            notes.append(note)
+        elif not any(reading.rulers for reading in readings):
+            notes.append(asked(plan, span, measured, float(plan.big_dot_mm)))
     if plan.pen:  # a circle says where the pen went round, not where it came to rest
         measured[plan.big], sigma[plan.big] = np.nan, np.nan
     return Measurement(plan, measured, sigma, tuple(notes), instrument)

@@ -137,6 +137,7 @@ export const sentences = [
   ["dot {a} (X{b} Y{c})", "Punkt {a} (X{b} Y{c})"],
   ["dot {a} (X{b} Y{c}) of sheet {d}", "Punkt {a} (X{b} Y{c}) von Blatt {d}"],
   ["by the callipers the image is {a} % too large: taken off; lengths along it are known to {b} % now", "Nach dem Messschieber ist das Bild um {a} % zu groß: herausgerechnet; Längen dort sind jetzt auf {b} % bekannt"],
+  ["by the ruler beside it ({a} lines over {b} mm) the image is {c} % too large along it: taken off", "Nach dem Lineal daneben ({a} Striche auf {b} mm) ist das Bild entlang des Lineals um {c} % zu groß: herausgerechnet"],
   ["the scans are not turned by a quarter: the scanner's own axes stay unknown", "Die Scans sind nicht um ein Viertel gedreht: Die Achsen des Scanners bleiben unbekannt"],
   ["the scanner's axes differ by {a} % and lean by {b}°: removed", "Die Achsen des Scanners unterscheiden sich um {a} % und stehen um {b}° schief: herausgerechnet"],
   ["{a} scans joined by {b} marks that they share: these agree to {c} mm", "{a} Scans, verbunden durch {b} gemeinsame Punkte: Diese stimmen auf {c} mm überein"],
