@@ -329,7 +329,7 @@ if __name__ == "__main__":
             sound, job = done(sound), done(bent)
             assert sound["result"]["after"]["rms_mm"] < 0.01
             assert not sound["result"]["said"]["faults"]
-            assert "wanted.bin" in sound["files"]
+            assert "printed.bin" in sound["files"]
             assert [one["title"] for one in job["result"]["said"]["faults"]] == ["The Z screw is bent"]
             assert job["result"]["after"]["rms_mm"] < 0.02 < 0.2 < job["result"]["before"]["rms_mm"]
             assert client.get(f"/api/jobs/{job['id']}/files/mended.bin").status_code == 200
