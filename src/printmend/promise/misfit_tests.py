@@ -273,12 +273,12 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
     weight, detail = float(cause.weights[0]), cause.candidate.detail
     other = next((each.upper() for each in motors if each.upper() != name), "")
     half = "XY"[int(detail)] if cause.candidate.kind.startswith(("halves", "rail")) else ""
-    grown = float(warmed(np.ones(1), detail)[0])  # a slow machine is not warm at the end yet
+    grown = float(warmed(np.ones(1), detail)[0])  # one that is slow has not come to its end yet
     return {
         "linear": f"{name} drifted evenly during the print, by {weight:+.2f} mm from the first point to the last",
         "step": f"{name} was suddenly off by {weight:+.2f} mm after {100 * detail:.0f} % of the print",
-        "creep": f"{name} crept by {weight:+.2f} mm, most of it in the first {100 * detail:.0f} % of the print: "
-        "something gives way, as a set screw does",
+        "creep": f"{name} crept by {weight * grown:+.2f} mm, most of it in the first {100 * detail:.0f} % of the print"
+        ": something gives way, as a set screw does",
         "wear": f"the play of {name} changed by {2 * weight:+.2f} mm while the print went on: something comes loose",
         "thermal": f"{name} grew by {2 * weight * grown:+.2f} mm from end to end while the print went on, as a machine "
         "that warms up does",
