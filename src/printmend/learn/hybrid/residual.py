@@ -285,9 +285,8 @@ def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, 
     scaled = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm) * root
     grams = [_gram(scaled[held], data.where(held)) for held in masks]
     whole = _Gram(*(sum(getattr(gram, name) for gram in grams) for name in vars(grams[0])))
-    share = _noise_share(whole)  # two numbers that no fold can remember its points by
     for held, gram in zip(masks, grams, strict=True):
-        guess[held] = scaled[held] @ _solved(whole.less(gram), share)
+        guess[held] = scaled[held] @ (_weights(whole.less(gram), root) / root)
     return guess
 
 
