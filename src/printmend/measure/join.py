@@ -5,12 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from printmend.errors import ScanError
-from printmend.measure.plan import ProbePlan
+from printmend.measure.plan import LEAST_SHARED, ProbePlan
 from printmend.measure.register import find_pose, turn_onto
 from printmend.measure.scan import Reading
 
 QUARTER = 0.35  # |sin| of the turn between two scans that tells the scanner's axes apart
-LEAST_SHARED = 25  # marks on two scans that join them
 LEAST_APART = 0.25  # how far these spread, as a share of the pattern
 ROUNDS = 12  # of turning every scan onto the mean of all
 

@@ -18,6 +18,7 @@ from printmend.files import read_text, replacing
 from printmend.path import Trace, frozen
 
 FORMAT, VERSION = "printmend probe", 1
+LEAST_SHARED = 25  # marks on two scans that join them
 _TODO = "write it again with `printmend probe`"
 
 

@@ -10,8 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.errors import ConfigError
-from printmend.measure.join import LEAST_SHARED
-from printmend.measure.plan import ProbePlan, sheet_after_sheet
+from printmend.measure.plan import LEAST_SHARED, ProbePlan, sheet_after_sheet
 from printmend.printer import Printer
 from printmend.probe.layout import GLASS_EDGE_MM, LEAST_AREA_MM, MARKS, Layout, lay_out, mark_area_mm
 from printmend.probe.walk import swings_for, walk_with
