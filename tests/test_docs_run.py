@@ -100,7 +100,7 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("probe", "e3-07.probe"):
         write_probe(here / f"{name}.gcode", plan)
     printed = Twin.of(fault, printer).follow(plan.waypoints_mm)[plan.rows]
-    for name, turns in (("scan", 0), ("scan-turned", 1)):
+    for name, turns in (("scan", 0), ("scan-turned", 1), ("scan-1", 0), ("scan-2", 1)):  # two sheets: two turns serve
         drawn = render_scan(
             printed, plan, dpi=200, degradations=CLEAN, rng=np.random.default_rng(turns), quarter_turns=turns
         )
@@ -177,7 +177,7 @@ def look_up(line: list[str], where: str) -> None:
     program, rest = Path(line[0]).name, line[1:]
     told = f"{where}: {shlex.join(line)}"
     if program == "make":
-        assert all(f"\n{target}:" in (ROOT / "Makefile").read_text() for target in rest), told
+        assert all(f"\n{target}:" in (ROOT / "Makefile").read_text() for target in rest if "=" not in target), told
     elif program == "python" and rest[0] == "-m":
         assert all((ROOT / word).is_file() for word in rest if word.startswith("tests/")), told
     elif program == "python":
