@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-A4_MM = (210.0, 297.0)
-POINTS_PER_MM = 72.0 / 25.4
+from printmend.units import A4_MM, MM_PER_INCH
+
+POINTS_PER_MM = 72.0 / MM_PER_INCH
 BLACK, GREY, PALE, BLUE, RED = (
     (0.1, 0.1, 0.1),
     (0.45, 0.45, 0.45),

@@ -1,9 +1,10 @@
-"""Unit constants. Inside printmend: mm, s, rad and integer full steps."""
+"""Units, and sheets of paper. Inside printmend: mm, s, rad and integer full steps."""
 
 import math
 
 TURN_RAD = 2.0 * math.pi
 MM_PER_INCH = 25.4
+A4_MM, LETTER_MM = (210.0, 297.0), (215.9, 279.4)  # width and height of a sheet: ISO 216, ANSI A
 
 
 def radius_mm(mm_per_turn: float) -> float:

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from printmend.cli.number import Finite
+from printmend.units import A4_MM, LETTER_MM
 
 if TYPE_CHECKING:
     from printmend.measure import ProbePlan
     from printmend.printer import Extruder, Printer
 
 
-SHEETS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
+SHEETS_MM = {"a4": A4_MM, "letter": LETTER_MM}
 
 
 class Glass(click.ParamType):
@@ -25,7 +26,7 @@ class Glass(click.ParamType):
         """Return width and height [mm]."""
         if isinstance(value, tuple):
             return value
-        if (known := SHEETS.get(value.lower())) is not None:
+        if (known := SHEETS_MM.get(value.lower())) is not None:
             return known
         if (found := re.fullmatch(r"(\d+(?:\.\d+)?)[x×](\d+(?:\.\d+)?)", value.lower())) is None:
             self.fail(f"wanted a4, letter, or width x height in mm as 216x297, got {value!r}", param, ctx)
@@ -118,7 +119,7 @@ def command(
     part = read_gcode(part_path, printer=printer) if part_path else None
     trace = read_trace(after, printer=printer) if after else None
     if on_paper:
-        glass = glass or SHEETS["a4"]
+        glass = glass or A4_MM
     if sheets > 1 and glass is not None:
         plan = design_sheets(printer, glass, sheets, marks=marks)
     else:

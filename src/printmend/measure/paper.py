@@ -12,8 +12,9 @@ from scipy.optimize import least_squares
 
 from printmend.measure.fiducials import Lens
 from printmend.path import Instrument
+from printmend.units import A4_MM, LETTER_MM
 
-SHEETS_MM = {"A4": (210.0, 297.0), "letter": (215.9, 279.4)}
+SHEETS_MM = {"A4": A4_MM, "letter": LETTER_MM}
 PAPER = Instrument(scale_sd=0.0015, axes_sd=0.0012, lean_sd=0.0008, wave_mm=0.008)
 SEARCH_PX = 1000  # the sheet is looked for in a picture of this size
 LEAST_SHARE = 0.15  # of the picture: a smaller sheet is not what was photographed

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from printmend.files import replacing
-from printmend.pdf import A4_MM, Page
+from printmend.pdf import Page
+from printmend.units import A4_MM
 
 PAGE_MM = A4_MM
 INK = (0.0, 0.0, 0.0)

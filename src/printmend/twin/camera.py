@@ -8,8 +8,8 @@ import numpy as np
 from printmend.measure.fiducials import NODE_PX, Lens, between_nodes
 from printmend.measure.plan import ProbePlan
 from printmend.measure.sheet import TAG_MM, tag_cells, tag_centres_mm
-from printmend.twin.scanner import A4_MM, DEFAULT, Degradations, render_scan
-from printmend.units import MM_PER_INCH
+from printmend.twin.scanner import DEFAULT, Degradations, render_scan
+from printmend.units import A4_MM, MM_PER_INCH
 
 FLAT_DPI = 400.0
 PHOTO_PX = (3000, 4000)

@@ -13,9 +13,8 @@ import numpy as np
 from printmend.errors import InputError
 from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
-from printmend.units import MM_PER_INCH
+from printmend.units import A4_MM, MM_PER_INCH
 
-A4_MM = (210.0, 297.0)
 MARGIN_MM = 5.0
 SAME_MM = 0.002
 Colour = tuple[int, int, int]
