@@ -118,6 +118,13 @@ def test_the_first_layer_is_a_print_of_its_own(tmp_path):
     assert np.array_equal(alone.moves.end_mm[alone.moves.extruding], whole.moves.end_mm[first])
     assert alone.text.tobytes().endswith(b"M104 S0\nM140 S0\nM107\n")
     assert b"the first layer of a part" in (tmp_path / "first-how-to.pdf").read_bytes()
+    for option in (["--net"], ["--pen"], ["--sheets", "2"]):
+        refused = CliRunner().invoke(
+            command, ["--first-layer", "part.gcode", "-o", str(tmp_path / "no.gcode"), *option]
+        )
+        assert refused.exit_code == 2
+        assert "leave out" in refused.output
+    assert not (tmp_path / "no.gcode").exists()
 
 
 def test_a_healthy_printer_stays_as_it_is(scanned):

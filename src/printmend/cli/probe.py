@@ -79,6 +79,8 @@ def command(
     that teach most; without --for they consider the whole bed. All are measured in the same way.
     """
     if layer_path is not None:
+        if pen or net or sheets > 1:
+            raise click.UsageError("--first-layer prints a part as it was sliced: leave out --pen, --net and --sheets")
         _write_first_layer(layer_path, output, printer_name)
         return
     import numpy as np
