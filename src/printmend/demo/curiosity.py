@@ -155,6 +155,6 @@ def draw(found: dict[str, list[Round]], path: Path, *, promise_mm: float) -> Pat
         place.set_xlabel(unit, color=INK, fontsize=9)
         quiet(place)
     axes[0].set_ylabel("RMS error on the bed [mm]; dotted: promised", color=INK, fontsize=9)
-    axes[1].legend(fontsize=8, frameon=False)
-    figure.subplots_adjust(left=0.08, right=0.98, top=0.96, bottom=0.13, wspace=0.16)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="upper center", ncols=len(found), fontsize=8, frameon=False)
+    figure.subplots_adjust(left=0.08, right=0.98, top=0.92, bottom=0.13, wspace=0.16)
     return save(figure, path)
