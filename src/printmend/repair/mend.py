@@ -15,7 +15,6 @@ from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
 from printmend.gcode.header import Described, described
-from printmend.gcode.machine import MachineState
 from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import e_warning, guessed_e_rule, starting_state
 from printmend.gcode.write import Plan, follow, rewrite
@@ -66,14 +65,14 @@ def mend_gcode(
         refuse_mended(file)
         planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
         if is_healthy(model):
-            warnings = _plan(file, planner, model, progress)
+            said = _plan(file, planner, model, progress)
             with _destination(output) as handle, file.path.open("rb") as whole:
                 shutil.copyfileobj(whole, handle, 1 << 20)
-            return Mended(output, replace(with_doubt(prediction_of(planner), model), warnings=warnings))
+            return Mended(output, _predicted(planner, model, said))
         with _destination(output) as handle:
-            states: list[MachineState] = []
-            file.write(handle, lambda part: _texts(part, planner, model, fineness, progress, states, watch))
-            prediction = replace(with_doubt(prediction_of(planner), model), warnings=_warnings(states))
+            said = []
+            file.write(handle, lambda part: _texts(part, planner, model, fineness, progress, said, watch))
+            prediction = _predicted(planner, model, said)
             _judge(file, model, prediction, force=force)
         return Mended(output, prediction)
 
@@ -83,8 +82,8 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
     with open_gcode(source) as file:
         refuse_mended(file)
         planner = start(model.mechanism)
-        warnings = _plan(file, planner, model, progress)
-        prediction = replace(with_doubt(prediction_of(planner), model), warnings=warnings)
+        said = _plan(file, planner, model, progress)
+        prediction = _predicted(planner, model, said)
         _refuse_motionless(file, prediction)
         _refuse_other_printer(file, model, prediction)
         return prediction
@@ -105,27 +104,28 @@ def refuse_mended(file: GcodeFile) -> None:
             )  # fmt: skip
 
 
-def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progress | None) -> tuple[str, ...]:
-    states = []
+def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progress | None) -> list[str | None]:
+    """Plan a file, and return what is to be said of how each of its programs was read."""
+    said = []
     for part in file.parts:
         state = starting_state(part, printer=model.printer)
-        states.append(state.copy())
+        said.append(e_warning(state))
         planner.begin()
         follow(_counted(part.chunks(), progress), state, planner.plan)
-    return _warnings(states)
+    return said
 
 
-def _warnings(states: list[MachineState]) -> tuple[str, ...]:
-    """Return what is to be said of how the programs of a file were read; ``states`` are before their first lines."""
-    return tuple(dict.fromkeys(filter(None, map(e_warning, states))))
+def _predicted(planner: Planner, model: SavedModel, said: list[str | None]) -> Prediction:
+    """Return what to expect of a file that was planned, with what is to be ``said`` of it, once each."""
+    return replace(with_doubt(prediction_of(planner), model), warnings=tuple(dict.fromkeys(filter(None, said))))
 
 
 def _texts(
     part: Part, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None,
-    states: list[MachineState], watch: Watch | None,
+    said: list[str | None], watch: Watch | None,
 ) -> Iterator[memoryview]:  # fmt: skip
     state = starting_state(part, printer=model.printer)
-    states.append(state.copy())
+    said.append(e_warning(state))
     planner.begin(fineness.segments_per_s(state.flavour))
     chunks = marked(_counted(part.chunks(), progress), model.digest, guessed_e_rule(part, state))
     return rewrite(chunks, state, planner.plan if watch is None else watch(part, planner.plan))

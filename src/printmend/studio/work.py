@@ -320,7 +320,6 @@ def mended_name(name: str) -> str:
     return mended_path(Path(name)).name
 
 
-# Long because it is the chain itself: each step is one call, told before it begins.
 # Long: the whole way from a broken printer to a mended part, one step after the other.
 def _play(job: Job) -> dict[str, Any]:
     """Break a printer that exists only here, scan its test print, learn, and mend a part that nobody learned from."""
