@@ -6,8 +6,9 @@ Any preset, at rest on its micro-steps or anywhere between. *Traces*: the marks 
 points of them, with noise of 0.02 to 0.1 mm and now and then a few empty rows. *Scans*: the probe's marks as seen by a
 foreign scanner that stretches, leans and knows no place. *Pictures* are scans drawn by outside_scan.py, which shares no
 code with printmend, then measured; *photos* are of a smaller probe, by printmend's own camera. *Callipers*: twelve
-distances, each read with an error. A case *changes* a file where its model is not the healthy machine and a part comes
-out other than it went in; an *alarm* is whatever `learn` says beyond notes of places that were not seen, or a fault.
+distances, each read with an error. With --json a run that was cut off goes on where it ended. A case *changes* a file
+where its model is not the healthy machine and a part comes out other than it went in; an *alarm* is whatever `learn`
+says beyond notes of places that were not seen, or a fault.
 """
 
 import argparse
@@ -149,19 +150,22 @@ def judge(kind: str, seed: int, number: int, folder: Path) -> dict:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", type=Path, help="also write every case to this file, a line each")
+    parser.add_argument("--json", type=Path, help="write every case to this file, a line each; those in it are not run")
     for option in ("--traces", "--scans", "--pictures", "--photos", "--callipers"):
         parser.add_argument(option, type=int, default=0, help="how many of these")
     options = parser.parse_args()
+    lines = options.json.read_text().splitlines() if options.json is not None and options.json.exists() else []
+    done = {(row["seed"], row["kind"], row["number"]): row for row in map(json.loads, lines)}
     rows: list[dict] = []
     with tempfile.TemporaryDirectory() as folder:
         for kind in KINDS:
             for number in range(getattr(options, kind)):
-                row = judge(kind, options.seed, number, Path(folder))
+                if (row := done.get((options.seed, kind, number))) is None:
+                    row = {"seed": options.seed, **judge(kind, options.seed, number, Path(folder))}
+                    if options.json is not None:
+                        with options.json.open("a") as handle:
+                            handle.write(json.dumps(row) + "\n")
                 rows.append(row)
-                if options.json is not None:
-                    with options.json.open("a") as handle:
-                        handle.write(json.dumps(row) + "\n")
                 if row["changed"] or row["alarm"] or not row["healthy"]:
                     about = (
                         f"{kind} {number} {row['printer']}: changed {row['changed']}, {row['misfits']}, {row['said']}"

@@ -67,8 +67,9 @@ def klipper(files: Files, printer: Printer, bed: np.ndarray) -> np.ndarray:
         side = np.sqrt(2 * ac**2 + 2 * bd**2 - 4 * ad**2) / 2
         tangent = np.tan(np.pi / 2 - np.arccos((ac**2 - side**2 - ad**2) / (2 * side * ad)))
     motors = printer.to_motor(bed - np.outer(tangent * bed[:, 1], [1, 0]))
-    distances = [float(re.search(rf"\[stepper_{a}\]\nrotation_distance: ([\d.]+)", text)[1]) for a in "xy"]
-    return motors * [axis.mm_per_turn / d for axis, d in zip(printer.axes[:2], distances, strict=True)]
+    said = [re.search(rf"\[stepper_{a}\]\nrotation_distance: ([\d.]+)", text) for a in "xy"]  # none where it is right
+    turns = [axis.mm_per_turn for axis in printer.axes[:2]]
+    return motors * [turn / float(line[1]) if line else 1.0 for turn, line in zip(turns, said, strict=True)]
 
 
 def linuxcnc(files: Files, printer: Printer, bed: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
+from matplotlib.ticker import MaxNLocator
 
 from printmend.draw.drive import ENLARGED
 from printmend.draw.figure import ERROR_COLOURS, INK, PALETTE, fit_view
@@ -38,6 +39,7 @@ def draw_layer_errors(axes: Axes, before_mm: Sequence[float], after_mm: Sequence
     axes.plot(at, before_mm, style, color=PALETTE[1], linewidth=1.5, markersize=4, label="as it is")
     axes.plot(at, after_mm, style, color=PALETTE[3], linewidth=1.5, markersize=4, label="mended")
     axes.set_ylim(0, 1.15 * max([*before_mm, *after_mm, 1e-3]))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("layer", fontsize=8)
     axes.set_ylabel("typical distance [mm]", fontsize=8)
     axes.legend(fontsize=8, frameon=False)

@@ -88,6 +88,8 @@ def export_klipper(mechanism: Mechanism, simple: Simple | None = None) -> Export
         "# Compare each value with the one in your printer.cfg and keep a copy of that file: it undoes all of this."
     ]
     for motor, name in enumerate(("stepper_x", "stepper_y")):
+        if simple.gain[motor] == 1.0:
+            continue
         turn_mm = printer.axes[motor].mm_per_turn
         distance = turn_mm * simple.gain[motor]
         lines += [f"[{name}]", f"rotation_distance: {distance:.6f}", f"# to undo: rotation_distance: {turn_mm:.6f}", ""]

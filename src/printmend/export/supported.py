@@ -67,8 +67,10 @@ def _judged(model: SavedModel, export: Export, names: tuple[str, ...], left_out:
 
 
 def _why(name: str, gain_mm: float, doubt_mm: float) -> str:
+    if gain_mm <= -GAIN_MM:
+        return f"{name} alone would make prints {-gain_mm:.3f} mm worse, typically, over the bed"
     if gain_mm < GAIN_MM:
-        return f"{name} would not help (by {gain_mm:+.3f} mm over the bed)"
+        return f"{name} would help by less than {GAIN_MM:.3f} mm over the bed"
     return f"{name} is not known well enough (± {SURE * doubt_mm:.3f} mm over the bed)"
 
 
