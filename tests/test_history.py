@@ -69,6 +69,23 @@ def test_the_range_of_the_date_holds_the_truth():
     assert np.median(np.abs(off)) < 0.2
 
 
+def test_what_has_passed_a_tenth_of_a_millimetre_says_so_and_when(tmp_path):
+    """It was dated before; once it is passed nobody may read that only half a millimetre matters."""
+    (grown,) = trends_of([event(month, 0.03 + 0.0125 * month, 0.004) for month in range(10)])
+    assert grown.words.startswith("0.142 mm now, grows by 0.012 mm a month; it passed 0.10 mm about June 2026: since")
+    assert "It will reach 0.50 mm about" in grown.words
+    assert grown.json()["passed"]["when"] == (START + 5.6 * MONTH).date().isoformat()
+    (steady,) = trends_of([event(month, 0.3, 0.004) for month in range(4)])
+    assert "and steady; it passed 0.10 mm before the first measurement" in steady.words
+    assert "Tighten the belt" in steady.words
+    (two,) = trends_of([event(0, 0.05, 0.004), event(1, 0.15, 0.004)])
+    assert two.passed.when_s == pytest.approx((START + 0.5 * MONTH).timestamp())
+    (severe,) = trends_of([event(month, 0.4 + 0.05 * month, 0.004) for month in range(5)])
+    assert "it passed 0.50 mm about March 2026" in severe.words
+    assert severe.crossing_s is None
+    draw_history(tmp_path / "wear.png", (grown, steady, two, severe))
+
+
 def test_a_repair_begins_anew_and_what_is_steady_stays(tmp_path):
     worn = [event(month, 0.1 + 0.05 * month, 0.004) for month in range(5)]
     mended = [event(5 + month, 0.03, 0.004) for month in range(3)]

@@ -14,7 +14,8 @@ from printmend.draw.figure import INK
 @dataclass(frozen=True, eq=False)
 class Wear:
     """One fault over time: ``time_s`` [K] since 1970, ``size`` and ``sd`` [K] in ``unit``; the ``line`` of its trend as
-    two (time, size), the ``level`` that matters and the range of time in which it is reached; None where not known."""
+    two (time, size), each of the ``levels`` that matter with what it means, when the first was ``passed_s``, and the
+    range of time ``reached_s`` in which the last will be; None where not known."""
 
     title: str
     unit: str
@@ -22,7 +23,8 @@ class Wear:
     size: Sequence[float]
     sd: Sequence[float]
     line: tuple[tuple[float, float], tuple[float, float]] | None
-    level: float | None
+    levels: Sequence[tuple[float, str]]
+    passed_s: float | None
     reached_s: tuple[float, float] | None
 
 
@@ -35,18 +37,26 @@ def draw_wear(axes: Axes, wear: Wear, colour: str) -> Axes:
     if wear.line is not None:
         (first, low), (last, high) = wear.line
         axes.plot([_date(first), _date(last)], [low, high], color=colour, linewidth=1.5, label="trend")
-    if wear.level is not None:
-        axes.axhline(wear.level, color=INK, linewidth=1, linestyle="--", label="matters from here on")
+    for (level, means), style in zip(wear.levels, ("--", ":"), strict=False):
+        axes.axhline(level, color=INK, linewidth=1, linestyle=style)
+        passed = wear.line is None or level <= wear.line[1][1] - 1e-9  # then the trend leaves the right end free
+        axes.annotate(
+            means, (1.0 if passed else 0.0, level), xycoords=("axes fraction", "data"), xytext=(-4, -10) if passed else (4, 3),
+            textcoords="offset points", ha="right" if passed else "left", fontsize=8, color=INK,
+        )  # fmt: skip
+    if wear.passed_s is not None:
+        axes.plot(_date(wear.passed_s), wear.levels[0][0], "X", color=INK, markersize=9, zorder=4, label="passed here")
     if wear.reached_s is not None:
-        axes.axvspan(_date(wear.reached_s[0]), _date(wear.reached_s[1]), color=colour, alpha=0.12)
+        first, last = map(_date, wear.reached_s)
+        axes.axvspan(first, last, color=colour, alpha=0.12, label="will be reached, 90 % range")
     axes.xaxis_date()
     axes.set_title(wear.title, color=INK, fontsize=11)
     axes.set_ylabel(wear.unit, color=INK)
-    axes.set_ylim(bottom=0)
-    locator = dates.AutoDateLocator(maxticks=6)
+    axes.set_ylim(bottom=0, top=1.12 * axes.get_ylim()[1])
+    locator = dates.AutoDateLocator(minticks=3, maxticks=7)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
-    axes.legend(fontsize=8, frameon=False)
+    axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
     axes.spines[["top", "right"]].set_visible(False)
     return axes
 

@@ -2,7 +2,8 @@
 
 The history of printer.mend.json is printer.mend.history.jsonl. Each line has its ``event`` (learned, updated or
 verified), ``time`` and the ``model`` that resulted. A fault's trend is a straight line through its sizes since the last
-repair, each weighed by its doubt; it matters from the size on at which a print is off by a tenth of a millimetre.
+repair, each weighed by its doubt. Two sizes matter: the one at which a print is off by a tenth of a millimetre for it,
+and the one at which it is off by half a millimetre, which is the time for a repair.
 """
 
 import json
@@ -10,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,6 +20,9 @@ from printmend.diagnosis.diagnosis import Fault
 from printmend.errors import ModelError
 from printmend.files import read_text, replacing
 from printmend.saved.model import SavedModel
+
+if TYPE_CHECKING:
+    from printmend.draw.history import Wear
 
 YEAR_S = 365.25 * 86400.0
 LEAST_SD = 0.003  # of a fault's size [mm, % or °]: two prints of one machine differ by this
@@ -42,16 +46,29 @@ class Size:
 
 
 @dataclass(frozen=True)
+class Passed:
+    """A size that a fault has passed: ``level``, at which a print is off by ``effect_mm``, and ``when_s`` since 1970;
+    None where it was passed before the first measurement."""
+
+    level: float
+    effect_mm: float
+    when_s: float | None
+
+
+@dataclass(frozen=True)
 class Trend:
-    """A fault over time: its ``sizes``, the first of the trend ``since``, growth ``per_month`` ± ``per_month_sd``, the
-    size ``level`` that matters, and when it is reached: ``crossing_s`` and its range, None where it is not in sight."""
+    """A fault over time: its ``sizes``, the first of the trend ``since``, growth ``per_month`` ± ``per_month_sd``, what
+    it has ``passed``, the next size ``level`` that matters, at which a print is off by ``effect_mm``, and when that is
+    reached: ``crossing_s`` and its range, None where it is not in sight."""
 
     fault: Fault
     sizes: tuple[Size, ...]
     since: int
     per_month: float
     per_month_sd: float
+    passed: Passed | None
     level: float
+    effect_mm: float
     crossing_s: float | None
     earliest_s: float | None
     latest_s: float | None
@@ -59,7 +76,7 @@ class Trend:
     @property
     def name(self) -> str:
         """The part and what is wrong with it."""
-        return f"{self.fault.part} {self.fault.kind}"
+        return f"{_part_of(self.fault.part)} {self.fault.kind}"
 
     @property
     def is_sure(self) -> bool:
@@ -68,31 +85,53 @@ class Trend:
 
     @property
     def words(self) -> str:
-        """Say where it leads, and what to do."""
-        advice, unit = advise(replace(self.fault, value=self.level)), self.fault.unit
-        size = abs(self.fault.value)
+        """Say how large it is, what it has passed, where it leads, and what to do."""
+        unit, size = self.fault.unit, abs(self.fault.value)
+        said = f"{size:.3f} {unit} now"
         if len(self.sizes) - self.since < LEAST_RUN:
-            return f"{size:.3f} {unit} now; three measurements since the last repair tell a trend"
-        if not self.is_sure:
-            return f"{size:.3f} {unit} now, and steady"
-        grows = f"{size:.3f} {unit} now, {'grows' if self.per_month > 0 else 'shrinks'} by {abs(self.per_month):.3f} "
-        grows += f"{unit} a month"
+            said += "; three measurements since the last repair tell a trend"
+        elif not self.is_sure:
+            said += ", and steady"
+        else:
+            said += f", {'grows' if self.per_month > 0 else 'shrinks'} by {abs(self.per_month):.3f} {unit} a month"
+        return f"{said}{self._passed_words}{self._ahead_words}"
+
+    @property
+    def _passed_words(self) -> str:
+        if self.passed is None:
+            return ""
+        when = "before the first measurement" if self.passed.when_s is None else f"about {_month(self.passed.when_s)}"
+        means = f"since then prints are off by {self.passed.effect_mm:g} mm or more for it"
+        return f"; it passed {self._said(self.passed.level)} {when}: {means}. {self._advice(self.fault.value)}"
+
+    @property
+    def _ahead_words(self) -> str:
         if self.crossing_s is None:
-            return grows
-        if self.earliest_s is None:
-            return f"{grows}; it will reach {self.level:.2f} {unit} about {_month(self.crossing_s)}: {advice.repair}"
-        late = "not for years" if self.latest_s is None else _month(self.latest_s)
-        return (
-            f"{grows}; it will reach {self.level:.2f} {unit} about {_month(self.crossing_s)} (between "
-            f"{_month(self.earliest_s)} and {late}): {advice.repair}"
-        )
+            return ""
+        said = f"it will reach {self._said(self.level)} about {_month(self.crossing_s)}"
+        if self.earliest_s is not None:
+            late = "not for years" if self.latest_s is None else _month(self.latest_s)
+            said += f" (between {_month(self.earliest_s)} and {late})"
+        if self.passed is None:
+            return f"; {said}, and prints off by {self.effect_mm:g} mm for it: {self._advice(self.level)}"
+        return f" {said[0].upper()}{said[1:]}, and prints off by {self.effect_mm:g} mm"
+
+    def _said(self, level: float) -> str:
+        return f"{level:.2f} {self.fault.unit}"
+
+    def _advice(self, size: float) -> str:
+        return advise(replace(self.fault, value=size)).repair
 
     def json(self) -> dict[str, Any]:
         """Return plain values."""
         return {
             "part": self.fault.part, "kind": self.fault.kind, "unit": self.fault.unit,
             "sizes": [{"time": _iso(one.time_s), "value": one.value, "sd": one.sd} for one in self.sizes],
-            "per_month": self.per_month, "per_month_sd": self.per_month_sd, "level": self.level,
+            "per_month": self.per_month, "per_month_sd": self.per_month_sd,
+            "passed": None if self.passed is None else {
+                "level": self.passed.level, "effect_mm": self.passed.effect_mm, "when": _iso(self.passed.when_s),
+            },
+            "level": self.level, "effect_mm": self.effect_mm,
             "crossing": _iso(self.crossing_s), "earliest": _iso(self.earliest_s), "latest": _iso(self.latest_s),
         }  # fmt: skip
 
@@ -238,26 +277,50 @@ def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
         if sizes[k].value < REPAIRED * sizes[k - 1].value and fell > 4 * np.hypot(sizes[k].sd, sizes[k - 1].sd):
             since = k
     fault = Fault(part, kind, sizes[-1].value, sizes[-1].sd, unit, "")
-    level = _level(fault, SOON_MM)
-    if sizes[-1].value >= level:
-        level = _level(fault, REPAIR_MM)
     run = sizes[since:]
     if len(run) < LEAST_RUN:
-        return Trend(fault, sizes, since, 0.0, np.inf, level, None, None, None)
+        passed, ahead_mm = _passed(fault, run, None)
+        return Trend(fault, sizes, since, 0.0, np.inf, passed, _level(fault, ahead_mm), ahead_mm, None, None, None)
     now = run[-1].time_s
     months = np.array([(one.time_s - now) / (YEAR_S / 12) for one in run])
     values, sd = np.array([one.value for one in run]), np.array([one.sd for one in run])
     columns = np.stack([np.ones(len(run)), months], axis=1) / sd[:, None]
     covariance = np.linalg.pinv(columns.T @ columns)
-    here, slope = covariance @ (columns.T @ (values / sd))
+    here, slope = (float(one) for one in covariance @ (columns.T @ (values / sd)))
     misfit = float(np.sum(((values - here - slope * months) / sd) ** 2) / max(len(run) - 2, 1))
     covariance = covariance * max(misfit, 1.0)
     slope_sd = float(np.sqrt(covariance[1, 1]))
-    fault = Fault(part, kind, float(max(here, 0.0)), float(np.sqrt(covariance[0, 0])), unit, "")
+    fault = Fault(part, kind, max(here, 0.0), float(np.sqrt(covariance[0, 0])), unit, "")
+    grows = slope > SURE * slope_sd
+    passed, ahead_mm = _passed(fault, run, slope if grows else None)
+    level = _level(fault, ahead_mm)
     crossing = earliest = latest = None
-    if slope > SURE * slope_sd and here < level:
-        crossing, earliest, latest = _crossing(float(here), float(slope), covariance, level, now)
-    return Trend(fault, sizes, since, float(slope), slope_sd, level, crossing, earliest, latest)
+    if grows and here < level:
+        crossing, earliest, latest = _crossing(here, slope, covariance, level, now)
+    return Trend(fault, sizes, since, slope, slope_sd, passed, level, ahead_mm, crossing, earliest, latest)
+
+
+def _passed(fault: Fault, run: Sequence[Size], slope: float | None) -> tuple[Passed | None, float]:
+    """Return what a fault has passed, and by how many mm it shifts a print at the next size that matters.
+
+    Where it grows by ``slope`` a month its trend says when; else the straight line between the last measurement of
+    ``run`` that was smaller and the next.
+    """
+    effects_mm = [effect_mm for effect_mm in (SOON_MM, REPAIR_MM) if fault.value >= _level(fault, effect_mm)]
+    ahead_mm = REPAIR_MM if effects_mm else SOON_MM
+    if not effects_mm:
+        return None, ahead_mm
+    level = _level(fault, effects_mm[-1])
+    when_s = None
+    if slope is not None:
+        when_s = run[-1].time_s - (fault.value - level) / slope * YEAR_S / 12
+    elif smaller := [k for k, one in enumerate(run[:-1]) if one.value < level]:
+        before, after = run[smaller[-1]], run[smaller[-1] + 1]
+        share = (level - before.value) / max(after.value - before.value, 1e-9)
+        when_s = before.time_s + min(max(share, 0.0), 1.0) * (after.time_s - before.time_s)
+    if when_s is not None and when_s <= run[0].time_s:
+        when_s = None
+    return Passed(level, effects_mm[-1], when_s), ahead_mm
 
 
 def _crossing(
@@ -290,6 +353,11 @@ def _iso(time_s: float | None) -> str | None:
     return None if time_s is None else datetime.fromtimestamp(time_s, UTC).date().isoformat()
 
 
+def _part_of(part: str) -> str:
+    """Return a part as it is written: a motor in capitals, the frame as a word."""
+    return part.upper() if len(part) == 1 else part
+
+
 def _month(time_s: float) -> str:
     return datetime.fromtimestamp(time_s, UTC).strftime("%B %Y")
 
@@ -297,31 +365,40 @@ def _month(time_s: float) -> str:
 def draw_history(path: Path, trends: Sequence[Trend]) -> None:
     """Draw the worst faults over time into a PNG."""
     from printmend.draw.figure import PALETTE, new_figure, save
-    from printmend.draw.history import Wear, draw_wear
+    from printmend.draw.history import draw_wear
 
     shown = trends[:MOST_DRAWN]
     figure, axes = new_figure(max(len(shown), 1), width_in=4.6, height_in=3.8)
     for one, trend, colour in zip(axes, shown, PALETTE, strict=False):
-        last, line, reached = trend.sizes[-1].time_s, None, None
-        farthest = last + DRAWN_YEARS * YEAR_S
-        if trend.is_sure:
-            ends = trend.sizes[trend.since].time_s, min(trend.crossing_s or last, farthest)
-            low, high = (trend.fault.value + trend.per_month * (end - last) / (YEAR_S / 12) for end in ends)
-            line = (ends[0], low), (ends[1], high)
-        if trend.earliest_s is not None:
-            reached = trend.earliest_s, min(trend.latest_s or farthest, farthest)
-        sizes = trend.sizes
-        level = None if trend.crossing_s is None else trend.level
-        wear = Wear(
-            trend.name, trend.fault.unit, [one.time_s for one in sizes], [one.value for one in sizes],
-            [one.sd for one in sizes], line, level, reached,
-        )  # fmt: skip
-        draw_wear(one, wear, colour)
+        draw_wear(one, _drawn(trend), colour)
     if not shown:
         axes[0].set_title("no fault was ever found")
         axes[0].axis("off")
     figure.tight_layout()
     save(figure, path)
+
+
+def _drawn(trend: Trend) -> "Wear":
+    """Return what the picture of a fault shows: the sizes that matter where it has passed one, or will."""
+    from printmend.draw.history import Wear
+
+    last, line, reached = trend.sizes[-1].time_s, None, None
+    farthest = last + DRAWN_YEARS * YEAR_S
+    if trend.is_sure:
+        ends = trend.sizes[trend.since].time_s, min(trend.crossing_s or last, farthest)
+        low, high = (trend.fault.value + trend.per_month * (end - last) / (YEAR_S / 12) for end in ends)
+        line = (ends[0], low), (ends[1], high)
+    if trend.earliest_s is not None and trend.earliest_s < farthest:
+        reached = trend.earliest_s, min(trend.latest_s or farthest, farthest)
+    levels = [] if trend.crossing_s is None else [(trend.level, trend.effect_mm)]
+    if trend.passed is not None:
+        levels.insert(0, (trend.passed.level, trend.passed.effect_mm))
+    unit, sizes = trend.fault.unit, trend.sizes
+    return Wear(
+        trend.name, unit, [one.time_s for one in sizes], [one.value for one in sizes], [one.sd for one in sizes], line,
+        [(level, f"{level:.2f} {unit}: prints off by {effect_mm:g} mm") for level, effect_mm in levels],
+        None if trend.passed is None else trend.passed.when_s, reached,
+    )  # fmt: skip
 
 
 def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
@@ -335,7 +412,8 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
             )
         else:
             faults = [
-                f"{one['part']} {one['kind']} {abs(one['value']):.3f} {one['unit']}" for one in event.get("faults", [])
+                f"{_part_of(one['part'])} {one['kind']} {abs(one['value']):.3f} {one['unit']}"
+                for one in event.get("faults", [])
             ]
             said = ", ".join(faults) or "healthy"
         rows.append((_iso(event["seconds"]) or "", str(event.get("event", "")), said))
