@@ -100,7 +100,7 @@ def test_only_a_part_is_measured():
     raft = read_gcode(text.replace(";LAYER_CHANGE", ";LAYER:-2").encode(), printer=PRINTER)
     with pytest.raises(GcodeError, match="raft"):
         read_walls(raft, PRINTER)
-    with pytest.raises(GcodeError, match="1 layers"):
+    with pytest.raises(GcodeError, match="got 1 layer;"):
         read_walls(read_gcode(text.encode(), printer=PRINTER), PRINTER, layer=3)
 
 
@@ -118,6 +118,16 @@ def test_the_first_layer_is_a_print_of_its_own(tmp_path):
     assert np.array_equal(alone.moves.end_mm[alone.moves.extruding], whole.moves.end_mm[first])
     assert alone.text.tobytes().endswith(b"M104 S0\nM140 S0\nM107\n")
     assert b"the first layer of a part" in (tmp_path / "first-how-to.pdf").read_bytes()
+    # what `measure` would refuse is not printed first
+    square = "G1 X90 Y50 E2\nG1 X90 Y90 E2\nG1 X50 Y90 E2\nG1 X50 Y50 E2\n"
+    brim = f"G28\nM83\nG1 Z0.2\n;LAYER_CHANGE\n;TYPE:Brim\nG0 X50 Y50\n{square}G1 Z0.4\n;LAYER_CHANGE\n{square}"
+    for text, said in ((brim, "only brim; slice it without brim"), ((tmp_path / "first.gcode").read_text(), "ours")):
+        (tmp_path / "part.gcode").write_text(text)
+        with pytest.raises(GcodeError, match=said):
+            CliRunner().invoke(
+                command, ["--first-layer", str(tmp_path / "part.gcode"), "-o", str(tmp_path / "no.gcode")],
+                catch_exceptions=False,
+            )  # fmt: skip
     for option in (["--net"], ["--pen"], ["--sheets", "2"]):
         refused = CliRunner().invoke(
             command, ["--first-layer", "part.gcode", "-o", str(tmp_path / "no.gcode"), *option]

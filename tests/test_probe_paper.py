@@ -13,11 +13,14 @@ from printmend.measure import read_plan
 from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
 from printmend.printer import read_printer
+from printmend.probe import design_probe
 from printmend.probe.layout import glass_area_mm
+from printmend.probe.paper import on_paper, paper_for, papers_of
 from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_gcode
 from printmend.twin.scanner import DEFAULT, render_scan
+from printmend.units import A4_MM, LETTER_MM
 from tests import foreign_layer as foreign
 
 PRINTER = read_printer("ender3")
@@ -49,7 +52,8 @@ def test_a_pen_shows_what_plastic_would(tmp_path):
     text = gcode.read_text()
     assert not read_gcode(gcode, printer=PRINTER).moves.extrusion_mm.any()
     assert "\nM109" not in text
-    assert b"The file pauses twice" in leaflet(tmp_path, "with a pen on paper")
+    assert "tip 104 mm from its left edge, 4 mm from its front edge" in text
+    assert b"The file pauses twice" in leaflet(tmp_path, "with a pen on paper", "the paper lies where the pen draws")
     broken = Twin.of(
         Corruption((Drive(pulley=EccentricBore(0.3, 0.4), belt=Play(0.3)), Drive(belt=Play(0.2)))), PRINTER
     )
@@ -69,7 +73,10 @@ def test_a_pen_shows_what_plastic_would(tmp_path):
 def test_paper_and_glass_limit_the_pattern(tmp_path):
     gcode, plan = run(tmp_path, "--on", "paper", "--scanner", "letter")
     assert "G1 Z0.34" in gcode.read_text()
-    assert b"pauses" not in leaflet(tmp_path, "Tape a sheet of paper flat", "Black is best")
+    page = leaflet(
+        tmp_path, "Tape a sheet of paper \\(letter, upright\\) flat", "X 2, Y 0; 59 mm hang over", "Black is best"
+    )
+    assert b"pauses" not in page
     low, high = glass_area_mm(PRINTER, (215.9, 279.4))
     assert (plan.marks_mm >= low - 0.01).all()
     assert (plan.marks_mm <= high + 0.01).all()
@@ -94,15 +101,18 @@ def test_sheets_are_joined_by_the_dots_that_they_share(tmp_path):
     outcome = CliRunner().invoke(command, ["--printer", "ender3", "--on", "paper", "--scanner", "110x140", "--sheets",
                                            "2", "--marks", "150", "-o", str(tmp_path / "two.gcode")])  # fmt: skip
     assert outcome.exit_code == 0, outcome.output
-    assert "Sheet 2: tape it so that it covers X" in outcome.output
+    assert "Sheet 2 (110 × 140 mm (X × Y)): its left front corner at X" in outcome.output
     plan = read_plan(tmp_path / "two.json")
     printed, scans = np.empty((len(plan), 2)), []
     for number in (1, 2):
         dots, filament, _ = foreign.printed_dots(tmp_path / f"two-{number}.gcode", BROKEN)
         printed[plan.sheet_of == number - 1] = dots
         scans.append(tmp_path / f"scan-{number}.jpg")
-        scans[-1].write_bytes(foreign.plate(dots, _radii(filament, 1.0, 1.6), rng, angle=4.0 - 3 * number,
-                                            quarter=number - 1))  # fmt: skip
+        # the line at its start lies on the sheet, too; at its end a blob
+        prime = plan.sheets[number - 1].waypoints_mm[1:3]
+        radii = [*_radii(filament, 1.0, 1.6), 0.5]
+        scans[-1].write_bytes(foreign.plate(np.vstack([dots, prime[1:]]), radii, rng, angle=4.0 - 3 * number,
+                                            quarter=number - 1, threads=[prime]))  # fmt: skip
     with pytest.raises(ScanError, match="none of sheet 2"):
         measure_scans(scans[:1], plan)
     measured = measure_scans(scans[::-1], plan)
@@ -119,7 +129,7 @@ def test_sheets_are_joined_by_the_dots_that_they_share(tmp_path):
 def test_a_net_joins_the_dots_and_does_not_hide_them(tmp_path):
     rng = np.random.default_rng(4)
     gcode, plan = run(tmp_path, "--net", "--size", "70")
-    leaflet(tmp_path, "lift the frame")
+    leaflet(tmp_path, "joined by a net", "all comes off as one sheet")
     assert np.allclose(foreign.way(gcode)[0], plan.waypoints_mm[1:])
     dots, filament, threads = foreign.printed_dots(gcode, BROKEN)
     radii = _radii(filament, plan.dot_mm, plan.big_dot_mm)
@@ -136,6 +146,25 @@ def test_a_net_joins_the_dots_and_does_not_hide_them(tmp_path):
     (tmp_path / "photo.jpg").write_bytes(foreign.plate(dots, radii, rng, threads=threads, narrow=0.01))
     with pytest.raises(ScanError, match=r"narrows by 1\.\d% to one side, as a photo does"):
         measure_scans([tmp_path / "photo.jpg"], plan)
+
+
+@pytest.mark.parametrize("printer", ["ender3", "prusa-mini", "cr10s", "voron2-250"])
+def test_all_of_a_print_on_paper_lies_on_its_sheet(printer):
+    """The prime line is on the sheet, clear of its edge and of the dots, on small beds and on large ones."""
+    machine = read_printer(printer)
+    for size in (A4_MM, LETTER_MM, (120.0, 100.0)):
+        plan = design_probe(machine, glass_mm=size)
+        (paper,) = papers_of(plan, machine, size)
+        plan = on_paper(plan, machine, (paper,))
+        drawn = np.vstack([plan.waypoints_mm[1:3], plan.marks_mm])
+        assert (drawn >= paper.low_mm + 3.9).all()
+        assert (drawn <= paper.high_mm - 3.9).all()
+        assert plan.marks_mm[:, 1].min() - plan.waypoints_mm[1, 1] > 3.4
+        assert np.ptp(plan.waypoints_mm[1:3, 0]) > 80
+        assert paper.low_mm[1] >= machine.y.min_mm
+    with pytest.raises(ConfigError, match="wanted a sheet for dots over"):
+        papers_of(plan, machine, (60.0, 60.0))
+    assert paper_for((216.0, 297.0)) == A4_MM
 
 
 def test_sheets_that_could_not_be_joined_are_not_printed(tmp_path):

@@ -91,9 +91,9 @@ def command(
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
-    from printmend.probe.gcode import covered_mm
     from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, pen_and_paper, write_leaflet
     from printmend.probe.net import with_net
+    from printmend.probe.paper import on_paper, paper_for, papers_of
     from printmend.probe.pen import with_pen
     from printmend.probe.probe import gcode_of
     from printmend.probe.sheets import design_sheets
@@ -101,10 +101,10 @@ def command(
 
     if printer_name is None and sheet is None:
         raise click.UsageError("--printer says which bed the test print is for")
-    on_paper = pen or surface == "paper"
-    if net and on_paper:
+    papered = pen or surface == "paper"
+    if net and papered:
         raise click.UsageError("--net joins dots on a plate; on paper they are joined already")
-    if sheets > 1 and not on_paper:
+    if sheets > 1 and not papered:
         raise click.UsageError("--sheets is for --on paper or --pen")
     if sheets > 1 and (size_mm is not None or part_path is not None or design != "fixed"):
         raise click.UsageError("--sheets shows as much of the bed as it can: leave out --size, --for and --design")
@@ -120,8 +120,8 @@ def command(
     printer = read_printer(printer_name)
     part = read_gcode(part_path, printer=printer) if part_path else None
     trace = read_trace(after, printer=printer) if after else None
-    if on_paper:
-        glass = glass or A4_MM
+    if papered:
+        glass = paper_for(glass or A4_MM)
     if sheets > 1 and glass is not None:
         plan = design_sheets(printer, glass, sheets, marks=marks)
     else:
@@ -130,6 +130,9 @@ def command(
         )
     if net:
         plan = with_net(plan, printer)
+    papers = papers_of(plan, printer, glass) if papered and glass is not None else ()
+    if papers:
+        plan = on_paper(plan, printer, papers)
     if pen:
         plan = with_pen(plan)
     files = gcode_of(output, plan)
@@ -139,25 +142,28 @@ def command(
     start = printer.start_gcode and homed_start(printer.start_gcode, subject=f"start_gcode of {printer_name}")
     if start_path is not None:
         start = start_from(start_path)
-    plan_path = write_probe(
-        output, plan, extruder=extruder or printer.extruder, start_gcode=start, on_paper=surface == "paper"
-    )
+    plan_path = write_probe(output, plan, extruder=extruder or printer.extruder, start_gcode=start, papers=papers)
     minutes, grams = cost(plan)
     used = pen_and_paper(plan) if pen else f"{grams:.1f} g of PLA"
     click.echo(f"{' and '.join(map(str, files))}: {len(plan)} dots, {minutes:.0f} min, {used}")
-    if sheets > 1:
-        for number, one in enumerate(plan.sheets, start=1):
-            (x0, y0), (x1, y1) = covered_mm(one)
-            where = f"X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f}"
-            click.echo(f"Sheet {number}: tape it so that it covers {where}; print {files[number - 1].name} on it")
-    elif on_paper and size_mm is None and part is None and design == "fixed" and (unseen := _unseen(printer, plan)):
+    for number, (paper, file) in enumerate(zip(papers, files, strict=False), start=1):
+        which = f"Sheet {number}" if sheets > 1 else "The sheet"
+        click.echo(f"{which} ({paper.name}): {paper.place}; print {file.name} on it")
+    if (
+        papered
+        and sheets == 1
+        and size_mm is None
+        and part is None
+        and design == "fixed"
+        and (unseen := _unseen(printer, plan))
+    ):
         click.echo(unseen)
     error_mm = expected_error_mm(printer, plan, part=part, after=trace)
     click.echo(
         f"Expected error afterwards, {'of the part' if part else 'anywhere on the bed'}: {error_mm:.3f} mm, typically"
     )
     click.echo(f"{plan_path}: the plan; keep it for `printmend measure`")
-    page = write_leaflet(output, plan, printer, printer_name, on_paper=surface == "paper")
+    page = write_leaflet(output, plan, printer, printer_name, papers=papers)
     click.echo(f"{page}: what to do with it, on one page with pictures")
     if not pen:
         click.echo(PAPER_COLOURS if surface == "paper" else PLATE_COLOURS)
@@ -188,17 +194,23 @@ def _write_first_layer(part: Path, output: Path, printer_name: str | None) -> No
     from printmend.cli.outputs import spare
     from printmend.files import replacing
     from printmend.gcode.read import read_gcode
+    from printmend.measure.walls import read_walls
     from printmend.printer import read_printer
-    from printmend.probe.first_layer import first_layer
+    from printmend.probe.first_layer import STANDS_IN, first_layer
     from printmend.probe.leaflet import leaflet_of, write_layer_leaflet
 
     spare((output, leaflet_of(output)), (part,))
     printer = None if printer_name is None else read_printer(printer_name)
     program = read_gcode(part, printer=printer)
     text = first_layer(program)
+    walls = read_walls(program, printer or read_printer(STANDS_IN))
     with replacing(output, "wb") as file:
         file.write(text)
-    page = write_layer_leaflet(output, program, printer, printer_name or "NAME")
+    page = write_layer_leaflet(output, program, printer, printer_name, walls)
     click.echo(f"{output}: the first layer of {part.name}; print it, scan it, and run")
-    click.echo(f"printmend measure scan.png --gcode {output} --printer {printer_name or 'NAME'} -o trace.csv")
+    click.echo(f"printmend measure scan.png --gcode {output} --printer {printer_name or 'YOURS'} -o trace.csv")
+    if printer_name is None:
+        click.echo(
+            "YOURS is your printer's name (`printmend printer` lists them); with --printer the page shows its bed"
+        )
     click.echo(f"{page}: the same on one page, with pictures")

@@ -41,8 +41,9 @@ def draw_wear(axes: Axes, wear: Wear, colour: str) -> Axes:
         axes.axhline(level, color=INK, linewidth=1, linestyle=style)
         passed = wear.line is None or level <= wear.line[1][1] - 1e-9  # then the trend leaves the right end free
         axes.annotate(
-            means, (1.0 if passed else 0.0, level), xycoords=("axes fraction", "data"), xytext=(-4, -10) if passed else (4, 3),
-            textcoords="offset points", ha="right" if passed else "left", fontsize=8, color=INK,
+            means, (1.0 if passed else 0.0, level), xycoords=("axes fraction", "data"),
+            xytext=(-4, -10) if passed else (4, 3), textcoords="offset points", ha="right" if passed else "left",
+            fontsize=8, color=INK,
         )  # fmt: skip
     if wear.passed_s is not None:
         axes.plot(_date(wear.passed_s), wear.levels[0][0], "X", color=INK, markersize=9, zorder=4, label="passed here")

@@ -16,6 +16,7 @@ from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, Program
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.units import counted
 
 STEP_MM = 1.2  # between the places of a wall
 RASTER_MM = 0.06  # a pixel of the drawn layer
@@ -28,8 +29,10 @@ FILAMENTS_MM = (1.75, 2.85)
 USUAL_BEAD_MM, BEAD_RANGE_MM = 0.45, (0.2, 1.6)
 LEAST_PLACES = 60
 LEAST_PART_MM2 = 20.0
+SKIRT_MM = 2.5  # no skirt is wider
 _TYPE = re.compile(rb"^;[ \t]*(?:TYPE:|FEATURE:|FEATURE )[ \t]*([^\r\n]+)", re.MULTILINE | re.IGNORECASE)
 _NO_PART = re.compile(r"skirt|brim|raft|support|custom|prime|purge|wipe|tower", re.IGNORECASE)
+_NAMED = re.compile(r"skirt|brim|raft|support|tower")  # what an owner can switch off
 _RAFT_LAYER = re.compile(rb"^;LAYER:-\d", re.MULTILINE)
 
 
@@ -84,7 +87,7 @@ def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
     walls are too short to be measured.
     """
     moves = straightened(program.moves, CHORD_MM)
-    index, layers = _layer_of(program, moves, layer)
+    index, layers, has_skirt = _layer_of(program, moves, layer)
     path, part_of, homed = _waypoints(moves, printer)
     printed = np.flatnonzero(moves.extruding & (moves.layer == index) & (part_of >= 0))
     start, end = np.array(moves.start_mm[printed, :2]), np.array(moves.end_mm[printed, :2])
@@ -93,7 +96,7 @@ def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
     printed, start, end, length = printed[long], start[long], end[long], length[long]
     width = _widths(moves, printed, length, _height(moves, index))
     plastic, corner = _drawn(start, end, width)
-    plastic = _parts(plastic)
+    plastic = _parts(plastic, has_skirt=has_skirt)
     place = _places(printed, start, end, length)
     half = width[place.move] / 2
     keep, normals = [], []
@@ -118,12 +121,13 @@ def read_walls(program: Program, printer: Printer, *, layer: int = 1) -> Walls:
     return Walls(commanded, homed, rows[which], normal, half[either][which], plastic, corner, layer, layers, tall)
 
 
-def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int]:
-    """Return the layer's own number and how many there are; refuse what is no part."""
+def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int, bool]:
+    """Return the layer's own number, how many there are, and whether its slicer says that it has a skirt; refuse
+    what is no part."""
     numbers = np.unique(moves.layer[moves.extruding & (moves.layer >= 0)])
     if not 1 <= layer <= len(numbers):
         raise GcodeError(
-            program.name, wanted=f"a layer {layer}", came=f"{len(numbers)} layers", todo="say another --layer"
+            program.name, wanted=f"a layer {layer}", came=counted(len(numbers), "layer"), todo="say another --layer"
         )
     index = int(numbers[layer - 1])
     lines = moves.line[moves.layer == index]
@@ -133,13 +137,15 @@ def _layer_of(program: Program, moves: Moves, layer: int) -> tuple[int, int]:
     ahead = program.text[max(0, first - 400) : last].tobytes()
     kinds = [kind.decode("utf-8", "replace").strip() for kind in _TYPE.findall(ahead)]
     raft = layer == 1 and _RAFT_LAYER.search(program.text[: last + 1].tobytes()) is not None
-    if raft or (kinds and all(_NO_PART.search(kind) for kind in kinds)):
+    said = [kind for kind in kinds if kind.lower() != "custom"]  # whatever a program makes may call itself that
+    if raft or (said and all(_NO_PART.search(kind) for kind in kinds)):
         came = "a raft" if raft else ", ".join(sorted(set(kinds))).lower()
+        named = sorted(set(_NAMED.findall(came)))
         raise GcodeError(
             program.name, wanted=f"a part in layer {layer}", came=f"only {came}",
-            todo="slice it without raft, or scan and name a higher --layer",
+            todo=f"slice it without {' and '.join(named) or 'it'}, or scan and name a higher --layer",
         )  # fmt: skip
-    return index, len(numbers)
+    return index, len(numbers), any("skirt" in kind.lower() for kind in kinds)
 
 
 def _waypoints(moves: Moves, printer: Printer) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -202,11 +208,15 @@ def _drawn(start: np.ndarray, end: np.ndarray, width: np.ndarray) -> tuple[np.nd
     return cv2.morphologyEx(plastic, cv2.MORPH_CLOSE, closing).astype(bool), corner
 
 
-def _parts(plastic: np.ndarray) -> np.ndarray:
-    """Return the plastic without skirts and purge lines: pieces that lie around another, or are much thinner."""
+def _parts(plastic: np.ndarray, *, has_skirt: bool) -> np.ndarray:
+    """Return the plastic without skirts and purge lines: pieces that lie around another, or are much thinner.
+
+    Around a small part even a skirt is large: where there is one, what is as thin as a skirt and lies around another is
+    it.
+    """
     count, labels, stats, _ = cv2.connectedComponentsWithStats(plastic.astype(np.uint8), connectivity=8)
     areas = stats[:, cv2.CC_STAT_AREA] * RASTER_MM**2
-    keep = np.zeros(count, bool)
+    keep, skirts = np.zeros(count, bool), np.zeros(count, bool)
     filled = {}
     for one in range(1, count):
         outline, _ = cv2.findContours((labels == one).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
@@ -216,9 +226,11 @@ def _parts(plastic: np.ndarray) -> np.ndarray:
             areas[other] for other in range(1, count) if other != one
             and cv2.pointPolygonTest(filled[one], tuple(map(float, filled[other][0, 0])), False) > 0
         )  # fmt: skip
-        keep[one] = areas[one] >= LEAST_PART_MM2 and around < areas[one] / 2
+        wide_mm = areas[one] / (cv2.arcLength(filled[one], True) * RASTER_MM)
+        skirts[one] = around >= areas[one] / 2 or (has_skirt and around > 0 and wide_mm < SKIRT_MM)
+        keep[one] = areas[one] >= LEAST_PART_MM2 and not skirts[one]
     if not keep.any():
-        keep[1:] = True
+        keep[1:] = ~skirts[1:]
     return keep[labels]
 
 

@@ -5,9 +5,11 @@ import re
 import numpy as np
 
 from printmend.errors import GcodeError
-from printmend.gcode.mark import with_comment
+from printmend.gcode.container import HINT_BYTES
+from printmend.gcode.mark import find_test_print, with_comment
 from printmend.gcode.read import Program
 
+STANDS_IN = "ender3"  # where nobody said which printer: walls do not depend on it, only their history does
 _HEAD = b"; printmend first layer: of a part, to be printed unmended, scanned and measured"
 _ENDING = """\
 ; printmend: the rest of the part is left out
@@ -25,8 +27,13 @@ def first_layer(program: Program) -> bytes:
     """Return the G-code of a file up to the end of its first layer, with the heaters switched off after it.
 
     What the slicer noted of printer and firmware is kept. A comment at its head
-    says what it is (`gcode.mark`). Raises `GcodeError` for a file that prints nothing.
+    says what it is (`gcode.mark`). Raises `GcodeError` for a file that prints nothing, and for a test print of ours.
     """
+    if (kind := find_test_print(program.text[:HINT_BYTES].tobytes())) is not None:
+        raise GcodeError(
+            program.name, wanted="the file of a part", came=f"a test print of ours ({kind})",
+            todo="name the part; a test print is measured as it is",
+        )  # fmt: skip
     moves = program.moves
     printed = moves.extruding & (moves.layer >= 0)
     if not printed.any():

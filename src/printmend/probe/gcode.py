@@ -8,11 +8,11 @@ import numpy as np
 from printmend.measure.plan import ProbePlan
 from printmend.printer import Extruder
 from printmend.probe.net import strokes_of
+from printmend.probe.paper import Paper
 
 LAYER_MM, HOP_MM = 0.24, 0.8
 BEAD_MM = 0.8
 PAPER_MM = 0.1  # a sheet of 80 g/m²
-PAPER_EDGE_MM = 5.0  # from the outermost marks to the edge of what a sheet must cover
 FILAMENT_MM, PLA_G_PER_MM3 = 1.75, 1.24e-3
 TRAVEL_MM_S, PURGE_MM_S, LIFT_MM_S, EXTRUDE_MM_S = 120.0, 20.0, 10.0, 2.0
 # A dot uses 0.1 mm of filament: a longer retraction would chew each piece of it too often, a shorter one strings. The
@@ -29,7 +29,7 @@ PREAMBLE = """\
 ; Printed for: {printer}. Change the temperatures below for another material than PLA, and nothing after "dots".
 """
 PAPER = """\
-; Tape {sheet} flat onto the bed so that it covers X {x0:.0f} to {x1:.0f} and Y {y0:.0f} to {y1:.0f}.
+; Tape {sheet} of paper ({name}) flat onto the bed, {place}.
 ; The first layer is as much higher as paper is thick.
 """
 PLAIN_START = """\
@@ -70,21 +70,27 @@ def net_strokes(plan: ProbePlan) -> list[tuple[np.ndarray, float]]:
 
 
 def probe_gcode(
-    plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "", on_paper: bool = False, sheet: str = ""
+    plan: ProbePlan,
+    *,
+    extruder: Extruder = "bowden",
+    start_gcode: str = "",
+    paper: Paper | None = None,
+    sheet: str = "",
 ) -> str:
     """Return the file that prints ``plan``: after its start code, every way-point is the end of one G0 or G1, in order.
 
     ``extruder`` sets how far the filament is drawn back between dots. ``start_gcode`` takes the place of the plain
-    heating and homing; it must home, and end at the home position (`start.homed_start` sees to that). ``on_paper``
-    lays the dots on a sheet that is taped to the bed; ``sheet`` says which of several it is.
+    heating and homing; it must home, and end at the home position (`start.homed_start` sees to that). ``paper``
+    is the sheet on the bed that takes the dots; ``sheet`` says which of several it is.
     """
     layer_mm = NET_DOT_Z_MM if plan.net else LAYER_MM
-    first_mm = layer_mm + (PAPER_MM if on_paper else 0.0)
+    first_mm = layer_mm + (0.0 if paper is None else PAPER_MM)
     points = plan.waypoints_mm
     dots = {int(row): float(diameter) for row, diameter in zip(plan.rows, plan.diameter_mm, strict=True)}
     minutes, grams = cost(plan)
     head = PREAMBLE.format(marks=len(plan), minutes=minutes, grams=grams, printer=plan.printer)
-    lines = [head, _paper(sheet, plan) if on_paper else "", start_gcode or PLAIN_START, DOTS]
+    taped = "" if paper is None else PAPER.format(sheet=sheet or "a sheet", name=paper.name, place=paper.place)
+    lines = [head, taped, start_gcode or PLAIN_START, DOTS]
     lift, drop = f"G1 Z{HOP_MM + first_mm:g} F{LIFT_MM_S * 60:g}\n", f"G1 Z{first_mm:g} F{LIFT_MM_S * 60:g}\n"
     back_mm, back_feed = RETRACT_MM[extruder], f"F{RETRACT_MM_S * 60:g}"
     retract, restore = f"G1 E-{back_mm:g} {back_feed}\n", f"G1 E{back_mm:g} {back_feed}\n"
@@ -116,16 +122,6 @@ def probe_gcode(
             feed_mm_s = 0.0
     lines += [f"G1 Z10 F{LIFT_MM_S * 60:g}\n", CLOSING]
     return "".join(lines)
-
-
-def covered_mm(plan: ProbePlan) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners [2] of what a sheet of paper must cover: the marks and a margin."""
-    return plan.marks_mm.min(axis=0) - PAPER_EDGE_MM, plan.marks_mm.max(axis=0) + PAPER_EDGE_MM
-
-
-def _paper(sheet: str, plan: ProbePlan) -> str:
-    (x0, y0), (x1, y1) = covered_mm(plan)
-    return PAPER.format(sheet=sheet or "the sheet", x0=x0, x1=x1, y0=y0, y1=y1)
 
 
 def cost(plan: ProbePlan) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """One page in an owner's words beside every test print: what comes out, where home is, how to lay it on the scanner."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +9,14 @@ from printmend.files import replacing
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan
-from printmend.pdf import BLUE, GREY, PALE, RED, Page
+from printmend.measure.walls import RASTER_MM, Walls
+from printmend.pdf import BLACK, BLUE, GREY, PALE, RED, Page
 from printmend.printer import Printer
-from printmend.probe.gcode import cost, covered_mm
+from printmend.probe.gcode import cost
 from printmend.probe.net import strokes_of
+from printmend.probe.paper import Paper, first_touch_mm
 from printmend.probe.probe import gcode_of
+from printmend.units import A4_MM
 
 LEFT_MM, TOP_MM = 20.0, 22.0  # of the page; all above 260 mm, so that letter paper shows it, too
 BED_MM, GLASS_MM = 88.0, 62.0  # the longer side of the drawn bed, and of the drawn glass
@@ -39,44 +42,40 @@ def pen_and_paper(plan: ProbePlan) -> str:
     return "a pen and " + ("a sheet of paper" if len(plan.sheets) == 1 else f"{len(plan.sheets)} sheets of paper")
 
 
-def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *, on_paper: bool) -> Path:
-    """Write the page of a probe for a printer that its owner calls ``named``; return its path."""
+def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *, papers: Sequence[Paper] = ()) -> Path:
+    """Write the page of a probe for a printer that its owner calls ``named``; return its path.
+
+    ``papers`` are the sheets that take it, none for the plate.
+    """
     minutes, grams = cost(plan)
-    sheet = plan.pen or on_paper
-    kind = "with a pen on paper" if plan.pen else "on paper" if on_paper else "on the plate"
+    kind = "with a pen on paper" if plan.pen else "on paper" if papers else "on the plate"
     several = len(plan.sheets) > 1
     used = pen_and_paper(plan) if plan.pen else f"{grams:.1f} g of filament"
     files = ", ".join(one.name for one in gcode_of(gcode, plan))
     kind += f", {len(plan.sheets)} sheets" if several else ", joined by a net" if plan.net else ""
     page = Page()
     _title(page, f"Your test print, {kind}", f"{files}: {len(plan)} dots, about {minutes:.0f} min, {used}")
-    frames = [covered_mm(one) for one in plan.sheets] if several else []
-    strokes = [plan.waypoints_mm[first : last + 1] for first, last in strokes_of(plan)]
-    _bed(page, printer, strokes, plan.marks_mm, frames, dot_mm=1.2 if not plan.net else plan.big_dot_mm)
-    _glass(page, "The sheet, printed side down" if sheet else "The plate, dots down")
-    trace, seen = gcode.with_suffix(".csv").name, f"{gcode.stem}-seen.png"
-    scan = "Scan the sheet" if sheet else "Scan the plate, dots down, with the lid or dark paper behind it,"
-    if several:
-        scan = "Scan each sheet"
-    line = "." if plan.pen else ", and a line along the front edge at the start."
-    joined = (
-        "A plate or a pattern larger than the glass: scan it in two or three parts that overlap by a third, and name "
-        "all of them."
-    )
-    scans = " ".join(f"scan-{number}.png" for number in range(1, len(plan.sheets) + 1)) if several else "scan.png"
-    comes = f"What comes out is one layer of dots{line}"
-    if several:
-        comes = (
-            f"Print {files}, each onto a sheet of its own, and number the sheets. Where they overlap the same dots "
-            "come again: by them the sheets are joined."
-        )
+    net = [plan.waypoints_mm[first : last + 1] for first, last in strokes_of(plan)]
+    lines = [*net, *(sheet.waypoints_mm[1:3] for sheet in plan.sheets if not plan.pen)]
+    bed = _bed(page, printer, lines, plan.marks_mm, papers, dot_mm=1.2 if not plan.net else plan.big_dot_mm)
+    if plan.pen:
+        for sheet in plan.sheets:
+            _cross(page, bed(sheet.waypoints_mm[2]))
+    if papers:
+        _glass(page, "The sheet, printed side down", _sheet_shape(papers[0]))
     elif plan.net:
-        comes += " A thin net joins the dots: when the plate is cold, lift the frame, and all comes off as one sheet."
+        _glass(page, "The net, dots down", (np.ptp(net[0], axis=0), [stroke - net[0].min(axis=0) for stroke in net]))
+    else:
+        size = np.array([printer.x.length_mm, printer.y.length_mm])
+        _glass(page, "The plate, dots down", (size, []))
+    trace, seen = gcode.with_suffix(".csv").name, f"{gcode.stem}-seen.png"
+    scans = " ".join(f"scan-{number}.png" for number in range(1, len(plan.sheets) + 1)) if several else "scan.png"
     steps = [
-        *_before(plan, on_paper),
-        f"Print the file as it is: do not slice, scale or turn it. {comes}",
-        f"{scan} at 600 dpi, as PNG or as JPEG of the best quality. Any turn is read. A second scan, turned by a "
-        f"quarter, takes the scanner's own error off: name both. {'' if sheet else joined}",
+        *_before(plan, papers),
+        f"Print the file as it is: do not slice, scale or turn it. {_comes(plan, files)}",
+        f"{_scanned(plan, papers)} at 600 dpi, as PNG or as JPEG of the best quality. Any turn is read. A second scan, "
+        "turned by a quarter, takes the scanner's own error off: name both."
+        + ("" if papers else " What is larger than the glass: scan it in two or three parts that overlap by a third."),
         f"Measure:  printmend measure {scans} --probe {gcode.with_suffix('.json').name} -o {trace} --overlay {seen}",
         f"Learn:  printmend learn {trace} --printer {named}",
         "Mend:  printmend mend part.gcode -m printer.mend.json",
@@ -84,8 +83,35 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
     return _written(gcode, page, steps)
 
 
-def write_layer_leaflet(gcode: Path, part: Program, printer: Printer | None, named: str) -> Path:
-    """Write the page of a part's first layer; return its path. Without a printer only the part is drawn."""
+def _comes(plan: ProbePlan, files: str) -> str:
+    """Say what comes out of the printer."""
+    if len(plan.sheets) > 1:
+        return (
+            f"Print {files}, each onto a sheet of its own, and number the sheets. Where they overlap the same dots "
+            "come again: by them the sheets are joined."
+        )
+    if plan.net:
+        return (
+            "What comes out is one layer of dots on a thin net in a frame, and a line along the front edge. When the "
+            "plate is cold, lift the frame: all comes off as one sheet."
+        )
+    line = "" if plan.pen else ", and a line along the front edge at the start"
+    return f"What comes out is one layer of dots{line}."
+
+
+def _scanned(plan: ProbePlan, papers: Sequence[Paper]) -> str:
+    if papers:
+        return "Scan the sheet, printed side down," if len(papers) == 1 else "Scan each sheet, printed side down,"
+    if plan.net:
+        return "Scan the net, dots down, paper of another colour than the filament on top of it,"
+    return "Scan the plate, dots down, a cloth over it where the lid stays open,"
+
+
+def write_layer_leaflet(gcode: Path, part: Program, printer: Printer | None, named: str | None, walls: Walls) -> Path:
+    """Write the page of a part's first layer; return its path. Without a printer only the part is drawn.
+
+    ``walls`` are those of the layer: what is no part of them (a skirt, a purge line) is drawn paler.
+    """
     moves = straightened(part.moves, CHORD_MM)
     drawn = np.flatnonzero(moves.extruding & (moves.layer >= 0) & moves.known[:, :2].all(axis=1))
     drawn = drawn[moves.layer[drawn] == moves.layer[drawn].min()]
@@ -93,55 +119,77 @@ def write_layer_leaflet(gcode: Path, part: Program, printer: Printer | None, nam
     strokes = [
         np.vstack([moves.start_mm[run[:1], :2], moves.end_mm[run, :2]]) for run in np.split(drawn, breaks)
     ]  # fmt: skip
+    own = [stroke for stroke in strokes if _on_part(stroke, walls)]
     page = Page()
     _title(page, "Your test print, the first layer of a part", f"{gcode.name}: made from {Path(part.name).name}")
-    _bed(page, printer, strokes, np.empty((0, 2)))
-    _glass(page, "The layer, the side that lay on the bed down")
+    _bed(page, printer, own, np.empty((0, 2)), others_mm=[one for one in strokes if not _on_part(one, walls)])
+    every = np.vstack(own or strokes)
+    low = every.min(axis=0)
+    _glass(page, "The layer, the side that lay on the bed down", (np.ptp(every, axis=0), [one - low for one in own]))
     trace = gcode.with_suffix(".csv").name
+    whose = named or "YOURS"
     steps = [
         "Print the file as it is: do not slice, scale or turn it. One layer of the part comes out; the heaters go off "
         "by themselves.",
-        "Take it off when it is cold, as flat as you can. Leave a brim or skirt on the plate.",
+        "Take it off when it is cold, as flat as you can. A brim stays on it; a skirt or a purge line (grey in the "
+        "picture) does not come along.",
         "Scan the side that lay on the bed at 600 dpi, with paper of another colour behind it and a free margin all "
         "around. The front edge of a part that looks the same from several sides goes to the lower edge of the glass. "
         "No scanner? Lay it on the sheet of tags (printmend probe --sheet sheet.pdf), that side up, and take a photo "
         "from above.",
-        f"Measure:  printmend measure scan.png --gcode {gcode.name} --printer {named} -o {trace}",
-        f"Learn:  printmend learn {trace} --printer {named}",
+        *([] if named else ["For YOURS below write your printer's name; printmend printer lists them."]),
+        f"Measure:  printmend measure scan.png --gcode {gcode.name} --printer {whose} -o {trace}",
+        f"Learn:  printmend learn {trace} --printer {whose}",
         "Mend:  printmend mend part.gcode -m printer.mend.json",
     ]
     return _written(gcode, page, steps)
 
 
-def _before(plan: ProbePlan, on_paper: bool) -> list[str]:
+def _on_part(stroke_mm: np.ndarray, walls: Walls) -> bool:
+    """Say whether a stroke [N, 2] lies on the plastic of the part."""
+    middle = (stroke_mm[1:] + stroke_mm[:-1]) / 2
+    pixel = np.rint((middle - walls.corner_mm) / RASTER_MM).astype(int)
+    pixel = np.clip(pixel, 0, np.array(walls.plastic.shape[::-1]) - 1)
+    return bool(walls.plastic[pixel[:, 1], pixel[:, 0]].mean() > 0.5)
+
+
+def _before(plan: ProbePlan, papers: Sequence[Paper]) -> list[str]:
     """Return what must be done before the print begins."""
     if plan.pen:
-        return [
-            _taped(plan, "cold bed"),
-            "The file pauses twice: put a felt pen of 0.8 mm into its clip, loosely, tip up; then lower it until it "
-            "touches the paper, and fasten it. How far it sits from the nozzle does not matter.",
-        ]
+        return [_taped(plan, papers), *_with_a_pen(plan, papers)]
     heat = "Change the temperatures at the top of the file for another material than PLA."
-    if on_paper:
-        return [
-            _taped(plan, "bed"),
-            heat,
-            PAPER_COLOURS,
-        ]
+    if papers:
+        return [_taped(plan, papers), heat, PAPER_COLOURS]
     return [f"Clean the bed. {heat}", PLATE_COLOURS]
 
 
-def _taped(plan: ProbePlan, bed: str) -> str:
+def _with_a_pen(plan: ProbePlan, papers: Sequence[Paper]) -> list[str]:
+    """Say how the pen is put in, and the paper under it."""
+    touches = [first_touch_mm(sheet, paper) for sheet, paper in zip(plan.sheets, papers, strict=True)]
+    where = "; ".join(
+        dict.fromkeys(f"{left:.0f} mm from its left, {front:.0f} mm from its front" for left, front in touches)
+    )
+    return [
+        "The file pauses twice. First: put a felt pen of 0.8 mm into its clip, loosely, tip up. Then the nozzle stands "
+        f"above the cross in the picture: shift the paper until the pen's tip is above the cross ({where} edge), tape "
+        "its four corners, lower the pen until it touches, and fasten it.",
+        "How far the pen sits from the nozzle does not matter: the paper lies where the pen draws. A pen that sits far "
+        "in front draws beyond the bed's edge: then write a smaller print with --size.",
+    ]
+
+
+def _taped(plan: ProbePlan, papers: Sequence[Paper]) -> str:
     """Say where a sheet, or each of several, is taped."""
-    if len(plan.sheets) == 1:
-        return f"Tape a sheet of paper flat onto the middle of the {bed}, its edges outside the dots."
-    said = []
-    for number, one in enumerate(plan.sheets, start=1):
-        (x0, y0), (x1, y1) = covered_mm(one)
-        said.append(f"sheet {number} over X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f}")
+    bed = "cold bed" if plan.pen else "bed"
+    if len(papers) == 1:
+        (paper,) = papers
+        done = "Lay" if plan.pen else "Tape"
+        corners = "" if plan.pen else " by its four corners"
+        return f"{done} a sheet of paper ({paper.name}) flat onto the {bed}{corners}, {paper.place}."
+    said = [f"sheet {number}: {paper.place}" for number, paper in enumerate(papers, start=1)]
     return (
-        f"One sheet at a time: tape it flat onto the {bed}, print its file, take it off. The picture shows where each "
-        f"goes: {'; '.join(said)} (mm)."
+        f"One sheet at a time ({papers[0].name}): tape it flat onto the {bed}, print its file, take it off. "
+        f"The picture shows where each goes. {'; '.join(said)}."
     )
 
 
@@ -152,11 +200,14 @@ def _title(page: Page, title: str, below: str) -> None:
 
 def _bed(
     page: Page, printer: Printer | None, strokes_mm: Sequence[np.ndarray], marks_mm: np.ndarray,
-    frames_mm: Sequence[tuple[np.ndarray, np.ndarray]] = (), *, dot_mm: float = 1.2,
-) -> None:  # fmt: skip
-    """Draw the bed from above, its front edge below, what is printed on it, where each sheet is taped, and home."""
+    papers: Sequence[Paper] = (), *, dot_mm: float = 1.2, others_mm: Sequence[np.ndarray] = (),
+) -> Callable[[np.ndarray], np.ndarray]:  # fmt: skip
+    """Draw the bed from above, its front edge below, what is printed on it, where each sheet is taped, and home.
+
+    Returns where on the page a place [2] of the bed lies.
+    """
     if printer is None:
-        every = np.vstack(strokes_mm)
+        every = np.vstack([*strokes_mm, *others_mm])
         low, high = every.min(axis=0) - 10.0, every.max(axis=0) + 10.0
     else:
         low = np.array([printer.x.min_mm, printer.y.min_mm])
@@ -169,40 +220,78 @@ def _bed(
         return corner + np.stack([points[..., 0] - low[0], high[1] - points[..., 1]], axis=-1) * scale
 
     page.rectangle(corner, (width, height), PALE)
-    for stroke in strokes_mm:
-        page.line(placed(stroke), width_mm=0.45 * scale)
+    for paper in papers:
+        ends = placed(np.clip(np.array([paper.low_mm, paper.high_mm]), low, high))
+        page.rectangle((ends[0, 0], ends[1, 1]), np.abs(ends[1] - ends[0]), WHITE)
+    for strokes, colour in ((others_mm, GREY), (strokes_mm, BLACK)):
+        for stroke in strokes:
+            page.line(placed(stroke), colour, width_mm=0.45 * scale)
     page.dots(placed(marks_mm), max(dot_mm * scale, 0.4))
-    for number, (sheet_low, sheet_high) in enumerate(frames_mm):
-        ends = placed(np.clip(np.array([sheet_low, sheet_high]), low, high))
+    for number, paper in enumerate(papers):
+        ends = placed(np.clip(np.array([paper.low_mm, paper.high_mm]), low, high))
         inset, colour = 0.7 * number, SHEET_COLOURS[number]
         upper, size = np.array([ends[0, 0], ends[1, 1]]) + inset, np.abs(ends[1] - ends[0]) - 2 * inset
         page.frame(upper, size, colour, 0.6)
-        page.rectangle(upper + size * (0.06 + 0.38 * number, 0.06), (12.5, 4.6), WHITE)
-        page.words(upper + size * (0.06 + 0.38 * number, 0.06) + (0.8, 3.5), f"sheet {number + 1}", 9.0, colour=colour)
+        words = f"sheet {number + 1}" if len(papers) > 1 else "the sheet"
+        at = upper + size * (0.06 + 0.38 * number, 0.06)
+        page.rectangle(at, (14.5, 4.6), WHITE)
+        page.words((at[0] + 0.8, at[1] + 3.5), words, 9.0, colour=colour)
+        if len(papers) == 1:
+            at = np.array([upper[0] + 1.0, upper[1] + size[1] - 5.6])
+            page.rectangle(at, (18.0, 4.6), WHITE)
+            page.words(
+                (at[0] + 0.8, at[1] + 3.5), f"X {paper.low_mm[0]:.0f}, Y {paper.low_mm[1]:.0f}", 9.0, colour=colour
+            )
     front, x0 = PICTURES_MM + height, corner[0]
     _arrow(page, (x0, front + 4.0), (x0 + 25.0, front + 4.0))
     page.words((x0 + 27.0, front + 5.2), "X: the front edge", 9.0, colour=BLUE)
     _arrow(page, (x0 - 4.0, front), (x0 - 4.0, front - 25.0))
     page.words((x0 - 5.2, front - 27.0), "Y", 9.0, colour=BLUE)
-    words = "The bed from above"
+    words = "The bed from above" if printer is not None else "The part from above, as it lies on the bed"
     if printer is not None:
         home = placed(np.clip(np.array(printer.home_mm), low, high))
         page.dots(home[None], 3.0, RED)
         words += ". Red: home, where the nozzle goes first"
     page.words((x0, front + 11.0), words, 9.0, colour=GREY)
+    return placed
 
 
-def _glass(page: Page, words: str) -> None:
-    """Draw a scanner's open glass with a sheet on it, its print down."""
+def _cross(page: Page, at_mm: np.ndarray) -> None:
+    """Draw where a pen touches first."""
+    page.rectangle(at_mm - 2.2, (4.4, 4.4), WHITE)
+    for way in ([2.0, 2.0], [2.0, -2.0]):
+        page.line(np.array([at_mm - way, at_mm + way]), GREEN, 0.8)
+
+
+Shape = tuple[np.ndarray, Sequence[np.ndarray]]  # size [2] mm, and strokes [N, 2] mm from its left front corner
+
+
+def _sheet_shape(paper: Paper) -> Shape:
+    """Return a sheet as it goes onto the glass: its long side along that of the glass."""
+    return np.sort(np.array(paper.size_mm)), []
+
+
+def _glass(page: Page, words: str, shape: Shape) -> None:
+    """Draw a scanner's open A4 glass, and true to scale what lies on it, as it is seen from above."""
     x, y = 128.0, PICTURES_MM
-    size = np.array([GLASS_MM * 210 / 297, GLASS_MM])
+    (wide, high), strokes = shape
+    scale = min(GLASS_MM / A4_MM[1], 68.0 / max(wide, high))
+    size = np.array(A4_MM) * scale
     page.frame((x, y), size + 8.0, GREY, 0.8)
     page.rectangle((x + 4.0, y + 4.0), size, PALE)
-    print_low, print_size = np.array([x + 9.0, y + 12.0]), np.array([size[0] - 10.0, size[0] - 10.0])
-    page.frame(print_low, print_size, BLUE, 0.4)
-    page.words((print_low[0] + 3.0, print_low[1] + 15.0), "face down,", 9.0, colour=BLUE)
-    page.words((print_low[0] + 3.0, print_low[1] + 20.0), "free margin", 9.0, colour=BLUE)
-    page.words((x, y + GLASS_MM + 14.0), "On the scanner's glass:", 9.0, colour=GREY)
+    middle = np.array([x + 4.0, y + 4.0]) + size / 2
+    low = middle - np.array([wide, high]) * scale / 2
+    if strokes:
+        for stroke in strokes:
+            page.line(
+                low + np.stack([stroke[:, 0], high - stroke[:, 1]], axis=1) * scale, width_mm=max(0.45 * scale, 0.1)
+            )
+    else:
+        page.rectangle(low, np.array([wide, high]) * scale, WHITE)
+        page.frame(low, np.array([wide, high]) * scale, BLUE, 0.4)
+        page.words((middle[0] - 9.0, middle[1]), "its back:", 9.0, colour=BLUE)
+        page.words((middle[0] - 9.0, middle[1] + 5.0), "face down", 9.0, colour=BLUE)
+    page.words((x, y + GLASS_MM + 14.0), "On the scanner's glass (A4), true to scale:", 9.0, colour=GREY)
     page.words((x, y + GLASS_MM + 18.5), words, 9.0, colour=GREY)
 
 

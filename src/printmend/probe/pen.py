@@ -10,7 +10,7 @@ import numpy as np
 
 from printmend.measure.plan import ProbePlan, sheet_after_sheet
 from printmend.path import frozen
-from printmend.probe.gcode import covered_mm
+from printmend.probe.paper import Paper, first_touch_mm
 
 TIP_MM, BIG_MM = 0.8, 1.8  # diameters of what a felt pen leaves, and of a circle that it draws
 CORNERS = 8
@@ -39,21 +39,25 @@ def with_pen(plan: ProbePlan) -> ProbePlan:
     return replace(plan, waypoints_mm=frozen(np.vstack(points)), rows=rows, dot_mm=TIP_MM, big_dot_mm=BIG_MM, pen=True)
 
 
-def pen_gcode(plan: ProbePlan, *, sheet: str = "") -> str:
+def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "") -> str:
     """Return the file that draws ``plan``: every way-point is the end of one G0 or G1, in order.
 
-    ``sheet`` says which of several sheets it is.
+    It pauses where the pen touches first: there ``paper`` is laid under its tip, which sits beside the nozzle by what
+    nobody knows. ``sheet`` says which of several sheets it is.
     """
-    (x0, y0), (x1, y1) = covered_mm(plan)
+    name, place = "a sheet", "Shift the paper until all dots will lie on it; tape it"
+    if paper is not None:
+        name, (left, front) = f"{sheet or 'a sheet'} of paper ({paper.name})", first_touch_mm(plan, paper)
+        place = f"Shift the paper: tip {left:.0f} mm from its left edge, {front:.0f} mm from its front edge; tape it"
     points, dots = plan.waypoints_mm, dict(zip(plan.rows.tolist(), plan.big.tolist(), strict=True))
     up, down = (f"G1 Z{z:g} F{DOWN_MM_S * 60:g}\n" for z in (TOUCH_MM + LIFT_MM, TOUCH_MM - PRESS_MM))
     lines = [
         f"; printmend probe: {len(plan)} dots with a pen on paper. Printed for: {plan.printer}\n",
-        f"; Tape {sheet or 'the sheet'} flat onto the cold bed so that it covers X {x0:.0f} to {x1:.0f} and "
-        f"Y {y0:.0f} to {y1:.0f}.\n; Two pauses ask for the pen; where M0 does not pause, use yours.\n",
+        f"; Lay {name} onto the cold bed.\n; Two pauses ask for the pen; where M0 does not pause, use yours.\n",
         "G21\nG90\nG28\nG1 Z40 F600\n", "M0 Put the pen into its clip, loosely, with the tip up\n",
         f"G0 {_xy(points[1])} F{TRAVEL_MM_S * 60:g}\n", f"G0 {_xy(points[2])}\n",
-        f"G1 Z{TOUCH_MM:g} F600\n", "M0 Lower the pen until it touches the paper, and fasten it\n", up,
+        f"G1 Z{TOUCH_MM:g} F600\n", f"; {place}.\n",
+        "M0 Put the paper under the pen, lower the pen until it touches, and fasten it\n", up,
     ]  # fmt: skip
     row = 3
     while row < len(points):

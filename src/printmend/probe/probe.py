@@ -1,5 +1,6 @@
 """A probe print: from a printer to G-code and its plan."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from printmend.printer import Extruder, Printer
 from printmend.probe.gcode import probe_gcode
 from printmend.probe.information import belief_after, fall_of, information, prior_belief, still_unknown
 from printmend.probe.layout import MARKS, area_around_mm, glass_area_mm, lay_out, mark_area_mm, square_mm
+from printmend.probe.paper import Paper
 from printmend.probe.part_layer import layer_plan, longest_layer_mm
 from printmend.probe.pen import pen_gcode
 from printmend.probe.tiles import chosen_plans
@@ -111,11 +113,13 @@ def turns_covered(printer: Printer, plan: ProbePlan) -> tuple[float, float]:
 
 
 def write_probe(
-    path: str | Path, plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "", on_paper: bool = False
-) -> Path:
+    path: str | Path, plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "",
+    papers: Sequence[Paper] = (),
+) -> Path:  # fmt: skip
     """Write the G-code to ``path`` and the plan beside it; return the plan's path. The options are `probe_gcode`'s.
 
-    A plan `with_pen` becomes a drawing; of one for several sheets each has a file, `gcode_of`.
+    ``papers`` are the sheets of a plan `on_paper`. One `with_pen` becomes a drawing; each of several sheets
+    has a file, `gcode_of`.
     """
     path = Path(path)
     plan_path = path.with_suffix(".json")
@@ -123,12 +127,12 @@ def write_probe(
         for number, sheet in enumerate(plan.sheets, start=1):
             said = f"sheet {number} of {len(plan.sheets)}" if len(plan.sheets) > 1 else ""
             file = files.enter_context(replacing(gcode_of(path, plan)[number - 1]))
+            paper = papers[number - 1] if papers else None
             if sheet.pen:
-                file.write(pen_gcode(sheet, sheet=said))
+                file.write(pen_gcode(sheet, paper, sheet=said))
             else:
-                file.write(
-                    probe_gcode(sheet, extruder=extruder, start_gcode=start_gcode, on_paper=on_paper, sheet=said)
-                )
+                text = probe_gcode(sheet, extruder=extruder, start_gcode=start_gcode, paper=paper, sheet=said)
+                file.write(text)
     write_plan(plan_path, plan)
     return plan_path
 

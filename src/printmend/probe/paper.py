@@ -1,0 +1,103 @@
+"""Where sheets of paper are taped to the bed, and the prime line that begins a print on one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from printmend.errors import ConfigError
+from printmend.measure.plan import ProbePlan, approaches, sheet_after_sheet
+from printmend.path import frozen
+from printmend.printer import Printer
+from printmend.probe.layout import EDGE_MM, GLASS_EDGE_MM
+from printmend.probe.walk import PURGE_MM, code_of, snapped
+from printmend.units import A4_MM, LETTER_MM
+
+PRIME_EDGE_MM = 4.0  # from the sheet's edges to the prime line, or to where a pen first touches
+NAMES = {A4_MM: "A4", LETTER_MM: "letter"}
+SPARE_MM = 10.0  # of a scanner's glass beside the sheet that it is made for
+
+
+@dataclass(frozen=True, eq=False)
+class Paper:
+    """A sheet on the bed: its corners ``low_mm`` [2] and ``high_mm`` [2], and how far it hangs over the bed's back
+    edge, ``back_mm``."""
+
+    low_mm: np.ndarray
+    high_mm: np.ndarray
+    back_mm: float
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """Width along X and along Y."""
+        return (float(self.high_mm[0] - self.low_mm[0]), float(self.high_mm[1] - self.low_mm[1]))
+
+    @property
+    def name(self) -> str:
+        """What it is called, and which way round it lies."""
+        short, long = sorted(self.size_mm)
+        known = next((name for size, name in NAMES.items() if np.allclose(size, (short, long))), None)
+        way = "upright" if self.size_mm[1] >= self.size_mm[0] else "lying, its long side along X"
+        return f"{known}, {way}" if known else f"{self.size_mm[0]:g} × {self.size_mm[1]:g} mm (X × Y)"
+
+    @property
+    def place(self) -> str:
+        """Where its corner goes, and what hangs over."""
+        said = f"its left front corner at X {self.low_mm[0]:.0f}, Y {self.low_mm[1]:.0f}"
+        return said + (f"; {self.back_mm:.0f} mm hang over the back edge: fold them down" if self.back_mm > 0.5 else "")
+
+
+def paper_for(glass_mm: tuple[float, float]) -> tuple[float, float]:
+    """Return the sheet [mm] that goes onto a scanner's glass: A4 or letter where it is made for one, else all of it."""
+    for sheet in NAMES:
+        if all(0 <= glass - side <= SPARE_MM for glass, side in zip(glass_mm, sheet, strict=True)):
+            return sheet
+    return glass_mm
+
+
+def papers_of(plan: ProbePlan, printer: Printer, paper_mm: tuple[float, float]) -> tuple[Paper, ...]:
+    """Return where each sheet of a plan goes: upright or lying, as its dots fit, and on the bed as far as it can be.
+
+    Raises `ConfigError` for dots that a sheet cannot hold.
+    """
+    return tuple(_paper(one, printer, paper_mm) for one in plan.sheets)
+
+
+def _paper(plan: ProbePlan, printer: Printer, paper_mm: tuple[float, float]) -> Paper:
+    first, last = plan.marks_mm.min(axis=0), plan.marks_mm.max(axis=0)
+    bed = np.array([[axis.min_mm, axis.max_mm] for axis in (printer.x, printer.y)])
+    needed = last - first + 2 * (GLASS_EDGE_MM - 0.5)
+    ways = [np.array(way) for way in (paper_mm, paper_mm[::-1]) if (needed <= way).all()]
+    if not ways:
+        raise ConfigError(
+            "the paper", wanted=f"a sheet for dots over {last[0] - first[0]:.0f} × {last[1] - first[1]:.0f} mm",
+            came=f"{paper_mm[0]:g} × {paper_mm[1]:g} mm", todo="make --size smaller, or name a larger --scanner",
+        )  # fmt: skip
+    size = min(ways, key=lambda way: float(np.maximum(way - np.ptp(bed, axis=1), 0.0).sum()))
+    low = np.maximum(np.minimum((first + last - size) / 2, bed[:, 1] - size), bed[:, 0])
+    return Paper(low, low + size, max(float(low[1] + size[1] - bed[1, 1]), 0.0))
+
+
+def on_paper(plan: ProbePlan, printer: Printer, papers: Sequence[Paper]) -> ProbePlan:
+    """Return the plan with each sheet's prime line on the sheet itself, along its front edge."""
+    sheets = [_primed(one, printer, paper) for one, paper in zip(plan.sheets, papers, strict=True)]
+    return sheets[0] if len(sheets) == 1 else sheet_after_sheet(sheets)
+
+
+def _primed(plan: ProbePlan, printer: Printer, paper: Paper) -> ProbePlan:
+    bed = np.array([[axis.min_mm + EDGE_MM, axis.max_mm - EDGE_MM] for axis in (printer.x, printer.y)])
+    start = np.maximum(paper.low_mm + PRIME_EDGE_MM, bed[:, 0])
+    end = min(start[0] + PURGE_MM, paper.high_mm[0] - PRIME_EDGE_MM, bed[0, 1])
+    waypoints = plan.waypoints_mm.copy()
+    waypoints[1:3] = snapped(printer, np.array([start, [end, start[1]]]))
+    direction, reversal = approaches(waypoints)
+    big = code_of(printer, waypoints, plan.site)
+    return replace(
+        plan, waypoints_mm=frozen(waypoints), big=big, direction=direction[plan.rows], reversal_mm=reversal[plan.rows]
+    )
+
+
+def first_touch_mm(plan: ProbePlan, paper: Paper) -> tuple[float, float]:
+    """Return how far from the sheet's left and front edge the prime line ends, where a pen touches first."""
+    x, y = plan.waypoints_mm[2] - paper.low_mm
+    return float(x), float(y)
