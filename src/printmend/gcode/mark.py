@@ -9,8 +9,8 @@ import numpy as np
 import printmend
 from printmend.gcode.container import HINT_BYTES
 
-_MARK = re.compile(rb"(?:^|\r)(?:\xef\xbb\xbf)?; mended by printmend (\S+) model=(\S+)", re.MULTILINE)
-_E_RULE = re.compile(rb"(?:^|\r)(?:\xef\xbb\xbf)?; mended by printmend \S+ model=\S+ e=([012])([01])\b", re.MULTILINE)
+_MENDED = b"; mended by printmend "
+_MARK = re.compile(rb"(?:^|\r)(?:\xef\xbb\xbf)?" + _MENDED + rb"\S+ model=(\S+)(?: e=([012])([01])\b)?", re.MULTILINE)
 # The plug-ins under integrations/ run without printmend and hold the same expression.
 _TEST_PRINT = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)
 # Headers that must stay first; the mark follows the line that ends them.
@@ -19,21 +19,26 @@ _HEADERS = (
     (b";START_OF_HEADER", b";END_OF_HEADER"),  # UltiMaker
     (b";Header Start", b";Header End"),  # Snapmaker
 )
-_FAR_BYTES = 1 << 19
+_FAR_BYTES = 1 << 19  # of a file: a header that ends beyond is taken to be endless
 
 
 def find_mark(*texts: bytes) -> str | None:
     """Return the model hash of the mark in pieces of a file (`Part.hints`), or None."""
     for text in texts:
-        if found := _MARK.search(text):
-            return found[2].decode("ascii", "replace")
+        if found := _mark(text):
+            return found[1].decode("ascii", "replace")
     return None
 
 
 def find_e_rule(text: bytes) -> tuple[int, int] | None:
     """Return how a mended file's E was read, (C_RULE, C_M83), where its mark says it."""
-    found = _E_RULE.search(text)
-    return None if found is None else (int(found[1]), int(found[2]))
+    found = _mark(text)
+    return None if found is None or found[2] is None else (int(found[2]), int(found[3]))
+
+
+def _mark(text: bytes) -> re.Match[bytes] | None:
+    """Return the mark in a text; the expression looks at each place of it, so it is asked only where the words are."""
+    return _MARK.search(text) if _MENDED in text else None
 
 
 def find_test_print(*texts: bytes) -> str | None:
@@ -70,7 +75,7 @@ def marked(
     ``e_rule`` is how E was read, where that had to be guessed: the mended numbers are read in the same way.
     """
     guessed = "" if e_rule is None else f" e={e_rule[0]}{e_rule[1]}"
-    mark = f"; mended by printmend {printmend.__version__} model={model_hash}{guessed}".encode()
+    mark = _MENDED + f"{printmend.__version__} model={model_hash}{guessed}".encode()
     first = True
     for chunk in chunks:
         if first:

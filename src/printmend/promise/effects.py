@@ -87,7 +87,7 @@ class Effect:
         the print has gone, sooner or later than in the measured one, or is still warm from the print before."""
         share = self.detail if self.kind == "thermal" else WARMING
         early = warmed(np.array([EARLY_DONE]), share)
-        if not self.way_mm or places.gone_mm is None or self.kind != "thermal":
+        if not self.way_mm or self.kind != "thermal":
             return Drawn(law, now[None] - early)
         grown = np.stack([warmed(places.gone_mm * speed / self.way_mm, share) for speed in WARMING_SPEEDS], axis=1)
         which = rng.choice(len(WARMING_SPEEDS), len(now), p=WARMING_CHANCES)
@@ -103,12 +103,12 @@ class Effect:
 @dataclass(frozen=True, eq=False)
 class Places:
     """Places [N] of a new print: both motors, the bed [N, 2], the side of its belt that each motor pushes, and how far
-    the print has gone there, where known."""
+    the print has gone there."""
 
     motor_mm: np.ndarray
     bed_mm: np.ndarray
     side: np.ndarray
-    gone_mm: np.ndarray | None = None
+    gone_mm: np.ndarray
 
     def seen_by(self, effect: Effect) -> Sideways:
         """Return the places as the rows of a print that is done, in the measures of the one that was measured."""

@@ -128,8 +128,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
 def _from_play(error_mm: np.ndarray, trace: Trace, printer: Printer) -> tuple[float, float]:
     """Return how much of the errors of the measured marks [N, 2] goes with the way that the motors came, root mean
     square, and its standard deviation by the scatter of the marks themselves."""
-    known = trace.measured_rows
-    sides = np.stack([last_way(column) for column in printer.to_motor(trace.commanded_mm).T], axis=1)[known]
+    sides = _sides(trace, printer)
     sides = sides - sides.mean(axis=0)
     size = np.square(sides).sum(axis=0)
     if len(error_mm) < LEAST_MARKS or (size < 1).any():
@@ -174,11 +173,16 @@ def expectation(model: SavedModel, trace: Trace) -> Promise | None:
     return replace(after, made_of=made, **{name: ROUND * getattr(after, name) for name in sizes})
 
 
+def _sides(trace: Trace, printer: Printer) -> np.ndarray:
+    """Return which way each motor came to the measured marks [N, 2]: +1, −1, 0 before its first move."""
+    sides = [last_way(column) for column in printer.to_motor(trace.commanded_mm).T]
+    return np.stack(sides, axis=1)[trace.measured_rows]
+
+
 def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook, np.ndarray]:
     """Return what to expect of the measured marks [N], across the path, and how far each is off unmended [N, 2]."""
     wanted, printer, known = trace.commanded_mm, model.printer, trace.measured_rows
     raw = print_from_home(model.mechanism, wanted)
-    sides = np.stack([last_way(column) for column in printer.to_motor(wanted).T], axis=1)
     off = (raw - wanted)[known]
     gone_mm = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wanted, axis=0).T))])[known]
     # each mark counts along x and along y; across a path along x lies y, across one along y lies −x
@@ -186,7 +190,7 @@ def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook,
         np.repeat(wanted[known], 2, axis=0),
         np.tile(np.eye(2), (len(off), 1)),
         np.stack([off[:, 1], -off[:, 0]], axis=1).ravel(),
-        np.repeat(sides[known].astype(float), 2, axis=0),
+        np.repeat(_sides(trace, printer), 2, axis=0),
         np.ones(2 * len(off)),
         None if (z_mm := heights_mm(trace, printer)) is None else np.repeat(z_mm[known], 2),
         np.repeat(gone_mm, 2),

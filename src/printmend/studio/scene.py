@@ -346,17 +346,16 @@ def write_wanted(path: Path, scene: Scene) -> dict[str, Any]:
     return head
 
 
-def write_mended(path: Path, scene: Scene) -> dict[str, Any]:
-    """Pack how the mended print comes out, to be shown over `write_wanted`; return the head.
+def write_mended(path: Path, scene: Scene) -> None:
+    """Pack how the mended print comes out, to be shown over `write_wanted`.
 
     Four 16-bit numbers a point: how far it lies from where it was wanted along x and y, in units of ``unit_mm``, its
     distance from the wanted path in µm, and 0.
     """
     assert scene.mended_mm is not None
     assert scene.mended_error_mm is not None
-    head = {"points": len(scene.wanted_mm), "row": ROW, "p95_mm": _p95(scene.mended_error_mm)}
+    head = {"points": len(scene.wanted_mm), "row": ROW}
     _write(path, head, [_way(scene.mended_mm, scene.mended_error_mm)])
-    return head
 
 
 def _way(off_mm: np.ndarray, error_mm: np.ndarray) -> np.ndarray:
