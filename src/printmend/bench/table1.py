@@ -91,20 +91,23 @@ def reference_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | N
     return cases
 
 
-def dataset_cases(root: Path, *, protocol: Protocol, seed: int, limit: int | None = None) -> list[Case]:
-    """Return the bodies of a data set in Parquet, each on one of its broken printers, drawn from the seed."""
+def dataset_cases(
+    root: Path, *, protocol: Protocol, seed: int, limit: int | None = None, every_printer: bool = False
+) -> list[Case]:
+    """Return the bodies of a data set in Parquet, each on a broken printer that the seed draws, or on every one."""
     root, recipe = Path(root).absolute(), read_recipe(root)
     prints = [digest(corruption_file(root, number)) for number in range(recipe.corruptions)]
     cases = []
     for line in read_lines(root / BODIES)[:limit]:
-        number = int(body_rng(seed, line["identity"], _FAMILY).integers(recipe.corruptions))
-        identity = hashlib.sha256((line["identity"] + prints[number]).encode()).hexdigest()[:16]
-        cases.append(
-            Case(
-                TABLE, line["body"], identity, recipe.families[number % len(recipe.families)], recipe.severity,
-                protocol, seed, recipe.printer, sample=number, source=line["body"], reference=str(root),
-            )
-        )  # fmt: skip
+        drawn = int(body_rng(seed, line["identity"], _FAMILY).integers(recipe.corruptions))
+        for number in range(recipe.corruptions) if every_printer else (drawn,):
+            identity = hashlib.sha256((line["identity"] + prints[number]).encode()).hexdigest()[:16]
+            cases.append(
+                Case(
+                    TABLE, line["body"], identity, recipe.families[number % len(recipe.families)], recipe.severity,
+                    protocol, seed, recipe.printer, sample=number, source=line["body"], reference=str(root),
+                )
+            )  # fmt: skip
     return cases
 
 

@@ -39,6 +39,7 @@ command.add_command(objectives)
 @click.option(
     "--dataset", type=click.Path(path_type=Path), help="A data set of `printmend dataset build`, instead of --bodies."
 )
+@click.option("--every-printer", is_flag=True, help="With --dataset: each body on all of its printers, not on one.")
 @click.option("--protocol", type=click.Choice(["paper", "heldout"]), default="paper", show_default=True)
 @click.option("--families", default="pulley", show_default=True, help="Corruptions to draw from, with commas.")
 @click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
@@ -56,15 +57,15 @@ command.add_command(objectives)
 @click.option("--per-body", is_flag=True, help="Also the RMSE of every body; always with --reference.")
 @click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
 def table1(
-    bodies: tuple[Path, ...], reference: Path | None, dataset: Path | None, protocol: Any, families: str, severity: Any,
-    printer: str, models: str | None, objective: str | None, seed: int, limit: int | None, executor: Any, out: Path,
-    per_body: bool, as_json: bool,
+    bodies: tuple[Path, ...], reference: Path | None, dataset: Path | None, every_printer: bool, protocol: Any,
+    families: str, severity: Any, printer: str, models: str | None, objective: str | None, seed: int, limit: int | None,
+    executor: Any, out: Path, per_body: bool, as_json: bool,
 ) -> None:  # fmt: skip
     """Print the paper's Table I. Results go to OUT/table1.jsonl, Fig. 6 to OUT/figure6-*.png.
 
-    Each body is printed on a broken printer, a model learns from its largest layer, and up to three random layers are
-    planned and printed: any layers with --protocol paper, never the training layer with heldout. An interrupted run
-    goes on where it was; OUT/sliced keeps the G-code of meshes.
+    Each body is printed on a broken printer (on each, with --every-printer), a model learns from its largest layer, and
+    up to three random layers are planned and printed: any layers with --protocol paper, never the training layer with
+    heldout. An interrupted run goes on where it was; OUT/sliced keeps the G-code of meshes.
     """
     from printmend.bench.report import body_table
     from printmend.bench.rows import PAPER_ROWS, planned_for
@@ -78,8 +79,10 @@ def table1(
         rows = tuple(dict.fromkeys(planned_for(name, objective) for name in rows))
     if sum(map(bool, (bodies, reference, dataset))) != 1:
         raise click.UsageError("give --bodies or --reference or --dataset, one of them")
+    if every_printer and dataset is None:
+        raise click.UsageError("--every-printer needs --dataset, whose printers it means")
     if dataset is not None:
-        cases = dataset_cases(dataset, protocol=protocol, seed=seed, limit=limit)
+        cases = dataset_cases(dataset, protocol=protocol, seed=seed, limit=limit, every_printer=every_printer)
     elif reference is not None:
         cases = reference_cases(reference, protocol=protocol, seed=seed, limit=limit)
     else:
@@ -98,7 +101,8 @@ def table1(
         table = [asdict(line) for line in lines]
         click.echo(json.dumps({"table": table, "bodies": [item.flat() for item in results]}))
     else:
-        show_table(f"Table I, protocol {protocol}, {len(cases)} bodies", HEADER, [cells(line) for line in lines])
+        what = f"{len({case.body for case in cases})} bodies" + every_printer * " on every printer"
+        show_table(f"Table I, protocol {protocol}, {what}", HEADER, [cells(line) for line in lines])
         if per_body or reference is not None:
             click.echo("\n" + body_table(results, rows))
     show_failures(results)
