@@ -141,7 +141,9 @@ def command(
         keep_plan(output.with_suffix(".json"), plan)
     start = printer.start_gcode and homed_start(printer.start_gcode, subject=f"start_gcode of {printer_name}")
     if start_path is not None:
-        start = start_from(start_path)
+        start, left_out = start_from(start_path, printer)
+        for line in left_out:
+            click.echo(f"Not copied from {start_path}: {line}", err=True)
     plan_path = write_probe(output, plan, extruder=extruder or printer.extruder, start_gcode=start, papers=papers)
     minutes, grams = cost(plan)
     used = pen_and_paper(plan) if pen else f"{grams:.1f} g of PLA"

@@ -5,34 +5,94 @@ from pathlib import Path
 
 from printmend.errors import GcodeError
 from printmend.gcode.container import open_gcode
+from printmend.printer import Printer
 
 # Where slicers say that the part begins: PrusaSlicer and its kin; Cura; Bambu; Simplify3D; KISSlicer, ideaMaker.
 _FIRST_LAYER = re.compile(
-    r"^;\s*(LAYER_CHANGE|LAYER:\s*0|CHANGE_LAYER|layer 1,|BEGIN_LAYER|AFTER_LAYER_CHANGE)", re.IGNORECASE
+    r"^;\s*(LAYER_CHANGE|LAYER:\s*(?:0|-\d)|CHANGE_LAYER|layer 1,|BEGIN_LAYER|AFTER_LAYER_CHANGE)", re.IGNORECASE
 )
 _HOME = re.compile(r"^\s*G0*28\b", re.IGNORECASE)
 _MOVE_XY = re.compile(r"^\s*G0*[0-3]\b[^;]*\b[XY]", re.IGNORECASE)
 _LEVELLED = re.compile(r"^\s*(G0*29\b|M0*420\b|G0*80\b)", re.IGNORECASE)
-_MOST_LINES = 1000
+# What tells of the part or of the printer that a file was sliced for, and of no other print or printer.
+_OF_THE_PART = re.compile(r"^\s*(M0*486|M0*73|M0*555|EXCLUDE_OBJECT\w*|SET_PRINT_STATS_INFO)\b", re.IGNORECASE)
+_CHECK = re.compile(r"^\s*M0*862\.(\d+)\b(?:.*?\bP\s*\"([^\"]+)\")?", re.IGNORECASE)
+_AREA = re.compile(r"^\s*G0*29\b.*[XY]-?\d", re.IGNORECASE)
+_MOVE = re.compile(r"^\s*G0*[0-3]\b", re.IGNORECASE)
+_PRINTS = re.compile(r"^\s*G0*[1-3]\b(?=.*[XY]-?[\d.])(?=.*E[\d.])", re.IGNORECASE)
+_PLACE = re.compile(r"([XY])\s*(-?\d+(?:\.\d*)?|-?\.\d+)", re.IGNORECASE)
+_MOST_LINES, MOST_PURGE = 1000, 40  # commands of a start, and how many of them may print
 _TODO = "give a file that this printer's slicer wrote"
 
 
-def start_from(path: Path) -> str:
-    """Return the lines with which a sliced file starts: all before its first layer, its comments left out.
+def start_from(path: Path, printer: Printer) -> tuple[str, tuple[str, ...]]:
+    """Return the lines with which a sliced file starts, as they fit ``printer``, and in words which were left out.
 
-    Raises `GcodeError` where no first layer begins within the first thousand commands, or nothing homes before it.
+    These are all before its first layer, without comments; where no comment says where that begins, all before the
+    moves that lead to its first printed line. Raises `GcodeError` where no first layer begins within the first thousand
+    commands, or nothing homes before it.
     """
     lines: list[str] = []
+    printing: list[int] = []
     for line in _lines(path):
         if _FIRST_LAYER.match(line.strip()):
             break
         if code := line.partition(";")[0].strip():
+            if _PRINTS.match(code):
+                printing.append(len(lines))
             lines.append(code)
+        if len(printing) > MOST_PURGE:  # no purge line is as long: nothing said that the part had begun
+            lines = _before_moves(lines[: printing[0]])
+            break
         if len(lines) > _MOST_LINES:
             raise GcodeError(path, wanted="a first layer", came=f"{_MOST_LINES} commands without one", todo=_TODO)
     else:
         raise GcodeError(path, wanted="a sliced file that says where its first layer begins", came="none", todo=_TODO)
-    return homed_start("\n".join(lines), subject=str(path))
+    lines, left = _fitting(lines, printer)
+    return homed_start("\n".join(lines), subject=str(path)), left
+
+
+def _before_moves(lines: list[str]) -> list[str]:
+    """Return the lines without the moves at their end."""
+    end = len(lines)
+    while end and _MOVE.match(lines[end - 1]) and not _HOME.match(lines[end - 1]):
+        end -= 1
+    return lines[:end]
+
+
+def _fitting(lines: list[str], printer: Printer) -> tuple[list[str], tuple[str, ...]]:
+    """Return the lines that another print on this printer may start with, and why the others may not."""
+    kept, left, of_part = [], [], []
+    reach = {
+        axis.name.upper(): (min(axis.min_mm, axis.home_mm), max(axis.max_mm, axis.home_mm)) for axis in printer.axes
+    }
+    relative = False
+    for line in lines:
+        if re.match(r"^\s*G0*9[01]\b", line, re.IGNORECASE):
+            relative = "91" in line.split()[0]
+        beyond = [] if relative or not _MOVE.match(line) else [
+            f"{axis} {value}, and {axis} goes from {reach[axis][0]:g} to {reach[axis][1]:g}"
+            for axis, value in _PLACE.findall(line.upper())
+            if not reach[axis][0] - 0.01 <= float(value) <= reach[axis][1] + 0.01
+        ]  # fmt: skip
+        if _OF_THE_PART.match(line):
+            of_part.append(line.split()[0].upper())
+        elif (check := _CHECK.match(line)) is not None:
+            if check[1] == "3" and check[2] and _plain(check[2]) not in _plain(printer.name):
+                left.append(f"{line}: it stops any printer but that model; is this a file of your {printer.name}?")
+        elif _AREA.match(line):
+            left.append(f"{line}: it levels around that part only; level the bed before you print, or add G29")
+        elif beyond:
+            left.append(f"{line}: it goes to {beyond[0]}")
+        else:
+            kept.append(line)
+    if of_part:
+        left.append(f"{', '.join(dict.fromkeys(of_part))}: about that part")
+    return kept, tuple(dict.fromkeys(left))
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 def homed_start(text: str, *, subject: str) -> str:
