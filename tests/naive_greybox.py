@@ -85,3 +85,25 @@ def unwound(outline, q, angle_rad: np.ndarray) -> np.ndarray:
         h = outline.heights(q, -t)
         total.append(np.sum((h[1:] + h[:-1]) / 2 * np.diff(t)) - angle)
     return np.array(total)
+
+
+def settled_prior(
+    matrix: np.ndarray, slope: np.ndarray, square: float, count: float, usual: np.ndarray, group: np.ndarray,
+    most: np.ndarray, scales: np.ndarray, sigma2: float, floor2: float, share: float, rounds: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:  # fmt: skip
+    """Return the posterior's mean and covariance, the scales and σ² after MacKay's updates; no parameter is set yet."""
+    scales = scales.copy()
+    for turn in range(rounds + 1):
+        v = usual * scales[group] ** 2
+        covariance = np.linalg.inv(matrix / sigma2 + np.diag(1 / v))
+        values = covariance @ slope / sigma2
+        if turn == rounds:
+            break
+        misfit = square - 2 * slope @ values + values @ matrix @ values
+        settled = 1 - np.diag(covariance) / v
+        sigma2 = max(misfit / max(count - settled.sum(), 1.0) / share, floor2)
+        for g in range(len(scales) - 1):
+            if (group == g).any():
+                ratio = ((values**2 / v)[group == g].sum() + 0.1) / (settled[group == g].sum() + 0.1)
+                scales[g] = min(scales[g] * np.sqrt(ratio), most[g])
+    return values, covariance, scales, sigma2

@@ -6,7 +6,8 @@ import pytest
 from printmend.learn.drive import CROSS, Contacts, Design, Rows, Structure, contacts, normal_equations
 from printmend.learn.drive.fit import lower_inverse
 from printmend.learn.drive.kernels.columns import turning_rows
-from tests.naive_greybox import column_matrix, follow_play
+from printmend.learn.drive.kernels.evidence import settle
+from tests.naive_greybox import column_matrix, follow_play, settled_prior
 
 DESIGN = Design(3, 2, CROSS, (20, 40), (1, 2, 3, 6), (1, 3), (1, 2), 4, (20.0, 190.0))
 
@@ -104,3 +105,26 @@ def test_a_triangular_inverse_is_the_inverse(size: int, rng: np.random.Generator
     matrix = rng.normal(size=(size, 2 * size))
     factor = np.linalg.cholesky(matrix @ matrix.T + np.eye(size))
     np.testing.assert_allclose(lower_inverse(factor), np.linalg.inv(factor), atol=1e-13)
+
+
+def test_the_prior_settles_as_the_formulas_say(rng: np.random.Generator) -> None:
+    columns, truth = rng.normal(size=(80, 9)), np.array([3.0, -2.0, 1.0, 0.3, 0.1, -0.2, 0.0, 0.0, 0.0])
+    seen = columns @ truth + rng.normal(0, 0.1, 80)
+    matrix, slope, square = columns.T @ columns, columns.T @ seen, float(seen @ seen)
+    group, most = np.array([3, 3, 0, 0, 0, 1, 1, 1, 1]), np.array([10.0, 0.15, 10.0])
+    usual, scales = rng.uniform(0.5, 2.0, 9), np.array([1.0, 0.1, 0.3, 1.0])
+    values, covariance, learned, sigma2 = settled_prior(
+        matrix, slope, square, 80.0, usual, group, most, scales, 0.5, 1e-6, 0.95, 4
+    )
+    about = rng.normal(size=9)
+    pull, left = slope - matrix @ about, float(np.square(seen - columns @ about).sum())
+    ours, root, whitened = np.empty(9), np.empty(9), np.empty((9, 9))
+    found, misfit, log_det = settle(
+        matrix, slope, pull, about, left, 80.0, usual, group, most, scales, 0.5, 1e-6, 0.95, 4, ours, root, whitened
+    )
+    np.testing.assert_allclose(ours, values, atol=1e-10)
+    np.testing.assert_allclose((whitened.T @ whitened) * np.outer(root, root), covariance, atol=1e-12)
+    np.testing.assert_allclose(scales, learned, rtol=1e-10)
+    assert found == pytest.approx(sigma2)
+    assert misfit == pytest.approx(float(np.square(seen - columns @ values).sum()))
+    assert log_det == pytest.approx(-np.linalg.slogdet(covariance / np.outer(root, root))[1])

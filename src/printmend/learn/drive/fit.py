@@ -4,15 +4,13 @@ The posterior covariance is that of physics.md eq. 19. σ and the scale of each 
 maximise the evidence (MacKay's fixed point), so that a group without support in the data shrinks to nothing.
 """
 
-import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
 from printmend.learn.drive.design import Contacts, Design, Normal, Rows, contacts, normal_equations
-from printmend.learn.drive.kernels import triangular as kernels
+from printmend.learn.drive.kernels import evidence, triangular
 from printmend.path import frozen
 
 LEAST_SIGMA_MM = 2e-4  # smallest σ that is believed: tables and G-code are written no finer
@@ -27,6 +25,7 @@ POWER_SD_MM = {"mean": (5.0, 25.0, 2.0, 1.0), "play": (1.5, 0.2, 0.2, 0.1)}
 CROSS_SD_MM = {1: 3.0, 2: 0.3, 3: 0.1}
 RIPPLE_SD_MM = 0.02  # a tenth of a full step
 START_SD_MM = 2.0  # of the belt's place in its play at the start
+MOST_SCALE = 10.0  # largest scale of a group's prior
 MOST_OFF_FOLD = 0.15  # largest scale of the harmonics off a symmetry: a pulley with larger ones is not symmetric
 
 
@@ -118,67 +117,35 @@ def solve(
     design: Design, normal: Normal, active: np.ndarray, prior: Prior, sigma_mm: float, *, rounds: int
 ) -> Posterior:
     """Return the posterior of the ``active`` parameters [P] after ``rounds`` updates of the prior's scales and of σ."""
-    matrix = normal.matrix[np.ix_(active, active)]
+    known, rest = np.flatnonzero(active), np.flatnonzero(~active)
+    matrix = normal.matrix[np.ix_(known, known)]
     # The equations are moved from about normal.values to about 0: what inactive parameters explained is data again.
-    slope = (normal.slope + normal.matrix @ normal.values)[active]
+    slope = (normal.slope + normal.matrix @ normal.values)[known]
+    gone, away = normal.values[rest], normal.slope[rest]
+    pull = normal.slope[known] + normal.matrix[np.ix_(known, rest)] @ gone
+    square = normal.square + 2 * away @ gone + gone @ normal.matrix[np.ix_(rest, rest)] @ gone
     names, group = groups(design, prior.fold)
-    group = group[active]
-    sigma2 = max(sigma_mm, prior.floor_mm) ** 2
-    for last in range(rounds + 1):
-        v = variances(design, prior)[active]
-        root = np.sqrt(v)
-        scaled = matrix * (root[:, None] * (root / sigma2))
-        scaled.flat[:: len(v) + 1] += 1.0
-        # The matrix is symmetric and at least the identity, so that Cholesky's factor always exists.
-        factor = np.linalg.cholesky(scaled)
-        whitened = lower_inverse(factor)
-        values = root * (whitened.T @ (whitened @ (root * slope))) / sigma2
-        misfit = _misfit(normal, active, values)
-        if last == rounds:
-            break
-        spread = np.einsum("ij,ij->j", whitened, whitened)  # C_ii/v_i
-        known = len(v) - spread.sum()
-        sigma2 = max(misfit / max(normal.count - known, 1.0) / HUBER_VARIANCE_SHARE, prior.floor_mm**2)
-        prior = _rescaled(prior, names, group, values, v, spread)
-    log_det = 2 * np.log(np.diag(factor)).sum()
-    evidence = -0.5 * (misfit / sigma2 + (values**2 / v).sum() + log_det + normal.count * np.log(sigma2))
+    scales = np.array([*(getattr(prior, name) for name in names), 1.0])
+    most = np.array([MOST_OFF_FOLD if name == "mean_off" else MOST_SCALE for name in names])
+    usual, floor2 = _usual_variances(design, prior.warp_mm)[known], prior.floor_mm**2
+    values, root, whitened = np.empty(len(known)), np.empty(len(known)), np.empty((len(known), len(known)))
+    sigma2, misfit, log_det = evidence.settle(
+        matrix, slope, pull, normal.values[known], square, float(normal.count), usual, group[known], most, scales,
+        max(sigma_mm**2, floor2), floor2, HUBER_VARIANCE_SHARE, rounds, values, root, whitened,
+    )  # fmt: skip
+    prior = replace(prior, **dict(zip(names, scales.tolist(), strict=False)))
+    surprise = misfit / sigma2 + np.square(values / root).sum() + log_det + normal.count * np.log(sigma2)
     full = np.zeros(design.size)
-    full[active] = values
+    full[known] = values
     covariance = (whitened.T @ whitened) * np.outer(root, root)
-    return Posterior(full, covariance, active, float(np.sqrt(sigma2)), prior, float(evidence))
+    return Posterior(full, covariance, active, float(np.sqrt(sigma2)), prior, -0.5 * float(surprise))
 
 
 def lower_inverse(factor: np.ndarray) -> np.ndarray:
     """Return the inverse of a lower triangular matrix [N, N]."""
     out = np.zeros_like(factor)
-    kernels.lower_inverse(factor, out)
+    triangular.lower_inverse(factor, out)
     return out
-
-
-def _misfit(normal: Normal, active: np.ndarray, values: np.ndarray) -> float:
-    step = -normal.values.copy()
-    step[active] += values
-    return max(float(normal.square - 2 * normal.slope @ step + step @ normal.matrix @ step), 0.0)
-
-
-def _rescaled(
-    prior: Prior, names: tuple[str, ...], group: np.ndarray, values: np.ndarray, v: np.ndarray, spread: np.ndarray
-) -> Prior:
-    """Return the prior after MacKay's update τ² ← τ² Σ w²/v / γ; γ = Σ (1 − C_ii/v_i) counts what the data settle.
-
-    ``group`` [A] is each active parameter's place in ``names``.
-    """
-    scales: dict[str, Any] = {}
-    count = np.bincount(group, minlength=len(names))
-    settled = (count - np.bincount(group, spread, len(names))).tolist()
-    moved = np.bincount(group, values**2 / v, len(names)).tolist()
-    for i, name in enumerate(names):
-        if not count[i]:
-            continue
-        ratio = (moved[i] + 0.1) / (settled[i] + 0.1)
-        largest = MOST_OFF_FOLD if name == "mean_off" else 10.0
-        scales[name] = min(max(getattr(prior, name) * math.sqrt(min(max(ratio, 0.01), 100.0)), 1e-3), largest)
-    return replace(prior, **scales)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,14 +186,14 @@ def independent_share(residual_mm: np.ndarray, sigma_mm: float) -> float:
     the model look certain.
     """
     clipped = np.clip(residual_mm, -3 * sigma_mm, 3 * sigma_mm)
-    variance = float(np.mean(clipped**2)) + 1e-18
+    variance = float(clipped @ clipped) / len(clipped) + 1e-18
     worst = 1.0
     for length in (4, 16, 64):
         count = len(clipped) // length
         if count >= 8:
-            blocks = clipped[: count * length].reshape(count, length).mean(axis=1)
+            sums = clipped[: count * length].reshape(count, length).sum(axis=1)
             # The mean square of the block means has a relative error of √(2/count); two of them are allowed for.
-            excess = float(np.mean(blocks**2)) * length / variance / (1 + 2 * np.sqrt(2 / count))
+            excess = float(sums @ sums) / (count * length) / variance / (1 + 2 * np.sqrt(2 / count))
             worst = max(worst, excess)
     return 1.0 / worst
 
