@@ -12,6 +12,7 @@ from printmend.corruption.belt import Play
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, START, Judged, judge, mended
 
+COREXY_PLAY = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.7)))).lower(COREXY).homed()
 MODELS = pytest.mark.parametrize("mechanism", [PLAY, BENT], ids=["play", "bent"])
 ARCS = {
     "quarter": b"G3 X80 Y80 I0 J20 E2 F1800\n",
@@ -199,13 +200,19 @@ def test_infill_goes_round_its_links_without_a_stop() -> None:
     assert np.median((ways[back + 1] * ways[back + 2]).sum(axis=1)) > 0.99
 
 
-def test_a_prime_on_the_spot_is_where_it_should_be() -> None:
+@pytest.mark.parametrize("mechanism", [PLAY, COREXY_PLAY], ids=["play", "corexy"])
+@pytest.mark.parametrize("at", [(60.0, 60.0), (219.0, 1.0), (0.0, 220.0)])
+def test_a_prime_on_the_spot_is_where_it_should_be(mechanism, at: tuple[float, float]) -> None:
     """Nothing is known of where a file without G28 begins: its first travel ends with both belts engaged."""
-    text = b"G21\nG90\nM83\nG1 X60 Y60 Z.2 F6000\nG1 E4 F300\nG1 X61 Y61 E.1 F1800\nG1 X80 Y70 E1\n"
-    given = naive_mend.read_moves(mended(text, PLAY)[0], (0.0, 0.0, 0.0))
-    printed = naive_mend.print_moves(given, PLAY)
-    prime = next(i for i, move in enumerate(given) if move.filament == 4.0)
-    assert printed[prime][-1] == pytest.approx([60.0, 60.0], abs=0.002)
+    text = b"G21\nG90\nM83\nG1 X%g Y%g Z.2 F6000\nG1 E4 F300\nG1 X61 Y61 E.1 F1800\nG1 X80 Y70 E1\n" % at
+    written = mended(text, mechanism)[0]
+    ends = []
+    for start in ((0.0, 0.0, 0.0), (200.0, 200.0, 0.0)):
+        given = naive_mend.read_moves(written, start)
+        prime = next(i for i, move in enumerate(given) if move.filament == 4.0)
+        ends.append(naive_mend.print_moves(given, mechanism)[prime][-1])
+    assert ends[0] == pytest.approx(ends[1], abs=0.002)  # wherever the head was, 0 being no place like another
+    assert ends[0] == pytest.approx(at, abs=0.002 if min(at) > 0.0 else 0.71)  # its play keeps it from the edge
 
 
 @pytest.mark.parametrize("tolerance_mm", [0.004, 0.03])

@@ -82,7 +82,9 @@ def put_row(buf, r, piece, cumulated, before, writer, out, at):
         if np.isnan(writer[W_PLACE + axis]) and not sure:
             continue  # nobody knows where it is: leave it there
         scaled = scaled_axis(r, writer, target, axis)
-        if wants_axis(r, writer, target, scaled, axis) or (piece.kind == PIECE_ARC and r.words & (WORD_X << axis)):
+        # An arc names its end; and where it comes from an unknown place the writer's own is a guess.
+        named = r.words & (WORD_X << axis) and (piece.kind == PIECE_ARC or not r.flags & (FLAG_KNOWN_X0 << axis))
+        if named or wants_axis(r, writer, target, scaled, axis):
             at = put_word(out, at, r, 88 + axis, scaled, decimals(r))
             writer[W_PLACE + axis] = reached(r, writer, scaled, axis)
     if r.words & WORD_E and piece.kind != PIECE_TRAVEL:

@@ -95,6 +95,7 @@ from printmend.invert.kernels.lookup import (
     M_PERIOD,
     UPPER,
     backward,
+    forward,
     to_motors,
     wanted,
 )
@@ -122,16 +123,23 @@ from printmend.jit import entry, inner
 def _come(model, state, counts, pieces, n, record, e0, e1, z, quantum):
     """Come from an unknown place to one short of belt positions (e0, e1): return (n, m0, m1), how to go on from there.
 
-    Then both belts are engaged before anything is extruded, were it only a prime on the spot.
+    Then both belts are engaged before anything is extruded, were it only a prime on the spot. Each motor comes from the
+    side on which the bed has room; where neither has, its belt is at least known.
     """
-    near, far = UPPER, LOWER
-    x, y, m0, m1, clamp = command(model, backward(model, 0, near, e0), backward(model, 1, near, e1), record, quantum)
-    if clamp > 0.0:
-        near, far = LOWER, UPPER
-        x, y, m0, m1, _ = command(model, backward(model, 0, near, e0), backward(model, 1, near, e1), record, quantum)
+    x = y = m0 = m1 = to0 = to1 = 0.0
+    least = np.inf
+    for sides in range(4):
+        far0, far1 = sides & 1, sides >> 1  # LOWER or UPPER: which branch each motor pushes in the end
+        f0, f1 = backward(model, 0, far0, e0), backward(model, 1, far1, e1)
+        _, _, f0, f1, beyond = command(model, f0, f1, record, quantum)
+        n0 = backward(model, 0, 1 - far0, forward(model, 0, far0, f0))
+        n1 = backward(model, 1, 1 - far1, forward(model, 1, far1, f1))
+        at_x, at_y, n0, n1, short = command(model, n0, n1, record, quantum)
+        if beyond + 100.0 * short < least - quantum:
+            least = beyond + 100.0 * short
+            x, y, m0, m1, to0, to1 = at_x, at_y, n0, n1, f0, f1
     state[S_M], state[S_M + 1] = m0, m1
     open_interval(model, state, S_M, S_LO, S_HI)
-    to0, to1 = backward(model, 0, far, e0), backward(model, 1, far, e1)
     if abs(to0 - m0) + abs(to1 - m1) > quantum:
         n = put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, record.feed)
         counts[N_ANCHORS] += 1
