@@ -115,8 +115,10 @@ def test_pipes(folder: Path) -> None:
     assert broken.stderr.count(b"\n") == 1
 
 
-def test_in_place(folder: Path) -> None:
-    assert run("mend", "--in-place", "-m", folder / "printer.mend.json", folder / "part.gcode").exit_code == 0
+def test_in_place(folder: Path, monkeypatch) -> None:
+    monkeypatch.setenv("PRINTMEND_PROGRESS", "1")  # as a program that starts it does
+    done = run("mend", "--in-place", "-m", folder / "printer.mend.json", folder / "part.gcode")
+    assert (done.exit_code, done.stderr.splitlines()) == (0, ["100 %"])
     assert b"; mended by printmend" in (folder / "part.gcode").read_bytes()
     again = run("mend", "--in-place", "-m", folder / "printer.mend.json", folder / "part.gcode")
     assert isinstance(again.exception, GcodeError)

@@ -68,7 +68,8 @@ def octoprint_running(base: Path) -> Iterator[OctoPrint]:
     machine = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.6)))).lower(read_printer("ender3"))
     write_model(model, exact_model(machine))
     gated = base / "gated"  # printmend that waits for as long as there is a file HOLD
-    gated.write_text(f'#!/bin/sh\nwhile [ -e "{base}/HOLD" ]; do sleep 0.1; done\nexec "{PRINTMEND}" "$@"\n')
+    wait = f'while [ -e "{base}/HOLD" ]; do sleep 0.1; done'
+    gated.write_text(f'#!/bin/sh\necho "37 %" >&2\n{wait}\nexec "{PRINTMEND}" "$@"\n')
     gated.chmod(0o755)
     (base / "config.yaml").write_text(CONFIG.format(command=gated, model=model))
     program = HOSTS / "octoprint/bin/octoprint"
@@ -172,7 +173,8 @@ def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint) -> None:
         hold.touch()
         octoprint.upload("shown.gcode", part(1, size_mm=6.0))
         begun = popup.filter(has_text="Mending …").filter(has_text="shown.gcode")
-        expect(begun).to_be_visible()
+        expect(begun).to_contain_text("37 %")
+        expect(begun.locator(".bar")).to_have_attribute("style", re.compile("37%"))
         begun.get_by_role("button", name="Cancel").click()
         expect(popup.filter(has_text="Not mended, not printed").filter(has_text="cancelled")).to_be_visible()
         expect(begun).to_have_count(0)

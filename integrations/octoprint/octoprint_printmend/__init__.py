@@ -27,6 +27,7 @@ MARK = re.compile(rb"^; mended by printmend (\S+)", re.MULTILINE)
 TEST_PRINT = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)  # as printmend.gcode.mark has it
 ENDING = ".mended.gcode"
 LOCAL = FileDestinations.LOCAL
+PERCENT = re.compile(r"(\d+) %")  # how far printmend is, on its standard error
 LIMIT_S = 3600
 
 
@@ -161,24 +162,32 @@ class PrintmendPlugin(
         command, model = (os.path.expanduser(self._settings.get([key])) for key in ("command", "model"))
         arguments = [command, "mend", source, "-m", model, "-o", fresh, "--report", report]
         environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "VIRTUAL_ENV")}
+        environment["PRINTMEND_PROGRESS"] = "1"
         try:
             self._process = subprocess.Popen(  # noqa: S603 — the owner's own program, from the settings
                 arguments, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
             )
         except OSError as error:
             return f"{command}: {error.strerror or error}"
-        try:
-            _, errors = self._process.communicate(timeout=LIMIT_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.communicate()
+        late = threading.Event()
+        limit = threading.Timer(LIMIT_S, lambda: (late.set(), self._process.kill()))
+        limit.start()
+        lines = []
+        for line in self._process.stderr:
+            words = line.decode("utf-8", "replace").strip()
+            if percent := PERCENT.fullmatch(words):
+                self._tell("progress", self._mending, percent=int(percent[1]))
+            elif words:
+                lines.append(words)
+        code = self._process.wait()
+        limit.cancel()
+        self._process = None
+        if late.is_set():
             return f"mending took longer than {LIMIT_S} s"
-        code, self._process = self._process.returncode, None
         if self._cancelled:
             return "cancelled"
         if code == 0 and os.path.exists(fresh):
             return ""
-        lines = [line.strip() for line in errors.decode("utf-8", "replace").splitlines() if line.strip()]
         return lines[-1] if lines else f"printmend ended with {code}"
 
     def _fail(self, path, reason):
@@ -191,6 +200,10 @@ class PrintmendPlugin(
 
     def _say(self, what, path, **more):
         self._logger.info("%s %s %s", what, path, more)
+        self._tell(what, path, **more)
+
+    def _tell(self, what, path, **more):
+        """Tell the pages that are open."""
         self._plugin_manager.send_plugin_message(self._identifier, {"what": what, "path": path, **more})
 
     # Jobs.

@@ -30,8 +30,15 @@ def output_path(source: Path, output: Path | None, *, in_place: bool) -> Path | 
 
 @contextlib.contextmanager
 def progress(source: Path) -> Iterator[Callable[[int], None] | None]:
-    """Yield a function that is told of bytes read, and draws a bar on a terminal; None for small files and pipes."""
+    """Yield a function that is told of bytes read, and draws a bar on a terminal; None for small files and pipes.
+
+    A program that starts this one sets PRINTMEND_PROGRESS=1: it reads `37 %` and so on, a line each, from the standard
+    error.
+    """
     size = source.stat().st_size if source.is_file() else 0
+    if size and os.environ.get("PRINTMEND_PROGRESS") == "1":
+        yield _lines(size)
+        return
     if size < _LARGE_BYTES or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         yield None
         return
@@ -41,3 +48,17 @@ def progress(source: Path) -> Iterator[Callable[[int], None] | None]:
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(source.name, total=size)
         yield lambda count: bar.update(task, advance=count)
+
+
+def _lines(size: int) -> Callable[[int], None]:
+    read = said = 0
+
+    def tick(count: int) -> None:
+        nonlocal read, said
+        read += count
+        percent = min(100, 100 * read // size)  # what is packed in a container is longer than it
+        if percent > said:
+            said = percent
+            click.echo(f"{percent} %", err=True)
+
+    return tick

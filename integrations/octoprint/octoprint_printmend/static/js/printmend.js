@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: AGPL-3.0-or-later
-// Popups while a file is mended: begun (with a button to cancel), done with the promise, failed, held.
+// Popups while a file is mended: begun (how far it is, a button to cancel), done with the promise, failed, held.
 $(function () {
     function PrintmendViewModel() {
         var self = this;
@@ -31,6 +31,12 @@ $(function () {
                             {text: "", addClass: "hidden"}
                         ]
                     }
+                });
+            } else if (data.what === "progress" && self.open[data.path]) {
+                var percent = Number(data.percent);
+                self.open[data.path].update({
+                    title: gettext("Mending …") + " " + percent + " %",
+                    text: _.escape(data.path) + "<div class='progress'><div class='bar' style='width: " + percent + "%'></div></div>"
                 });
             } else if (data.what === "done") {
                 show(data.path, {
