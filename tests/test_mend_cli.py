@@ -1,6 +1,7 @@
 """The commands: where they write, what they say, how they end."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -91,13 +92,21 @@ def test_many_files_and_folders(folder: Path) -> None:
     assert lines[0]["prediction"]["after"]["rms_mm"] < 0.006 < lines[0]["prediction"]["before"]["rms_mm"]
     assert "wanted" in lines[1]["error"]
     assert not (jobs / "far.mended.gcode").exists()
-    again = run("mend", jobs, "-m", folder / "printer.mend.json", "--quiet")
-    assert again.exit_code == 2
-    assert again.stdout == ""
+    (jobs / "new" / "renamed.gcode").write_bytes((jobs / "a.mended.gcode").read_bytes())
+    again = run("mend", jobs / "new", "-m", folder / "printer.mend.json")
+    assert again.exit_code == 0, again.output
+    assert [line.partition(": ")[2].partition(":")[0] for line in again.stdout.splitlines()] == ["mended already"] * 2
     assert sorted(item.name for item in jobs.rglob("*.mended.*")) == ["a.mended.gcode", "b.mended.gcode"]
-    apart = run("mend", jobs / "a.gcode", jobs / "new", "-m", folder / "printer.mend.json", "-o", folder / "out")
+    (jobs / "new" / "renamed.gcode").unlink()
+    (jobs / "new" / "b.gcode").write_bytes(SQUARE + b"G0 Z5\n")  # sliced again
+    os.utime(jobs / "new" / "b.gcode", ns=(2 * 10**18, 2 * 10**18))
+    assert run("mend", jobs / "new", "-m", folder / "printer.mend.json").exit_code == 2
+    (jobs / "c.gcode").unlink()
+    (jobs / "far.gcode").rename(jobs / "new" / "far.g.txt")
+    apart = run("mend", folder / "part.gcode", jobs, "-m", folder / "printer.mend.json", "-o", folder / "out")
     assert apart.exit_code == 0, apart.output
-    assert sorted(item.name for item in (folder / "out").iterdir()) == ["a.gcode", "b.gcode"]
+    written = sorted(item.relative_to(folder / "out").as_posix() for item in (folder / "out").rglob("*.gcode"))
+    assert written == ["a.gcode", "new/b.gcode", "part.gcode"]
     assert (folder / "out" / "a.gcode").read_bytes() == (jobs / "a.mended.gcode").read_bytes()
 
 

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 @click.option("--overwrite", is_flag=True, help="Write over an output that exists.")
 @click.option("--report", metavar="FILE.html|json", type=click.Path(path_type=Path, dir_okay=False),
               help="Write what to expect: a page with pictures of the part, or all numbers.")  # fmt: skip
-@click.option("--force", is_flag=True, help="Write even where the prediction is not better.")
+@click.option("--force", is_flag=True,
+              help="Write even where the prediction is not better, or where a file names another printer.")  # fmt: skip
 @click.option("--tolerance", "tolerance_mm", type=click.FloatRange(0.002, 0.2), default=0.01, show_default=True,
               metavar="MM", help="How far the path may be off; more of it makes fewer moves and stops.")  # fmt: skip
 @click.option("--firmware", type=click.Choice(["marlin8", "marlin32", "klipper", "rrf", "prusa", "bambu"]),
@@ -42,8 +43,8 @@ def command(
 ) -> None:  # fmt: skip
     """Rewrite G-code so that this printer prints it right, and predict the error before and after.
 
-    .bgcode and .gcode.3mf work too. Of a FOLDER it is all G-code in it that is not mended yet. An output that exists
-    is written over only with --overwrite.
+    .bgcode and .gcode.3mf work too. Of a FOLDER it is all G-code in it and below that is not mended yet; into another
+    folder (-o) it goes to the same place. An output that exists is written over only with --overwrite.
 
     \b
     Ends with 0  written
@@ -96,6 +97,7 @@ def _many(
     ctx: click.Context, sources: tuple[Path, ...], model: "SavedModel", output: Path | None, in_place: bool,
     overwrite: bool, force: bool, fineness: "Fineness", jobs: int, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
+    from printmend.errors import InputError
     from printmend.repair.many import gcode_files, mend_files, mended_path
 
     if in_place and output is not None:
@@ -103,14 +105,18 @@ def _many(
     files = gcode_files(sources)
     single = len(files) == 1 and not sources[0].is_dir()
     if output is not None and not (single and not output.is_dir()):
-        output.mkdir(parents=True, exist_ok=True)
-        targets = [mended_path(file, output) for file in files]
+        if output.is_file():
+            raise InputError(output, wanted="a folder for several files", came="a file", todo="name a folder")
+        targets = [output / place for place in files.values()]
+        for target in targets:
+            target.parent.mkdir(parents=True, exist_ok=True)
     else:
         targets = [file if in_place else output or mended_path(file) for file in files]
     codes = []
     for outcome in mend_files(
-        files, targets, model, force=force, fineness=fineness, overwrite=overwrite or in_place, jobs=jobs
-    ):
+        list(files), targets, model, force=force, fineness=fineness, overwrite=overwrite or in_place,
+        spare_done=() if overwrite else {*files} - {*sources}, jobs=jobs,
+    ):  # fmt: skip
         codes.append(outcome.code)
         tell(outcome, as_json=as_json, quiet=quiet)
     if worst := [code for code in codes if code]:

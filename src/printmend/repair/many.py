@@ -2,7 +2,7 @@
 
 import shutil
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +10,10 @@ from typing import Any
 
 from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
-from printmend.gcode.mark import is_test_print
+from printmend.gcode.container import open_gcode
+from printmend.gcode.mark import find_mark, is_test_print
 from printmend.invert import Fineness
-from printmend.repair.mend import AS_USUAL, Mended, mend_gcode
+from printmend.repair.mend import AS_USUAL, Mended, is_healthy, mend_gcode
 from printmend.saved import SavedModel
 
 # The last one alone is a mesh more often than G-code: named, it is tried; in a folder it is left alone.
@@ -24,7 +25,8 @@ _MARK = ".mended"
 class Outcome:
     """What became of a file: ``mended``, or the ``error`` and its exit ``code`` (2 or 3, 1 for a fault of ours).
 
-    ``test_print`` is true of a test print of ours that was copied as it is.
+    ``test_print`` is true of a test print of ours that was copied as it is, ``already`` of a file that was left alone
+    because it was mended before.
     """
 
     source: Path
@@ -33,12 +35,15 @@ class Outcome:
     error: str | None = None
     code: int = 0
     test_print: bool = False
+    already: bool = False
 
     def json(self) -> dict[str, Any]:
         """Return plain values for one line."""
         said: dict[str, Any] = {"source": str(self.source), "code": self.code}
         if self.test_print:
             return {**said, "output": str(self.output), "test_print": True}
+        if self.already:
+            return {**said, "output": str(self.output), "already": True}
         if self.mended is None:
             return {**said, "error": self.error}
         prediction = self.mended.prediction.json()
@@ -48,6 +53,8 @@ class Outcome:
     def __str__(self) -> str:
         if self.test_print:
             return f"{self.source}: a test print of printmend's must show the printer as it is: copied to {self.output}"
+        if self.already:
+            return f"{self.source}: mended already" + ("" if self.output == self.source else f": {self.output}")
         if self.mended is None:
             return f"{self.error}"
         before, after = self.mended.prediction.before, self.mended.prediction.after
@@ -55,31 +62,30 @@ class Outcome:
         return "\n".join([said, *(f"warning: {each}" for each in self.mended.prediction.warnings)])
 
 
-def mended_path(source: Path, folder: Path | None = None) -> Path:
-    """Return PART.mended.gcode beside PART.gcode; in a ``folder`` of their own files keep their names."""
-    if folder is not None:
-        return folder / source.name
+def mended_path(source: Path) -> Path:
+    """Return PART.mended.gcode beside PART.gcode."""
     name = source.name
     suffix = next((s for s in SUFFIXES if name.lower().endswith(s)), "")
     stem = name[: len(name) - len(suffix)] if suffix else name
     return source.with_name(f"{stem}{_MARK}{name[len(stem) :] or '.gcode'}")
 
 
-def gcode_files(paths: Sequence[Path]) -> list[Path]:
-    """Return the files given, and the G-code files below the folders given without those that mending wrote.
+def gcode_files(paths: Sequence[Path]) -> dict[Path, Path]:
+    """Return the files given, and the G-code files below the folders given without those named as mending names them.
 
-    Raises `InputError` for a folder without any.
+    Each with its place below its folder, a file given by itself with its name. Raises `InputError` for a folder without
+    any.
     """
-    found: dict[Path, None] = {}
+    found: dict[Path, Path] = {}
     for path in paths:
         if not path.is_dir():
-            found[path] = None
+            found[path] = Path(path.name)
             continue
         inside = [item for item in sorted(path.rglob("*")) if is_gcode_name(item.name) and item.is_file()]
         if not inside:
             raise InputError(path, wanted="a folder with G-code", came="none in it", todo="name another")
-        found.update(dict.fromkeys(inside))
-    return list(found)
+        found.update({item: item.relative_to(path) for item in inside if item not in found})
+    return found
 
 
 def is_gcode_name(name: str) -> bool:
@@ -97,6 +103,24 @@ def refuse_overwriting(target: Path | None, source: Path) -> None:
         )  # fmt: skip
 
 
+def is_done(source: Path, target: Path, model: SavedModel) -> bool:
+    """Say whether a file is mended itself, or with this model in ``target`` since it was written."""
+    try:
+        if _mark(source) is not None:
+            return True
+        if target.samefile(source) or target.stat().st_mtime_ns < source.stat().st_mtime_ns:
+            return False
+        return _mark(target) == (None if is_healthy(model) else model.digest)
+    except (OSError, PrintmendError):  # none there yet, or to be said of it when it is mended
+        return False
+
+
+def _mark(path: Path) -> str | None:
+    """Return with which model a file was mended; None for one that was not."""
+    with open_gcode(path) as file:
+        return find_mark(*(hint for part in file.parts for hint in part.hints()))
+
+
 def mend_files(
     sources: Sequence[Path],
     targets: Sequence[Path],
@@ -106,11 +130,13 @@ def mend_files(
     fineness: Fineness = AS_USUAL,
     overwrite: bool = False,
     spare_test_prints: bool = False,
+    spare_done: Collection[Path] = (),
     jobs: int = 1,
 ) -> Iterator[Outcome]:
     """Mend each source to its target, ``jobs`` at a time; yield what became of them, in their order.
 
     ``spare_test_prints`` copies a test print of ours as it is: mending it makes a check print, for which nobody asked.
+    ``spare_done`` are those sources that are left alone where they are mended already (`is_done`).
     """
     taken: set[Path] = set()
     lock = threading.Lock()
@@ -126,6 +152,8 @@ def mend_files(
                         todo="mend it apart",
                     )
                 taken.add(target.resolve())
+            if source in spare_done and is_done(source, target, model):
+                return Outcome(source, target if target.exists() else source, already=True)
             if not overwrite:
                 refuse_overwriting(target, source)
             if spare_test_prints and is_test_print(source):
