@@ -83,6 +83,13 @@ class Track:
         self._times = [planned.steps[name][0] for name in names]
         ways = [np.concatenate([[at], planned.steps[name][1]]) for at, name in zip(home, names, strict=True)]
         self._belts = ways if true is None else true.belts((ways[0][1:], ways[1][1:]))
+        # The same without micro-steps, as fine as which the nozzle may creep: where each of the planner's moves ends.
+        x, y = planned.end_mm[:, 0], planned.end_mm[:, 1]
+        ends = (x + y, x - y) if corexy else (x, y)
+        self._ends = (
+            [np.concatenate([[at], way]) for at, way in zip(home, ends, strict=True)] if true is None
+            else true.belts(ends)
+        )  # fmt: skip
         self._z_times, z = planned.steps["z"]
         self._heights, self._push = (
             (np.concatenate([[home_mm[2]], z]), np.zeros((len(z) + 1, 2))) if true is None else true.heights(z)
@@ -94,12 +101,17 @@ class Track:
         belts = np.stack(
             [at_time(t, way[1:], way[0], time_s) for t, way in zip(self._times, self._belts, strict=True)], axis=1
         )
-        if self._true is not None:
-            xy = self._true.framed(belts)
-        else:
-            xy = np.stack([belts.sum(axis=1) / 2, (belts[:, 0] - belts[:, 1]) / 2], axis=1) if self._corexy else belts
         index = np.searchsorted(self._z_times, time_s, side="right")
-        return np.column_stack([xy + self._push[index], self._heights[index]])
+        return np.column_stack([self._framed(belts) + self._push[index], self._heights[index]])
+
+    def ends(self) -> np.ndarray:
+        """Return the nozzle's places [1 + M, 2] at home and at the end of each move, were there no micro-steps."""
+        return self._framed(np.stack(self._ends, axis=1))
+
+    def _framed(self, belts: np.ndarray) -> np.ndarray:
+        if self._true is not None:
+            return self._true.framed(belts)
+        return np.stack([belts.sum(axis=1) / 2, (belts[:, 0] - belts[:, 1]) / 2], axis=1) if self._corexy else belts
 
 
 def distances_mm(wanted: Wanted, places_mm: np.ndarray, filament_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -132,7 +144,8 @@ def slowest_mm_s(planned: Planned, track: Track) -> np.ndarray:
     if len(index) < 2:
         return np.empty(0)
     before, after = index[:-1], index[1:]
-    starts, ends = (track.at(times + 1e-9)[:, :2] for times in (planned.start_s[index], planned.end_s[index]))
+    places_mm = track.ends()
+    starts, ends = places_mm[index], places_mm[index + 1]
     jump = np.linalg.norm(starts[1:] - ends[:-1], axis=1)
     pause = planned.start_s[after] - planned.end_s[before]
     speed = np.minimum(planned.moves[before, 6], planned.moves[after, 4])

@@ -122,7 +122,8 @@ def follow(motor_mm: np.ndarray, pushed: Branch, drawn: Branch, start_mm: float)
     places, where = np.unique(np.rint(motor_mm * 1e6).astype(np.int64), return_inverse=True)
     lower, upper = pushed(places / 1e6)[where], drawn(places / 1e6)[where]
     way = np.sign(np.diff(motor_mm, prepend=motor_mm[0]))
-    way[0] = way[1] if len(way) > 1 else 1.0
+    way = way[np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), 0))]  # who stands goes on as before
+    way[: int(np.argmax(way != 0))] = way[np.argmax(way != 0)] or 1.0
     first = np.flatnonzero(np.diff(way, prepend=0.0))  # of each run in one direction
     last = np.append(first[1:], len(way)) - 1
     u, starts = start_mm, np.empty(len(first))
