@@ -4,6 +4,7 @@ import numpy as np
 
 EPS_MM, FLAT_MM, LEAST_MM, FLATTEST, GENTLE, UNCUT = 0.005, 2e-4, 0.08, 0.5, 0.5, 0.75
 STEEP, STEEPEST, SHARP, FAR, SLANT, SIDEWAYS_MM = 8.0, 16.0, 0.5, 4.0, 1.5, 0.01
+UPRIGHT, AGREED_MM = 0.8, 0.02
 PITCH_MM, NEAR_MM = 2e-4, 0.005
 
 
@@ -36,7 +37,7 @@ def turns(
             falls = [abs((belt_mm[at] - belt_mm[b]) / (s_mm[at] - s_mm[b])) for b in (at - 1, at + 1)]
             steep = slack_mm > UNCUT * (end - begin)
             corner = np.inf
-            if steep and (min(falls) >= SHARP or slack_mm > STEEP * (end - begin)):
+            if steep and (min(falls) >= SHARP or max(falls) >= UPRIGHT or slack_mm > STEEP * (end - begin)):
                 begin, end = side
                 corner = s_mm[at]
                 if slack_mm > STEEPEST * (end - begin) or end - begin + slack_mm < LEAST_MM:
@@ -52,10 +53,27 @@ def turns(
     return found
 
 
-def agreed(turns_: list[tuple], others: list[tuple]) -> list[tuple]:
-    """Return the turns of one motor; at a corner where the other turns back too, both stand still."""
+def agreed(
+    turns_: list[tuple], others: list[tuple], s_mm: np.ndarray, belts_mm: np.ndarray, most_mm: float
+) -> list[tuple]:
+    """Return the turns of one motor; at a corner where the whole path goes back both cross on its first bit.
+
+    Where the larger slack, ``most_mm``, is too large for that the nozzle stands.
+    """
     corners = {turn[3] for turn in others} - {np.inf}
-    return [(turn[3], turn[3], turn[2], turn[3]) if turn[3] in corners else turn for turn in turns_]
+    slope = np.abs(np.diff(belts_mm, axis=0) / np.diff(s_mm)[:, None]).min(axis=1)  # [N - 1], of the flatter belt
+    sharp = {s_mm[a] for a in range(1, len(slope)) if min(slope[a - 1], slope[a]) >= SHARP}
+    found = []
+    for i, turn in enumerate(turns_):
+        if turn[3] in corners & sharp:
+            end = turn[3] + AGREED_MM
+            after = [turns_[i + 1][0]] if i + 1 < len(turns_) else []
+            after += [other[0] for other in others if other[3] > turn[3] and other[0] >= turn[3]]
+            if end > min([s_mm[s_mm > turn[3]].min(), *after]) or not LEAST_MM <= most_mm <= STEEPEST * AGREED_MM:
+                end = turn[3]
+            turn = (turn[3], end, turn[2], turn[3])
+        found.append(turn)
+    return found
 
 
 def joined(
@@ -97,8 +115,8 @@ def around(
 def corner_side(
     s_mm: np.ndarray, belt_mm: np.ndarray, at: int, trend: int, other_mm: np.ndarray, floor_mm: float
 ) -> tuple[float, float]:
-    """Return the stretch to one side of the peak on which the other belt goes further, at least 0.01 mm, or none."""
-    best, most = (s_mm[at], s_mm[at]), SIDEWAYS_MM
+    """Return the stretch to one side of the peak on which the other belt goes further."""
+    best, most = (s_mm[at], s_mm[at]), -1.0
     for beside in (at + 1, at - 1):
         if not 0 <= beside < len(s_mm) or (beside < at and s_mm[at] <= floor_mm):
             continue
@@ -118,9 +136,14 @@ def corner_side(
 def stretch(
     s_mm: np.ndarray, belt_mm: np.ndarray, at: int, trend: int, drop_mm: float, floor_mm: float
 ) -> tuple[float, float]:
-    """Walk away from the peak in small steps for as long as the belt is no more than ``drop_mm`` below it."""
+    """Walk away from the peak in small steps for as long as the belt is no more than ``drop_mm`` below it.
+
+    Backwards no further than to a move that goes upright to the peak.
+    """
     ends = []
-    for way, limit in ((-1, floor_mm), (1, s_mm[-1])):
+    upright = [a for a in range(1, at + 1) if abs(belt_mm[a] - belt_mm[a - 1]) >= UPRIGHT * (s_mm[a] - s_mm[a - 1])]
+    first = max(floor_mm, s_mm[upright[-1]] if upright else 0.0)
+    for way, limit in ((-1, first), (1, s_mm[-1])):
         s = s_mm[at] + way * PITCH_MM * np.arange(int(abs(limit - s_mm[at]) / PITCH_MM) + 1)
         fallen = np.flatnonzero(trend * (belt_mm[at] - np.interp(s, s_mm, belt_mm)) > drop_mm)
         ends.append(s[fallen[0] - 1] if len(fallen) else limit)

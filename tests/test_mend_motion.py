@@ -169,12 +169,28 @@ def test_smooth_walls_are_drawn_without_a_stop(mechanism, points: int) -> None:
     assert (ways[1:] * ways[:-1]).sum(axis=1).min() > 0.1  # 84 degrees
 
 
-def test_sharp_corners_alone_stop() -> None:
-    text = START + b"G1 X80 Y80 E1 F1800\nG1 X60 Y85 E1\nG1 X60 Y105 E1\nG1 X80 E1\nG1 X60 Y106 E1\n"
-    judged = judge(text, PLAY)
+def test_only_where_the_path_goes_straight_back_the_nozzle_stops() -> None:
+    text = START + b"G1 X80 Y80 E1 F1800\nG1 X60 Y85 E1\nG1 X60 Y105 E1\n"
+    judged = judge(text + b"G1 X80 E1\nG1 X60 Y106 E1\n", PLAY)
+    right(judged, 0.016)
+    assert (judged.prediction.takeups, judged.prediction.stops) == (3, 0)
+    judged = judge(text + b"G1 Y90 E1\n", PLAY)
     right(judged)
-    assert (judged.prediction.takeups, judged.prediction.stops) == (3, 1)
+    assert (judged.prediction.takeups, judged.prediction.stops) == (2, 1)
     assert "at 1 of them the nozzle stops" in judged.prediction.summary()
+
+
+def test_where_both_axes_go_back_the_command_does_not() -> None:
+    """Both slacks together would go back on the line that came: one axis begins, then both go as the next line."""
+    loose = Corruption((Drive(belt=Play(0.11)), Drive(belt=Play(0.17)))).lower(ENDER3).homed()
+    judged = judge(START + b"G1 X70 Y76.5 E1 F1800\nG1 X60 Y66.5 E1\n", loose)
+    assert judged.after.max() <= 0.016
+    assert (judged.prediction.takeups, judged.prediction.stops) == (2, 0)
+    drawn = [move for move in judged.given if move.draws]
+    ways = np.array([np.subtract(move.end, move.start)[:2] for move in drawn])
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    assert (ways[:-1] * ways[1:]).sum(axis=1).min() > -0.985
+    assert ways[-2] @ ways[-1] > 0.99
 
 
 def test_infill_goes_round_its_links_without_a_stop() -> None:
@@ -245,7 +261,7 @@ def test_turns_against_the_slow_twin(mechanism) -> None:
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     slack = (0.4, 0.7 if mechanism is PLAY else 0.6)
     both = [turns(s, points[:, k], points[:, 1 - k], slack[k]) for k in range(2)]
-    settled = [agreed(both[0], both[1]), agreed(both[1], both[0])]
+    settled = [agreed(both[k], both[1 - k], s, points, max(slack)) for k in range(2)]
     for motor in range(2):
         found = planner._run[k.TURN + motor * k.TURNS :][: k.TURNS]
         found = found[: int(np.argmax(np.isinf(found[:, k.TURN_BEGIN])))]

@@ -201,8 +201,8 @@ def _tip(run, k, s):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _engage(model, state, counts, run, k, start, end, s, begin, span):
-    """Choose how motor k goes along a stretch from belt ``start`` to ``end`` that begins at s of the run; as `prepare`.
+def _engage(model, state, counts, run, k, start, end, s, stop, begin, span):
+    """Choose how motor k goes from belt ``start`` to ``end``, from s to ``stop`` of the run; as `prepare`.
 
     ``begin`` and ``span`` say where on the run the curve begins, and how long it is.
     """
@@ -229,6 +229,8 @@ def _engage(model, state, counts, run, k, start, end, s, begin, span):
             at, m_at = corner, m_corner
         else:
             to, m_to = corner, m_corner
+    # What is near is here: further on at that pace the motor would go too far.
+    at, to = s if abs(at - s) <= NEAR_MM else at, stop if abs(to - stop) <= NEAR_MM else to
     slope = (m_to - m_at) / (to - at)
     state[S_CROSS + k] = m_at + slope * (begin - at)
     state[S_CROSSING + k] = slope * span
@@ -252,11 +254,12 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
         s0, s1 = wanted(model, x, y)
         x, y, _ = place(curve, stop)
         e0, e1 = wanted(model, x, y)
-        e0, e1 = e0 + _tip(run, 0, begin + stop * span), e1 + _tip(run, 1, begin + stop * span)
+        last = begin + stop * span
+        e0, e1 = e0 + _tip(run, 0, last), e1 + _tip(run, 1, last)
         anywhere = counts[N_ANYWHERE] != 0
         unsure = anywhere or not is_sure(state, 0) or not is_sure(state, 1)
-        mode0, first0, second0 = _engage(model, state, counts, run, 0, s0, e0, s, begin, span)
-        mode1, first1, second1 = _engage(model, state, counts, run, 1, s1, e1, s, begin, span)
+        mode0, first0, second0 = _engage(model, state, counts, run, 0, s0, e0, s, last, begin, span)
+        mode1, first1, second1 = _engage(model, state, counts, run, 1, s1, e1, s, last, begin, span)
         before = n
         n = _dead_move(model, state, pieces, n, record, first0, first1, z, quantum)
         if anywhere:

@@ -65,8 +65,12 @@ FLATTEST = 0.5  # below that the stretch where the belt stands still anyway is l
 STEEP = 8.0  # the fastest around a turn that is no corner
 STEEPEST = 16.0  # the fastest at a corner: beyond that the nozzle all but stands, then it may as well
 SHORTEST_MM = 0.02  # of path: beyond that the nozzle stands
-SIDEWAYS_MM = 0.01  # the least that the other motor moves meanwhile at a corner
-SHARP = 0.5  # a corner: on both sides the belt falls by this much a mm of path, or more
+SIDEWAYS_MM = 0.01  # the least that the other motor moves meanwhile before a corner that is gone around
+SHARP = 0.5  # a corner: on both sides the belt falls by this much a mm of path, or more,
+UPRIGHT = 0.8  # or on one of them by this much: there a motor that crosses its slack goes back on the path
+AGREED_MM = 0.02  # of path drawn while both motors cross their slack at one corner: the nozzle does not quite stand
+BACK = 0.98  # a crossing goes straight back on the path: this much of it, or more
+LEAST_SHARE = 0.3  # of that bit of path on which one motor crosses alone
 FAR = 4.0  # times the tolerance: the least that a belt moves towards a tip for it to stop before that
 BEND = 0.6  # of the angle between motor and path behind a corner: how far the command has turned half-way
 SLANT = 1.5  # times the tolerance: how far a belt may be off where that is aslant to the path
@@ -110,14 +114,14 @@ def survey(model, state, counts, records, count, i, curve, run, across, along, r
     run[0, RUN_END] = j
     for k in range(2):
         _turns(model, state, counts, run, k, n)
-    _agree(run)
+    _agree(run, n)
     for k in range(2):
         _join(run, k, n)
 
 
 @inner(error_model="numpy", _nrt=False)
-def _agree(run):
-    """Where both motors turn back at one corner the nozzle stands: both take up their slack in one move."""
+def _agree(run, n):
+    """Where the path goes back on itself both motors take up their slack in one move, with the first bit behind."""
     b = TURN + TURNS
     for a in range(TURN, TURN + TURNS):
         corner = run[a, TURN_CORNER]
@@ -125,9 +129,36 @@ def _agree(run):
             break
         while run[b, TURN_END] < min(corner, run[a, TURN_END]):
             b += 1
-        if corner < np.inf and run[b, TURN_CORNER] == corner:
-            for turn in (a, b):
-                _turn(run, turn, corner, corner, run[turn, TURN_TREND], 0.0, 0.0, corner)
+        at = np.int64(run[a, TURN_NODE])
+        if corner < np.inf and run[b, TURN_CORNER] == corner and _is_sharp(run, 0, at) and _is_sharp(run, 1, at):
+            most = max(run[a, TURN_SLACK], run[b, TURN_SLACK])
+            end, later0, later1 = corner + AGREED_MM, 0.0, 0.0
+            room = min(run[NODE + at + 1, 0], run[a + 1, TURN_BEGIN], run[b + 1, TURN_BEGIN])
+            if end > room or most > STEEPEST * AGREED_MM or most < MIN_PIECE_MM:
+                end = corner
+            else:
+                later0, later1 = _later(run, at, run[a, TURN_SLACK], run[b, TURN_SLACK])
+            for k in range(2):
+                turn, later = (a, later0) if k == 0 else (b, later1)
+                rise = _belt(run, k, at, n, end) - run[NODE + at, 1 + k]
+                _turn(run, turn, corner + later * AGREED_MM, end, run[turn, TURN_TREND], rise, 0.0, corner)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _later(run, at, slack0, slack1):
+    """Return on which share of the way behind corner ``at`` each motor waits for the other to cross alone.
+
+    Where both together would go straight back on the path, which the firmware has to stop for, the one that has more to
+    cross begins, until what is left goes as the path behind the corner.
+    """
+    in0, in1 = abs(run[NODE + at, 1] - run[NODE + at - 1, 1]), abs(run[NODE + at, 2] - run[NODE + at - 1, 2])
+    out0, out1 = abs(run[NODE + at, 1] - run[NODE + at + 1, 1]), abs(run[NODE + at, 2] - run[NODE + at + 1, 2])
+    if in0 * slack0 + in1 * slack1 < BACK * norm(in0, in1) * norm(slack0, slack1):
+        return 0.0, 0.0
+    alone0, alone1 = 1.0 - slack1 * out0 / (out1 * slack0), 1.0 - slack0 * out1 / (out0 * slack1)
+    if alone0 > alone1:
+        return 0.0, min(max(alone0, LEAST_SHARE), 1.0 - LEAST_SHARE)
+    return min(max(alone1, LEAST_SHARE), 1.0 - LEAST_SHARE), 0.0
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -295,12 +326,22 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
 
 
 @inner(error_model="numpy", _nrt=False)
+def _falls(run, k, a, most):
+    """Say whether belt k goes by at least ``most`` a mm of path from node ``a`` to the next."""
+    long = run[NODE + a + 1, 0] - run[NODE + a, 0]
+    return abs(run[NODE + a + 1, 1 + k] - run[NODE + a, 1 + k]) >= most * long
+
+
+@inner(error_model="numpy", _nrt=False)
+def _is_sharp(run, k, at):
+    return _falls(run, k, at - 1, SHARP) and _falls(run, k, at, SHARP)
+
+
+@inner(error_model="numpy", _nrt=False)
 def _is_corner(run, k, at, n):
     if at == 0 or at == n - 1:
         return False
-    into = abs(run[NODE + at, 1 + k] - run[NODE + at - 1, 1 + k]) / (run[NODE + at, 0] - run[NODE + at - 1, 0])
-    out = abs(run[NODE + at, 1 + k] - run[NODE + at + 1, 1 + k]) / (run[NODE + at + 1, 0] - run[NODE + at, 0])
-    return min(into, out) >= SHARP
+    return _is_sharp(run, k, at) or _falls(run, k, at - 1, UPRIGHT) or _falls(run, k, at, UPRIGHT)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -340,7 +381,7 @@ def _side(model, run, k, at, n, trend, floor):
     may stand still for longer behind it.
     """
     corner = run[NODE + at, 0]
-    best_begin, best_end, most, tip = corner, corner, SIDEWAYS_MM, 0.0
+    best_begin, best_end, most, tip = corner, corner, -1.0, 0.0
     for way in (1, -1):
         b = at + way
         if b < 0 or b >= n or (way < 0 and corner <= floor):
@@ -364,13 +405,18 @@ def _side(model, run, k, at, n, trend, floor):
 
 @inner(error_model="numpy", _nrt=False)
 def _stretch(run, k, at, n, trend, drop, floor):
-    """Return the stretch [mm of path] around node ``at`` on which belt k lies no more than ``drop`` below its peak."""
+    """Return the stretch [mm of path] around node ``at`` on which belt k lies no more than ``drop`` below its peak.
+
+    It begins on no move that goes upright to the peak: there the motor would go back on the path.
+    """
     peak = run[NODE + at, 1 + k]
     a = at
     while a > 0 and trend * (peak - run[NODE + a - 1, 1 + k]) <= drop and run[NODE + a, 0] > floor:
+        if _falls(run, k, a - 1, UPRIGHT):
+            break
         a -= 1
     begin = run[NODE + a, 0]
-    if a > 0:
+    if a > 0 and not _falls(run, k, a - 1, UPRIGHT):
         begin = _where(run, k, a, a - 1, trend, peak, drop)
     b = at
     while b < n - 1 and trend * (peak - run[NODE + b + 1, 1 + k]) <= drop:
