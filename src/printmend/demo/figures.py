@@ -131,19 +131,21 @@ def machine_figure(printer: Printer) -> Figure:
     line([(-20, at[1], top), (x + 20, at[1], top)], INK, 2)
     line([(-20, at[1], top + 8), (x + 20, at[1], top + 8)], PALETTE[0], 1.2)
     line([(*at, top), (*at, top - 35)], INK, 5)
-    for place, name in (((x + 20, at[1]), "motor x"), ((x + 20, y + 20), "motor y")):
+    # A CoreXY's motors stand still in two corners; else that of x rides on the gantry.
+    motors = ((x + 20, -20.0) if printer.kinematics == "corexy" else (x + 20, at[1])), (x + 20, y + 20)
+    for place in motors:
         axes.plot(*project(np.array([place]), top + 8)[0], "o", color=INK, markersize=9)
+    for place, level, name, offset in (
+        (motors[0], top + 8, "motor x", (58, -12)),
+        (motors[1], top + 8, "motor y", (24, 10)),
+        (at, top - 35, "nozzle", (-44, -34)),
+        ((-20.0, y * 0.3), top + 8, "belt", (-34, 14)),
+    ):
         axes.annotate(
-            name, project(np.array([place]), top + 8)[0], xytext=(9, 5), textcoords="offset points", fontsize=8
-        )
-    labels = (
-        (at, top - 35, "nozzle"),
-        ((-20.0, y * 0.8), top + 8, "belt"),
-    )
-    for place, level, name in labels:
-        axes.annotate(
-            name, project(np.array([place]), level)[0], xytext=(6, -11), textcoords="offset points", fontsize=8
-        )
+            name, project(np.array([place]), level)[0], xytext=offset, textcoords="offset points", fontsize=8,
+            ha="left" if offset[0] > 0 else "right", va="center", annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": PALETTE[5], "linewidth": 0.8, "shrinkA": 1, "shrinkB": 3},
+        )  # fmt: skip
     middle = project(np.array([(x / 2, y / 2)]), 0.0)[0]
     axes.annotate(f"bed\n{x:g} × {y:g} mm", middle, ha="center", va="center", fontsize=8)
     every = np.concatenate([project(np.array(corners), level) for level in (frame[0][2], frame[1][2])])
