@@ -20,7 +20,7 @@ WORKERS ?= 2
 PAPER := build/paper
 paper: $(STAMP)
 	$(BIN)/printmend dataset build --bodies generated:$(BODIES) --corruptions 10 --families pulley,pulley-loose -o $(PAPER)/data --workers $(WORKERS)
-	$(BIN)/printmend figures --dataset $(PAPER)/data -o $(PAPER)/figures --workers $(WORKERS)
+	$(BIN)/printmend figures --dataset $(PAPER)/data --models naive,lightgbm,lightgbm-axis,greybox,greybox+optimal,meta+optimal,oracle,optimum -o $(PAPER)/figures --workers $(WORKERS)
 	$(BIN)/printmend bench families --dataset $(PAPER)/data --rows naive+greedy,greybox+optimal,meta+optimal,oracle+greedy --out $(PAPER)/families --workers $(WORKERS)
 	$(BIN)/printmend selfrepair --hull egg --generations 6 -o $(PAPER)/selfrepair
 	$(BIN)/printmend curiosity --seed 3 --rounds 6 -o $(PAPER)/curiosity

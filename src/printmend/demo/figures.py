@@ -199,10 +199,11 @@ def similarity_figure() -> Figure:
         for outline, colour in ((one, PALETTE[0]), (laid, PALETTE[1])):
             place.fill(*outline.T, facecolor=colour, alpha=0.35, edgecolor=colour, linewidth=1.5)
         area, distance = _area_between(one, laid), _point_distance(one, laid)
-        place.set_title(f"{name}\n{area:.0f} mm² of one alone, {distance:.1f} mm between points", color=INK, fontsize=9)
+        what = f"{name}\n{area:.0f} mm² of one alone\n{distance:.1f} mm between points"
+        place.set_title(what, color=INK, fontsize=9)
         both = np.vstack([one, laid])
         fit_view(plain(place), both.min(axis=0), both.max(axis=0))
-    figure.subplots_adjust(top=0.85)
+    figure.subplots_adjust(top=0.8)
     return figure
 
 
