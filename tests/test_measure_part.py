@@ -92,6 +92,19 @@ def test_another_part_and_the_wrong_side_are_named(scanned):
         measure_part(_changed(scanned, "top.jpg", lambda p: p[:, ::-1]), tall, PRINTER)
 
 
+def test_a_part_of_thin_walls_is_known_though_they_moved_by_their_width(tmp_path):
+    outer = foreign.star(size=40)
+    text, strokes = foreign.gcode(outer - outer.buffer(-2.2))
+    (tmp_path / "ring.gcode").write_text(text)
+    picture = foreign.scan(BROKEN.strokes(strokes), np.random.default_rng(3), dpi=300)
+    (tmp_path / "ring.jpg").write_bytes(picture)
+    measured = measure_part(tmp_path / "ring.jpg", tmp_path / "ring.gcode", PRINTER)
+    assert measured.found > 0.9 * measured.walls
+    (tmp_path / "other.gcode").write_text(foreign.gcode(foreign.gear(size=40) - foreign.gear(size=40).buffer(-2.2))[0])
+    with pytest.raises(ScanError, match="the part of this file"):
+        measure_part(tmp_path / "ring.jpg", tmp_path / "other.gcode", PRINTER)
+
+
 def test_only_a_part_is_measured():
     text = foreign.gcode(foreign.star())[0]
     brim = read_gcode(text.replace("External perimeter", "Skirt/Brim").encode(), printer=PRINTER)

@@ -85,6 +85,19 @@ def test_the_same_machine_stays(old: SavedModel, points: int, seed: int) -> None
     assert error_mm(updated.model, machine()) < error_mm(old, machine()) + 0.1 * NOISE_MM
 
 
+def test_a_healthy_printer_stays_healthy_after_a_small_print() -> None:
+    healthy = Corruption((Drive(), Drive()))
+    for seed in (4, 5):
+        before = learn_model(printed(healthy, 300, seed, small=False), ENDER3)
+        model = update(before, printed(healthy, 60, seed + 10), rng=np.random.default_rng(0)).model
+        assert before.findings[0] == model.findings[0] == "X healthy; Y healthy"
+        at = np.linspace(0, 220, 50)
+        for table in model.mechanism.transmissions:
+            assert np.abs(np.stack(table.branches_mm(at)) - at).max() < 1e-9  # mend copies every file
+        # the first print saw the whole bed, and that stays known
+        assert not any("elsewhere" in each["words"] for each in model.document["misfit"]["found"])
+
+
 def test_an_oval_pulley_did_not_turn_by_half(old: SavedModel) -> None:
     updated = update(old, printed(machine(0.15), 200, 2001), rng=np.random.default_rng(0))
     assert [change.kind for change in updated.changes] == ["play"]

@@ -11,6 +11,8 @@ from printmend.measure.silhouette import COARSE_MM, Silhouette
 from printmend.measure.walls import RASTER_MM, Walls
 
 CELL_MM = 0.4  # of the pictures that are compared
+# plastic that is narrower on average is compared with so much laid around it: a fault moves walls by their own width
+THIN_MM, THICKEN_MM = 3.0, 1.6
 LEAST_OVERLAP = 0.78  # of a part with itself, however badly printed (intersection over union)
 TURNS_DEG, FINE_DEG = 3.0, 0.5
 AMBIGUOUS = 0.012  # by so much must one way to lie be better than all others
@@ -38,8 +40,9 @@ def find_lie(silhouette: Silhouette, walls: Walls, *, dpi: float, subject: str) 
 
     Raises `ScanError` for another part, another resolution, several parts, and one that lies upside down.
     """
-    wanted, wanted_middle = _centred(walls.plastic, RASTER_MM)
-    shown, shown_middle = _centred(silhouette.mask, COARSE_MM)
+    thicken_mm = THICKEN_MM if _is_thin(walls.plastic) else 0.0
+    wanted, wanted_middle = _centred(walls.plastic, RASTER_MM, thicken_mm)
+    shown, shown_middle = _centred(silhouette.mask, COARSE_MM, thicken_mm)
     side = max(*wanted.shape, *shown.shape)
     reach = int(np.ceil(side * 1.45)) | 1
     wanted, shown = _padded(wanted, reach), _padded(shown, reach)
@@ -59,14 +62,27 @@ def find_lie(silhouette: Silhouette, walls: Walls, *, dpi: float, subject: str) 
     return Lie(Pose(matrix, shift), mirrored, turned, overlap, unsure)
 
 
-def _centred(mask: np.ndarray, pixel_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mask as a picture of `CELL_MM` cells with its centroid in the middle, and the centroid [2] mm."""
+def _is_thin(plastic: np.ndarray) -> bool:
+    """Tell whether a part is nothing but walls, so that a fault may move its lines by their own width."""
+    edge = cv2.morphologyEx(plastic.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    outline_mm = edge.sum() * RASTER_MM / 2  # the gradient marks both sides of an edge
+    return bool(2 * plastic.sum() * RASTER_MM**2 < THIN_MM * outline_mm)
+
+
+def _centred(mask: np.ndarray, pixel_mm: float, thicken_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mask, ``thicken_mm`` laid around it, as a picture of `CELL_MM` cells with its centroid in the middle,
+    and the centroid [2] mm."""
+    around = round(thicken_mm / pixel_mm)
     y, x = np.nonzero(mask)
     middle = np.array([x.mean(), y.mean()])
+    mask = cv2.copyMakeBorder(mask.astype(np.uint8), around, around, around, around, cv2.BORDER_CONSTANT)
+    mask = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * around + 1, 2 * around + 1)))
     reach = int(np.ceil(np.hypot(*mask.shape) * pixel_mm / CELL_MM)) // 2 + 2
     factor = pixel_mm / CELL_MM
     size = 2 * reach + 1
-    move = np.array([[factor, 0, reach - factor * middle[0]], [0, factor, reach - factor * middle[1]]])
+    move = np.array(
+        [[factor, 0, reach - factor * (middle[0] + around)], [0, factor, reach - factor * (middle[1] + around)]]
+    )
     soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 0.4 / factor)
     return cv2.warpAffine(soft, move, (size, size), flags=cv2.INTER_LINEAR), middle * pixel_mm
 

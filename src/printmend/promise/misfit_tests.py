@@ -43,6 +43,7 @@ TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # both axes by so much, and alike to this sh
 MOVED_MM, HOME_SD_MM = 0.3, 0.05  # a plate lies shifted from there on; the most doubt of the error at home
 MOST_LEFT_SHARE = 0.35  # share of an uneven belt's squares that one period may leave
 COVERED_SHARE = 0.6  # of an axis of the bed
+UNSEEN = "unseen"  # the kind of the note about the rest
 
 
 _OF_WHEN = {
@@ -443,4 +444,4 @@ def _unseen(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     if not parts:
         return []
     words = f"only {' and '.join(parts)} was measured: elsewhere the printer is thought to go on as it does there"
-    return [Misfit("unseen", NOTE, 0.0, 0.0, words)]
+    return [Misfit(UNSEEN, NOTE, 0.0, 0.0, words)]

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.diagnosis import LEAST_FAULT_MM, NAMED_SIGMAS, Doubt, amount, doubt_of
 from printmend.errors import ModelError, TraceError
-from printmend.learn.drive import Choice, Rows, Structure, contacts, normal_equations
+from printmend.learn.drive import NOTHING, Choice, Rows, Structure, contacts, normal_equations
 from printmend.learn.drive.fit import (
     LEAST_SIGMA_MM,
     Fit,
@@ -40,8 +40,8 @@ from printmend.learn.walls import with_walls
 from printmend.machine.mechanism import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.promise.misfit import misfit_section
-from printmend.promise.misfit_tests import causes_of, effects_of, found_in
+from printmend.promise.misfit import NOTE, Misfit, misfit_section
+from printmend.promise.misfit_tests import UNSEEN, causes_of, effects_of, found_in
 from printmend.repair.history import Ageing
 from printmend.repair.learned import greybox_model
 from printmend.repair.screw_update import screw_changes, seen_screw, with_seen_screw
@@ -170,7 +170,10 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator, ageing: Ag
     }  # fmt: skip
     causes = causes_of(fit, trace)
     effects, explained = effects_of(fit, trace, causes)
-    details["misfit"] = misfit_section(found_in(fit, trace, causes), effects)
+    found = found_in(fit, trace, causes)
+    if not any(anew):  # the old print's places stay seen, however small the new one is
+        found = (*(each for each in found if each.kind != UNSEEN), *_never_seen(old))
+    details["misfit"] = misfit_section(found, effects)
     gaps = [gap for gap in old.findings[1:] if not any(gap.startswith(f"{name} ") for name in names)]
     return Updated(
         greybox_model(
@@ -180,6 +183,14 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator, ageing: Ag
         tuple(changes),
         names,
     )  # fmt: skip
+
+
+def _never_seen(old: SavedModel) -> list[Misfit]:
+    """Return what an old model said of places that were never measured."""
+    section = old.document.get("misfit")
+    rows = section.get("found", []) if isinstance(section, dict) else []
+    words = [str(row.get("words")) for row in rows if isinstance(row, dict) and row.get("kind") == UNSEEN]
+    return [Misfit(UNSEEN, NOTE, 0.0, 0.0, each) for each in words]
 
 
 def _turns_mm(past: list[Remembered]) -> tuple[float, float]:
@@ -213,6 +224,10 @@ def _learn_on(rows: Rows, past: Remembered) -> Choice:
     if (unneeded := _unneeded(past, fit)).any():
         active &= ~unneeded
         fit = _likeliest(rows, past, active, phase)
+    if _is_only_placed(past, fit):
+        values = np.zeros(past.design.size)
+        post = replace(fit.posterior, values=values)
+        return Choice(NOTHING, past.design, replace(fit, posterior=post, touch=contacts(past.design, values, rows)))
     return Choice(_structure(past, active), past.design, fit)
 
 
@@ -317,6 +332,16 @@ def _unneeded(past: Remembered, fit: Fit) -> np.ndarray:
         if chi2 < new.sum() + NAMED_SIGMAS * np.sqrt(2 * new.sum()) + NAMED_SIGMAS**2:
             unneeded |= new
     return unneeded
+
+
+def _is_only_placed(past: Remembered, fit: Fit) -> bool:
+    """Tell whether a motor that was healthy still is: all that is left is a place which measuring alone explains."""
+    post = fit.posterior
+    place = past.design.parts["mean_powers"].start
+    if past.values.any() or np.delete(post.values, place).any() or not post.active[place]:
+        return False
+    sd = float(np.sqrt(post.covariance.diagonal()[post.active[:place].sum()]))  # of the active ones
+    return abs(float(post.values[place])) < NAMED_SIGMAS * sd
 
 
 def _structure(past: Remembered, active: np.ndarray) -> Structure:
