@@ -28,6 +28,11 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.diagnosis import Fault
 from printmend.errors import InputError
+from printmend.gcode.container import open_gcode
+from printmend.gcode.read import read_part, starting_state
+from printmend.gcode.write import follow
+from printmend.invert import start
+from printmend.machine import Mechanism
 from printmend.printer import read_printer
 from printmend.probe import design_probe, expected_error_mm
 from printmend.promise import misfit_tests
@@ -40,8 +45,19 @@ from printmend.studio.app import PAGE, create_app
 from printmend.studio.host import Host, checked_address, find_host
 from printmend.studio.jobs import Jobs
 from printmend.studio.next_print import next_print
+from printmend.studio.pace import Pace, pace, slicer_s
 from printmend.studio.play import Faults, preview
-from printmend.studio.scene import ROW, build_scene, write_mended, write_wanted
+from printmend.studio.scene import (
+    MOST_POINTS,
+    ROW,
+    Scene,
+    Tap,
+    as_mended,
+    as_printed,
+    read_drawing,
+    write_mended,
+    write_wanted,
+)
 from printmend.studio.store import Store
 from printmend.twin import Twin
 from tests import naive_studio
@@ -164,6 +180,15 @@ def _tables(path: Path, *kinds: str) -> list[np.ndarray]:
     ]
 
 
+def _scene(path: Path, machine: Mechanism, most: int = MOST_POINTS) -> Scene:
+    """Return a part as it is printed, and as mended, each arc and line planned even where nothing is wrong."""
+    drawing, tap = read_drawing(path, machine.printer, most=most), Tap()
+    with open_gcode(path) as file:
+        part = file.parts[0]
+        follow(part.chunks(), starting_state(part, printer=machine.printer), tap.over(start(machine).plan))
+    return as_mended(as_printed(drawing, machine), drawing, machine, tap)
+
+
 def test_the_picture_shows_what_is_predicted(tmp_path: Path) -> None:
     """The scene's errors are those that `check` adds up by its own means; what no planner touches is where it was."""
     (path := tmp_path / "part.gcode").write_text(PART)
@@ -171,7 +196,7 @@ def test_the_picture_shows_what_is_predicted(tmp_path: Path) -> None:
     faults = Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.2)), Drive(belt=Play(0.3))))
     model = exact_model(Twin.of(faults, printer).homed())
     prediction = check_gcode(path, model)
-    scene = build_scene(path, model.mechanism, plan=model.mechanism)
+    scene = _scene(path, model.mechanism)
     assert scene.mended_error_mm is not None
     assert scene.rms_mm(scene.raw_error_mm) == pytest.approx(prediction.before.rms_mm, rel=0.05)
     assert scene.rms_mm(scene.mended_error_mm) < 0.005 < 0.05 < scene.rms_mm(scene.raw_error_mm)
@@ -194,8 +219,15 @@ def test_the_picture_shows_what_is_predicted(tmp_path: Path) -> None:
     (mended,) = _tables(packed, "<i2")
     assert mended[:, 2] * 0.001 == pytest.approx(scene.mended_error_mm, abs=6e-4)
     assert [z for _, _, z in head["layers"]] == [0.2, 0.4, 0.6]
+    with open_gcode(path) as file:  # a time of one's own, move by move
+        moves = read_part(file.parts[0], printer=printer).moves
+    chords = np.linalg.norm(moves.end_mm - moves.start_mm, axis=1) / np.maximum(moves.feed_mm_s, 1e-9)
+    assert scene.raw_pace.seconds == pytest.approx(chords[moves.feed_mm_s > 0].sum(), rel=0.2)  # chords are shorter
+    assert scene.mended_pace is not None
+    assert scene.raw_pace.seconds <= scene.mended_pace.seconds < 1.5 * scene.raw_pace.seconds
+    assert scene.raw_pace.busiest <= scene.mended_pace.busiest
     healthy = saved_model(Twin.of(Corruption((Drive(), Drive())), printer).homed(), learner="exact")
-    still = build_scene(path, healthy.mechanism, plan=healthy.mechanism, most=20)
+    still = _scene(path, healthy.mechanism, most=20)
     assert still.every > 1
     assert still.raw_error_mm.max() < 1e-9
     assert still.mended_error_mm is not None
@@ -217,6 +249,32 @@ def test_distances_are_those_of_the_slow_twin() -> None:
     kernels.distances(wanted, printed, joined, 3, out)
     assert out == pytest.approx(naive_studio.distances(wanted, printed, joined, 3), abs=1e-12)
     assert (out > 0).any()
+
+
+def test_the_pace_counts_the_busiest_second_and_the_slicer_says_the_time() -> None:
+    slow, fast = np.full(3, 30.0), np.full(12, 0.5)
+    found = pace(np.concatenate([slow, fast, slow, [0.0]]), np.full(19, 1200.0))  # 20 mm/s
+    assert found == Pace(pytest.approx(9 + 12 * 0.025), 13)
+    assert slicer_s(b"G1 X1", b"; estimated printing time (normal mode) = 1d 2h 58m 52s\n") == 97132
+    assert slicer_s(b"; model printing time: 1m; total estimated time: 17m 3s\n") == 1023
+    assert slicer_s(b";FLAVOR:Marlin\r\n;TIME:6666\r\n") == 6666
+    assert slicer_s(b"; total estimated time: -\nG1 X1") is None
+
+
+def test_points_are_those_of_the_slow_twin() -> None:
+    rng = np.random.default_rng(4)
+    count = 30
+    start, end, center = rng.uniform(0, 9, (count, 3)), rng.uniform(0, 9, (count, 3)), rng.uniform(0, 9, (count, 2))
+    turn, counts, jumped = rng.integers(-1, 2, count), rng.integers(1, 5, count), rng.random(count) < 0.3
+    sweep, radius = turn * rng.uniform(0.1, 7, count), np.hypot(*(start[:, :2] - center).T)
+    rows = int((counts + jumped).sum())
+    out, at, begin = np.empty((rows, 3)), np.empty(rows), np.arange(count, dtype=float)
+    kernels.points(start, end, center, turn, sweep, radius, begin, begin + 1, counts, jumped, out, at)
+    assert out == pytest.approx(naive_studio.points(start, end, center, turn, sweep, counts, jumped), abs=1e-9)
+    assert at == pytest.approx(np.concatenate([
+        np.arange(0 if jumps else 1, many + 1) / many + line
+        for line, (many, jumps) in enumerate(zip(counts, jumped, strict=True))
+    ]))  # fmt: skip
 
 
 def test_the_way_of_ones_own_printer(folder: Path) -> None:

@@ -3,6 +3,9 @@
 import re
 from dataclasses import dataclass
 
+# Each expression is asked only where one of its words stands: a MiB that names no printer is passed over quickly.
+_NAMES, _BEDS = (b"printer_model", b"printer_settings_id", b"TARGET_MACHINE.NAME"), (b"bed_shape", b"printable_area")
+_ENDS = (b"MINX:", b"MINY:", b"MAXX:", b"MAXY:")
 _NAMED = re.compile(
     rb'^[;\s"]*(?:printer_model|printer_settings_id|TARGET_MACHINE\.NAME)"?\s*[:=]\s*"?([^\r\n"]*)', re.MULTILINE
 )
@@ -26,10 +29,11 @@ class Described:
 
 def described(*texts: bytes) -> Described:
     """Read pieces of a file (`Part.hints`): PrusaSlicer's, Orca's and Bambu's settings, Cura's header."""
-    names = [name.strip().decode("utf-8", "replace") for text in texts for name in _NAMED.findall(text)]
+    naming = [text for text in texts if any(word in text for word in _NAMES)]
+    names = [name.strip().decode("utf-8", "replace") for text in naming for name in _NAMED.findall(text)]
     corners: list[tuple[float, float]] = []
     for text in texts:
-        if not corners and (found := _BED.search(text)) is not None:
+        if not corners and any(word in text for word in _BEDS) and (found := _BED.search(text)) is not None:
             corners = [(float(x), float(y)) for x, y in _CORNER.findall(found[1])]
     known = tuple(dict.fromkeys(name for name in names if name))
     bed = None
@@ -41,7 +45,8 @@ def described(*texts: bytes) -> Described:
 
 def _bounds(texts: tuple[bytes, ...]) -> Corners | None:
     """Return Cura's bounds of a print; None where they are missing, or not filled in (the lowest above the highest)."""
-    at = {(end, axis): float(value) for text in texts for end, axis, value in _BOUND.findall(text)}
+    bounded = [text for text in texts if any(word in text for word in _ENDS)]
+    at = {(end, axis): float(value) for text in bounded for end, axis, value in _BOUND.findall(text)}
     if len(at) < 4:
         return None
     low, high = ((at[end, b"X"], at[end, b"Y"]) for end in (b"MIN", b"MAX"))

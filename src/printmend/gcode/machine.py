@@ -84,9 +84,9 @@ def detect_flavour(*texts: bytes) -> Flavour:
     nearly always 2.
     """
     for text in texts:
-        if found := _CONFIG.search(text):
+        if b"gcode_flavor" in text.lower() and (found := _CONFIG.search(text)):
             return _NAMES.get(found[1].lower(), Flavour.UNKNOWN)
-        if found := _CURA.search(text):
+        if b";FLAVOR:" in text and (found := _CURA.search(text)):
             name = found[1].strip().lower()
             return Flavour.MARLIN2 if name == b"marlin" else _NAMES.get(name, Flavour.UNKNOWN)
     return Flavour.UNKNOWN

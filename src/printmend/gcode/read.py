@@ -136,6 +136,7 @@ def larger(capacity: int, name: str = "G-code") -> int:
 _ENOUGH_MOVES = 20
 _IMPLAUSIBLE_SHARE = 0.1
 _MOST_SHARE = 0.5
+_TOP_SHARE = 0.1
 _FILAMENT_PER_MM = 3.0
 
 
@@ -151,12 +152,26 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
         return
     default = int(state.counts[k.C_RULE]), int(state.counts[k.C_M83])
     share = _implausible_share(text, state, *default)
-    if share <= _IMPLAUSIBLE_SHARE:
+    if share <= _IMPLAUSIBLE_SHARE or _says_e_first(text.tobytes()):
         return
     others = [(rule, m83) for m83 in (default[1], 1 - default[1]) for rule in (k.E_EITHER, k.E_FOLLOWS, k.E_APART)]
     shares = [_implausible_share(text, state, *other) for other in others]
     if min(shares) < share / 4:
         state.counts[k.C_RULE], state.counts[k.C_M83] = others[int(np.argmin(shares))]
+
+
+def _says_e_first(text: bytes) -> bool:
+    """Say whether all rules read nearly all of a text alike: any G91 before a G90, then M82 or M83, all at its top."""
+    told, absolute = max(_last_statement(text, b"M82"), _last_statement(text, b"M83")), _last_statement(text, b"G90")
+    return text.rfind(b"G91") <= absolute < told < _TOP_SHARE * len(text)
+
+
+def _last_statement(text: bytes, word: bytes) -> int:
+    """Return where a statement stands last in a text, outside comments; −1 where it does not."""
+    at = text.rfind(word)
+    while at >= 0 and b";" in text[text.rfind(b"\n", 0, at) + 1 : at]:
+        at = text.rfind(word, 0, at)
+    return at
 
 
 def guessed_e_rule(part: Part, state: MachineState) -> tuple[int, int] | None:

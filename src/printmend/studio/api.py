@@ -5,6 +5,7 @@ import os
 import re
 import secrets
 import shutil
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,7 +24,7 @@ from printmend.studio.store import DONE, NotThereError
 
 LONGEST_UPLOAD_S = 900.0
 LEAST_FREE_BYTES = 500_000_000
-_LOOK_S = 0.15
+_LOOK_S, _ASK_S = 0.05, 1.0  # how often a job's folder is looked at, and at the latest the job itself
 _ODD = re.compile(r"[^\w.+ ()\-]")
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {
@@ -140,13 +141,17 @@ def job(here: Here, key: Key) -> JobCard:
 @router.get("/jobs/{key}/events", response_class=EventSourceResponse, tags=["jobs"])
 async def events(request: Request, here: Here, key: Key) -> AsyncIterator[ServerSentEvent]:
     """Follow a job: an event with the job's table whenever it changes, the last one when it has ended."""
-    last = None
+    last, stamp, asked_s = None, None, 0.0
     while True:
-        now = await run_in_threadpool(card, here, key)
-        if now != last:
-            yield ServerSentEvent(data=now, event="job")
-            last = now
-        if now.state in DONE or request.app.state.stopping():  # a page asks again when the server is back
+        if (fresh := here.jobs.stamp(key)) != stamp or time.monotonic() - asked_s > _ASK_S:
+            stamp, asked_s = fresh, time.monotonic()
+            now = await run_in_threadpool(card, here, key)
+            if now != last:
+                yield ServerSentEvent(data=now, event="job")
+                last = now
+            if now.state in DONE:
+                return
+        if request.app.state.stopping():  # a page asks again when the server is back
             return
         await asyncio.sleep(_LOOK_S)
 

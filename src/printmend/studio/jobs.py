@@ -41,7 +41,7 @@ class Jobs:
         self._tidy()
         for job in store.jobs(waiting=True):
             self._schedule(job["id"], job["kind"], job["params"])
-        self._later = threading.Timer(_WARM_AFTER_S, lambda: self.warm())
+        self._later = threading.Timer(_WARM_AFTER_S, self.warm)
         self._later.daemon = True
         self._later.start()
 
@@ -88,6 +88,14 @@ class Jobs:
         waiting = [job["id"] for job in self._store.jobs(waiting=True)]
         return waiting.index(key) if key in waiting else 0
 
+    def stamp(self, key: str) -> tuple[bool, int]:
+        """Return what changes whenever a job says something of itself, or ends."""
+        try:
+            told_ns = (self._store.path("job", key) / work.PROGRESS).stat().st_mtime_ns
+        except OSError:
+            told_ns = 0
+        return key in self._running, told_ns
+
     def remove(self, key: str) -> None:
         """Stop a job and take away all that it wrote."""
         self.cancel(key)
@@ -118,7 +126,10 @@ class Jobs:
     def _ended(self, key: str, future: Future[Any]) -> None:
         if self._closing:
             return
-        self._running.pop(key, None)
+        self._keep(key, future)
+        self._running.pop(key, None)  # whoever sees that it no longer runs finds what came of it
+
+    def _keep(self, key: str, future: Future[Any]) -> None:
         try:
             result: dict[str, Any] = future.result()
         except CancelledError:

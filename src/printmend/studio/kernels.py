@@ -1,4 +1,4 @@
-"""How far printed points lie from the wanted path around their own place on it."""
+"""Points along a path, and how far printed ones lie from the wanted path around their own place on it."""
 
 import numpy as np
 
@@ -28,3 +28,26 @@ def distances(wanted, printed, joined, near, out):
             dx, dy = bx - share * ax, by - share * ay
             best = min(best, dx * dx + dy * dy)
         out[i] = np.sqrt(best) if high > low else 0.0
+
+
+@entry
+def points(start, end, center, turn, sweep, radius, begin, finish, counts, jumped, out, at):
+    """Fill out [N, 3] with points along lines [L]: ``counts`` + 1 of each, ends included, the first only where the head
+    jumped there; at [N] with the part of the file that each is, from ``begin`` to ``finish``.
+
+    Lines that ``turn`` are arcs about ``center`` [L, 2], over the angle ``sweep`` [L] rad.
+    """
+    row = 0
+    for line in range(counts.shape[0]):
+        arc = turn[line] != 0
+        first = np.arctan2(start[line, 1] - center[line, 1], start[line, 0] - center[line, 0]) if arc else 0.0
+        for step in range(0 if jumped[line] else 1, counts[line] + 1):
+            share = step / counts[line]
+            for axis in range(3):
+                out[row, axis] = start[line, axis] + share * (end[line, axis] - start[line, axis])
+            if arc and share < 1.0:
+                angle = first + share * sweep[line]
+                out[row, 0] = center[line, 0] + radius[line] * np.cos(angle)
+                out[row, 1] = center[line, 1] + radius[line] * np.sin(angle)
+            at[row] = begin[line] + share * (finish[line] - begin[line])
+            row += 1

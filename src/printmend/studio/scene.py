@@ -18,11 +18,12 @@ from printmend.gcode.container import Part, open_gcode
 from printmend.gcode.layers import layers_of
 from printmend.gcode.read import starting_state
 from printmend.gcode.write import Plan, follow
-from printmend.invert import layout, start
+from printmend.invert import layout
 from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
 from printmend.printer import Printer
 from printmend.studio import kernels
+from printmend.studio.pace import Pace, pace
 
 MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 14 MB
 ROW = 2048  # points in a row of a packed table
@@ -30,7 +31,23 @@ _PITCHES_MM = (0.8, 6.0)  # between points on long lines: finest and coarsest
 _SIDE = 1e-7  # of a line: this side of its end, or that
 _NEAR = 3  # wanted segments to either side that a printed point may belong to
 _UNIT_MM = 0.002  # of the packed offsets: 16 bits reach 65 mm
-_COLUMNS = ["x0", "y0", "z0", "x1", "y1", "z1", "c0", "c1", "advance", "flags", "layer", "turns", "kind", "plane"]
+_COLUMNS = [
+    "x0",
+    "y0",
+    "z0",
+    "x1",
+    "y1",
+    "z1",
+    "c0",
+    "c1",
+    "advance",
+    "flags",
+    "layer",
+    "turns",
+    "kind",
+    "plane",
+    "feed",
+]
 Columns = dict[str, np.ndarray]
 _BOTH_KNOWN = k.FLAG_KNOWN_X0 | k.FLAG_KNOWN_Y0 | k.FLAG_KNOWN_X1 | k.FLAG_KNOWN_Y1
 
@@ -55,7 +72,8 @@ class Scene:
     """Points [P] along the extruded path: ``wanted_mm`` [P, 3], how far ``raw_mm`` and ``mended_mm`` [P, 2] lie from
     there, each with its distance from the wanted path [P] mm; ``joined`` [P]: a bead leads on to the next point;
     ``width_mm`` and ``height_mm`` [P] of the bead, ``layer`` [P] from 0. ``mended_mm`` is None before mending. Of parts
-    with too many points only every ``every``-th layer is there."""
+    with too many points only every ``every``-th layer is there. ``raw_pace`` and ``mended_pace`` say how long it
+    takes."""
 
     wanted_mm: np.ndarray
     raw_mm: np.ndarray
@@ -67,6 +85,8 @@ class Scene:
     height_mm: np.ndarray
     layer: np.ndarray
     every: int
+    raw_pace: Pace
+    mended_pace: Pace | None = None
 
     def rms_mm(self, error_mm: np.ndarray) -> float:
         """Return the root mean square of an error [P] over the length of the path."""
@@ -135,25 +155,6 @@ class Drawing:
     every: int
 
 
-def build_scene(
-    source: Path, truth: Mechanism, *, plan: Mechanism | None, aligned: bool = False, most: int = MOST_POINTS
-) -> Scene:
-    """Print a G-code file on ``truth`` as it is and, unless ``plan`` is None, as mended for the machine ``plan``.
-
-    Both machines are absolute, as those of a saved model. ``aligned`` lays either print where it fits the wanted one
-    best, as someone does who holds a part in the hand. Raises `GcodeError` for what cannot be read.
-    """
-    drawing = read_drawing(source, truth.printer, most=most)
-    scene = as_printed(drawing, truth, aligned=aligned)
-    if plan is None:
-        return scene
-    tap = Tap()
-    with open_gcode(source) as file:
-        part = file.parts[0]
-        follow(part.chunks(), starting_state(part, printer=truth.printer), tap.over(start(plan).plan))
-    return as_mended(scene, drawing, truth, tap, aligned=aligned)
-
-
 def read_drawing(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> Drawing:
     """Read a file's first part and lay points along its extruded path. Raises `GcodeError` for what cannot be read."""
     parts = [{name: np.empty(0, k.RECORD[name]) for name in _COLUMNS}]
@@ -197,19 +198,25 @@ def as_printed(drawing: Drawing, truth: Mechanism, *, aligned: bool = False) -> 
     return Scene(
         wanted, off, _distance(wanted, wanted[:, :2] + off, drawing.joined), None, None, drawing.joined,
         width[drawing.record], height[drawing.record], drawing.layer, drawing.every,
+        pace(drawing.length_mm, drawing.records["feed"]),
     )  # fmt: skip
 
 
 def as_mended(scene: Scene, drawing: Drawing, truth: Mechanism, tap: Tap, *, aligned: bool = False) -> Scene:
     """Add to a scene how ``truth`` prints the same file mended; ``tap`` has seen it planned."""
-    told = _given_lines(drawing.lines, *tap.kept())
+    counts, pieces = tap.kept()
+    told = _given_lines(drawing.lines, counts, pieces)
     given, given_at = _points(told, np.where(told.turn != 0, drawing.pitch_mm / 4, drawing.pitch_mm))
     result = print_from_home(truth, given)
     # slack is taken up between two lines: before a bead begins, after one ends
     look = drawing.at + np.where(drawing.bead_end, -_SIDE, _SIDE)
     off = _off(np.column_stack([np.interp(look, given_at, column) for column in result[:, :2].T]), drawing, aligned)
     error = _distance(scene.wanted_mm, scene.wanted_mm[:, :2] + off, drawing.joined)
-    return replace(scene, mended_mm=off, mended_error_mm=error)
+    feed = np.repeat(drawing.records["feed"], np.maximum(counts, 1))
+    of_piece = np.repeat(counts > 0, np.maximum(counts, 1))
+    feed[of_piece] = np.where(pieces["feed"] > 0, pieces["feed"], feed[of_piece])
+    length, *_ = _lengths(told)
+    return replace(scene, mended_mm=off, mended_error_mm=error, mended_pace=pace(length, feed))
 
 
 def _motion(records: np.ndarray) -> np.ndarray:
@@ -269,17 +276,13 @@ def _points(lines: Lines, pitch_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     length, sweep, radius = _lengths(lines)
     counts = np.maximum(np.ceil(length / pitch_mm), 1).astype(np.int64)
     jumped = np.concatenate([[True], (lines.start_mm[1:] != lines.end_mm[:-1]).any(axis=1)])
-    rows = counts + jumped
-    of = np.repeat(np.arange(len(counts)), rows)
-    step = np.arange(len(of)) - np.repeat(np.cumsum(rows) - rows, rows) + np.where(jumped[of], 0, 1)
-    share = step / counts[of]
-    points = lines.start_mm[of] + share[:, None] * (lines.end_mm - lines.start_mm)[of]
-    arcs = lines.turn[of] != 0
-    line = of[arcs]
-    angle = np.arctan2(*(lines.start_mm[line, :2] - lines.center_mm[line]).T[::-1]) + share[arcs] * sweep[line]
-    ring = lines.center_mm[line] + radius[line, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    points[arcs, :2] = np.where((share[arcs] < 1)[:, None], ring, lines.end_mm[line, :2])
-    return points, lines.begin[of] + share * (lines.end - lines.begin)[of]
+    rows = int((counts + jumped).sum())
+    points, at = np.empty((rows, 3)), np.empty(rows)
+    kernels.points(
+        lines.start_mm, lines.end_mm, lines.center_mm, lines.turn, sweep, radius, lines.begin, lines.end, counts,
+        jumped, points, at,
+    )  # fmt: skip
+    return points, at
 
 
 def _lengths(lines: Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -147,17 +147,35 @@ def _mend(job: Job) -> dict[str, Any]:
         job.file(output)
     except RefusedError as error:
         refused, prediction = str(error), check_gcode(named, model)
+    paces = None
     if drawing is not None and tap.seen:
         job.tell(0.8, "draw")
-        write_mended(job.folder / MENDED, as_mended(scene, drawing, model.mechanism, tap))
+        scene = as_mended(scene, drawing, model.mechanism, tap)
+        write_mended(job.folder / MENDED, scene)
         job.file(MENDED)
+        paces = _paces(named, scene)
     table = prediction.json()
     table.pop("layers")
-    return {"name": name, "output": None if refused else output, "refused": refused, "prediction": table,
+    return {"name": name, "output": None if refused else output, "refused": refused, "prediction": table, "pace": paces,
             "layers": [[round(layer[key], 4) for key in ("z_mm", "before_rms_mm", "after_rms_mm")]
                        for layer in prediction.layers],
             "bytes": source.stat().st_size, "digest": model.digest,
             "summary": prediction.summary()}  # fmt: skip
+
+
+def _paces(path: Path, scene: Any) -> dict[str, Any]:
+    """Return how long a print takes before and after, going by the slicer where it says so, and the busiest seconds."""
+    from printmend.gcode.container import open_gcode
+    from printmend.studio.pace import slicer_s
+
+    with open_gcode(path) as file:
+        told_s = slicer_s(*file.parts[0].hints())
+    before, after = scene.raw_pace, scene.mended_pace
+    # what mending adds is slow and short moves: it takes as much longer as at constant speeds
+    longer_s = after.seconds - before.seconds
+    return {"before_s": before.seconds if told_s is None else told_s, "told": told_s is not None,
+            "after_s": longer_s + (before.seconds if told_s is None else told_s),
+            "busiest": [before.busiest, after.busiest]}  # fmt: skip
 
 
 def _model(path: Path) -> Any:

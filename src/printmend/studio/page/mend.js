@@ -7,7 +7,7 @@ import { Problem, Progress, Sending, useJob, useSending } from "./job.js";
 import { Part } from "./part.js";
 import { useScene } from "./scene.js";
 import { Send } from "./send.js";
-import { mm, number, sentence, t, why } from "./words.js";
+import { lasting, mm, number, sentence, t, why } from "./words.js";
 
 const STEPS = ["read", "mend", "draw"];
 
@@ -38,28 +38,30 @@ export function Mend({ printer, changed }) {
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
       ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<button class="quiet row between" style=${{ justifyContent: "space-between", textAlign: "left" }} aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span style=${{ overflowWrap: "anywhere" }}>${row.name}</span>
         <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ""}</span></button>`)}</section>`}</div>
-    <div class="stack">${shown ? html`<${File_} key=${shown} id=${shown} printer=${printer} changed=${changed} />` : html`<div class="stage"></div>`}</div></div>`;
+    <div class="stack"><${File_} id=${shown} printer=${printer} changed=${changed} /></div></div>`;
 }
 
 function File_({ id, printer, changed }) {
   const job = useJob(id), [error, setError] = useState(null), scene = useScene(job, setError);
+  useEffect(() => setError(null), [id]);
   const result = job?.state === "done" ? job.result : null;
   return html`<${Problem} error=${error ?? (job?.state === "failed" ? job.error : null)} />
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
-    ${job && !ended(job) && html`<section class="card"><${Progress} job=${job} steps=${STEPS} /></section>`}
-    ${scene ? html`<${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene.mended ? 2 : 1} busy=${!ended(job)} />` : !ended(job) && html`<div class="stage"></div>`}
+    <${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene?.mended ? 2 : 1} busy=${Boolean(job) && !ended(job)}>
+      ${job && !ended(job) && html`<section class="card busy"><${Progress} job=${job} steps=${STEPS} /></section>`}</${Part}>
     ${result && html`<${Numbers} job=${job} printer=${printer} changed=${changed} />`}`;
 }
 
 function Numbers({ job, printer, changed }) {
-  const { prediction: p, output, refused, layers } = job.result;
+  const { prediction: p, output, refused, layers, pace } = job.result, more = pace && output;
   return html`<section class="card stack"><div class="row between" style=${{ alignItems: "start" }}><div class="numbers" style=${{ flex: 1 }}>
         <${Number_} value=${mm(p.before.rms_mm)}>${t("rms_raw")}<br />${t("p95", { mm: mm(p.before.p95_mm) })}</${Number_}>
         <${Number_} value=${mm(p.after.rms_mm)}>${t("rms_mended")}<br />${t("p95", { mm: mm(p.after.p95_mm) })}${p.after.rms_high_mm > p.after.rms_low_mm && html`<br />${t("range", { low: mm(p.after.rms_low_mm), high: mm(p.after.rms_high_mm) })}`}</${Number_}></div>
       ${output && html`<a class="button primary big" href=${fileOf(job, output)} download=${output}>${t("download")}</a>`}</div>
     ${output && html`<${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} />`}
     ${refused && html`<p class="problem">${why(refused)}</p>`}
-    <p class="faint">${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${p.clamped > 0 && html`<br />${t("clamped", { n: number(p.clamped, 0) })}`}</p>
+    <p class="faint">${pace && html`${t(pace.told ? "time" : "time_least", { time: lasting(pace.before_s) })}${more && html` → <b>${lasting(pace.after_s)}</b>`}<br />`}
+      ${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${more && html`<br />${t("busiest", { before: number(pace.busiest[0], 0), after: number(pace.busiest[1], 0) })}`}${p.clamped > 0 && html`<br />${t("clamped", { n: number(p.clamped, 0) })}`}</p>
     ${[...p.advice, ...p.warnings ?? []].map((line) => html`<p class="note">${sentence(line)}</p>`)}
     ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span><span class="key km">${t("mended")}</span><${Save} id="layers" name="layers" /></div></div><${Layers} layers=${layers} /></div>`}</section>`;
 }

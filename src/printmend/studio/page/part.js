@@ -1,4 +1,5 @@
-// The part on a stage: the three-dimensional view with its slider, layers, colours and pictures.
+// The part on a stage: the three-dimensional view with its slider, layers, colours and pictures. Without a scene the stage
+// is empty and all is ready for one; `children` are laid over it.
 import { html, useEffect, useRef, useState } from "./vendor.js";
 import { Cut } from "./cut.js";
 import { Save, saveBlob } from "./drawings.js";
@@ -9,16 +10,21 @@ import { View } from "./view3d.js";
 const PLACES = [["wanted", 0], ["printed", 1], ["mended", 2]];
 const nice = (value) => { const p = 10 ** Math.floor(Math.log10(value)); return [1, 2, 5, 10].map((k) => k * p).find((v) => v >= value * 0.999); };
 
-export function Part({ scene, bed, name = "part", morph: start, busy = false }) {
+export function Part({ scene, bed, name = "part", morph: start, busy = false, children }) {
   const canvas = useRef(), view = useRef();
   const [failed, setFailed] = useState(false), [morph, setMorph] = useState(start ?? 1), [enlarge, setEnlarge] = useState(1);
   const [top, setTop] = useState(0), [single, setSingle] = useState(false), [cut, setCut] = useState(false);
-  const last = scene.layers.length - 1, most = nice(Math.max(scene.p95_mm || 0.01, 0.01));
+  const last = (scene?.layers.length ?? 1) - 1, most = nice(Math.max(scene?.p95_mm || 0.01, 0.01));
   useEffect(() => {
     try { view.current = new View(canvas.current, { onFrame: (ms, fine) => { if (canvas.current) Object.assign(canvas.current.dataset, { frame: ms.toFixed(1), fine, pictures: Number(canvas.current.dataset.pictures ?? 0) + 1 }); } }); } catch { setFailed(true); }
     return () => { view.current?.close(); view.current = null; };
   }, []);
   useEffect(() => {
+    if (!scene) {
+      view.current?.empty();
+      for (const name of ["frame", "fine", "pictures"]) delete canvas.current.dataset[name];
+      return;
+    }
     view.current?.show(scene, bed);
     setTop(last);
     setSingle(false);
@@ -27,7 +33,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false }) 
   useEffect(() => { view.current?.wait(busy); }, [busy]);
   useEffect(() => { if (start !== undefined) setMorph(start); }, [start, scene]);
   useEffect(() => { view.current?.set({ morph, enlarge, tinted: morph > 0.02 ? 1 : 0 }); }, [morph, enlarge, scene]);
-  useEffect(() => { view.current?.layers(single ? Math.min(top, last) : 0, Math.min(top, last)); }, [top, single, scene]);
+  useEffect(() => { if (scene) view.current?.layers(single ? Math.min(top, last) : 0, Math.min(top, last)); }, [top, single, scene]);
   const key = (event) => {
     const turn = { ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, 0.12], ArrowDown: [0, -0.12], "+": [0, 0, 1.15], "=": [0, 0, 1.15], "-": [0, 0, 1 / 1.15] }[event.key];
     const layer = { PageUp: 1, PageDown: -1 }[event.key];
@@ -36,11 +42,12 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false }) 
     if (turn || layer) event.preventDefault();
   };
   const save = async (kind) => saveBlob(kind === "png" ? await view.current.picture() : new Blob([vector(view.current)], { type: "image/svg+xml" }), `${name}.${kind}`);
-  const places = scene.mended ? PLACES : PLACES.slice(0, 2);
+  const places = scene?.mended ? PLACES : PLACES.slice(0, 2), height = scene?.layers[Math.min(top, last)]?.[2] ?? 0, says = t("layer", { n: Math.min(top, last) + 1, of: last + 1, z: number(height, 2) });
   return html`<div class="stage" data-testid="part">
     ${failed && html`<p class="problem" style=${{ margin: "5rem 1rem" }}>${t("no_gl")}</p>`}
-    <canvas ref=${canvas} tabindex="0" role="img" aria-label=${t("view")} onKeyDown=${key}></canvas>
-    <div class="over">
+    <canvas ref=${canvas} tabindex=${scene ? 0 : undefined} role="img" aria-label=${t("view")} onKeyDown=${key}></canvas>
+    ${children}
+    ${scene && html`<div class="over">
       <div class="segment" role="group" aria-label=${t("morph")}>
         ${places.map(([place, at]) => html`<button aria-pressed=${Math.abs(morph - at) < 0.3} onClick=${() => setMorph(at)}>${t(place)}</button>`)}
       </div>
@@ -51,20 +58,19 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false }) 
         <${Save} save=${save} />
       </div>
     </div>
-    <div class="layers"><input type="range" min="0" max=${last} value=${Math.min(top, last)} aria-label=${t("layer", { n: top + 1, of: last + 1, z: number(scene.layers[Math.min(top, last)]?.[2] ?? 0, 2) })}
+    <div class="layers"><input type="range" min="0" max=${last} value=${Math.min(top, last)} aria-label=${says}
       onInput=${(event) => setTop(Number(event.target.value))} /></div>
     <div class="under">
       <div class="glass scale" hidden=${morph <= 0.02}><i></i><span><b>0</b><b>${number(most / 2, most < 0.1 ? 3 : 2)}</b><b>≥ ${mm(most)}</b></span><span>${t("colour")}</span></div>
       <div class="glass row">
-        <span>${t("layer", { n: Math.min(top, last) + 1, of: last + 1, z: number(scene.layers[Math.min(top, last)]?.[2] ?? 0, 2) })}</span>
+        <span>${says}</span>
         <label class="row"><input type="checkbox" checked=${single} onChange=${(event) => setSingle(event.target.checked)} />${t("one_layer")}</label>
         <label class="row">${t("enlarge")}<select value=${enlarge} style=${{ width: "auto", minHeight: "2rem", padding: "0.2rem 0.5rem" }} onChange=${(event) => setEnlarge(Number(event.target.value))}>${[1, 2, 5, 10, 20].map((k) => html`<option value=${k}>${k} ×</option>`)}</select></label>
       </div>
-    </div>
-    ${scene.every > 1 && html`<p class="sr">${t("every", { n: scene.every })}</p>`}
+    </div>`}
   </div>
-  <label class="field"><span class="sr">${t("morph")}</span>
+  ${scene && html`<label class="field"><span class="sr">${t("morph")}</span>
     <input type="range" min="0" max=${scene.mended ? 2 : 1} step="0.01" value=${morph} onInput=${(event) => setMorph(Number(event.target.value))} /></label>
   ${cut && html`<${Cut} scene=${scene} morph=${morph} most=${most} name=${name} />`}
-  ${scene.every > 1 && html`<p class="faint">${t("every", { n: scene.every })}</p>`}`;
+  ${scene.every > 1 && html`<p class="faint">${t("every", { n: scene.every })}</p>`}`}`;
 }

@@ -60,6 +60,8 @@ export default {
   drop_gcode: "G-Code hier ablegen: .gcode, .bgcode oder .3mf, auch mehrere", files: "Dateien", download: "Geheilt herunterladen", refused: "Nicht geheilt",
   step_read: "Liest", step_draw: "Zeichnet", step_compare: "Vergleicht", range: "90 % solcher Maschinen: {low} bis {high} mm",
   rms_raw: "daneben, wie er druckt", rms_mended: "daneben, geheilt", p95: "95 % des Wegs innerhalb {mm} mm", moves: "{before} → {after} Befehle, Spiel {n}-mal aufgenommen",
+  time: "Druckdauer nach dem Slicer: {time}", time_least: "Druckdauer mindestens: {time}", hours: "{h} h {m} min", minutes: "{m} min",
+  busiest: "In der dichtesten Sekunde: {before} → {after} Befehle",
   clamped: "Am Rand des Betts zurückgehaltene Befehle: {n}", by_layer: "Fehler jeder Schicht, mm", sending: "Sendet", waits: "Wartet", stopped: "Angehalten", no_model: "Zuerst den Testdruck messen: Dann lassen sich Teile heilen.",
 
   prove_now: "Den geheilten Testdruck drucken, einscannen und sehen, ob das Versprechen hielt.", prove_print: "1. Geheilt drucken", prove_scan: "2. Einscannen", make_check: "Prüfdruck erstellen", download_check: "Prüfdruck herunterladen",

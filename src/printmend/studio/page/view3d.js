@@ -102,9 +102,22 @@ export class View {
     this.beads = new Mesh(new BufferGeometry(), [this.material]);
     this.beads.frustumCulled = false;
     this.scene.add(this.beads);
+    this.warm();
     this.seen = new ResizeObserver(() => this.resize());
     this.seen.observe(canvas);
     this.resize();
+  }
+
+  // Draw a part that cannot be seen: what a first picture takes, compiling above all, is then done before there is one.
+  warm() {
+    const points = new Uint16Array(4 * ROW);
+    this.part = { points: 2, layers: [[0, 0, 0]], low_mm: [0, 0, 0], high_mm: [1, 1, 1], step_mm: [1, 1, 1] };
+    this.uniforms.base.value = table(points, "RGBA16UI", UnsignedShortType);
+    this.uniforms.raw.value = this.uniforms.mended.value = table(new Int16Array(points), "RGBA16I", ShortType);
+    this.range = [0, 0];
+    this.render(this.spans(1));
+    this.gl.deleteSync(this.sync);
+    this.sync = this.part = null;
   }
 
   // Draw coarsely until nothing has changed for a moment.
@@ -137,6 +150,14 @@ export class View {
     this.layers(0, part.layers.length - 1);
     if (fresh) this.fit();
     this.glance();
+  }
+
+  // Show nothing.
+  empty() {
+    this.clear();
+    this.part = null;
+    this.rest = [];
+    this.renderer.clear();
   }
 
   // Show the layers from `low` to `high`, counted from 0.
@@ -225,16 +246,10 @@ export class View {
   begin() {
     const all = this.spans(1), total = all.reduce((sum, [, count]) => sum + count, 0), hold = this.moving || (this.busy && this.slow);
     const step = hold || this.slow ? Math.ceil(total / this.budget) : 1;
-    this.stale = false;
-    this.rest = [];
-    this.step = step;
     this.coarse = hold;
     const ratio = Math.min(this.slow && this.moving ? 1 : 2, devicePixelRatio);
     if (ratio !== this.renderer.getPixelRatio()) this.renderer.setPixelRatio(ratio);
-    this.renderer.clear();
-    this.floor.visible = true;
-    this.render(this.spans(step));
-    this.floor.visible = false;
+    this.whole(step);
     if (hold || step === 1) return;
     for (const [first, count] of all) for (let at = 0; at < count; at += PIECE) this.rest.push([[first + at, Math.min(PIECE, count - at)]]);
     this.rest.reverse(); // from the top: what lies below is then hidden, and costs less
@@ -263,13 +278,14 @@ export class View {
     this.draw();
   }
 
-  // Draw all of it now.
-  whole() {
+  // Draw every `step`-th layer now, on the floor.
+  whole(step = 1) {
     this.stale = false;
     this.rest = [];
-    this.floor.visible = true;
+    this.step = step;
     this.renderer.clear();
-    this.render(this.spans(1));
+    this.floor.visible = true;
+    this.render(this.spans(step));
     this.floor.visible = false;
   }
 
@@ -280,7 +296,7 @@ export class View {
 
   clear() {
     for (const name of ["base", "raw", "mended"]) this.uniforms[name].value?.dispose();
-    if (this.floor) { this.scene.remove(this.floor); this.floor.geometry.dispose(); this.floor.material.dispose(); }
+    if (this.floor) { this.scene.remove(this.floor); this.floor.geometry.dispose(); this.floor.material.dispose(); this.floor = null; }
   }
 
   close() {

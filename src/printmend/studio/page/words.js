@@ -68,4 +68,9 @@ export function seconds(value) {
   if (value === null || value === undefined) return "";
   return value < 90 ? t("left_s", { n: Math.max(1, Math.round(value)) }) : t("left_min", { n: Math.round(value / 60) });
 }
+// How long a print takes.
+export function lasting(seconds) {
+  const minutes = Math.max(1, Math.round(seconds / 60)), hours = Math.floor(minutes / 60);
+  return hours ? t("hours", { h: hours, m: minutes % 60 }) : t("minutes", { m: minutes });
+}
 export const day = (value) => new Date(value * 1000).toLocaleDateString(language, { day: "numeric", month: "short", year: "numeric" });

@@ -1,0 +1,42 @@
+"""How long a print takes before and after it is mended, and how many commands a second the printer has to take in."""
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+_SPENT = (  # PrusaSlicer and its family, Bambu and Orca, Cura
+    re.compile(rb"estimated printing time \(normal mode\)[ \t]*=[ \t]*(\d[\dhmsd ]*)"),
+    re.compile(rb"total estimated time:[ \t]*(\d[\dhmsd ]*)"),
+    re.compile(rb"^;TIME:[ \t]*(\d+)[ \t\r]*$", re.MULTILINE),
+)
+_WORDS = (b"estimated printing time", b"total estimated time", b";TIME:")
+_UNITS_S = {b"d": 86400.0, b"h": 3600.0, b"m": 60.0, b"s": 1.0, b"": 1.0}
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How long the head moves at the speeds that a file names, ``seconds``, as if it sped up at once; and how many
+    commands come in its ``busiest`` second."""
+
+    seconds: float
+    busiest: int
+
+
+def pace(length_mm: np.ndarray, feed_mm_min: np.ndarray) -> Pace:
+    """Return the pace of moves [N] of these lengths and feeds; those without a length or a feed take no time."""
+    moving = (length_mm > 0) & (feed_mm_min > 0)
+    ends = np.cumsum(length_mm[moving] / feed_mm_min[moving] * 60)
+    if not len(ends):
+        return Pace(0.0, 0)
+    within = np.searchsorted(ends, ends + 1.0) - np.arange(len(ends))
+    return Pace(float(ends[-1]), int(within.max()))
+
+
+def slicer_s(*texts: bytes) -> float | None:
+    """Return how long a print takes as its slicer says in pieces of the file (`Part.hints`); None where it does not."""
+    for expression, word in zip(_SPENT, _WORDS, strict=True):
+        for text in texts:
+            if word in text and (found := expression.search(text)) is not None:
+                return sum(int(count) * _UNITS_S[unit] for count, unit in re.findall(rb"(\d+)([dhms]?)", found[1]))
+    return None
