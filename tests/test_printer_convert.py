@@ -109,15 +109,54 @@ def test_a_slicers_profile_gives_bed_start_and_extruder_to_known_motors(tmp_path
         (PRUSA.replace("235x230,", ""), "rectangular bed"),
         (PRUSA.replace("= 240", "= high"), "max_print_height"),
         (PRUSA.replace("235x0", "235xnan"), "rectangular bed"),
-        ("{" + PRUSA, "JSON"),
-        ("hello", "TOML"),
-        ("", "kinematics"),
+        ("{" + PRUSA, "broken JSON"),
+        ('{"name": "x", "inherits": "fdm_common"}', "stands in 'fdm_common'"),
+        ("hello", "profile .* got neither"),
+        (" \n", "got an empty file"),
+        (PRUSA + "printer_technology = SLA\n", "a resin printer"),
     ],
 )
 def test_what_is_no_printer_is_refused_in_one_line(tmp_path: Path, text: str, wanted: str) -> None:
     with pytest.raises(ConfigError, match=wanted) as caught:
         convert(written(tmp_path, "mine.cfg", text), like="ender3")
     assert "\n" not in str(caught.value)
+
+
+def test_a_bundle_of_printers_lets_its_owner_choose(tmp_path: Path) -> None:
+    bundle = """[vendor]
+name = Acme
+[printer:*common*]
+printer_technology = FFF
+max_print_height = 240
+retract_length = 1
+start_gcode = "G28\\nG29"
+[printer:*BIG*]
+inherits = *common*
+bed_shape = 5x0,295x0,295x300,5x300
+[printer:Acme Big (0.4 mm nozzle)]
+inherits = *BIG*
+printer_model = BIG
+[printer:Acme Big (0.6 mm nozzle)]
+inherits = Acme Big (0.4 mm nozzle)
+[printer:Acme Small]
+inherits = *common*
+bed_shape = 0x0,150x0,150x150,0x150
+[printer:Acme Resin]
+printer_technology = SLA
+[print:fine]
+bed_shape = 0x0,9x0,9x9,0x9
+"""
+    path = written(tmp_path, "Acme.ini", bundle)
+    with pytest.raises(ConfigError, match="named with --model, got 3; a part of a name is enough: Acme Big, Acme Small, Acme Resin"):
+        convert(path, like="ender3")
+    with pytest.raises(ConfigError, match="a resin printer"):
+        convert(path, like="ender3", model="acme resin")
+    big, left = convert(path, like="ender3", model="big")
+    assert (big.name, big.x.min_mm, big.x.max_mm, big.x.home_mm, big.y.max_mm) == ("BIG", 0, 300, 0, 300)
+    assert (big.extruder, big.start_gcode) == ("direct", "G28\nG29\n")
+    assert "margin of 5 mm that the slicer keeps free in X" in left[0]
+    done = CliRunner().invoke(command, [str(path), "--like", "ender3", "--model", "Acme Small"])
+    assert parse_printer(done.stdout, subject="small").x.max_mm == 150
 
 
 def test_the_command_lists_prints_and_converts(tmp_path: Path) -> None:

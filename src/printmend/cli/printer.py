@@ -8,11 +8,12 @@ import click
 @click.command(epilog="Example: printmend printer ~/printer_data/config/printer.cfg > mine.toml")
 @click.argument("source", metavar="NAME|FILE", required=False)
 @click.option("--like", metavar="NAME", help="The preset whose motors and end stops a slicer's profile gets.")
-def command(source: str | None, like: str | None) -> None:
+@click.option("--model", metavar="NAME", help="Which printer of a bundle with several: its name, or a part of it.")
+def command(source: str | None, like: str | None, model: str | None) -> None:
     """Print a printer as TOML: change what differs on your machine, and pass the file as --printer.
 
     NAME is a preset; without any, all presets are listed. FILE is Klipper's printer.cfg, or a printer's profile as
-    PrusaSlicer or SuperSlicer (.ini) and OrcaSlicer or Bambu Studio (.json) export it.
+    PrusaSlicer or SuperSlicer (.ini) and OrcaSlicer or Bambu Studio (.json) export it, or a bundle of several (.ini).
     """
     from printmend.printer import preset_names, read_printer
     from printmend.printer.convert import convert, printer_text
@@ -27,7 +28,7 @@ def command(source: str | None, like: str | None) -> None:
     if source in preset_names():
         click.echo(preset_text(source), nl=False)
         return
-    printer, left = convert(Path(source), like=like)
+    printer, left = convert(Path(source), like=like, model=model)
     click.echo(printer_text(printer), nl=False)
     for line in left:
         click.echo(f"Not taken over: {line}", err=True)

@@ -8,34 +8,40 @@ from printmend.errors import ConfigError
 from printmend.files import read_text
 from printmend.printer.klipper import is_klipper, parse_klipper
 from printmend.printer.printer import Printer
-from printmend.printer.slicer import is_slicer_profile, parse_slicer
+from printmend.printer.slicer import is_slicer_profile, parse_slicer, profile_of
 from printmend.printer.toml import parse_printer, read_printer
 
 _WANTED = "a printer.cfg, a slicer's printer profile (.ini or .json) or a printer in TOML"
 _TODO = "export the printer's profile from the slicer, or start from a preset: `printmend printer ender3`"
 
 
-def convert(path: Path, *, like: str | None = None) -> tuple[Printer, tuple[str, ...]]:
+def convert(path: Path, *, like: str | None = None, model: str | None = None) -> tuple[Printer, tuple[str, ...]]:
     """Read a printer from a file of another program; return it, and what could not be taken over, in words.
 
-    ``like`` names the preset whose motors and end stops a slicer's profile gets, which knows neither. The result has
-    passed the checks of a printer's TOML. Raises `ConfigError` for anything else.
+    ``like`` names the preset whose motors and end stops a slicer's profile gets, which knows neither; ``model`` which
+    printer is meant, where a file has several. The result has passed the checks of a printer's TOML. Raises
+    `ConfigError` for anything else.
     """
     if not path.exists() and not path.suffix:  # the name of a preset, misspelt
         read_printer(path)
     text, subject = read_text(path, wanted=_WANTED, todo=_TODO, error=ConfigError), str(path)
     left: tuple[str, ...] = ()
+    if not text.strip():
+        raise ConfigError(subject, wanted=_WANTED, came="an empty file", todo=_TODO)
     if is_klipper(text):
         printer = parse_klipper(text, name=path.stem, subject=subject)
     elif is_slicer_profile(text):
+        values = profile_of(text, model=model, subject=subject)
         if like is None:
             todo = "name a preset with the same motors and end stops: --like ender3"
             raise ConfigError(
                 subject, wanted="to know its motors", came="a slicer's profile, which does not say", todo=todo
             )
-        printer, left = parse_slicer(text, like=read_printer(like), name=path.stem, subject=subject)
-    else:
+        printer, left = parse_slicer(values, like=read_printer(like), name=path.stem, subject=subject)
+    elif "=" in text:
         printer = parse_printer(text, subject=subject)
+    else:
+        raise ConfigError(subject, wanted=_WANTED, came="neither", todo=_TODO)
     parse_printer(printer_text(printer), subject=subject)
     return printer, left
 

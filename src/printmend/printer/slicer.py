@@ -24,19 +24,42 @@ _PLACEHOLDER = re.compile(r"[{\[]\s*(\w+)\s*(?:\[\s*(?:\d+|\w+)\s*\])?\s*[}\]]")
 _TODO = "export the printer's profile from the slicer, or start from a preset"
 
 
+Values = Mapping[str, Any]
+_SECTION = re.compile(r"^\s*\[([^\]]+)\]\s*$")
+_NOZZLE = re.compile(r"\s*\(?\b\d+\.\d+ ?(?:mm|nozzle).*$", re.IGNORECASE)  # what follows a model's name
+_DEEPEST = 20
+_WIDEST_MARGIN_MM = 10.0
+
+
 def is_slicer_profile(text: str) -> bool:
-    """Say whether a text looks like a printer profile of a slicer."""
-    return "bed_shape" in text or "printable_area" in text
+    """Say whether a text looks like a printer profile of a slicer, or a bundle of them: by its keys, or as JSON."""
+    keys = "bed_shape", "printable_area", "printer_technology", "[printer:"
+    return any(key in text for key in keys) or text.lstrip().startswith("{")
 
 
-def parse_slicer(text: str, *, like: Printer, name: str, subject: str) -> tuple[Printer, tuple[str, ...]]:
-    """Return the printer of a profile with the motors and end stops of ``like``, and what could not be taken over.
+def profile_of(text: str, *, model: str | None, subject: str) -> Values:
+    """Return the keys of a printer's profile, INI or JSON; of a bundle with several, those of the printer ``model``.
+
+    Raises `ConfigError` where a bundle has several and none is named, or another one, and for a resin printer.
+    """
+    values = _json(text, subject) if text.lstrip().startswith("{") else _ini(text, model, subject)
+    technology = _first(values, ("printer_technology",)) or "FFF"
+    if technology.upper() != "FFF":
+        raise ConfigError(
+            subject, wanted="a printer that lays lines of plastic", came=f"a resin printer ({technology})",
+            todo="nothing of it moves in X and Y; name another",
+        )  # fmt: skip
+    return values
+
+
+def parse_slicer(values: Values, *, like: Printer, name: str, subject: str) -> tuple[Printer, tuple[str, ...]]:
+    """Return the printer of a profile (`profile_of`) with the motors and end stops of ``like``, and what could not be
+    taken over.
 
     An end stop at an edge of the old bed moves to that edge of the new one. Raises `ConfigError` for a profile without
     a rectangular bed.
     """
-    values = _values(text, subject)
-    low_mm, high_mm = _bed_mm(values, subject)
+    (low_mm, high_mm), margin = _without_margin(*_bed_mm(values, subject))
     height_mm = _number(values, ("max_print_height", "printable_height"), like.z.max_mm, subject)
     retraction_mm = _number(values, ("retract_length", "retraction_length"), 0.0, subject)
     extruder: Extruder = "bowden" if retraction_mm >= _SHORTEST_BOWDEN_MM else "direct"
@@ -49,19 +72,61 @@ def parse_slicer(text: str, *, like: Printer, name: str, subject: str) -> tuple[
             subject, wanted=f"a {like.kinematics} printer, as --like", came="a CoreXY", todo="name a CoreXY preset"
         )
     z = replace(like.z, max_mm=height_mm)
-    return Printer(said, like.kinematics, axes[0], axes[1], z, extruder, start), left
+    return Printer(said, like.kinematics, axes[0], axes[1], z, extruder, start), (*margin, *left)
 
 
-def _values(text: str, subject: str) -> Mapping[str, Any]:
-    """Return the keys of an INI profile or a JSON one."""
-    if text.lstrip().startswith("{"):
-        try:
-            values = json.loads(text)
-        except (ValueError, RecursionError):
-            raise ConfigError(subject, wanted="a profile in JSON", came="broken JSON", todo=_TODO) from None
-        return values if isinstance(values, dict) else {}
-    pairs = (line.partition("=") for line in text.splitlines() if not line.lstrip().startswith(("#", ";", "[")))
-    return {key.strip(): value.strip() for key, _, value in pairs if value}
+def _json(text: str, subject: str) -> Values:
+    """Return the keys of a profile in JSON."""
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError):
+        raise ConfigError(subject, wanted="a slicer's profile in JSON", came="broken JSON", todo=_TODO) from None
+    if not isinstance(values, dict) or "printable_area" not in values:
+        base = values.get("inherits") if isinstance(values, dict) else None
+        came = f"none: it stands in {base!r}, which this one inherits" if base else "none"
+        raise ConfigError(subject, wanted="a printer's profile with its printable_area", came=came, todo=_TODO)
+    return values
+
+
+def _ini(text: str, model: str | None, subject: str) -> Values:
+    """Return the keys of a profile in INI; of a bundle those of the printer that is meant, with what it inherits."""
+    sections: dict[str, dict[str, str]] = {"": {}}
+    section = sections[""]
+    for line in text.splitlines():
+        if found := _SECTION.match(line):
+            section = sections.setdefault(found[1].strip(), {})
+        elif not line.lstrip().startswith(("#", ";")) and "=" in line:
+            key, _, value = line.partition("=")
+            section[key.strip()] = value.strip()
+    bundle = {name.removeprefix("printer:"): own for name, own in sections.items() if name.startswith("printer:")}
+    if not bundle:
+        return sections[""]
+    return _inherited(bundle, _chosen([name for name in bundle if not name.startswith("*")], model, subject))
+
+
+def _chosen(names: list[str], model: str | None, subject: str) -> str:
+    """Return the printer of a bundle that is meant: the only one, or that called ``model``, with its usual nozzle."""
+    wanted = (model or "").strip().lower()
+    exact = [name for name in names if wanted in (name.lower(), _NOZZLE.sub("", name).lower())]
+    fitting = exact or [name for name in names if wanted in name.lower()]
+    if len({_NOZZLE.sub("", name) for name in fitting}) == 1:
+        return next((name for name in fitting if "0.4" in name), fitting[0])
+    models = list(dict.fromkeys(_NOZZLE.sub("", name) for name in fitting or names))
+    raise ConfigError(
+        subject, wanted="one printer, named with --model" if not wanted else f"a printer {model!r} of this bundle",
+        came=f"{len(models)}" if fitting else "none", todo=f"a part of a name is enough: {', '.join(models)}",
+    )  # fmt: skip
+
+
+def _inherited(bundle: Mapping[str, Mapping[str, str]], name: str, depth: int = 0) -> dict[str, str]:
+    """Return the keys of a section of a bundle, over those of the sections that it inherits."""
+    own = bundle.get(name, {})
+    values: dict[str, str] = {}
+    if depth < _DEEPEST:
+        for base in own.get("inherits", "").split(";"):
+            if base.strip() in bundle:
+                values |= _inherited(bundle, base.strip(), depth + 1)
+    return values | dict(own)
 
 
 def _first(values: Mapping[str, Any], names: tuple[str, ...]) -> str | None:
@@ -99,6 +164,27 @@ def _bed_mm(values: Mapping[str, Any], subject: str) -> tuple[tuple[float, float
     return (min(xs), min(ys)), (max(xs), max(ys))
 
 
+def _without_margin(
+    low_mm: tuple[float, float], high_mm: tuple[float, float]
+) -> tuple[tuple[tuple[float, float], tuple[float, float]], tuple[str, ...]]:
+    """Return the corners of what the axes reach, and what was supposed, in words.
+
+    Some profiles leave a margin of the bed out, as 5x5,295x5,…: the head still homes at 0, and there is as much bed at
+    the far edge.
+    """
+    margin = [low if 0 < low <= _WIDEST_MARGIN_MM else 0.0 for low in low_mm]
+    if not any(margin):
+        return (low_mm, high_mm), ()
+    low = (low_mm[0] - margin[0], low_mm[1] - margin[1])
+    high = (high_mm[0] + margin[0], high_mm[1] + margin[1])
+    names = [name for name, wide in zip("XY", margin, strict=True) if wide]
+    said = (
+        f"the margin of {max(margin):g} mm that the slicer keeps free in {' and '.join(names)}: the bed is taken from "
+        f"{low[0]:g}, {low[1]:g} to {high[0]:g}, {high[1]:g}; correct it where yours is another"
+    )
+    return (low, high), (said,)
+
+
 def _resized(axis: Axis, low_mm: float, high_mm: float) -> Axis:
     """Return an axis with another bed; the end stop keeps its distance from the edge that it is at."""
     edge_mm, new_edge_mm = (axis.min_mm, low_mm) if axis.home_side == "min" else (axis.max_mm, high_mm)
@@ -107,7 +193,7 @@ def _resized(axis: Axis, low_mm: float, high_mm: float) -> Axis:
 
 def _start_gcode(text: str) -> tuple[str, tuple[str, ...]]:
     """Return start code with its placeholders filled in for PLA, or none where one of them is unknown, and why."""
-    lines = text.replace("\\n", "\n")
+    lines = text.removeprefix('"').removesuffix('"').replace("\\n", "\n")
     filled = _PLACEHOLDER.sub(lambda found: _PLA.get(found[1], found[0]), lines)
     if unknown := re.search(r"[{\[][^}\]]*[}\]]", filled):
         why = f"start code: {unknown[0][:40]} is filled in by the slicer alone"
