@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 from printmend.cli.probe import command
+from printmend.cli.twin import command as twin
 from printmend.errors import GcodeError, ScanError, TraceError
 from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
@@ -44,7 +45,7 @@ def scanned(tmp_path_factory) -> Path:
 
 
 def test_one_part_teaches_how_to_print_another(scanned):
-    measured = measure_part(scanned / "gear.jpg", scanned / "gear.gcode", PRINTER, overlay=scanned / "seen.png")
+    measured = measure_part(scanned / "gear.jpg", scanned / "gear.gcode", PRINTER)
     assert measured.found > 0.95 * measured.walls
     write_trace(scanned / "trace.csv", measured.trace)
     trace = read_trace(scanned / "trace.csv", PRINTER)
@@ -148,6 +149,26 @@ def test_the_first_layer_is_a_print_of_its_own(tmp_path):
         assert refused.exit_code == 2
         assert "leave out" in refused.output
     assert not (tmp_path / "no.gcode").exists()
+
+
+def test_the_twin_draws_the_underside_of_any_part(scanned):
+    """What `printmend twin part.gcode --scan` draws, `measure --gcode` reads, turned on the glass, too."""
+    (scanned / "broken.toml").write_text('[x.belt]\nkind = "play"\nplay_mm = 0.4\n')
+    drawn = CliRunner().invoke(
+        twin,
+        [str(scanned / "gear.gcode"), "--printer", "ender3", "--corruption", str(scanned / "broken.toml"), "--dpi",
+         "200", "--turn", "90", "--scan", str(scanned / "under.png"), "-o", str(scanned / "exact.csv")],
+    )  # fmt: skip
+    assert drawn.exit_code == 0, drawn.output
+    assert "the part's underside" in drawn.output
+    measured = measure_part(scanned / "under.png", scanned / "gear.gcode", PRINTER)
+    assert measured.found > 0.95 * measured.walls
+    rows = measured.trace.wall_rows
+    along_x = np.abs(measured.trace.normal[rows, 0]) > 0.95
+    off = measured.trace.offset_mm[rows]
+    # walls that face left and right lie off by the play or not at all; those that face front and back hardly
+    assert np.ptp(np.quantile((off * np.sign(measured.trace.normal[rows, 0]))[along_x], [0.1, 0.9])) > 0.3
+    assert np.std(off[np.abs(measured.trace.normal[rows, 1]) > 0.99]) < 0.05
 
 
 def test_a_healthy_printer_stays_as_it_is(scanned):

@@ -147,7 +147,9 @@ printer_technology = SLA
 bed_shape = 0x0,9x0,9x9,0x9
 """
     path = written(tmp_path, "Acme.ini", bundle)
-    with pytest.raises(ConfigError, match="named with --model, got 3; a part of a name is enough: Acme Big, Acme Small, Acme Resin"):
+    with pytest.raises(
+        ConfigError, match="named with --model, got 3; a part of a name is enough: Acme Big, Acme Small, Acme Resin"
+    ):
         convert(path, like="ender3")
     with pytest.raises(ConfigError, match="a resin printer"):
         convert(path, like="ender3", model="acme resin")

@@ -4,13 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program
 from printmend.metrics.shape import ContourError, stroke_distances
 from printmend.twin import Twin
+from printmend.twin.gcode import follow_finely
 
-PITCH_MM = 0.3  # of the points that are judged along each move
-CHORD_MM = 0.005
 CENTRING_ROUNDS = 6
 JUDGED_LAYERS = 3
 
@@ -43,18 +41,7 @@ class Way:
 
 def run(program: Program, twin: Twin) -> Way:
     """Print a program on the twin, point by point along every move. It must home once, before it extrudes."""
-    moves = straightened(program.moves, CHORD_MM)
-    known = moves.known[:, :2].all(axis=1)
-    ends, extruding, layer = moves.end_mm[known, :2], moves.extruding[known], moves.layer[known]
-    corners = np.concatenate([[twin.printer.home_mm], ends])
-    counts = np.maximum(1, np.ceil(np.linalg.norm(np.diff(corners, axis=0), axis=1) / PITCH_MM)).astype(int)
-    source = np.repeat(np.arange(len(ends)), counts)
-    last = np.cumsum(counts)
-    share = (np.arange(len(source)) + 1 - np.repeat(last - counts, counts)) / counts[source]
-    points = corners[source] + share[:, None] * (ends - corners[:-1])[source]
-    points[last - 1] = ends  # not a rounding beside them
-    wanted = np.concatenate([corners[:1], points])
-    return Way(wanted, twin.follow(wanted), extruding[source], layer[source])
+    return Way(*follow_finely(program, twin))
 
 
 def contour_error(ideal: Way, printed: Way) -> tuple[ContourError, np.ndarray]:

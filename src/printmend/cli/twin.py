@@ -1,10 +1,18 @@
 """`printmend twin`: print G-code on a broken printer that exists only here."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from printmend.cli.number import Finite
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from printmend.gcode.read import Program
+    from printmend.measure import ProbePlan
+    from printmend.twin import Twin
 
 
 # Its many parameters are its options.
@@ -22,7 +30,7 @@ from printmend.cli.number import Finite
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("trace.csv"), show_default=True
 )
 @click.option("--scan", type=click.Path(path_type=Path, dir_okay=False), metavar="SCAN.png",
-              help="Also draw the scan of a printed probe, mended or not.")  # fmt: skip
+              help="Also draw the scan of a printed probe, mended or not, or of any part's underside.")  # fmt: skip
 @click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The probe's plan [default: FILE.json]")
 @click.option("--dpi", type=Finite(min=50, max=2400), default=600, show_default=True,
               help="Resolution of the scan.")  # fmt: skip
@@ -40,28 +48,59 @@ def command(
 
     from printmend.cli.outputs import spare
     from printmend.corruption import read_corruption
+    from printmend.gcode.container import HINT_BYTES
     from printmend.gcode.read import read_gcode
     from printmend.measure import read_plan
     from printmend.measure.table import write_trace
     from printmend.printer import read_printer
     from printmend.twin import Twin
-    from printmend.twin.gcode import print_dots, print_gcode
+    from printmend.twin.gcode import print_gcode
 
     spare((output, scan), (source, corruption_path, plan_path, Path(printer_name)))
-    plan = read_plan(plan_path or source.with_suffix(".json")) if scan is not None else None
     printer = read_printer(printer_name)
     twin = Twin.of(read_corruption(corruption_path), printer)
     program = read_gcode(source, printer=printer)
+    plan = None
+    if scan is not None and (plan_path is not None or b"; printmend probe: " in program.text[:HINT_BYTES].tobytes()):
+        plan = read_plan(plan_path or source.with_suffix(".json"))
     trace = print_gcode(program, twin, noise_mm=noise_mm, rng=np.random.default_rng(seed))
     write_trace(output, trace)
     click.echo(f"{output}: {len(trace)} way-points, measured with {noise_mm:g} mm of noise")
-    if plan is not None and scan is not None:
+    if scan is not None:
         from printmend.measure.image import write_image
-        from printmend.twin.scanner import DEGRADATIONS, render_scan
 
-        drawn = render_scan(
-            print_dots(program, twin, plan), plan, dpi=dpi, degradations=DEGRADATIONS[dirt],
-            rng=np.random.default_rng(seed), quarter_turns=int(turn) // 90,
-        )  # fmt: skip
-        write_image(scan, drawn.image, dpi=dpi)
-        click.echo(f"{scan}: {drawn.image.shape[1]} × {drawn.image.shape[0]} pixels at {dpi:g} dpi")
+        if plan is None:
+            image = _underside(program, twin, dpi, dirt, seed, int(turn) // 90)
+        else:
+            image = _dots(program, twin, plan, dpi, dirt, seed, int(turn) // 90)
+        write_image(scan, image, dpi=dpi)
+        what = "the part's underside" if plan is None else "the dots"
+        click.echo(f"{scan}: {what}, {image.shape[1]} × {image.shape[0]} pixels at {dpi:g} dpi")
+
+
+def _dots(
+    program: "Program", twin: "Twin", plan: "ProbePlan", dpi: float, dirt: str, seed: int, quarter_turns: int
+) -> "np.ndarray":
+    import numpy as np
+
+    from printmend.twin.gcode import print_dots
+    from printmend.twin.scanner import DEGRADATIONS, render_scan
+
+    return render_scan(
+        print_dots(program, twin, plan), plan, dpi=dpi, degradations=DEGRADATIONS[dirt],
+        rng=np.random.default_rng(seed), quarter_turns=quarter_turns,
+    ).image  # fmt: skip
+
+
+def _underside(program: "Program", twin: "Twin", dpi: float, dirt: str, seed: int, quarter_turns: int) -> "np.ndarray":
+    import numpy as np
+
+    from printmend.measure.walls import read_walls
+    from printmend.twin.gcode import print_first_layer
+    from printmend.twin.scanner import DEGRADATIONS, SQUEEZED_MM, render_layer
+
+    bead_mm = 2 * float(np.median(read_walls(program, twin.printer).half_mm)) + 2 * SQUEEZED_MM
+    return render_layer(
+        print_first_layer(program, twin), bead_mm=bead_mm, dpi=dpi, degradations=DEGRADATIONS[dirt],
+        rng=np.random.default_rng(seed), quarter_turns=quarter_turns,
+    )  # fmt: skip

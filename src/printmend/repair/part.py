@@ -36,7 +36,8 @@ LARGEST_SIGMA_MM = 0.12  # walls that scatter more about the model are not those
 EDGE_SIGMA_MM = 0.01
 MOST_HEIGHT_SEEN_MM = 0.04  # of a wall that faces the camera: beyond, its foot is taken for its edge
 OVERLAY_PX, ENLARGED = 2000, 10.0
-SEEN, MISSED, OFF = (60, 170, 60), (40, 40, 230), (230, 120, 30)
+PALER, WHITER = 0.35, 160.0  # of the image under an overlay, so that marks stand out from dark plastic, too
+SEEN, MISSED, OFF = (0, 110, 0), (30, 30, 220), (230, 80, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,17 +223,26 @@ def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> No
     """Draw every wall place that was met, every one that was missed, and how far walls lie off, enlarged."""
     factor = min(1.0, OVERLAY_PX / max(silhouette.image.shape[:2]))
     picture = cv2.resize(silhouette.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    picture = (picture.astype(np.float32) * 0.5 + 110).astype(np.uint8)
+    picture = (picture.astype(np.float32) * PALER + WHITER).astype(np.uint8)
     fine = 16.0
-    shown = np.flatnonzero(~edges.hidden)
-    for at, out, offset in zip(edges.at_px[shown], edges.out_px[shown], edges.offset_mm[shown], strict=True):
-        place = tuple(int(v) for v in at * factor * fine)
+    shown = ~edges.hidden
+    off = np.nan_to_num(edges.offset_mm[shown])[:, None] * ENLARGED * silhouette.px_per_mm * edges.out_px[shown]
+    ends = (edges.at_px[shown] + off) * factor
+    # room for what points beyond the image
+    height, width = picture.shape[:2]
+    beyond = np.concatenate([-ends.min(axis=0), ends.max(axis=0) - [width, height]])
+    left, top, right, bottom = (int(np.clip(np.ceil(side) + 8, 0, OVERLAY_PX // 4)) for side in beyond)
+    picture = cv2.copyMakeBorder(picture, top, bottom, left, right, cv2.BORDER_REPLICATE)
+    corner = np.array([left, top])
+    places, tips = edges.at_px[shown] * factor + corner, ends + corner
+    thin = max(1, round(max(picture.shape[:2]) / 1000))
+    for at, end, offset in zip(places * fine, tips * fine, edges.offset_mm[shown], strict=True):
+        place, tip = (tuple(int(v) for v in point) for point in (at, end))
         if not np.isfinite(offset):
-            cv2.circle(picture, place, int(4 * fine), MISSED, 1, cv2.LINE_AA, 4)
+            cv2.circle(picture, place, int(4 * thin * fine), MISSED, thin, cv2.LINE_AA, 4)
             continue
-        end = at + out * offset * ENLARGED * silhouette.px_per_mm
-        cv2.line(picture, place, tuple(int(v) for v in end * factor * fine), OFF, 1, cv2.LINE_AA, 4)
-        cv2.circle(picture, place, int(1.5 * fine), SEEN, -1, cv2.LINE_AA, 4)
+        cv2.line(picture, place, tip, OFF, thin, cv2.LINE_AA, 4)
+        cv2.circle(picture, place, int(1.7 * thin * fine), SEEN, -1, cv2.LINE_AA, 4)
     lost = int((np.isnan(edges.offset_mm) & ~edges.hidden).sum())
     items = [
         ("places of walls that were found", SEEN),

@@ -12,7 +12,8 @@ from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.twin.twin import Twin
 
-_CHORD_MM = 0.01
+_CHORD_MM, _FINE_CHORD_MM = 0.01, 0.005
+_PITCH_MM = 0.3  # of the points along a move that is followed finely
 _SAME_MM = 0.01  # of way-points: as many digits as the file has
 _MENDED_MM = 5.0  # no mended dot is commanded farther than this from where it is wanted
 
@@ -75,6 +76,36 @@ def print_gcode(
         homed=True,
         z_measured_mm=z_measured_mm,
     )
+
+
+def follow_finely(program: Program, twin: Twin) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Print a program on the twin, point by point along every move. It must home once, before it extrudes.
+
+    Returns the points that were wanted [N, 2] mm, where the machine put them [N, 2] mm, and for the segments between
+    them whether they extrude [N − 1] and their layers [N − 1].
+    """
+    moves = straightened(program.moves, _FINE_CHORD_MM)
+    known = moves.known[:, :2].all(axis=1)
+    ends, extruding, layer = moves.end_mm[known, :2], moves.extruding[known], moves.layer[known]
+    corners = np.concatenate([[twin.printer.home_mm], ends])
+    counts = np.maximum(1, np.ceil(np.linalg.norm(np.diff(corners, axis=0), axis=1) / _PITCH_MM)).astype(int)
+    source = np.repeat(np.arange(len(ends)), counts)
+    last = np.cumsum(counts)
+    share = (np.arange(len(source)) + 1 - np.repeat(last - counts, counts)) / counts[source]
+    points = corners[source] + share[:, None] * (ends - corners[:-1])[source]
+    points[last - 1] = ends  # not a rounding beside them
+    wanted = np.concatenate([corners[:1], points])
+    return wanted, twin.follow(wanted), extruding[source], layer[source]
+
+
+def print_first_layer(program: Program, twin: Twin) -> list[np.ndarray]:
+    """Print a part on the twin; return the strokes [K × [N, 2]] mm of its first layer where they come to lie."""
+    _, printed, extruding, layer = follow_finely(program, twin)
+    drawn = extruding & (layer == layer[extruding & (layer >= 0)].min(initial=np.iinfo(layer.dtype).max))
+    if not drawn.any():
+        raise GcodeError(program.name, wanted="a part that is printed", came="no extruding move", todo="check the file")
+    cuts = np.flatnonzero(np.diff(np.concatenate([[False], drawn, [False]]).astype(int)))
+    return [printed[first : last + 1] for first, last in zip(cuts[::2], cuts[1::2], strict=True)]
 
 
 def print_dots(program: Program, twin: Twin, plan: ProbePlan) -> np.ndarray:

@@ -17,6 +17,7 @@ from printmend.units import A4_MM, MM_PER_INCH
 
 MARGIN_MM = 5.0
 SAME_MM = 0.002
+SQUEEZED_MM = 0.1  # a first layer is pressed wider than the file says, on either side of a bead
 Colour = tuple[int, int, int]
 
 
@@ -289,14 +290,15 @@ def render_layer(
     degradations: Degradations = DEFAULT,
     rng: np.random.Generator,
     below: bool = True,
+    quarter_turns: int = 0,
 ) -> np.ndarray:
     """Draw what a flatbed sees of a printed layer, [H, W, 3]: its strokes ([K × [N, 2]] mm on the bed) as beads.
 
-    ``below`` shows the side that lay on the bed.
+    ``below`` shows the side that lay on the bed; ``quarter_turns`` turns it on the glass.
     """
     d = degradations
     px_per_mm = dpi / MM_PER_INCH
-    angle = np.deg2rad(rng.normal(0.0, d.angle_deg))
+    angle = np.deg2rad(90.0 * quarter_turns + rng.normal(0.0, d.angle_deg))
     stretch = np.clip(rng.normal(0.0, d.stretch, 2), -2 * d.stretch, 2 * d.stretch)
     c, s = np.cos(angle), np.sin(angle)
     flip = np.array([-1.0 if below else 1.0, -1.0])
