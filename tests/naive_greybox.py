@@ -39,6 +39,8 @@ def column_matrix(design: Design, rows: Rows, at: np.ndarray, side: np.ndarray) 
             low, high = design.warp_span_mm
             bent = np.pi * np.clip((m - low) / (high - low), 0, 1)
             out[t, design.parts["warp"]] = [np.cos(k * bent) for k in range(1, design.warp + 1)]
+        for name, law in (("second_cos", np.cos), ("second_sin", np.sin)):
+            out[t, design.parts[name]] = law(design.waves("second") * 2 * np.pi * m / (design.second_mm or 1.0))
         for name, factor in (("ripple", 1.0), ("mean", 1.0), ("play", s), ("elastic", x)):
             out[t, design.parts[f"{name}_cos"]] = factor * np.cos(design.waves(name) * phase)
             out[t, design.parts[f"{name}_sin"]] = factor * np.sin(design.waves(name) * phase)

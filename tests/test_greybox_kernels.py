@@ -1,5 +1,7 @@
 """The grey box's compiled loops and moments against slow versions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,8 @@ from printmend.learn.drive.kernels.evidence import settle
 from tests.naive_greybox import column_matrix, follow_play, settled_prior
 
 DESIGN = Design(3, 2, CROSS, (20, 40), (1, 2, 3, 6), (1, 3), (1, 2), 4, (20.0, 190.0))
+SECOND = replace(DESIGN, warp_span_mm=(-20.0, 220.0), second_harmonics=(1, 2), second_mm=24.5)
+DESIGNS = [(DESIGN, 0), (DESIGN, 1), (SECOND, 2), (SECOND, 3)]
 
 
 def rows(rng: np.random.Generator, count: int = 400) -> Rows:
@@ -21,39 +25,39 @@ def rows(rng: np.random.Generator, count: int = 400) -> Rows:
     return Rows(motor, measured, weight, motor - 100, other, 40.0, 7.0, float(motor[0]), (100.0, 100.0))
 
 
-def values(rng: np.random.Generator) -> np.ndarray:
-    parameters = rng.normal(0, 0.05, DESIGN.size)
-    parameters[DESIGN.parts["play_powers"]] = 2.0, 0.3
+def values(design: Design, rng: np.random.Generator) -> np.ndarray:
+    parameters = rng.normal(0, 0.05, design.size)
+    parameters[design.parts["play_powers"]] = 2.0, 0.3
     return parameters
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_contacts_agree_with_the_slow_loop(seed: int) -> None:
+@pytest.mark.parametrize(("design", "seed"), DESIGNS)
+def test_contacts_agree_with_the_slow_loop(design: Design, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    row, parameters = rows(rng), values(rng)
-    touch = contacts(DESIGN, parameters, row)
-    branches = DESIGN.branches(parameters, period_mm=40.0, origin_mm=7.0, reach_mm=(-1e3, 1e3))
+    row, parameters = rows(rng), values(design, rng)
+    touch = contacts(design, parameters, row)
+    branches = design.branches(parameters, period_mm=40.0, origin_mm=7.0, reach_mm=(-1e3, 1e3))
     at, side, belt = follow_play(row, branches, row.start_mm + parameters[0])
     np.testing.assert_array_equal(touch.at, at)
     np.testing.assert_array_equal(touch.side, side)
     np.testing.assert_allclose(touch.belt_mm, belt, atol=1e-4)  # the kernel interpolates a table of the turn
-    matrix = column_matrix(DESIGN, row, touch.at, touch.side)
-    frame = matrix[:, DESIGN.parts["cross"]] @ parameters[DESIGN.parts["cross"]]
+    matrix = column_matrix(design, row, touch.at, touch.side)
+    frame = matrix[:, design.parts["cross"]] @ parameters[design.parts["cross"]]
     np.testing.assert_allclose(touch.residual_mm, row.measured_mm - belt - frame, atol=1e-4)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_moments_give_the_normal_equations(seed: int) -> None:
+@pytest.mark.parametrize(("design", "seed"), DESIGNS)
+def test_moments_give_the_normal_equations(design: Design, seed: int) -> None:
     """Every product of two columns follows from the moments; the binning of the phase costs little."""
     rng = np.random.default_rng(seed)
-    row, parameters = rows(rng), values(rng)
-    touch = contacts(DESIGN, parameters, row)
+    row, parameters = rows(rng), values(design, rng)
+    touch = contacts(design, parameters, row)
     weight = row.weight * rng.uniform(0, 1, len(row))
-    normal = normal_equations(DESIGN, parameters, row, touch, weight)
-    matrix = column_matrix(DESIGN, row, touch.at, touch.side)
+    normal = normal_equations(design, parameters, row, touch, weight)
+    matrix = column_matrix(design, row, touch.at, touch.side)
     residual = np.nan_to_num(touch.residual_mm)
     np.testing.assert_allclose(normal.matrix, (matrix * weight[:, None]).T @ matrix, atol=2e-2 * weight.sum())
-    low = DESIGN.harmonic < 4
+    low = design.harmonic < 4
     exact = (matrix[:, low] * weight[:, None]).T @ matrix[:, low]
     np.testing.assert_allclose(normal.matrix[np.ix_(low, low)], exact, atol=2e-4 * weight.sum())
     np.testing.assert_allclose(normal.slope[low], matrix[:, low].T @ (weight * residual), atol=2e-4 * weight.sum())
@@ -63,7 +67,7 @@ def test_moments_give_the_normal_equations(seed: int) -> None:
 def test_long_traces_are_added_in_chunks(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
     from printmend.learn.drive import design as greybox_design
 
-    row, parameters = rows(rng), values(rng)
+    row, parameters = rows(rng), values(DESIGN, rng)
     touch = contacts(DESIGN, parameters, row)
     whole = normal_equations(DESIGN, parameters, row, touch, row.weight)
     monkeypatch.setattr(greybox_design, "CHUNK_ROWS", 37)

@@ -10,19 +10,24 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
+from printmend.diagnosis.advice import advise
+from printmend.diagnosis.diagnosis import Fault
 from printmend.errors import InputError, TraceError
 from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
+from printmend.learn.greybox.previous import remember
 from printmend.measure.plan import keep_plan
 from printmend.path import Instrument, Trace, last_way
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise import misfit_rows
+from printmend.promise.budget import parse_budget
 from printmend.promise.effects import EARLY, Effect, Places
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import as_printed, causes_of, effects_of, found_in, of_the_end
 from printmend.repair.learned import learn_model
+from printmend.saved import Wave, branches_of, read_model, write_model
 from printmend.twin import Twin
 
 PRINTER = read_printer("ender5")
@@ -119,7 +124,6 @@ CHANGES: dict[str, Off] = {
     "creep": lambda at, done: np.outer(1 - np.exp(-done / 0.1), [0.0, 0.25]),
     "wear": lambda at, done: np.stack([0.15 * last_way(at[:, 0]) * done, 0 * done], axis=1),
     "racking": lambda at, done: np.stack([0.1 * last_way(at[:, 0]) * (at[:, 1] - 110) / 100, 0 * done], axis=1),
-    "second-period": lambda at, done: np.stack([0.09 * np.sin(at[:, 0] / 5.0), 0 * done], axis=1),
 }
 
 
@@ -191,6 +195,34 @@ def test_the_turn_of_another_pulley_is_learned(turn_mm: float, said: str, rng: n
     found = found_in(box, trace, ())
     assert [each.kind for each in found] == ["turn"]
     assert said in found[0].words
+
+
+def test_an_idler_is_a_part_that_the_evidence_switches_on(rng: np.random.Generator, tmp_path: Path) -> None:
+    """It is learned beside the pulley, goes on where nothing was measured, and comes back from the model's file."""
+    trace = measured_once(rng, count=700)
+    period_mm, size_mm = 10 * np.pi, 0.09
+    off = np.stack([size_mm * np.sin(trace.commanded_mm[:, 0] / 5.0), np.zeros(len(trace))], axis=1)
+    saved = learn_model(Trace(trace.commanded_mm, trace.measured_mm + off, homed=True), PRINTER)
+    write_model(tmp_path / "p.json", saved)
+    again = read_model(tmp_path / "p.json")
+    branches, other = branches_of(again, 0), branches_of(again, 1)
+    assert branches is not None
+    assert other is not None
+    assert branches.second_mm == pytest.approx(period_mm, rel=0.01)
+    assert branches.second.amplitude_mm(1) == pytest.approx(size_mm, abs=0.01)
+    assert other.second.is_zero
+    assert not branches.warp_mm.any()
+    at = np.linspace(-40.0, 260.0, 301)
+    wave = branches.errors_mm(at)[0] - replace(branches, second=Wave()).errors_mm(at)[0]
+    assert np.abs(wave - size_mm * np.sin(at / 5.0)).max() < 0.035  # the length is known to a hundredth
+    assert f"every {branches.second_mm:.1f} mm" in saved.findings[0]
+    budget = parse_budget(again)
+    assert budget is not None
+    assert budget.motors[0].design.second_mm == branches.second_mm
+    assert remember(again, 0).design.second_mm == branches.second_mm
+    fault = next(each for each in saved.document["diagnosis"] if each["kind"].startswith("period-"))
+    assert "idler" in advise(Fault(**fault, words="")).meaning
+    assert not saved.document["misfit"]["found"]
 
 
 def test_a_rail_with_play_is_told_from_the_belts_of_a_corexy(rng: np.random.Generator) -> None:

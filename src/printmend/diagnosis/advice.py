@@ -27,7 +27,7 @@ def advise(fault: Fault, *, corexy: bool = False) -> Advice:
     """Return the advice for one fault."""
     where = f"Motor {fault.part.upper()}" if corexy and fault.part != "frame" else fault.part.upper()
     size = abs(fault.value)
-    kind = fault.kind.rstrip("0123456789").removesuffix("-")  # harmonic-2 is a harmonic
+    kind = fault.kind.rstrip("0123456789.").removesuffix("-")  # harmonic-2 is a harmonic
     say = _SAY.get(kind, _other)
     title, meaning, effect, repair, software = say(where, fault, size)
     nothing = repair.startswith("Nothing to repair")
@@ -162,6 +162,18 @@ def _warp(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
+def _period(where: str, fault: Fault, size: float) -> Said:
+    length = fault.kind.removeprefix("period-")
+    return (
+        f"{where} swings every {length} mm",
+        f"Lines swing by {size:.2f} mm to either side, again and again, but not once a turn of the motor: an idler "
+        "that the belt runs over is off its centre, or dirty.",
+        size,
+        "Clean the idlers and look which of them wobbles; replace it." if size >= SOON_MM else "Nothing to replace.",
+        _CARRIES,
+    )  # fmt: skip
+
+
 def _offset(where: str, fault: Fault, size: float) -> Said:
     return (
         f"{where} is shifted",
@@ -237,6 +249,6 @@ def _other(where: str, fault: Fault, size: float) -> Said:
 _SAY = {
     "scale": _scale, "harmonic": _harmonic, "play": _play, "loose-belt": _loose, "play-by-angle": _by_angle,
     "friction": _friction, "elastic": _elastic, "ripple": _ripple, "drift": _drift, "warp": _warp, "offset": _offset,
-    "skew": _skew, "bow": _bow, "jump": _jump, "jumps": _jump,
+    "period": _period, "skew": _skew, "bow": _bow, "jump": _jump, "jumps": _jump,
     "lead": _lead, "periodic": _uneven, "backlash": _backlash, "wobble": _wobble,
 }  # fmt: skip

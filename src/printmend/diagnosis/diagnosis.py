@@ -180,6 +180,8 @@ def _rest(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     if structure.ripple:
         size = max((branches.mean.amplitude_mm(int(k)) for k in drive.choice.design.ripple), default=0.0)
         faults.append(_fault(drive, "ripple", size, 0.0, f"micro-step ripple {size:.3f} mm"))
+    if structure.second_mm:
+        faults += _second(drive, doubt)
     if structure.elastic:
         faults += _elastic(drive, doubt)
     if structure.drift:
@@ -216,6 +218,19 @@ def _elastic(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
         return []
     words = f"elastic belt: odd errors of the pulley fade along the axis, by {amount(size, sd)}"
     return [_fault(drive, "elastic", size, sd, words)]
+
+
+def _second(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
+    """Name an error that repeats with another length than the turn, by its largest wave."""
+    branches, design = drive.branches, drive.choice.design
+    sizes = np.hypot(branches.second.cos_mm, branches.second.sin_mm)
+    if not sizes.any():
+        return []
+    largest, period_mm = int(np.argmax(sizes)), branches.second_mm
+    at = [design.parts[f"second_{part}"].start + largest for part in ("cos", "sin")]
+    size, sd = float(sizes[largest]), float(np.hypot(np.sqrt(np.mean(_sds(drive)[at] ** 2)), doubt.wave_mm))
+    words = f"idler or belt uneven, every {period_mm:.1f} mm, by {amount(size, sd)}"
+    return [_fault(drive, f"period-{period_mm:.1f}", size, sd, words)]
 
 
 def _jumps(drive: LearnedDrive, jumps: tuple[Jump, ...]) -> list[Fault]:

@@ -33,6 +33,7 @@ _PART_WORDS = {
     "play": "play",
     "elastic": "elastic belt",
     "warp": "uneven belt",
+    "second": "idler",
 }
 _OF_STRETCH = (np.eye(2), np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]]))
 

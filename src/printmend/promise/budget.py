@@ -17,7 +17,7 @@ from printmend.saved.values import number, numbers, refuse, section_of
 VERSION = 1
 DIRECTIONS = 48  # of a motor's parameters that are kept at most
 _MOST_PARAMETERS = 400
-LAYOUT = ("mean_harmonics", "play_harmonics", "elastic_harmonics", "ripple")
+LAYOUT = ("mean_harmonics", "play_harmonics", "elastic_harmonics", "ripple", "second_harmonics")
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,14 +129,18 @@ def _motor(section: Any, subject: str) -> MotorBudget:
     span = numbers(layout, "warp_span_mm", subject, 2)
     reach = numbers(section, "reach_mm", subject, 2)
     period_mm = number(section, "period_mm", subject)
+    second_mm = number(layout, "second_mm", subject) if "second_harmonics" in waves else 0.0
     if len(span) != 2 or span[0] >= span[1] or len(reach) != 2 or reach[0] > reach[1] or period_mm <= 0:
         refuse(subject, "a positive period_mm and spans that rise", "something else")
+    if "second_harmonics" in waves and second_mm <= 0:
+        refuse(subject, "a positive second_mm", f"{second_mm:g}")
     design = Design(
         mean_powers=counts["mean_powers"],
         play_powers=counts["play_powers"],
         cross=CROSS[: counts["cross"]],
         warp=counts["warp"],
         warp_span_mm=(float(span[0]), float(span[1])),
+        second_mm=second_mm,
         **{name: tuple(int(k) for k in each) for name, each in waves.items()},
     )
     factor = _factor(section_of(section, "factor_mm", dict, subject), design, subject)

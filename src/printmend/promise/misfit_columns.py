@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.learn.drive.design import Rows
+from printmend.learn.drive.second import other_periods_mm
 from printmend.path import last_way
 from printmend.promise.laws import LAWS, Sideways
 
@@ -14,8 +15,7 @@ CREEPS = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)  # time constants, as shares of the p
 WARMINGS = (0.1, 0.25, 0.7)  # the same, of a machine that warms up: some of them, so that none fits a creep better
 WARMING_ODDS = 20.0  # against growth from end to end, where a shift that comes with time explains as much
 HALVES = np.linspace(-0.4, 0.4, 9)  # where one half of the bed may end and the other begin, the span from −1 to 1
-PERIODS_MM = np.geomspace(12.0, 150.0, 160)
-OWN_PERIOD = 0.02  # a second period is at least so far from the turn's own harmonics, as a share
+SEEN_SHARE = 0.8  # of a motor's span: longer periods do not show
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +69,7 @@ def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
     for axis in range(2 * corexy):
         yield Candidate("rail-play", 2, axis)
     yield Candidate("two-motors")
-    span = np.ptp(one.motor_mm)
-    turns = one.period_mm / PERIODS_MM
-    apart = np.abs(turns / np.maximum(np.rint(turns), 1.0) - 1.0) > OWN_PERIOD
-    periods = PERIODS_MM[apart & (0.8 * span > PERIODS_MM)]
+    periods = other_periods_mm(one.period_mm, SEEN_SHARE * float(np.ptp(one.motor_mm)))
     for period in periods:
         yield Candidate("second-period", len(periods), float(period))
 

@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.learn.drive.design import Rows, cross_columns
+from printmend.learn.drive.design import Rows
 from printmend.learn.drive.fit import independent_share, robust_sigma_mm
 from printmend.learn.drive.period import NEAR_SHARE, TOOTH_MM
+from printmend.learn.drive.second import own_columns
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
 from printmend.learn.greybox.rows import motor_rows
 from printmend.path import Trace
@@ -80,9 +81,8 @@ def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
         near = _near(touch.residual_mm[used])
         if not _shows_growth(one.at(near)):
             offered = [each for each in offered if each.kind != "thermal"]
-        found += _explained(
-            motor, offered, one.at(near), touch.residual_mm[used][near], _own_columns(drive, rows[motor], used[near])
-        )
+        basis = own_columns(drive.choice, rows[motor], used[near])
+        found += _explained(motor, offered, one.at(near), touch.residual_mm[used][near], basis)
         if drive.structure.warp_mm:
             found += _repeated(motor, offered, one, drive, rows[motor], used)
     return tuple(found)
@@ -116,7 +116,7 @@ def _repeated(
     mean, _ = design.columns(rows.motor_mm[drive.choice.fit.touch.at[used]], rows.period_mm, rows.origin_mm)
     part = design.parts["warp"]
     uneven = mean[:, part] @ values[part]
-    basis = _own_columns(drive, rows, used, without=("warp",))
+    basis = own_columns(drive.choice, rows, used, without=("warp",))
     left = uneven - basis @ (basis.T @ uneven)
     periods = [each for each in offered if each.kind == "second-period"]
     tried = [_tried(motor, each, one, left, basis, len(left)) for each in periods]
@@ -126,18 +126,6 @@ def _repeated(
     columns = best.candidate.columns(one)
     after = left - (columns - basis @ (basis.T @ columns)) @ best.weights
     return [best] if float(after @ after) < MOST_LEFT_SHARE * float(left @ left) else []
-
-
-def _own_columns(drive: LearnedDrive, rows: Rows, used: np.ndarray, without: tuple[str, ...] = ()) -> np.ndarray:
-    """Return an orthonormal basis [M, B] of what the model's own parts can follow."""
-    choice = drive.choice
-    design, touch = choice.design, choice.fit.touch
-    mean, play = design.columns(rows.motor_mm[touch.at[used]], rows.period_mm, rows.origin_mm)
-    columns = mean + touch.side[used, None] / 2 * play
-    columns[:, design.parts["cross"]] = cross_columns(design, rows, used)
-    columns = np.column_stack([np.ones(len(used)), columns[:, choice.fit.posterior.active & ~design.mask(*without)]])
-    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(basis[:, sizes > 1e-5 * sizes[0]])
 
 
 def _explained(
@@ -218,7 +206,7 @@ def effects_of(
         used = np.flatnonzero((rows[cause.motor].weight > 0) & (drive.choice.fit.touch.at >= 0))
         used = used[:: max(1, len(used) // MOST_ROWS)]
         done = cause.candidate.columns(one) @ cause.weights
-        basis = _own_columns(drive, rows[cause.motor], used)
+        basis = own_columns(drive.choice, rows[cause.motor], used)
         taken = basis @ (basis.T @ done[used])
         absorbed = np.linalg.lstsq(absorbing(one.at(used)), taken, rcond=None)[0]
         learned = kind == "second-period" and bool(drive.structure.warp_mm)

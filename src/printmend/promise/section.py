@@ -98,7 +98,13 @@ def motor_section(
     layout = {name: list(map(int, getattr(design, name))) for name in LAYOUT if getattr(design, name)}
     powers = {"mean_powers": design.mean_powers, "play_powers": design.play_powers, "cross": len(design.cross)}
     return {
-        "parameters": {**powers, **layout, "warp": design.warp, "warp_span_mm": list(design.warp_span_mm)},
+        "parameters": {
+            **powers,
+            **layout,
+            "warp": design.warp,
+            "warp_span_mm": list(design.warp_span_mm),
+            **({"second_mm": design.second_mm} if design.second_harmonics else {}),
+        },
         "period_mm": plain.period_mm,
         "middle_mm": plain.middle_mm,
         "reach_mm": [round(float(value), 6) for value in plain.reach_mm],
@@ -136,6 +142,8 @@ def _joined(drive: LearnedDrive) -> tuple[Design, np.ndarray]:
         elastic_harmonics=waves("elastic_harmonics"),
         warp=warped.warp,
         warp_span_mm=warped.warp_span_mm,
+        second_harmonics=waves("second_harmonics"),
+        second_mm=chosen.second_mm,
     )
     total = np.zeros((joined.size, joined.size))
     for design, covariance in zip(designs, covariances, strict=True):

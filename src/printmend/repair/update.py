@@ -360,6 +360,7 @@ def _structure(past: Remembered, active: np.ndarray) -> Structure:
         play=play if active[parts["play_powers"]].any() else "none",
         friction=design.play_powers > 1,
         elastic=bool(design.elastic_harmonics),
+        second_mm=design.second_mm,
     )
 
 

@@ -10,7 +10,8 @@ With the motor at m, x = (m − middle)/100 mm and φ = 2πm/turn, the branches 
 The harmonics of ``mean`` are the pulley (physics.md eq. 2), those of ``play`` the two spans of a loose belt (eq. 7)
 or slack on the shaft (eq. 10), the powers in ``play`` lost motion by friction (eq. 9), and the third sum of ``mean``
 a taut elastic belt, whose odd harmonics fade with the distance (eq. 8). What repeats nothing (a belt of uneven pitch)
-is a sum of cosines over the span that was seen, added to the mean.
+is a sum of cosines over the span that was seen, added to the mean; what repeats with another length than the turn (an
+idler off its centre) a Fourier series of that length.
 """
 
 from dataclasses import dataclass, field, replace
@@ -83,13 +84,16 @@ class Branches:
     elastic: Wave = field(default_factory=Wave)
     warp_mm: np.ndarray = field(default_factory=lambda: np.zeros(0))
     warp_span_mm: tuple[float, float] = (0.0, 1.0)
+    second: Wave = field(default_factory=Wave)
+    second_mm: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "warp_mm", frozen(np.asarray(self.warp_mm, float)))
 
     @property
     def is_healthy(self) -> bool:
-        return self.mean.is_zero and self.play.is_zero and self.elastic.is_zero and not self.warp_mm.any()
+        waves = (self.mean, self.play, self.elastic, self.second)
+        return all(wave.is_zero for wave in waves) and not self.warp_mm.any()
 
     def errors_mm(self, motor_mm: np.ndarray, *, turn: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Return (mean, play) [mm] at motor positions [N]: what the drive adds to a healthy motor, and its play ≥ 0.
@@ -113,6 +117,8 @@ class Branches:
                 mean = mean + (seen - self.middle_mm) / SCALE_MM * wave
         elif not self.elastic.is_zero:
             mean = mean + x * series(self.elastic)
+        if not self.second.is_zero:
+            mean = mean + self.second.series_mm(np.mod(motor_mm, self.second_mm) * (TURN_RAD / self.second_mm))
         play = self._powers_mm(self.play, motor_mm) + series(self.play)
         return mean, np.maximum(play, 0.0)
 

@@ -18,10 +18,11 @@ class Design:
     """The columns of a motor's drive, in the order of its parameters.
 
     The parameters are: where the belt was at the start (counted from the first measurement), powers of the mean, powers
-    of the play, cross terms, warp, cosines and sines of the ripple, then cosines and sines of the harmonics of mean,
-    play and elastic. ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1. ``warp`` is the number
-    of cosines over ``warp_span_mm`` that make the part of the mean that repeats nothing. ``ripple`` are the high
-    harmonics of micro-step ripple. ``elastic`` harmonics grow along the axis (physics.md eq. 8).
+    of the play, cross terms, warp, cosines and sines of the ripple and of the second period, then cosines and sines of
+    the harmonics of mean, play and elastic. ``cross`` are the exponents (own, other) of the frame's terms, other ≥ 1.
+    ``warp`` is the number of cosines over ``warp_span_mm`` that make the part of the mean that repeats nothing.
+    ``ripple`` are the high harmonics of micro-step ripple. ``second`` harmonics are those of ``second_mm``, a length
+    other than the motor's turn. ``elastic`` harmonics grow along the axis (physics.md eq. 8).
     """
 
     mean_powers: int = 0
@@ -33,6 +34,8 @@ class Design:
     elastic_harmonics: tuple[int, ...] = ()
     warp: int = 0
     warp_span_mm: tuple[float, float] = (0.0, 1.0)
+    second_harmonics: tuple[int, ...] = ()
+    second_mm: float = 0.0
 
     @cached_property
     def parts(self) -> dict[str, slice]:
@@ -45,6 +48,8 @@ class Design:
             "warp": self.warp,
             "ripple_cos": len(self.ripple),
             "ripple_sin": len(self.ripple),
+            "second_cos": len(self.second_harmonics),
+            "second_sin": len(self.second_harmonics),
             "mean_cos": len(self.mean_harmonics),
             "mean_sin": len(self.mean_harmonics),
             "play_cos": len(self.play_harmonics),
@@ -64,8 +69,8 @@ class Design:
 
     @cached_property
     def extras(self) -> int:
-        """The number of columns that are not harmonics."""
-        return 1 + self.mean_powers + self.play_powers + len(self.cross) + self.warp + 2 * len(self.ripple)
+        """The number of columns that are no harmonics of mean, play or elastic: they come first."""
+        return self.parts["mean_cos"].start
 
     @cached_property
     def harmonic(self) -> np.ndarray:
@@ -77,7 +82,7 @@ class Design:
         return order
 
     def waves(self, name: str) -> np.ndarray:
-        """Return the harmonics of ripple, mean, play or elastic (of ``mean_cos``, too)."""
+        """Return the harmonics of ripple, second, mean, play or elastic (of ``mean_cos``, too)."""
         kind = name.removesuffix("_cos").removesuffix("_sin")
         return np.array(self.ripple if kind == "ripple" else getattr(self, f"{kind}_harmonics"), np.int64)
 
@@ -104,6 +109,8 @@ class Design:
             return list(self.cross) if name == "cross" else [0]
         if name == "warp":
             return [(k, *self.warp_span_mm) for k in range(1, self.warp + 1)]
+        if name.startswith("second"):
+            return [(k, self.second_mm) for k in self.second_harmonics]
         return list(range(getattr(self, name)) if name.endswith("_powers") else self.waves(name))
 
     def branches(
@@ -125,6 +132,8 @@ class Design:
             Wave(np.zeros(0), self.waves("elastic"), at["elastic_cos"], at["elastic_sin"]),
             at["warp"],
             self.warp_span_mm,
+            Wave(np.zeros(0), self.waves("second"), at["second_cos"], at["second_sin"]),
+            self.second_mm,
         )
 
     def columns(self, motor_mm: np.ndarray, period_mm: float, origin_mm: float) -> tuple[np.ndarray, np.ndarray]:
@@ -141,12 +150,19 @@ class Design:
             follows = at > 0 and harmonics[at - 1] == k - 1
             turned_rows[at] = turned_rows[at - 1] * once if follows else np.exp(1j * k * phase)
         turned = {"cos": turned_rows.real.T, "sin": turned_rows.imag.T}
+        for at, columns in zip(("second_cos", "second_sin"), self.second_columns(motor_mm), strict=True):
+            mean[:, self.parts[at]] = columns
         for name, part in self.parts.items():
-            if name.endswith(("_cos", "_sin")):
+            if name.endswith(("_cos", "_sin")) and not name.startswith("second"):
                 wave = turned[name[-3:]][:, np.searchsorted(harmonics, self.waves(name))]
                 into = play if name.startswith("play") else mean
                 into[:, part] = wave * x[:, None] if name.startswith("elastic") else wave
         return mean, play
+
+    def second_columns(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the cosines and the sines [N, S] of the second period at motor positions [N]."""
+        angle = np.outer(motor_mm, self.waves("second")) * (TURN_RAD / (self.second_mm or 1.0))
+        return np.cos(angle), np.sin(angle)
 
     def tables(self, values: np.ndarray) -> np.ndarray:
         """Return the periodic parts of mean, play and elastic [3, TABLE + 1] over one turn."""

@@ -266,19 +266,25 @@ def _series_section(branches: Branches) -> dict[str, Any]:
     for name in ("mean", "play", "elastic"):
         wave: Wave = getattr(branches, name)
         if not wave.is_zero:
-            section[name] = {
-                "powers_mm": rounded(wave.powers_mm),
-                "harmonics": wave.harmonics.tolist(),
-                "cos_mm": rounded(wave.cos_mm),
-                "sin_mm": rounded(wave.sin_mm),
-            }
+            section[name] = _wave_section(wave)
     if branches.warp_mm.any():
         section["warp"] = {
             "first_mm": branches.warp_span_mm[0],
             "last_mm": branches.warp_span_mm[1],
             "cos_mm": rounded(branches.warp_mm),
         }
+    if not branches.second.is_zero:
+        section["second"] = {"period_mm": branches.second_mm, **_wave_section(branches.second)}
     return section
+
+
+def _wave_section(wave: Wave) -> dict[str, Any]:
+    return {
+        "powers_mm": rounded(wave.powers_mm),
+        "harmonics": wave.harmonics.tolist(),
+        "cos_mm": rounded(wave.cos_mm),
+        "sin_mm": rounded(wave.sin_mm),
+    }
 
 
 def _frame_section(frame: Frame) -> dict[str, Any]:
@@ -334,6 +340,12 @@ def _branches(section: dict[str, Any], printer: Printer, motor: int, subject: st
         waves.get("play", Wave()),
         waves.get("elastic", Wave()),
     )
+    if "second" in section:
+        second = section_of(section, "second", dict, subject)
+        second_mm = number(second, "period_mm", f"{subject} second")
+        if second_mm <= 0:
+            refuse(f"{subject} second", "a positive period_mm", f"{second_mm:g}")
+        plain = replace(plain, second=_wave(second, f"{subject} second"), second_mm=second_mm)
     if "warp" not in section:
         return plain
     warp = section_of(section, "warp", dict, subject)

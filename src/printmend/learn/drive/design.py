@@ -30,6 +30,16 @@ def warp_table(cos_mm: np.ndarray) -> np.ndarray:
     return np.fft.irfft(spectrum, 2 * last)[:WARP_PLACES]
 
 
+def _along(design: Design, part: dict[str, np.ndarray]) -> np.ndarray:
+    """Return what follows no turn of the motor at `WARP_PLACES` even places of the warp's span; empty for nothing."""
+    table = warp_table(part["warp"])
+    if not len(part["second_cos"]):
+        return table
+    cosines, sines = design.second_columns(np.linspace(*design.warp_span_mm, WARP_PLACES))
+    wave = cosines @ part["second_cos"] + sines @ part["second_sin"]
+    return table + wave if len(table) else wave
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
     """One motor's side of a trace, as the fit sees it.
@@ -105,7 +115,7 @@ def contacts(design: Design, values: np.ndarray, rows: Rows) -> Contacts:
         design.tables(values),
         part["mean_powers"],
         part["play_powers"],
-        warp_table(part["warp"]),
+        _along(design, part),
         np.array(design.warp_span_mm),
         rows.start_mm + part["start"][0],
         at,
@@ -160,6 +170,9 @@ def normal_equations(design: Design, values: np.ndarray, rows: Rows, touch: Cont
             design.mean_powers, design.play_powers, own_powers, other_powers,
             design.warp, np.array(design.warp_span_mm), design.waves("ripple"), columns,
         )  # fmt: skip
+        cosines, sines = design.second_columns(rows.motor_mm[touch.at[row]])
+        for name, waves in (("second_cos", cosines), ("second_sin", sines)):
+            columns[:, design.parts[name]] = root[row, None] * waves
         gram += columns.T @ columns
         kernels.bin_moments(*contact, rows.origin_mm, rows.period_mm, columns, bins, cross)
     matrix, slope = _assemble(design, bins, cross, gram)

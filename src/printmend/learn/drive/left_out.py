@@ -36,7 +36,7 @@ class OmittedParts:
 def left_out(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> OmittedParts:
     """Return what the parts that ``choice`` left out may do to the branches, given the rows that it was fitted to."""
     mine, fit = choice.structure, choice.fit
-    most = replace(EVERYTHING, cross=mine.cross, ripple=mine.ripple, warp_mm=mine.warp_mm)
+    most = replace(EVERYTHING, cross=mine.cross, ripple=mine.ripple, warp_mm=mine.warp_mm, second_mm=mine.second_mm)
     design = most.design(TRIAL_HARMONICS, ripple, rows.reach_mm)
     post = fit.posterior
     weight = robust_weights(rows, fit.touch.residual_mm, post.sigma_mm, drop=True)

@@ -67,7 +67,7 @@ def likeliest_period_mm(rows: Rows) -> float:
     count, before = float((weight > 0.5).sum()), _left(own, error, weight)
     if near := _calibrated(rows.period_mm, step, left_still, count, before, weight.sum()):
         return near
-    found = _simplest(_refined(min(tried, key=left), step, left), count, left)
+    found = _simplest(sharpened(min(tried, key=left), step, left), count, left)
     after = left(found)
     both = _left(np.concatenate([own, _waves(motor, side, found)]), error, weight)
     if after - both > OWN_SHARE * (before - both):  # the printer's own turn is there, and something else beside it
@@ -88,7 +88,7 @@ def _calibrated(
     printer's turn leave that do: to first order, a wave of another length is one that fades.
     """
     tried = 1 / np.arange(1 / (period_mm * (1 + NEAR_SHARE)), 1 / (period_mm * (1 - NEAR_SHARE)), step / 4)
-    found = _refined(min(tried, key=left_still), step / 4, left_still)
+    found = sharpened(min(tried, key=left_still), step / 4, left_still)
     plain, after = left_still(period_mm), left_still(found)
     nats = count / 2 * np.log(plain / after) - np.log(len(tried))
     gained_mm = np.sqrt(max(plain - after, 0.0) / weight)
@@ -149,7 +149,7 @@ def _left(columns: np.ndarray, error: np.ndarray, weight: np.ndarray) -> float:
     return max(float(error @ (weight * error) - pull @ np.linalg.solve(gram, pull)), 1e-12)
 
 
-def _refined(period_mm: float, step: float, left: Callable[[float], float]) -> float:
+def sharpened(period_mm: float, step: float, left: Callable[[float], float]) -> float:
     """Return the best length near one of the grid, by ever finer steps of its inverse."""
     best = 1 / period_mm
     for _ in range(6):

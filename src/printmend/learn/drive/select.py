@@ -24,6 +24,7 @@ SURE_PLAY_SIGMAS = 3.0  # play larger than so many standard deviations of one po
 STARTS_PLAY_MM = (0.3, 3.0)  # first guesses of the play
 PLAYS = ("none", "constant", "loose", "free")  # from simple to general
 LEAST_ROWS_EITHER_WAY = 5  # measured rows that a motor must have gone either way, or its play cannot show
+SECOND_HARMONICS = (1, 2)  # of an idler: off its centre, oval
 ELASTIC_HARMONICS = (1, 3, 5)  # odd harmonics that fade along a stretching belt (physics.md eq. 8)
 WARPS_MM = (10.0, 20.0, 40.0)  # lengths of the part that repeats nothing
 WARP_MARGIN_MM = 20.0  # how far beyond the rows its cosines span, so that they are not mirrored within
@@ -44,7 +45,8 @@ class Structure:
 
     ``cross`` is the highest order of the frame's terms. ``pulley`` names the harmonics of the mean (none, even or all)
     and ``play`` those of the play (none; constant; loose, with odd harmonics; free, with all). ``drift`` lets the mean
-    bend along the axis, ``friction`` the play. ``warp_mm`` is the length of the part that repeats nothing, 0 for none.
+    bend along the axis, ``friction`` the play. ``warp_mm`` is the length of the part that repeats nothing,
+    ``second_mm`` the length with which an idler repeats, 0 for none.
     """
 
     offset: bool = True
@@ -57,6 +59,7 @@ class Structure:
     friction: bool = False
     elastic: bool = False
     warp_mm: float = 0.0
+    second_mm: float = 0.0
 
     @property
     def is_healthy(self) -> bool:
@@ -65,7 +68,7 @@ class Structure:
     @property
     def waves(self) -> bool:
         """Tell whether the mean has parts that average to 0 over a turn or the axis: they need an offset, too."""
-        return self.pulley != "none" or self.ripple or self.elastic or self.warp_mm > 0
+        return self.pulley != "none" or self.ripple or self.elastic or self.warp_mm > 0 or self.second_mm > 0
 
     def active(self, design: Design) -> np.ndarray:
         """Mark the parameters [P] of ``design`` that are on."""
@@ -80,6 +83,7 @@ class Structure:
         on |= design.mask("mean") & {"none": False, "even": ~odd, "all": True}[self.pulley]
         on |= design.mask("play") & {"none": False, "constant": False, "loose": odd, "free": True}[self.play]
         on |= design.mask("elastic") & self.elastic
+        on |= design.mask("second") & (0 < self.second_mm == design.second_mm)
         warp = np.arange(design.warp) < self._cosines(design.warp_span_mm)
         on[parts["warp"]] = warp
         return on
@@ -102,7 +106,9 @@ class Structure:
             play_harmonics={"none": (), "constant": (), "loose": odd, "free": waves}[self.play],
             elastic_harmonics=ELASTIC_HARMONICS if self.elastic else (),
             warp=self._cosines(span_mm),
-            warp_span_mm=span_mm if self.warp_mm else (0.0, 1.0),
+            warp_span_mm=span_mm if self.warp_mm or self.second_mm else (0.0, 1.0),
+            second_harmonics=SECOND_HARMONICS if self.second_mm else (),
+            second_mm=self.second_mm,
         )
 
 
@@ -193,10 +199,8 @@ def _likelier(rows: Rows, found: Choice, ripple: tuple[int, ...], plain: Structu
 
     The contacts of the fit from which both were pruned may be those of a machine that only the larger one can follow.
     """
-    choices = [fitted(rows, structure, ripple, found, passes=SETTLING_PASSES) for structure in (plain, warped)]
-    share = max(choice.fit.share for choice in choices)
-    ours, theirs = (_settled(choice, share, SELECT_LEAST_SIGMA_MM) for choice in choices)
-    return warped if theirs > ours + PART_NATS else plain
+    ours, theirs = (fitted(rows, structure, ripple, found, passes=SETTLING_PASSES) for structure in (plain, warped))
+    return warped if likelier(theirs, ours) > PART_NATS else plain
 
 
 def _repeating(rows: Rows, found: Choice, ripple: tuple[int, ...], structure: Structure) -> Structure:
@@ -327,6 +331,13 @@ def _settled(choice: Choice, share: float, floor_mm: float) -> float:
     return solve(
         choice.design, fit.normal.tempered(share), active, prior, post.sigma_mm, rounds=SETTLING_PASSES
     ).log_evidence
+
+
+def likelier(one: Choice, other: Choice) -> float:
+    """Return by how many nats one fit of the same rows is likelier than another, each at its own contacts."""
+    share = max(one.fit.share, other.fit.share)
+    ours, theirs = (_settled(each, share, SELECT_LEAST_SIGMA_MM) for each in (one, other))
+    return ours - theirs
 
 
 def fitted(rows: Rows, structure: Structure, ripple: tuple[int, ...], start: Choice, *, passes: int) -> Choice:

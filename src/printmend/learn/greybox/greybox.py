@@ -15,6 +15,7 @@ from printmend.learn.drive import Jump, Rows, jumped
 from printmend.learn.drive.jumps import find_jumps
 from printmend.learn.drive.left_out import left_out
 from printmend.learn.drive.period import likeliest_period_mm
+from printmend.learn.drive.second import with_second
 from printmend.learn.drive.select import Choice, Structure, fitted, folded, main_parts, prune, refined
 from printmend.learn.drive.sight import ALL_SEEN, GLIMPSED_TURN, check_follows, sight
 from printmend.learn.greybox.model import GreyboxModel, model_of
@@ -136,7 +137,7 @@ def _with_parts(stage: Stage, ripples: list[Ripple]) -> Stage:
     chosen = []
     for (row, found), ripple in zip(stage, ripples, strict=True):
         structure = _glimpsed(row, prune(row, found, ripple))
-        choice = fitted(row, structure, ripple, found, passes=SEARCH_PASSES)
+        choice = with_second(row, fitted(row, structure, ripple, found, passes=SEARCH_PASSES), ripple)
         seen_in_part = GLIMPSED_TURN < sight(row, choice.fit.touch).angles < ALL_SEEN
         chosen.append(folded(row, choice, ripple) if seen_in_part else choice)
     return Stage(stage.rows, chosen)

@@ -127,7 +127,7 @@ def remember(model: SavedModel, motor: int) -> Remembered:
             came=f"an uneven belt or guide on {name.upper()}, which a small print cannot update",
             todo="learn anew from a whole probe, without --update",
         )
-    old = _design(branches, section["sd_mm"], model)
+    old = _design(branches, section["sd_mm"], model, motor)
     design = Design(
         mean_powers=max(old.mean_powers, 2),
         play_powers=max(old.play_powers, 1),
@@ -136,13 +136,16 @@ def remember(model: SavedModel, motor: int) -> Remembered:
         mean_harmonics=tuple(range(1, HARMONICS + 1)),
         play_harmonics=old.play_harmonics,
         elastic_harmonics=old.elastic_harmonics,
+        second_harmonics=old.second_harmonics,
+        second_mm=old.second_mm,
+        warp_span_mm=old.warp_span_mm,
     )
     values, sds = _values(branches, old, model, motor), _listed(section["sd_mm"], old)
     known = design.moved(np.ones(old.size), old) > 0
     return Remembered(branches, design, design.moved(values, old), design.moved(sds, old), known)
 
 
-def _design(branches: Branches, sds: dict[str, Any], model: SavedModel) -> Design:
+def _design(branches: Branches, sds: dict[str, Any], model: SavedModel, motor: int) -> Design:
     harmonics = tuple(int(k) for k in branches.mean.harmonics)
     ripple = tuple(k for k in harmonics if k > HARMONICS)
     allowed = {k for motor in range(2) for k in ripple_harmonics(model.printer, motor)}
@@ -155,6 +158,9 @@ def _design(branches: Branches, sds: dict[str, Any], model: SavedModel) -> Desig
         mean_harmonics=tuple(k for k in harmonics if k <= HARMONICS),
         play_harmonics=tuple(int(k) for k in branches.play.harmonics if k <= HARMONICS),
         elastic_harmonics=tuple(int(k) for k in branches.elastic.harmonics if k <= HARMONICS),
+        second_harmonics=tuple(int(k) for k in branches.second.harmonics if k <= HARMONICS),
+        second_mm=branches.second_mm,
+        warp_span_mm=model.printer.motor_range_mm(motor),
     )
 
 
@@ -163,7 +169,10 @@ def _values(branches: Branches, design: Design, model: SavedModel, motor: int) -
     values[design.parts["mean_powers"]] = branches.mean.powers_mm
     values[design.parts["play_powers"]] = branches.play.powers_mm
     values[design.parts["cross"]] = _cross_mm(design, model, motor)
-    waves = {"mean": branches.mean, "ripple": branches.mean, "play": branches.play, "elastic": branches.elastic}
+    waves = {
+        "mean": branches.mean, "ripple": branches.mean, "play": branches.play, "elastic": branches.elastic,
+        "second": branches.second,
+    }  # fmt: skip
     for name, wave in waves.items():
         at = np.isin(wave.harmonics, design.waves(name))
         values[design.parts[f"{name}_cos"]] = wave.cos_mm[at]
