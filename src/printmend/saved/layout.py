@@ -150,8 +150,8 @@ class Design:
             follows = at > 0 and harmonics[at - 1] == k - 1
             turned_rows[at] = turned_rows[at - 1] * once if follows else np.exp(1j * k * phase)
         turned = {"cos": turned_rows.real.T, "sin": turned_rows.imag.T}
-        for at, columns in zip(("second_cos", "second_sin"), self.second_columns(motor_mm), strict=True):
-            mean[:, self.parts[at]] = columns
+        cosines, sines = self.second_columns(motor_mm)
+        mean[:, self.parts["second_cos"]], mean[:, self.parts["second_sin"]] = cosines, sines
         for name, part in self.parts.items():
             if name.endswith(("_cos", "_sin")) and not name.startswith("second"):
                 wave = turned[name[-3:]][:, np.searchsorted(harmonics, self.waves(name))]
