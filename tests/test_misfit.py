@@ -178,6 +178,9 @@ def test_a_short_print_is_promised_to_be_as_warm_as_it_gets(rng: np.random.Gener
     assert off_mm[0][0] < 0.03
     assert off_mm[1][0] == pytest.approx(0.2 * (1 - 0.351), abs=0.01)
     assert max(off_mm[0][1], off_mm[1][1]) < 1e-9  # at the end stop
+    drift = replace(effect, kind="linear", weights=np.array([0.1]))  # beside it: the model has the first tenth of it
+    drawn = drift.drawn(Places(ends, ends, np.ones((2, 2)), np.full(2, 1e3)), np.ones(400), rng)
+    assert drawn.columns @ drawn.drawn == pytest.approx(np.full((2, 400), 0.1 * (1 - 0.108)))
 
 
 @pytest.mark.parametrize(("turn_mm", "said"), [(32.0, "a pulley of 16 teeth"), (39.5, "steps a millimetre")])

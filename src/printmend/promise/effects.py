@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.promise.laws import LAWS, LONG_MM, TWO_MOTORS, WARMING, Sideways, warmed
+from printmend.promise.laws import LAWS, LONG_MM, TWO_MOTORS, Sideways, warmed
 from printmend.saved.values import number, numbers, refuse, section_of
 
 STAYS, SPEED, ENDED, VARIES, EARLY, LEARNED = "stays", "speed", "ended", "varies", "early", "learned"
@@ -73,6 +73,9 @@ class Effect:
         now = VARIES_FROM + (VARIES_TO - VARIES_FROM) * begun
         if self.state == VARIES:
             return Drawn(columns, np.stack([now, np.full_like(now, -1.0)]))
+        if self.state == EARLY and self.kind != "thermal":  # what came with time beside it is as it was then, too
+            early = self.law(one.all_at(EARLY_DONE))
+            return Drawn(np.stack([columns[:, 0], early], axis=1), np.stack([now, np.full_like(now, -1.0)]))
         if self.state == EARLY:
             return self._warming(places, columns[:, :1], now, rng)
         share = rng.normal(*SHARES[self.state], len(begun))
@@ -85,9 +88,9 @@ class Effect:
     def _warming(self, places: "Places", law: np.ndarray, now: np.ndarray, rng: np.random.Generator) -> "Drawn":
         """Return what a warm-up may do to a print that was mended as of an early time of it: a printer grows as far as
         the print has gone, sooner or later than in the measured one, or is still warm from the print before."""
-        share = self.detail if self.kind == "thermal" else WARMING
+        share = self.detail
         early = warmed(np.array([EARLY_DONE]), share)
-        if not self.way_mm or self.kind != "thermal":
+        if not self.way_mm:
             return Drawn(law, now[None] - early)
         grown = np.stack([warmed(places.gone_mm * speed / self.way_mm, share) for speed in WARMING_SPEEDS], axis=1)
         which = rng.choice(len(WARMING_SPEEDS), len(now), p=WARMING_CHANCES)
