@@ -32,6 +32,7 @@ _HYBRIDS = (AUTO, "hybrid")
 Planar = TypeVar("Planar", bound=WorldModel)
 FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's is moved there
 MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
+ROUND = 2**0.5  # a distance on the bed has two coordinates
 LEAST_POWER_MM = 1e-9  # of a scale that does not act: what rounding leaves of it
 Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
 _TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights, shows the rest: see docs/owners.md."
@@ -321,8 +322,8 @@ def report(model: SavedModel) -> str:
         trace = model.document["trace"]
         lines.append(
             f"{trace['measured']} measured points lie {trace['residual_before_mm']:.3f} mm off, typically; "
-            f"{trace['residual_after_mm']:.3f} mm of that stays unexplained "
-            f"(noise {model.noise_mm:.3f} mm in x and y)"
+            f"{trace['residual_after_mm']:.3f} mm of that nothing explains, and measuring alone scatters by "
+            f"{ROUND * model.noise_mm:.3f} mm"
         )
     return "\n".join(
         [*lines, *misfit_words(model.document), *(f"not told by this trace: {gap}" for gap in gaps), *todo(gaps)]

@@ -12,8 +12,10 @@ from printmend.promise.budget import parse_budget
 from printmend.promise.predict import Errors, Path, Promise, promised, without_doubt
 from printmend.promise.words import in_a_line
 from printmend.saved.model import SavedModel
+from printmend.units import counted
 
 _GAIN_MM = 0.0005
+_NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
 _WORTH_MM = 0.03  # an expected error that may be larger than this is worth another print
 _MOSTLY = 0.5
 _PROBE = "A whole `printmend probe`, printed and measured, settles it."
@@ -90,6 +92,12 @@ class Prediction:
         """The share of the machines that the measurement allows which would print no better mended; 0 where unsaid."""
         return 0.0 if self.gain_mm is None else float(np.mean(self.gain_mm <= 0.0))
 
+    @property
+    def is_untouched(self) -> bool:
+        """Say whether the model has nothing to mend here: what it knows puts every line where it belongs."""
+        known_mm = max(self.before.planning_rms_mm, self.heights[0].rms_mm if self.heights else 0.0)
+        return known_mm < _NO_ERROR_MM and self.commands == self.moves
+
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""
         plain = asdict(replace(self, path=None, gain_mm=None))
@@ -106,37 +114,47 @@ class Prediction:
             f"expected distance from {self.distance_to}, over {self.length_mm / 1000:.1f} m of printed lines [mm]:",
             "           typical  9 of 10 prints  95 % within  largest",
         ]
-        for name, errors in (("as it is", self.before), ("mended", self.after)):
+        told = (("as it is", self.before), ("mended", self.after))[: 1 if self.is_untouched else 2]
+        for name, errors in told:
             ranged = f"{errors.rms_low_mm:.3f}–{errors.rms_high_mm:.3f}"
             rows.append(f"  {name:8} {errors.rms_mm:7.3f}  {ranged:>15}  {errors.p95_mm:11.3f}  {errors.max_mm:7.3f}")
         for name, height in zip(("as it is", "mended"), self.heights or (), strict=False):
             rows.append(f"  {name:8} {height.rms_mm:7.3f}  {'':15}  {'':11}  {height.max_mm:7.3f}  in height")
         if self.gain_mm is not None:
-            rows.append(f"mended, it is made of: {in_a_line(self.after.made_of) or 'next to nothing'}")
+            which = told[-1]
+            comma = "mended, it" if len(told) > 1 else "it"
+            rows.append(f"{comma} is made of: {in_a_line(which[1].made_of) or 'next to nothing'}")
         rows += [f"before you print: {each}" for each in self.advice]
         rows += [f"warning: {each}" for each in self.warnings]
         if not (self.clamped_extruding or self.unknown or self.splines) and self.extruding:
             (x0, y0), (x1, y1) = self.low_mm, self.high_mm
             rows.append(f"it stays on the bed: X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f} mm")
-        rows.append(
-            f"{self.moves} moves become {self.commands}; slack is taken up at {self.takeups} turns"
-            + (f", at {self.stops} of them the nozzle stops for a moment (a small seam)" if self.stops else "")
-        )
-        if self.coarse:
-            rows.append(f"{self.coarse} moves are off by more than the tolerance: the firmware takes no shorter ones")
-        if self.unknown:
-            rows.append(f"{self.unknown} printing moves are left as they are: the file does not say where the head is")
-        if self.splines:
-            rows.append(f"{self.splines} curves (G5) left as they are: let the slicer write lines or arcs")
-        if self.geometry:
+        if self.is_untouched:
+            rows.append("nothing to mend: every move stays as it is")
+        else:
             rows.append(
-                f"the file sets the firmware's own skew or scale {self.geometry} times (M556, M579, M852, SET_SKEW): "
+                f"{counted(self.moves, 'move')} become {self.commands}"
+                + (f"; slack is taken up at {counted(self.takeups, 'turn')}" if self.takeups else "")
+                + (f", at {self.stops} of them the nozzle stops for a moment (a small seam)" if self.stops else "")
+            )
+        if self.coarse:
+            coarse = counted(self.coarse, "place")
+            rows.append(f"off by more than the tolerance at {coarse}: the firmware takes no shorter moves")
+        if self.unknown:
+            unknown = counted(self.unknown, "printing move")
+            rows.append(f"{unknown} left as written: the file does not say where the head is")
+        if self.splines:
+            rows.append(f"{counted(self.splines, 'curve')} (G5) left as written: let the slicer write lines or arcs")
+        if self.geometry:
+            times = counted(self.geometry, "time")
+            rows.append(
+                f"the file sets the firmware's own skew or scale {times} (M556, M579, M852, SET_SKEW): "
                 "this holds only if the test print was printed with the same"
             )
         if self.clamped:
             rows.append(
-                f"{self.clamped} moves held back at the edge of the bed, {self.clamped_extruding} of them printing"
-                + (f", up to {self.beyond_mm:.2f} mm" if self.clamped_extruding else "")
+                f"{counted(self.clamped, 'move')} held back at the edge of the bed, {self.clamped_extruding} of them "
+                "printing" + (f", up to {self.beyond_mm:.2f} mm" if self.clamped_extruding else "")
             )
         return "\n".join(rows)
 

@@ -20,11 +20,11 @@ from printmend.promise.budget import Budget, parse_budget
 from printmend.promise.predict import Errors, Outlook, Promise, promised
 from printmend.promise.predict import Path as Places
 from printmend.repair.history import remember
+from printmend.repair.learned import ROUND
 from printmend.repair.update import Updated, update
 from printmend.saved import SavedModel
 
 LEAST_MARKS = 10
-ROUND = 2**0.5  # a distance on the bed has two coordinates
 _LEAST_SIGMA_MM = 0.002  # of a mark: no scan is read better
 _STRETCHED_PERCENT = 0.01  # less of it is not worth a word
 _NOISE_DOUBT = 0.15  # share to which the noise of a measurement is known

@@ -16,10 +16,10 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.misfit import misfit_words
 from printmend.promise.predict import Promise
-from printmend.repair.learned import learn, left_over_mm, todo
+from printmend.repair.learned import ROUND, learn, left_over_mm, todo
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Prediction
-from printmend.repair.verify import ROUND, expectation
+from printmend.repair.verify import expectation
 from printmend.saved import SavedModel
 
 SUFFIXES = (".html", ".htm", ".pdf")

@@ -1,9 +1,10 @@
-"""A printer's report as a PDF of three or four pages in A4."""
+"""A printer's report as a PDF of two to four pages in A4."""
 
 from pathlib import Path
 
 import printmend
 from printmend.draw.document import Block, Card, Numbers, Pictures, Strip, Words, write_pdf
+from printmend.repair.mend import is_healthy
 from printmend.report import budget
 from printmend.report.examination import (
     STANDARD_SAID,
@@ -45,11 +46,14 @@ def _blocks(examination: Examination) -> list[Block]:
         found += [Words("heading", "What this print could not tell"), *(Words("text", gap) for gap in gaps)]
     found.append(Words("heading", "How it looks"))
     found += [_drawn(group) for group in pictures(examination)]
-    found += [
-        Words("heading", "For metrologists"),
-        _drawn(circle_picture(examination.circle)),
-        Numbers(STANDARD_SAID, standard_rows(examination), words=2),
-    ]
+    found.append(Words("heading", "For metrologists"))
+    if is_healthy(examination.saved):
+        found.append(Words("text", "No error of positioning and no error of a circle is known of this printer."))
+    else:
+        found += [
+            _drawn(circle_picture(examination.circle)),
+            Numbers(STANDARD_SAID, standard_rows(examination), words=2),
+        ]
     if examination.expected is not None:
         found.append(Numbers(budget.SAID, budget.budget_rows(examination.expected)))
     return found + [Words("small", fact) for fact in facts(examination)]

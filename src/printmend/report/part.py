@@ -11,6 +11,7 @@ from printmend.files import replacing
 from printmend.promise.budget import parse_budget
 from printmend.repair.prediction import Prediction
 from printmend.saved import SavedModel
+from printmend.units import counted
 
 if TYPE_CHECKING:
     from printmend.report.part_view import PartView
@@ -118,12 +119,13 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
         )
     if prediction.stops:
         said.append(
-            f"At {prediction.stops} places the nozzle stops for a moment amid a line, while a belt turns back: a small "
-            "seam may show there. A coarser --tolerance makes fewer."
+            f"At {counted(prediction.stops, 'place')} the nozzle stops for a moment amid a line, while a belt turns "
+            "back: a small seam may show there. A coarser --tolerance makes fewer."
         )
+    moves, layers = counted(prediction.moves, "move"), counted(len(prediction.layers), "layer")
     said.append(
-        f"{prediction.moves} moves become {prediction.commands}, over {prediction.length_mm / 1000:.1f} m of printed "
-        f"path in {len(prediction.layers)} layers; speeds, temperatures and plastic stay as they were."
+        f"{moves} become {prediction.commands}, over {prediction.length_mm / 1000:.1f} m of printed path in {layers}; "
+        "speeds, temperatures and plastic stay as they were."
     )
     if prediction.unknown:
         said.append(
