@@ -19,7 +19,7 @@ from printmend.corruption.belt import Play
 from printmend.printer import read_printer
 from printmend.saved.model import exact_model, write_model
 
-expect.set_options(timeout=60_000)  # as long as a busy machine may take
+expect.set_options(timeout=300_000)  # as long as a busy machine may take
 KEY = "0123456789ABCDEF0123456789ABCDEF"
 CONFIG = """server: {{firstRun: false, onlineCheck: {{enabled: false}}, pluginBlacklist: {{enabled: false}}}}
 serial: {{log: true, autoconnect: false}}

@@ -7,11 +7,13 @@ printer. A print of the original, also by "upload and print", is held before its
 printed once it is there. printmend runs as a program of its own.
 """
 
+import contextlib
 import json
 import os
 import queue
 import re
 import shutil
+import signal
 import subprocess
 import tempfile
 import threading
@@ -71,9 +73,9 @@ class PrintmendPlugin(
         return True
 
     def on_api_command(self, command, data):
-        if self._process is not None:
+        if self._mending is not None:
             self._cancelled = True
-            self._process.kill()
+            self._stop()
         return flask.jsonify(cancelled=self._cancelled)
 
     # Files.
@@ -83,8 +85,14 @@ class PrintmendPlugin(
 
     def on_shutdown(self):
         self._queue.put(None)
-        if self._process is not None:
-            self._process.kill()
+        self._stop()
+
+    def _stop(self):
+        """End printmend, and whatever it started: a script of the owner's may not be the program itself."""
+        process = self._process
+        if process is not None:
+            with contextlib.suppress(OSError):  # ended by itself
+                os.killpg(process.pid, signal.SIGKILL)
 
     def on_event(self, event, payload):
         if event == Events.FILE_ADDED:
@@ -124,7 +132,7 @@ class PrintmendPlugin(
 
     def _work(self):
         while (path := self._queue.get()) is not None:
-            self._mending = path
+            self._mending, self._cancelled = path, False
             try:
                 self._mend(path)
             except Exception:
@@ -138,7 +146,6 @@ class PrintmendPlugin(
             return
         folder, name = os.path.split(path)
         target = os.path.join(folder, name.rsplit(".", 1)[0] + ENDING)
-        self._cancelled = False
         self._say("start", path)
         with tempfile.TemporaryDirectory(dir=self.get_plugin_data_folder()) as work:
             source, fresh, report = (os.path.join(work, end) for end in ("in.gcode", "out.gcode", "report.json"))
@@ -165,12 +172,15 @@ class PrintmendPlugin(
         environment["PRINTMEND_PROGRESS"] = "1"
         try:
             self._process = subprocess.Popen(  # noqa: S603 — the owner's own program, from the settings
-                arguments, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-            )
+                arguments, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                start_new_session=True,
+            )  # fmt: skip
         except OSError as error:
             return f"{command}: {error.strerror or error}"
+        if self._cancelled:  # before there was a program to stop
+            self._stop()
         late = threading.Event()
-        limit = threading.Timer(LIMIT_S, lambda: (late.set(), self._process.kill()))
+        limit = threading.Timer(LIMIT_S, lambda: (late.set(), self._stop()))
         limit.start()
         lines = []
         for line in self._process.stderr:
