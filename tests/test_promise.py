@@ -163,6 +163,16 @@ def test_a_scale_that_no_scanner_has_is_mended(part: Path) -> None:
     said = check_gcode(part, model)
     assert said.before.rms_mm > 0.1
     assert said.after.made_of["instrument"] > 0.5 * said.after.rms_mm
+    upper = part.with_name("upper.gcode")
+    upper.write_text(CIRCLE + CIRCLE[CIRCLE.index("G1 Z") :].replace("Z0.2", "Z0.4").replace("X1", "X"))
+    whole = check_gcode(upper, model)  # the upper layer lies elsewhere: without the part's place it is off otherwise
+    length, rms, most = (
+        np.array([row[k] for row in whole.layers]) for k in ("length_mm", "before_rms_mm", "before_max_mm")
+    )
+    assert rms.min() > 0.1
+    assert (most >= rms).all()
+    assert most.max() <= 1.001 * whole.before.max_mm
+    assert np.sqrt(np.average(rms**2, weights=length)) == pytest.approx(whole.before.rms_mm, rel=0.05)
     mend_gcode(part, model, part.with_name("out.gcode"))
     truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(skewed, ENDER3))
     assert truth.after.rms_mm < 0.1 * truth.before.rms_mm

@@ -210,17 +210,37 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     if outlook is None:
         return prediction
     layers = []
+    place2 = None if budget.placed else _place2(prediction.path)
     for row in prediction.layers:
         more = dict(row)
         for name, whole in (("before", outlook.before), ("after", outlook.after)):
-            # negative where the whole contains no place, which the layers' own errors do
             more2 = whole.rms_mm**2 - whole.planning_rms_mm**2
+            if place2 is not None and name == "before":  # the whole contains no place, which the layers' own errors do
+                more2 += place2.get(row["z_mm"], place2[None]) - place2[None]
             more[f"{name}_rms_mm"] = math.sqrt(max(row[f"{name}_rms_mm"] ** 2 + more2, 0.0))
+            more[f"{name}_max_mm"] = max(min(row[f"{name}_max_mm"], whole.max_mm), more[f"{name}_rms_mm"])
         layers.append(more)
     return replace(
         prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
         advice=advice_of(model, outlook.after),
     )  # fmt: skip
+
+
+def _place2(path: Path) -> dict[float | None, float]:
+    """Return by how much the mean square error of each height (None: of all) grows where the part's place is taken off.
+
+    Its place is the one shift of all of it that leaves the least; a layer may lie nearer without than with it.
+    """
+    normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
+    root = np.sqrt(path.weight)
+    shift = np.linalg.lstsq(normal * root[:, None], path.off_mm * root, rcond=None)[0]
+    grown = (path.off_mm - normal @ shift) ** 2 - path.off_mm**2
+    found: dict[float | None, float] = {None: float(np.average(grown, weights=path.weight))}
+    if path.z_mm is not None:
+        for z_mm in np.unique(path.z_mm):
+            here = path.z_mm == z_mm
+            found[round(float(z_mm), 4)] = float(np.average(grown[here], weights=path.weight[here]))
+    return found
 
 
 def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
