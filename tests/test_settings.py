@@ -47,6 +47,7 @@ def test_the_command_line_comes_before_the_project_and_the_project_before_the_us
         ("[mended]\n", "sections that are commands, like .mend.*'mended'"),
         ("[mend]\nspeed = 3\n", "options of mend: firmware, force, .*'speed' in .mend"),
         ("[mend\n", "settings in TOML"),
+        ('[mend]\njobs = "four"\n', "printmend.toml: wanted a value for jobs in .mend., got 'four'"),
     ],
 )
 def test_settings_that_are_none_are_refused(place: Path, text: str, said: str) -> None:
@@ -61,6 +62,7 @@ def test_a_slip_gets_one_line(place: Path) -> None:
     for arguments, said in (
         (["mend", "part.gcode", "--modle", "bent"], "No such option"),
         (["mned"], "No such command 'mned'"),
+        (["completion"], "Missing argument"),
         (["check", str(place), "-m", "bent"], "is a directory"),
     ):
         done = subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, check=False)  # noqa: S603

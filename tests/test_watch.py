@@ -18,6 +18,9 @@ from tests.mending import BENT, PLAY, SQUARE, exactly
 @pytest.fixture
 def job(tmp_path: Path) -> Watch:
     write_model(tmp_path / "printer.mend.json", exactly(BENT))
+    with pytest.raises(InputError, match="wanted a folder that files come into"):
+        Watch(tmp_path / "in", tmp_path / "out", tmp_path / "printer.mend.json")
+    (tmp_path / "in").mkdir()
     return Watch(tmp_path / "in", tmp_path / "out", tmp_path / "printer.mend.json")
 
 

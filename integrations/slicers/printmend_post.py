@@ -41,7 +41,7 @@ def mended(command: str, model: str, source: Path, fresh: Path) -> str:
         )  # fmt: skip
     except OSError as error:
         return f"{command}: {error.strerror or error}"
-    print(done.stdout, end="")
+    print(done.stdout.replace(str(fresh), str(source)), end="")
     if done.returncode == 0:
         return ""
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]

@@ -109,7 +109,7 @@ def main() -> None:
         error.show()
         sys.exit(error.exit_code)
     except click.ClickException as error:
-        _end(f"{_in_plain_words(error)}; see {_command(error)} --help", error.exit_code)
+        _end(f"{' '.join(_in_plain_words(error).split())}; see {_command(error)} --help", error.exit_code)
     except click.Abort:
         _end("stopped; what was written is whole, and what keeps its results goes on where it was", 130)
     except BrokenPipeError:

@@ -15,6 +15,7 @@ from typing import Any
 
 import click
 
+from printmend.cli.model import Model
 from printmend.errors import ConfigError
 
 PROJECT = Path("printmend.toml")
@@ -40,7 +41,8 @@ def settings_of(names: list[str], command: Callable[[], click.Command | None], n
                     path, wanted=f"options of {name}: {', '.join(sorted(options))}", came=f"{key!r} in [{name}]",
                     todo="correct or remove it",
                 )  # fmt: skip
-            values[options[key]] = value
+            _check(path, f"{key} in [{name}]", options[key], value)
+            values[options[key].name or ""] = value
     return values
 
 
@@ -59,10 +61,20 @@ def _section(path: Path, names: list[str], name: str) -> dict[str, Any]:
     return dict(table.get(name, {}))
 
 
-def _options(command: click.Command) -> dict[str, str]:
-    """Return the long names of a command's options, and the parameters that they set."""
+def _check(path: Path, place: str, option: click.Option, value: Any) -> None:
+    """Raise `ConfigError` for what the option would refuse, in the file's words; models are looked up when needed."""
+    if isinstance(option.type, Model | click.Path):
+        return
+    try:
+        option.type_cast_value(click.Context(click.Command(None)), value)
+    except click.BadParameter as error:
+        raise ConfigError(path, wanted=f"a value for {place}", came=error.message, todo="correct it") from None
+
+
+def _options(command: click.Command) -> dict[str, click.Option]:
+    """Return a command's options by their long names."""
     return {
-        word.removeprefix("--"): option.name or ""
+        word.removeprefix("--"): option
         for option in command.params
         if isinstance(option, click.Option)
         for word in option.opts

@@ -38,8 +38,11 @@ class Watch:
     model_time_ns: int = -1
 
     def __post_init__(self) -> None:
-        for folder in (self.source, self.target):
-            folder.mkdir(parents=True, exist_ok=True)
+        if not self.source.is_dir():
+            raise InputError(
+                self.source, wanted="a folder that files come into", came="none", todo="make it, or check the path"
+            )
+        self.target.mkdir(parents=True, exist_ok=True)
         if self.source.resolve() == self.target.resolve():
             raise InputError(self.target, wanted="a folder apart from IN", came="the same", todo="name another")
         for seen, code in self._journal():
