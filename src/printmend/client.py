@@ -19,8 +19,8 @@ from typing import IO, Any
 from printmend.errors import InputError, PrintmendError, RefusedError
 from printmend.files import replacing
 
-_PATIENCE_S = 60.0
-_LOOK_S = 0.2
+_PATIENCE_S = 60.0  # for one answer
+_LOOK_S = 0.2  # between two looks at a job
 
 
 class StudioError(PrintmendError):

@@ -20,7 +20,7 @@ from printmend.errors import InputError
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 
-_CONNECT_S = 10.0
+_CONNECT_S = 10.0  # until a scheduler counts as silent
 _ANSWERED_S = 2.0  # by then the answer of a worker that is ended has left it
 _ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 

@@ -18,7 +18,7 @@ try:
 except ImportError:  # Windows has no such locks: leftovers of killed runs stay there
     fcntl = None  # type: ignore[assignment]
 
-MAX_TEXT_BYTES = 64_000_000
+MAX_TEXT_BYTES = 64_000_000  # of a model, a trace or a configuration
 _SUFFIX, _RANDOM = ".tmp", 8  # of a temporary file's name: its end, and the letters that `tempfile` draws before
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 

@@ -9,8 +9,8 @@ from printmend.metrics.shape import ContourError, stroke_distances
 from printmend.twin import Twin
 from printmend.twin.gcode import follow_finely
 
-CENTRING_ROUNDS = 6
-JUDGED_LAYERS = 3
+CENTRING_ROUNDS = 6  # of moving a print onto its lines
+JUDGED_LAYERS = 3  # of a part, at even heights
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,9 @@ from printmend.path import Body, Layer
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
-_BEAD_MM = 0.8
-_LAYER_MM = 0.2
-_LINES = 24
+_BEAD_MM = 0.8  # between a layer's perimeters
+_LAYER_MM = 0.2  # a layer's height
+_LINES = 24  # of infill in a layer
 
 
 def drawn_body(rng: np.random.Generator, printer: Printer, *, size_mm: float, layers: int = 3) -> Body:

@@ -31,7 +31,7 @@ from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 
 TABLE, PULLEY = "objectives", "timing pulley"
-BEAD_MM = 0.4
+BEAD_MM = 0.4  # a bead's width
 HEADER = ("fault", "planned for", "RMSE mm", "p95 mm", "area mm²", "Fréchet mm", "plan s")
 
 

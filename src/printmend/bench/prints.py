@@ -36,7 +36,7 @@ PRINTS = (
     "fixed", "layer", "optimal", "active", "diagonal-and-back", "zigzag", "lissajous", "circle", "diagonal",
     "small-layer", "half-turn", "random-walk",
 )  # fmt: skip
-SMALL_LAYER_MM = 24.0
+SMALL_LAYER_MM = 24.0  # across
 LEARNED_BY = "greybox+optimal"
 _WALK, _NOISE, _LEARN, _SMALL = 5, 6, 7, 8  # purposes of a case's generators
 

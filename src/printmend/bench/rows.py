@@ -20,7 +20,7 @@ from printmend.twin import Twin
 
 OPTIMUM = "optimum"
 PAPER_ROWS = ("naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "greybox", "oracle", OPTIMUM)
-MAX_NOISE_MM = 10.0
+MAX_NOISE_MM = 10.0  # of a coordinate, standard deviation
 
 
 @dataclass(frozen=True)

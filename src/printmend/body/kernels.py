@@ -8,7 +8,7 @@ import numpy as np
 from printmend.jit import entry
 
 UNITS = 1 << 14  # of one step
-_HALF = UNITS >> 1
+_HALF = UNITS >> 1  # of a step, to round by
 
 
 @entry

@@ -6,8 +6,8 @@ from printmend.body.kernels import UNITS, count_bound, follow
 from printmend.errors import GcodeError
 from printmend.printer import Printer
 
-MAX_TICKS = 200_000_000
-_MAX_STEPS = 1 << 16
+MAX_TICKS = 200_000_000  # of one body: 400 MB of controls
+_MAX_STEPS = 1 << 16  # from the corner of the bed: products of two places in `UNITS` still fit into 64 bits
 
 
 def to_steps(xy_mm: np.ndarray, printer: Printer) -> np.ndarray:

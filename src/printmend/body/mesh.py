@@ -21,15 +21,15 @@ _UNIT_NAMES = {
     **{"millimeter": "mm", "millimeters": "mm", "centimeter": "cm", "centimeters": "cm", "meter": "m"},
     **{"meters": "m", "inches": "inch", "feet": "foot", "microns": "micron"},
 }
-_MAX_BYTES = 256 * 2**20
+_MAX_BYTES = 256 * 2**20  # of a file
 _MAX_RATIO, _RATIO_MATTERS_BYTES = 200, 32 << 20  # a mesh as XML packs to a tenth
-_MAX_FACES = 3_000_000
+_MAX_FACES = 3_000_000  # triangles
 _SMALL_MM = 10.0  # below this a body is named as one that may be in inches or metres
 _BRIDGED_MM = 2.0  # gaps that slicers close while they chain a contour
 _MAX_OPEN = 0.75  # share of the heights at which the contour may be open
-_HEIGHTS = 200
-_FAR_MM = 1e5
-_THIN_MM = 1e-6
+_HEIGHTS = 200  # at which a mesh is looked at for gaps
+_FAR_MM = 1e5  # no printer prints a corner farther out
+_THIN_MM = 1e-6  # a mesh no thicker is flat
 
 
 def read_solid(path: Path, *, unit: str | None = None) -> Solid:

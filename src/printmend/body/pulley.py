@@ -10,15 +10,15 @@ import numpy as np
 
 from printmend.body.solid import Solid
 
-PITCH_MM = 2.0
+PITCH_MM = 2.0  # of a GT2 belt
 PITCH_LINE_OFFSET_MM = 0.254  # the belt's cords run this far outside the teeth
 # The GT2 groove: a root arc, two flank arcs whose centres lie on the outer circle, and rounded tooth tips.
 DEPTH_MM, ROOT_RADIUS_MM = 0.75, 0.555
 FLANK_RADIUS_MM, FLANK_CENTRE_MM = 1.0, 0.40
-TIP_RADIUS_MM = 0.15
+TIP_RADIUS_MM = 0.15  # of a tooth
 
-TEETH = 60
-BORE_MM = 5.0
+TEETH = 60  # of the paper's pulley
+BORE_MM = 5.0  # diameter
 FLANGE_DIAMETER_MM, FLANGE_MM = 42.0, 1.0
 TOOTHED_MM = 6.4  # for a belt of 6 mm
 

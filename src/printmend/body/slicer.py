@@ -20,7 +20,7 @@ from printmend.errors import MeshError, MissingToolError
 from printmend.files import replacing
 from printmend.printer import Printer
 
-TIMEOUT_S = 600.0
+TIMEOUT_S = 600.0  # for one part
 
 _PROGRAM = "prusa-slicer"
 _SKIRT_ROOM_MM = 8.0  # the profile's skirt, on both sides

@@ -25,7 +25,7 @@ TRAINING = ring_layer((520.0, 540.0), 110.0)
 OTHER = ring_layer((530.0, 530.0), 70.0, turn=0.7, index=1)
 START = np.array([520, 540])
 WORLDS = ("healthy", "gain-table", "pulley", "pulley-play")
-NOISE_MM = 0.05
+NOISE_MM = 0.05  # of a coordinate, as callipers have it
 _TWINS: dict[tuple[str, str], Twin] = {}
 
 

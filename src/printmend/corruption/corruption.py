@@ -18,7 +18,7 @@ from printmend.machine import Frame, GainMechanism, Mechanism, Transmission, hea
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
-_SAMPLES_PER_TURN = 16384
+_SAMPLES_PER_TURN = 16384  # places of a turn at which a pulley is tabulated
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from printmend.units import TURN_RAD, radius_mm
 Severity = Literal["damaged", "realistic"]
 _R0_MM = radius_mm(40.0)
 _PHI = np.linspace(0.0, TURN_RAD, 1024, endpoint=False)
-_LOOP_MM = 600.0
+_LOOP_MM = 600.0  # length of a printer's belt
 
 
 def _phase(rng: np.random.Generator) -> float:

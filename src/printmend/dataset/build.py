@@ -34,7 +34,7 @@ from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 
 RECIPE, BODIES, FAILURES = "dataset.json", "bodies.jsonl", "failures.jsonl"
-MAX_CORRUPTIONS = 9999
+MAX_CORRUPTIONS = 9999  # their numbers have four digits
 
 
 @dataclass(frozen=True)

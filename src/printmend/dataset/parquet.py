@@ -22,9 +22,9 @@ from printmend.errors import TraceError
 from printmend.files import replacing
 from printmend.path import Body, Layer
 
-SCHEMA = 1
-KEY = b"printmend"
-_ZSTD_LEVEL = 3
+SCHEMA = 1  # the version of the columns
+KEY = b"printmend"  # of our metadata in a file
+_ZSTD_LEVEL = 3  # higher ones take longer and save less than a percent
 _DELTA, _SPLIT = "DELTA_BINARY_PACKED", "BYTE_STREAM_SPLIT"
 
 # name → (type of Arrow, what it is)

@@ -27,7 +27,7 @@ COLUMNS = (
     "x nominal", "x printed", "cx", "x nominal next", "x printed next",
     "y nominal", "y printed", "cy", "y nominal next", "y printed next",
 )  # fmt: skip
-POSITIONS = 1100
+POSITIONS = 1100  # full steps of the published gain tables
 MAX_CORRUPTIONS = 5000  # the published simulator reads no further
 _WHOLE = [0, 1, 2, 3, 4, 6, 7, 9, 11, 12]
 _TODO = "export it again, or fetch the published data set afresh"

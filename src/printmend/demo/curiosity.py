@@ -29,7 +29,7 @@ WAYS = (ACTIVE, "fixed", "random", "longest layer")
 SIZES = (16, 32, 64, 128)  # marks of the prints that are considered
 ROUND_MARKS = 32  # of the others' prints
 LEARNER = "greybox"
-ASKED = 400
+ASKED = 400  # places of the bed at which the promise is asked
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from printmend.printer import Printer
 from printmend.probe.gcode import CLOSING, PLAIN_START, filament_mm
 from printmend.units import TURN_RAD
 
-TEETH = 20
+TEETH = 20  # as printers' motors have
 RADIUS_MM = TEETH * PITCH_MM / TURN_RAD  # where the belt's cords run
-TIP_MM = RADIUS_MM - PITCH_LINE_OFFSET_MM
+TIP_MM = RADIUS_MM - PITCH_LINE_OFFSET_MM  # radius of the teeth's tips
 BORE_MM = 5.0  # of a NEMA 17 motor's shaft
 HUB_DIAMETER_MM, HUB_MM = 18.0, 7.0
 FLANGE_MM, TOOTHED_MM = 1.0, 7.0  # for a belt of 6 mm
@@ -24,7 +24,7 @@ BEAD_MM, LAYER_MM = 0.4, 0.2
 FEED_MM_S, FIRST_FEED_MM_S, TRAVEL_MM_S = 25.0, 15.0, 120.0
 RETRACT_MM, RETRACT_MM_S = 2.5, 30.0
 _SMOOTH_MM = 0.005  # what a bead may leave out of its line
-_TOOTHED_FROM_MM = HUB_MM + FLANGE_MM
+_TOOTHED_FROM_MM = HUB_MM + FLANGE_MM  # height at which the teeth begin
 TOOTHED_LAYER = round((_TOOTHED_FROM_MM + TOOTHED_MM / 2) / LAYER_MM)  # half-way up the teeth
 HEAD = """\
 ; printmend selfrepair: a GT2 pulley of {teeth} teeth, bore {bore:g} mm, set screw M3 (drill {screw:g} mm, tap)

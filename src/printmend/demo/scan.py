@@ -30,7 +30,7 @@ from printmend.twin import Twin
 from printmend.twin.scanner import DEGRADATIONS, scan_trace
 
 SCANS = {"scan.png": 0, "turned.png": 1}  # quarter turns of the plate on the glass
-TICKS = 9
+TICKS = 9  # steps of the progress that it reports
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,11 +31,11 @@ from printmend.units import TURN_RAD
 
 SHRINKAGE = 0.003  # of PLA, linear
 ROUGH_MM = 0.02  # RMS of the printed edge about its line
-ROUGH_WAVES = 12
+ROUGH_WAVES = 12  # sines that make up the rough edge
 MEASURED_MM = 0.05  # noise of a mark of the test print, each coordinate
 ANGLES = 720  # at which a hull is known
 CONVERGED_MM = 0.1  # RMS: what bead, shrinkage and measurement leave of a pulley is about half of it
-LEAST_PLAY_MM = 1e-3
+LEAST_PLAY_MM = 1e-3  # less is none
 OPEN, MENDED = "as it is", "printmend"
 
 # The purposes for which a generation's generator is seeded, the same for both ways, so that they compare in pairs.

@@ -14,7 +14,7 @@ from printmend.path import Trace
 
 NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations
 LEAST_FAULT_MM = 0.002  # … and than this: smaller faults move no print
-NAMED_HARMONICS = 3
+NAMED_HARMONICS = 3  # of a pulley at most, the largest ones
 OPPOSITE_SHARE = 0.05  # share of two scale errors' difference that their sum may be for them to count as opposite
 LEAST_SHOWN_MM = 0.005  # of what is said to two digits
 LEAST_EFFECT_MM = 0.003  # on a print, for waves: no print shows less

@@ -10,8 +10,8 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
 
-POINTS = 1201
-ANGLES = 720
+POINTS = 1201  # of a curve
+ANGLES = 720  # of a hull's outline
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
 KINDS = ("lead", "periodic", "backlash", "wobble")
 LEAST_WAVE_MM = 0.003  # a smaller wave is not named
-_ROUNDS = 2
+_ROUNDS = 2  # of fitting screw and belts in turn
 _WHOLE_TURN = 0.75  # of a turn of the screw: on less, a wave is no wave
 _TREND_TURNS = 2.0  # of the screw, on which a leaning tower cannot be taken for a wave
 _MOST_LAYERS = 400  # of different heights; a spiral is cut into slices

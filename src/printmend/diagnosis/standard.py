@@ -15,7 +15,7 @@ from printmend.units import TURN_RAD
 
 TARGETS = 45  # of an axis; not so many that they meet the same few angles of a pulley
 _MARGIN = 0.04  # of the axis, at both ends: room to turn back, wider than any play
-ANGLES = 720
+ANGLES = 720  # of the circle
 _RADIUS = 0.4  # of the shorter axis
 
 

@@ -17,7 +17,7 @@ from printmend.machine import Mechanism
 from printmend.path import Layer
 from printmend.printer import Printer, read_printer
 
-C_MAX = 3
+C_MAX = 3  # steps of a motor in a tick, as in Algorithm 1
 Reward = Literal["final", "dense"]
 DrawCorruption = Callable[[np.random.Generator], Corruption]
 

@@ -17,9 +17,9 @@ import numpy as np
 from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
 
-MAGIC = b"GCDE"
+MAGIC = b"GCDE"  # the first bytes of a binary G-code file
 GCODE, SLICER_METADATA, THUMBNAIL = 1, 2, 5
-_KINDS = 6
+_KINDS = 6  # of blocks that the format knows
 _HEADER = struct.Struct("<4sIH")
 _BLOCK = struct.Struct("<HHI")
 _WINDOWS = {2: 11, 3: 12}  # heatshrink: compression → window bits; the look-ahead has 4

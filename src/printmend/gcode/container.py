@@ -16,9 +16,9 @@ from printmend.gcode import bgcode, threemf
 from printmend.gcode.machine import Flavour, detect_flavour
 
 Text = bytes | memoryview
-CHUNK_BYTES = 4 << 20
-MAX_LINE_BYTES = 1 << 20
-HINT_BYTES = 1 << 20
+CHUNK_BYTES = 4 << 20  # read at once
+MAX_LINE_BYTES = 1 << 20  # a longer line is no G-code
+HINT_BYTES = 1 << 20  # of a file's beginning and of its end, where slicers say what it is
 _TEXT_SHARE = 0.7  # of the bytes in a file's head that G-code has as printable characters and line ends
 _TODO = "give a sliced file"
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-_SAME_Z_MM = 1e-3
+_SAME_Z_MM = 1e-3  # lower steps in height begin no layer
 _SLOPED_LAYER_MM = 0.05  # on a rising path (vase mode) a new layer begins this far above the last one's start
 
 

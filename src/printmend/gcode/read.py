@@ -134,10 +134,10 @@ def larger(capacity: int, name: str = "G-code") -> int:
 # an E that is named and pushes none in most moves. In some of them it does so in good files of either kind: they name
 # their E on travels, too.
 _ENOUGH_MOVES = 20
-_IMPLAUSIBLE_SHARE = 0.1
-_MOST_SHARE = 0.5
+_IMPLAUSIBLE_SHARE = 0.1  # of the moves, up to which a reading of E is believed
+_MOST_SHARE = 0.5  # of the moves: where more extrude nothing, that speaks against a reading of E, too
 _TOP_SHARE = 0.1
-_FILAMENT_PER_MM = 3.0
+_FILAMENT_PER_MM = 3.0  # of path: no nozzle takes more
 
 
 def settle_e(text: np.ndarray, state: MachineState) -> None:

@@ -10,14 +10,14 @@ from typing import IO
 from printmend.errors import GcodeError
 
 _PLATE = re.compile(r"Metadata/plate_\d+\.gcode")
-_MAX_BYTES = 8 << 30
-_MAX_OTHER_BYTES = 1 << 30
-_MAX_WHOLE_BYTES = 32 << 30
+_MAX_BYTES = 8 << 30  # of one plate, unpacked
+_MAX_OTHER_BYTES = 1 << 30  # of any other member, unpacked
+_MAX_WHOLE_BYTES = 32 << 30  # of all members, unpacked
 _MAX_RATIO = 300  # deflate cannot reach 1100; real G-code stays below 20
-_RATIO_MATTERS_BYTES = 32 << 20
+_RATIO_MATTERS_BYTES = 32 << 20  # smaller members may be packed as tightly as they like
 _TODO = "export the plate again"
-_COPY_BYTES = 1 << 20
-_SETTINGS_BYTES = 4 << 20
+_COPY_BYTES = 1 << 20  # at once
+_SETTINGS_BYTES = 4 << 20  # of a settings file that are read
 BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImplementedError)
 """What reading a damaged archive can raise."""
 

@@ -25,10 +25,10 @@ from one call to the next (the engaged side of a belt) is its own. What it retur
 `PLANS_AT_ONCE` further calls.
 """
 
-PLANS_AT_ONCE = 5
+PLANS_AT_ONCE = 5  # in the queue, in the writer and being made
 _RECORDS = 8192  # a batch: small enough to stay in the cache on its way through the threads
-_OUT_BYTES = 1 << 20
-_AHEAD = 2
+_OUT_BYTES = 1 << 20  # of text written at once
+_AHEAD = 2  # batches that a thread may be ahead of the next one
 _Item = TypeVar("_Item")
 
 

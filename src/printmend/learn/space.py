@@ -19,7 +19,7 @@ from printmend.protocols import SpaceModel, WorldModel
 
 # Times that the planar model and the push are learned in turn, at most: until the push stays where it was.
 _MOST_ROUNDS = 3
-_SETTLED_PUSH_MM = 0.003
+_SETTLED_PUSH_MM = 0.003  # a push that changes by less has settled
 
 
 def fit_space(

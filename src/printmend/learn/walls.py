@@ -23,11 +23,11 @@ SHIFT_SD_MM, SCALE_SD_MM, PLAY_SD_MM = 10.0, 0.4, 0.3  # at the start; the evide
 WAVE_SD_MM, WAVE_FALL = 0.1, 2.0
 SWELL_SD_MM, TURN_SD, SKEW_SD_MM = 0.25, 10.0, 0.5
 SCALES_RANGE = (0.02, 100.0)  # how far the evidence may move a prior's standard deviation
-HUBER = 2.0
-LOST = 5.0
-LEAST_SIGMA_MM = 0.004
-LEAST_WALLS = 40
-LEAST_INDEPENDENT = 0.08
+HUBER = 2.0  # standard deviations, beyond which a place counts less
+LOST = 5.0  # standard deviations, beyond which a place does not count
+LEAST_SIGMA_MM = 0.004  # of a place of a wall: no scan is read better
+LEAST_WALLS = 40  # measured places of walls to learn from
+LEAST_INDEPENDENT = 0.08  # share of the places that tell something of their own
 
 
 @dataclass(frozen=True, eq=False)

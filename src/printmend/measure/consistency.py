@@ -15,7 +15,7 @@ HARMONICS_OF_TURN, COSINES_OF_BED = 10, 14
 SIDE_ROUNDS = 3  # how often the side of each belt and the model are found in turn
 SURE_OF_SIDE_MM = 2.5  # having moved this far, a belt is on the side it pushes, in the first round
 NEIGHBOURS = 5  # marks whose common error is a jump, not a mistake
-DOUBT_MM = 0.15
+DOUBT_MM = 0.15  # least distance from where a mark is expected at which it is doubted
 # What damaged printers do (physics.md §3), in the order of `_columns`: origin, scale over half a bed, fading waves,
 # the pulley's waves, bends without a period; then the cross terms.
 PRIOR = np.array(

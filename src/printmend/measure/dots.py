@@ -20,7 +20,7 @@ STRING_MM = 0.5  # plastic thinner than this is no dot
 NET_SHARE = 0.7  # of a dot that hangs in a net: plastic thinner than this is a thread
 BACKGROUND_MM = 5.0  # the window whose median is the plate's own colour
 RAYS, RADII = 72, 40
-MOST_DOTS = 6000
+MOST_DOTS = 6000  # of an image, those nearest to the wanted diameter
 LEAST_CONTRAST = 6.0  # grey levels
 SIGMA_FLOOR_MM = 0.005  # the dot itself against the nozzle that made it
 

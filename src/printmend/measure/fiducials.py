@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from printmend.measure.sheet import DICTIONARY, tag_corners_mm
 
 SEARCH_PX = 2200  # tags are looked for in a picture of this size, their corners refined at full size
-LEAST_TAGS = 4
+LEAST_TAGS = 4  # of the sheet that must be seen
 NODE_PX = 16  # the lens is computed at every 16th pixel: it bends nothing in between
 FLAT_MM, FLAT_RATIO = 0.03, 1.5
 

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from printmend.measure.plan import ProbePlan
 
 NEAR_SHARE = 0.36  # of the pitch: how far a dot may lie from where its neighbours predict it
-SEEDS = 12
+SEEDS = 12  # dots with two neighbours each, from which a lattice is grown
 ENOUGH = 0.93  # of the dots in one lattice: the rest is dust
 REACH = 2.6  # of the pitch: the neighbours that predict
 Classes = Callable[[int, int], int]

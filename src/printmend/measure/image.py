@@ -14,7 +14,7 @@ from printmend.errors import ScanError
 from printmend.files import replacing
 
 MOST_PIXELS = 150_000_000  # A4 at 1200 dpi has 139 million
-LEAST_SIDE_PX = 300
+LEAST_SIDE_PX = 300  # of an image
 _SAVE: dict[str, dict[str, Any]] = {
     "PNG": {"compress_level": 1}, "JPEG": {"quality": 95}, "TIFF": {"compression": "tiff_lzw"},
 }  # fmt: skip

@@ -16,10 +16,10 @@ THIN_MM, THICKEN_MM = 3.0, 1.6
 LEAST_OVERLAP = 0.78  # of a part with itself, however badly printed (intersection over union)
 TURNS_DEG, FINE_DEG = 3.0, 0.5
 AMBIGUOUS = 0.012  # by so much must one way to lie be better than all others
-SAME_TURN_DEG = 8.0
-UPRIGHT_DEG = 20.0
+SAME_TURN_DEG = 8.0  # lies nearer to each other are one
+UPRIGHT_DEG = 20.0  # as straight as a careful person lays a part
 COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
-SCALE_DOUBT = 1.15
+SCALE_DOUBT = 1.15  # factor between the part and the file beyond which the image's resolution is doubted
 
 
 @dataclass(frozen=True, eq=False)

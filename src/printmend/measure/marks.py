@@ -13,7 +13,7 @@ from printmend.measure.register import Pose, find_pose
 LEAST_AGREEMENT = 0.85  # of the sizes with the code; a wrong placement reaches 0.75
 MOST_ROUNDS, STILL_ROUNDS = 12, 3
 FAR_MM = 1.2  # a mark expected no better than this is left until its neighbours are known
-LEAST_MARKS = 9
+LEAST_MARKS = 9  # that must be found
 SUPPORT_REACH, LEAST_SUPPORT = 5, 0.5  # marks printed before and after, and the share of them to be found
 LEAST_RUN, LONGEST_RUN, RUN_SHARE, RUN_REACH = 8, 20, 0.8, 12
 JUMP_MM, SAME_SHIFT_MM = 9.0, 0.35

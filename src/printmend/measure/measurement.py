@@ -20,7 +20,7 @@ from printmend.units import MM_PER_INCH
 SETTLED_AXES = 1e-4  # what two turns of the plate leave open of the scanner's axes
 JOINED = 0.85  # of all marks: where a scan shows fewer, each shows a part of the print
 DISAGREEMENT = 6.0  # standard deviations between two scans of one mark: one of them saw dirt
-OVERLAY_PX = 3000
+OVERLAY_PX = 3000  # of the longer side of the picture that shows what was found
 ENLARGED = (1, 2, 5, 10, 20, 50)
 FOUND, MISSING, ERROR = (60, 170, 60), (40, 40, 230), (230, 120, 30)
 

@@ -21,7 +21,7 @@ from printmend.measure.sheet import BORDER_MM, TAG_MM, WINDOW_EDGE_MM, window_mm
 from printmend.path import FLATBED, Instrument
 from printmend.units import MM_PER_INCH
 
-USUAL_DPI = 600.0
+USUAL_DPI = 600.0  # where neither the owner nor the file says it
 # What a sheet of tags leaves open: the printer that made it, and in a photo the lens.
 SHEET = Instrument(scale_sd=0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002)
 PHOTO = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005)

@@ -23,7 +23,7 @@ MILLIMETRES, INCHES = (1.0, 0.5), (25.4 / 8, 2.54, 25.4 / 16, 1.27, 25.4 / 32)
 NEAR = 0.02  # share: pictures are not farther off their stated scale
 OTHER_WAY = 0.8  # |cos| between two rulers that tell of different directions
 OWN_SD = 0.0004  # of a ruler's own length (share): 0.1 mm over its reach
-MOST_LINES = 6000
+MOST_LINES = 6000  # in an image that may be graduations
 THICK_MM, THICK_SD_MM = 0.4, 0.4  # of rulers, printed ones and of steel
 
 

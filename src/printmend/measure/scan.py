@@ -44,7 +44,7 @@ from printmend.units import MM_PER_INCH
 COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
 SCALE_DOUBT = 1.22  # both spacing and size of the dots off by this: the resolution is wrong, not the printer
 LEAST_FOUND = 0.85  # with fewer the printer skipped steps, and marks beyond a skip could be others
-LEAST_TAG_SPREAD_MM = 60.0
+LEAST_TAG_SPREAD_MM = 60.0  # of the seen tags, along either axis
 
 
 @dataclass(frozen=True, eq=False)

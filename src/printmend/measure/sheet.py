@@ -14,13 +14,13 @@ from printmend.units import A4_MM
 
 PAGE_MM = A4_MM
 INK = (0.0, 0.0, 0.0)
-TAG_MM = 14.0
+TAG_MM = 14.0  # the side of a tag
 BORDER_MM = 14.0  # from the paper's edge to the centres of the tags
 COLUMNS, ROWS = 4, 5
 WINDOW_EDGE_MM = 4.0  # from the tags to the window
-RULER_MM = 100.0
+RULER_MM = 100.0  # the printed line that an owner measures
 RULER_Y_MM = PAGE_MM[1] - 23.4  # between the tags and the window
-LINE_MM = 2.7
+LINE_MM = 2.7  # from one line of text to the next
 # Between the tags of the upper edge: where the words begin [mm], and their lines.
 WORDS = (
     ((24.5, 9.6), ("A part: lay it inside the thin lines,", "the side that lay on the bed up.",

@@ -12,12 +12,12 @@ COARSE_MM = 0.17  # a pixel of the reduced picture
 SPECK_MM, GAP_MM = 0.35, 0.5  # plastic thinner than this is dirt; gaps narrower than this close
 LEAST_MM2, LEAST_SHARE = 20.0, 0.03  # smaller pieces, of the whole and of the largest, are dirt
 LEAST_CONTRAST = 10.0  # grey levels
-MARGIN_MM = 4.0
+MARGIN_MM = 4.0  # around the part where it is looked for
 REACH_MM = 0.45  # of the window about an edge whose integral places it
 INNER_MM, OUTER_MM = (-0.34, -0.12), (0.14, 0.45)  # where the levels of plastic and plate are read, from the edge
-RAY_STEP_MM = 0.025
+RAY_STEP_MM = 0.025  # between the places of a ray across an edge
 ACROSS_MM = (-0.36, -0.24, -0.12, 0.0, 0.12, 0.24, 0.36)  # rays beside each other that are averaged
-CHUNK = 400
+CHUNK = 400  # rays followed at once
 
 
 @dataclass(frozen=True, eq=False)

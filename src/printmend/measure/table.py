@@ -34,17 +34,17 @@ TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the firs
 KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT, *TOGETHER)
 _ROUNDED = -1e-5  # least eigenvalue of correlations that were written with six digits
 _MOST_DOUBT = 0.5  # of an instrument: one that is less sure of a length measures nothing
-MIN_MEASURED = 10
+MIN_MEASURED = 10  # points of a trace
 OUTSIDE_MM = 10.0  # purge lines lie a few millimetres beyond some beds
-AT_HOME_MM = 0.05
+AT_HOME_MM = 0.05  # a trace that begins nearer to the home position began there
 _LARGEST_MM = 1e9  # what is farther is wrong all the same, and its square is still a number
-_MOST_LAYERS = 1_000_000
-_FARTHEST_WALL_MM = 50.0
+_MOST_LAYERS = 1_000_000  # number of a layer
+_FARTHEST_WALL_MM = 50.0  # that a wall may lie from where it was commanded
 HEADER_TODO = f"start the file with the line {','.join(REQUIRED)}"
 
 # Stands for an empty cell while the table is parsed; no printer goes there, and a literal nan stays visible.
 _EMPTY = -9.25e303
-_EMPTY_TEXT = b"-9.25e303"
+_EMPTY_TEXT = b"-9.25e303"  # stands for an empty cell while numbers are read; no measurement is that large
 
 
 def read_trace(path: str | Path, printer: Printer) -> Trace:

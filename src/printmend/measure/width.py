@@ -16,10 +16,10 @@ from printmend.measure.distance import LONGEST_MM, NO_INSTRUMENT, inches, settle
 from printmend.measure.walls import RASTER_MM, Walls
 from printmend.path import Instrument
 
-SHORTEST_MM = 25.0
+SHORTEST_MM = 25.0  # width that callipers are asked for
 READING_MM = 0.03  # standard deviation of a reading over walls that the jaws lie flat on
 FACING = math.cos(math.radians(12.0))  # a wall whose normal is nearer to the direction lies flat against a jaw
-OUTERMOST_MM = 0.15
+OUTERMOST_MM = 0.15  # places of a wall this near to its outermost count as there
 MOST_WIDTHS, APART = 2, math.sin(math.radians(44.0))
 ANGLES_DEG = (0, 90, 45, 135, 15, 30, 60, 75, 105, 120, 150, 165)
 

@@ -17,7 +17,7 @@ _KEYS = {"name", "kinematics", "x", "y", "z", "extruder", "start_gcode"}
 _EXTRUDERS = ("bowden", "direct")
 _MOST_START_GCODE = 20_000  # characters; a start code of a thousand lines is another file
 _FAR_MM, _FAREST_MM = 1000.0, 1e5
-_LEAST_TURN_MM = 0.01
+_LEAST_TURN_MM = 0.01  # of belt that a motor's turn moves
 _MOST_PLACES = 5_000_000  # a machine is tabulated at its micro-steps; 300 mm at 256 a step are 400 000
 _TODO = "compare with `printmend printer ender3`, which prints a preset"
 

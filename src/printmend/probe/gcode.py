@@ -11,7 +11,7 @@ from printmend.probe.net import strokes_of
 from printmend.probe.paper import Paper
 
 LAYER_MM, HOP_MM = 0.24, 0.8
-BEAD_MM = 0.8
+BEAD_MM = 0.8  # a bead's width
 PAPER_MM = 0.1  # a sheet of 80 g/m²
 FILAMENT_MM, PLA_G_PER_MM3 = 1.75, 1.24e-3
 TRAVEL_MM_S, PURGE_MM_S, LIFT_MM_S, EXTRUDE_MM_S = 120.0, 20.0, 10.0, 2.0

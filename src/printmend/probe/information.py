@@ -20,7 +20,7 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.saved import SCALE_MM, Branches, Wave
 
-NOISE_MM = 0.05
+NOISE_MM = 0.05  # of a coordinate that is expected of an owner's measurement
 LEAST_NOISE_MM = 0.01  # no scan is better
 PLAY_MM = 0.3  # what a printer with a fault is thought to have before anything was measured
 LEAST_PLAY_MM = 0.02  # a taut belt is told from which side it is pushed, too

@@ -17,7 +17,7 @@ from printmend.printer import Printer
 ROW_ANGLE_RAD = float(np.arctan(2.0 / (1.0 + np.sqrt(5.0))))
 EDGE_MM = 4.0  # the nozzle comes no nearer to the edge of the bed
 RUN_IN_MM = 9.0  # motion before the first mark of a row: takes up any play of the axes below 4.7 mm
-MARKS = 600
+MARKS = 600  # of a whole test print
 MIN_PITCH_MM = 5.5  # nearer dots could touch on a printer that is off by millimetres
 LEAST_AREA_MM = 30.0  # side of the smallest area of marks: three quarters of a turn of the usual pulley
 AROUND_PART_MM, TURNS_FOR_PART = 5.0, 1.5

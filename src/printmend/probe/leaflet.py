@@ -21,8 +21,8 @@ from printmend.units import A4_MM
 LEFT_MM, TOP_MM = 20.0, 22.0  # of the page; all above 260 mm, so that letter paper shows it, too
 BED_MM, GLASS_MM = 88.0, 62.0  # the longer side of the drawn bed, and of the drawn glass
 PICTURES_MM = 42.0  # from the upper edge of the page to the pictures
-STEPS_MM = 152.0
-CHORD_MM = 0.3
+STEPS_MM = 152.0  # from the upper edge of the page to the steps
+CHORD_MM = 0.3  # how far an arc's chords may lie from it
 WHITE, GREEN = (1.0, 1.0, 1.0), (0.1, 0.5, 0.2)
 SHEET_COLOURS = (BLUE, RED, GREEN)
 PLATE_COLOURS = (

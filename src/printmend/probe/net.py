@@ -18,7 +18,7 @@ from printmend.probe.walk import snapped
 
 DOT_MM, BIG_DOT_MM = 1.6, 2.5
 FRAME_MM = 6.0  # from the outermost dots to the frame
-LEAST_FRAME_MM = 3.0
+LEAST_FRAME_MM = 3.0  # between the outermost marks and the edge of the bed
 FIRST = 3  # way-points before the net: home and the purge line
 FRAME_CORNERS = 5  # of which the last is the first again
 

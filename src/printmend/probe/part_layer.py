@@ -16,10 +16,10 @@ from printmend.probe.gcode import cost
 from printmend.probe.layout import EDGE_MM, MARKS, Layout, grid_of, mark_area_mm, pitch_for
 from printmend.probe.walk import plan_of
 
-CHORD_MM = 0.1
-SAMPLE_MM = 0.5
-MOST_MINUTES = 15.0
-SHORTER = 0.85
+CHORD_MM = 0.1  # how far an arc's chords may lie from it
+SAMPLE_MM = 0.5  # of path between two way-points
+MOST_MINUTES = 15.0  # that the print may take
+SHORTER = 0.85  # share of the path that is kept where it takes longer
 LEAST_MARKS = 16  # fewer do not tell a scanner which is which
 
 

@@ -13,7 +13,7 @@ from printmend.path import frozen
 from printmend.probe.paper import Paper, first_touch_mm
 
 TIP_MM, BIG_MM = 0.8, 1.8  # diameters of what a felt pen leaves, and of a circle that it draws
-CORNERS = 8
+CORNERS = 8  # of the polygon that stands for a dot
 TOUCH_MM, LIFT_MM, PRESS_MM = 5.0, 2.5, 0.1  # height of the tool head where the pen is fastened, and from there
 TRAVEL_MM_S, APPROACH_MM_S, CIRCLE_MM_S, DOWN_MM_S, REST_MS = 80.0, 20.0, 5.0, 10.0, 150
 

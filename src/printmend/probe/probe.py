@@ -22,7 +22,7 @@ from printmend.probe.tiles import chosen_plans
 from printmend.probe.walk import walk
 
 DESIGNS = ("fixed", "layer", "optimal", "active")
-TARGETS = 2000
+TARGETS = 2000  # places of the bed for which a print is chosen
 
 
 def design_probe(

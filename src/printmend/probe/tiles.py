@@ -19,8 +19,8 @@ from printmend.probe.walk import REVERSAL_EVERY, REVERSALS_MM, STAIRCASE, STRAIG
 SIDE, SMALL_SIDE, SMALL = 4, 3, 150  # marks along a tile; where there are fewer than 150 marks in all
 LEAST_SHARE = 0.5  # of a tile must lie within the area
 PITCHES_MM = (8.0, 11.0, 15.0, 20.0)  # closer marks are lost to a scanner where belts are very loose
-MOST_S = 14.5 * 60
-DOT_S = 0.5
+MOST_S = 14.5 * 60  # that one sheet may take
+DOT_S = 0.5  # that a dot takes beyond the way to it
 TREATMENTS = ("straight", "reversals", "staircase")
 
 

@@ -18,11 +18,11 @@ from printmend.probe.layout import EDGE_MM, MARKS, RUN_IN_MM, Layout
 
 BIG_SHARE = 0.3  # of the marks that are large dots
 REVERSALS_MM = (8.0, 6.0, 4.6, 3.4, 2.6, 2.0, 1.5, 1.1, 0.8, 0.6, 0.4, 0.25, 0.15)
-REVERSAL_EVERY = 3
-STAIRCASE_EVERY = 45
+REVERSAL_EVERY = 3  # so many rungs both motors turn back
+STAIRCASE_EVERY = 45  # so many rungs single steps follow
 WAYPOINT_MM, SHORTEST_WAYPOINT_MM = 2.4, 1.0
 DOT_MM, BIG_DOT_MM = 1.0, 1.6
-PURGE_MM = 100.0
+PURGE_MM = 100.0  # length of the purge line
 STRAIGHT = np.empty((0, 2))
 # Swings around a mark by ever shorter reversals, starting ahead of it.
 STAIRCASE = np.outer([reversal / 2 * (-1) ** k for k, reversal in enumerate(REVERSALS_MM)], [1.0, 1.0])

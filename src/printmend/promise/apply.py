@@ -26,7 +26,7 @@ SLIGHT_SHARE = 0.1
 LEAST_WEIGHT = 1e-3  # weight of a set of faults that counts
 SETTLED_SHARE = 1e-5  # share to which a fit without a part knows that it is none
 WAVE_FACTOR = 3.0  # times the unevenness of the instrument: a smaller wave may be its own
-PLACES_COMPARED = 400
+PLACES_COMPARED = 400  # of a motor's reach
 _PART_WORDS = {
     "mean": "pulley",
     "ripple": "micro-step ripple",

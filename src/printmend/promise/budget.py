@@ -14,9 +14,9 @@ from printmend.promise.effects import Effect, parse_effects
 from printmend.saved import CROSS, SCALE_MM, Design, SavedModel, ScrewSeries, screw_of
 from printmend.saved.values import number, numbers, refuse, section_of
 
-VERSION = 1
+VERSION = 1  # of the model file's section
 DIRECTIONS = 48  # of a motor's parameters that are kept at most
-_MOST_PARAMETERS = 400
+_MOST_PARAMETERS = 400  # of a motor that a file may name
 LAYOUT = ("mean_harmonics", "play_harmonics", "elastic_harmonics", "ripple", "second_harmonics")
 
 

@@ -26,7 +26,7 @@ EARLY_DONE = 0.108  # of the measured print
 WARMING_SPEEDS = (0.6, 1.0, 1.4, 1.9, 2.6, 4.0, 1e6)
 WARMING_CHANCES = (0.14, 0.25, 0.22, 0.17, 0.13, 0.06, 0.03)
 LONGEST_MM = 1e9  # no measured print went further
-_MOST_WEIGHTS = 2 * len(TWO_MOTORS)
+_MOST_WEIGHTS = 2 * len(TWO_MOTORS)  # of an effect that a file may name
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from printmend.promise.effects import Drawn, Places
 from printmend.saved import bed_middle
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
-DRAWS = 256
+DRAWS = 256  # machines that the measurement allows
 RANKED_DRAWS = 32  # of these, for the quantiles over the places of a path
 MOST_PLACES = 512  # of the path that are looked at, at most: 2048 change no figure by more than another seed does
 LOW, HIGH = 0.05, 0.95

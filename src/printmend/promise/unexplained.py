@@ -16,7 +16,7 @@ from printmend.learn.drive.fit import robust_sigma_mm
 
 BLOCK_ROWS = (2, 4, 8, 16, 32)
 USUAL_BLOCK_ROWS = 24  # of a pattern that is too small to be seen
-LEAST_BLOCKS = 6
+LEAST_BLOCKS = 6  # of rows to speak of a pattern
 SURE_SIGMAS = 4.5  # standard deviations: of some thirty estimates the largest counts
 WILD_SIGMAS = 4.0  # residuals beyond so many standard deviations are outliers
 

@@ -16,9 +16,9 @@ from printmend.repair.prediction import Heights, Prediction
 from printmend.saved import exact_model
 from printmend.twin.twin import Twin
 
-_CHORD_MM = 0.002
-_SAMPLE_MM = 0.5
-_SAME_FILAMENT = 0.01
+_CHORD_MM = 0.002  # how far an arc's chords may lie from it
+_SAMPLE_MM = 0.5  # of path between two places that are judged
+_SAME_FILAMENT = 0.01  # share by which two files' filament may differ
 _NEAR_MM, _STRETCH = 5.0, 8  # of path before and after a stretch of filament; a stretch is so many times that
 
 

@@ -33,7 +33,7 @@ from printmend.units import MM_PER_INCH
 CAPTURES: tuple[tuple[float, int], ...] = ((3.0, 1), (2.0, 2), (1.5, 4), (1.0, 8), (0.8, 12), (0.6, 12), (0.6, 12))
 LEAST_FOUND = 0.6  # of the walls, at last
 LARGEST_SIGMA_MM = 0.12  # walls that scatter more about the model are not those of this file
-EDGE_SIGMA_MM = 0.01
+EDGE_SIGMA_MM = 0.01  # standard deviation of an edge: no scan is read better
 MOST_HEIGHT_SEEN_MM = 0.04  # of a wall that faces the camera: beyond, its foot is taken for its edge
 OVERLAY_PX, ENLARGED = 2000, 10.0
 PALER, WHITER = 0.35, 160.0  # of the image under an overlay, so that marks stand out from dark plastic, too
@@ -99,18 +99,17 @@ def measure_part(
         offset, instrument, asked = scaled_by_widths(distances_mm, widths, edge_mm, walls, offset, instrument)
     elif widths:
         asked = widths_asked(widths, edge_mm)
-    side = "seen from below, " if lie.mirrored else ""
-    notes = [
+    side, way = "seen from below, " if lie.mirrored else "", "out" if fit.swell_mm >= 0 else "in"
+    notes = (
         f"{path}: {found} of {len(walls.row)} places of walls, {side}turned by {lie.turned_deg:.1f}°, {page.scale}",
-        *([lie.unsure] if lie.unsure else []),
-        f"all walls stand {abs(fit.swell_mm):.2f} mm farther {'out' if fit.swell_mm >= 0 else 'in'} than the file has "
-        "them, as beads do: no fault, taken off",
-        *ruled,
-        *([asked] if asked else []),
-    ]  # fmt: skip
+        lie.unsure,
+        f"all walls stand {abs(fit.swell_mm):.2f} mm farther {way} than the file has them, as beads do: no fault, "
+        "taken off",
+        *(*ruled, asked),
+    )
     sigma = np.full(len(walls.row), float(np.clip(fit.sigma_mm, EDGE_SIGMA_MM, 1.0)))
     trace = replace(walls.trace(offset, sigma), instrument=instrument)
-    return PartMeasurement(trace, tuple(notes), len(walls.row), found)
+    return PartMeasurement(trace, tuple(filter(None, notes)), len(walls.row), found)
 
 
 def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]) -> tuple[Silhouette, Lie]:

@@ -14,10 +14,10 @@ from printmend.promise.words import in_a_line
 from printmend.saved.model import SavedModel
 from printmend.units import counted
 
-_GAIN_MM = 0.0005
+_GAIN_MM = 0.0005  # a smaller gain is none
 _NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
 _WORTH_MM = 0.03  # an expected error that may be larger than this is worth another print
-_MOSTLY = 0.5
+_MOSTLY = 0.5  # share of an expected error that must be one part's for it to be named
 _PROBE = "A whole `printmend probe`, printed and measured, settles it."
 _SURELY = 0.05  # of the drawn machines may print no better mended
 

@@ -54,9 +54,9 @@ DRIFTS = (
 )  # fmt: skip
 SYMMETRIC = 0.98  # of the best match of a turned pulley: as good
 SAME_PLACE = 0.002  # homing repeats to hundredths of a millimetre; a plate on a scanner does not
-PASSES = 8
+PASSES = 8  # of fitting, at the most
 REPLACED = 0.85  # of the noise: where learning anew leaves less than this, the old model was of another part
-RESIZED_PERCENT = 1.0
+RESIZED_PERCENT = 1.0  # a change of scale beyond that is said
 REFUTED = 1.3  # times the residual of a fresh fit: the old model is wrong
 LEAST_SKEW_DEG, BOTH = 0.02, 2**0.5  # two measurements, each with its own doubt
 CHANGED_MM, CLEAR = 0.01, 0.05  # changes below are not worth a word; changes above need two decimals

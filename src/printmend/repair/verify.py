@@ -24,7 +24,7 @@ from printmend.repair.learned import ROUND
 from printmend.repair.update import Updated, update
 from printmend.saved import SavedModel
 
-LEAST_MARKS = 10
+LEAST_MARKS = 10  # measured, of the check print
 _LEAST_SIGMA_MM = 0.002  # of a mark: no scan is read better
 _STRETCHED_PERCENT = 0.01  # less of it is not worth a word
 _NOISE_DOUBT = 0.15  # share to which the noise of a measurement is known

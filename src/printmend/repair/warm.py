@@ -22,7 +22,7 @@ _PART = (
     "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X40 Y40\nG1 X60 Y42 E1\nG1 X40 Y60 E1\nG2 X50 Y50 I10 J0 E1\nG1 Z0.4\nG1 X40 E1\n"
 )
 _FAULTS = {"pulleys and belts": "pulley-play", "a bent Z screw": "screw"}
-STEPS = 2 * len(_FAULTS)
+STEPS = 2 * len(_FAULTS)  # that `warm` reports
 
 
 def warm(done: Callable[[str], None]) -> tuple[int, float]:

@@ -23,7 +23,7 @@ from printmend.repair.verify import expectation
 from printmend.saved import SavedModel
 
 SUFFIXES = (".html", ".htm", ".pdf")
-MOST_ARROWS = 1200
+MOST_ARROWS = 1200  # in a picture
 LEAST_ADVICE_MM = 0.01  # a fault that shifts a print by less is not worth a paragraph
 URGENCY = {
     "repair": "Repair soon", "soon": "Repair when convenient", "software": "Leave it to the software",

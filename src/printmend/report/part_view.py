@@ -17,8 +17,8 @@ from printmend.machine.printing import print_from_home
 MOST_BYTES = 80_000_000  # of a file that is read again whole
 ACCELERATION_MM_S2 = 1000.0  # of an ordinary printer; both files are timed with the same
 _CORNER = np.cos(np.radians(45.0))  # a sharper turn is a stop
-_PITCH_MM = 0.4
-_CHORD_MM = 0.002
+_PITCH_MM = 0.4  # of path between two places that are drawn
+_CHORD_MM = 0.002  # how far an arc's chords may lie from it
 _SEAM_MM = 1.5  # a move without plastic amid a path that is shorter takes up slack
 _BEFORE = 400  # moves that are printed before a layer, so that its play is engaged
 

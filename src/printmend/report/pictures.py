@@ -18,7 +18,7 @@ from printmend.draw.figure import INK
 from printmend.report.examination import Examination
 from printmend.report.part_view import Drawn, PartView
 
-MOST_POINTS = 3000
+MOST_POINTS = 3000  # of a curve
 _EVEN_MM = 0.02  # play that varies by less along the axis is a number, not a picture
 
 

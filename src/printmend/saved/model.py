@@ -27,7 +27,7 @@ from printmend.saved.series import ScrewSeries
 from printmend.saved.values import TODO, check_notes, number, numbers, refuse, rising, rounded, section_of
 
 FORMAT = "printmend model"
-VERSION = 2
+VERSION = 2  # of a file with a screw
 _WITHOUT_SCREW = 1  # what is written for a machine whose Z is as designed: every printmend reads it
 MAX_ENTRIES = 1_000_000  # entries of one table that a file may have; 500 mm by sixteenths of a 0.2 mm step are 40 000
 MAX_HARMONICS = 1024  # harmonics of a wave that a file may have

@@ -22,8 +22,8 @@ from printmend.studio.jobs import Studio
 from printmend.studio.shapes import KEY, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
 from printmend.studio.store import DONE, NotThereError
 
-LONGEST_UPLOAD_S = 900.0
-LEAST_FREE_BYTES = 500_000_000
+LONGEST_UPLOAD_S = 900.0  # for one file
+LEAST_FREE_BYTES = 500_000_000  # on the disk, below which nothing more is taken
 _LOOK_S, _ASK_S = 0.05, 1.0  # how often a job's folder is looked at, and at the latest the job itself
 _ODD = re.compile(r"[^\w.+ ()\-]")
 

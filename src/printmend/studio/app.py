@@ -22,7 +22,7 @@ from printmend.studio.store import NotThereError, Store
 
 PAGE = Path(__file__).parent / "page"
 MOST_BYTES = 400_000_000  # of an upload: a sliced part of this size takes a day to print
-WORKERS = 2
+WORKERS = 2  # processes that jobs run in
 _ABOUT = (
     "Everything that the page does, for other programs: send files, start jobs, follow them, fetch what they made. "
     "Lengths are mm. Errors are a table with one line, `error`."

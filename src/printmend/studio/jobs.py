@@ -19,8 +19,8 @@ from printmend.studio import work
 from printmend.studio.store import Row, Store
 
 LONGEST_S = 1800.0  # a job that takes longer is stopped
-MOST_WAITING = 500
-KEPT_DAYS = 30
+MOST_WAITING = 500  # jobs
+KEPT_DAYS = 30  # for a job's files
 _WARM_AFTER_S = 8.0  # at the latest: until the page is drawn, it has the processor
 _LOG = logging.getLogger("printmend.studio")
 

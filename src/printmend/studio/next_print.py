@@ -9,7 +9,7 @@ import numpy as np
 from printmend.printer import Printer
 from printmend.probe import cost, design_probe, expected_error_mm, turns_covered
 
-_STEP_MM = 10.0
+_STEP_MM = 10.0  # between the sizes that are offered
 _ENOUGH = 2.0  # times what a print over the whole bed leaves: a smaller print may leave so much
 
 

@@ -31,9 +31,9 @@ from printmend.units import TURN_RAD
 
 PRINTER = "ender3"
 LAYER = 12  # of the part: the one that the screen draws while sliders move
-_ANGLES = 180
+_ANGLES = 180  # of a pulley's outline
 _FIRST = threading.Lock()  # what is made once is made by one
-_SCREW_PHASE_RAD = 0.6
+_SCREW_PHASE_RAD = 0.6  # of the bent screw that one can play with
 _TOWER_MM, _TOWER_TURNS, _TOWER_LAYERS = 20.0, 2.2, 20
 _HAND_MM = 0.03  # how well one measures a tower's corners by hand
 

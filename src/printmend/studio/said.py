@@ -14,9 +14,9 @@ from printmend.report.examination import LEAST_ADVICE_MM, URGENCY
 from printmend.saved import SavedModel
 from printmend.units import TURN_RAD
 
-_ANGLES = 180
+_ANGLES = 180  # of a pulley's outline
 _GRID = 13  # lines of the bed's net each way
-_CURVE = 400
+_CURVE = 400  # points of a curve
 
 
 def said(model: SavedModel) -> dict[str, Any]:

@@ -26,7 +26,7 @@ PROGRESS = "progress.json"
 MODEL, PRINTER, PLAN, PROBE = "printer.mend.json", "printer.toml", "probe.json", "probe.gcode"
 WANTED, MENDED = "printed.bin", "mended.bin"
 _SMALL_PART = "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X60 Y60\nG1 X110 Y60 E2\nG2 X110 Y100 I0 J20 E3\nG1 X60 Y95 E2\n"
-_PLAY_DPI = 300.0
+_PLAY_DPI = 300.0  # of the scan that one plays with
 _SEEN_PX = 1800  # of a scan as it is shown
 
 

@@ -11,11 +11,11 @@ from printmend.measure.sheet import TAG_MM, tag_cells, tag_centres_mm
 from printmend.twin.scanner import DEFAULT, Degradations, render_scan
 from printmend.units import A4_MM, MM_PER_INCH
 
-FLAT_DPI = 400.0
+FLAT_DPI = 400.0  # of the page that is photographed
 PHOTO_PX = (3000, 4000)
-TILT_DEG = 12.0
+TILT_DEG = 12.0  # largest tilt of the camera
 K1, K2 = 0.04, 0.01  # standard deviations of the lens' distortion
-NOISE = 3.0
+NOISE = 3.0  # standard deviation of a pixel, of 255
 
 
 def render_photo(

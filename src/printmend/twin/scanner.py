@@ -15,8 +15,8 @@ from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.units import A4_MM, MM_PER_INCH
 
-MARGIN_MM = 5.0
-SAME_MM = 0.002
+MARGIN_MM = 5.0  # of glass around the plate
+SAME_MM = 0.002  # a trace further from the plan is another print's
 SQUEEZED_MM = 0.1  # a first layer is pressed wider than the file says, on either side of a bead
 Colour = tuple[int, int, int]
 

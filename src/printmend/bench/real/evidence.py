@@ -11,7 +11,7 @@ _K = np.arange(1, HARMONICS + 1)
 _SPAN_MM = 240.0  # the sines of the place vanish this far apart, beyond both ends of a bed of 220 mm
 _OMEGA = np.pi * np.arange(1, BUMPS + 1) / _SPAN_MM
 _LINE_VARIANCE_MM2, _STEP_VARIANCE_MM2 = 100.0, 1.0
-_LEAST_VARIANCE_MM2 = 1e-6
+_LEAST_VARIANCE_MM2 = 1e-6  # of a row, so that no setting makes one exact
 
 # What each setting is expected to be, and how sure (standard deviation).
 _EXPECTED = {
@@ -27,7 +27,7 @@ _EXPECTED = {
 }
 NAMES = tuple(_EXPECTED)
 EXPECTED = tuple(float(mean) for mean, _ in _EXPECTED.values())
-_PHASE_SD_MM = 2.0
+_PHASE_SD_MM = 2.0  # prior standard deviation of how far a trace's turn is shifted
 SHORTEST_MM, LONGEST_MM = 20.0, 72.0  # of turns: pulleys of 10 to 36 teeth
 _GRID_TURNS = 0.05  # of a turn, by which a wave may be off at the end of the span between lengths of the grid
 _USUAL_TURN_MM, _TURN_SD = 40.0, 0.3  # prior of the turn: its median, and the standard deviation of its logarithm

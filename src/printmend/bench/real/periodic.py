@@ -41,8 +41,8 @@ from printmend.path import frozen
 _STEP_GAIN = 2.0  # of log evidence, beyond the choice of the place
 _STEPS_A_TRACE, _ROUNDS = 7, 3
 _NEAR_MM = 3.0  # steps this close are one
-_SMALLEST_MM = 0.1
-_ODDS = 0.5
+_SMALLEST_MM = 0.1  # a lower step is none
+_ODDS = 0.5  # how likely a slip of every turn is to come again
 _SCALE = np.array([0.2] + [0.5] * len(NAMES))  # of the turn and the settings, for the descent
 
 

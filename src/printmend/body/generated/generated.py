@@ -11,12 +11,12 @@ import numpy as np
 from printmend.body.generated.dice import Dice
 from printmend.body.solid import Solid
 
-GENERATOR = 1
+GENERATOR = 1  # the generator's version
 LICENCE = "CC0-1.0"
 _ROUND, _FLAT = "printmend.body.generated.round", "printmend.body.generated.flat"
 _MODULES = {"gear": _FLAT, "bracket": _FLAT, "vase": _ROUND, "text": _FLAT, "gyroid": _ROUND, "assembly": _ROUND}
 KINDS = tuple(_MODULES)
-_MICRON_MM = 1e-3
+_MICRON_MM = 1e-3  # the grid of the corners
 
 
 def generated_name(seed: int, number: int) -> str:

@@ -29,7 +29,7 @@ from printmend.gcode.kernels.statement import (
 from printmend.gcode.kernels.text import CR, LF, SEMICOLON, SPACE, is_blank, is_digit, starts_with, upper
 from printmend.jit import entry, inner
 
-LETTER_N = 78
+LETTER_N = 78  # in ASCII
 _LAYER_CHANGE = np.frombuffer(b"LAYER_CHANGE", np.uint8)
 _CHANGE_LAYER = np.frombuffer(b"CHANGE_LAYER", np.uint8)
 _LAYER = np.frombuffer(b"LAYER", np.uint8)

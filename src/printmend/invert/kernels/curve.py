@@ -12,7 +12,7 @@ from printmend.jit import inner
 ARC, X0, Y0, Z0, X1, Y1, Z1, CA, CB, PHI, SWEEP, R0, R1, PLANE, LENGTH, SHARE, LEAST = range(17)
 CURVE = 17
 _TURN = 2.0 * np.pi
-_LOOKS = 24
+_LOOKS = 24  # places of an arc at which it is asked whether it leaves the bed
 
 
 @inner(error_model="numpy", _nrt=False)

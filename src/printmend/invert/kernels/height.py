@@ -70,7 +70,7 @@ from printmend.jit import inner
 from printmend.machine.kernels.table import push_at
 
 ZED = 2  # the motor of Z
-MOST_PARTS = 4096
+MOST_PARTS = 4096  # that a rising curve is cut into
 
 
 @inner(error_model="numpy", _nrt=False)

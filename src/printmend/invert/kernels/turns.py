@@ -75,7 +75,7 @@ FAR = 4.0  # times the tolerance: the least that a belt moves towards a tip for 
 BEND = 0.6  # of the angle between motor and path behind a corner: how far the command has turned half-way
 SLANT = 1.5  # times the tolerance: how far a belt may be off where that is aslant to the path
 BOW_MM = 0.002  # how far the nodes of a curved path lie inside it
-MOST_BOWS = 256
+MOST_BOWS = 256  # nodes that one curve adds to a path
 
 
 # Its many parameters are the arrays of one file's way through `mend`, and how the Z screw pushes the path aside.

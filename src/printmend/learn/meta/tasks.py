@@ -20,7 +20,7 @@ FAMILIES = (
 )  # fmt: skip
 OUTSIDE = 0.5  # share of drives that are in no family
 ASKED = 64  # places at which a lesson's answer is compared
-PITCH_MM = 0.2
+PITCH_MM = 0.2  # of the tables of a simulated drive
 
 
 @dataclass(frozen=True, eq=False)

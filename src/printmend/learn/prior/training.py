@@ -22,7 +22,7 @@ COMPONENTS = {
     "rounded-2": 2, "rounded-3": 2, "rounded-4": 2, "rounded-5": 2, "rounded-6": 2,
     "arcs-2": 8, "arcs-3": 8, "arcs-4": 8, "arcs-5": 4, "arcs-6": 4, "arcs-8": 4,
 }  # fmt: skip
-SHAPES_PER_COMPONENT = 150
+SHAPES_PER_COMPONENT = 150  # drawn for each component of the mixture
 LEAST_NOISE_SD = 5e-5  # radii: 0.3 µm on a usual pulley
 
 

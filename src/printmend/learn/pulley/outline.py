@@ -18,7 +18,7 @@ from printmend.units import TURN_RAD
 ELLIPSE_ANGLES = 512  # samples of an ellipse's h: its series ends far below their Nyquist limit
 HULL_ANGLES = 1024  # angles at which a hull is looked at: a corner seen by none of them is lost
 ANY_ANGLE_SD_RAD = 1.8  # standard deviation of an angle of which nothing is known: 2π/√12
-SIZE_SD = 0.25
+SIZE_SD = 0.25  # of an outline's size
 BORE_SD = 0.15  # of the shaft hole's place, each way
 HALF_FLAT_RAD = (0.5, 0.25)  # half the angle of a flat
 CORNER_RADII = (1.1, 0.1)  # distance of a polygon's corners
