@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from printmend.diagnosis.diagnosis import Fault
 
-CERTAIN, VERY_LIKELY = 10.0, 5.0  # standard deviations
+CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations
 REPAIR_MM, SOON_MM = 0.5, 0.1  # effect on a print above which a part should be replaced, or looked at
 SPAN_MM = 100.0  # of a part, for faults that grow with its size
 
@@ -44,7 +44,7 @@ def _sure(fault: Fault) -> str:
     if fault.sd <= 0:
         return "seen; its size is an estimate without an error bar"
     sigmas = abs(fault.value) / fault.sd
-    word = "certain" if sigmas >= CERTAIN else "very likely" if sigmas >= VERY_LIKELY else "likely"
+    word = "certain" if sigmas >= CERTAIN_SIGMAS else "very likely" if sigmas >= LIKELY_SIGMAS else "likely"
     low, high = sorted((abs(fault.value) - 2 * fault.sd, abs(fault.value) + 2 * fault.sd))
     digits = 3 if fault.sd < 0.01 else 2
     first, last = f"{max(low, 0):.{digits}f}", f"{high:.{digits}f}"

@@ -10,7 +10,7 @@ from printmend.promise.budget import Budget, parse_budget
 from printmend.promise.misfit import refusals
 from printmend.saved import SavedModel
 
-SURE = 2.0  # standard deviations: the coverage factor k of an expanded uncertainty (JCGM 100, 6.3)
+SURE_SIGMAS = 2.0  # standard deviations: the coverage factor k of an expanded uncertainty (JCGM 100, 6.3)
 GAIN_MM = 0.001  # a setting that lowers the error over the bed by less is not worth typing
 _PLACES = 400  # of an axis at which two laws are compared
 
@@ -37,7 +37,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
     if firmware == "linuxcnc":  # one table a joint holds all of it
         export, left_out = make(mechanism), []
         doubt = max(each.doubt_mm for each in _settings(model))
-        if export.before_mm - export.after_mm < max(GAIN_MM, SURE * doubt):
+        if export.before_mm - export.after_mm < max(GAIN_MM, SURE_SIGMAS * doubt):
             left_out = [_why("the tables", export.before_mm - export.after_mm, doubt)]
         return _judged(model, export, ("tables of both joints",) if not left_out else (), tuple(left_out))
     budget = parse_budget(model)
@@ -49,7 +49,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
         gain = _after_mm(make(mechanism, without)) - _after_mm(make(mechanism, kept))
         if gain == 0.0:  # this firmware has no such setting
             kept = without
-        elif gain < GAIN_MM or _alone_mm(model, whole, each.name) < SURE * each.doubt_mm:
+        elif gain < GAIN_MM or _alone_mm(model, whole, each.name) < SURE_SIGMAS * each.doubt_mm:
             kept = without
             left_out.append(_why(each.name, gain, each.doubt_mm))
     names = tuple(each.name for each in settings if _without(kept, each.name) != kept)
@@ -71,7 +71,7 @@ def _why(name: str, gain_mm: float, doubt_mm: float) -> str:
         return f"{name} alone would make prints {-gain_mm:.3f} mm worse, typically, over the bed"
     if gain_mm < GAIN_MM:
         return f"{name} would help by less than {GAIN_MM:.3f} mm over the bed"
-    return f"{name} is not known well enough (± {SURE * doubt_mm:.3f} mm over the bed)"
+    return f"{name} is not known well enough (± {SURE_SIGMAS * doubt_mm:.3f} mm over the bed)"
 
 
 def _after_mm(export: Export) -> float:

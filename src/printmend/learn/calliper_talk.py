@@ -20,8 +20,8 @@ from printmend.learn.callipers import (
 from printmend.measure.plan import ProbePlan
 
 WIDE, TALL = 36, 12  # characters of the picture of the plate
-DOUBTFUL = 4.0  # standard deviations of what faults and reading may explain together
-ENOUGH = 1.5  # times the spread of a reading: a distance that is known so well tells nothing more
+DOUBTED_SIGMAS = 4.0  # standard deviations of what faults and reading may explain together
+ENOUGH_SPREADS = 1.5  # times the spread of a reading: a distance that is known so well tells nothing more
 HELP = (
     "Type what the callipers show, as 146.25 or 146,25, from outer edge to outer edge (i146.25: inner edges). "
     "Enter skips it, u takes the last one back, ? says what is known so far, q ends."
@@ -49,7 +49,7 @@ def talk(
             break
         best, _ = most_telling(features, covariance, used)
         spread = float(np.sqrt(features[best] @ covariance @ features[best]))
-        if taken and spread < ENOUGH * READING_SD_MM:
+        if taken and spread < ENOUGH_SPREADS * READING_SD_MM:
             say("Enough: no further distance would tell more than the callipers' own doubt.")
             break
         here = distances_of(plan, pairs[[best]])
@@ -75,7 +75,7 @@ def talk(
             value = number_in(answer.removeprefix("i"), wanted)
             if value is None:
                 say(f"{answer!r} is no number; {HELP}")
-            elif abs(value - wanted) > DOUBTFUL * np.hypot(spread, READING_SD_MM) and doubted != value:
+            elif abs(value - wanted) > DOUBTED_SIGMAS * np.hypot(spread, READING_SD_MM) and doubted != value:
                 doubted = value
                 say(_doubt(value, wanted))
             else:

@@ -23,8 +23,8 @@ SHIFT_SD_MM, SCALE_SD_MM, PLAY_SD_MM = 10.0, 0.4, 0.3  # at the start; the evide
 WAVE_SD_MM, WAVE_FALL = 0.1, 2.0
 SWELL_SD_MM, TURN_SD, SKEW_SD_MM = 0.25, 10.0, 0.5
 SCALES_RANGE = (0.02, 100.0)  # how far the evidence may move a prior's standard deviation
-HUBER = 2.0  # standard deviations, beyond which a place counts less
-LOST = 5.0  # standard deviations, beyond which a place does not count
+HUBER_SIGMAS = 2.0  # standard deviations, beyond which a place counts less
+LOST_SIGMAS = 5.0  # standard deviations, beyond which a place does not count
 LEAST_SIGMA_MM = 0.004  # of a place of a wall: no scan is read better
 LEAST_WALLS = 40  # measured places of walls to learn from
 LEAST_INDEPENDENT = 0.08  # share of the places that tell something of their own
@@ -79,7 +79,11 @@ def fit_walls(trace: Trace, printer: Printer, *, turned: bool = True, harmonics:
             residual = wanted - fitted @ values
             sigma = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SIGMA_MM)
             away = np.abs(residual) / sigma
-            weight = _independent(residual, sigma) * np.minimum(1.0, HUBER / np.maximum(away, 1e-9)) * (away < LOST)
+            weight = (
+                _independent(residual, sigma)
+                * np.minimum(1.0, HUBER_SIGMAS / np.maximum(away, 1e-9))
+                * (away < LOST_SIGMAS)
+            )
         touches = [contacts(design, _own(values, design, i), one) for i, one in enumerate(rows)]
         after, base = _columns(design, touches, rows, walls, share, frame)
         left = offset - base - after @ values
@@ -192,7 +196,7 @@ def _found(
     printed += np.stack([y, np.zeros_like(y)] if printer.kinematics == "cartesian" else [x, -y], axis=1) * skew
     gains = [motor * design.size + design.parts["mean_powers"].start + 1 for motor in range(2)]
     scale_sd = float(np.sqrt(covariance[np.ix_(gains, gains)].sum())) / 2 / 100.0
-    residual = np.where(np.abs(left) < LOST * sigma, left, np.nan)
+    residual = np.where(np.abs(left) < LOST_SIGMAS * sigma, left, np.nan)
     return WallFit(printed, float(swell), float(turn) / 100.0, residual, sigma, scale_sd)
 
 

@@ -17,8 +17,8 @@ from printmend.measure.plan import ProbePlan
 
 NEAR_SHARE = 0.36  # of the pitch: how far a dot may lie from where its neighbours predict it
 SEEDS = 12  # dots with two neighbours each, from which a lattice is grown
-ENOUGH = 0.93  # of the dots in one lattice: the rest is dust
-REACH = 2.6  # of the pitch: the neighbours that predict
+LATTICE_SHARE = 0.93  # of the dots in one lattice: the rest is dust
+REACH_PITCHES = 2.6  # of the pitch: the neighbours that predict
 Classes = Callable[[int, int], int]
 # The eight symmetries of a square lattice, as [2, 2] integer matrices; those with determinant −1 are mirrored.
 SYMMETRIES = tuple(
@@ -109,7 +109,7 @@ def _grow(dots: np.ndarray, diameters: np.ndarray, pitch: float) -> dict[tuple[i
             cells = _grow_from(seed, basis, dots, tree, classes)
             if len(cells) > len(best):
                 best = cells
-            if len(best) > ENOUGH * len(dots):
+            if len(best) > LATTICE_SHARE * len(dots):
                 return best
     return best
 
@@ -141,9 +141,12 @@ def _grow_from(
     tried: dict[tuple[int, int], int] = {}
     queue: list[tuple[int, int, tuple[int, int]]] = []
     ticket = 0
-    reach = int(np.ceil(REACH))
+    reach = int(np.ceil(REACH_PITCHES))
     window = [
-        (i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1) if 0 < i * i + j * j <= REACH**2
+        (i, j)
+        for i in range(-reach, reach + 1)
+        for j in range(-reach, reach + 1)
+        if 0 < i * i + j * j <= REACH_PITCHES**2
     ]
 
     def ask(cell: tuple[int, int]) -> None:

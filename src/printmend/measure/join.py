@@ -9,7 +9,7 @@ from printmend.measure.plan import LEAST_SHARED, ProbePlan
 from printmend.measure.register import find_pose, turn_onto
 from printmend.measure.scan import Reading
 
-QUARTER = 0.35  # |sin| of the turn between two scans that tells the scanner's axes apart
+QUARTER_SINE = 0.35  # |sin| of the turn between two scans that tells the scanner's axes apart
 LEAST_APART = 0.25  # how far these spread, as a share of the pattern
 ROUNDS = 12  # of turning every scan onto the mean of all
 
@@ -54,7 +54,7 @@ def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str, bool
         double = np.array([[np.cos(2 * angle), -np.sin(2 * angle)], [np.sin(2 * angle), np.cos(2 * angle)]])
         rows.append(np.eye(2) - double)
         sines.append(abs(s))
-    if max(sines, default=0.0) < QUARTER:
+    if max(sines, default=0.0) < QUARTER_SINE:
         return np.eye(2), "the scans are not turned by a quarter: the scanner's own axes stay unknown", False
     (even, skew), *_ = np.linalg.lstsq(np.vstack(rows), np.array(wanted), rcond=None)
     stretch = np.eye(2) + np.array([[even, skew], [skew, -even]])

@@ -30,7 +30,7 @@ FILM_DIAGONAL_MM, USUAL_FOCAL_MM = 43.27, 27.0
 STATED_SD, USUAL_SD = 0.04, 0.15
 PAPER_RIM_MM = 3.0  # of a sheet of paper: its edge's shadow is no plastic
 INSIDE_MM = 1.0  # of the line along which the window is cut
-SCALED_SHEET, ALIKE = 0.012, 0.004  # shares: a sheet's scale beyond which it is refused, where both axes agree so well
+SCALED_SHEET, AXES_AGREE = 0.012, 0.004  # shares: a sheet scaled by more is refused, if both axes agree so well
 _EXIF, _EXPOSURE, _FOCAL, _FOCAL_FILM = 0x8769, 0x829A, 0x920A, 0xA405
 PHOTO_TODO = (
     "print the sheet of tags (`printmend probe --sheet sheet.pdf`), lay the print on it, and take the photo from above "
@@ -128,7 +128,7 @@ def check_sheet(path: str | Path, scales: tuple[float, float]) -> None:
     A printer whose belts are both wrong by the same share is rarer than a sheet printed to fit a page.
     """
     common = sum(scales) / 2
-    if abs(common - 1) > SCALED_SHEET and abs(scales[0] - scales[1]) < ALIKE:
+    if abs(common - 1) > SCALED_SHEET and abs(scales[0] - scales[1]) < AXES_AGREE:
         raise ScanError(
             path, wanted="the sheet of tags printed at 100 %", came=f"one that seems printed at {100 / common:.0f} %",
             todo="print it again without `fit to page`, until its line measures 100 mm; or scan without it",

@@ -18,7 +18,7 @@ SHEETS_MM = {"A4": A4_MM, "letter": LETTER_MM}
 PAPER = Instrument(scale_sd=0.0015, axes_sd=0.0012, lean_sd=0.0008, wave_mm=0.008)
 SEARCH_PX = 1000  # the sheet is looked for in a picture of this size
 LEAST_SHARE = 0.15  # of the picture: a smaller sheet is not what was photographed
-FULL = 0.93  # of its four-cornered outline is bright: less is no sheet
+FULL_SHARE = 0.93  # of its four-cornered outline is bright: less is no sheet
 PLACES, REACH_SHARE = 80, 0.012  # on each edge, and how far about it is looked, as a share of the picture
 MOST_OFF_MM = 0.4  # RMS of the edges from straight lines
 LEAST_OFF_MM, LEAST_KEPT = 0.1, 0.7  # places nearer than this to an edge count, and what share of them must
@@ -72,7 +72,7 @@ def _corners(image: np.ndarray) -> np.ndarray | None:
     if len(square) != 4 or cv2.contourArea(outline) < LEAST_SHARE * bright.size:
         return None
     low, high = square.min(axis=0), square.max(axis=0)
-    if cv2.contourArea(outline) < FULL * cv2.contourArea(square.astype(np.float32)):
+    if cv2.contourArea(outline) < FULL_SHARE * cv2.contourArea(square.astype(np.float32)):
         return None
     if low.min() < 2 or (high > np.array(size) - 3).any():  # cut off by the picture
         return None

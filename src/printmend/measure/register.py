@@ -12,7 +12,7 @@ import numpy as np
 
 from printmend.measure.plan import ProbePlan
 
-LEAST_KEYSTONE_MM, ALIKE = 0.04, 0.4  # RMS of what perspective moves, and how well its four signs agree
+LEAST_KEYSTONE_MM, SIGNS_AGREE = 0.04, 0.4  # RMS of what perspective moves, and how well its four signs agree
 CAUCHY_MM = 0.3  # errors beyond this count little when the frames are aligned
 
 
@@ -82,7 +82,7 @@ def narrowing(placed_mm: np.ndarray, plan: ProbePlan) -> float:
     own, cross = np.array([fit[0, 0], fit[2, 1]]), np.array([fit[1, 1], fit[1, 0]])
     moved = np.stack([a, b], axis=1) * (np.stack([a, b], axis=1) @ cross)[:, None]
     slant = float(np.hypot(*cross))
-    if np.sqrt((moved**2).sum(axis=1).mean()) < LEAST_KEYSTONE_MM or np.hypot(*(own - cross)) > ALIKE * slant:
+    if np.sqrt((moved**2).sum(axis=1).mean()) < LEAST_KEYSTONE_MM or np.hypot(*(own - cross)) > SIGNS_AGREE * slant:
         return 0.0
     return slant * float(np.ptp(np.stack([a, b], axis=1) @ cross / slant))
 

@@ -13,14 +13,14 @@ from printmend.errors import ScanError
 
 FINE_PX_PER_MM = 12.0  # of the picture that is looked at
 THICKEST_MM, SHORTEST_MM, LONGEST_MM = 0.45, 1.2, 14.0  # of a line
-SLENDER = 3.0  # length over width
+SLENDER_RATIO = 3.0  # length over width
 LEAST_CONTRAST = 14.0  # grey levels
 ALIKE_RAD, EDGE_MM = 0.035, 0.5  # of lines of one row: their directions, and their ends on the ruler's edge
 LEAST_LINES, LEAST_SHARE = 30, 0.7  # in a row, and of those between its first and last
-UNEVEN = 0.06  # RMS of the lines' places, as a share of their distance
-LONGER = 1.15  # by so much each fifth or fourth line is longer than its neighbours
+UNEVEN_SHARE = 0.06  # RMS of the lines' places, as a share of their distance
+LONGER_RATIO = 1.15  # by so much each fifth or fourth line is longer than its neighbours
 MILLIMETRES, INCHES = (1.0, 0.5), (25.4 / 8, 2.54, 25.4 / 16, 1.27, 25.4 / 32)
-NEAR = 0.02  # share: pictures are not farther off their stated scale
+SCALE_SHARE = 0.02  # share: pictures are not farther off their stated scale
 OTHER_WAY = 0.8  # |cos| between two rulers that tell of different directions
 OWN_SD = 0.0004  # of a ruler's own length (share): 0.1 mm over its reach
 MOST_LINES = 6000  # in an image that may be graduations
@@ -75,11 +75,11 @@ def find_rulers(image: np.ndarray, px_per_mm: float, *, subject: str) -> tuple[R
             if any(abs(row.along @ one.along) > OTHER_WAY for one in found):  # its other edge
                 continue
             for unit_mm in MILLIMETRES:
-                if abs(row.excess + 1 - unit_mm) < NEAR * unit_mm:
+                if abs(row.excess + 1 - unit_mm) < SCALE_SHARE * unit_mm:
                     length = row.length_mm * unit_mm / (row.excess + 1)
                     excess = (row.excess + 1) / unit_mm - 1
                     found.append(Ruler(row.along, excess, row.lines, length, row.corners_mm))
-            inches |= any(abs(row.excess + 1 - unit_mm) < NEAR * unit_mm for unit_mm in INCHES)
+            inches |= any(abs(row.excess + 1 - unit_mm) < SCALE_SHARE * unit_mm for unit_mm in INCHES)
     if inches and not found:
         raise ScanError(
             subject, wanted="a ruler with a line for every millimetre", came="one in inches",
@@ -109,7 +109,7 @@ def _lines(grey: np.ndarray, scale: float, kind: int) -> tuple[np.ndarray, np.nd
     angle = 0.5 * np.arctan2(2 * xy, xx - yy)
     spread = np.hypot((xx - yy) / 2, xy)
     length, wide = (np.sqrt(12 * np.maximum((xx + yy) / 2 + sign * spread, 0.05)) / scale for sign in (1, -1))
-    good = (length > SHORTEST_MM) & (length < LONGEST_MM) & (wide < THICKEST_MM) & (length > SLENDER * wide)
+    good = (length > SHORTEST_MM) & (length < LONGEST_MM) & (wide < THICKEST_MM) & (length > SLENDER_RATIO * wide)
     chosen = fitting[good[fitting]]
     way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return (mean[chosen] + 0.5) / scale, way[chosen], length[chosen]
@@ -178,7 +178,7 @@ def _even(middle: np.ndarray, way: np.ndarray, length: np.ndarray) -> Ruler | No
             return None
     uneven = float(np.sqrt(np.square(place - start - step * number).mean())) / step
     different = len(np.unique(number))
-    if different < LEAST_LINES or different < LEAST_SHARE * (np.ptp(number) + 1) or uneven > UNEVEN:
+    if different < LEAST_LINES or different < LEAST_SHARE * (np.ptp(number) + 1) or uneven > UNEVEN_SHARE:
         return None
     if not any(_longer(length, number, every) for every in (5, 4)):
         return None
@@ -194,4 +194,4 @@ def _even(middle: np.ndarray, way: np.ndarray, length: np.ndarray) -> Ruler | No
 def _longer(length: np.ndarray, number: np.ndarray, every: int) -> bool:
     """Say whether each so-manieth line is longer than the others."""
     usual = [float(np.median(length[number % every == k])) for k in range(every) if (number % every == k).any()]
-    return len(usual) == every and sorted(usual)[-1] > LONGER * sorted(usual)[-2]
+    return len(usual) == every and sorted(usual)[-1] > LONGER_RATIO * sorted(usual)[-2]

@@ -20,7 +20,7 @@ SHORTEST_MM = 25.0  # width that callipers are asked for
 READING_MM = 0.03  # standard deviation of a reading over walls that the jaws lie flat on
 FACING = math.cos(math.radians(12.0))  # a wall whose normal is nearer to the direction lies flat against a jaw
 OUTERMOST_MM = 0.15  # places of a wall this near to its outermost count as there
-MOST_WIDTHS, APART = 2, math.sin(math.radians(44.0))
+MOST_WIDTHS, LEAST_TURN_SINE = 2, math.sin(math.radians(44.0))
 ANGLES_DEG = (0, 90, 45, 135, 15, 30, 60, 75, 105, 120, 150, 165)
 
 
@@ -65,7 +65,7 @@ def choose_widths(walls: Walls) -> tuple[Width, ...]:
             found.append((degrees in (0, 90), high - low, Width(math.radians(degrees), ends)))
     chosen: list[Width] = []
     for _, _, width in sorted(found, key=lambda one: one[:2], reverse=True):
-        if all(abs(math.sin(width.angle_rad - one.angle_rad)) > APART for one in chosen):
+        if all(abs(math.sin(width.angle_rad - one.angle_rad)) > LEAST_TURN_SINE for one in chosen):
             chosen.append(width)
     return tuple(chosen[:MOST_WIDTHS])
 

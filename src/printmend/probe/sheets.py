@@ -16,7 +16,7 @@ from printmend.probe.layout import GLASS_EDGE_MM, LEAST_AREA_MM, MARKS, Layout, 
 from printmend.probe.walk import swings_for, walk_with
 
 OVERLAP = 0.35  # of a sheet: what its neighbour shows, too
-UNSEEN = 1.2  # times as many marks are printed there as must be seen
+SPARE_RATIO = 1.2  # times as many marks are printed there as must be seen
 
 
 def sheets_mm(printer: Printer, paper_mm: tuple[float, float], count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -65,9 +65,10 @@ def design_sheets(printer: Printer, paper_mm: tuple[float, float], count: int, *
         mine = np.flatnonzero(((whole.marks_mm >= corner) & (whole.marks_mm <= opposite)).all(axis=1))
         plans.append(walk_with(printer, _part(whole, mine), [swings[mark] for mark in mine]))
     shared = min(len({*map(tuple, one.site)} & {*map(tuple, other.site)}) for one, other in itertools.pairwise(plans))
-    if shared < UNSEEN * LEAST_SHARED:
+    if shared < SPARE_RATIO * LEAST_SHARED:
         raise ConfigError(
-            "--sheets", wanted=f"at least {UNSEEN * LEAST_SHARED:.0f} dots where two sheets overlap, which join them",
+            "--sheets",
+            wanted=f"at least {SPARE_RATIO * LEAST_SHARED:.0f} dots where two sheets overlap, which join them",
             came=str(shared), todo="say more --marks, or larger sheets with --scanner",
         )  # fmt: skip
     return sheet_after_sheet(plans)

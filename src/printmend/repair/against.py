@@ -19,7 +19,7 @@ from printmend.twin.twin import Twin
 _CHORD_MM = 0.002  # how far an arc's chords may lie from it
 _SAMPLE_MM = 0.5  # of path between two places that are judged
 _SAME_FILAMENT = 0.01  # share by which two files' filament may differ
-_NEAR_MM, _STRETCH = 5.0, 8  # of path before and after a stretch of filament; a stretch is so many times that
+_NEAR_MM, _STRETCH_RATIO = 5.0, 8  # of path before and after a stretch of filament; a stretch is so many times that
 
 
 def judge_gcode(source: str | Path, output: str | Path, twin: Twin) -> Prediction:
@@ -118,7 +118,7 @@ def _distances(
         fed = ((_fed(given) - _advance(given))[move] + share * _advance(given)[move])[drawn]
         order = np.flatnonzero(wanted.extruding)
         layer = wanted.layer[order[np.minimum(np.searchsorted(used[order], fed), len(order) - 1)]]
-        group = np.floor(fed / (_STRETCH * near)).astype(np.int64) if sloped else layer
+        group = np.floor(fed / (_STRETCH_RATIO * near)).astype(np.int64) if sloped else layer
     distance, rise = np.zeros(len(layer)), np.zeros(len(layer))
     for number in np.unique(group):
         lines = wanted.extruding & (wanted.layer == number)

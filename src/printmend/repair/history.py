@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 YEAR_S = 365.25 * 86400.0
 LEAST_SD = 0.003  # of a fault's size [mm, % or °]: two prints of one machine differ by this
 ABSENT_SD = 0.015  # what may hide where a fault was not found
-SURE = 2.0  # standard deviations of a slope that is a trend
+TREND_SIGMAS = 2.0  # standard deviations of a slope that is a trend
 REPAIRED = 0.5  # a size that falls below this share of the last was repaired
 FARTHEST_YEARS = 20.0  # that wear is foretold
 PLAYS = ("play", "friction", "loose-belt", "play-by-angle")
@@ -81,7 +81,7 @@ class Trend:
     @property
     def is_sure(self) -> bool:
         """True where the fault surely grows or shrinks."""
-        return abs(self.per_month) > SURE * self.per_month_sd
+        return abs(self.per_month) > TREND_SIGMAS * self.per_month_sd
 
     @property
     def words(self) -> str:
@@ -291,7 +291,7 @@ def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
     covariance = covariance * max(misfit, 1.0)
     slope_sd = float(np.sqrt(covariance[1, 1]))
     fault = Fault(part, kind, max(here, 0.0), float(np.sqrt(covariance[0, 0])), unit, "")
-    grows = slope > SURE * slope_sd
+    grows = slope > TREND_SIGMAS * slope_sd
     passed, ahead_mm = _passed(fault, run, slope if grows else None)
     level = _level(fault, ahead_mm)
     crossing = earliest = latest = None

@@ -17,9 +17,9 @@ from printmend.units import counted
 _GAIN_MM = 0.0005  # a smaller gain is none
 _NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
 _WORTH_MM = 0.03  # an expected error that may be larger than this is worth another print
-_MOSTLY = 0.5  # share of an expected error that must be one part's for it to be named
+_MAIN_SHARE = 0.5  # share of an expected error that must be one part's for it to be named
 _PROBE = "A whole `printmend probe`, printed and measured, settles it."
-_SURELY = 0.05  # of the drawn machines may print no better mended
+_WORSE_SHARE = 0.05  # of the drawn machines may print no better mended
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Prediction:
     def is_better(self) -> bool:
         """Say whether mending surely gains more than the resolution of the numbers in the file."""
         if self.gain_mm is not None and self.heights is None:
-            return float(np.median(self.gain_mm)) > _GAIN_MM and float(np.quantile(self.gain_mm, _SURELY)) > 0.0
+            return float(np.median(self.gain_mm)) > _GAIN_MM and float(np.quantile(self.gain_mm, _WORSE_SHARE)) > 0.0
         before, after = self.before.rms_mm, self.after.rms_mm
         if self.heights is not None:
             before, after = math.hypot(before, self.heights[0].rms_mm), math.hypot(after, self.heights[1].rms_mm)
@@ -249,7 +249,7 @@ def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         return ()
     shares = {name: (size / max(after.rms_mm, 1e-9)) ** 2 for name, size in after.made_of.items()}
     name = max(shares, key=lambda each: shares[each])
-    if shares[name] < _MOSTLY or name in ("planning", "rounding", "motion"):
+    if shares[name] < _MAIN_SHARE or name in ("planning", "rounding", "motion"):
         return ()
     most = "most of what is left"
     if name == "parameters":

@@ -52,14 +52,14 @@ PHASES = 48  # tried turns of the pulley on its shaft
 DRIFTS = (
     Drift(0.02, 0.02, 0.1), Drift(1, 0.02, 0.1), Drift(1, 1, 0.1), Drift(1, 1, 1), Drift(3, 3, 5), Drift(5, 5, 25),
 )  # fmt: skip
-SYMMETRIC = 0.98  # of the best match of a turned pulley: as good
+SYMMETRIC_SHARE = 0.98  # of the best match of a turned pulley: as good
 SAME_PLACE = 0.002  # homing repeats to hundredths of a millimetre; a plate on a scanner does not
 PASSES = 8  # of fitting, at the most
 REPLACED = 0.85  # of the noise: where learning anew leaves less than this, the old model was of another part
 RESIZED_PERCENT = 1.0  # a change of scale beyond that is said
-REFUTED = 1.3  # times the residual of a fresh fit: the old model is wrong
-LEAST_SKEW_DEG, BOTH = 0.02, 2**0.5  # two measurements, each with its own doubt
-CHANGED_MM, CLEAR = 0.01, 0.05  # changes below are not worth a word; changes above need two decimals
+REFUTED_RATIO = 1.3  # times the residual of a fresh fit: the old model is wrong
+LEAST_SKEW_DEG, BOTH_FACTOR = 0.02, 2**0.5  # two measurements, each with its own doubt
+CHANGED_MM, PLAIN_MM = 0.01, 0.05  # changes below are not worth a word; changes above need two decimals
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ def _is_other(rows: Rows, past: Remembered, fresh: Choice, updated: Choice) -> b
     resized = abs(updated.fit.posterior.values[at] - past.values[at]) > RESIZED_PERCENT
     if ratio < (1.0 if resized else REPLACED):
         return True
-    refuted = _loss_mm(past, past.values, rows) > REFUTED * fresh.fit.loss_mm
+    refuted = _loss_mm(past, past.values, rows) > REFUTED_RATIO * fresh.fit.loss_mm
     healthy = fresh.structure.pulley == "none" and fresh.structure.play == "none"
     return healthy and refuted and ratio < 1.25
 
@@ -378,7 +378,7 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
     def compare(kind: str, what: str, before: float, after: float, sd: float, unit: str, least: float) -> None:
         if abs(after - before) > max(NAMED_SIGMAS * sd, least):
             verb = "grew" if abs(after) > abs(before) else "shrank"
-            digits, space = 2 if abs(after - before) >= CLEAR else 3, "" if unit == "°" else " "
+            digits, space = 2 if abs(after - before) >= PLAIN_MM else 3, "" if unit == "°" else " "
             old, new = (round(value, digits) + 0.0 for value in (before, after))  # never −0
             words = f"{name} {what} {verb} from {old:.{digits}f} to {new:.{digits}f}{space}{unit} (± {sd:.3f})"
             found.append(Change(name, kind, before, after, sd, unit, words))
@@ -388,12 +388,12 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
     compare("play", "belt play", known, seen, float(np.hypot(past.sds[at], sds[at])), "mm",
             CHANGED_MM)  # fmt: skip
     at = design.parts["mean_powers"].start + 1
-    sd = float(np.linalg.norm([past.sds[at], sds[at], BOTH * doubt.scale_percent]))
+    sd = float(np.linalg.norm([past.sds[at], sds[at], BOTH_FACTOR * doubt.scale_percent]))
     compare("scale", "scale error", past.values[at], post.values[at], sd, "%", 0.02)
     if design.cross and design.cross[0] == (0, 1):  # mm in 100 mm
         at = design.parts["cross"].start
         before, after = (float(np.degrees(np.arctan(values[at] / 100))) for values in (past.values, post.values))
-        sd = float(np.hypot(np.degrees(np.hypot(past.sds[at], sds[at]) / 100), BOTH * doubt.skew_deg))
+        sd = float(np.hypot(np.degrees(np.hypot(past.sds[at], sds[at]) / 100), BOTH_FACTOR * doubt.skew_deg))
         compare("skew", "axis' skew", before, after, sd, "°", LEAST_SKEW_DEG)
     turn, turn_sd = _turned(past, post, sds, doubt.wave_mm)
     if _keeps_shape(past, post) and abs(turn) > max(NAMED_SIGMAS * turn_sd, _least_turn_deg(past)):
@@ -436,6 +436,6 @@ def _turned(past: Remembered, post: Posterior, sds: np.ndarray, wave_mm: float) 
     noise = noise + 2 * wave_mm**2
     sd = np.sqrt((k**2 * np.abs(old) ** 2 * noise).sum()) / weight
     # An oval pulley looks the same after half a turn: of equal peaks, the smallest turn.
-    peak = (match >= np.roll(match, 1)) & (match >= np.roll(match, -1)) & (match > SYMMETRIC * match.max())
+    peak = (match >= np.roll(match, 1)) & (match >= np.roll(match, -1)) & (match > SYMMETRIC_SHARE * match.max())
     turn = turns[peak][np.argmin(np.abs(turns[peak]))]
     return float(-np.degrees(turn)), float(np.degrees(sd))

@@ -28,7 +28,7 @@ LEAST_MARKS = 10  # measured, of the check print
 _LEAST_SIGMA_MM = 0.002  # of a mark: no scan is read better
 _STRETCHED_PERCENT = 0.01  # less of it is not worth a word
 _NOISE_DOUBT = 0.15  # share to which the noise of a measurement is known
-_SURE = 2.0  # standard deviations that a measured error may exceed its promise by
+_SURE_SIGMAS = 2.0  # standard deviations that a measured error may exceed its promise by
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,12 @@ class Verdict:
     @property
     def kept(self) -> bool:
         """True where the error is within what was promised, as far as this measurement can tell."""
-        return self.now_mm - _SURE * self.now_sd_mm <= self.promised_high_mm
+        return self.now_mm - _SURE_SIGMAS * self.now_sd_mm <= self.promised_high_mm
 
     @property
     def at_most_mm(self) -> float | None:
         """What the error may be at most where it is not above the noise of the measurement; None where it is."""
-        return self.now_mm + _SURE * self.now_sd_mm if self.now_mm <= self.now_sd_mm else None
+        return self.now_mm + _SURE_SIGMAS * self.now_sd_mm if self.now_mm <= self.now_sd_mm else None
 
     @property
     def words(self) -> str:
@@ -114,9 +114,10 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     now = float(np.sqrt(max(now2, 0.0)))
     now_sd = float(np.sqrt(max(now2, 0.0) + now2_sd)) - now
     play, play_sd = _from_play(error, trace, model.printer)
-    if play - _SURE * play_sd > now - _SURE * now_sd:  # what goes with direction is no noise, however much of that is
+    # what goes with direction is no noise, however much of that is
+    if play - _SURE_SIGMAS * play_sd > now - _SURE_SIGMAS * now_sd:
         now = max(now, play)
-        now_sd = (now - play) / _SURE + play_sd
+        now_sd = (now - play) / _SURE_SIGMAS + play_sd
     after = outlook.after
     before_mm = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
     return Verdict(
@@ -157,7 +158,7 @@ def _unstretched(error_mm: np.ndarray, trace: Trace, corexy: bool, sigma_mm: flo
     )
     found = prior @ pull
     sds = float(np.sqrt(max(pull @ found, 0.0)))  # how far the instrument would have to be off
-    found *= min(1.0, _SURE / max(sds, 1e-9))  # the rest is the printer's
+    found *= min(1.0, _SURE_SIGMAS / max(sds, 1e-9))  # the rest is the printer's
     return error_mm - (columns @ found).reshape(2, -1).T, 100 * float(found[0])
 
 

@@ -40,7 +40,7 @@ figure.one img { flex: 0 1 560px; } figure.long img { flex: 1 1 100%; }
 @media (max-width: 600px) { figure.long > div { overflow-x: auto; justify-content: start; }
   figure.long img { flex: 0 0 620px; max-width: none; } }
 """
-_LONG = 2.0  # times as wide as high: on a narrow screen it is moved sideways, so that it stays legible
+_WIDE_RATIO = 2.0  # times as wide as high: on a narrow screen it is moved sideways, so that it stays legible
 
 
 def say(text: str) -> str:
@@ -70,7 +70,7 @@ def picture(group: Group) -> str:
         about = say(group.caption) if i == 0 else ""
         images += f'<img alt="{about}" src="data:image/svg+xml;base64,{data}">'
     wide, high = group.figures[0].get_size_inches()
-    kind = "" if len(group.figures) > 1 else ' class="long"' if wide > _LONG * high else ' class="one"'
+    kind = "" if len(group.figures) > 1 else ' class="long"' if wide > _WIDE_RATIO * high else ' class="one"'
     return f"<figure{kind}><div>{images}</div><figcaption>{say(group.caption)}</figcaption></figure>"
 
 

@@ -29,7 +29,7 @@ _HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-_SMALL = 1_000_000  # bytes of a request that is no upload
+_SMALL_BYTES = 1_000_000  # bytes of a request that is no upload
 
 
 class Guard:
@@ -46,7 +46,7 @@ class Guard:
         if scope["type"] != "http":
             return
         headers = Headers(scope=scope)
-        limit = self._most_bytes if scope["path"] == "/api/uploads" else _SMALL
+        limit = self._most_bytes if scope["path"] == "/api/uploads" else _SMALL_BYTES
         refusal = self._refusal(scope, headers, limit)
         if refusal is not None:
             await _answer(send, *refusal)

@@ -10,7 +10,7 @@ from printmend.printer import Printer
 from printmend.probe import cost, design_probe, expected_error_mm, turns_covered
 
 _STEP_MM = 10.0  # between the sizes that are offered
-_ENOUGH = 2.0  # times what a print over the whole bed leaves: a smaller print may leave so much
+_ENOUGH_RATIO = 2.0  # times what a print over the whole bed leaves: a smaller print may leave so much
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def next_print(printer: Printer, gaps: Sequence[str]) -> NextPrint | None:
     def is_enough(size_mm: float | None) -> bool:
         plan = design_probe(printer, size_mm=size_mm)
         seen = min(turns_covered(printer, plan)) >= 1
-        return seen and expected_error_mm(printer, plan) <= _ENOUGH * largest.expected_mm
+        return seen and expected_error_mm(printer, plan) <= _ENOUGH_RATIO * largest.expected_mm
 
     at = bisect_left(sizes_mm[:-1], True, key=is_enough)
     return largest if sizes_mm[at] is None else _square(printer, float(sizes_mm[at]))

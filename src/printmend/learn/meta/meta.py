@@ -31,8 +31,8 @@ PASSES = 4  # how often contacts are found under the belief, and the belief from
 LOOKED_AT = 800  # measured rows that all passes but the last one use at most
 CLEAR_MM = (3.0, 1.0, 0.3, 0.0)  # travel one way after which a belt surely touches: the first that leaves enough rows
 ENOUGH_ROWS, ENOUGH_SHARE = 12, 0.3  # enough are this many measured rows, and this share of all
-HUBER, OUTLYING = 2.5, 8.0  # standard deviations beyond which a row counts for less, and for nothing
-SURE = 2.0  # standard deviations that the frame's terms, and the play, must be away from 0 to be believed
+HUBER_SIGMAS, OUTLIER_SIGMAS = 2.5, 8.0  # standard deviations beyond which a row counts for less, and for nothing
+SURE_SIGMAS = 2.0  # standard deviations that the frame's terms, and the play, must be away from 0 to be believed
 AT_HOME_MM = 1e-6  # a first way-point this near to the home position is that position, but for rounding
 _NEVER_MM = 1e-9  # standard deviation of the weights that the rows cannot show: they stay at 0
 _CROSS, _PLAY = GROUPS.index("cross"), GROUPS.index("play")
@@ -238,7 +238,7 @@ def _believe(seen: _Seen, place: Place, weights: Mapping[str, np.ndarray]) -> Me
 def _is_sure(phi: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> bool:
     """Say whether what these columns do at the rows is more than its own doubt."""
     effect = phi @ mean
-    return bool(np.mean(effect**2) > SURE**2 * np.mean(_doubt(phi, covariance)))
+    return bool(np.mean(effect**2) > SURE_SIGMAS**2 * np.mean(_doubt(phi, covariance)))
 
 
 def _touched(
@@ -266,11 +266,13 @@ def _robust(seen: _Seen, drive: MetaDrive) -> _Seen:
     """Return the rows with less weight on those far off what was believed, and none on those very far off."""
     left = np.abs(seen.residual_mm - seen.phi @ drive.mean) * np.sqrt(seen.weight)
     scale = np.full(len(left), max(drive.noise_mm, 1.4826 * float(np.median(left)) if len(left) else 0.0, 1e-4))
-    far = left > HUBER * scale
+    far = left > HUBER_SIGMAS * scale
     # where nothing was seen before, what is believed may be off by more than the measurement
     doubt = _doubt(seen.phi[far], drive.covariance) * seen.weight[far]
     scale[far] = np.sqrt(scale[far] ** 2 + doubt)
-    share = np.where(left > OUTLYING * scale, 0.0, np.minimum(1.0, HUBER * scale / np.maximum(left, 1e-12)))
+    share = np.where(
+        left > OUTLIER_SIGMAS * scale, 0.0, np.minimum(1.0, HUBER_SIGMAS * scale / np.maximum(left, 1e-12))
+    )
     return replace(seen, weight=seen.weight * share) if (share > 0).sum() >= ENOUGH_ROWS else seen
 
 
