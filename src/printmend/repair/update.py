@@ -157,17 +157,7 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator, ageing: Ag
         for change in _changes(printer.motors[motor].upper(), one, chosen[motor], doubt_of(trace))
     ]
     names = tuple(name.upper() for name, new in zip(printer.motors, anew, strict=True) if new)
-    details: dict[str, Any] = {
-        "update": {
-            "from": old.digest,
-            "changes": [
-                {"part": c.part, "kind": c.kind, "before": round(c.before, 6), "now": round(c.now, 6),
-                 "sd": round(c.sd, 6), "unit": c.unit}
-                for c in changes
-            ],
-            "anew": list(names),
-        }
-    }  # fmt: skip
+    details: dict[str, Any] = {"update": _section(old, changes, names)}
     causes = causes_of(fit, trace)
     effects, explained = effects_of(fit, trace, causes)
     found = found_in(fit, trace, causes)
@@ -183,6 +173,16 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator, ageing: Ag
         tuple(changes),
         names,
     )  # fmt: skip
+
+
+def _section(old: SavedModel, changes: list[Change], anew: tuple[str, ...]) -> dict[str, Any]:
+    """Return what the updated model's file says of the update."""
+    plain = [
+        {"part": c.part, "kind": c.kind, "before": round(c.before, 6), "now": round(c.now, 6), "sd": round(c.sd, 6),
+         "unit": c.unit}
+        for c in changes
+    ]  # fmt: skip
+    return {"from": old.digest, "changes": plain, "anew": list(anew)}
 
 
 def _never_seen(old: SavedModel) -> list[Misfit]:

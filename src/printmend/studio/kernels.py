@@ -30,6 +30,7 @@ def distances(wanted, printed, joined, near, out):
         out[i] = np.sqrt(best) if high > low else 0.0
 
 
+# Its many parameters are the columns of a table of lines, and the two arrays that it fills.
 @entry
 def points(start, end, center, turn, sweep, radius, begin, finish, counts, jumped, out, at):
     """Fill out [N, 3] with points along lines [L]: ``counts`` + 1 of each, ends included, the first only where the head
