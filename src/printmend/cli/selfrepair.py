@@ -73,8 +73,9 @@ def _broken(
     hull: str | None, broken_path: Path | None, model_path: Path | None, *, both: bool
 ) -> "tuple[Corruption | SavedModel, str]":
     """Return what is broken, and the figure's title."""
-    from printmend.corruption import read_corruption
+    from printmend.corruption import published_names, read_corruption
     from printmend.demo.selfrepair_report import hull_damage
+    from printmend.errors import InputError
     from printmend.saved import read_model
 
     if sum(value is not None for value in (hull, broken_path, model_path)) > 1:
@@ -84,4 +85,6 @@ def _broken(
     if model_path is not None:
         model = read_model(model_path)
         return model, f"self-repair of {model.printer.name} ({model_path.name})"
+    if hull is not None and hull not in (known := published_names()):
+        raise InputError("--hull", wanted=f"{', '.join(known)} or {ALL}", came=repr(hull), todo="correct it")
     return hull_damage(hull or "egg", both=both), f"self-repair of the pulley “{hull or 'egg'}”"
