@@ -127,6 +127,17 @@ def test_scale_and_skew_go(firmware: str, fault: str, printer: Printer) -> None:
     assert said == pytest.approx(after, abs=0.003)
 
 
+@pytest.mark.parametrize("firmware", ["marlin", "klipper"])
+def test_skew_learned_as_two_scales_and_a_turn_is_exported_as_skew(firmware: str) -> None:
+    scales = Corruption(tuple(Drive(pulley=WrongRadius(share * COREXY.x.radius_mm)) for share in (1.004, 0.996)))
+    turn = np.zeros((2, 10))
+    turn[0, 2], turn[1, 1] = 0.4, -0.4  # mm in 100: what the learner leaves to the frame of a CoreXY
+    mechanism = Mechanism(COREXY, scales.lower(COREXY).transmissions, Frame(turn)).homed()
+    export, bed = EXPORTS[firmware](mechanism), walk(COREXY)
+    assert error_mm(mechanism, bed, COREXY.to_motor(bed)) > 0.4
+    assert error_mm(mechanism, bed, FIRMWARES[firmware](dict(export.files), COREXY, bed)) < 0.01
+
+
 @pytest.mark.parametrize("firmware", ["marlin", "rrf", "linuxcnc"])
 def test_play_goes(firmware: str) -> None:
     before, after, said = judged(PLAY, ENDER3, firmware)

@@ -71,7 +71,19 @@ def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = Non
         stretch[:] = stretch.mean()
     gains = [1.0 if abs(gain - 1) < _NEGLIGIBLE else float(gain) for gain in np.array(gains) * stretch]
     plays = [float(play) for play in np.array(plays) * stretch]
-    return Simple((gains[0], gains[1]), (plays[0], plays[1]), skew if abs(skew) > _NEGLIGIBLE else 0.0)
+    simple = Simple((gains[0], gains[1]), (plays[0], plays[1]), skew if abs(skew) > _NEGLIGIBLE else 0.0)
+    return _as_skew(mechanism, simple) if printer.kinematics == "corexy" else simple
+
+
+def _as_skew(mechanism: Mechanism, simple: Simple) -> Simple:
+    """Return the settings with a CoreXY's two scales told as one and a skew, where that leaves less error.
+
+    Motors of unlike scales lean both axes alike, a skewed frame leans y alone: a print placed on its bed shows which.
+    """
+    scale, half = sum(simple.gain) / 2, (simple.gain[0] - simple.gain[1]) / 2
+    both = 1.0 if abs(scale - 1) < _NEGLIGIBLE else scale
+    skewed = Simple((both, both), simple.play_mm, simple.skew + 2 * half / scale)
+    return min(simple, skewed, key=lambda each: _error_mm(mechanism, _simple_drive(mechanism, each, play=False)))
 
 
 def _whole_turns_mm(printer: Printer, motor: int, turn_mm: float) -> np.ndarray:
