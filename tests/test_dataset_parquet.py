@@ -66,6 +66,7 @@ def test_a_body_and_its_prints_come_back(data: Path) -> None:
         printed = read_print(print_file(data, line["body"], number))
         for layer, places in zip(body.layers, printed, strict=True):
             np.testing.assert_array_equal(twin.run(layer.controls, layer.start_steps).astype(np.float32), places)
+    assert read_body(body_file(data, line["body"]), []).layers == ()
     (one,) = read_body(body_file(data, line["body"]), [2]).layers
     assert one.index == body.layers[2].index
     assert np.array_equal(one.controls, body.layers[2].controls)

@@ -180,8 +180,8 @@ def _array(column: Any) -> np.ndarray:
     """Return a column of Arrow as an array. Bits are unpacked by numpy, which does it several times faster."""
     if str(column.type) != "bool":
         return np.asarray(column.to_numpy())
-    parts = []
-    for chunk in column.chunks:
+    parts = [np.empty(0, np.uint8)]
+    for chunk in filter(len, column.chunks):
         bits = np.frombuffer(chunk.buffers()[1], np.uint8)
         parts.append(np.unpackbits(bits, count=chunk.offset + len(chunk), bitorder="little")[chunk.offset :])
     return np.concatenate(parts).view(bool)

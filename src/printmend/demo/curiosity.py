@@ -141,7 +141,7 @@ def closing(found: dict[str, list[Round]], promise_mm: float) -> list[str]:
 
 
 def draw(found: dict[str, list[Round]], path: Path, *, promise_mm: float) -> Path:
-    """Draw the error against minutes and against grams: lines are true, dots what was promised."""
+    """Draw the error against minutes and against grams: lines are true, dotted what was promised, dashed the aim."""
     from printmend.draw import new_figure, save
     from printmend.draw.figure import INK, PALETTE, quiet
 
@@ -149,12 +149,13 @@ def draw(found: dict[str, list[Round]], path: Path, *, promise_mm: float) -> Pat
     for place, value, unit in ((axes[0], "minutes", "printing [min]"), (axes[1], "grams", "plastic [g]")):
         for (way, rounds), colour in zip(found.items(), PALETTE, strict=False):
             at = [getattr(one, value) for one in rounds]
-            place.semilogy(at, [one.error_mm for one in rounds], "-", color=colour, linewidth=1.8, label=way)
+            place.semilogy(at, [one.error_mm for one in rounds], ".-", color=colour, linewidth=1.8, label=way)
             place.semilogy(at, [one.promised_mm for one in rounds], "o:", color=colour, markersize=4, linewidth=0.8)
         place.axhline(promise_mm, color=INK, linewidth=0.8, linestyle="--")
         place.set_xlabel(unit, color=INK, fontsize=9)
         quiet(place)
-    axes[0].set_ylabel("RMS error on the bed [mm]; dotted: promised", color=INK, fontsize=9)
+    said = "RMS error on the bed [mm]\nline: true; dotted: promised; dashed: asked for"
+    axes[0].set_ylabel(said, color=INK, fontsize=9)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="upper center", ncols=len(found), fontsize=8, frameon=False)
-    figure.subplots_adjust(left=0.08, right=0.98, top=0.92, bottom=0.13, wspace=0.16)
+    figure.subplots_adjust(left=0.09, right=0.98, top=0.92, bottom=0.13, wspace=0.16)
     return save(figure, path)
