@@ -32,6 +32,7 @@ MOST_HARMONICS = 120  # of a turn, for the periodic kind
 FOLDS = 5  # of the cross-validation
 LEAST_BLOCKS = 4  # fewer blocks of a turn say nothing about another one
 MOST_ROWS = 4000  # rows that the cross-validation looks at
+MOST_COLUMNS = 512  # of a kind: the finest that knows directions apart is not tried along a CoreXY's long belts
 SURE_STANDARD_ERRORS = 2.0  # the gain of held-out blocks must exceed so many of its standard errors …
 FINE_STANDARD_ERRORS = 3.0  # the same of a smooth kind with hardly two points for each of its columns
 LEAST_SHARE_GAINED = 0.02  # … and this share of their square error
@@ -312,7 +313,8 @@ def chosen_kind(data: Points, reach_mm: tuple[float, float], *, patterned: bool,
         return before - np.bincount(number, data.weight * after)
 
     # what has more columns than there are points finds some pattern in any noise
-    offered = [kind for kind in PROCESSES if len(column_variances(kind, reach_mm)) <= len(data.motor_mm)]
+    most = min(len(data.motor_mm), MOST_COLUMNS)
+    offered = [kind for kind in PROCESSES if len(column_variances(kind, reach_mm)) <= most]
     if not offered:
         return None
     gains = {kind: gained(kind) for kind in offered}
