@@ -78,11 +78,16 @@ def look_at(source: Path, output: Path, mechanism: Mechanism, *, placed: bool) -
 
 
 def minutes(moves: Moves) -> float:
-    """Return the printing time: stretches between sharp corners, each sped up and slowed down once."""
-    way = moves.end_mm - moves.start_mm
+    """Return the printing time of a file's moves."""
+    return minutes_along(moves.end_mm - moves.start_mm, moves.feed_mm_s)
+
+
+def minutes_along(way: np.ndarray, feed: np.ndarray) -> float:
+    """Return how long moves [N, 3] mm at feeds [N] mm/s take: stretches between sharp corners, each sped up and slowed
+    down once."""
     length = np.linalg.norm(way, axis=1)
-    used = (length > 0) & (moves.feed_mm_s > 0)
-    way, length, feed = way[used], length[used], moves.feed_mm_s[used]
+    used = (length > 0) & (feed > 0)
+    way, length, feed = way[used], length[used], feed[used]
     if not len(length):
         return 0.0
     unit = way / length[:, None]

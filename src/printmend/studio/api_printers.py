@@ -35,13 +35,14 @@ from printmend.studio.shapes import (
     Renamed,
     ScansIn,
     SendIn,
+    TowerCard,
 )
 from printmend.studio.store import NotThereError
-from printmend.studio.work import MODEL, PLAN, PRINTER, PROBE
+from printmend.studio.work import MODEL, PLAN, PRINTER, PROBE, TOWER, TOWER_TABLE
 
 router = APIRouter(prefix="/api/printers", responses=PROBLEMS, tags=["printers"])
 _NOTES = "notes.json"
-_OFFERED = (PRINTER, PROBE, PLAN, MODEL)
+_OFFERED = (PRINTER, PROBE, PLAN, MODEL, TOWER, TOWER_TABLE)
 
 
 def _folder(here: Studio, key: str) -> Path:
@@ -160,7 +161,7 @@ def remove(here: Here, key: Key) -> None:
 
 @router.get("/{key}/files/{name}", response_class=FileResponse)
 def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> FileResponse:
-    """Fetch one of a printer's files: printer.toml, probe.gcode, probe.json, printer.mend.json."""
+    """Fetch one of a printer's files: description, model, test print and plan, tower and table."""
     path = _folder(here, key) / name
     if name not in _OFFERED or not path.is_file():
         raise NotThereError(name, wanted="a file of this printer", came="none", todo=f"there may be {_OFFERED}")
@@ -172,20 +173,37 @@ def probe(here: Here, key: Key, wanted: ProbeIn) -> ProbeCard:
     """Write the printer's test print and its plan."""
     from printmend.measure.plan import keep_plan
     from printmend.probe import cost, design_probe, expected_error_mm, write_probe
-    from printmend.probe.start import homed_start
 
     folder = _folder(here, key)
     printer = read_printer(folder / PRINTER)
     plan = design_probe(printer, size_mm=wanted.size_mm)
     if not wanted.overwrite:
         keep_plan(folder / PLAN, plan)
-    start = printer.start_gcode and homed_start(printer.start_gcode, subject="the start code")
-    write_probe(folder / PROBE, plan, extruder=printer.extruder, start_gcode=start)
+    write_probe(folder / PROBE, plan, extruder=printer.extruder, start_gcode=_start(printer))
     minutes, grams = cost(plan)
     return ProbeCard(
         marks=len(plan), minutes=minutes, grams=grams, expected_mm=expected_error_mm(printer, plan),
         marks_mm=plan.marks_mm.round(2).tolist(), big=plan.big.tolist(), bed_mm=_bed(printer),
     )  # fmt: skip
+
+
+def _start(printer: Printer) -> str:
+    from printmend.probe.start import homed_start
+
+    return printer.start_gcode and homed_start(printer.start_gcode, subject="the start code")
+
+
+@router.post("/{key}/tower", tags=["measure"])
+def tower(here: Here, key: Key) -> TowerCard:
+    """Write a small tower that shows the Z screw, tower.gcode, and the table to be filled in, tower.csv."""
+    from printmend.probe.tower import design_tower, write_tower
+
+    folder = _folder(here, key)
+    printer = read_printer(folder / PRINTER)
+    made = design_tower(printer)
+    write_tower(folder / TOWER, made, printer, start_gcode=_start(printer))
+    height_mm = float(made.waypoints_mm[made.printed, 2].max())
+    return TowerCard(minutes=made.minutes, grams=made.grams, height_mm=height_mm)
 
 
 def _need(folder: Path, name: str, todo: str) -> None:
@@ -325,8 +343,9 @@ def send(here: Here, key: Key, given: SendIn) -> JobCard:
     folder = _folder(here, key)
     _need(folder, FILE, "connect it first")
     if given.job is None:
-        _need(folder, PROBE, "write the test print first")
-        return card(here, here.jobs.submit("send", key, {"printer": key, "name": PROBE}))
+        name = given.name if given.name == TOWER else PROBE
+        _need(folder, name, "write the test print first")
+        return card(here, here.jobs.submit("send", key, {"printer": key, "name": name}))
     row = card(here, given.job)
     if row.printer != key or given.name not in row.files:
         raise NotThereError(given.name, wanted="a file of a job of this printer", came="none of that name",

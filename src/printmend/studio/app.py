@@ -77,11 +77,18 @@ def _refused(request: Request, error: Exception) -> JSONResponse:
     return JSONResponse({"error": str(error)}, status)
 
 
+_SEE = "see /api/openapi.json"
+_MISFITS = {
+    "json_invalid": f"wanted JSON, got something else; {_SEE}",
+    "string_pattern_mismatch": f"wanted a key of this studio, got something else; {_SEE}",
+}
+
+
 def _misfit(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
-    place = ".".join(str(part) for part in first["loc"][1:]) or "the request"
-    return JSONResponse({"error": f"{place}: {first['msg']}"}, 422)
+    place = ".".join(str(part) for part in first["loc"][1:] if isinstance(part, str)) or "the request"
+    return JSONResponse({"error": f"{place}: {_MISFITS.get(first['type'], first['msg'])}"}, 422)
 
 
 def _http(request: Request, error: Exception) -> JSONResponse:

@@ -25,6 +25,8 @@ from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
+from printmend.studio import kernels
+from printmend.studio.scene import NEAR
 from printmend.studio.sliders import MOST_DENT_MM, Shape
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
@@ -58,7 +60,7 @@ class Side:
         if self.shape == "eccentric":
             return EccentricBore(dent, phase)
         if self.shape == "oval":
-            return Ellipse(radius_mm + dent / 2, radius_mm - dent / 2, phase)
+            return Ellipse(radius_mm + dent, radius_mm - dent, phase)
         if self.shape == "flat":
             return FlatSpot(dent, phase)
         # corners so far out that the pulley takes in as much belt a turn as the round one
@@ -111,7 +113,8 @@ def preview(faults: Faults) -> dict[str, Any]:
     """Return the shapes of the pulleys and where each mark of the test print lands: a drawing that follows a slider.
 
     ``outlines_mm`` are polygons about the shafts, ``errors_mm`` [M, 2] how far each of the ``marks_mm`` [M, 2] is off;
-    ``part_mm`` and ``printed_mm`` [N, 2] a layer of a part as wanted and as it comes out, laid where it fits;
+    ``part_mm`` and ``printed_mm`` [N, 2] a layer of a part as wanted and as it comes out, laid where it fits, and its
+    error ``part_rms_mm``;
     ``wall_mm`` the height of each of its layers, and how far the Z screw pushes it along x.
     """
     with _FIRST:
@@ -121,6 +124,7 @@ def preview(faults: Faults) -> dict[str, Any]:
     twin = Twin.of(replace(corruption, screw=None), printer)  # one layer: all of it is pushed alike
     off = twin.follow(plan.waypoints_mm)[plan.rows] - plan.marks_mm
     printed = twin.follow(np.concatenate([[printer.home_mm], places]))[1:]
+    printed -= (printed - places).mean(axis=0)
     shape = off - off.mean(axis=0)
     return {
         "outlines_mm": [outline_mm(drive.pulley, axis.radius_mm).round(3).tolist()
@@ -130,9 +134,17 @@ def preview(faults: Faults) -> dict[str, Any]:
         "marks_mm": plan.marks_mm.round(2).tolist(), "errors_mm": off.round(4).tolist(),
         "rms_mm": round(float(np.sqrt(np.mean(np.sum(shape**2, axis=1)))), 4),
         "big": plan.big.tolist(), "part_mm": places.round(3).tolist(),
-        "printed_mm": (printed - (printed - places).mean(axis=0)).round(3).tolist(), "joined": joined.tolist(),
+        "printed_mm": printed.round(3).tolist(), "joined": joined.tolist(),
+        "part_rms_mm": round(_rms_mm(places, printed, joined), 4),
         "wall_mm": _wall(corruption, printer),
     }  # fmt: skip
+
+
+def _rms_mm(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray) -> float:
+    """Return how far a layer [N, 2] lies from its wanted path, root mean square over its length, as of a whole part."""
+    error, length = np.empty(len(wanted_mm)), np.hypot(*np.diff(wanted_mm, axis=0).T) * joined[:-1]
+    kernels.distances(wanted_mm, np.ascontiguousarray(printed_mm), joined, NEAR, error)
+    return float(np.sqrt(np.average((error[:-1] ** 2 + error[1:] ** 2) / 2, weights=length)))
 
 
 def _wall(corruption: Corruption, printer: Printer) -> list[list[float]]:

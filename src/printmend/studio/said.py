@@ -15,7 +15,7 @@ from printmend.saved import SavedModel
 from printmend.units import TURN_RAD
 
 _ANGLES = 180  # of a pulley's outline
-_GRID = 13  # lines of the bed's net each way
+_GRID, _ALONG = 13, 61  # lines of the bed's net each way, and points along one
 _CURVE = 400  # points of a curve
 
 
@@ -50,7 +50,10 @@ def advice_of(document: Mapping[str, Any]) -> list[tuple[dict[str, Any], Advice]
 
 
 def drawn(mechanism: Mechanism) -> dict[str, Any]:
-    """Return a machine as curves: each motor's pulley, error both ways along the axis, and the bed's net as it is."""
+    """Return a machine as curves: each motor's pulley, error both ways along the axis, and the bed's net as it is.
+
+    The net's lines have ``along`` points each; they lie in the middle between both ways of moving there.
+    """
     printer = mechanism.printer
     motors = []
     for motor, (name, table) in enumerate(zip(printer.motors, mechanism.transmissions, strict=True)):
@@ -65,15 +68,20 @@ def drawn(mechanism: Mechanism) -> dict[str, Any]:
             "outline_mm": outline_mm(mechanism, motor).round(3).tolist(),
         })  # fmt: skip
     x, y = (np.linspace(axis.min_mm, axis.max_mm, _GRID) for axis in (printer.x, printer.y))
-    net = np.stack(np.meshgrid(x, y), axis=-1)
-    bent = mechanism.frame.apply(net)
+    fine_x, fine_y = (np.linspace(axis.min_mm, axis.max_mm, _ALONG) for axis in (printer.x, printer.y))
+    net = np.concatenate([np.stack(np.meshgrid(fine_x, y), axis=-1),
+                          np.stack(np.meshgrid(x, fine_y, indexing="ij"), axis=-1)])  # fmt: skip
+    motors_mm = printer.to_motor(net.reshape(-1, 2))
+    drives = zip(mechanism.transmissions, motors_mm.T, strict=True)
+    belts_mm = np.column_stack([np.mean(table.branches_mm(at), axis=0) for table, at in drives])
+    bent = mechanism.bed.printed(belts_mm)
     screw = None
     if mechanism.screw is not None:
         z = np.linspace(printer.z.min_mm, min(printer.z.max_mm, 60.0), _CURVE)
         screw = {"at_mm": z.round(2).tolist(), "push_mm": mechanism.screw.wobble_at_mm(z).round(4).tolist()}
     return {
         "kinematics": printer.kinematics, "motors": motors, "net_mm": net.reshape(-1, 2).round(2).tolist(),
-        "bent_mm": bent.reshape(-1, 2).round(4).tolist(), "grid": _GRID, "screw": screw,
+        "bent_mm": bent.reshape(-1, 2).round(4).tolist(), "along": _ALONG, "screw": screw,
         "bed_mm": [printer.x.min_mm, printer.y.min_mm, printer.x.max_mm, printer.y.max_mm],
     }  # fmt: skip
 

@@ -29,7 +29,7 @@ MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns with
 ROW = 2048  # points in a row of a packed table
 _PITCHES_MM = (0.8, 6.0)  # between points on long lines: finest and coarsest
 _SIDE = 1e-7  # of a line: this side of its end, or that
-_NEAR = 3  # wanted segments to either side that a printed point may belong to
+NEAR = 3  # wanted segments to either side that a printed point may belong to
 _UNIT_MM = 0.002  # of the packed offsets: 16 bits reach 65 mm
 _COLUMNS = [
     "x0",
@@ -198,7 +198,7 @@ def as_printed(drawing: Drawing, truth: Mechanism, *, aligned: bool = False) -> 
     return Scene(
         wanted, off, _distance(wanted, wanted[:, :2] + off, drawing.joined), None, None, drawing.joined,
         width[drawing.record], height[drawing.record], drawing.layer, drawing.every,
-        pace(drawing.length_mm, drawing.records["feed"]),
+        pace(drawing.lines.end_mm - drawing.lines.start_mm, drawing.records["feed"] / 60),
     )  # fmt: skip
 
 
@@ -215,8 +215,8 @@ def as_mended(scene: Scene, drawing: Drawing, truth: Mechanism, tap: Tap, *, ali
     feed = np.repeat(drawing.records["feed"], np.maximum(counts, 1))
     of_piece = np.repeat(counts > 0, np.maximum(counts, 1))
     feed[of_piece] = np.where(pieces["feed"] > 0, pieces["feed"], feed[of_piece])
-    length, *_ = _lengths(told)
-    return replace(scene, mended_mm=off, mended_error_mm=error, mended_pace=pace(length, feed))
+    way = told.end_mm - told.start_mm
+    return replace(scene, mended_mm=off, mended_error_mm=error, mended_pace=pace(way, feed / 60))
 
 
 def _motion(records: np.ndarray) -> np.ndarray:
@@ -303,7 +303,7 @@ def _lengths(lines: Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _distance(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray) -> np.ndarray:
     """Return the distance [P] of each printed point from the wanted path around its own place on it."""
     out = np.empty(len(wanted_mm))
-    kernels.distances(np.ascontiguousarray(wanted_mm[:, :2]), np.ascontiguousarray(printed_mm), joined, _NEAR, out)
+    kernels.distances(np.ascontiguousarray(wanted_mm[:, :2]), np.ascontiguousarray(printed_mm), joined, NEAR, out)
     return out
 
 

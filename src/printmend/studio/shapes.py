@@ -80,7 +80,7 @@ class HostCard(BaseModel):
 
 
 class SendIn(Strict):
-    """What to send to a printer: the test print, or a file that a job made."""
+    """What to send to a printer: the test print, the tower where ``name`` is tower.gcode, or a file of a ``job``."""
 
     job: str | None = Field(default=None, pattern=KEY)
     name: str = Field(default="", max_length=200)
@@ -148,7 +148,8 @@ class Preview(BaseModel):
     bed_mm: list[float]
     marks_mm: list[list[float]]
     errors_mm: list[list[float]]
-    rms_mm: float
+    rms_mm: float = Field(description="of the marks, laid where they fit best")
+    part_rms_mm: float = Field(description="of a layer of the part, laid where it fits best, from its wanted path")
     big: list[bool]
     part_mm: list[list[float]]
     printed_mm: list[list[float]]
@@ -180,6 +181,14 @@ class ProbeCard(BaseModel):
     marks_mm: list[list[float]]
     big: list[bool]
     bed_mm: list[float]
+
+
+class TowerCard(BaseModel):
+    """A tower that shows the Z screw, and what it costs."""
+
+    minutes: float
+    grams: float
+    height_mm: float
 
 
 class NextCard(BaseModel):

@@ -24,6 +24,7 @@ from printmend.files import replacing
 Params = dict[str, Any]
 PROGRESS = "progress.json"
 MODEL, PRINTER, PLAN, PROBE = "printer.mend.json", "printer.toml", "probe.json", "probe.gcode"
+TOWER, TOWER_TABLE = "tower.gcode", "tower.csv"
 WANTED, MENDED = "printed.bin", "mended.bin"
 _SMALL_PART = "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X60 Y60\nG1 X110 Y60 E2\nG2 X110 Y100 I0 J20 E3\nG1 X60 Y95 E2\n"
 _PLAY_DPI = 300.0  # of the scan that one plays with
@@ -56,6 +57,11 @@ class Job:
         if name not in self.files:
             self.files.append(name)
         return self.folder / name
+
+    @property
+    def given(self) -> Path:
+        """Where uploads lie under the names that they came with, apart from what the job itself writes."""
+        return self.folder / "given"
 
     @property
     def printer_folder(self) -> Path:
@@ -104,7 +110,10 @@ def run(kind: str, folder: str, data: str, params: Params) -> dict[str, Any]:
     try:
         result = KINDS[kind](job)
     except PrintmendError as error:
-        return {"error": str(error).replace(f"{folder}{os.sep}", "").replace(f"{data}{os.sep}", "")}
+        said = str(error)
+        for place in (str(job.given), folder, data):
+            said = said.replace(f"{place}{os.sep}", "")
+        return {"error": said}
     return {**result, "files": job.files}
 
 
@@ -133,13 +142,13 @@ def _mend(job: Job) -> dict[str, Any]:
         scene = as_printed(drawing, model.mechanism)
         write_wanted(job.folder / WANTED, scene)
         job.file(WANTED)
-        job.tell(0.3, "mend")
+        job.tell(0.3, "rewrite")
     seen = 0
 
     def tick(count: int) -> None:
         nonlocal seen
         seen += count
-        job.tell(0.3 + 0.5 * min(seen / size, 1.0), "mend", now=False)
+        job.tell(0.3 + 0.5 * min(seen / size, 1.0), "rewrite", now=False)
 
     refused, output = None, mended_name(name)
     try:
@@ -171,7 +180,6 @@ def _paces(path: Path, scene: Any) -> dict[str, Any]:
     with open_gcode(path) as file:
         told_s = slicer_s(*file.parts[0].hints())
     before, after = scene.raw_pace, scene.mended_pace
-    # what mending adds is slow and short moves: it takes as much longer as at constant speeds
     longer_s = after.seconds - before.seconds
     return {"before_s": before.seconds if told_s is None else told_s, "told": told_s is not None,
             "after_s": longer_s + (before.seconds if told_s is None else told_s),
@@ -193,10 +201,18 @@ def _read_model(path: Path, *version: int) -> Any:
 
 def _named(job: Job, upload: str, name: str) -> Path:
     """Return an upload under the name that it came with: messages name it, and it says what kind of file it is."""
-    place = job.folder / name
+    place = job.given / name
+    place.parent.mkdir(exist_ok=True)
     if not place.exists():
         os.link(job.upload(upload), place)
     return place
+
+
+def _scans(job: Job) -> list[Path]:
+    """Return the uploaded scans or photos under their own names; two of one name are counted."""
+    names = [one["name"] for one in job.params["scans"]]
+    shown = [name if names.count(name) == 1 else f"{i + 1}-{name}" for i, name in enumerate(names)]
+    return [_named(job, one["upload"], name) for one, name in zip(job.params["scans"], shown, strict=True)]
 
 
 def _measure(job: Job) -> dict[str, Any]:
@@ -205,7 +221,7 @@ def _measure(job: Job) -> dict[str, Any]:
     from printmend.measure.measurement import image_px, measure_scans
 
     plan = read_plan(job.printer_folder / PLAN)
-    paths = [_named(job, one["upload"], f"{i + 1}-{one['name']}") for i, one in enumerate(job.params["scans"])]
+    paths = _scans(job)
     job.tell(0.1, "measure")
     seen: dict[str, Any] = {}
 
@@ -227,7 +243,7 @@ def _measure(job: Job) -> dict[str, Any]:
     off = measurement.measured_mm - plan.marks_mm
     return {
         **seen, "marks": len(plan), "missing": measurement.missing.tolist(), "odd": _odd(plan.marks_mm, off),
-        "notes": [note.replace(f"{job.folder}{os.sep}", "") for note in measurement.notes],
+        "notes": [note.replace(f"{job.given}{os.sep}", "") for note in measurement.notes],
         "errors_mm": _plain(off, 4), "marks_mm": _plain(plan.marks_mm, 2), "big": plan.big.tolist(),
         "rms_mm": float(np.sqrt(np.nanmean(np.nansum(off**2, axis=1)))),
     }  # fmt: skip
@@ -262,7 +278,8 @@ def _learn(job: Job) -> dict[str, Any]:
     from printmend.measure import read_plan, read_trace
     from printmend.printer import read_printer
     from printmend.repair.learned import learn_model
-    from printmend.saved import write_model
+    from printmend.repair.update import update
+    from printmend.saved import read_model, write_model
     from printmend.studio.said import said
 
     printer = read_printer(job.printer_folder / PRINTER)
@@ -275,7 +292,10 @@ def _learn(job: Job) -> dict[str, Any]:
         measured = trace.measured_mm.copy()
         measured[rows[[mark for mark in job.params["exclude"] if mark < len(rows)]]] = np.nan
         trace = replace(trace, measured_mm=measured)
-    model = learn_model(trace, printer)
+    if trace.z_measured_mm is not None and (job.printer_folder / MODEL).is_file():  # a tower: what was known stays
+        model = update(read_model(job.printer_folder / MODEL), trace, rng=np.random.default_rng(0)).model
+    else:
+        model = learn_model(trace, printer)
     job.tell(0.95, "learn")
     write_model(job.file(MODEL), model)
     write_model(job.printer_folder / MODEL, model)
@@ -300,7 +320,7 @@ def _verify(job: Job) -> dict[str, Any]:
     from printmend.saved import read_model, write_model
 
     model = read_model(job.printer_folder / MODEL)
-    paths = [_named(job, one["upload"], f"{i + 1}-{one['name']}") for i, one in enumerate(job.params["scans"])]
+    paths = _scans(job)
     job.tell(0.1, "measure")
     if len(paths) == 1 and paths[0].suffix.lower() == ".csv":
         trace = read_trace(paths[0], model.printer)

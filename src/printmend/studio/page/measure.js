@@ -25,7 +25,7 @@ export function Measure({ printer, changed, more }) {
     <div class="stack"><div class="segment" role="group" aria-label=${t("tab_measure")}>${["scan", "callipers", "table"].map((one) => html`<button aria-pressed=${way === one} onClick=${() => setWay(one)}>${t(`by_${one}`)}</button>`)}</div>
       ${way === "scan" && html`<${Scan} printer=${printer} learned=${learned} />`}
       ${way === "callipers" && html`<${Callipers} printer=${printer} learned=${learned} />`}
-      ${way === "table" && html`<${Table} printer=${printer} learned=${learned} />`}</div></div>`;
+      ${way === "table" && html`<${Table} printer=${printer} learned=${learned} changed=${changed} />`}</div></div>`;
 }
 
 // Learn as a job; `done` when it is over.
@@ -52,6 +52,14 @@ function Scan({ printer, learned }) {
     try { const keys = await send(files); setUploads(keys); await run(keys); } catch (problem) { setError(problem.message); }
   };
   useEffect(() => { if (job?.state === "done") setOut(new Set(job.result.odd)); if (job?.state === "failed") setError(job.error); }, [job?.state]);
+  useEffect(() => { // what was measured last, or is being measured
+    get(`/jobs?printer=${printer.id}`).then((jobs) => {
+      const last = jobs.find((one) => one.kind === "measure");
+      if (!last || last.state === "cancelled" || last.state === "failed") return;
+      setUploads((old) => old.length ? old : last.params.scans.map((one) => one.upload));
+      setKey((old) => old ?? last.id);
+    }, () => {});
+  }, [printer.id]);
   const result = job?.state === "done" ? job.result : null;
   const toggle = (mark) => setOut((old) => { const next = new Set(old); if (!next.delete(mark)) next.add(mark); return next; });
   return html`<${Problem} error=${error ?? failed} />
@@ -105,11 +113,23 @@ function Pair({ bed: [x0, y0, x1, y1], one: { first_mm: a, second_mm: b }, n }) 
 // A table as the program reads it: spreadsheets separate by semicolons or tabs where the comma is the decimal sign.
 const pointed = (text) => `${/[;\t]/.test(text) ? text.replaceAll(",", ".").replaceAll(/[;\t]/g, ",") : text}`.trimEnd() + "\n";
 
-function Table({ printer, learned }) {
+// For what no flat print shows: a tower, and the table that says where its corners were told to be.
+function Tower({ printer, changed }) {
+  const [made, setMade] = useState(null), [error, setError] = useState(null), file = (name) => `/api/printers/${printer.id}/files/${name}`;
+  const make = async () => { try { setMade(await post(`/printers/${printer.id}/tower`)); setError(null); } catch (problem) { setError(problem.message); } };
+  return html`<section class="card stack"><h2>${t("tower")}</h2><p class="soft">${t(printer.digest ? "tower_now" : "tower_later")}</p><${Problem} error=${error} />
+    ${made ? html`<p><b>${t("tower_facts", { height: number(made.height_mm, 1), minutes: number(made.minutes, 0), grams: number(made.grams, 1) })}</b></p>
+      <div class="row"><a class="button primary" href=${file("tower.gcode")} download>${t("download_tower")}</a><a class="button" href=${file("tower.csv")} download>${t("tower_table")}</a></div><${Send} printer=${printer} changed=${changed} file=${{ name: "tower.gcode" }} />
+      <p class="faint">${t("tower_fill")}</p>`
+      : html`<button disabled=${!printer.digest} onClick=${make}>${t("tower_make")}</button>`}</section>`;
+}
+
+function Table({ printer, learned, changed }) {
   const [text, setText] = useState(""), { learn, job, error } = useLearn(printer, learned), [failed, setFailed] = useState(null);
   const go = async (file) => { try { await learn({ upload: (await upload(new File([pointed(await file.text())], "trace.csv"))).id }); setFailed(null); } catch (problem) { setFailed(problem.message); } };
   return html`<${Problem} error=${failed ?? error} /><section class="card stack"><label class="field"><span>${t("table_now")}</span>
       <textarea rows="12" spellcheck="false" value=${text} placeholder="x_mm,y_mm,x_measured_mm,y_measured_mm" onInput=${(event) => setText(event.target.value)}></textarea></label>
     <${Progress} job=${job} /><button class="primary" disabled=${!text.trim() || Boolean(job)} onClick=${() => go(new File([text], "trace.csv"))}>${t(job ? "learning" : "table_go")}</button></section>
+    <${Tower} printer=${printer} changed=${changed} />
     <${Drop} accept=".csv,text/csv" onFiles=${([file]) => go(file)}><p>${t("drop_table")}</p></${Drop}>`;
 }

@@ -9,7 +9,7 @@ import { useScene } from "./scene.js";
 import { Send } from "./send.js";
 import { lasting, mm, number, sentence, t, why } from "./words.js";
 
-const STEPS = ["read", "mend", "draw"];
+const STEPS = ["read", "rewrite", "draw"];
 
 export function Mend({ printer, changed }) {
   const [now, send] = useSending(), [rows, setRows] = useState([]), [shown, setShown] = useState(null), [error, setError] = useState(null);
@@ -20,8 +20,15 @@ export function Mend({ printer, changed }) {
       if (mine.length) setShown((old) => old ?? mine[0].id);
     }, (problem) => setError(problem.message));
   }, [printer.id]);
+  const running = rows.some((row) => row.id && !ended(row));
+  useEffect(() => { // how those go on that are not shown
+    if (!running) return undefined;
+    const look = setInterval(() => get(`/jobs?printer=${printer.id}`).then((jobs) => { const now = new Map(jobs.map((job) => [job.id, job.state])); setRows((old) => old.map((row) => ({ ...row, state: now.get(row.id) ?? row.state }))); }, () => {}), 1500);
+    return () => clearInterval(look);
+  }, [running]);
   const take = async (files) => {
     setError(null);
+    let fresh = true; // of several the first is shown
     for (const file of files) {
       const row = { id: null, name: file.name, state: "sending", at: Math.random() };
       const put = (values) => setRows((old) => old.map((one) => (one.at === row.at ? { ...one, ...values } : one)));
@@ -29,7 +36,8 @@ export function Mend({ printer, changed }) {
       try {
         const job = await post(`/printers/${printer.id}/mend`, { upload: (await send([file]))[0] });
         put({ id: job.id, state: job.state });
-        setShown(job.id);
+        if (fresh) setShown(job.id);
+        fresh = false;
       } catch (problem) { put({ state: problem.message === "stopped" ? "cancelled" : "failed" }); setError(problem.message); }
     }
   };
@@ -61,7 +69,7 @@ function Numbers({ job, printer, changed }) {
     ${output && html`<${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} />`}
     ${refused && html`<p class="problem">${why(refused)}</p>`}
     <p class="faint">${pace && html`${t(pace.told ? "time" : "time_least", { time: lasting(pace.before_s) })}${more && html` → <b>${lasting(pace.after_s)}</b>`}<br />`}
-      ${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${more && html`<br />${t("busiest", { before: number(pace.busiest[0], 0), after: number(pace.busiest[1], 0) })}`}${p.clamped > 0 && html`<br />${t("clamped", { n: number(p.clamped, 0) })}`}</p>
+      ${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${more && html`<br />${t("busiest", { before: number(pace.busiest[0], 0), after: number(pace.busiest[1], 0) })}`}${more && p.stops > 0 && html`<br />${t("stops", { n: number(p.stops, 0) })}`}<br />${p.clamped > 0 ? html`<br />${t("clamped", { n: number(p.clamped, 0) })}` : t("on_bed")}</p>
     ${[...p.advice, ...p.warnings ?? []].map((line) => html`<p class="note">${sentence(line)}</p>`)}
     ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span><span class="key km">${t("mended")}</span><${Save} id="layers" name="layers" /></div></div><${Layers} layers=${layers} /></div>`}</section>`;
 }

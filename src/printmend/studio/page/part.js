@@ -33,6 +33,8 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, ch
   useEffect(() => { view.current?.wait(busy); }, [busy]);
   useEffect(() => { if (start !== undefined) setMorph(start); }, [start, scene]);
   useEffect(() => { view.current?.set({ morph, enlarge, tinted: morph > 0.02 ? 1 : 0 }); }, [morph, enlarge, scene]);
+  useEffect(() => { if (scene && single) view.current?.aim(scene.layers[Math.min(top, last)][2]); }, [single, top]);
+  useEffect(() => { if (scene && !single) view.current?.aim((scene.low_mm[2] + scene.high_mm[2]) / 2); }, [single]);
   useEffect(() => { if (scene) view.current?.layers(single ? Math.min(top, last) : 0, Math.min(top, last)); }, [top, single, scene]);
   const key = (event) => {
     const turn = { ArrowLeft: [-0.15, 0], ArrowRight: [0.15, 0], ArrowUp: [0, 0.12], ArrowDown: [0, -0.12], "+": [0, 0, 1.15], "=": [0, 0, 1.15], "-": [0, 0, 1 / 1.15] }[event.key];

@@ -10,9 +10,9 @@ import { mm, number, said as say, t } from "./words.js";
 const STEPS = ["print", "scan", "measure", "learn", "mend"], TOWER = [...STEPS.slice(0, 4), "tower", "mend"];
 const side = (shape, dent_mm, angle_deg, play_mm) => ({ shape, dent_mm, angle_deg, play_mm });
 const PRESETS = {
-  day: { x: side("eccentric", 0.9, 40, 0.2), y: side("oval", 1.1, 75, 0.3), skew_deg: 0.4, screw_mm: 0 },
+  day: { x: side("eccentric", 0.9, 40, 0.2), y: side("oval", 0.55, 75, 0.3), skew_deg: 0.4, screw_mm: 0 },
   wobble: { x: side("eccentric", 1.0, 120, 0), y: side("eccentric", 0.7, 10, 0), skew_deg: 0, screw_mm: 0 },
-  oval: { x: side("oval", 1.4, 30, 0.1), y: side("round", 0, 0, 0.1), skew_deg: 0, screw_mm: 0 },
+  oval: { x: side("oval", 0.7, 30, 0.1), y: side("round", 0, 0, 0.1), skew_deg: 0, screw_mm: 0 },
   loose: { x: side("round", 0, 0, 0.6), y: side("round", 0, 0, 0.5), skew_deg: 0, screw_mm: 0 },
   screw: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 0, screw_mm: 0.35 },
   crooked: { x: side("round", 0, 0, 0), y: side("round", 0, 0, 0), skew_deg: 1.6, screw_mm: 0 },
@@ -92,7 +92,7 @@ export function Play() {
               <${Save} id="drawing" name=${what} /></div>
             <div class="under"><div class="glass row"><span class="key kw">${t("wanted")}</span><span class="key kp">${t("printed")}</span>
               ${what === "plate" && html`<label class="row">${t("enlarge")}<select style=${{ width: "auto", minHeight: "2rem", padding: "0.2rem 0.5rem" }} value=${enlarge} onChange=${(event) => setEnlarge(Number(event.target.value))}>${[1, 2, 5, 10, 20].map((k) => html`<option value=${k}>${k} ×</option>`)}</select></label>`}</div>
-              ${shown && html`<div class="glass"><b>${mm(what === "wall" ? Math.hypot(...shown.wall_mm.map(([, push]) => push)) / Math.sqrt(shown.wall_mm.length) : shown.rms_mm)} mm</b> ${t("off")}</div>`}</div></div>`}
+              ${shown && html`<div class="glass"><b>${mm(what === "wall" ? Math.hypot(...shown.wall_mm.map(([, push]) => push)) / Math.sqrt(shown.wall_mm.length) : what === "part" ? shown.part_rms_mm : shown.rms_mm)} mm</b> ${t("off")}</div>`}</div></div>`}
       </div>
     </div>`;
 }

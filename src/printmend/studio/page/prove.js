@@ -38,7 +38,7 @@ function History({ events }) {
   const most = Math.max(...events.map((one) => Math.max(one.now_mm ?? 0, one.promised_high_mm ?? 0, one.before_mm ?? 0)), 0.02);
   const x = (i) => left + step * (i + 0.5), y = (v) => 26 + (1 - Math.sqrt(v / most)) * (H - bottom - 34);
   return html`<svg id="history" viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("history")}>
-    ${[0, most / 16, most / 4, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, v < 0.1 ? 3 : 2)}</text></g>`)}
+    ${[0, most / 16, most / 4, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${v === 0 ? 0 : number(v, v < 0.1 ? 3 : 2)}</text></g>`)}
     ${events.map((one, i) => html`<g>${one.promised_high_mm !== undefined && html`<rect x=${x(i) - 12} width="24" rx="5" y=${y(one.promised_high_mm)} height=${Math.max(3, y(one.promised_low_mm) - y(one.promised_high_mm))} fill="var(--accent-soft)" stroke="var(--accent)" /><circle cx=${x(i)} cy=${y(one.before_mm)} r="5" class="fp" />`}
       <circle cx=${x(i)} cy=${y(one.now_mm ?? 0)} r="6" class=${one.event === "learned" ? "fp" : "fm"} /><text x=${x(i)} y=${H - 20} text-anchor="middle">${t(`event_${one.event}`)}</text><text x=${x(i)} y=${H - 5} text-anchor="middle">${day(one.at_s)}</text></g>`)}
     <text x=${left + 4} y="11">${t("history_axis")}</text></svg>`;

@@ -1,6 +1,14 @@
 // What the program says where something does not fit, in three parts: "wanted …, got …; do …". [English, German, and
 // where it names what only the command line has, English as the page says it]. {a} stands for numbers and names.
 export default [
+  ["a part of a name is enough: {a}", "Im Slicer nur das Profil dieses einen Druckers ausgeben: {a}", "export the profile of that one printer from the slicer: {a}"],
+  ["a printer that lays lines of plastic", "einen Drucker, der Linien aus Kunststoff legt"],
+  ["a resin printer ({a})", "ein Harzdrucker ({a})"],
+  ["nothing of it moves in X and Y; name another", "Nichts an ihm fährt in X und Y; einen anderen nehmen"],
+  ["a printer's profile with its printable_area", "ein Druckerprofil mit printable_area"],
+  ["room for a tower of {a} mm by {b} mm high", "Platz für einen Turm von {a} mm und {b} mm Höhe"],
+  ["less", "weniger"],
+  ["measure the Z screw with a dial gauge, at a dozen heights", "Die Z-Spindel mit einer Messuhr messen, in einem Dutzend Höhen"],
   // what it is about
   ["this printer", "dieser Drucker"],
   ["the new printer", "der neue Drucker"],

@@ -44,6 +44,9 @@ export default {
   choose: "Datei wählen", dpi: "Auflösung in dpi, falls die Datei sie nicht sagt", distance: "Abstand mit dem Messschieber, mm",
   marks_found: "{found} von {marks} Punkten gefunden", missing: "nicht gefunden", odd: "auffällig", left_out: "weggelassen", click_mark: "Einen Punkt anklicken, um ihn wegzulassen oder wieder dazuzunehmen.",
   learn: "Daraus lernen", learning: "Lernt …", zoom_in: "Näher", zoom_out: "Weiter weg", scanned: "Der Scan, mit dem, was gefunden wurde",
+  tower: "Wellige Wände? Ein Turm für die Z-Spindel", tower_now: "Ein flacher Testdruck zeigt nichts von Z. Diesen kleinen Turm drucken, in einem Dutzend Höhen oder mehr seine Ecken und Stufen messen und seine Tabelle hier ablegen: Was von X und Y bekannt ist, bleibt.", tower_later: "Ein flacher Testdruck zeigt nichts von Z, danach ein kleiner Turm schon. Zuerst aus dem Testdruck lernen.",
+  tower_make: "Den Turm machen", tower_facts: "{height} mm hoch, {minutes} min, {grams} g", download_tower: "Den Turm herunterladen", tower_table: "Seine Tabelle zum Ausfüllen",
+  tower_fill: "Jede Zeile ist ein Ort, an den die Düse geschickt wurde: daneben schreiben, wo der Kunststoff liegt, und den Rest leer lassen.",
   calliper_now: "Über die Außenkanten der beiden großen Punkte messen. Was nicht erreichbar ist, weglassen.", calliper_row: "Abstand {n}, etwa {about} mm",
   calliper_go: "Daraus lernen", calliper_need: "Zuerst den Testdruck erstellen: Er sagt, welche Punkte zu messen sind.",
   table_now: "Eine Zeile für jeden befohlenen Ort: x_mm, y_mm, x_measured_mm, y_measured_mm, durch Kommas getrennt, diese Zeile zuerst. Zellen ohne Messung bleiben leer.", table_go: "Aus dieser Tabelle lernen", drop_table: "Oder die Tabelle als Datei ablegen",
@@ -58,10 +61,11 @@ export default {
 
   mend_now: "Den G-Code eines Teils ablegen. Es erscheint wie gewollt, wie dieser Drucker es druckt, und geheilt.",
   drop_gcode: "G-Code hier ablegen: .gcode, .bgcode oder .3mf, auch mehrere", files: "Dateien", download: "Geheilt herunterladen", refused: "Nicht geheilt",
-  step_read: "Liest", step_draw: "Zeichnet", step_compare: "Vergleicht", range: "90 % solcher Maschinen: {low} bis {high} mm",
+  step_read: "Liest", step_rewrite: "Heilt", step_draw: "Zeichnet", step_compare: "Vergleicht", range: "90 % solcher Maschinen: {low} bis {high} mm",
   rms_raw: "daneben, wie er druckt", rms_mended: "daneben, geheilt", p95: "95 % des Wegs innerhalb {mm} mm", moves: "{before} → {after} Befehle, Spiel {n}-mal aufgenommen",
-  time: "Druckdauer nach dem Slicer: {time}", time_least: "Druckdauer mindestens: {time}", hours: "{h} h {m} min", minutes: "{m} min",
+  time: "Druckdauer nach dem Slicer: {time}", time_least: "Druckdauer ungefähr: {time}", hours: "{h} h {m} min", minutes: "{m} min",
   busiest: "In der dichtesten Sekunde: {before} → {after} Befehle",
+  stops: "An {n} Stellen steht die Düse kurz still: kleine Nähte", on_bed: "Alles bleibt auf dem Bett.",
   clamped: "Am Rand des Betts zurückgehaltene Befehle: {n}", by_layer: "Fehler jeder Schicht, mm", sending: "Sendet", waits: "Wartet", stopped: "Angehalten", no_model: "Zuerst den Testdruck messen: Dann lassen sich Teile heilen.",
 
   prove_now: "Den geheilten Testdruck drucken, einscannen und sehen, ob das Versprechen hielt.", prove_print: "1. Geheilt drucken", prove_scan: "2. Einscannen", make_check: "Prüfdruck erstellen", download_check: "Prüfdruck herunterladen",

@@ -47,6 +47,9 @@ export default {
   calliper_now: "Measure across the outer edges of the two large dots. Leave out what you cannot reach.", calliper_row: "Distance {n}, about {about} mm",
   calliper_go: "Learn from these", calliper_need: "Make the test print first: it says which dots to measure.",
   table_now: "One row for each commanded place: x_mm, y_mm, x_measured_mm, y_measured_mm, separated by commas, with this line as the first. Leave cells empty where nothing was measured.", table_go: "Learn from this table", drop_table: "Or drop the table as a file",
+  tower: "Wavy walls? A tower for the Z screw", tower_now: "A flat test print shows nothing of Z. Print this small tower, measure its corners and steps at a dozen heights or more, and drop its table here: what is known of X and Y stays.", tower_later: "A flat test print shows nothing of Z: after it a small tower does. Learn from the test print first.",
+  tower_make: "Make the tower", tower_facts: "{height} mm high, {minutes} min, {grams} g", download_tower: "Download the tower", tower_table: "Its table, to be filled in",
+  tower_fill: "Each row is a place where the nozzle was sent: write beside it where the plastic is, and leave the rest empty.",
 
   wrong_now: "This is your printer as it is. Make its faults larger to see them.", wrong_none: "Measure the test print first: then this page shows what is wrong.",
   machine: "Your printer, faults {n} times larger", drawn_belts: "A belt that hangs has play. The net is the bed as the nozzle sees it.",
@@ -58,10 +61,11 @@ export default {
 
   mend_now: "Drop the G-code of a part. You see it as wanted, as this printer prints it, and mended.",
   drop_gcode: "Drop G-code here: .gcode, .bgcode or .3mf, several if you like", files: "Files", download: "Download mended", refused: "Not mended",
-  step_read: "Reading", step_draw: "Drawing", step_compare: "Comparing", range: "90 % of such machines: {low} to {high} mm",
+  step_read: "Reading", step_rewrite: "Mending", step_draw: "Drawing", step_compare: "Comparing", range: "90 % of such machines: {low} to {high} mm",
   rms_raw: "off as it prints", rms_mended: "off when mended", p95: "95 % of the path within {mm} mm", moves: "{before} → {after} commands, slack taken up {n} times",
-  time: "Print time, going by the slicer: {time}", time_least: "Print time, at the least: {time}", hours: "{h} h {m} min", minutes: "{m} min",
+  time: "Print time, going by the slicer: {time}", time_least: "Print time, about: {time}", hours: "{h} h {m} min", minutes: "{m} min",
   busiest: "In the busiest second: {before} → {after} commands",
+  stops: "The nozzle stands still for a moment at {n} places: small seams", on_bed: "All of it stays on the bed.",
   clamped: "Commands held back at the edge of the bed: {n}", by_layer: "Error of each layer, mm", sending: "Sending", waits: "Waiting", stopped: "Stopped", no_model: "Measure the test print first: then parts can be mended.",
 
   prove_now: "Print the mended test print, scan it, and see whether the promise was kept.", prove_print: "1. Print it mended", prove_scan: "2. Scan it", make_check: "Make the check print", download_check: "Download the check print",

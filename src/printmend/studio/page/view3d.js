@@ -180,6 +180,14 @@ export class View {
     return found;
   }
 
+  // Look at the height `z` as before at the middle.
+  aim(z) {
+    const by = z - this.controls.target.z;
+    this.controls.target.z += by;
+    this.camera.position.z += by;
+    this.controls.update();
+  }
+
   set(values) {
     for (const [name, value] of Object.entries(values)) {
       if (name === "plain") this.uniforms.plain.value.set(value);
@@ -194,7 +202,7 @@ export class View {
     const size = Math.hypot(...low.map((v, i) => high[i] - v)) || 50;
     const narrow = Math.min(1, this.camera.aspect);
     this.controls.target.copy(middle);
-    this.camera.position.copy(middle).addScaledVector(new Vector3(...from).normalize(), (size * 1.42) / narrow);
+    this.camera.position.copy(middle).addScaledVector(new Vector3(...from).normalize(), (size * 1.55) / narrow);
     this.camera.near = size / 60;
     this.camera.far = size * 12;
     this.camera.updateProjectionMatrix();
@@ -273,6 +281,7 @@ export class View {
     if (!width || !height) return;
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
+    this.camera.setViewOffset(width, height, 0, -0.04 * height, width, height); // below the buttons
     this.uniforms.minimum.value = 0.55 * Math.tan((this.camera.fov * Math.PI) / 360) / height * 2;
     this.camera.updateProjectionMatrix();
     this.draw();

@@ -43,10 +43,10 @@ const path = (points) => points.map(([x, y], i) => `${i ? "L" : "M"}${x.toFixed(
 
 // From above: the bed's net bent as the frame is, a belt and a pulley for each motor.
 function Machine({ machine, larger }) {
-  const [x0, y0, x1, y1] = machine.bed_mm, w = x1 - x0, h = y1 - y0, n = machine.grid;
+  const [x0, y0, x1, y1] = machine.bed_mm, w = x1 - x0, h = y1 - y0, n = machine.along;
   const at = (i) => { const [a, b] = machine.net_mm[i], [c, d] = machine.bent_mm[i]; return [a + (c - a) * larger, -(b + (d - b) * larger)]; };
   let net = "";
-  for (let r = 0; r < n; r++) { net += path(Array.from({ length: n }, (_, c) => at(r * n + c))); net += path(Array.from({ length: n }, (_, c) => at(c * n + r))); }
+  for (let first = 0; first < machine.net_mm.length; first += n) net += path(Array.from({ length: n }, (_, i) => at(first + i)));
   const scale = Math.min(w, h) / 11, [one, two] = machine.motors;
   const belt = (length, play) => { const sag = Math.min(play * larger * 1.6, scale * 1.6); return `M0 ${-scale * 0.62}L${length} ${-scale * 0.62}M0 ${scale * 0.62}Q${length / 2} ${scale * 0.62 + 2 * sag} ${length} ${scale * 0.62}`; };
   const drive = (motor, length, place, label) => { const factor = Math.min(larger, most(motor)); return html`<g transform=${place}><path d=${belt(length, motor.play_mm)} fill="none" stroke="var(--soft)" stroke-width="2.2" vector-effect="non-scaling-stroke" /><circle cx=${length} r=${scale * 0.62} fill="var(--card)" stroke="var(--soft)" stroke-width="1.4" vector-effect="non-scaling-stroke" />
