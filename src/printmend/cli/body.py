@@ -15,6 +15,7 @@ def command(file: Path, printer_name: str, unit: str | None, as_json: bool) -> N
     """Slice FILE (STL, OBJ, 3MF, PLY) or read it (G-code), and list its layers: height, points, extruding points."""
     from printmend.body import load_body
     from printmend.printer import read_printer
+    from printmend.units import counted
 
     body = load_body(file, read_printer(printer_name), unit=unit, note=lambda text: click.echo(text, err=True))
     rows = [(layer.index, layer.z_mm, layer.transitions, int(layer.extruding.sum())) for layer in body.layers]
@@ -26,4 +27,4 @@ def command(file: Path, printer_name: str, unit: str | None, as_json: bool) -> N
     click.echo(f"{'layer':>6} {'z/mm':>8} {'points':>9} {'extruding':>10}")
     for index, z_mm, points, extruding in rows:
         click.echo(f"{index:>6} {z_mm:>8.2f} {points:>9} {extruding:>10}")
-    click.echo(f"{body.name}: {len(rows)} layers, {body.transitions} points")
+    click.echo(f"{body.name}: {counted(len(rows), 'layer')}, {body.transitions} points")

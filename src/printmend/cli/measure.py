@@ -65,6 +65,8 @@ def command(
         return
     if not scans:
         raise click.UsageError("SCAN is an image of the printed probe; without a scanner, say --callipers")
+    import numpy as np
+
     from printmend.measure import write_trace
     from printmend.measure.measurement import measure_scans
 
@@ -77,7 +79,8 @@ def command(
         click.echo(note)
     if len(missing := measurement.missing):
         click.echo(f"not found: {', '.join(map(str, missing.tolist()))} (numbers of the marks in {plan_path})")
-    click.echo(f"{output}: {len(plan) - len(missing)} measured marks")
+    found = int(np.isfinite(measurement.measured_mm).all(axis=1).sum())
+    click.echo(f"{output}: {found} measured marks")
 
 
 def _measure_layer(

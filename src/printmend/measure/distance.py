@@ -39,16 +39,23 @@ def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | N
     return one, other
 
 
-def asked(plan: ProbePlan, span: tuple[int, int], measured_mm: np.ndarray, dot_mm: float) -> str:
-    """Say which distance would settle the scale."""
+def open_scale(scale: str) -> str:
+    """Say whose scale a picture has, in a sentence that goes on with what would settle it; ``scale`` is where it came
+    from, in words."""
+    whose = "the printed sheet's" if "tags" in scale else "the paper's" if "paper" in scale else "the scanner's"
+    return (
+        f"the scale is {whose}: it may be off by 0.1 to 0.2 %, and a fault of the printer as small stays out. To "
+        "settle it, measure"
+    )
+
+
+def asked(plan: ProbePlan, span: tuple[int, int], measured_mm: np.ndarray, dot_mm: float, scale: str) -> str:
+    """Say which distance would settle the ``scale``, which came from where these words say."""
     across = math.dist(*measured_mm[list(span)]) + dot_mm
     one, other = (f"dot {at} (X{plan.marks_mm[at, 0]:.0f} Y{plan.marks_mm[at, 1]:.0f})" for at in span)
     if len(plan.sheets) > 1:
         other += f" of sheet {plan.sheet_of[span[0]] + 1}"
-    return (
-        "the scale is the scanner's: it may be off by 0.1 to 0.2 %, and a fault of the printer as small stays out. To "
-        f"settle it, measure from {one} to {other}, outer edges, and give --distance {across:.2f} or what it is"
-    )
+    return f"{open_scale(scale)} from {one} to {other}, outer edges, and give --distance {across:.2f} or what it is"
 
 
 def scaled_by(

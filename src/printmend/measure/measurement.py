@@ -22,7 +22,7 @@ JOINED = 0.85  # of all marks: where a scan shows fewer, each shows a part of th
 DISAGREEMENT = 6.0  # standard deviations between two scans of one mark: one of them saw dirt
 OVERLAY_PX = 3000  # of the longer side of the picture that shows what was found
 ENLARGED = (1, 2, 5, 10, 20, 50)
-FOUND, MISSING, ERROR = (60, 170, 60), (40, 40, 230), (230, 120, 30)
+FOUND, MISSING, ERROR, RULER = (60, 170, 60), (40, 40, 230), (230, 120, 30), (170, 30, 150)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def _measured(
             measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
             notes.append(note)
         elif not any(reading.rulers for reading in readings):
-            notes.append(asked(plan, span, measured, float(plan.big_dot_mm)))
+            notes.append(asked(plan, span, measured, float(plan.big_dot_mm), readings[0].scale))
     if plan.pen:  # a circle says where the pen went round, not where it came to rest
         measured[plan.big], sigma[plan.big] = np.nan, np.nan
     return Measurement(plan, measured, sigma, tuple(notes), instrument)
@@ -228,12 +228,16 @@ def draw_overlay(path: Path, reading: Reading) -> None:
         else:
             place = (wanted[mark] // 16).tolist()
             cv2.drawMarker(picture, place, MISSING, cv2.MARKER_TILTED_CROSS, int(2 * scale) + 3, 2 * thick)
+    for ruler in reading.rulers:
+        corners = np.rint((ruler.corners_mm / reading.mm_per_px * factor) * 16).astype(int)
+        cv2.polylines(picture, [corners], True, RULER, 2 * thick, cv2.LINE_AA, 4)
     lost = int((~found).sum())
     shown = "true to size" if enlarged == 1 else f"enlarged {enlarged} times"
     items = [
         (f"found: {int(found.sum())} of {len(found)} dots", FOUND),
         (f"how far each lies off, {shown}", ERROR),
         *([(f"not found: {lost}", MISSING)] if lost else []),
+        *((f"ruler: {ruler.lines} lines, {ruler.length_mm:.0f} mm", RULER) for ruler in reading.rulers),
     ]
     picture = with_legend(picture, items)
     write_image(path, picture, dpi=float(MM_PER_INCH * scale))

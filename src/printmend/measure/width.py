@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.measure.distance import LONGEST_MM, NO_INSTRUMENT, inches, settled
+from printmend.measure.distance import LONGEST_MM, NO_INSTRUMENT, inches, open_scale, settled
 from printmend.measure.walls import RASTER_MM, Walls
 from printmend.path import Instrument
 
@@ -70,13 +70,11 @@ def choose_widths(walls: Walls) -> tuple[Width, ...]:
     return tuple(chosen[:MOST_WIDTHS])
 
 
-def widths_asked(widths: Sequence[Width], edge_mm: np.ndarray) -> str:
-    """Say which widths would settle the scale; ``edge_mm`` [S, 2] is where the image shows the walls."""
+def widths_asked(widths: Sequence[Width], edge_mm: np.ndarray, scale: str) -> str:
+    """Say which widths would settle the ``scale``, which came from where these words say; ``edge_mm`` [S, 2] is where
+    the image shows the walls."""
     said = " and ".join(f"{width.words}: --distance {width.across_mm(edge_mm):.2f} or what it is" for width in widths)
-    return (
-        "the scale is the scanner's: it may be off by 0.1 to 0.2 %, and a fault of the printer as small stays out. To "
-        f"settle it, measure with callipers at the scanned side, {said}"
-    )
+    return f"{open_scale(scale)} with callipers at the scanned side, {said}"
 
 
 def scaled_by_widths(

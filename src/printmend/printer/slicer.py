@@ -47,7 +47,7 @@ def profile_of(text: str, *, model: str | None, subject: str) -> Values:
     if technology.upper() != "FFF":
         raise ConfigError(
             subject, wanted="a printer that lays lines of plastic", came=f"a resin printer ({technology})",
-            todo="nothing of it moves in X and Y; name another",
+            todo="name another: nothing of this one moves in X and Y",
         )  # fmt: skip
     return values
 
