@@ -88,10 +88,14 @@ def mark_error_mm(table: np.ndarray, moves: list, printed: list[np.ndarray]) -> 
     return float(np.sqrt(((a @ np.array([[c, s], [-s, c]]) - b) ** 2).mean())), int(known.sum())
 
 
+FEW = 6  # of a way's points, every so many tell where the part lies
+
+
 def placed_error_mm(ideal: list, made: list, way: list[np.ndarray]) -> tuple[float, float, float]:
     """Return RMS and p95 of the contour error with the part's place taken off, and by how much it was off."""
     middles = [bounds_middle(made, way), bounds_middle(ideal, [np.array([m.end_mm]) for m in ideal])]
     shift = middles[1] - middles[0]
+    few = [np.asarray(one)[::FEW] for one in way]
     total = np.zeros(2)
     best = None
     for _ in range(4):  # the middle of the bounds is a rough start; then the mean of what is left
@@ -100,7 +104,7 @@ def placed_error_mm(ideal: list, made: list, way: list[np.ndarray]) -> tuple[flo
         if best is None or rms < best[0]:
             best = (rms, float(np.quantile(error, 0.95)), float(np.hypot(*(shift + total))))
             kept = total.copy()
-        step = np.array([_slope(ideal, made, way, shift + kept, axis) for axis in range(2)])
+        step = np.array([_slope(ideal, made, few, shift + kept, axis) for axis in range(2)])
         total = kept + step
     assert best is not None
     return best
