@@ -25,6 +25,7 @@ def kernel_folder(program: Path, cache: Path, temporary: Path) -> Path | None:
 
 
 def user_cache() -> Path:
+    """Return the folder for what the user's programs keep."""
     return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
 
 

@@ -32,6 +32,8 @@ def follow_tables(tables: Tables, printer: Printer, start: np.ndarray, controls:
 
 
 def joint_step(tables: JointTables, printer: Printer, nominal: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Return how far tables say that a control c [2] moves the carriage from a nominal place [2]: both axes at once."""
+
     def unit(n: np.ndarray, signs: np.ndarray) -> np.ndarray:
         return tables.unit_steps[tables.cells[0][n[0]], tables.cells[1][n[1]], signs[0] + 1, signs[1] + 1]
 

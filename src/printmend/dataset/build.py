@@ -160,10 +160,12 @@ def corruption_file(root: Path, number: int) -> Path:
 
 
 def body_file(root: Path, name: str) -> Path:
+    """Return where the body of that name lies in a data set."""
     return Path(root) / "bodies" / f"{name}.parquet"
 
 
 def print_file(root: Path, name: str, number: int) -> Path:
+    """Return where the print of a body by the broken printer of that number lies in a data set."""
     return Path(root) / "prints" / f"corruption={number:04d}" / f"{name}.parquet"
 
 

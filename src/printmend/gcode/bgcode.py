@@ -140,6 +140,7 @@ def write_like(source: Path, handle: IO[bytes], texts: Iterable[bytes | memoryvi
 
 
 def no_gcode(name: str) -> GcodeError:
+    """Return the error of a binary file that holds no G-code."""
     return GcodeError(name, wanted="bgcode with a G-code block", came="none", todo="give a sliced file")
 
 

@@ -166,6 +166,7 @@ def _whole_lines(pieces: Iterable[bytes], name: str) -> Iterator[np.ndarray]:
 
 
 def endless_line(name: str) -> GcodeError:
+    """Return the error of a file that has a line too long for G-code."""
     came = f"a line of more than {MAX_LINE_BYTES} bytes"
     return GcodeError(name, wanted="G-code in lines", came=came, todo=_TODO)
 

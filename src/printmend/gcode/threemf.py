@@ -23,6 +23,7 @@ BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, NotImpl
 
 
 def broken(name: str, error: Exception) -> GcodeError:
+    """Return the error of a project that is no intact archive."""
     return GcodeError(name, wanted="an intact .gcode.3mf", came=f"a broken zip ({error})", todo=_TODO)
 
 

@@ -23,7 +23,7 @@ _NEAR_MM, _STRETCH_RATIO = 5.0, 8  # of path before and after a stretch of filam
 
 
 def judge_gcode(source: str | Path, output: str | Path, twin: Twin) -> Prediction:
-    """Print ``source`` and ``output``, the file that was made from it, on a twin: how far is each from what was wanted?
+    """Print ``source`` and ``output``, the file made from it, on a twin, and say how far each is from what was wanted.
 
     The result's ``before`` is of the source, ``after`` of the output. Skipped teeth and lost steps, which no file can
     mend, are left out. Raises `InputError` for a twin with a gain table, which has no place for way-points, and

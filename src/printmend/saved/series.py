@@ -44,6 +44,6 @@ class ScrewSeries:
 
 
 def waves_of(place_mm: np.ndarray, period_mm: float, harmonics: int) -> np.ndarray:
-    """Return sin and cos [N, 2·harmonics] of the turns at places [N]: sin θ, cos θ, sin 2θ, …"""
+    """Return the columns [N, 2·harmonics] sin θ, cos θ, sin 2θ, … of the turns at places [N]."""
     angle = np.asarray(place_mm, float)[:, None] * (TURN_RAD / period_mm) * np.arange(1, harmonics + 1)
     return np.stack([np.sin(angle), np.cos(angle)], axis=2).reshape(len(angle), -1)

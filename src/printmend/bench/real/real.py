@@ -111,6 +111,7 @@ class RealRow:
 
 
 def read_row(name: str) -> RealRow:
+    """Return the row of the real data's table that a result names."""
     return RealRow(name)
 
 
