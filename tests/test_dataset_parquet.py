@@ -16,11 +16,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import trimesh
+from click.testing import CliRunner
 
 from printmend.bench.table1 import dataset_cases
 from printmend.bench.trial import evaluate
 from printmend.body.mesh import read_solid
 from printmend.body.solid import stl_bytes
+from printmend.cli.main import group
 from printmend.corruption import read_corruption
 from printmend.dataset import build as builder
 from printmend.dataset.build import Recipe, body_file, build_dataset, corruption_file, print_file, read_lines
@@ -245,6 +247,9 @@ def test_what_does_not_fit_is_refused(data: Path, sources: list[Path], tmp_path:
     with pytest.raises(InputError, match="wanted corruptions 2, as the build began"):
         build_dataset(data, sources, Recipe(3, RECIPE.families, "damaged", 3), Serial())
     (tmp_path / "notes.txt").write_text("mine")
+    asked = ["dataset", "build", "--bodies", "generated:1", "--families", "nope", "-o", str(tmp_path / "none")]
+    assert "nope" in str(CliRunner().invoke(group, asked).exception)
+    assert not list(tmp_path.glob("none*"))  # no bodies were made for it
     with pytest.raises(InputError, match="holds something"):
         build_dataset(tmp_path, sources, RECIPE, Serial())
     with pytest.raises(InputError, match="the folder of a data set"):

@@ -50,9 +50,10 @@ def build(
 
     from printmend.cli.progress import progress
     from printmend.dataset.bodies import body_files
-    from printmend.dataset.build import Recipe, build_dataset
+    from printmend.dataset.build import Recipe, build_dataset, check_recipe
 
     recipe = Recipe(corruptions, tuple(families.split(",")), severity, seed, printer, timeout_s=timeout)
+    check_recipe(recipe)  # before bodies are made or fetched
     unread: dict[Path, str] = {}
     made = out.with_name(out.name + "-generated")
     files = body_files(bodies, made=made, seed=seed, licence=licence, left_out=unread.__setitem__)

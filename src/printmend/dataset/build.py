@@ -68,6 +68,19 @@ class _Task:
     recipe: Recipe
 
 
+def check_recipe(recipe: Recipe) -> None:
+    """Raise `InputError` for a printer or a family that is not known, and for too many corruptions or none."""
+    from printmend.corruption.sample import check_family
+
+    check_preset(recipe.printer)
+    for family in recipe.families:
+        check_family(family)
+    if not 1 <= recipe.corruptions <= MAX_CORRUPTIONS:
+        raise InputError(
+            "--corruptions", wanted=f"1 to {MAX_CORRUPTIONS}", came=f"{recipe.corruptions}", todo="correct it"
+        )
+
+
 def build_dataset(
     root: Path,
     files: Sequence[Path],
@@ -84,15 +97,7 @@ def build_dataset(
     that cannot be sliced, or whose worker dies, is a failure with its reason, as is each of the ``unread`` files, whose
     reasons are known. Raises `InputError` where ``root`` holds something else or was begun otherwise.
     """
-    from printmend.corruption.sample import check_family
-
-    check_preset(recipe.printer)
-    for family in recipe.families:
-        check_family(family)
-    if not 1 <= recipe.corruptions <= MAX_CORRUPTIONS:
-        raise InputError(
-            "--corruptions", wanted=f"1 to {MAX_CORRUPTIONS}", came=f"{recipe.corruptions}", todo="correct it"
-        )
+    check_recipe(recipe)
     root = Path(root).absolute()  # workers may run elsewhere
     _begin(root, recipe)
     done = {line["identity"] for name in (BODIES, FAILURES) for line in read_lines(root / name)}
