@@ -281,7 +281,6 @@ export class View {
     if (!width || !height) return;
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
-    this.camera.setViewOffset(width, height, 0, -0.04 * height, width, height); // below the buttons
     this.uniforms.minimum.value = 0.55 * Math.tan((this.camera.fov * Math.PI) / 360) / height * 2;
     this.camera.updateProjectionMatrix();
     this.draw();

@@ -23,13 +23,14 @@ export function t(key, values = {}) {
 
 const sure = (english) => english.replace(/\{\w+\}/g, "").length; // what says more of itself is looked at first
 const patternsOf = (rows) => rows.map(([english, german, ours]) => [new RegExp(`^${english.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>[^;]+?)")}$`), language === "de" ? german : ours ?? english]);
-const patterns = patternsOf(sentences), misfits = patternsOf([...errors, ...sentences].sort(([a], [b]) => sure(b) - sure(a)));
+const once = (make) => { let made; return () => (made ??= make()); }; // not before somebody reads what the program says
+const patterns = once(() => patternsOf(sentences)), misfits = once(() => patternsOf([...errors, ...sentences].sort(([a], [b]) => sure(b) - sure(a))));
 const plainly = (value) => language !== "de" ? value : words[value] ?? (/^[-+±]?\d+\.\d+( ?[%°a-z]+)?$/.test(value) ? value.replace(".", ",") : value);
 function ours(text, all) {
   for (const [pattern, into] of all) {
     const found = pattern.exec(text);
     // a part may be a sentence itself, as what a scan's scale is known from
-    if (found) return into.replace(/\{(\w+)\}/g, (_, name) => { const part = found.groups[name], whole = plainly(part); return whole === part && part !== text ? ours(part, patterns.filter(([one]) => one !== pattern)) ?? part : whole; });
+    if (found) return into.replace(/\{(\w+)\}/g, (_, name) => { const part = found.groups[name], whole = plainly(part); return whole === part && part !== text ? ours(part, patterns().filter(([one]) => one !== pattern)) ?? part : whole; });
   }
   return null;
 }
@@ -38,8 +39,8 @@ function ours(text, all) {
 export function said(text) {
   const plain = text.replaceAll("`", "");
   for (const [english, into] of before) if (language === "de" && plain.startsWith(english) && plain !== english) { const rest = plain.slice(english.length); return into + said(rest[0].toUpperCase() + rest.slice(1)); }
-  const clauses = (one) => ours(one, patterns) ?? one.split("; ").map((each) => ours(each, patterns) ?? each).join("; ");
-  return ours(plain, patterns) ?? plain.split(/(?<=[.:]) (?=[A-Z])/).map(clauses).join(" ");
+  const clauses = (one) => ours(one, patterns()) ?? one.split("; ").map((each) => ours(each, patterns()) ?? each).join("; ");
+  return ours(plain, patterns()) ?? plain.split(/(?<=[.:]) (?=[A-Z])/).map(clauses).join(" ");
 }
 
 // The same, where it stands alone.
@@ -48,8 +49,8 @@ export const sentence = (text) => said(text).replace(/^\p{Ll}+ /u, (word) => wor
 // Why something did not work: what was wanted, what came, what to do.
 export function why(text) {
   const plain = text.replaceAll("`", ""), found = /^(?:(.*?): )?wanted (.*?), got (.*?); (.+)$/s.exec(plain);
-  if (!found) return ours(plain, misfits) ?? plain;
-  const [subject, wanted, came, todo] = found.slice(1).map((part) => part && (ours(part, misfits) ?? plainly(part)));
+  if (!found) return ours(plain, misfits()) ?? plain;
+  const [subject, wanted, came, todo] = found.slice(1).map((part) => part && (ours(part, misfits()) ?? plainly(part)));
   return t("why", { subject: subject ? `${subject}: ` : "", wanted, came, todo: `${todo[0].toUpperCase()}${todo.slice(1)}${/[.?!]$/.test(todo) ? "" : "."}` });
 }
 
