@@ -23,8 +23,14 @@ export function Mend({ printer, changed }) {
   const running = rows.some((row) => row.id && !ended(row));
   useEffect(() => { // how those go on that are not shown
     if (!running) return undefined;
-    const look = setInterval(() => get(`/jobs?printer=${printer.id}`).then((jobs) => { const now = new Map(jobs.map((job) => [job.id, job.state])); setRows((old) => old.map((row) => ({ ...row, state: now.get(row.id) ?? row.state }))); }, () => {}), 1500);
-    return () => clearInterval(look);
+    let timer, stopped = false;
+    const later = () => { timer = setTimeout(look, 1500); };
+    const look = () => get(`/jobs?printer=${printer.id}`).then((jobs) => {
+      const now = new Map(jobs.map((job) => [job.id, job.state]));
+      if (!stopped) setRows((old) => old.map((row) => ({ ...row, state: now.get(row.id) ?? row.state })));
+    }, () => {}).then(() => stopped || later());
+    later();
+    return () => { stopped = true; clearTimeout(timer); };
   }, [running]);
   const take = async (files) => {
     setError(null);
