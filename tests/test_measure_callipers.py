@@ -69,6 +69,7 @@ def test_noise_free_distances_give_the_fault_back(case):
             item = values[f"{motor} {name}"]
             assert abs(item.value - truth) < max(1.5 * item.sd, 1e-3)
     assert abs(values["skew"].value - 0.005) < 1.5 * values["skew"].sd
+    assert values["skew"].corrected  # on a CoreXY, too, where two opposite scales would look the same
 
 
 def test_the_uncertainties_are_honest(case):

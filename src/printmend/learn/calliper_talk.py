@@ -43,7 +43,7 @@ def talk(
     skipped: list[int] = []
     doubted: float | None = None
     while True:
-        covariance = _known(features, taken)
+        covariance = _known(plan, features, taken)
         used = [one for one, _, _ in taken] + skipped
         if len(used) == len(pairs):
             break
@@ -95,8 +95,8 @@ def _doubt(value: float, wanted: float) -> str:
     )
 
 
-def _known(features: np.ndarray, taken: list[tuple[int, float, bool]]) -> np.ndarray:
-    covariance = prior_covariance()
+def _known(plan: ProbePlan, features: np.ndarray, taken: list[tuple[int, float, bool]]) -> np.ndarray:
+    covariance = prior_covariance(plan)
     for one, _, inner in taken:
         row = features[one] * np.append(np.ones(features.shape[1] - 1), -1.0 if inner else 1.0)
         gain = covariance @ row

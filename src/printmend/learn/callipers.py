@@ -32,6 +32,7 @@ OWNERS_WORDS = {
 }  # fmt: skip
 PRIOR_SD = (0.05, 0.6, 0.4, 0.4)  # their prior standard deviations: 1, then mm
 SKEW_SD, WIDTH_SD_MM = 0.01, 0.2  # prior standard deviations of tan γ and of the dots' width
+UNLIKE_SD = 1e-4  # of the difference of a CoreXY's two scales
 SUPPORTED_SHARE = 0.5  # an estimate is the distances' own if its standard deviation is below this share of the prior's
 SEEN_SIGMAS = 3.0  # an estimate within so many standard deviations of 0 is not corrected
 
@@ -82,7 +83,7 @@ def choose_distances(plan: ProbePlan) -> Distances:
     """Choose at most twelve distances between large dots that tell most about the machine."""
     pairs = measurable_pairs(plan)
     features = _features(plan, pairs, plan.marks_mm)
-    covariance = np.diag(_prior_sd() ** 2)
+    covariance = prior_covariance(plan)
     chosen: list[int] = []
     for _ in range(MOST_DISTANCES):
         best, covariance = most_telling(features, covariance, chosen)
@@ -209,14 +210,15 @@ def estimate(distances: Distances, readings_mm: np.ndarray) -> tuple[Estimate, .
     plan, pairs = distances.plan, distances.pairs[known]
     prior_sd = _prior_sd()
     values = np.zeros(len(prior_sd))
-    covariance = np.diag(prior_sd**2)
+    covariance = prior_covariance(plan)
+    prior = np.linalg.inv(covariance)
     for _ in range(4):  # the distance bends a little with the errors themselves
         moved = plan.marks_mm + _errors_mm(plan, values)
         side = np.where(distances.inner[known], -1.0, 1.0)
         across = np.hypot(*(moved[pairs[:, 1]] - moved[pairs[:, 0]]).T) + side * (plan.big_dot_mm + values[-1])
         features = _features(plan, pairs, moved)
         features[:, -1] = side
-        normal = features.T @ features / READING_SD_MM**2 + np.diag(prior_sd**-2)
+        normal = features.T @ features / READING_SD_MM**2 + prior
         covariance = np.linalg.inv(normal)
         values = covariance @ (features.T @ (readings_mm[known] - across + features @ values)) / READING_SD_MM**2
     sd = np.sqrt(np.diag(covariance))
@@ -249,9 +251,17 @@ def mechanism(estimates: Sequence[Estimate], printer: Printer) -> Mechanism:
     return Mechanism(printer, (transmissions[0], transmissions[1]), Frame(coefficients, scale_mm)).homed()
 
 
-def prior_covariance() -> np.ndarray:
-    """Return the covariance [10, 10] of the unknowns before anything was measured."""
-    return np.diag(_prior_sd() ** 2)
+def prior_covariance(plan: ProbePlan) -> np.ndarray:
+    """Return the covariance [10, 10] of the unknowns before anything was measured.
+
+    On a CoreXY two opposite scales are a skew and a turn, which no distance shows: there the scales count as alike, and
+    the skew, which is likelier, has all of it.
+    """
+    covariance = np.diag(_prior_sd() ** 2)
+    if plan.kinematics == "corexy":
+        scales = (0, len(NAMES))
+        covariance[scales, scales[::-1]] = PRIOR_SD[0] ** 2 - UNLIKE_SD**2 / 2
+    return covariance
 
 
 def slopes(plan: ProbePlan, pairs: np.ndarray) -> np.ndarray:
