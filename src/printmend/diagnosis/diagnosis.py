@@ -37,19 +37,21 @@ class Fault:
 class Doubt:
     """What all points of a measurement share and no fit can see: standard deviations added to the fit's own.
 
-    ``scale_percent`` of the measured lengths, ``skew_deg`` of its axes, ``wave_mm`` of a slow unevenness.
+    ``scale_percent`` of the measured lengths, ``skew_deg`` of its axes, ``wave_mm`` of a slow unevenness. ``placed``
+    says whether the measurement tells where on the bed things lie: else a shift of all of it is its own, and no fault.
     """
 
     scale_percent: float = 0.0
     skew_deg: float = 0.0
     wave_mm: float = 0.0
+    placed: bool = True
 
 
 def doubt_of(trace: Trace) -> Doubt:
     """Return the doubt about a trace that its instrument brings in."""
     unsure = trace.instrument_doubt
     percent = 100 * float(np.hypot(unsure.scale_sd, unsure.axes_sd))
-    return Doubt(percent, float(np.degrees(2 * unsure.lean_sd)), unsure.wave_mm)
+    return Doubt(percent, float(np.degrees(2 * unsure.lean_sd)), unsure.wave_mm, trace.placed)
 
 
 @dataclass(frozen=True)
@@ -198,7 +200,7 @@ def _rest(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     if structure.offset and not (structure.scale or structure.pulley != "none" or structure.play != "none" or faults):
         part = drive.choice.design.parts["mean_powers"]
         value, sd = float(branches.mean.powers_mm[0]), float(_sds(drive)[part][0])
-        if abs(value) > LEAST_FAULT_MM:
+        if doubt.placed and abs(value) > LEAST_FAULT_MM:
             faults.append(_fault(drive, "offset", value, sd, f"shifted by {amount(value, sd)}"))
     return faults
 
