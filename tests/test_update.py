@@ -89,7 +89,9 @@ def test_a_healthy_printer_stays_healthy_after_a_small_print() -> None:
     healthy = Corruption((Drive(), Drive()))
     for seed in (4, 5):
         before = learn_model(printed(healthy, 300, seed, small=False), ENDER3)
-        model = update(before, printed(healthy, 60, seed + 10), rng=np.random.default_rng(0)).model
+        again = update(before, printed(healthy, 60, seed + 10), rng=np.random.default_rng(0))
+        model = again.model
+        assert again.anew == ()  # a healthy motor that stays healthy was not replaced
         assert before.findings[0] == model.findings[0] == "X healthy; Y healthy"
         at = np.linspace(0, 220, 50)
         for table in model.mechanism.transmissions:

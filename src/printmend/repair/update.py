@@ -243,8 +243,13 @@ def _is_other(rows: Rows, past: Remembered, fresh: Choice, updated: Choice) -> b
     if ratio < (1.0 if resized else REPLACED):
         return True
     refuted = _loss_mm(past, past.values, rows) > REFUTED_RATIO * fresh.fit.loss_mm
-    healthy = fresh.structure.pulley == "none" and fresh.structure.play == "none"
-    return healthy and refuted and ratio < 1.25
+    if _is_healthy(updated):  # another scanner's scale refutes a healthy motor, too, and is no other part
+        return False
+    return _is_healthy(fresh) and refuted and ratio < 1.25
+
+
+def _is_healthy(choice: Choice) -> bool:
+    return choice.structure.pulley == "none" and choice.structure.play == "none"
 
 
 def _loss_mm(past: Remembered, values: np.ndarray, rows: Rows) -> float:
