@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,7 +10,6 @@ from printmend.files import replacing
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan
-from printmend.measure.walls import RASTER_MM, Walls
 from printmend.pdf import BLACK, BLUE, GREY, PALE, RED, Page
 from printmend.printer import Printer
 from printmend.probe.gcode import cost
@@ -17,6 +17,9 @@ from printmend.probe.net import strokes_of
 from printmend.probe.paper import Paper, first_touch_mm
 from printmend.probe.probe import gcode_of
 from printmend.units import A4_MM
+
+if TYPE_CHECKING:
+    from printmend.measure.walls import Walls
 
 LEFT_MM, TOP_MM = 20.0, 22.0  # of the page; all above 260 mm, so that letter paper shows it, too
 BED_MM, GLASS_MM = 88.0, 62.0  # the longer side of the drawn bed, and of the drawn glass
@@ -107,10 +110,13 @@ def _scanned(plan: ProbePlan, papers: Sequence[Paper]) -> str:
     return "Scan the plate, dots down, a cloth over it where the lid stays open,"
 
 
-def write_layer_leaflet(gcode: Path, part: Program, printer: Printer | None, named: str | None, walls: Walls) -> Path:
+def write_layer_leaflet(
+    gcode: Path, part: Program, printer: Printer | None, named: str | None, walls: "Walls | None"
+) -> Path:
     """Write the page of a part's first layer; return its path. Without a printer only the part is drawn.
 
-    ``walls`` are those of the layer: what is no part of them (a skirt, a purge line) is drawn paler.
+    ``walls`` are those of the layer: what is no part of them (a skirt, a purge line) is drawn paler. None where OpenCV,
+    which finds them, is not installed.
     """
     moves = straightened(part.moves, CHORD_MM)
     drawn = np.flatnonzero(moves.extruding & (moves.layer >= 0) & moves.known[:, :2].all(axis=1))
@@ -119,10 +125,12 @@ def write_layer_leaflet(gcode: Path, part: Program, printer: Printer | None, nam
     strokes = [
         np.vstack([moves.start_mm[run[:1], :2], moves.end_mm[run, :2]]) for run in np.split(drawn, breaks)
     ]  # fmt: skip
-    own = [stroke for stroke in strokes if _on_part(stroke, walls)]
+    is_part = [walls is None or _on_part(stroke, walls) for stroke in strokes]
+    own = [stroke for stroke, part_of in zip(strokes, is_part, strict=True) if part_of]
+    others = [stroke for stroke, part_of in zip(strokes, is_part, strict=True) if not part_of]
     page = Page()
     _title(page, "Your test print, the first layer of a part", f"{gcode.name}: made from {Path(part.name).name}")
-    _bed(page, printer, own, np.empty((0, 2)), others_mm=[one for one in strokes if not _on_part(one, walls)])
+    _bed(page, printer, own, np.empty((0, 2)), others_mm=others)
     every = np.vstack(own or strokes)
     low = every.min(axis=0)
     _glass(page, "The layer, the side that lay on the bed down", (np.ptp(every, axis=0), [one - low for one in own]))
@@ -145,8 +153,10 @@ def write_layer_leaflet(gcode: Path, part: Program, printer: Printer | None, nam
     return _written(gcode, page, steps)
 
 
-def _on_part(stroke_mm: np.ndarray, walls: Walls) -> bool:
+def _on_part(stroke_mm: np.ndarray, walls: "Walls") -> bool:
     """Say whether a stroke [N, 2] lies on the plastic of the part."""
+    from printmend.measure.walls import RASTER_MM
+
     middle = (stroke_mm[1:] + stroke_mm[:-1]) / 2
     pixel = np.rint((middle - walls.corner_mm) / RASTER_MM).astype(int)
     pixel = np.clip(pixel, 0, np.array(walls.plastic.shape[::-1]) - 1)
