@@ -43,10 +43,13 @@ def draw_histogram(axes: Axes, rmse_steps: np.ndarray, *, name: str, clip: float
 def draw_log_histogram(axes: Axes, rmse_steps: Mapping[str, np.ndarray], *, bins: int = 40) -> Axes:
     """Draw every model's RMSE [steps] unclipped over one logarithmic axis, a strip a model, its median marked.
 
-    Each strip is scaled to its own height; the numbers on the right are the medians."""
+    Each strip is scaled to its own height; the numbers on the right are the medians. What is below a hundredth of the
+    median of all counts in the first bar: one body without an error would press all others together."""
     everything = np.concatenate([np.asarray(values, float) for values in rmse_steps.values()])
     positive = everything[everything > 0]
-    low, high = (positive.min(), positive.max()) if len(positive) else (0.1, 1.0)
+    low, high = 0.1, 1.0
+    if len(positive):
+        low, high = max(positive.min(), np.median(positive) / 100), positive.max()
     edges = np.geomspace(low / 1.05, high * 1.05, bins + 1)
     counts = [np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0] for values in rmse_steps.values()]
     strips = np.arange(len(counts))[::-1]
