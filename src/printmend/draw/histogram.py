@@ -49,7 +49,7 @@ def draw_log_histogram(axes: Axes, rmse_steps: Mapping[str, np.ndarray], *, bins
     positive = everything[everything > 0]
     low, high = 0.1, 1.0
     if len(positive):
-        low, high = max(positive.min(), np.median(positive) / 100), positive.max()
+        low, high = max(float(positive.min()), float(np.median(positive)) / 100), float(positive.max())
     edges = np.geomspace(low / 1.05, high * 1.05, bins + 1)
     counts = [np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0] for values in rmse_steps.values()]
     strips = np.arange(len(counts))[::-1]
