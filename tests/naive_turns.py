@@ -2,8 +2,8 @@
 
 import numpy as np
 
-EPS_MM, FLAT_MM, LEAST_MM, FLATTEST, GENTLE, UNCUT = 0.005, 2e-4, 0.08, 0.5, 0.5, 0.75
-STEEP, STEEPEST, SHARP, FAR, SLANT, SIDEWAYS_MM = 8.0, 16.0, 0.5, 4.0, 1.5, 0.01
+EPS_MM, FLAT_MM, LEAST_MM, FLAT_CROSSING, GENTLE_CROSSING, UNCUT_CROSSING = 0.005, 2e-4, 0.08, 0.5, 0.5, 0.75
+FASTEST_ON_CURVE, FASTEST_AT_CORNER, CORNER_SLOPE, LEAST_FALL, ASLANT, SIDEWAYS_MM = 8.0, 16.0, 0.5, 4.0, 1.5, 0.01
 UPRIGHT, AGREED_MM = 0.8, 0.02
 PITCH_MM, NEAR_MM = 2e-4, 0.005
 
@@ -25,22 +25,24 @@ def turns(
         elif trend and trend * (belt_mm[at] - belt_mm[i]) > 2 * EPS_MM:
             way = s_mm[: i + 1], belt_mm[: i + 1], at, trend
             begin, end = stretch(*way, FLAT_MM, floor)
-            if slack_mm > FLATTEST * (end - begin):
+            if slack_mm > FLAT_CROSSING * (end - begin):
                 begin, end = stretch(*way, EPS_MM, floor)
-            if slack_mm > GENTLE * (end - begin):
+            if slack_mm > GENTLE_CROSSING * (end - begin):
                 begin, end = stretch(*way, 2 * EPS_MM, floor)
             inside = s_mm[(s_mm >= begin) & (s_mm <= end)]
             first, last = (inside.min(), inside.max()) if inside.size else (end, begin)
             choices = [(first, last), *sorted([(first, end), (begin, last)], key=lambda c: c[0] - c[1])]
-            uncut = [c for c in choices if c[1] > c[0] and slack_mm <= UNCUT * (c[1] - c[0])]
+            uncut = [c for c in choices if c[1] > c[0] and slack_mm <= UNCUT_CROSSING * (c[1] - c[0])]
             side = corner_side(*way, other_mm[: i + 1], floor)
             falls = [abs((belt_mm[at] - belt_mm[b]) / (s_mm[at] - s_mm[b])) for b in (at - 1, at + 1)]
-            steep = slack_mm > UNCUT * (end - begin)
+            steep = slack_mm > UNCUT_CROSSING * (end - begin)
             corner = np.inf
-            if steep and (min(falls) >= SHARP or max(falls) >= UPRIGHT or slack_mm > STEEP * (end - begin)):
+            if steep and (
+                min(falls) >= CORNER_SLOPE or max(falls) >= UPRIGHT or slack_mm > FASTEST_ON_CURVE * (end - begin)
+            ):
                 begin, end = side
                 corner = s_mm[at]
-                if slack_mm > STEEPEST * (end - begin) or end - begin + slack_mm < LEAST_MM:
+                if slack_mm > FASTEST_AT_CORNER * (end - begin) or end - begin + slack_mm < LEAST_MM:
                     begin = end = s_mm[at]
                 rounded = around(*way, other_mm[: i + 1], slack_mm, floor)
                 begin, end = rounded if rounded else (begin, end)
@@ -62,14 +64,17 @@ def agreed(
     """
     corners = {turn[3] for turn in others} - {np.inf}
     slope = np.abs(np.diff(belts_mm, axis=0) / np.diff(s_mm)[:, None]).min(axis=1)  # [N - 1], of the flatter belt
-    sharp = {s_mm[a] for a in range(1, len(slope)) if min(slope[a - 1], slope[a]) >= SHARP}
+    sharp = {s_mm[a] for a in range(1, len(slope)) if min(slope[a - 1], slope[a]) >= CORNER_SLOPE}
     found = []
     for i, turn in enumerate(turns_):
         if turn[3] in corners & sharp:
             end = turn[3] + AGREED_MM
             after = [turns_[i + 1][0]] if i + 1 < len(turns_) else []
             after += [other[0] for other in others if other[3] > turn[3] and other[0] >= turn[3]]
-            if end > min([s_mm[s_mm > turn[3]].min(), *after]) or not LEAST_MM <= most_mm <= STEEPEST * AGREED_MM:
+            if (
+                end > min([s_mm[s_mm > turn[3]].min(), *after])
+                or not LEAST_MM <= most_mm <= FASTEST_AT_CORNER * AGREED_MM
+            ):
                 end = turn[3]
             turn = (turn[3], end, turn[2], turn[3])
         found.append(turn)
@@ -104,12 +109,12 @@ def around(
         (abs(belt_mm[at] - belt_mm[b]), abs(other_mm[at] - other_mm[b])) for b in (at - 1, at + 1)
     )
     aslant = [np.hypot(f, a) / max(a, 1e-9) for f, a in ((fall_in, across_in), (fall_out, across_out))]
-    drop, tip = 2 * EPS_MM * min(SLANT, aslant[1]), 2 * EPS_MM * min(SLANT, *aslant)
-    if min(fall_in, fall_out) < FAR * tip or tip * across_in / fall_in < SIDEWAYS_MM or slack_mm < LEAST_MM:
+    drop, tip = 2 * EPS_MM * min(ASLANT, aslant[1]), 2 * EPS_MM * min(ASLANT, *aslant)
+    if min(fall_in, fall_out) < LEAST_FALL * tip or tip * across_in / fall_in < SIDEWAYS_MM or slack_mm < LEAST_MM:
         return None
     begin = s_mm[at] - tip * (s_mm[at] - s_mm[at - 1]) / fall_in
     end = s_mm[at] + (tip + drop) * (s_mm[at + 1] - s_mm[at]) / fall_out
-    return (begin, end) if begin >= floor_mm and slack_mm <= STEEPEST * (end - begin) else None
+    return (begin, end) if begin >= floor_mm and slack_mm <= FASTEST_AT_CORNER * (end - begin) else None
 
 
 def corner_side(
@@ -121,10 +126,10 @@ def corner_side(
         if not 0 <= beside < len(s_mm) or (beside < at and s_mm[at] <= floor_mm):
             continue
         fall, across = abs(belt_mm[beside] - belt_mm[at]), abs(other_mm[beside] - other_mm[at])
-        aslant = 2 * EPS_MM * min(SLANT, np.hypot(fall, across) / max(across, 1e-9))
+        aslant = 2 * EPS_MM * min(ASLANT, np.hypot(fall, across) / max(across, 1e-9))
         drop = aslant if fall > aslant else 2 * EPS_MM
         if beside > at > 0 and s_mm[at] > floor_mm and fall > drop + 2 * EPS_MM:  # the tip is not reached either
-            drop += 2 * EPS_MM if abs(belt_mm[at - 1] - belt_mm[at]) > FAR * 2 * EPS_MM else 0.0
+            drop += 2 * EPS_MM if abs(belt_mm[at - 1] - belt_mm[at]) > LEAST_FALL * 2 * EPS_MM else 0.0
         begin, end = stretch(s_mm, belt_mm, at, trend, drop, floor_mm)
         begin, end = (s_mm[at], end) if beside > at else (begin, s_mm[at])
         sideways = abs(np.interp(end, s_mm, other_mm) - np.interp(begin, s_mm, other_mm))

@@ -1,14 +1,15 @@
 """The one door to the compiler: every kernel is an `entry`, which Python calls, or an `inner`, which only kernels call.
 
 An entry's machine code is kept on disk under a digest of all that went into it: its own code, that of every function
-that it calls in whatever file, and the constants and named tuples that they use. Numba's own key is the date of the
-entry's file, so that after an edit elsewhere the old code would go on running.
+that it calls in whatever file, the constants and named tuples that they use, and how they are compiled. Numba's own
+key is the date of the entry's file, so that after an edit elsewhere the old code would go on running.
 """
 
 import hashlib
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -20,10 +21,12 @@ from numba.core.event import Event, Listener, register
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
-from printmend.compiler import EntryCompiler, InnerCompiler
+from printmend import compiler
 from printmend.shipped import shipped
 
 log = logging.getLogger(__name__)
+
+_HOW = Path(compiler.__file__).read_bytes()  # how kernels are compiled: other code comes of the same kernel
 
 
 class Compilations(Listener):
@@ -57,7 +60,7 @@ def entry(function: Callable | None = None, **options: Any) -> Any:
         return lambda function: entry(function, **options)
     if config.DISABLE_JIT:
         return function
-    compiled = njit(nogil=True, pipeline_class=EntryCompiler, **options)(function)
+    compiled = njit(nogil=True, pipeline_class=compiler.EntryCompiler, **options)(function)
     compiled._cache = _Kept(compiled)
     return compiled
 
@@ -68,7 +71,7 @@ def inner(function: Callable | None = None, **options: Any) -> Any:
         return lambda function: inner(function, **options)
     if config.DISABLE_JIT:
         return function
-    return _Inner(function, targetoptions={"nopython": True, **options}, pipeline_class=InnerCompiler)
+    return _Inner(function, targetoptions={"nopython": True, **options}, pipeline_class=compiler.InnerCompiler)
 
 
 class _Inner(CPUDispatcher):
@@ -115,7 +118,7 @@ def digest(kernel: Any) -> str:
 
     Raises `TypeError` for a kernel that uses a value whose content cannot be told.
     """
-    total = hashlib.sha256(np.__version__.encode())
+    total = hashlib.sha256(np.__version__.encode() + _HOW)
     waiting, seen = [kernel], {id(kernel)}
     while waiting:
         value = waiting.pop()

@@ -59,21 +59,21 @@ from printmend.invert.kernels.state import is_sure, middle
 from printmend.jit import inner
 
 FLAT_MM = 2e-4  # a belt that moves less stands still
-GENTLE = 0.5  # how fast a motor may cross its slack, as a multiple of the nozzle's speed, to be no nearer the limit
-UNCUT = 0.75  # the same, to spare a move from being cut
-FLATTEST = 0.5  # below that the stretch where the belt stands still anyway is long enough
-STEEP = 8.0  # the fastest around a turn that is no corner
-STEEPEST = 16.0  # the fastest at a corner: beyond that the nozzle all but stands, then it may as well
+GENTLE_CROSSING = 0.5  # how fast a motor may cross its slack, in the nozzle's speed, to be no nearer the limit
+UNCUT_CROSSING = 0.75  # … to spare a move from being cut
+FLAT_CROSSING = 0.5  # … at which the stretch where the belt stands still anyway is long enough
+FASTEST_ON_CURVE = 8.0  # … at most around a turn that is no corner
+FASTEST_AT_CORNER = 16.0  # … at most at a corner: beyond that the nozzle all but stands, then it may as well
 SHORTEST_MM = 0.02  # of path: beyond that the nozzle stands
 SIDEWAYS_MM = 0.01  # the least that the other motor moves meanwhile before a corner that is gone around
-SHARP = 0.5  # a corner: on both sides the belt falls by this much a mm of path, or more,
+CORNER_SLOPE = 0.5  # a corner: on both sides the belt falls by this much a mm of path, or more,
 UPRIGHT = 0.8  # or on one of them by this much: there a motor that crosses its slack goes back on the path
 AGREED_MM = 0.02  # of path drawn while both motors cross their slack at one corner: the nozzle does not quite stand
 BACK = 0.98  # a crossing goes straight back on the path: this much of it, or more
 LEAST_SHARE = 0.3  # of that bit of path on which one motor crosses alone
-FAR = 4.0  # times the tolerance: the least that a belt moves towards a tip for it to stop before that
-BEND = 0.6  # of the angle between motor and path behind a corner: how far the command has turned half-way
-SLANT = 1.5  # times the tolerance: how far a belt may be off where that is aslant to the path
+LEAST_FALL = 4.0  # times the tolerance: the least that a belt moves towards a tip for it to stop before that
+BEND_SHARE = 0.6  # of the angle between motor and path behind a corner: how far the command has turned half-way
+ASLANT = 1.5  # times the tolerance: how far a belt may be off where that is aslant to the path
 BOW_MM = 0.002  # how far the nodes of a curved path lie inside it
 MOST_BOWS = 256  # nodes that one curve adds to a path
 
@@ -134,7 +134,7 @@ def _agree(run, n):
             most = max(run[a, TURN_SLACK], run[b, TURN_SLACK])
             end, later0, later1 = corner + AGREED_MM, 0.0, 0.0
             room = min(run[NODE + at + 1, 0], run[a + 1, TURN_BEGIN], run[b + 1, TURN_BEGIN])
-            if end > room or most > STEEPEST * AGREED_MM or most < MIN_PIECE_MM:
+            if end > room or most > FASTEST_AT_CORNER * AGREED_MM or most < MIN_PIECE_MM:
                 end = corner
             else:
                 later0, later1 = _later(run, at, run[a, TURN_SLACK], run[b, TURN_SLACK])
@@ -288,12 +288,12 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
     """
     n = q + 1
     begin, end = _stretch(run, k, at, n, trend, FLAT_MM, floor)
-    if slack > FLATTEST * (end - begin):
+    if slack > FLAT_CROSSING * (end - begin):
         begin, end = _stretch(run, k, at, n, trend, model[M_CHORD], floor)
-    if slack > GENTLE * (end - begin):
+    if slack > GENTLE_CROSSING * (end - begin):
         begin, end = _stretch(run, k, at, n, trend, 2.0 * model[M_CHORD], floor)
     long = end - begin
-    if slack > UNCUT * long and (_is_corner(run, k, at, n) or slack > STEEP * long):
+    if slack > UNCUT_CROSSING * long and (_is_corner(run, k, at, n) or slack > FASTEST_ON_CURVE * long):
         if at == 0:
             return 0  # before the path begins the nozzle may stand
         begin, end, share = _around(model, run, k, at, n, slack, floor)
@@ -303,7 +303,7 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
             run[turn, TURN_SHARE] = share
             return 1
         begin, end, tip = _side(model, run, k, at, n, trend, floor)
-        if slack > STEEPEST * (end - begin) or end - begin + slack < MIN_PIECE_MM:
+        if slack > FASTEST_AT_CORNER * (end - begin) or end - begin + slack < MIN_PIECE_MM:
             return 0
         rise = _belt(run, k, at, n, end) - _belt(run, k, at, n, begin)
         _turn(run, turn, begin, end, -trend, rise, tip, run[NODE + at, 0])
@@ -312,13 +312,13 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
         return 0
     # Where it may begin or end at the end of a move, no move has to be cut.
     first, last = _ends_within(run, at, n, begin, end)
-    if last > first and slack <= UNCUT * (last - first):
+    if last > first and slack <= UNCUT_CROSSING * (last - first):
         begin, end = first, last
-    elif first - begin < end - last and slack <= UNCUT * (end - first):
+    elif first - begin < end - last and slack <= UNCUT_CROSSING * (end - first):
         begin = first
-    elif slack <= UNCUT * (last - begin):
+    elif slack <= UNCUT_CROSSING * (last - begin):
         end = last
-    elif slack <= UNCUT * (end - first):
+    elif slack <= UNCUT_CROSSING * (end - first):
         begin = first
     rise = _belt(run, k, at, n, end) - _belt(run, k, at, n, begin)
     _turn(run, turn, begin, end, -trend, rise, 0.0, np.inf)
@@ -334,7 +334,7 @@ def _falls(run, k, a, most):
 
 @inner(error_model="numpy", _nrt=False)
 def _is_sharp(run, k, at):
-    return _falls(run, k, at - 1, SHARP) and _falls(run, k, at, SHARP)
+    return _falls(run, k, at - 1, CORNER_SLOPE) and _falls(run, k, at, CORNER_SLOPE)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -360,16 +360,16 @@ def _around(model, run, k, at, n, slack, floor):
     fall_out = abs(run[NODE + at, 1 + k] - run[NODE + at + 1, 1 + k])
     across_in = abs(run[NODE + at, 2 - k] - run[NODE + at - 1, 2 - k])
     across_out = abs(run[NODE + at, 2 - k] - run[NODE + at + 1, 2 - k])
-    drop = hold * min(SLANT, norm(fall_out, across_out) / max(across_out, 1e-9))
-    tip = hold * min(SLANT, norm(fall_in, across_in) / max(across_in, 1e-9), drop / hold)
-    if fall_in < FAR * tip or fall_out < FAR * tip or tip * across_in < SIDEWAYS_MM * fall_in:
+    drop = hold * min(ASLANT, norm(fall_out, across_out) / max(across_out, 1e-9))
+    tip = hold * min(ASLANT, norm(fall_in, across_in) / max(across_in, 1e-9), drop / hold)
+    if fall_in < LEAST_FALL * tip or fall_out < LEAST_FALL * tip or tip * across_in < SIDEWAYS_MM * fall_in:
         return corner, corner, 0.0
     begin = corner - tip / fall_in * (corner - run[NODE + at - 1, 0])
     end = corner + (tip + drop) / fall_out * (run[NODE + at + 1, 0] - corner)
-    if begin < floor or slack > STEEPEST * (end - begin) or slack < MIN_PIECE_MM:
+    if begin < floor or slack > FASTEST_AT_CORNER * (end - begin) or slack < MIN_PIECE_MM:
         return corner, corner, 0.0
     way = (tip + drop) * across_out / fall_out
-    rest = way / np.tan(BEND * np.arctan2(across_out, fall_out))
+    rest = way / np.tan(BEND_SHARE * np.arctan2(across_out, fall_out))
     return begin, end, 1.0 - min(rest / (slack + drop), 0.5)
 
 
@@ -389,11 +389,11 @@ def _side(model, run, k, at, n, trend, floor):
         fall = abs(run[NODE + b, 1 + k] - run[NODE + at, 1 + k])
         across = abs(run[NODE + b, 2 - k] - run[NODE + at, 2 - k])
         hold = drop = 2.0 * model[M_CHORD]
-        aslant = hold * min(SLANT, norm(fall, across) / max(across, 1e-9))
+        aslant = hold * min(ASLANT, norm(fall, across) / max(across, 1e-9))
         if fall > aslant:  # else the path may bend within the stretch
             drop = aslant
         cut = hold if way > 0 and corner > floor and fall > drop + hold else 0.0
-        if cut > 0.0 and abs(run[NODE + at - 1, 1 + k] - run[NODE + at, 1 + k]) <= FAR * hold:
+        if cut > 0.0 and abs(run[NODE + at - 1, 1 + k] - run[NODE + at, 1 + k]) <= LEAST_FALL * hold:
             cut = 0.0
         begin, end = _stretch(run, k, at, n, trend, drop + cut, floor)
         begin, end = (corner, end) if way > 0 else (begin, corner)
