@@ -81,6 +81,31 @@ def test_rows_in_order_stay_as_they_are(rng: np.random.Generator) -> None:
     assert in_order(trace, PRINTER).trace is trace
 
 
+def test_a_table_that_is_reversed_as_a_whole_is_turned_round(rng: np.random.Generator) -> None:
+    once = measured_once(rng)
+    layer = np.repeat([-1, 0], [1, len(once) - 1])
+    for more in ({"layer": layer[::-1]}, {}):  # home at the end shows it, too
+        again = in_order(Trace(once.commanded_mm[::-1], once.measured_mm[::-1], **more), PRINTER)
+        assert [found.kind for found in again.found] == ["rows-reversed"]
+        assert again.trace.homed
+        assert np.array_equal(again.trace.measured_mm, once.measured_mm)
+        assert np.array_equal(again.trace.commanded_mm, once.commanded_mm)
+    falling = replace(once, layer=layer[::-1])  # from the top down, but in the order of the print
+    assert in_order(falling, PRINTER).trace is falling
+
+
+def test_rows_in_no_order_are_refused_where_play_shows_without_its_direction(rng: np.random.Generator) -> None:
+    corners = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (30, 2))])
+    along = np.linspace(0, 30, 500)
+    points = np.stack([np.interp(along, np.arange(31), corners[:, axis]) for axis in range(2)], axis=1)
+    twin = Twin.of(Corruption((Drive(belt=Play(0.3)), Drive())), PRINTER)
+    measured = twin.follow(points) + rng.normal(0, 0.02, points.shape)
+    for order, kinds in ((np.arange(500), []), (rng.permutation(500), ["rows-random"])):
+        trace = Trace(points[order], measured[order])
+        found = found_in(Greybox().fit(trace, PRINTER, rng=rng), trace, ())
+        assert [each.kind for each in found if each.severity == "refusal"] == kinds
+
+
 def test_another_turn_of_the_pulley_is_no_shift_of_rows(rng: np.random.Generator) -> None:
     """There and back along X with a pulley of 22 teeth, 2.3 mm off its centre, where the preset has 20."""
     large = replace(PRINTER, x=replace(PRINTER.x, mm_per_turn=44.0))

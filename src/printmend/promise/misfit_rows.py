@@ -1,8 +1,9 @@
 """Does each row have its own point? Rows of a table that were reversed, shuffled or shifted, found and put right.
 
 A shift shows by the cheapest history of it under a rough map of the bed (dynamic programming over the shift); an order
-by the map under which places and commands agree. Either is believed only where the drives, learned from the rows put
-right, fit them far better than the rows as they came: play in a fine path looks like a shift, too.
+by the map under which places and commands agree. A whole table reversed shows by layers that go down. Each is believed
+only where the drives, learned from the rows put right, fit them far better than the rows as they came: play in a fine
+path looks like a shift, too.
 """
 
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from printmend.learn.drive.period import likeliest_period_mm
 from printmend.learn.drive.select import main_parts
 from printmend.learn.greybox.rows import FARTHEST_MM, motor_rows, trial_of
 from printmend.measure.axes import AXES_TODO, wrong_axes
+from printmend.measure.table import AT_HOME_MM
 from printmend.metrics.shape import nearest, spacing
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -61,6 +63,10 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
     commanded, measured = trace.commanded_mm[seen], np.clip(trace.measured_mm[seen], -FARTHEST_MM, FARTHEST_MM)
     if np.ptp(np.quantile(commanded, (0.1, 0.9), axis=0), axis=0).max() < LEAST_SPREAD_MM:
         return InOrder(trace)
+    if _goes_backwards(trace, printer):
+        again = _turned_round(trace, printer)
+        if _learned(again, printer).left_mm < BETTER_SHARE * (left_mm := _learned(trace, printer).left_mm):
+            return _put_right(again, "the rows were in the reversed order", left_mm, kind="rows-reversed")
     plain = _map(commanded, measured)
     plain_mm = _missed_mm(plain, commanded, measured)
     backwards = _map(commanded, measured[::-1])
@@ -74,6 +80,25 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
     if plain_mm < LEAST_SPREAD_MM / 4 or len(seen) > MOST_ROWS_MAPPED:
         return InOrder(trace)
     return _unshuffled(trace, seen, plain_mm)
+
+
+def _goes_backwards(trace: Trace, printer: Printer) -> bool:
+    """Say whether layers or heights only go down, or the way ends at home and begins elsewhere."""
+    for heights in (trace.layer, trace.z_mm):
+        if heights is not None and heights[0] > heights[-1] and (np.diff(heights) <= 0).all():
+            return True
+    away_mm = np.abs(trace.commanded_mm[[0, -1]] - np.array(printer.home_mm)).max(axis=1)
+    return bool(away_mm[1] <= AT_HOME_MM < away_mm[0])
+
+
+def _turned_round(trace: Trace, printer: Printer) -> Trace:
+    rows = {
+        name: value[::-1]
+        for name in ("commanded_mm", "measured_mm", "sigma_mm", "z_mm", "layer", "z_measured_mm", "normal", "offset_mm")
+        if (value := getattr(trace, name)) is not None
+    }
+    at_home = np.abs(trace.commanded_mm[-1] - np.array(printer.home_mm)).max() <= AT_HOME_MM
+    return replace(trace, homed=bool(at_home), **rows)
 
 
 def _put_right(trace: Trace, words: str, size_mm: float, *, kind: str = "rows-shifted") -> InOrder:

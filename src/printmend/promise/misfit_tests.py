@@ -43,6 +43,8 @@ IN_TIME = ("linear", "step", "creep", "wear", "thermal")
 TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # both axes by so much, and alike to this share
 MOVED_MM, HOME_SD_MM = 0.3, 0.05  # a plate lies shifted from there on; the most doubt of the error at home
 MOST_LEFT_SHARE = 0.35  # share of an uneven belt's squares that one period may leave
+RANDOM_SDS, TWO_VALUED = 3.0, 1.65  # rows in no order; the kurtosis below which residuals take one of two values: even
+LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # chance gives 1.8, noise 3; RMS of these values, and of any other residual
 COVERED_SHARE = 0.6  # of an axis of the bed
 UNSEEN = "unseen"  # the kind of the note about the rest
 
@@ -241,7 +243,14 @@ def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: 
         replace(each, words=f"{each.words}{_OF_WHEN.get(state, '')}") if each.kind in IN_TIME else each
         for each in _one_of_each(found)
     ]
-    return (*joined, *_unfit(box, trace), *_other_turns(box), *_left_out(box, trace), *_unseen(box, trace))
+    return (
+        *joined,
+        *_unfit(box, trace),
+        *_random_order(box, trace),
+        *_other_turns(box),
+        *_left_out(box, trace),
+        *_unseen(box, trace),
+    )
 
 
 def _one_of_each(found: list[Misfit]) -> list[Misfit]:
@@ -300,6 +309,37 @@ def _unfit(box: GreyboxModel, trace: Trace) -> list[Misfit]:
         "or its rows are not those of the print"
     )
     return [Misfit("unfit", REFUSAL, left, SURE_NATS, words)]
+
+
+def _random_order(box: GreyboxModel, trace: Trace) -> list[Misfit]:
+    """Say where rows that are in no order leave what play leaves where its direction is not known: one of two values.
+
+    A nozzle goes from neighbour to neighbour; in a random order, neighbours in the table are as far from each other as
+    any two rows (mean over n of them: to 1/√n).
+    """
+    points = trace.commanded_mm
+    shuffled = points[np.random.default_rng(0).permutation(len(points))]
+    step_mm, any_mm = (float(np.hypot(*np.diff(each, axis=0).T).mean()) for each in (points, shuffled))
+    residual, known, lost = _lost(box)
+    kept = residual[known & ~lost]
+    if len(kept) < LEAST_ROWS or step_mm < (1 - RANDOM_SDS / np.sqrt(len(points))) * any_mm:
+        return []
+    left = box.residual_after_mm
+    size_mm = np.sqrt(np.mean(np.square(kept), axis=0))
+    kurtosis = np.mean(kept**4, axis=0) / np.maximum(size_mm**4, 1e-18)
+    if ((kurtosis < TWO_VALUED) & (size_mm > LEAST_TWO_MM)).any():
+        words = (
+            f"the rows are in a random order, and {left:.2f} mm of the error go one way or the other, as play does: "
+            "without the order of the print its play cannot be learned. Put the rows in the order of the print"
+        )
+        return [Misfit("rows-random", REFUSAL, left, SURE_NATS, words)]
+    if left < LEAST_SCATTER_MM:
+        return []
+    words = (
+        f"the rows are in a random order, and {left:.2f} mm stay unexplained: if the printer did not go to these "
+        "places in this order, put the rows in the order of the print"
+    )
+    return [Misfit("rows-random", WARNING, left, SURE_NATS, words)]
 
 
 def _other_turns(box: GreyboxModel) -> list[Misfit]:
