@@ -188,3 +188,9 @@ def test_conformance_from_outside(place: Path, name: str, kept: bool, said: str)
     assert (done.exit_code == 0) == kept, done.output
     assert ("FAILED" in done.output) != kept
     assert said in done.output
+
+
+def test_what_is_no_candidate_is_told_what_one_is(place: Path) -> None:
+    said = r"a learner \(name, fit\), a controller .*, got one of type module"
+    with pytest.raises(ConfigError, match=said):
+        CliRunner().invoke(conformance, ["my_plugin:np"], catch_exceptions=False)

@@ -38,8 +38,12 @@ def kind_of(name: str) -> str:
             name, wanted="a learner, a controller, a family of faults, or module:NAME", came="no such name",
             todo="correct it",
         )  # fmt: skip
-    found = load_plugin(LEARNERS, name, wanted="a learner, a controller or a family", has=())
-    return "learner" if hasattr(found, "fit") else "controller" if hasattr(found, "plan") else "family"
+    wanted = "a learner (name, fit), a controller (name, plan) or a family (a function of rng and severity)"
+    found = load_plugin(LEARNERS, name, wanted=wanted, has=())
+    for kind, has in zip(KINDS, ("fit", "plan", "__call__"), strict=True):
+        if hasattr(found, has):
+            return kind
+    raise ConfigError(name, wanted=wanted, came=f"one of type {type(found).__name__}", todo="see `printmend.protocols`")
 
 
 def conformance(name: str) -> Iterator[Outcome]:
