@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from printmend.bench.case import Case, Result
+from printmend.bench.table1 import stands_still
 from printmend.cli.main import main
 from printmend.dataset.reference import write_reference
 from tests.bodies import circle_body, write_vase
@@ -156,3 +158,17 @@ def test_the_bound_of_the_families_table_is_called_optimum(printmend, tmp_path: 
 def test_the_list_of_commands_says_whole_sentences(printmend, group: str) -> None:
     _, out, _ = printmend(group, "--help")
     assert "..." not in out.partition("Commands:")[2]
+
+
+def test_learners_that_stand_still_in_play_are_named() -> None:
+    def case(family: str) -> Case:
+        return Case("table1", family, family, family, "damaged", "paper", 0)
+
+    of = {"naive": (1.0, 10.0), "greybox": (0.1, 70.0), "greybox+greedy": (0.1, 70.0), "good": (20.0, 3.0)}
+    results = [
+        Result(case(family), name, {"rmse_steps": value})
+        for name, values in of.items()
+        for family, value in zip(("pulley", "pulley-play"), values, strict=True)
+    ]
+    assert stands_still(results, tuple(of)) == ("greybox",)
+    assert stands_still(results[::2], tuple(of)) == ()

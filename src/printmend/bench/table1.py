@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 Protocol = Literal["paper", "heldout"]
 TABLE = "table1"
+WITH_PLAY = ("play", "loose", "everything")  # parts of the names of families with play
 
 # The purposes for which a body's generator is seeded; part of the meaning of a seed.
 _FAMILY, _CORRUPTION, _LAYERS, _LEARNER, _NOISE = 1, 2, 3, 4, 5
@@ -267,6 +268,20 @@ def _line(row: str, results: list[Result], found: Summary) -> Line:
         learn_s=float(np.median([result.values["learn_s"] for result in good])),
         targets_s=float(np.median(speeds)) if speeds else None,
     )
+
+
+def stands_still(results: Sequence[Result], rows: Sequence[str]) -> tuple[str, ...]:
+    """Return the learners planned by the paper's Algorithm 1 that do worse than naive on the bodies of families with
+    play, over those that both have; none where naive is no row."""
+    loose = [item for item in results if any(each in item.case.family for each in WITH_PLAY)]
+    naive = [item for item in loose if item.row == "naive"]
+    found = []
+    for name in rows:
+        mine = [item for item in loose if item.row == name]
+        ratio = summary(mine, naive).ratio
+        if "+" not in name and name not in ("naive", OPTIMUM) and ratio is not None and ratio > 1:
+            found.append(name)
+    return tuple(found)
 
 
 def cells(line: Line) -> tuple[str, ...]:

@@ -69,7 +69,7 @@ def table1(
     """
     from printmend.bench.report import body_table
     from printmend.bench.rows import PAPER_ROWS, planned_for
-    from printmend.bench.table1 import HEADER, cells, dataset_cases, draw_cases, reference_cases, table1
+    from printmend.bench.table1 import HEADER, cells, dataset_cases, draw_cases, reference_cases, stands_still, table1
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
     from printmend.dataset.bodies import body_files
@@ -105,4 +105,9 @@ def table1(
         show_table(f"Table I, protocol {protocol}, {what}", HEADER, [cells(line) for line in lines])
         if per_body or reference is not None:
             click.echo("\n" + body_table(results, rows))
+        if worse := stands_still(results, rows):
+            click.echo(
+                f"Worse than naive: {', '.join(worse)}, planned by the paper's Algorithm 1, which stands still where "
+                f"play swallows a step; {worse[-1]}+optimal crosses it."
+            )
     show_failures(results)
