@@ -86,6 +86,14 @@ def test_what_has_passed_a_tenth_of_a_millimetre_says_so_and_when(tmp_path):
     draw_history(tmp_path / "wear.png", (grown, steady, two, severe))
 
 
+def test_an_idler_is_one_fault_though_its_length_comes_out_a_little_other():
+    lengths = ("31.4", "31.3", "31.4", "31.5")
+    (idler,) = trends_of([event(k, 0.05 + 0.03 * k, 0.004, f"period-{mm}") for k, mm in enumerate(lengths)])
+    assert [one.value for one in idler.sizes] == pytest.approx([0.05, 0.08, 0.11, 0.14])
+    assert idler.name == "X period-31.5"
+    assert idler.is_sure
+
+
 def test_a_repair_begins_anew_and_what_is_steady_stays(tmp_path):
     worn = [event(month, 0.1 + 0.05 * month, 0.004) for month in range(5)]
     mended = [event(5 + month, 0.03, 0.004) for month in range(3)]

@@ -161,6 +161,17 @@ bed_shape = 0x0,9x0,9x9,0x9
     assert parse_printer(done.stdout, subject="small").x.max_mm == 150
 
 
+def test_a_hostile_bundle_is_read_at_once(tmp_path: Path) -> None:
+    """Sections that inherit themselves many times over, and a name of blanks, cost no more than their bytes."""
+    loop = "[printer:a]\ninherits = b;b;b;a\nbed_shape = 0x0,100x0,100x100,0x100\n[printer:*x*]\n" + "".join(
+        f"[printer:*{k}*]\ninherits = {';'.join([f'*{k + 1}*'] * 9)}\n" for k in range(30)
+    )
+    path = written(tmp_path, "loop.ini", loop.replace("b;b;b", ";".join(["*0*"] * 9)))
+    assert convert(path, like="ender3")[0].x.max_mm == 100
+    path = written(tmp_path, "blanks.ini", f"[printer:a{' ' * 50_000}b]\nbed_shape = 0x0,100x0,100x100,0x100\n")
+    assert convert(path, like="ender3")[0].y.max_mm == 100
+
+
 def test_the_command_lists_prints_and_converts(tmp_path: Path) -> None:
     run = CliRunner().invoke
     listing = run(command, []).output

@@ -26,9 +26,9 @@ _TODO = "export the printer's profile from the slicer, or start from a preset"
 
 Values = Mapping[str, Any]
 _SECTION = re.compile(r"^\s*\[([^\]]+)\]\s*$")
-_NOZZLE = re.compile(r"\s*\(?\b\d+\.\d+ ?(?:mm|nozzle).*$", re.IGNORECASE)  # what follows a model's name
-_DEEPEST = 20
-_WIDEST_MARGIN_MM = 10.0
+_NOZZLE = re.compile(r"\s{0,9}\(?\b\d{1,2}\.\d{1,3} ?(?:mm|nozzle).*$", re.IGNORECASE)  # what follows a model's name
+_DEEPEST = 20  # sections that inherit one another in a row
+_WIDEST_MARGIN_MM = 10.0  # of the bed that a profile leaves out: more is another origin
 
 
 def is_slicer_profile(text: str) -> bool:
@@ -118,15 +118,21 @@ def _chosen(names: list[str], model: str | None, subject: str) -> str:
     )  # fmt: skip
 
 
-def _inherited(bundle: Mapping[str, Mapping[str, str]], name: str, depth: int = 0) -> dict[str, str]:
+def _inherited(bundle: Mapping[str, Mapping[str, str]], name: str) -> dict[str, str]:
     """Return the keys of a section of a bundle, over those of the sections that it inherits."""
-    own = bundle.get(name, {})
-    values: dict[str, str] = {}
-    if depth < _DEEPEST:
-        for base in own.get("inherits", "").split(";"):
-            if base.strip() in bundle:
-                values |= _inherited(bundle, base.strip(), depth + 1)
-    return values | dict(own)
+    known: dict[str, dict[str, str]] = {}
+
+    def keys_of(one: str, depth: int) -> dict[str, str]:
+        if one not in known:  # each once, however many inherit it
+            known[one] = {}  # of a section that inherits itself
+            values: dict[str, str] = {}
+            for base in bundle[one].get("inherits", "").split(";") if depth < _DEEPEST else ():
+                if base.strip() in bundle:
+                    values |= keys_of(base.strip(), depth + 1)
+            known[one] = values | dict(bundle[one])
+        return known[one]
+
+    return keys_of(name, 0)
 
 
 def _first(values: Mapping[str, Any], names: tuple[str, ...]) -> str | None:

@@ -118,7 +118,7 @@ class Prediction:
         for name, errors in told:
             ranged = f"{errors.rms_low_mm:.3f}–{errors.rms_high_mm:.3f}"
             rows.append(f"  {name:8} {errors.rms_mm:7.3f}  {ranged:>15}  {errors.p95_mm:11.3f}  {errors.max_mm:7.3f}")
-        for name, height in zip(("as it is", "mended"), self.heights or (), strict=False):
+        for (name, _), height in zip(told, self.heights or (), strict=False):
             rows.append(f"  {name:8} {height.rms_mm:7.3f}  {'':15}  {'':11}  {height.max_mm:7.3f}  in height")
         if self.gain_mm is not None:
             which = told[-1]
@@ -133,7 +133,7 @@ class Prediction:
             rows.append("nothing to mend: every move stays as it is")
         else:
             rows.append(
-                f"{counted(self.moves, 'move')} become {self.commands}"
+                f"{counted(self.moves, 'move')} {'becomes' if self.moves == 1 else 'become'} {self.commands}"
                 + (f"; slack is taken up at {counted(self.takeups, 'turn')}" if self.takeups else "")
                 + (f", at {self.stops} of them the nozzle stops for a moment (a small seam)" if self.stops else "")
             )

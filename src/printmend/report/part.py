@@ -122,9 +122,10 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
             f"At {counted(prediction.stops, 'place')} the nozzle stops for a moment amid a line, while a belt turns "
             "back: a small seam may show there. A coarser --tolerance makes fewer."
         )
-    moves, layers = counted(prediction.moves, "move"), counted(len(prediction.layers), "layer")
+    moves = f"{counted(prediction.moves, 'move')} {'becomes' if prediction.moves == 1 else 'become'}"
+    layers = counted(len(prediction.layers), "layer")
     said.append(
-        f"{moves} become {prediction.commands}, over {prediction.length_mm / 1000:.1f} m of printed path in {layers}; "
+        f"{moves} {prediction.commands}, over {prediction.length_mm / 1000:.1f} m of printed path in {layers}; "
         "speeds, temperatures and plastic stay as they were."
     )
     if prediction.unknown:
