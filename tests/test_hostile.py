@@ -187,7 +187,8 @@ def test_a_closed_or_full_output(folder: Path, device: str) -> None:
             [PROGRAM, "printer", "ender3"], stdout=subprocess.PIPE, stderr=subprocess.PIPE
         ) as running:
             running.stdout.close()
-            assert b"Traceback" not in running.stderr.read()
+            assert running.stderr.read() == b""
+        assert running.returncode == 141
         return
     if not os.path.exists(device):
         pytest.skip("no /dev/full here")
@@ -195,6 +196,12 @@ def test_a_closed_or_full_output(folder: Path, device: str) -> None:
         done = subprocess.run([PROGRAM, "printer", "ender3"], stdout=full, stderr=subprocess.PIPE, check=False)
     assert done.returncode == 2
     assert done.stderr.count(b"\n") == 1
+    with pytest.raises(InputError, match=device), replacing(Path(device)) as file:
+        file.write("x")
+    (folder / "full.gcode").symlink_to(device)
+    with pytest.raises(InputError, match="no space left"):
+        write_probe(folder / "full.gcode", design_probe(read_printer("ender3"), marks=40))
+    assert not (folder / "full.json").exists()
 
 
 def test_terminated_while_writing_leaves_no_temporary_file(tmp_path: Path) -> None:

@@ -55,8 +55,13 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
     coding: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "errors": "replace"}
     path = Path(path)
     if not _is_replaceable(path):
-        with open(path, mode, **coding) as device:
-            yield device
+        try:
+            with open(path, mode, **coding) as device:
+                yield device
+        except OSError as error:
+            if error.errno in _FULL and error.filename is None:
+                raise _unwritable(path, error.strerror or str(error)) from None
+            raise
         return
     path = path.resolve()
     prefix = f".{path.name[:60]}."

@@ -45,8 +45,19 @@ COMMANDS: dict[str, str] = {
 }
 
 
+PIPE_CLOSED = 141  # as a shell says it of a program that SIGPIPE ended
+
+
 class LazyGroup(click.Group):
     """A group whose commands are imported when they are called."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Run a command; one whose reader has gone ends here, before click ends it as if it were at fault."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            _silence()
+            sys.exit(PIPE_CLOSED)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(COMMANDS)
@@ -82,8 +93,8 @@ def group(ctx: click.Context) -> None:
 def main() -> None:
     """Run the command line; turn an error into one line on stderr and its exit code.
 
-    What the user or the machine did ends with 2 or 3 (`errors.py`), a fault of the program itself with 1; the
-    environment variable PRINTMEND_TRACEBACK=1 shows where that was.
+    What the user or the machine did ends with 2 or 3 (`errors.py`), a closed pipe quietly with 141, a fault of the
+    program itself with 1; the environment variable PRINTMEND_TRACEBACK=1 shows where that was.
     """
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):  # closed, or not a terminal's
@@ -114,7 +125,7 @@ def main() -> None:
         _end("stopped; what was written is whole, and what keeps its results goes on where it was", 130)
     except BrokenPipeError:
         _silence()
-        sys.exit(1)
+        sys.exit(PIPE_CLOSED)
     except OSError as error:
         _silence()
         place = f"{error.filename}: " if error.filename else ""

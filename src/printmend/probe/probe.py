@@ -133,7 +133,8 @@ def write_probe(
             else:
                 text = probe_gcode(sheet, extruder=extruder, start_gcode=start_gcode, paper=paper, sheet=said)
                 file.write(text)
-    write_plan(plan_path, plan)
+            file.flush()  # a full disk shows before the plan is there: both or neither
+        write_plan(plan_path, plan)
     return plan_path
 
 
