@@ -47,7 +47,10 @@ def test_the_command_line_comes_before_the_project_and_the_project_before_the_us
         ("[mended]\n", "sections that are commands, like .mend.*'mended'"),
         ("[mend]\nspeed = 3\n", "options of mend: firmware, force, .*'speed' in .mend"),
         ("[mend\n", "settings in TOML"),
-        ('[mend]\njobs = "four"\n', "printmend.toml: wanted a value for jobs in .mend., got 'four'"),
+        (
+            '[mend]\njobs = "four"\n',
+            "printmend.toml: wanted a value for jobs in .mend., got 'four' is not a whole number;",
+        ),
     ],
 )
 def test_settings_that_are_none_are_refused(place: Path, text: str, said: str) -> None:

@@ -120,7 +120,9 @@ def main() -> None:
         error.show()
         sys.exit(error.exit_code)
     except click.ClickException as error:
-        _end(f"{' '.join(_in_plain_words(error).split())}; see {_command(error)} --help", error.exit_code)
+        _end(
+            f"{' '.join(in_plain_words(error.format_message()).split())}; see {_command(error)} --help", error.exit_code
+        )
     except click.Abort:
         _end("stopped; what was written is whole, and what keeps its results goes on where it was", 130)
     except BrokenPipeError:
@@ -141,9 +143,9 @@ def main() -> None:
         _end(f"a fault of printmend itself ({reason}); report it with the command and PRINTMEND_TRACEBACK=1", 1)
 
 
-def _in_plain_words(error: click.ClickException) -> str:
-    """Return click's message without its names for kinds of numbers."""
-    said = error.format_message().rstrip(".")
+def in_plain_words(said: str) -> str:
+    """Return a message of click's without its names for kinds of numbers."""
+    said = said.rstrip(".")
     for kind, plain in (("float range", "number"), ("integer range", "whole number"), ("integer", "whole number")):
         said = said.replace(f"is not a valid {kind}", f"is not a {plain}")
     return said

@@ -15,6 +15,7 @@ from typing import Any
 
 import click
 
+from printmend.cli.main import in_plain_words
 from printmend.cli.model import Model
 from printmend.errors import ConfigError
 
@@ -68,7 +69,8 @@ def _check(path: Path, place: str, option: click.Option, value: Any) -> None:
     try:
         option.type_cast_value(click.Context(click.Command(None)), value)
     except click.BadParameter as error:
-        raise ConfigError(path, wanted=f"a value for {place}", came=error.message, todo="correct it") from None
+        came = in_plain_words(error.message)
+        raise ConfigError(path, wanted=f"a value for {place}", came=came, todo="correct it") from None
 
 
 def _options(command: click.Command) -> dict[str, click.Option]:

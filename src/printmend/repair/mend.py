@@ -16,7 +16,7 @@ from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
 from printmend.gcode.header import Described, described
 from printmend.gcode.mark import find_mark, find_test_print, marked
-from printmend.gcode.read import e_warning, guessed_e_rule, starting_state
+from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starting_state
 from printmend.gcode.write import Plan, follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.printer import Printer, preset_names, read_printer
@@ -25,6 +25,7 @@ from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.saved.model import SavedModel
 
 _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
+_DOTS = "the dots of this test print are printed standing still: only its lines are counted here, not its dots"
 _BED_OFF_MM = 30.0  # slicers' beds and presets differ by less where the printer is the same
 _GENERIC = {"300", "xl"}  # words that name no printer
 _HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print
@@ -109,10 +110,16 @@ def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progre
     said = []
     for part in file.parts:
         state = starting_state(part, printer=model.printer)
-        said.append(e_warning(state))
+        said += _said_of(part, state)
         planner.begin()
         follow(_counted(part.chunks(), progress), state, planner.plan)
     return said
+
+
+def _said_of(part: Part, state: MachineState) -> list[str | None]:
+    """Return what is to be said of how a program was read, and of what is not judged in it."""
+    is_probe = find_test_print(*part.hints()) == "probe"
+    return [e_warning(state), _DOTS if is_probe else None]
 
 
 def _predicted(planner: Planner, model: SavedModel, said: list[str | None]) -> Prediction:
@@ -125,7 +132,7 @@ def _texts(
     said: list[str | None], watch: Watch | None,
 ) -> Iterator[memoryview]:  # fmt: skip
     state = starting_state(part, printer=model.printer)
-    said.append(e_warning(state))
+    said += _said_of(part, state)
     planner.begin(fineness.segments_per_s(state.flavour))
     chunks = marked(_counted(part.chunks(), progress), model.digest, guessed_e_rule(part, state))
     return rewrite(chunks, state, planner.plan if watch is None else watch(part, planner.plan))

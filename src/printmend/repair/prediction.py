@@ -44,10 +44,10 @@ class Prediction:
     at the edge of the bed, ``clamped_extruding`` those that extrude, ``beyond_mm`` how far out they would have gone and
     ``held_mm`` how much extruded path that is, the start of the file left out where layer comments tell what that is
     (purge lines lie at the edge of the bed and need not be right); ``unknown`` the extruding moves that were left as
-    they are, because the file does not say where the head is, ``splines`` the curves (G5) that were, ``geometry`` the
-    commands that make the firmware scale or skew what it is told. ``distance_to`` says what the errors are distances
-    to, from above. ``warnings`` say where the file was read otherwise than its firmware may read it. ``heights`` are
-    the errors in height before and after, where the model has a Z screw.
+    they are, because their words cannot be read or the file does not say where the head is, ``splines`` the curves (G5)
+    that were, ``geometry`` the commands that make the firmware scale or skew what it is told. ``distance_to`` says what
+    the errors are distances to, from above. ``warnings`` say where the file was read otherwise than its firmware may
+    read it. ``heights`` are the errors in height before and after, where the model has a Z screw.
     """
 
     length_mm: float
@@ -142,7 +142,8 @@ class Prediction:
             rows.append(f"off by more than the tolerance at {coarse}: the firmware takes no shorter moves")
         if self.unknown:
             unknown = counted(self.unknown, "printing move")
-            rows.append(f"{unknown} left as written: the file does not say where the head is")
+            why = "words that cannot be read, or the file does not say where the head is"
+            rows.append(f"{unknown} left as written: {why}")
         if self.splines:
             rows.append(f"{counted(self.splines, 'curve')} (G5) left as written: let the slicer write lines or arcs")
         if self.geometry:

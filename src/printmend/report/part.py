@@ -130,7 +130,8 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
     )
     if prediction.unknown:
         said.append(
-            f"{prediction.unknown} printing moves are left as they are: the file does not say where the head is there."
+            f"{prediction.unknown} printing moves are left as they are: words that cannot be read, or the file does "
+            "not say where the head is there."
         )
     if prediction.splines:
         said.append(f"{prediction.splines} curves (G5) are left as they are: let the slicer write lines or arcs.")
