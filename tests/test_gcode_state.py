@@ -7,7 +7,7 @@ from printmend.gcode import kernels as k
 from printmend.gcode.arcs import arc_points, straightened
 from printmend.gcode.container import open_gcode
 from printmend.gcode.machine import Flavour, detect_flavour, initial_state
-from printmend.gcode.read import e_warning, interpret_text, moves_of, read_gcode, starting_state
+from printmend.gcode.read import _says_e_first, e_warning, interpret_text, moves_of, read_gcode, starting_state
 from printmend.printer import read_printer
 
 
@@ -317,3 +317,14 @@ def test_equal_e_words_without_m83_are_read_as_relative(tmp_path):
     path.write_text("G28\nG1 E1\n" + "".join(f"G1 X{10 * (i % 2)} Y{i} E1\n" for i in range(30)))
     with open_gcode(path) as file:
         assert "its E is read as relative" in e_warning(starting_state(file.parts[0]))
+
+
+def test_a_file_that_says_first_how_its_e_is_meant_is_not_guessed_at():
+    """All rules read it alike: M82 or M83 stand at its top, no comment says so, and no G90 or G91 comes after them."""
+    part = b"G1 X1 Y1 E1\n" * 200
+    for start, said in (
+        (b"G90\nM83\n", True), (b"G91\nG1 Z5\nG90\nM82\n", True), (b"M83\nG90\n", False), (b"G91\nM83\n", False),
+        (b"G90\n; M83\n", False), (b"G90 ; not M82\nM82 ; after G90\n", True), (part + b"M83\n", False),
+        (b"G90\nM82\n;" + b"M83" * 340_000 + b"\n" + part, True),  # a long comment costs no more than its bytes
+    ):  # fmt: skip
+        assert _says_e_first(start + part) is said, start[:40]

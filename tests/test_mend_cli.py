@@ -11,11 +11,13 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import HEALTHY
+from printmend.corruption import HEALTHY, Corruption, Drive
 from printmend.errors import GcodeError, InputError, ModelError, RefusedError, UnwritableError
 from printmend.gcode.read import read_gcode
 from printmend.measure.table import read_trace
 from printmend.probe import design_probe, write_probe
+from printmend.repair.many import is_done, mended_path
+from printmend.repair.mend import mend_gcode
 from printmend.report.part_view import look_at
 from printmend.saved.model import exact_model, write_model
 from printmend.twin import Twin
@@ -108,6 +110,24 @@ def test_many_files_and_folders(folder: Path) -> None:
     written = sorted(item.relative_to(folder / "out").as_posix() for item in (folder / "out").rglob("*.gcode"))
     assert written == ["a.gcode", "new/b.gcode", "part.gcode"]
     assert (folder / "out" / "a.gcode").read_bytes() == (jobs / "a.mended.gcode").read_bytes()
+
+
+def test_what_was_not_mended_here_is_not_taken_for_done(folder: Path) -> None:
+    """Another file moved in is mended though it is older; a healthy printer's file is done only where it is there."""
+    source, model = folder / "part.gcode", exactly(BENT)
+    target = mended_path(source)
+    mend_gcode(source, model, target)
+    assert is_done(source, target, model)
+    (folder / "older").write_bytes(SQUARE + b"G0 Z5\n")
+    os.utime(folder / "older", (1e9, 1e9))
+    if os.name == "posix":  # elsewhere nothing tells when a file was moved
+        (folder / "older").replace(source)
+        assert not is_done(source, target, model)
+    healthy = exactly(Corruption((Drive(), Drive())).lower(ENDER3).homed())
+    target.write_bytes(source.read_bytes())
+    assert is_done(source, target, healthy)
+    target.write_text("G28\n; quite another\n")
+    assert not is_done(source, target, healthy)
 
 
 def test_pipes(folder: Path) -> None:

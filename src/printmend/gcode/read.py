@@ -169,8 +169,8 @@ def _says_e_first(text: bytes) -> bool:
 def _last_statement(text: bytes, word: bytes) -> int:
     """Return where a statement stands last in a text, outside comments; −1 where it does not."""
     at = text.rfind(word)
-    while at >= 0 and b";" in text[text.rfind(b"\n", 0, at) + 1 : at]:
-        at = text.rfind(word, 0, at)
+    while at >= 0 and (comment := text.find(b";", text.rfind(b"\n", 0, at) + 1, at)) >= 0:
+        at = text.rfind(word, 0, comment)
     return at
 
 

@@ -1,5 +1,6 @@
 """Mend many files with one model: a farm's evening. What is wrong with one file does not stop the others."""
 
+import filecmp
 import shutil
 import threading
 from collections.abc import Collection, Iterator, Sequence
@@ -104,13 +105,16 @@ def refuse_overwriting(target: Path | None, source: Path) -> None:
 
 
 def is_done(source: Path, target: Path, model: SavedModel) -> bool:
-    """Say whether a file is mended itself, or with this model in ``target`` since it was written."""
+    """Say whether a file is mended itself, or with this model in ``target`` since it was written or moved there."""
     try:
         if _mark(source) is not None:
             return True
-        if target.samefile(source) or target.stat().st_mtime_ns < source.stat().st_mtime_ns:
+        came = source.stat()
+        if target.samefile(source) or target.stat().st_mtime_ns < max(came.st_mtime_ns, came.st_ctime_ns):
             return False
-        return _mark(target) == (None if is_healthy(model) else model.digest)
+        if is_healthy(model):  # whose files are copied
+            return filecmp.cmp(source, target, shallow=False)
+        return _mark(target) == model.digest
     except (OSError, PrintmendError):  # none there yet, or to be said of it when it is mended
         return False
 
