@@ -12,11 +12,12 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -107,7 +108,7 @@ def test_nothing_that_is_sent_grows_without_bounds_or_gets_out_of_its_folder(fol
     with _client(folder, most_bytes=1000) as client:
         assert client.post("/api/uploads?name=a.gcode", content=b"x" * 1001).status_code == 413
 
-        def endless():  # a body without a length
+        def endless() -> Iterator[bytes]:  # a body without a length
             for _ in range(50):
                 yield b"x" * 100
 
@@ -252,6 +253,7 @@ def test_a_tower_is_printed_in_the_order_of_its_table_and_shows_a_bent_screw(fol
         told = np.column_stack([rows[name] for name in ("x_mm", "y_mm", "z_mm")])
         known = empty.known.all(axis=1)
         assert empty.end_mm[known][:-1] == pytest.approx(told[1:], abs=2e-3)
+        assert told[1] == pytest.approx([*told[0, :2], told[1:, 2].min() + 1])  # off the bed before it moves across it
         assert is_test_print(gcode)
         seen = Twin.of(bent, printer).follow(told) + np.random.default_rng(2).normal(0, 0.02, told.shape)
         write_trace(table, Trace(told[:, :2], seen[:, :2], z_mm=told[:, 2], z_measured_mm=seen[:, 2], homed=True))
@@ -262,6 +264,23 @@ def test_a_tower_is_printed_in_the_order_of_its_table_and_shows_a_bent_screw(fol
     assert "X pulley is off its centre" in titles
     push = np.ptp([x for x, _ in said["machine"]["screw"]["push_mm"]]) / 2
     assert push == pytest.approx(0.3, rel=0.15)
+
+
+def test_a_job_names_files_as_they_were_sent(tmp_path: Path) -> None:
+    """No folder of the studio is in what it refuses, and scans of one name stay apart, whatever others are called."""
+    uploads, printer = tmp_path / "uploads", tmp_path / "printers" / "p"
+    for place in (uploads, printer, tmp_path / "job"):
+        place.mkdir(parents=True)
+    loose = Twin.of(Corruption((Drive(belt=Play(0.3)), Drive())), read_printer("ender3"))
+    write_model(printer / work.MODEL, exact_model(loose.homed()))
+    (uploads / "a").write_text("G28\nG90\nM83\nG1 X60 Y60 Z0.2 F3000\nG1 X90\n")
+    (uploads / "b").write_text("other")
+    params = {"printer": "p", "upload": "a", "name": "empty.gcode"}
+    refused = work.run("mend", str(tmp_path / "job"), str(tmp_path), params)["refused"]
+    assert refused.startswith("empty.gcode: wanted a print")
+    named = [{"upload": "a", "name": "s.png"}, {"upload": "a", "name": "s.png"}, {"upload": "b", "name": "1-s.png"}]
+    found = work._scans(work.Job(tmp_path / "job", tmp_path, {"scans": named}))
+    assert [path.read_text() == "other" for path in found] == [False, False, True]
 
 
 def _learned_flat(bent: Corruption, printer: Printer) -> SavedModel:
@@ -297,7 +316,8 @@ def test_the_pace_counts_the_busiest_second_and_the_slicer_says_the_time() -> No
     assert found.seconds == pytest.approx(9 + 12 * 0.025, abs=0.1)
     assert slicer_s(b"G1 X1", b"; estimated printing time (normal mode) = 1d 2h 58m 52s\n") == 97132
     assert slicer_s(b"; model printing time: 1m; total estimated time: 17m 3s\n") == 1023
-    assert slicer_s(b";FLAVOR:Marlin\r\n;TIME:6666\r\n") == 6666
+    assert slicer_s(b";FLAVOR:Marlin\r\n;TIME:6667\r\n") == 6667
+    assert slicer_s(b";FLAVOR:Marlin\n;TIME:6666\n") is None  # what Cura's engine writes where it does not know
     assert slicer_s(b"; total estimated time: -\nG1 X1") is None
 
 
@@ -327,7 +347,7 @@ def test_the_way_of_ones_own_printer(folder: Path) -> None:
         wide = client.post("/api/printers", json={"preset": "ender3", "bed_mm": [150, 120]}).json()
         assert wide["bed_mm"] == [0, 0, 150, 120]
         assert client.delete(f"/api/printers/{wide['id']}").status_code == 204
-        wrongs = (
+        wrongs: tuple[tuple[dict[str, Any], str], ...] = (
             ({}, "neither"), ({"preset": "../x"}, "none of that name"), ({"upload": "0" * 16}, "none"),
             ({"preset": "ender3", "bed_mm": [1e9, 5]}, "max_mm"), ({"preset": 5}, "preset"),
         )  # fmt: skip

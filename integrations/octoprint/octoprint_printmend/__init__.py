@@ -92,7 +92,10 @@ class PrintmendPlugin(
         process = self._process
         if process is not None:
             with contextlib.suppress(OSError):  # ended by itself
-                os.killpg(process.pid, signal.SIGKILL)
+                if hasattr(os, "killpg"):
+                    os.killpg(process.pid, signal.SIGKILL)
+                else:  # Windows
+                    process.kill()
 
     def on_event(self, event, payload):
         if event == Events.FILE_ADDED:

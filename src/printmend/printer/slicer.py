@@ -112,6 +112,8 @@ def _chosen(names: list[str], model: str | None, subject: str) -> str:
     if len({_NOZZLE.sub("", name) for name in fitting}) == 1:
         return next((name for name in fitting if "0.4" in name), fitting[0])
     models = list(dict.fromkeys(_NOZZLE.sub("", name) for name in fitting or names))
+    if not models:
+        raise ConfigError(subject, wanted="a bundle with a printer", came="none", todo=_TODO)
     raise ConfigError(
         subject, wanted="one printer, named with --model" if not wanted else f"a printer {model!r} of this bundle",
         came=f"{len(models)}" if fitting else "none", todo=f"a part of a name is enough: {', '.join(models)}",

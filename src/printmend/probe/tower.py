@@ -67,6 +67,9 @@ def design_tower(printer: Printer) -> Tower:
         )  # fmt: skip
     middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
     points, printed = [np.array([*printer.home_mm, printer.z.home_mm])], [False]
+    if printer.z.home_mm < layer_mm + _HOP_MM:  # off the bed before the head moves across it
+        points.append(np.array([*printer.home_mm, layer_mm + _HOP_MM]))
+        printed.append(False)
 
     def loop(half_mm: float, z_mm: float, *, hop: bool) -> None:
         round_ = [(0, -1), (1, -1), (1, 1), (-1, 1), (-1, -1), (0, -1)]

@@ -10,7 +10,7 @@ from printmend.report.part_view import minutes_along
 _SPENT = (  # PrusaSlicer and its family, Bambu and Orca, Cura
     re.compile(rb"estimated printing time \(normal mode\)[ \t]*=[ \t]*(\d[\dhmsd ]*)"),
     re.compile(rb"total estimated time:[ \t]*(\d[\dhmsd ]*)"),
-    re.compile(rb"^;TIME:[ \t]*(\d+)[ \t\r]*$", re.MULTILINE),
+    re.compile(rb"^;TIME:[ \t]*(?!6666\b)(\d+)[ \t\r]*$", re.MULTILINE),  # 6666 where Cura's engine has not put it in
 )
 _WORDS = (b"estimated printing time", b"total estimated time", b";TIME:")
 _UNITS_S = {b"d": 86400.0, b"h": 3600.0, b"m": 60.0, b"s": 1.0, b"": 1.0}

@@ -63,6 +63,13 @@ class Job:
         """Where uploads lie under the names that they came with, apart from what the job itself writes."""
         return self.folder / "given"
 
+    def said(self, error: PrintmendError) -> str:
+        """Return what an error says, without the folders of this studio."""
+        words = str(error)
+        for place in (self.given, self.folder, self.data):
+            words = words.replace(f"{place}{os.sep}", "")
+        return words
+
     @property
     def printer_folder(self) -> Path:
         """The folder of the job's printer."""
@@ -110,10 +117,7 @@ def run(kind: str, folder: str, data: str, params: Params) -> dict[str, Any]:
     try:
         result = KINDS[kind](job)
     except PrintmendError as error:
-        said = str(error)
-        for place in (str(job.given), folder, data):
-            said = said.replace(f"{place}{os.sep}", "")
-        return {"error": said}
+        return {"error": job.said(error)}
     return {**result, "files": job.files}
 
 
@@ -155,7 +159,7 @@ def _mend(job: Job) -> dict[str, Any]:
         prediction = mend_gcode(named, model, job.folder / output, progress=tick, watch=tap.watch).prediction
         job.file(output)
     except RefusedError as error:
-        refused, prediction = str(error), check_gcode(named, model)
+        refused, prediction = job.said(error), check_gcode(named, model)
     paces = None
     if drawing is not None and tap.seen:
         job.tell(0.8, "draw")
@@ -211,7 +215,8 @@ def _named(job: Job, upload: str, name: str) -> Path:
 def _scans(job: Job) -> list[Path]:
     """Return the uploaded scans or photos under their own names; two of one name are counted."""
     names = [one["name"] for one in job.params["scans"]]
-    shown = [name if names.count(name) == 1 else f"{i + 1}-{name}" for i, name in enumerate(names)]
+    several = len({*names}) < len(names)
+    shown = [f"{i + 1}-{name}" if several else name for i, name in enumerate(names)]
     return [_named(job, one["upload"], name) for one, name in zip(job.params["scans"], shown, strict=True)]
 
 

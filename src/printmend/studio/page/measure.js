@@ -110,8 +110,9 @@ function Pair({ bed: [x0, y0, x1, y1], one: { first_mm: a, second_mm: b }, n }) 
     <text x=${(a[0] + b[0]) / 2} y=${-(a[1] + b[1]) / 2 - 5} style=${{ fontSize: "18px", fontWeight: 600 }}>${n}</text></svg>`;
 }
 
-// A table as the program reads it: spreadsheets separate by semicolons or tabs where the comma is the decimal sign.
-const pointed = (text) => `${/[;\t]/.test(text) ? text.replaceAll(",", ".").replaceAll(/[;\t]/g, ",") : text}`.trimEnd() + "\n";
+// A table as the program reads it: where the comma is the decimal sign, spreadsheets separate by semicolons or tabs, or
+// put a number with one into quotes.
+const pointed = (text) => `${/[;\t]/.test(text) ? text.replaceAll(",", ".").replaceAll(/[;\t]/g, ",") : text.replaceAll(/"(-?\d+),(\d+)"/g, "$1.$2")}`.trimEnd() + "\n";
 
 // For what no flat print shows: a tower, and the table that says where its corners were told to be.
 function Tower({ printer, changed }) {

@@ -1,11 +1,6 @@
 // What the program says where something does not fit, in three parts: "wanted …, got …; do …". [English, German, and
 // where it names what only the command line has, English as the page says it]. {a} stands for numbers and names.
 export default [
-  ["a part of a name is enough: {a}", "Im Slicer nur das Profil dieses einen Druckers ausgeben: {a}", "export the profile of that one printer from the slicer: {a}"],
-  ["a printer that lays lines of plastic", "einen Drucker, der Linien aus Kunststoff legt"],
-  ["a resin printer ({a})", "ein Harzdrucker ({a})"],
-  ["nothing of it moves in X and Y; name another", "Nichts an ihm fährt in X und Y; einen anderen nehmen"],
-  ["a printer's profile with its printable_area", "ein Druckerprofil mit printable_area"],
   ["room for a tower of {a} mm by {b} mm high", "Platz für einen Turm von {a} mm und {b} mm Höhe"],
   ["less", "weniger"],
   ["measure the Z screw with a dial gauge, at a dozen heights", "Die Z-Spindel mit einer Messuhr messen, in einem Dutzend Höhen"],
@@ -203,6 +198,7 @@ export default [
   ["a CoreXY", "ein CoreXY"],
   ["name a CoreXY preset", "Einen CoreXY aus der Liste wählen", "choose a CoreXY of the list"],
   ["a slicer's profile in JSON", "ein Slicer-Profil in JSON"],
+  ["a bundle with a printer", "eine Sammlung mit einem Drucker"],
   ["one printer, named with --model", "genau ein Drucker", "one printer"],
   ["a printer {a} of this bundle", "ein Drucker {a} in dieser Sammlung"],
   ["a part of a name is enough: {a}", "das Profil eines einzelnen davon ausgeben: {a}", "export the profile of one of them alone: {a}"],
