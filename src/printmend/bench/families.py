@@ -19,7 +19,7 @@ from printmend.bench.rows import OPTIMUM, Row, row, row_parts
 from printmend.bench.run import run
 from printmend.bench.towers import TowerStand, tower_stand
 from printmend.corruption import fault
-from printmend.corruption.sample import check_family
+from printmend.corruption.sampling import check_family
 from printmend.errors import InputError
 from printmend.executor import HERE, Executor
 from printmend.files import replacing

@@ -16,7 +16,7 @@ from printmend.bench.run import run
 from printmend.body import load_body
 from printmend.body.load import is_mesh
 from printmend.corruption import fault, read_corruption
-from printmend.corruption.sample import check_family
+from printmend.corruption.sampling import check_family
 from printmend.dataset.bodies import body_rng, digest
 from printmend.dataset.build import BODIES, RECIPE, body_file, corruption_file, read_lines, read_recipe
 from printmend.dataset.parquet import read_body

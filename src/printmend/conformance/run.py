@@ -66,7 +66,7 @@ def conformance(name: str) -> Iterator[Outcome]:
         yield from _outcomes(controllers.CHECKS, controllers.ControllerCandidate(name))
     else:
         from printmend.conformance import families as checks
-        from printmend.corruption.sample import check_family
+        from printmend.corruption.sampling import check_family
 
         check_family(name)
         yield from _outcomes(checks.CHECKS, checks.FamilyCandidate(name))

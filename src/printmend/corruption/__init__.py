@@ -16,7 +16,7 @@ from printmend.corruption.pulley import (
     WrongRadius,
     published_names,
 )
-from printmend.corruption.sample import families, fault, sample
+from printmend.corruption.sampling import families, fault, sample
 from printmend.corruption.screw import Screw
 from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.toml import corruption_toml, parse_corruption, read_corruption

@@ -70,7 +70,7 @@ class _Task:
 
 def check_recipe(recipe: Recipe) -> None:
     """Raise `InputError` for a printer or a family that is not known, and for too many corruptions or none."""
-    from printmend.corruption.sample import check_family
+    from printmend.corruption.sampling import check_family
 
     check_preset(recipe.printer)
     for family in recipe.families:
