@@ -104,6 +104,10 @@ def test_rows_in_no_order_are_refused_where_play_shows_without_its_direction(rng
         trace = Trace(points[order], measured[order])
         found = found_in(Greybox().fit(trace, PRINTER, rng=rng), trace, ())
         assert [each.kind for each in found if each.severity == "refusal"] == kinds
+    targets = rng.uniform(10, 210, (300, 2))  # that a printer went to in this order, and drifted
+    trace = Trace(targets, targets + np.linspace(0, 2, 300)[:, None] + rng.normal(0, 0.02, targets.shape))
+    found = found_in(Greybox().fit(trace, PRINTER, rng=rng), trace, ())
+    assert "rows-random" not in {each.kind for each in found}
 
 
 def test_another_turn_of_the_pulley_is_no_shift_of_rows(rng: np.random.Generator) -> None:

@@ -315,7 +315,8 @@ def _random_order(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     """Say where rows that are in no order leave what play leaves where its direction is not known: one of two values.
 
     A nozzle goes from neighbour to neighbour; in a random order, neighbours in the table are as far from each other as
-    any two rows (mean over n of them: to 1/√n).
+    any two rows (mean over n of them: to 1/√n). Errors that last from row to row, as lost steps do, say that the order
+    is the print's all the same.
     """
     points = trace.commanded_mm
     shuffled = points[np.random.default_rng(0).permutation(len(points))]
@@ -324,7 +325,11 @@ def _random_order(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     kept = residual[known & ~lost]
     if len(kept) < LEAST_ROWS or step_mm < (1 - RANDOM_SDS / np.sqrt(len(points))) * any_mm:
         return []
-    left = box.residual_after_mm
+    freed = kept - kept.mean(axis=0)
+    lasting = (freed[1:] * freed[:-1]).sum(axis=0) / np.maximum(np.square(freed).sum(axis=0), 1e-18)
+    if lasting.max() > RANDOM_SDS / np.sqrt(len(kept)):
+        return []
+    left = float(np.sqrt(np.mean(np.square(box.printer.from_motor(kept)).sum(axis=1))))
     size_mm = np.sqrt(np.mean(np.square(kept), axis=0))
     kurtosis = np.mean(kept**4, axis=0) / np.maximum(size_mm**4, 1e-18)
     if ((kurtosis < TWO_VALUED) & (size_mm > LEAST_TWO_MM)).any():
@@ -339,7 +344,7 @@ def _random_order(box: GreyboxModel, trace: Trace) -> list[Misfit]:
         f"the rows are in a random order, and {left:.2f} mm stay unexplained: if the printer did not go to these "
         "places in this order, put the rows in the order of the print"
     )
-    return [Misfit("rows-random", WARNING, left, SURE_NATS, words)]
+    return [Misfit("rows-random", REFUSAL if left > UNFIT_MM else WARNING, left, SURE_NATS, words)]
 
 
 def _other_turns(box: GreyboxModel) -> list[Misfit]:
