@@ -11,11 +11,14 @@ import { lasting, mm, number, sentence, t, why } from "./words.js";
 
 const STEPS = ["read", "rewrite", "draw"];
 
+// A job that is done may have refused to mend.
+const stateOf = (job) => job.result?.refused ? "failed" : job.state;
+
 export function Mend({ printer, changed }) {
   const [now, send] = useSending(), [rows, setRows] = useState([]), [shown, setShown] = useState(null), [error, setError] = useState(null);
   useEffect(() => {
     get(`/jobs?printer=${printer.id}`).then((jobs) => {
-      const mine = jobs.filter((job) => job.kind === "mend").slice(0, 30).map((job) => ({ id: job.id, name: job.params.name, state: job.state }));
+      const mine = jobs.filter((job) => job.kind === "mend").slice(0, 30).map((job) => ({ id: job.id, name: job.params.name, state: stateOf(job) }));
       setRows(mine);
       if (mine.length) setShown((old) => old ?? mine[0].id);
     }, (problem) => setError(problem.message));
@@ -26,7 +29,7 @@ export function Mend({ printer, changed }) {
     let timer, stopped = false;
     const later = () => { timer = setTimeout(look, 1500); };
     const look = () => get(`/jobs?printer=${printer.id}`).then((jobs) => {
-      const now = new Map(jobs.map((job) => [job.id, job.state]));
+      const now = new Map(jobs.map((job) => [job.id, stateOf(job)]));
       if (!stopped) setRows((old) => old.map((row) => ({ ...row, state: now.get(row.id) ?? row.state })));
     }, () => {}).then(() => stopped || later());
     later();
