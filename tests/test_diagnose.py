@@ -16,7 +16,7 @@ from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.repair.learned import learn_model
-from printmend.report.examination import Examination, examine, standard_rows, write_examination
+from printmend.report.examination import NOTHING_KNOWN, Examination, examine, standard_rows, write_examination
 from printmend.report.pictures import pictures
 from printmend.twin import Twin
 from printmend.units import radius_mm
@@ -100,7 +100,7 @@ def test_most_points_lie_in_the_band(name: str, examined: Examination, rng: np.r
         assert 0.92 < np.mean(off < 1) < 0.99
 
 
-def test_a_healthy_printer_needs_nothing(rng: np.random.Generator) -> None:
+def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Path) -> None:
     examination = examine(probe_trace(HEALTHY, ENDER3), ENDER3, rng=rng)
     assert examination.advice == ()
     assert examination.title == "This printer is healthy"
@@ -108,6 +108,10 @@ def test_a_healthy_printer_needs_nothing(rng: np.random.Generator) -> None:
     for one in pictures(examination)[:2]:  # no star is drawn of a round pulley
         assert len(one.figures) == 1
     assert standard_rows(examination)[1][2:] == ("0.000", "0.000")
+    write_examination(tmp_path / "healthy.html", examination)  # as in the PDF: no table of noughts
+    page = (tmp_path / "healthy.html").read_text()
+    assert NOTHING_KNOWN in page
+    assert "reversal error B" not in page
 
 
 def test_one_self_contained_file(folder: Path, examined: Examination, tmp_path: Path) -> None:
@@ -149,7 +153,8 @@ def test_bad_input_ends_in_one_line(folder: Path, tmp_path: Path) -> None:
 
 
 KINDS = (
-    "scale harmonic-1 harmonic-7 play loose-belt play-by-angle friction elastic ripple drift offset skew bow jump new"
+    "scale harmonic-1 harmonic-7 play loose-belt play-by-angle friction elastic ripple drift offset skew bow jump "
+    "period-31.4 new"
 )
 
 

@@ -110,6 +110,15 @@ def test_rows_in_no_order_are_refused_where_play_shows_without_its_direction(rng
     assert "rows-random" not in {each.kind for each in found}
 
 
+def test_rows_back_and_forth_across_the_bed_are_in_an_order(rng: np.random.Generator) -> None:
+    """They are farther apart than in a random order, and what they leave is said to be what it is."""
+    points = np.stack([np.tile([10.0, 210.0], 100), np.linspace(10, 210, 200)], axis=1)
+    measured = points + rng.choice([-0.1, 0.1], points.shape)
+    trace = Trace(points, measured)
+    found = found_in(Greybox().fit(trace, PRINTER, rng=rng), trace, ())
+    assert "rows-random" not in [each.kind for each in found]
+
+
 def test_another_turn_of_the_pulley_is_no_shift_of_rows(rng: np.random.Generator) -> None:
     """There and back along X with a pulley of 22 teeth, 2.3 mm off its centre, where the preset has 20."""
     large = replace(PRINTER, x=replace(PRINTER.x, mm_per_turn=44.0))

@@ -315,15 +315,15 @@ def _random_order(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     """Say where rows that are in no order leave what play leaves where its direction is not known: one of two values.
 
     A nozzle goes from neighbour to neighbour; in a random order, neighbours in the table are as far from each other as
-    any two rows (mean over n of them: to 1/√n). Errors that last from row to row, as lost steps do, say that the order
-    is the print's all the same.
+    any two rows (mean over n of them: to 1/√n); back and forth across the bed they are farther. Errors that last from
+    row to row, as lost steps do, say that the order is the print's all the same.
     """
     points = trace.commanded_mm
     shuffled = points[np.random.default_rng(0).permutation(len(points))]
     step_mm, any_mm = (float(np.hypot(*np.diff(each, axis=0).T).mean()) for each in (points, shuffled))
     residual, known, lost = _lost(box)
     kept = residual[known & ~lost]
-    if len(kept) < LEAST_ROWS or step_mm < (1 - RANDOM_SDS / np.sqrt(len(points))) * any_mm:
+    if len(kept) < LEAST_ROWS or abs(step_mm - any_mm) > RANDOM_SDS / np.sqrt(len(points)) * any_mm:
         return []
     freed = kept - kept.mean(axis=0)
     lasting = (freed[1:] * freed[:-1]).sum(axis=0) / np.maximum(np.square(freed).sum(axis=0), 1e-18)

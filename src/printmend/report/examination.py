@@ -210,6 +210,7 @@ def standard_rows(examination: Examination) -> list[tuple[str, ...]]:
     ]  # fmt: skip
 
 
+NOTHING_KNOWN = "No error of positioning and no error of a circle is known of this printer."
 STANDARD_SAID = (
     "Positioning along the bed's middle by the names of ISO 230-2, and a circle by those of ISO 230-4, in mm. The "
     "learned model ran these paths, not the printer: accuracy A and repeatability R need five measured runs, and are "

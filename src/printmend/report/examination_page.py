@@ -3,8 +3,10 @@
 from pathlib import Path
 
 from printmend.files import replacing
+from printmend.repair.mend import is_healthy
 from printmend.report import budget
 from printmend.report.examination import (
+    NOTHING_KNOWN,
     STANDARD_SAID,
     URGENCY,
     Examination,
@@ -49,10 +51,14 @@ def _body(examination: Examination) -> str:
         listed = "".join(f"<li>{say(gap)}</li>" for gap in closing(examination))
         gaps = f"<h2>What this print could not tell</h2><ul>{listed}</ul>"
     drawn = "".join(picture(group) for group in pictures(examination))
-    metrology = (
-        f"<h2>For metrologists</h2>{picture(circle_picture(examination.circle))}<p>{say(STANDARD_SAID)}</p>"
-        f"{table(standard_rows(examination), words=True)}"
-    )
+    metrology = "<h2>For metrologists</h2>"
+    if is_healthy(examination.saved):
+        metrology += f"<p>{say(NOTHING_KNOWN)}</p>"
+    else:
+        metrology += (
+            f"{picture(circle_picture(examination.circle))}<p>{say(STANDARD_SAID)}</p>"
+            f"{table(standard_rows(examination), words=True)}"
+        )
     if examination.expected is not None:
         metrology += f"<p>{say(budget.SAID)}</p>{table(budget.budget_rows(examination.expected))}"
     small = "".join(f"<p><small>{say(fact)}</small></p>" for fact in facts(examination))

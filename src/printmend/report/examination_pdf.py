@@ -7,6 +7,7 @@ from printmend.draw.document import Block, Card, Numbers, Pictures, Strip, Words
 from printmend.repair.mend import is_healthy
 from printmend.report import budget
 from printmend.report.examination import (
+    NOTHING_KNOWN,
     STANDARD_SAID,
     URGENCY,
     Examination,
@@ -48,7 +49,7 @@ def _blocks(examination: Examination) -> list[Block]:
     found += [_drawn(group) for group in pictures(examination)]
     found.append(Words("heading", "For metrologists"))
     if is_healthy(examination.saved):
-        found.append(Words("text", "No error of positioning and no error of a circle is known of this printer."))
+        found.append(Words("text", NOTHING_KNOWN))
     else:
         found += [
             _drawn(circle_picture(examination.circle)),
