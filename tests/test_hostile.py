@@ -127,7 +127,7 @@ MOTIONLESS = [
     "probe --printer ender3 --for talk.gcode -o out.gcode",
 ]
 UNWRITABLE = [
-    "twin part.gcode --printer ender3 --corruption broken.toml -o out.csv --scan out.png",
+    "twin part.gcode --printer ender3 --corruption broken.toml -o out.csv --scan absent/out.png",
     "mend part.gcode -m printer.mend.json -o absent/out.gcode",
     "mend part.gcode -m printer.mend.json -o part.gcode/out.gcode",
     "twin part.gcode --printer ender3 --corruption broken.toml -o absent/out.csv",

@@ -73,7 +73,7 @@ def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:
     assert "±" in first
     assert "belt play 0.3" in first
     assert first.endswith("; Y healthy")
-    assert float(second.split("noise ")[1].split()[0]) == pytest.approx(0.05, rel=0.1)
+    assert float(second.split("scatters by ")[1].split()[0]) == pytest.approx(np.hypot(0.05, 0.05), rel=0.1)
     assert comes.startswith("next: printmend mend part.gcode -m")
     assert last == f"written: {tmp_path / 'm.json'}"
     model = read_model(tmp_path / "m.json")

@@ -202,7 +202,7 @@ def test_a_spline_sets_the_feed_and_is_told() -> None:
     assert set(rows["feed"][rows["advance"] > 0]) == {1800.0, 600.0}
     assert rows["feed"][-1] == 600
     assert prediction.splines == 1
-    assert "1 curves (G5)" in prediction.summary()
+    assert "1 curve (G5)" in prediction.summary()
 
 
 @pytest.mark.parametrize(
