@@ -139,6 +139,22 @@ def test_another_scan_of_another_scale_is_no_change() -> None:
     assert update(first, scanned(small, 0.999), rng=np.random.default_rng(0)).changes == ()
 
 
+@pytest.mark.parametrize("size_mm", [196, 90])
+def test_a_healthy_motor_is_not_replaced_by_a_scan_of_another_scale(size_mm: int) -> None:
+    half, rng = Corruption((machine().drives[0], Drive())), np.random.default_rng(4)
+
+    def scanned(plan: ProbePlan, stretch: float) -> Trace:
+        marks = Twin.of(half, ENDER3).follow(plan.waypoints_mm)[plan.rows]
+        return plan.trace(marks * stretch + rng.normal(0, 0.006, marks.shape))
+
+    model = learn_model(scanned(design_probe(ENDER3), 1.0), ENDER3, rng=np.random.default_rng(0))
+    for stretch in (1.0015, 0.9985):
+        again = update(model, scanned(design_probe(ENDER3, size_mm=size_mm), stretch), rng=np.random.default_rng(0))
+        assert (again.changes, again.anew) == ((), ())
+        model = again.model
+        assert model.findings[0].endswith("Y healthy")
+
+
 CHANGES = {
     "pulley turned": machine(phase=2.5),
     "new pulley": Corruption((Drive(pulley=Polygon((6.9, 6.2, 7.1, 6.5), 0.3), belt=Play(0.2)), machine().drives[1])),

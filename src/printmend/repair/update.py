@@ -242,9 +242,10 @@ def _is_other(rows: Rows, past: Remembered, fresh: Choice, updated: Choice) -> b
     resized = abs(updated.fit.posterior.values[at] - past.values[at]) > RESIZED_PERCENT
     if ratio < (1.0 if resized else REPLACED):
         return True
-    refuted = _loss_mm(past, past.values, rows) > REFUTED_RATIO * fresh.fit.loss_mm
-    if _is_healthy(updated):  # another scanner's scale refutes a healthy motor, too, and is no other part
-        return False
+    values = past.values.copy()
+    if not resized:  # another scanner's scale is no other part
+        values[at] = updated.fit.posterior.values[at]
+    refuted = _loss_mm(past, values, rows) > REFUTED_RATIO * fresh.fit.loss_mm
     return _is_healthy(fresh) and refuted and ratio < 1.25
 
 
@@ -334,7 +335,8 @@ def _unneeded(past: Remembered, fit: Fit) -> np.ndarray:
         inside = np.isin(at, np.flatnonzero(new))
         w = post.values[new]
         chi2 = float(w @ np.linalg.solve(post.covariance[np.ix_(inside, inside)], w))
-        if chi2 < new.sum() + NAMED_SIGMAS * np.sqrt(2 * new.sum()) + NAMED_SIGMAS**2:
+        negative = names == ("play_powers",) and w[0] <= 0  # no belt has less than no play
+        if negative or chi2 < new.sum() + NAMED_SIGMAS * np.sqrt(2 * new.sum()) + NAMED_SIGMAS**2:
             unneeded |= new
     return unneeded
 
