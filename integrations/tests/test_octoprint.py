@@ -209,7 +209,7 @@ def test_the_page_sends_the_test_print_and_a_mended_file_to_octoprint(octoprint:
             expect(page.get_by_text("probe.gcode is among the files of OctoPrint")).to_be_visible()
             assert (octoprint.base / "uploads/probe.gcode").read_bytes() == (folder / "probe.gcode").read_bytes()
             page.get_by_role("link", name="Mend", exact=True).click()
-            page.set_input_files("input[type=file]", source)
+            page.set_input_files("input[type=file][accept*=gcode]", source)
             page.get_by_role("button", name="Send to OctoPrint").click()
             expect(page.get_by_text("gear.mended.gcode is among the files of OctoPrint")).to_be_visible()
             assert b"; mended by printmend" in (octoprint.base / "uploads/gear.mended.gcode").read_bytes()[:200]

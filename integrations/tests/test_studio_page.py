@@ -112,7 +112,7 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     watched.picture("wrong")
     page.get_by_role("link", name="Mend", exact=True).click()
     (source := tmp_path / "gear wheel.gcode").write_bytes(part(2))
-    page.set_input_files("input[type=file]", source)
+    page.set_input_files("input[type=file][accept*=gcode]", source)
     page.wait_for_selector("[data-testid=part]")
     with page.expect_download() as load:
         page.get_by_role("link", name="Download mended").click()
@@ -137,7 +137,7 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     (check := tmp_path / "check.gcode").write_bytes(Path(load.value.path()).read_bytes())
     printed = plan.waypoints_mm.copy()
     printed[plan.rows] = _dots(print_gcode(check, twin).measured_mm, plan.marks_mm)
-    page.set_input_files("input[type=file]", _scan(tmp_path / "check.png", printed, plan_path, 2))
+    page.set_input_files("input[type=file][accept*=csv]", _scan(tmp_path / "check.png", printed, plan_path, 2))
     page.wait_for_selector("text=Take this measurement into the model")
     expect(page.get_by_role("heading", name="The promise was kept")).to_be_visible()
     expect(page.get_by_text("is not the one")).to_have_count(0)  # what keeps its promise is of this machine
@@ -288,11 +288,11 @@ def test_what_goes_wrong_is_said_in_one_line(browser: Browser, server: Server, k
     (strange := tmp_path / "holiday.gcode").write_text("this is no G-code\n")
     alert = page.locator("[role=alert]").first
     page.route("**/api/uploads*", lambda route: None)  # a way to the server that takes for ever
-    page.set_input_files("input[type=file]", strange)
+    page.set_input_files("input[type=file][accept*=gcode]", strange)
     page.get_by_role("button", name="Stop").click()
     expect(alert).to_have_text("Stopped")
     page.unroute("**/api/uploads*")
-    page.set_input_files("input[type=file]", strange)
+    page.set_input_files("input[type=file][accept*=gcode]", strange)
     expect(alert).to_contain_text("holiday.gcode: wanted")
     page.goto(server.address + f"#/printers/{known}/measure")
     (strange := tmp_path / "cat.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing more")
