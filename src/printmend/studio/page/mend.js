@@ -62,7 +62,7 @@ function File_({ id, printer, changed }) {
   const job = useJob(id), [error, setError] = useState(null), scene = useScene(job, setError);
   useEffect(() => setError(null), [id]);
   const result = job?.state === "done" ? job.result : null;
-  return html`<${Problem} error=${error ?? (job?.state === "failed" ? job.error : null)} />
+  return html`<${Problem} error=${job?.state === "failed" ? job.error : error} />
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
     <${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene?.mended ? 2 : 1} busy=${Boolean(job) && !ended(job)}>
       ${job && !ended(job) && html`<section class="card busy"><${Progress} job=${job} steps=${STEPS} /></section>`}</${Part}>
