@@ -96,8 +96,10 @@ $(HOSTS)/cura/.stamp:
 	cd $(@D) && apt-get download -qq cura && dpkg-deb --fsys-tarfile cura_*.deb | tar -x --wildcards '*/PostProcessingPlugin/*' && rm cura_*.deb
 	@touch $@
 
+# Browsers, print servers and slicers run here, whose own start and pace we do not rule: what fails is run once more, and
+# the summary names it (R). `make test` has no such mercy.
 integrations: $(STAMP) hosts
-	$(BIN)/python -m pytest -p no:randomly integrations/tests
+	$(BIN)/python -m pytest -p no:randomly --reruns 1 -rR integrations/tests
 
 # The libraries of the studio's page, in one file (needs npm). A test compares it with what is committed.
 studio-vendor:
