@@ -19,16 +19,20 @@ from pathlib import Path
 from printmend import executor as module
 from printmend.bench.case import Case
 from printmend.bench.run import run
+from printmend.cli.main import group
 from printmend.errors import InputError
 from printmend.executor import executor
-from tests.mortal import dies_once, judged_once
+from tests.mortal import judged_once
 if __name__ == "__main__":
     module._CONNECT_S = 0.5
+    made = Path(sys.argv[1]).parent / "made"
+    asked = ["dataset", "build", "--bodies", "generated:1", "-o", str(made), "--cluster", "tcp://127.0.0.1:9"]
     try:
-        list(executor(1, "tcp://127.0.0.1:9").map(dies_once, sys.argv[1:]))
+        group.main(asked, standalone_mode=False)
     except InputError as error:
         said = str(error)
     assert "wanted a scheduler at tcp://127.0.0.1:9" in said and "start `dask scheduler`" in said, said
+    assert not list(made.parent.glob("made*"))
     cases = [Case("table1", "", place, "play", "damaged", "paper", 0, source=place) for place in sys.argv[1:]]
     run(cases, ("naive", "oracle"), Path(sys.argv[1]).parent, executor(1, "local:2"), evaluate=judged_once)
 """

@@ -10,7 +10,7 @@ import multiprocessing
 import os
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -112,7 +112,10 @@ class Cluster:
     address: str
 
     def map(self, work: Callable[[Item], Value], items: Iterable[Item]) -> Iterator[tuple[Item, Value | WorkerDied]]:
-        """Yield each item with its value; as many items as the workers can use are under way at any time."""
+        """Yield each item with its value; as many items as the workers can use are under way at any time.
+
+        Raises `InputError` where the scheduler goes away.
+        """
         from distributed import KilledWorker
 
         with self.client() as client, client.get_executor(pure=False) as pool:
@@ -127,9 +130,28 @@ class Cluster:
                 for future in done:
                     item = under_way.pop(future)
                     try:
-                        yield item, future.result()
+                        value: Any = future.result()
                     except KilledWorker:
-                        yield item, WorkerDied()
+                        value = WorkerDied()
+                    except CancelledError:
+                        todo = "start it again; then the same command goes on"
+                        raise InputError(
+                            "--cluster", wanted=f"a scheduler at {self.address}", came="one that has gone", todo=todo
+                        ) from None
+                    yield item, value
+
+    def check(self) -> int:
+        """Return how many items can run at once now. Raise `InputError` where no scheduler answers.
+
+        To be asked before anything is made that the workers would work on; local:N are started only by `map`.
+        """
+        import distributed  # noqa: F401 (says at once which extra is missing)
+
+        kind, _, count = self.address.partition(":")
+        if kind == "local":
+            return int(count)
+        with self._connected() as client:
+            return sum(client.nthreads().values())
 
     @contextlib.contextmanager
     def client(self) -> Iterator[Any]:
@@ -157,6 +179,8 @@ class Cluster:
         """Return a client of the scheduler. Raise `InputError` where none answers."""
         from distributed import Client
 
+        for name in ("distributed.client", "distributed.utils"):  # what they would log at length, we say in one line
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             return Client(self.address, timeout=_CONNECT_S)
         except (OSError, ValueError, TimeoutError) as error:

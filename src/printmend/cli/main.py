@@ -24,7 +24,7 @@ COMMANDS: dict[str, str] = {
     "completion": "Complete commands, options and models in your shell.",
     "conformance": "Does a learner, a planner or a fault of your own keep what it must?",
     "curiosity": "Choose test prints until a promise is met; beside other ways.",
-    "dataset": "Exchange bodies and corruptions with the paper's published code.",
+    "dataset": "Build, check and fetch data sets of bodies printed on broken printers.",
     "diagnose": "Say what is wrong with a printer, and what to do, in one report.",
     "export": "Write the part of a fault that a firmware can hold.",
     "figures": "Draw the paper's figures and its Table I from a data set.",
