@@ -65,7 +65,7 @@ def written(folder: Path, name: str, text: str) -> Path:
 def test_a_preset_names_its_source_and_survives_a_round_trip(name: str) -> None:
     printer = read_printer(name)
     again = parse_printer(printer_text(printer), subject=name)
-    assert (again, again.extruder) == (printer, printer.extruder)
+    assert (again, again.extruder, again.pause_gcode) == (printer, printer.extruder, printer.pause_gcode)
     for axis in (printer.x, printer.y):  # an end stop lies at its side of the bed, or beyond
         assert axis.home_mm <= axis.min_mm if axis.home_side == "min" else axis.home_mm >= axis.max_mm
 
@@ -81,7 +81,7 @@ def test_there_are_presets_for_the_printers_that_people_own() -> None:
 
 def test_klippers_file_gives_motors_end_stops_and_travel(tmp_path: Path) -> None:
     printer, left = convert(written(tmp_path, "printer.cfg", KLIPPER))
-    assert left == ()
+    assert (left, printer.pause_gcode) == ((), "PAUSE")
     assert (printer.x.mm_per_turn, printer.x.microsteps, printer.x.home_side, printer.x.home_mm) == (40, 32, "max", 250)
     assert (printer.y.mm_per_turn, printer.y.min_mm, printer.y.home_side, printer.y.home_mm) == (40, -5, "min", -5)
     assert (printer.z.mm_per_turn, printer.z.home_mm) == (pytest.approx(8.0), 0.0)
@@ -133,6 +133,7 @@ start_gcode = "G28\\nG29"
 [printer:*BIG*]
 inherits = *common*
 bed_shape = 5x0,295x0,295x300,5x300
+gcode_flavor = reprapfirmware
 [printer:Acme Big (0.4 mm nozzle)]
 inherits = *BIG*
 printer_model = BIG
@@ -151,13 +152,15 @@ bed_shape = 0x0,9x0,9x9,0x9
         ConfigError, match="named with --model, got 3; a part of a name is enough: Acme Big, Acme Small, Acme Resin"
     ):
         convert(path, like="ender3")
+    with pytest.raises(ConfigError, match=r"--like ender3; a part of a name is enough: Acme Big"):
+        convert(path)  # all that is missing at once
     with pytest.raises(ConfigError, match="a bundle with a printer, got none"):
         convert(written(tmp_path, "none.ini", "[printer:*common*]\nbed_shape = 0x0,9x0,9x9,0x9\n"), like="ender3")
     with pytest.raises(ConfigError, match="a resin printer"):
         convert(path, like="ender3", model="acme resin")
     big, left = convert(path, like="ender3", model="big")
     assert (big.name, big.x.min_mm, big.x.max_mm, big.x.home_mm, big.y.max_mm) == ("BIG", 0, 300, 0, 300)
-    assert (big.extruder, big.start_gcode) == ("direct", "G28\nG29\n")
+    assert (big.extruder, big.start_gcode, big.pause_gcode) == ("direct", "G28\nG29\n", "M226")
     assert "margin of 5 mm that the slicer keeps free in X" in left[0]
     done = CliRunner().invoke(command, [str(path), "--like", "ender3", "--model", "Acme Small"])
     assert parse_printer(done.stdout, subject="small").x.max_mm == 150

@@ -1,5 +1,7 @@
 """A sheet of paper takes the probe: as plastic, or drawn with a pen; patterns fit the glass that will see them."""
 
+import re
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -16,6 +18,7 @@ from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.layout import glass_area_mm
 from printmend.probe.paper import on_paper, paper_for, papers_of
+from printmend.probe.pen import pen_gcode, with_pen
 from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 from printmend.twin.gcode import print_gcode
@@ -53,7 +56,13 @@ def test_a_pen_shows_what_plastic_would(tmp_path):
     assert not read_gcode(gcode, printer=PRINTER).moves.extrusion_mm.any()
     assert "\nM109" not in text
     assert "tip 104 mm from its left edge, 4 mm from its front edge" in text
-    assert b"The file pauses twice" in leaflet(tmp_path, "with a pen on paper", "the paper lies where the pen draws")
+    leaflet(tmp_path, "with a pen on paper", "It pauses \\(M0\\)", "The first dot is a guided one",
+            "the paper lies where the pen draws")  # fmt: skip
+    dabs = text.split("\nM0 ")  # until the pen is in; until the paper is under it; the guided dot; the drawing
+    assert len(dabs) == 4
+    assert not re.search(r"[XY]\d", dabs[2])
+    assert dabs[2].count("\nG1 Z4.9 ") == 20
+    assert dabs[3].index("\nG1 Z4.9 ") < dabs[3].index("\nG0 X")
     broken = Twin.of(
         Corruption((Drive(pulley=EccentricBore(0.3, 0.4), belt=Play(0.3)), Drive(belt=Play(0.2)))), PRINTER
     )
@@ -68,6 +77,15 @@ def test_a_pen_shows_what_plastic_would(tmp_path):
     model = learn_model(trace, PRINTER)
     left = Twin(model.mechanism).follow(plan.waypoints_mm) - printed.measured_mm
     assert np.std(left[plan.rows], axis=0).max() < 0.015
+
+
+def test_a_pen_waits_by_what_the_firmware_knows():
+    voron = read_printer("voron2-250")
+    assert voron.pause_gcode == "PAUSE"
+    text = pen_gcode(with_pen(design_probe(voron, size_mm=60.0, marks=40)), pause_gcode=voron.pause_gcode)
+    assert "\nM0" not in text
+    assert text.count("\nPAUSE\n") == 2
+    assert "\nG4 P120000\n" in text  # a pause may park the tool head: laying the paper has its time
 
 
 def test_paper_and_glass_limit_the_pattern(tmp_path):

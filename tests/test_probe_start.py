@@ -36,7 +36,7 @@ def test_a_sliced_file_gives_its_start_without_its_part(tmp_path: Path) -> None:
     text, left = start_from(path, read_printer("prusa-mk3s"))
     lines = text.splitlines()
     assert lines[:3] == ["G28 W", "G80", "G1 Y-3 F1000"]
-    assert [line.partition(":")[0] for line in left] == ["M486, M73"]
+    assert [line.partition(":")[0] for line in left] == ["M862.3", "M486, M73"]
     assert lines[-3:] == ["G1 Z10 F600", "G28 X Y", "M420 S1"]  # the intro line moved away from home
     assert not any("X100" in line for line in lines)
 

@@ -145,7 +145,10 @@ def command(
         start, left_out = start_from(start_path, printer)
         for line in left_out:
             click.echo(f"Not copied from {start_path}: {line}", err=True)
-    plan_path = write_probe(output, plan, extruder=extruder or printer.extruder, start_gcode=start, papers=papers)
+    plan_path = write_probe(
+        output, plan, extruder=extruder or printer.extruder, start_gcode=start, papers=papers,
+        pause_gcode=printer.pause_gcode,
+    )  # fmt: skip
     minutes, grams = cost(plan)
     used = pen_and_paper(plan) if pen else f"{grams:.1f} g of PLA"
     click.echo(f"{' and '.join(map(str, files))}: {len(plan)} dots, {minutes:.0f} min, {used}")

@@ -7,7 +7,7 @@ import tomli_w
 from printmend.errors import ConfigError
 from printmend.files import read_text
 from printmend.printer.klipper import is_klipper, parse_klipper
-from printmend.printer.printer import Printer
+from printmend.printer.printer import PAUSE, Printer
 from printmend.printer.slicer import is_slicer_profile, parse_slicer, profile_of
 from printmend.printer.toml import parse_printer, read_printer
 
@@ -31,9 +31,9 @@ def convert(path: Path, *, like: str | None = None, model: str | None = None) ->
     if is_klipper(text):
         printer = parse_klipper(text, name=path.stem, subject=subject)
     elif is_slicer_profile(text):
-        values = profile_of(text, model=model, subject=subject)
+        todo = "name a preset with the same motors and end stops: --like ender3"
+        values = profile_of(text, model=model, subject=subject, todo="" if like else f"and {todo}")
         if like is None:
-            todo = "name a preset with the same motors and end stops: --like ender3"
             raise ConfigError(
                 subject, wanted="to know its motors", came="a slicer's profile, which does not say", todo=todo
             )
@@ -51,6 +51,8 @@ def printer_text(printer: Printer) -> str:
     head = {"name": printer.name, "kinematics": printer.kinematics, "extruder": printer.extruder}
     if printer.start_gcode:
         head["start_gcode"] = printer.start_gcode
+    if printer.pause_gcode != PAUSE:
+        head["pause_gcode"] = printer.pause_gcode
     keys = ("min_mm", "max_mm", "steps_per_turn", "mm_per_turn", "microsteps", "home_mm", "home_side")
     axes = {axis.name: {key: getattr(axis, key) for key in keys} for axis in printer.axes}
     return tomli_w.dumps({**head, **axes}, multiline_strings=True)

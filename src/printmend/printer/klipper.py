@@ -4,7 +4,7 @@ import configparser
 from configparser import SectionProxy
 
 from printmend.errors import ConfigError
-from printmend.printer.printer import Axis, Printer
+from printmend.printer.printer import KLIPPER_PAUSE, Axis, Printer
 
 # What Klipper takes where a key is absent (its Config Reference).
 _FULL_STEPS, _MICROSTEPS = 200, 16
@@ -32,7 +32,7 @@ def parse_klipper(text: str, *, name: str, subject: str) -> Printer:
         todo = "other machines than cartesian and CoreXY ones cannot be learned yet"
         raise ConfigError(subject, wanted="kinematics: cartesian or corexy", came=kinematics, todo=todo)
     x, y, z = (_axis(config, axis, subject) for axis in "xyz")
-    return Printer(name, "corexy" if kinematics == "corexy" else "cartesian", x, y, z)
+    return Printer(name, "corexy" if kinematics == "corexy" else "cartesian", x, y, z, pause_gcode=KLIPPER_PAUSE)
 
 
 def _axis(config: configparser.RawConfigParser, name: str, subject: str) -> Axis:

@@ -9,6 +9,8 @@ from printmend.units import radius_mm
 
 Kinematics = Literal["cartesian", "corexy"]
 Extruder = Literal["bowden", "direct"]
+PAUSE = "M0"  # Marlin and its kin wait, where they stand, for a press of the knob
+KLIPPER_PAUSE, RRF_PAUSE = "PAUSE", "M226"  # Klipper knows no M0; RepRapFirmware ends the print there
 
 
 @dataclass(frozen=True)
@@ -53,8 +55,8 @@ class Printer:
     """A machine: three axes, the way its motors move them, and what a test print of our own must know to start.
 
     ``extruder`` says where the filament's motor sits: a Bowden tube needs a longer retraction. ``start_gcode`` are the
-    owner's lines that heat, home and level; without any a test print uses plain ones. Neither belongs to the mechanics:
-    machines that differ only there are equal.
+    owner's lines that heat, home and level; without any a test print uses plain ones. ``pause_gcode`` is the command
+    that waits for the owner. None of these belongs to the mechanics: machines that differ only there are equal.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Printer:
     z: Axis
     extruder: Extruder = field(default="bowden", compare=False)
     start_gcode: str = field(default="", compare=False)
+    pause_gcode: str = field(default=PAUSE, compare=False)
 
     @property
     def axes(self) -> tuple[Axis, Axis, Axis]:

@@ -10,11 +10,12 @@ from dataclasses import replace
 from typing import Any
 
 from printmend.errors import ConfigError
-from printmend.printer.printer import Axis, Extruder, Printer
+from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, RRF_PAUSE, Axis, Extruder, Printer
 
 # A slicer that draws the filament back by less than this has its motor on the tool head, mm. Bowden profiles of
 # PrusaSlicer begin at 2 mm (Voron.ini), direct ones end at 1.9 mm (Artillery.ini).
 _SHORTEST_BOWDEN_MM = 1.95
+_PAUSES = {"klipper": KLIPPER_PAUSE, "reprapfirmware": RRF_PAUSE, "rapid": RRF_PAUSE}  # by gcode_flavor
 # What the placeholders of start code stand for in a test print of PLA, °C; `probe` says where to change them.
 _PLA = {"first_layer_temperature": "205", "temperature": "205", "nozzle_temperature_initial_layer": "205",
         "first_layer_bed_temperature": "60", "bed_temperature": "60", "bed_temperature_initial_layer_single": "60",
@@ -37,12 +38,13 @@ def is_slicer_profile(text: str) -> bool:
     return any(key in text for key in keys) or text.lstrip().startswith("{")
 
 
-def profile_of(text: str, *, model: str | None, subject: str) -> Values:
+def profile_of(text: str, *, model: str | None, subject: str, todo: str = "") -> Values:
     """Return the keys of a printer's profile, INI or JSON; of a bundle with several, those of the printer ``model``.
 
-    Raises `ConfigError` where a bundle has several and none is named, or another one, and for a resin printer.
+    ``todo`` is what else its owner has to do, should a model have to be named. Raises `ConfigError` where a bundle has
+    several and none is named, or another one, and for a resin printer.
     """
-    values = _json(text, subject) if text.lstrip().startswith("{") else _ini(text, model, subject)
+    values = _json(text, subject) if text.lstrip().startswith("{") else _ini(text, model, subject, todo)
     technology = _first(values, ("printer_technology",)) or "FFF"
     if technology.upper() != "FFF":
         raise ConfigError(
@@ -72,7 +74,8 @@ def parse_slicer(values: Values, *, like: Printer, name: str, subject: str) -> t
             subject, wanted=f"a {like.kinematics} printer, as --like", came="a CoreXY", todo="name a CoreXY preset"
         )
     z = replace(like.z, max_mm=height_mm)
-    return Printer(said, like.kinematics, axes[0], axes[1], z, extruder, start), (*margin, *left)
+    pause = _PAUSES.get(_first(values, ("gcode_flavor",)) or "", PAUSE)
+    return Printer(said, like.kinematics, axes[0], axes[1], z, extruder, start, pause), (*margin, *left)
 
 
 def _json(text: str, subject: str) -> Values:
@@ -88,7 +91,7 @@ def _json(text: str, subject: str) -> Values:
     return values
 
 
-def _ini(text: str, model: str | None, subject: str) -> Values:
+def _ini(text: str, model: str | None, subject: str, todo: str) -> Values:
     """Return the keys of a profile in INI; of a bundle those of the printer that is meant, with what it inherits."""
     sections: dict[str, dict[str, str]] = {"": {}}
     section = sections[""]
@@ -101,11 +104,12 @@ def _ini(text: str, model: str | None, subject: str) -> Values:
     bundle = {name.removeprefix("printer:"): own for name, own in sections.items() if name.startswith("printer:")}
     if not bundle:
         return sections[""]
-    return _inherited(bundle, _chosen([name for name in bundle if not name.startswith("*")], model, subject))
+    return _inherited(bundle, _chosen(list(bundle), model, subject, todo))
 
 
-def _chosen(names: list[str], model: str | None, subject: str) -> str:
+def _chosen(sections: list[str], model: str | None, subject: str, todo: str) -> str:
     """Return the printer of a bundle that is meant: the only one, or that called ``model``, with its usual nozzle."""
+    names = [name for name in sections if not name.startswith("*")]
     wanted = (model or "").strip().lower()
     exact = [name for name in names if wanted in (name.lower(), _NOZZLE.sub("", name).lower())]
     fitting = exact or [name for name in names if wanted in name.lower()]
@@ -114,9 +118,10 @@ def _chosen(names: list[str], model: str | None, subject: str) -> str:
     models = list(dict.fromkeys(_NOZZLE.sub("", name) for name in fitting or names))
     if not models:
         raise ConfigError(subject, wanted="a bundle with a printer", came="none", todo=_TODO)
+    advice = "; ".join(filter(None, (todo, f"a part of a name is enough: {', '.join(models)}")))
     raise ConfigError(
         subject, wanted="one printer, named with --model" if not wanted else f"a printer {model!r} of this bundle",
-        came=f"{len(models)}" if fitting else "none", todo=f"a part of a name is enough: {', '.join(models)}",
+        came=f"{len(models)}" if fitting else "none", todo=advice,
     )  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """Printers from TOML: the presets and a user's own file, through the same code."""
 
 import os
+import re
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -8,13 +9,14 @@ from typing import Any
 
 from printmend.errors import ConfigError, InputError
 from printmend.files import read_text
-from printmend.printer.printer import Axis, Printer
+from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, Axis, Printer
 
 _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
 _COUNTS = ("steps_per_turn", "microsteps")
 _AXIS_KEYS = {*_NUMBERS, *_COUNTS, "home_side"}
-_KEYS = {"name", "kinematics", "x", "y", "z", "extruder", "start_gcode"}
+_KEYS = {"name", "kinematics", "x", "y", "z", "extruder", "start_gcode", "pause_gcode"}
 _EXTRUDERS = ("bowden", "direct")
+_COMMAND = re.compile(r"[A-Za-z][\x20-\x7e]{0,79}")  # one line, as a firmware reads it
 _MOST_START_GCODE = 20_000  # characters; a start code of a thousand lines is another file
 _FAR_MM, _FAREST_MM = 1000.0, 1e5
 _LEAST_TURN_MM = 0.01  # of belt that a motor's turn moves
@@ -73,6 +75,10 @@ def parse_printer(text: str, *, subject: str) -> Printer:
     if not isinstance(start_gcode, str) or len(start_gcode) > _MOST_START_GCODE:
         wanted = f"start_gcode as text of at most {_MOST_START_GCODE} characters"
         raise ConfigError(subject, wanted=wanted, came=repr(start_gcode)[:40], todo=_TODO)
+    pause_gcode = table.get("pause_gcode", PAUSE)
+    if not isinstance(pause_gcode, str) or _COMMAND.fullmatch(pause_gcode) is None:
+        wanted = f'pause_gcode = "{PAUSE}", "{KLIPPER_PAUSE}" or another command on one line'
+        raise ConfigError(subject, wanted=wanted, came=repr(pause_gcode)[:40], todo=_TODO)
     x, y, z = (_axis(table.get(axis), axis, subject) for axis in "xyz")
     if kinematics == "corexy" and (x.mm_per_step, x.microsteps) != (y.mm_per_step, y.microsteps):
         raise ConfigError(
@@ -81,7 +87,7 @@ def parse_printer(text: str, *, subject: str) -> Printer:
             came="[x] and [y] with different steps",
             todo="make them equal",
         )
-    return Printer(name, kinematics, x, y, z, extruder, start_gcode)
+    return Printer(name, kinematics, x, y, z, extruder, start_gcode, pause_gcode)
 
 
 def _axis(table: Any, name: str, subject: str) -> Axis:

@@ -12,9 +12,11 @@ from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan
 from printmend.pdf import BLACK, BLUE, GREY, PALE, RED, Page
 from printmend.printer import Printer
+from printmend.printer.printer import PAUSE
 from printmend.probe.gcode import cost
 from printmend.probe.net import strokes_of
 from printmend.probe.paper import Paper, first_touch_mm
+from printmend.probe.pen import LAY_S
 from printmend.probe.probe import gcode_of
 from printmend.units import A4_MM
 
@@ -32,6 +34,7 @@ PLATE_COLOURS = (
     "Colours: the dots must stand out from the plate. Dark filament (black, blue, red, green) on a light or golden "
     "plate; white, yellow or grey on a black one. Clear and silk filament glitter: take another."
 )
+AS_IT_IS = "Print the file as it is: do not slice, scale or turn it."
 PAPER_COLOURS = "Colours: white paper, and any filament that is neither white nor clear. Black is best."
 
 
@@ -74,8 +77,8 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
     trace, seen = gcode.with_suffix(".csv").name, f"{gcode.stem}-seen.png"
     scans = " ".join(f"scan-{number}.png" for number in range(1, len(plan.sheets) + 1)) if several else "scan.png"
     steps = [
-        *_before(plan, papers),
-        f"Print the file as it is: do not slice, scale or turn it. {_comes(plan, files)}",
+        *_before(plan, papers, printer),
+        *_comes(plan, files),
         f"{_scanned(plan, papers)} at 600 dpi, as PNG or as JPEG of the best quality. Any turn is read. A second scan, "
         "turned by a quarter, takes the scanner's own error off: name both."
         + ("" if papers else " What is larger than the glass: scan it in two or three parts that overlap by a third."),
@@ -86,20 +89,22 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
     return _written(gcode, page, steps)
 
 
-def _comes(plan: ProbePlan, files: str) -> str:
-    """Say what comes out of the printer."""
+def _comes(plan: ProbePlan, files: str) -> list[str]:
+    """Say how it is printed, and what comes out of the printer; how a pen is used `_with_a_pen` has said."""
+    said = [] if plan.pen else [AS_IT_IS]
     if len(plan.sheets) > 1:
-        return (
+        said.append(
             f"Print {files}, each onto a sheet of its own, and number the sheets. Where they overlap the same dots "
             "come again: by them the sheets are joined."
         )
-    if plan.net:
-        return (
+    elif plan.net:
+        said.append(
             "What comes out is one layer of dots on a thin net in a frame, and a line along the front edge. When the "
             "plate is cold, lift the frame: all comes off as one sheet."
         )
-    line = "" if plan.pen else ", and a line along the front edge at the start"
-    return f"What comes out is one layer of dots{line}."
+    elif not plan.pen:
+        said.append("What comes out is one layer of dots, and a line along the front edge at the start.")
+    return [" ".join(said)] if said else []
 
 
 def _scanned(plan: ProbePlan, papers: Sequence[Paper]) -> str:
@@ -163,26 +168,31 @@ def _on_part(stroke_mm: np.ndarray, walls: "Walls") -> bool:
     return bool(walls.plastic[pixel[:, 1], pixel[:, 0]].mean() > 0.5)
 
 
-def _before(plan: ProbePlan, papers: Sequence[Paper]) -> list[str]:
+def _before(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[str]:
     """Return what must be done before the print begins."""
     if plan.pen:
-        return [_taped(plan, papers), *_with_a_pen(plan, papers)]
+        return [_taped(plan, papers), *_with_a_pen(plan, papers, printer)]
     heat = "Change the temperatures at the top of the file for another material than PLA."
     if papers:
         return [_taped(plan, papers), heat, PAPER_COLOURS]
     return [f"Clean the bed. {heat}", PLATE_COLOURS]
 
 
-def _with_a_pen(plan: ProbePlan, papers: Sequence[Paper]) -> list[str]:
-    """Say how the pen is put in, and the paper under it."""
+def _with_a_pen(plan: ProbePlan, papers: Sequence[Paper], printer: Printer) -> list[str]:
+    """Say how the pen is put in, the paper under it, and how the first dot sets its height."""
+    stands = "waits" if printer.pause_gcode == PAUSE else f"stays there for {LAY_S // 60} minutes"
     touches = [first_touch_mm(sheet, paper) for sheet, paper in zip(plan.sheets, papers, strict=True)]
     where = "; ".join(
         dict.fromkeys(f"{left:.0f} mm from its left, {front:.0f} mm from its front" for left, front in touches)
     )
     return [
-        "The file pauses twice. First: put a felt pen of 0.8 mm into its clip, loosely, tip up. Then the nozzle stands "
-        f"above the cross in the picture: shift the paper until the pen's tip is above the cross ({where} edge), tape "
-        "its four corners, lower the pen until it touches, and fasten it.",
+        f"{AS_IT_IS} It pauses ({printer.pause_gcode}): put a felt pen of 0.8 mm into its clip, loosely, tip up. Then "
+        f"the nozzle stands above the cross in the picture and {stands}: shift the paper until the pen's tip is above "
+        f"the cross ({where} edge), tape its four corners, lower the pen until it touches, and fasten it.",
+        "The first dot is a guided one: the pen dabs at the cross for a minute. Meanwhile lower it by baby-steps (at "
+        "the knob Tune, then Babystep Z, Live Z or Z offset; in Mainsail and Fluidd Z offset) until it leaves a clear "
+        "dot, no further. At the pause after it: no dot? Lower the pen by a hair in its clip. Baby-steps help later, "
+        "too.",
         "How far the pen sits from the nozzle does not matter: the paper lies where the pen draws. A pen that sits far "
         "in front draws beyond the bed's edge: then write a smaller print with --size.",
     ]
@@ -237,11 +247,14 @@ def _bed(
         for stroke in strokes:
             page.line(placed(stroke), colour, width_mm=0.45 * scale)
     page.dots(placed(marks_mm), max(dot_mm * scale, 0.4))
+    labels = []
     for number, paper in enumerate(papers):
         ends = placed(np.clip(np.array([paper.low_mm, paper.high_mm]), low, high))
         inset, colour = 0.7 * number, SHEET_COLOURS[number]
         upper, size = np.array([ends[0, 0], ends[1, 1]]) + inset, np.abs(ends[1] - ends[0]) - 2 * inset
         page.frame(upper, size, colour, 0.6)
+        labels.append((upper, size, colour))
+    for number, (paper, (upper, size, colour)) in enumerate(zip(papers, labels, strict=True)):  # over all frames
         words = f"sheet {number + 1}" if len(papers) > 1 else "the sheet"
         at = upper + size * (0.06 + 0.38 * number, 0.06)
         page.rectangle(at, (14.5, 4.6), WHITE)

@@ -10,11 +10,14 @@ import numpy as np
 
 from printmend.measure.plan import ProbePlan, sheet_after_sheet
 from printmend.path import frozen
+from printmend.printer.printer import PAUSE
 from printmend.probe.paper import Paper, first_touch_mm
 
 TIP_MM, BIG_MM = 0.8, 1.8  # diameters of what a felt pen leaves, and of a circle that it draws
 CORNERS = 8  # of the polygon that stands for a dot
 TOUCH_MM, LIFT_MM, PRESS_MM = 5.0, 2.5, 0.1  # height of the tool head where the pen is fastened, and from there
+DABS, DABS_AGAIN, DAB_MS = 20, 3, 1000  # of the guided dot: a minute for its owner, and what the last pause changed
+LAY_S = 120  # for the paper, where pausing would drive the tool head away
 TRAVEL_MM_S, APPROACH_MM_S, CIRCLE_MM_S, DOWN_MM_S, REST_MS = 80.0, 20.0, 5.0, 10.0, 150
 
 
@@ -39,11 +42,13 @@ def with_pen(plan: ProbePlan) -> ProbePlan:
     return replace(plan, waypoints_mm=frozen(np.vstack(points)), rows=rows, dot_mm=TIP_MM, big_dot_mm=BIG_MM, pen=True)
 
 
-def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "") -> str:
+def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "", pause_gcode: str = PAUSE) -> str:
     """Return the file that draws ``plan``: every way-point is the end of one G0 or G1, in order.
 
-    It pauses where the pen touches first: there ``paper`` is laid under its tip, which sits beside the nozzle by what
-    nobody knows. ``sheet`` says which of several sheets it is.
+    It waits where the pen touches first: there ``paper`` is laid under its tip, which sits beside the nozzle by what
+    nobody knows. The first that it draws there is a guided dot: the pen dabs while its owner sets the height in
+    baby-steps, which firmwares take while they move, and which Klipper takes back at the end of a pause. ``sheet``
+    says which of several sheets it is; ``pause_gcode`` is the printer's.
     """
     name, place = "a sheet", "Shift the paper until all dots will lie on it; tape it"
     if paper is not None:
@@ -51,13 +56,20 @@ def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "") -
         place = f"Shift the paper: tip {left:.0f} mm from its left edge, {front:.0f} mm from its front edge; tape it"
     points, dots = plan.waypoints_mm, dict(zip(plan.rows.tolist(), plan.big.tolist(), strict=True))
     up, down = (f"G1 Z{z:g} F{DOWN_MM_S * 60:g}\n" for z in (TOUCH_MM + LIFT_MM, TOUCH_MM - PRESS_MM))
+    laying = "Put the paper under the pen, lower the pen until it touches, and fasten it"
+    stays = pause_gcode == PAUSE  # other pauses may park the tool head: they cannot wait for the paper
+    dab = f"{down}G4 P{DAB_MS}\n{up}G4 P{DAB_MS}\n"
     lines = [
         f"; printmend probe: {len(plan)} dots with a pen on paper. Printed for: {plan.printer}\n",
-        f"; Lay {name} onto the cold bed.\n; Two pauses ask for the pen; where M0 does not pause, use yours.\n",
-        "G21\nG90\nG28\nG1 Z40 F600\n", "M0 Put the pen into its clip, loosely, with the tip up\n",
+        f"; Lay {name} onto the cold bed.\n",
+        f"; It waits for you by {pause_gcode}; for another firmware give the printer's TOML its pause_gcode.\n",
+        "G21\nG90\nG28\nG1 Z40 F600\n", _waits(pause_gcode, "Put the pen into its clip, loosely, with the tip up"),
         f"G0 {_xy(points[1])} F{TRAVEL_MM_S * 60:g}\n", f"G0 {_xy(points[2])}\n",
         f"G1 Z{TOUCH_MM:g} F600\n", f"; {place}.\n",
-        "M0 Put the paper under the pen, lower the pen until it touches, and fasten it\n", up,
+        _waits(pause_gcode, laying) if stays else f"M117 {LAY_S // 60} min: {laying}\nG4 P{LAY_S * 1000}\n", up,
+        "; The guided dot: while the pen dabs, lower it by baby-steps of Z until it leaves a clear dot.\n",
+        "M117 Guided dot: lower Z by baby-steps until it marks\n", dab * DABS,
+        _waits(pause_gcode, "A clear dot? If none, lower the pen by a hair in its clip"), dab * DABS_AGAIN,
     ]  # fmt: skip
     row = 3
     while row < len(points):
@@ -73,6 +85,11 @@ def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "") -
         row += 1
     lines += ["G1 Z40 F600\n", "M84\n"]
     return "".join(lines)
+
+
+def _waits(pause_gcode: str, words: str) -> str:
+    """Return the lines that show ``words`` and wait for the owner."""
+    return f"{PAUSE} {words}\n" if pause_gcode == PAUSE else f"M117 {words}\n{pause_gcode}\n"
 
 
 def _xy(point: np.ndarray) -> str:

@@ -12,6 +12,7 @@ from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan, write_plan
 from printmend.path import Trace
 from printmend.printer import Extruder, Printer
+from printmend.printer.printer import PAUSE
 from printmend.probe.gcode import probe_gcode
 from printmend.probe.information import belief_after, fall_of, information, prior_belief, still_unknown
 from printmend.probe.layout import MARKS, area_around_mm, glass_area_mm, lay_out, mark_area_mm, square_mm
@@ -114,12 +115,12 @@ def turns_covered(printer: Printer, plan: ProbePlan) -> tuple[float, float]:
 
 def write_probe(
     path: str | Path, plan: ProbePlan, *, extruder: Extruder = "bowden", start_gcode: str = "",
-    papers: Sequence[Paper] = (),
+    papers: Sequence[Paper] = (), pause_gcode: str = PAUSE,
 ) -> Path:  # fmt: skip
     """Write the G-code to ``path`` and the plan beside it; return the plan's path. The options are `probe_gcode`'s.
 
-    ``papers`` are the sheets of a plan `on_paper`. One `with_pen` becomes a drawing; each of several sheets
-    has a file, `gcode_of`.
+    ``papers`` are the sheets of a plan `on_paper`. One `with_pen` becomes a drawing, which waits by
+    ``pause_gcode``; each of several sheets has a file, `gcode_of`.
     """
     path = Path(path)
     plan_path = path.with_suffix(".json")
@@ -129,7 +130,7 @@ def write_probe(
             file = files.enter_context(replacing(gcode_of(path, plan)[number - 1]))
             paper = papers[number - 1] if papers else None
             if sheet.pen:
-                file.write(pen_gcode(sheet, paper, sheet=said))
+                file.write(pen_gcode(sheet, paper, sheet=said, pause_gcode=pause_gcode))
             else:
                 text = probe_gcode(sheet, extruder=extruder, start_gcode=start_gcode, paper=paper, sheet=said)
                 file.write(text)

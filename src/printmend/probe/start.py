@@ -62,7 +62,7 @@ def _before_moves(lines: list[str]) -> list[str]:
 
 def _fitting(lines: list[str], printer: Printer) -> tuple[list[str], tuple[str, ...]]:
     """Return the lines that another print on this printer may start with, and why the others may not."""
-    kept, left, of_part = [], [], []
+    kept, left, of_part, checks = [], [], [], []
     reach = {
         axis.name.upper(): (min(axis.min_mm, axis.home_mm), max(axis.max_mm, axis.home_mm)) for axis in printer.axes
     }
@@ -80,12 +80,16 @@ def _fitting(lines: list[str], printer: Printer) -> tuple[list[str], tuple[str, 
         elif (check := _CHECK.match(line)) is not None:
             if check[1] == "3" and check[2] and _plain(check[2]) not in _plain(printer.name):
                 left.append(f"{line}: it stops any printer but that model; is this a file of your {printer.name}?")
+            else:
+                checks.append(line.split()[0].upper())
         elif _AREA.match(line):
             left.append(f"{line}: it levels around that part only; level the bed before you print, or add G29")
         elif beyond:
             left.append(f"{line}: it goes to {beyond[0]}")
         else:
             kept.append(line)
+    if checks:
+        left.append(f"{', '.join(dict.fromkeys(checks))}: whether printer, nozzle and firmware are those of that file")
     if of_part:
         left.append(f"{', '.join(dict.fromkeys(of_part))}: about that part")
     return kept, tuple(dict.fromkeys(left))
