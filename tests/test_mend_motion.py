@@ -273,6 +273,53 @@ def test_turns_against_the_slow_twin(mechanism) -> None:
         assert kernel == pytest.approx(np.array(wanted), abs=1e-3)
 
 
+@MODELS
+def test_travels_are_followed_as_the_slow_twin_follows_them(mechanism) -> None:
+    from tests.naive_travel import motors
+
+    rng = np.random.default_rng(7)
+    text, legs, at = START, [], np.array([60.0, 60.0])
+    for count in rng.integers(2, 7, 40):
+        drawn, *ways = at + np.cumsum(np.round(rng.uniform(-4, 4, (count + 1, 2)), 3), axis=0)
+        ways = ways if rng.random() < 0.7 else [*ways, ways[-1] + [0.0, 0.25]]
+        text += b"G1 X%.3f Y%.3f E.1 F1800\n" % tuple(drawn)
+        text += b"".join(b"G0 X%.3f Y%.3f F7200\n" % tuple(way) for way in ways)
+        legs.append((drawn, ways))
+        at = np.clip(ways[-1], 30, 90)
+    text += b"G1 X%.3f Y%.3f E.1 F1800\n" % tuple(at)
+    result = judge(text, mechanism)
+    right(result)
+    given = {}
+    for move in result.given:  # take-ups stand behind the travel, whose lines all stay
+        given.setdefault(move.line, move.end)
+    lines = [line for line in result.text.splitlines() if line.startswith(b"G0")][1:]
+    assert len(lines) == sum(len(ways) for _, ways in legs)
+    firsts = [number for number, line in enumerate(result.text.splitlines()) if line.startswith(b"G0")][1:]
+    planned = 0
+    for number, (drawn, ways) in enumerate(legs):
+        after = legs[number + 1][0] if number + 1 < len(legs) else at
+        numbers, firsts = firsts[: len(ways)], firsts[len(ways) :]
+        places, lengths = np.array([drawn, *ways]), np.linalg.norm(np.diff([drawn, *ways], axis=0), axis=1)
+        for k, drive in enumerate(mechanism.transmissions):
+            wanted = motors(places[:, k], lengths, given[numbers[0] - 1][k], after[k], drive)
+            planned += wanted[-1] is not None
+            for line, to in zip(numbers, wanted, strict=True):
+                assert to is None or given[line][k] == pytest.approx(to, abs=0.0025)
+    assert planned > 60
+
+
+def test_a_travel_crosses_its_slack_once() -> None:
+    legs = [(82, 61), (84, 60), (86, 61), (88, 60), (90, 61), (92, 60), (90, 62)]
+    text = START + b"G1 X80 Y60 E1 F1800\n" + b"".join(b"G0 X%d Y%d F6000\n" % leg for leg in legs)
+    result = judge(text + b"G1 X70 Y62 E1 F1800\n", PLAY)
+    right(result)
+    travelled = [
+        sum(math.dist(m.start, m.end) for m in moves if not m.draws) for moves in (result.wanted, result.given)
+    ]
+    # each of its six turns in y would cost 0.7 mm
+    assert travelled[1] - travelled[0] < 0.4 + 0.7
+
+
 def test_a_slow_firmware_gets_fewer_moves() -> None:
     """120 mm/s and 100 moves a second: no piece of a line is shorter than 1.2 mm, but for the gain."""
     from printmend.gcode.machine import Flavour, initial_state

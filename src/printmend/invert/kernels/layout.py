@@ -7,6 +7,7 @@ HOLD_MM = 0.005  # a belt is where it should be, or is known to be, within this
 HOME_MM = 0.05  # a learned origin this near to the end stop's is the same
 MIN_PIECE_MM = 0.08  # firmwares drop or merge shorter moves: Marlin those of fewer than six micro-steps, 0.075 mm
 NEAR_MM = 0.005  # a stretch that begins or ends this near is here
+SURE_MM = 0.001  # a belt that will end this near to where it is wanted will be there
 CLAMP_MM = 0.02  # held back at the edge of the bed by less is not worth a word
 ASTRAY_MM = 0.05  # only the edge of the bed keeps an extruding command that far from its line
 SAME_FEED = 0.005  # a change of speed below half a percent is not worth a word
@@ -61,7 +62,10 @@ P_COUNT, P_GAP, P_SINCE = 0, 1, 2
 # corner is, at infinity for a turn that is none; the share of the slack that is crossed before it, the slack [mm] and
 # the path's node there. From NODE on the path itself, straight from one to the next: s [mm], the belts [mm], 1 at the
 # end of a move.
-RUN_BEGIN, RUN_END, RUN_AT, RUN_TREND = 0, 1, 2, 4
+# Between such paths its nodes are the legs of a travel (see `travel`), RUN_TRAVEL the first record after it, RUN_LEG
+# the row of the next leg: where the motors go and where their belts are wanted at its end [mm], and its length [mm].
+RUN_BEGIN, RUN_END, RUN_AT, RUN_TREND, RUN_TRAVEL, RUN_LEG = 0, 1, 2, 4, 6, 7
+LEG_TO, LEG_BELT, LEG_LENGTH, LEGS = 0, 2, 4, 64
 TURN_BEGIN, TURN_END, TURN_TREND, TURN_RISE, TURN_FROM, TURN_TO, TURN_TIP, TURN_CORNER = range(8)
 TURN_SHARE, TURN_SLACK, TURN_NODE = 8, 9, 10
 RUN, TURNS, NODES = 11, 2048, 9216

@@ -67,6 +67,7 @@ from printmend.invert.kernels.layout import (
     CLAMP_MM,
     HOLD_MM,
     L_LENGTH,
+    LEG_TO,
     N_ANCHORS,
     N_ANYWHERE,
     N_CLAMPED,
@@ -79,6 +80,8 @@ from printmend.invert.kernels.layout import (
     PIECES_A_RECORD,
     RUN_BEGIN,
     RUN_END,
+    RUN_LEG,
+    RUN_TRAVEL,
     S_FEED,
     S_HI,
     S_HIGH,
@@ -113,6 +116,7 @@ from printmend.invert.kernels.state import (
     prepare,
     travel_motor,
 )
+from printmend.invert.kernels.travel import plan_travel
 from printmend.invert.kernels.turns import survey
 from printmend.jit import entry, inner
 
@@ -147,8 +151,11 @@ def _come(model, state, counts, pieces, n, record, e0, e1, z, quantum):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
-    """Write a move that draws nothing: only its end must be right."""
+def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0, to1):
+    """Write a move that draws nothing: only its end must be right.
+
+    ``to0`` and ``to1`` are where the motors go on a leg of a planned travel, else NaN: as far as their belts have to.
+    """
     x, y, _ = place(curve, t)
     s0, s1 = wanted(model, x, y)
     x, y, z = place(curve, end)
@@ -156,7 +163,8 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum):
     known = counts[N_KNOWN] != 0
     came = not known and not record.words & WORD_E and end - t == 1.0
     if known:
-        m0, m1 = travel_motor(model, state, 0, s0, e0), travel_motor(model, state, 1, s1, e1)
+        m0 = travel_motor(model, state, 0, s0, e0) if np.isnan(to0) else to0
+        m1 = travel_motor(model, state, 1, s1, e1) if np.isnan(to1) else to1
     elif came:
         n, m0, m1 = _come(model, state, counts, pieces, n, record, e0, e1, z, quantum)
     else:
@@ -287,7 +295,7 @@ def mend(
     """
     n = 0
     i = begin
-    run[0, RUN_END] = begin
+    run[0, RUN_END] = run[0, RUN_TRAVEL] = begin
     while i < count and n + PIECES_A_RECORD < len(pieces):
         r = records[i]
         first[i] = n
@@ -371,8 +379,16 @@ def mend(
                     way = moved
                 else:
                     counts[N_HEIGHT] = 0
+            to0 = to1 = np.nan
+            if moved is None and sure and not arc and counts[N_ANYWHERE] == 0:
+                if i > run[0, RUN_TRAVEL]:
+                    plan_travel(model, state, records, count, i - 1, run)
+                leg = np.int64(run[0, RUN_LEG])
+                to0, to1 = run[leg, LEG_TO], run[leg, LEG_TO + 1]
+                run[0, RUN_LEG] = leg + 1.0
             for part in range(parts):
-                n = _travel(model, way, state, counts, pieces, n, r, part / parts, (part + 1.0) / parts, quantum)
+                at, to = part / parts, (part + 1.0) / parts
+                n = _travel(model, way, state, counts, pieces, n, r, at, to, quantum, to0, to1)
             counts[N_ANYWHERE] = 0
         if not sure:
             # From here on the place is certain; the file as it is starts with the same uncertainty.

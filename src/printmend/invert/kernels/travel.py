@@ -1,0 +1,136 @@
+"""Compiled planning of travels of several legs: what draws nothing is followed only as far as to arrive right.
+
+At a corner of a travel a loose motor need not cross its slack: its belt may lag there. Each motor goes as the path
+does, whatever its belt is doing, and crosses the slack once at the most: on the longest leg after which the belt still
+ends where it is wanted, and to the side on which the line behind the travel will push it.
+"""
+
+import numpy as np
+
+from printmend.gcode.kernels.layout import (
+    FLAG_EXTRUDING,
+    FLAG_KNOWN_X1,
+    FLAG_KNOWN_Y1,
+    FLAG_OPAQUE,
+    KIND_LINEAR,
+)
+from printmend.invert.kernels.curve import norm
+from printmend.invert.kernels.layout import (
+    LEG_BELT,
+    LEG_LENGTH,
+    LEG_TO,
+    LEGS,
+    NODE,
+    RUN_LEG,
+    RUN_TRAVEL,
+    S_M,
+    SURE_MM,
+)
+from printmend.invert.kernels.lookup import (
+    LOWER,
+    M_CHORD,
+    UPPER,
+    backward,
+    forward,
+    is_near,
+    is_taut,
+    wanted,
+)
+from printmend.invert.kernels.state import is_sure, middle
+from printmend.jit import inner
+
+TRIED = 3  # legs that are tried for a crossing, the longest first
+
+
+@inner(error_model="numpy", _nrt=False)
+def plan_travel(model, state, records, count, i, run):
+    """Fill ``run`` with the legs of the travel that record i begins, and where the motors go at the end of each.
+
+    A motor's place is NaN where it is to go as far as its belt has to.
+    """
+    n, j = 0, i
+    while j < count and n < LEGS:
+        r = records[j]
+        if not _is_move(r):
+            break
+        if _is_still(r):
+            if r.advance > 0.0:
+                break
+        elif r.flags & FLAG_EXTRUDING or not is_near(model, r.x1, r.y1):
+            break
+        else:
+            leg = run[NODE + n]
+            leg[LEG_BELT], leg[LEG_BELT + 1] = wanted(model, r.x1, r.y1)
+            leg[LEG_LENGTH], leg[LEG_TO], leg[LEG_TO + 1] = norm(r.x1 - r.x0, r.y1 - r.y0), np.nan, np.nan
+            n += 1
+        j += 1
+    run[0, RUN_TRAVEL], run[0, RUN_LEG] = max(j, i + 1), NODE
+    if n < 2:
+        return
+    while j < count and _is_move(records[j]) and _is_still(records[j]):
+        j += 1
+    next0 = next1 = 0.0
+    if j < count and _is_move(records[j]) and records[j].flags & FLAG_EXTRUDING:
+        next0, next1 = wanted(model, records[j].x1, records[j].y1)
+        next0, next1 = next0 - run[NODE + n - 1, LEG_BELT], next1 - run[NODE + n - 1, LEG_BELT + 1]
+    for k in range(2):
+        if is_sure(state, k) and not is_taut(model, k):
+            _lag(model, state, run, k, n, next0 if k == 0 else next1)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _is_move(r):
+    known = r.flags & FLAG_KNOWN_X1 != 0 and r.flags & FLAG_KNOWN_Y1 != 0
+    return r.kind == KIND_LINEAR and known and r.flags & FLAG_OPAQUE == 0
+
+
+@inner(error_model="numpy", _nrt=False)
+def _is_still(r):
+    return r.x0 == r.x1 and r.y0 == r.y1
+
+
+@inner(error_model="numpy", _nrt=False)
+def _lag(model, state, run, k, n, ahead):
+    """Choose on which leg motor k crosses to the side that goes ``ahead`` [mm], or else to the other."""
+    m, now = state[S_M + k], middle(state, k)
+    pushed, pulled = backward(model, k, LOWER, now), backward(model, k, UPPER, now)
+    lag = min(max((2.0 * m - pushed - pulled) / max(pushed - pulled, 1e-9), -1.0), 1.0)
+    side = 1.0 if lag > 0.0 else -1.0
+    if abs(ahead) > 2.0 * model[M_CHORD]:
+        side = 1.0 if ahead > 0.0 else -1.0
+    end = run[NODE + n - 1, LEG_BELT + k]
+    for _ in range(2):
+        longest = np.inf
+        for _ in range(min(TRIED, n)):
+            crossed, length = n - 1, -1.0
+            for leg in range(n):
+                if length < run[NODE + leg, LEG_LENGTH] < longest:
+                    crossed, length = leg, run[NODE + leg, LEG_LENGTH]
+            longest = length
+            if abs(_go_along(model, run, k, n, m, now, lag, side, crossed) - end) <= SURE_MM:
+                return
+        side = -side
+    _go_along(model, run, k, n, m, now, lag, side, n - 1)
+    run[NODE + n - 1, LEG_TO + k] = np.nan
+
+
+@inner(error_model="numpy", _nrt=False)
+def _go_along(model, run, k, n, m, belt, lag, side, crossed):
+    """Write where motor k goes if it crosses to ``side`` on a leg; return where its belt, now at ``belt``, will end.
+
+    ``lag`` is where in its slack the motor is until then, from −1 where it pulls to 1 where it pushes.
+    """
+    end = run[NODE + n - 1, LEG_BELT + k]
+    slack = abs(backward(model, k, LOWER, end) - backward(model, k, UPPER, end))
+    for leg in range(n):
+        u = run[NODE + leg, LEG_BELT + k]
+        if leg < crossed:
+            pushed, pulled = backward(model, k, LOWER, u), backward(model, k, UPPER, u)
+            to = (pushed + pulled + lag * (pushed - pulled)) / 2.0
+        else:
+            if 0.0 < side * (u - end) <= slack:
+                u = end  # beyond it the belt would only have to come back
+            to = backward(model, k, LOWER if side > 0.0 else UPPER, u)
+        belt = max(belt, forward(model, k, LOWER, to)) if to > m else min(belt, forward(model, k, UPPER, to))
+        run[NODE + leg, LEG_TO + k] = m = to
+    return belt
