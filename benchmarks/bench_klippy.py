@@ -20,15 +20,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-import numpy as np
-
 from bench_corpus import around
+from klippy_cases import arguments, cases, drawn, text_of
 from klippy_judge import Judged, deposits, judge_both
 from klippy_run import RefusedByPlanner, plan
-from printmend.corruption import Corruption, corruption_toml, sample
+from printmend.corruption import Corruption, corruption_toml
 from printmend.errors import PrintmendError
-from printmend.gcode.container import open_gcode
-from printmend.gcode.read import Moves, read_gcode
+from printmend.gcode.read import read_gcode
 from printmend.printer import Printer, read_printer
 from printmend.saved import exact_model, write_model
 from true_printer import TruePrinter
@@ -62,27 +60,16 @@ def mend(source: Path, model: Path, output: Path) -> dict:
     return json.loads(report.read_text())
 
 
-def beginning(text: bytes, moves: Moves, most: int) -> bytes:
-    """Return the lines of a file before its extruding move number ``most``; all of them where it has fewer."""
-    drawn = np.flatnonzero(moves.extruding)
-    if len(drawn) <= most:
-        return text
-    return b"".join(text.splitlines(keepends=True)[: int(moves.line[drawn[most]])])
-
-
 def row(source: Path, family: str, options: argparse.Namespace, folder: Path) -> str:
     """Judge one file; return its line of the table."""
     for old in folder.glob("*.gcode"):
         old.unlink()
-    with open_gcode(source) as file:
-        text = b"".join(bytes(chunk) for chunk in file.parts[0].chunks())
     plain, model, output = folder / "part.gcode", folder / "m.mend.json", folder / "out.gcode"
     printer = read_printer(options.preset)
-    text = beginning(text, read_gcode(text, printer=printer).moves, options.moves)
+    text = text_of(source, printer, options)
     plain.write_bytes(text)
     printer = around(printer, read_gcode(plain, printer=printer).moves)
-    rng = np.random.default_rng([options.seed, *family.encode()])
-    corruption = sample(family, rng, options.severity)
+    corruption = drawn(family, options)
     write_model(model, exact_model(corruption.lower(printer)))  # type: ignore[arg-type] — gain tables are no family here
     report = mend(plain, model, output)
     before, after, complaints = both(text, output.read_bytes(), printer, corruption, folder / "run")
@@ -100,24 +87,15 @@ def row(source: Path, family: str, options: argparse.Namespace, folder: Path) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sources", type=Path, nargs="+", help="files, or folders of them")
-    parser.add_argument("--preset", default="ender3")
-    parser.add_argument("--family", default="pulley-play", help="one, or several with commas")
-    parser.add_argument("--severity", choices=["damaged", "realistic"], default="damaged")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--moves", type=int, default=10**9)
+    parser = arguments(__doc__)
     parser.add_argument("--results", type=Path, metavar="FILE.jsonl")
     options = parser.parse_args()
     known = {}
     if options.results is not None and options.results.exists():
         known = dict(json.loads(line) for line in options.results.read_text().splitlines())
-    families = options.family.split(",")
-    files = [p for source in options.sources for p in (sorted(source.rglob("*")) if source.is_dir() else [source])]
     print("  before    after      max  promise   time s  time %  stops   after corners  after  moves  file")
     with tempfile.TemporaryDirectory() as name:
-        for i, source in enumerate(path for path in files if path.is_file()):
-            family = families[i % len(families)]
+        for source, family in cases(options):
             key = " ".join(map(str, (source, family, options.severity, options.seed, options.moves, options.preset)))
             if key not in known:
                 try:

@@ -10,17 +10,12 @@ and printers are those of bench_klippy.py, whose planner has the same a and v; o
 time as printmend reads it, acceleration left out.
 """
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 
 from bench_corpus import around
-from bench_klippy import beginning
-from printmend.corruption import sample
+from klippy_cases import arguments, cases, drawn, text_of
 from printmend.errors import PrintmendError
 from printmend.gcode.arcs import straightened
-from printmend.gcode.container import open_gcode
 from printmend.gcode.read import Moves, read_gcode
 from printmend.machine import Mechanism, Transmission
 from printmend.printer import read_printer
@@ -90,31 +85,17 @@ def crossings(moves: Moves, machine: Mechanism) -> list[float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("sources", type=Path, nargs="+", help="files, or folders of them")
-    parser.add_argument("--preset", default="ender3")
-    parser.add_argument("--family", default="pulley-play", help="one, or several with commas")
-    parser.add_argument("--severity", choices=["damaged", "realistic"], default="damaged")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--moves", type=int, default=10**9)
-    options = parser.parse_args()
-    families = options.family.split(",")
-    files = [p for source in options.sources for p in (sorted(source.rglob("*")) if source.is_dir() else [source])]
+    options = arguments(__doc__).parse_args()
     print("  turns  least s  file")
-    for i, source in enumerate(path for path in files if path.is_file()):
-        family = families[i % len(families)]
+    for source, family in cases(options):
         printer = read_printer(options.preset)
         try:
-            with open_gcode(source) as file:
-                text = b"".join(bytes(chunk) for chunk in file.parts[0].chunks())
-            text = beginning(text, read_gcode(text, printer=printer).moves, options.moves)
+            text = text_of(source, printer, options)
             moves = straightened(read_gcode(text, printer=printer).moves, TOLERANCE_MM)
         except PrintmendError as error:
             print(f"  {type(error).__name__}: {str(error)[:100]}  {source.name}")
             continue
-        rng = np.random.default_rng([options.seed, *family.encode()])
-        fault = sample(family, rng, options.severity)
-        found = crossings(moves, fault.lower(around(printer, moves)))  # type: ignore[arg-type] — gain tables are no family here
+        found = crossings(moves, drawn(family, options).lower(around(printer, moves)))  # type: ignore[arg-type] — gain tables are no family here
         print(f"{len(found):7} {sum(found):8.2f}  {source.name} ({family})", flush=True)
 
 
