@@ -37,9 +37,13 @@ class Moonraker:
     def printing(self) -> str:
         return self.get("/printer/objects/query?print_stats")["status"]["print_stats"]["state"]
 
+    def wait_until_free(self) -> None:
+        """Wait until a job of the test before has ended."""
+        wait_for(lambda: self.printing() not in ("printing", "paused"), "the printer free")
+
     def upload(self, name: str, text: bytes, *, start: bool = False) -> dict:
-        if start:  # a job of the test before may still run
-            wait_for(lambda: self.printing() not in ("printing", "paused"), "the printer free")
+        if start:
+            self.wait_until_free()
         answer = call(
             f"{self.url}/server/files/upload", *form({"root": "gcodes", "print": str(start).lower()}, name, text)
         )
@@ -140,6 +144,7 @@ def test_a_job_from_an_unmended_file_is_stopped(moonraker: Moonraker) -> None:
     alias = moonraker.data / "alias"
     alias.hardlink_to(moonraker.data / "gcodes/old.gcode")
     alias.write_bytes(b"G28\n" + b"G1 X10 F6000\nG1 X20\n" * 100_000)  # more than is read before it is seen printing
+    moonraker.wait_until_free()
     call(f"{moonraker.url}/printer/print/start?filename=old.gcode", b"")
     wait_for(lambda: len(moonraker.announced()) == before + 1, "the announcement")
     assert "was stopped" in moonraker.announced()[0]
@@ -196,6 +201,7 @@ def test_who_chose_so_prints_the_file_as_it_came(tmp_path: Path) -> None:
 
 
 def test_the_studio_sends_a_file(moonraker: Moonraker, tmp_path: Path) -> None:
+    moonraker.wait_until_free()
     host = find_host(moonraker.url, "")
     assert host.kind == "moonraker"
     text = part(1)

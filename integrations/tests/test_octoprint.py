@@ -92,6 +92,14 @@ def octoprint(tmp_path_factory):
         yield host
 
 
+@pytest.fixture
+def hold(octoprint: OctoPrint) -> Iterator[Path]:
+    """While this file is there, mending does not end; it never outlives its test."""
+    (path := octoprint.base / "HOLD").touch()
+    yield path
+    path.unlink(missing_ok=True)
+
+
 def test_upload_and_print_prints_the_mended_copy_alone(octoprint: OctoPrint) -> None:
     text = part(1, size_mm=6.0)
     octoprint.upload("part.gcode", text, start=True)
@@ -116,9 +124,7 @@ def test_upload_and_print_prints_the_mended_copy_alone(octoprint: OctoPrint) -> 
     wait_for(lambda: octoprint.state() == "Operational", "the end of the second print")
 
 
-def test_an_upload_is_answered_at_once(octoprint: OctoPrint) -> None:
-    hold = octoprint.base / "HOLD"
-    hold.touch()
+def test_an_upload_is_answered_at_once(octoprint: OctoPrint, hold: Path) -> None:
     octoprint.upload("quick.gcode", part(1, size_mm=6.0))  # returns, though mending cannot end
     assert octoprint.told("quick.mended.gcode") == {}
     hold.unlink()
@@ -137,9 +143,7 @@ def test_a_test_print_is_printed_as_it_is(octoprint: OctoPrint) -> None:
     assert octoprint.told("probe.mended.gcode") == {}
 
 
-def test_mending_can_be_cancelled(octoprint: OctoPrint) -> None:
-    hold = octoprint.base / "HOLD"
-    hold.touch()
+def test_mending_can_be_cancelled(octoprint: OctoPrint, hold: Path) -> None:
     octoprint.upload("endless.gcode", part(1, size_mm=6.0))
     wait_for(lambda: octoprint.get("/api/plugin/printmend", {"command": "cancel"})["cancelled"], "the cancelling")
     wait_for(lambda: octoprint.told("endless.gcode") == {"state": "failed", "reason": "cancelled"}, "the reason")
@@ -158,8 +162,7 @@ def test_what_cannot_be_mended_is_not_printed(octoprint: OctoPrint) -> None:
 
 
 @pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
-def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint) -> None:
-    hold = octoprint.base / "HOLD"
+def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint, hold: Path) -> None:
     with chromium() as browser:
         page = browser.new_context(locale="en-GB").new_page()
         page.set_default_timeout(300_000)
@@ -170,7 +173,6 @@ def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint) -> None:
         # The state comes by the socket that the plug-in's messages come by.
         expect(page.locator("#state")).to_contain_text("Operational", timeout=300_000)
         popup = page.locator(".ui-pnotify")
-        hold.touch()
         octoprint.upload("shown.gcode", part(1, size_mm=6.0))
         begun = popup.filter(has_text="Mending …").filter(has_text="shown.gcode")
         expect(begun).to_contain_text("37 %")

@@ -1,6 +1,7 @@
 """The API's common part: uploads, jobs and what they made, and the play screen."""
 
 import asyncio
+import contextlib
 import os
 import re
 import secrets
@@ -121,15 +122,19 @@ def remove_upload(here: Here, key: Key) -> None:
 @router.get("/jobs", tags=["jobs"])
 def jobs(here: Here, printer: Annotated[str | None, Query(pattern=KEY)] = None) -> list[JobCard]:
     """List jobs, the newest first."""
-    return [card(here, job["id"]) for job in here.store.jobs(printer=printer)]
+    waiting, cards = here.jobs.waiting(), []
+    for row in here.store.jobs(printer=printer):
+        with contextlib.suppress(NotThereError):  # removed meanwhile
+            cards.append(card(here, row["id"], waiting))
+    return cards
 
 
-def card(here: Studio, key: str) -> JobCard:
-    """Return a job as the API shows it."""
+def card(here: Studio, key: str, waiting: list[str] | None = None) -> JobCard:
+    """Return a job as the API shows it; ``waiting`` is the queue, where it is known already."""
     job = here.jobs.look(key)
     files = job.get("files") or (job["result"] or {}).get("files", [])
-    ahead = here.jobs.ahead(key) if job["state"] == "queued" else 0
-    return JobCard(**{**job, "files": files, "ahead": ahead})
+    queue = [] if job["state"] != "queued" else here.jobs.waiting() if waiting is None else waiting
+    return JobCard(**{**job, "files": files, "ahead": queue.index(key) if key in queue else 0})
 
 
 @router.get("/jobs/{key}", tags=["jobs"])

@@ -75,18 +75,17 @@ class Jobs:
 
     def look(self, key: str) -> Row:
         """Return a job with its progress: ``share`` 0–1, ``step`` in words, and the seconds that may be ``left_s``."""
+        future = self._running.get(key)  # before the row: a job that ends is noted there first
         job = self._store.job(key)
-        future = self._running.get(key)
         told = work.read_progress(self._store.path("job", key)) if job["state"] == "queued" and future else {}
         if told or (future is not None and future.running() and job["state"] == "queued"):
             job["state"] = "running"
         job.update({"share": 1.0 if job["state"] == "done" else 0.0, "step": "", "left_s": None})
         return job | told
 
-    def ahead(self, key: str) -> int:
-        """Return how many jobs wait before this one."""
-        waiting = [job["id"] for job in self._store.jobs(waiting=True)]
-        return waiting.index(key) if key in waiting else 0
+    def waiting(self) -> list[str]:
+        """Return the jobs that have not ended, the first in the queue first."""
+        return [job["id"] for job in self._store.jobs(waiting=True)]
 
     def stamp(self, key: str) -> tuple[bool, int]:
         """Return what changes whenever a job says something of itself, or ends."""

@@ -13,7 +13,7 @@ export const onAway = (told) => { listeners.add(told); return () => listeners.de
 const tell = (away) => listeners.forEach((told) => told(away));
 
 // Read `url`, again and again while the server is away: it may be starting again.
-const PAUSE_MS = 1000;
+export const PAUSE_MS = 1000;
 async function read(url) {
   for (;;) {
     try {
@@ -97,7 +97,7 @@ export const fileOf = (job, name) => `/api/jobs/${job.id}/files/${encodeURICompo
 // A picture as scene.py packs it: its head, and tables of four 16-bit numbers a point, of the kinds that are asked for.
 export async function tables(url, kinds) {
   const response = await read(url);
-  if (!response.ok) throw new Problem(`${response.status}`);
+  if (!response.ok) await answer(response);
   const buffer = await response.arrayBuffer(), size = new DataView(buffer).getUint32(0, true);
   const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size))), each = Math.ceil(head.points / head.row) * head.row * 4;
   return [head, ...kinds.map((Kind, i) => new Kind(buffer, 4 + size + i * each * Kind.BYTES_PER_ELEMENT, each))];

@@ -59,8 +59,7 @@ export function Mend({ printer, changed }) {
 }
 
 function File_({ id, printer, changed }) {
-  const job = useJob(id), [error, setError] = useState(null), scene = useScene(job, setError);
-  useEffect(() => setError(null), [id]);
+  const job = useJob(id), [scene, error] = useScene(job);
   const result = job?.state === "done" ? job.result : null;
   return html`<${Problem} error=${job?.state === "failed" ? job.error : error} />
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}

@@ -65,13 +65,13 @@ export function Play() {
   };
   const has = (name) => job?.files?.includes(name);
   const done = job?.state === "done", running = key && !ended(job);
-  const scene = useScene(done ? job : null, setError);
+  const [scene, lost] = useScene(done ? job : null);
   useEffect(() => { if (job?.state === "failed") setError(job.error); }, [job?.state]);
   const result = done ? job.result : null;
   return html`<div class="head"><div><h1>${t("play_title")}</h1><p class="now">${t(done && scene ? "now_mended" : "play_now")}</p></div>
       ${done ? html`<button class="big" onClick=${() => setKey(null)}>${t("change")}</button>`
         : html`<button class="primary big" disabled=${running} onClick=${start}>${running ? t("mending") : t("mend_it")}</button>`}</div>
-    <${Problem} error=${error} />
+    <${Problem} error=${error ?? lost} />
     <div class="split first">
       <div class="stack">
         ${running && html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${faults.screw_mm ? TOWER : STEPS} /></section>`}

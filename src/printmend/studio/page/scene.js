@@ -1,26 +1,38 @@
 // The picture of a job's part: wanted and as printed, then mended over it.
-import { useEffect, useMemo, useState } from "./vendor.js";
-import { fileOf, tables } from "./api.js";
+import { useEffect, useMemo, useRef, useState } from "./vendor.js";
+import { fileOf, PAUSE_MS, tables } from "./api.js";
 
-// Fetch what a job has of its picture; null until there is something to show.
-export function useScene(job, failed) {
-  const [wanted, setWanted] = useState(null), [mended, setMended] = useState(null);
+// Fetch what a job has of its picture: [the scene, null until there is something to show; why a job that is done shows none].
+// What a job listed may be gone before it is fetched: it failed, was stopped, or begins again. Only of one that was done
+// already when it was asked is this worth a word; while it goes on it is asked again.
+export function useScene(job) {
+  const [wanted, setWanted] = useState(null), [mended, setMended] = useState(null), [problem, setProblem] = useState(null), state = useRef();
+  state.current = job?.state;
+  useEffect(() => setProblem(null), [job?.id]);
   const load = (name, kinds, set) => {
     useEffect(() => {
       set(null);
       if (!job?.files?.includes(name)) return undefined;
       let asked = true;
-      tables(fileOf(job, name), kinds).then((found) => asked && set(found), (problem) => asked && failed(problem.message));
+      const look = async () => {
+        while (asked && ["running", "done"].includes(state.current)) {
+          const done = state.current === "done";
+          try { const found = await tables(fileOf(job, name), kinds); if (asked) set(found); return; } catch (error) { if (done) { if (asked) setProblem(error.message); return; } }
+          await new Promise((go) => setTimeout(go, PAUSE_MS));
+        }
+      };
+      look();
       return () => { asked = false; };
     }, [job?.id, job?.files?.includes(name)]);
   };
   load("printed.bin", [Uint16Array, Int16Array], setWanted);
   load("mended.bin", [Int16Array], setMended);
-  return useMemo(() => {
+  const scene = useMemo(() => {
     if (!wanted) return null;
     const [head, base, raw] = wanted;
     return { ...head, base, raw, mended: mended?.[1] ?? null };
   }, [wanted, mended]);
+  return [scene, problem];
 }
 
 // Place [mm] of point `i` along `axis` 0 or 1, `morph` of the way from wanted over printed to mended.
