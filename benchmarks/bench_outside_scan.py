@@ -4,7 +4,7 @@
 
 The printer is benchmarks/outside.py, the scan benchmarks/outside_scan.py; neither shares code with printmend, and only
 its command line is used. One line for each look of the scan: marks found, their error (place and turn taken off, the
-scale not), the contour error [mm] of a part before and after mending (its mean shift taken off).
+scale not), the contour error [mm] of a part before and after mending (its place and turn on the bed taken off).
 """
 
 import argparse
@@ -13,11 +13,12 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 sys.path.insert(0, str(Path(__file__).parent))
 import outside
 import outside_scan
-from bench_outside import PRESETS, contour_error_mm, part_gcode, run
+from bench_outside import PRESETS, part_gcode, run
 from outside_scan import Look
 
 DARK = {"filament": (210, 214, 216), "bed": (30, 30, 34)}
@@ -88,38 +89,43 @@ def mark_error_mm(table: np.ndarray, moves: list, printed: list[np.ndarray]) -> 
     return float(np.sqrt(((a @ np.array([[c, s], [-s, c]]) - b) ** 2).mean())), int(known.sum())
 
 
-FEW = 6  # of a way's points, every so many tell where the part lies
+STEPS_TO_PLACE = 6  # towards the place and turn at which a part's outline is missed least
 
 
 def placed_error_mm(ideal: list, made: list, way: list[np.ndarray]) -> tuple[float, float, float]:
-    """Return RMS and p95 of the contour error with the part's place taken off, and by how much it was off."""
-    middles = [bounds_middle(made, way), bounds_middle(ideal, [np.array([m.end_mm]) for m in ideal])]
-    shift = middles[1] - middles[0]
-    few = [np.asarray(one)[::FEW] for one in way]
-    total = np.zeros(2)
-    best = None
-    for _ in range(4):  # the middle of the bounds is a rough start; then the mean of what is left
-        error = contour_error_mm(ideal, made, [np.asarray(one) + shift + total for one in way])
-        rms = float(np.sqrt(np.mean(error**2)))
-        if best is None or rms < best[0]:
-            best = (rms, float(np.quantile(error, 0.95)), float(np.hypot(*(shift + total))))
-            kept = total.copy()
-        step = np.array([_slope(ideal, made, few, shift + kept, axis) for axis in range(2)])
-        total = kept + step
-    assert best is not None
+    """Return RMS and p95 of the contour error with the part's place and turn on the bed taken off, and by how much its
+    middle was off: a scan tells neither where a plate lay nor how it was turned."""
+    layers = []
+    for z in sorted({move.z_mm for move in ideal if move.extruding}):
+        lines = np.array([[m.start_mm, m.end_mm] for m in ideal if _draws(m) and m.z_mm == z])
+        points = np.concatenate([w for m, w in zip(made, way, strict=True) if _draws(m) and m.z_mm == z])
+        layers.append((lines, shapely.STRtree(shapely.linestrings(lines)), points))
+    middle = bounds_middle(made, way)
+    moved = bounds_middle(ideal, [np.array([m.end_mm]) for m in ideal]) - middle
+    turn_rad, best = 0.0, (np.inf, np.inf, np.inf)
+    for _ in range(STEPS_TO_PLACE):
+        cos, sin = np.cos(turn_rad), np.sin(turn_rad)
+        errors, rows = [], []
+        for lines, tree, points in layers:
+            placed = (points - middle) @ np.array([[cos, sin], [-sin, cos]]) + middle + moved
+            start, end = lines[tree.nearest(shapely.points(placed))].swapaxes(0, 1)
+            along = end - start
+            share = np.clip(((placed - start) * along).sum(axis=1) / np.square(along).sum(axis=1), 0, 1)
+            off = start + share[:, None] * along - placed
+            normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+            arm = placed - middle - moved
+            turned = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
+            rows.append(np.column_stack([normal, turned, (off * normal).sum(axis=1)]))
+            errors.append(np.hypot(*off.T))
+        error, table = np.concatenate(errors), np.concatenate(rows)
+        best = min(best, (float(np.sqrt(np.mean(error**2))), float(np.quantile(error, 0.95)), float(np.hypot(*moved))))
+        step = np.linalg.lstsq(table[:, :3], table[:, 3], rcond=None)[0]
+        moved, turn_rad = moved + step[:2], turn_rad + float(step[2])
     return best
 
 
-def _slope(ideal: list, made: list, way: list[np.ndarray], shift: np.ndarray, axis: int) -> float:
-    """Return the step along an axis that lowers the squared error most, from three points of the parabola."""
-    reach = 0.02
-    steps = np.array([-reach, 0.0, reach])
-    values = []
-    for step in steps:
-        moved = shift + step * np.eye(2)[axis]
-        values.append(float(np.mean(contour_error_mm(ideal, made, [np.asarray(one) + moved for one in way]) ** 2)))
-    curve, slope, _ = np.polyfit(steps, values, 2)
-    return float(np.clip(-slope / (2 * curve), -0.5, 0.5)) if curve > 0 else 0.0
+def _draws(move: outside.Move) -> bool:
+    return move.extruding and move.start_mm != move.end_mm
 
 
 def bounds_middle(moves: list, way: list[np.ndarray]) -> np.ndarray:

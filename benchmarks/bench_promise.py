@@ -3,10 +3,10 @@
     .venv/bin/python benchmarks/bench_promise.py --seed 1 --cases 2 [--figure docs/figures/promise.png]
 
 The printer is benchmarks/outside.py, with the faults of outside_faults.py on top; neither shares code with printmend.
-Kinds: faults that its models have, faults that none has, healthy printers, scans (a stretch of its own, no place; in
-shape only), and glimpses (a print of 12 to 30 mm, then a larger part). Seeds 900 and up are kept for the figures in
-docs/results.md; develop on others. One line a case, then for each kind: how often truth lay in the range, the median of
-truth ÷ expected, the worst harm, the largest error.
+Kinds: faults that its models have, faults that none has, healthy printers, scans (a stretch of its own, neither place
+nor turn on the bed: in shape only), and glimpses (a print of 12 to 30 mm, then a larger part). Seeds 900 and up are
+kept for the figures in docs/results.md; develop on others. One line a case, then for each kind: how often truth lay in
+the range, the median of truth ÷ expected, the worst harm, the largest error.
 """
 
 import argparse

@@ -17,7 +17,7 @@ from printmend.learn.greybox import motor_rows
 from printmend.measure.distance import scaled_by
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
-from printmend.printer import read_printer
+from printmend.printer import Printer, read_printer
 from printmend.promise.apply import believe
 from printmend.promise.budget import parse_budget
 from printmend.promise.effects import EARLY, Drawn, Effect
@@ -45,10 +45,10 @@ CIRCLE = "G21\nG90\nM83\nG28\nG1 Z0.2 F600\nG0 X140 Y110 F6000\n" + "".join(
 )
 
 
-def measured(corruption: Corruption, noise_mm: float, seed: int, points: int = 700) -> Trace:
+def measured(corruption: Corruption, noise_mm: float, seed: int, points: int = 700, printer: Printer = ENDER3) -> Trace:
     way = stairs(points)
     noise = np.random.default_rng(seed).normal(0, noise_mm, way.shape)
-    return Trace(way, Twin.of(corruption, ENDER3).follow(way) + noise, homed=True)
+    return Trace(way, Twin.of(corruption, printer).follow(way) + noise, homed=True)
 
 
 def scanned(trace: Trace, stretch: np.ndarray, instrument: Instrument | None = None) -> Trace:
@@ -181,19 +181,33 @@ def test_a_scale_that_no_scanner_has_is_mended(part: Path) -> None:
     assert check_gcode(part, known).after.rms_mm < 0.5 * said.after.rms_mm
 
 
+@pytest.mark.parametrize("turn_deg", [0.0, -0.7])
+def test_a_scan_of_a_skewed_corexy_leaves_the_direction_of_x(part: Path, turn_deg: float) -> None:
+    """No scan tells how a frame turns what it prints: x keeps its direction, however the plate lay on the glass."""
+    corexy, skewed = read_printer("corexy"), Corruption((Drive(), Drive()), frame=CrookedFrame(skew_deg=2.6))
+    sin = np.radians(turn_deg)
+    seen = scanned(measured(skewed, 0.01, 4, 300, corexy), np.array([[-(sin**2) / 2, -sin], [sin, -(sin**2) / 2]]))
+    model = learn_model(seen, corexy)
+    mend_gcode(part, model, part.with_name("out.gcode"))
+    truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(skewed, corexy))
+    assert truth.after.rms_mm < 0.03 < 0.3 < truth.before.rms_mm
+
+
 def test_what_is_believed_of_a_stretch() -> None:
     exact = 1e-10 * np.eye(3)
-    doubtful, none = believe(np.array([0.0015, 0.0, 0.0]), exact, FLATBED, False)
+    doubtful, none, _ = believe(np.array([0.0015, 0.0, 0.0]), exact, FLATBED, False)
     assert not none.any()
     assert 0 < doubtful.weight[0] < 1
     assert doubtful.weight.sum() == pytest.approx(1)
-    _, one_axis = believe(np.array([0.01, 0.0099, 0.0]), exact, FLATBED, False)
+    _, one_axis, _ = believe(np.array([0.01, 0.0099, 0.0]), exact, FLATBED, False)
     assert one_axis[0] == one_axis[1] == pytest.approx(0.01, rel=0.05)  # X alone: Y keeps its length
-    _, skew = believe(np.array([0.0, 0.0, 0.01]), exact, FLATBED, True)
+    _, skew, lean_rad = believe(np.array([0.0, 0.0, 0.01]), exact, FLATBED, True)
     assert skew == pytest.approx([0, 0, 0.01])  # of a CoreXY: a crooked frame before two opposite scales
-    _, wide = believe(np.array([0.01, 0.01, 0.0]), exact, FLATBED, True)
+    assert lean_rad == pytest.approx(0.01)
+    assert believe(np.array([0.02, 0.0, 0.02]), exact, FLATBED, True)[2] == 0.0  # one motor's pulley leans no frame
+    _, wide, _ = believe(np.array([0.01, 0.01, 0.0]), exact, FLATBED, True)
     assert wide == pytest.approx([0.01, 0.01, 0.0], rel=0.05)  # a CoreXY's frame that is too wide is no scanner's fault
-    slight, _ = believe(np.zeros(3), exact, FLATBED, False)  # nor is a printer exact because it looks so
+    slight, _, _ = believe(np.zeros(3), exact, FLATBED, False)  # nor is a printer exact because it looks so
     assert 0.0002 < float(np.sqrt(slight.weight @ slight.covariance[:, 0, 0])) < FLATBED.scale_sd / 2
 
 

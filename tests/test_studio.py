@@ -40,7 +40,7 @@ from printmend.measure import write_trace
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
-from printmend.promise import misfit_tests
+from printmend.promise import misfit_rows, misfit_tests
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo
 from printmend.saved.model import SavedModel, exact_model, saved_model, write_model
@@ -629,6 +629,15 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
                 weights=np.array([weight]), size_mm=0.1, candidate=SimpleNamespace(kind=kind, detail=0.25)
             )
             assert _german(misfit_tests._words(cause, "X", ("x", "y"))), kind  # type: ignore[arg-type]
+    seen, shifts = np.arange(0, 40, 2), np.repeat([0, 1, 0, -2, 3], 4)
+    order = [misfit_rows._history_words(seen[:count], shifts[:count]) for count in (8, 12, 16, 20)]
+    for put in (*order, *(f"the {rows} were in the reversed order" for rows in ("rows", "measured rows"))):
+        trace = Trace(np.zeros((1, 2)), np.zeros((1, 2)))
+        assert _german(misfit_rows._put_right(trace, put, 1.0).found[0].words), put
+    for period in (32.0, 33.3, 40.3):
+        turned = SimpleNamespace(name="x", branches=SimpleNamespace(period_mm=period))
+        box = SimpleNamespace(drives=(turned,), printer=SimpleNamespace(axes=(SimpleNamespace(mm_per_turn=40.0),)))
+        assert _german(misfit_tests._other_turns(box)[0].words), period  # type: ignore[arg-type]
     for words in ("told to ±", "the heights span", "no heights were measured", "no height was measured after"):
         assert words in screw
         assert any(words in line for line in (PAGE / "said.de.js").read_text(encoding="utf-8").splitlines())

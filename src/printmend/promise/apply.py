@@ -23,6 +23,10 @@ SCALE_SD, SKEW_SD = 0.02, 0.01  # of a scale and of half a skew [rad] that are f
 FAULT_ODDS = np.exp(-2.0)  # of each fault
 # Of a fault that an instrument is hardly told from: its size as a share of the above. It does not act.
 SLIGHT_SHARE = 0.1
+SKEW, MOTORS = 1, (4, 5)  # the frame's skew and a CoreXY's motors in the list of a printer's own faults
+MOTORS_ODDS = np.exp(
+    -2.0
+)  # of two motors' scales that differ each by its own amount, where a crooked frame does as well
 LEAST_WEIGHT = 1e-3  # weight of a set of faults that counts
 SETTLED_SHARE = 1e-5  # share to which a fit without a part knows that it is none
 WAVE_FACTOR = 3.0  # times the unevenness of the instrument: a smaller wave may be its own
@@ -72,11 +76,16 @@ class Believed:
 
 @dataclass(frozen=True, eq=False)
 class Acting:
-    """The machine that may act, what was left out of the one that was learned, what is believed of its stretch."""
+    """The machine that may act, what was left out of the one that was learned, what is believed of its stretch.
+
+    ``turn_rad`` is half the skew of a CoreXY's frame where a measurement that knows no place does not tell how it
+    turns what it prints: its x keeps its direction then, and y alone leans.
+    """
 
     fit: GreyboxModel
     left_out: tuple[LeftOut, ...]
     believed: Believed | None
+    turn_rad: float = 0.0
 
 
 def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Acting:
@@ -92,7 +101,8 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Ac
     left_out = [each for motor in range(2) for each in _waves(fit, motor, values[motor], instrument)]
     found = observed_stretch(fit)
     corexy = fit.printer.kinematics == "corexy"
-    believed, applied = believe(found.value - base, found.covariance, instrument, corexy)
+    believed, applied, skew = believe(found.value - base, found.covariance, instrument, corexy)
+    turn_rad = skew + _turn_of_model(old) if corexy and not trace.placed else 0.0
     excess = found.value - base - applied
     off = _bed(excess, corexy) if trace.placed else found.matrix - _bed(base + applied, corexy)
     if np.abs(off).max() > 0:
@@ -107,8 +117,8 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Ac
     if all(
         np.array_equal(mine, drive.choice.fit.posterior.values) for mine, drive in zip(values, fit.drives, strict=True)
     ):
-        return Acting(fit, (), believed)
-    return Acting(_rebuilt(fit, values, trace.placed), tuple(left_out), believed)
+        return Acting(fit, (), believed, turn_rad)
+    return Acting(_rebuilt(fit, values, trace.placed), tuple(left_out), believed, turn_rad)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +133,9 @@ class Stretch:
 
 def believe(
     observed: np.ndarray, fitted: np.ndarray, instrument: Instrument, corexy: bool
-) -> tuple[Believed, np.ndarray]:
-    """Return how the printer's stretch may differ from what acts, and what acts [3]; ``fitted`` [3, 3] is the
-    covariance of ``observed`` [3] by the scatter of the points alone."""
+) -> tuple[Believed, np.ndarray, float]:
+    """Return how the printer's stretch may differ from what acts, what acts [3], and half the skew of the frame that
+    this holds [rad]; ``fitted`` [3, 3] is the covariance of ``observed`` [3] by the scatter of the points alone."""
     spread = fitted + _instrument_covariance(instrument)
     parts = _faults(corexy)
     logs, means, covariances, best = [], [], [], None
@@ -133,21 +143,22 @@ def believe(
         columns = np.stack([parts[i] for i in sets], axis=1) if sets else np.zeros((3, 0))
         sds = share * np.array([SKEW_SD if parts[i][2] == 1.0 else SCALE_SD for i in sets])
         whole = spread + (columns * sds**2) @ columns.T
-        log = len(sets) * np.log(FAULT_ODDS) - 0.5 * (
-            np.linalg.slogdet(whole)[1] + observed @ np.linalg.solve(whole, observed)
-        )
+        odds = FAULT_ODDS ** len(sets) * (MOTORS_ODDS if set(MOTORS) <= set(sets) else 1.0)
+        log = np.log(odds) - 0.5 * (np.linalg.slogdet(whole)[1] + observed @ np.linalg.solve(whole, observed))
         gain = (columns * sds**2) @ columns.T @ np.linalg.inv(whole)
         logs.append(float(log))
         means.append(gain @ observed)
         covariances.append((columns * sds**2) @ columns.T - gain @ (columns * sds**2) @ columns.T)
         if (best is None or log > best[0]) and share == 1.0:
-            best = (log, _least_squares(columns, spread, observed))
+            best = (log, _least_squares(columns, spread, observed), columns, sets)
     assert best is not None
     weight = np.exp(np.array(logs) - max(logs))
     weight /= weight.sum()
     keep = weight > LEAST_WEIGHT
     believed = Believed(weight[keep] / weight[keep].sum(), np.array(means)[keep] - best[1], np.array(covariances)[keep])
-    return believed, best[1]
+    _, acts, columns, sets = best
+    skew = float(np.linalg.lstsq(columns, acts, rcond=None)[0][sets.index(SKEW)]) if SKEW in sets else 0.0
+    return believed, acts, skew
 
 
 def _least_squares(columns: np.ndarray, spread: np.ndarray, observed: np.ndarray) -> np.ndarray:
@@ -171,6 +182,15 @@ def _faults(corexy: bool) -> list[np.ndarray]:
     axes = [np.array([0.5, 0.5, 0.0]), np.array([0.5, -0.5, 0.0])]
     motors = [np.array([0.5, 0.0, 0.5]), np.array([0.5, 0.0, -0.5])] if corexy else []
     return [np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), *axes, *motors]
+
+
+def _turn_of_model(model: SavedModel | None) -> float:
+    """Return by how much [rad] the frame of a saved machine turns what it prints, clockwise."""
+    if model is None:
+        return 0.0
+    frame = model.mechanism.frame
+    right, up = (Frame.exponents.index(powers) for powers in ((1, 0), (0, 1)))
+    return float(frame.coefficients_mm[0, up] - frame.coefficients_mm[1, right]) / (2 * frame.scale_mm)
 
 
 def _hypotheses(parts: Sequence[np.ndarray]) -> list[tuple[tuple[int, ...], float]]:
@@ -206,7 +226,10 @@ def observed_stretch(fit: GreyboxModel) -> Stretch:
             columns.append(_stretch_of(on_bed))
             variances.append(max(sds[at] / SCALE_MM if there else 0.0, SETTLED_SHARE) ** 2)
     gather = np.stack(columns, axis=1)
-    return Stretch(stretch, _stretch_of(stretch), (gather * np.array(variances)) @ gather.T)
+    # however the plate lay: turned so that x keeps its direction, as a skew leaves it
+    turned = np.linalg.qr(np.eye(2) + stretch, mode="r")
+    value = _stretch_of(np.sign(np.diag(turned))[:, None] * turned - np.eye(2))
+    return Stretch(stretch, value, (gather * np.array(variances)) @ gather.T)
 
 
 def _stretch_of_model(model: SavedModel) -> np.ndarray:

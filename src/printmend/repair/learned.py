@@ -15,7 +15,7 @@ from printmend.learn.drive import ALL_SEEN
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
 from printmend.learn.hybrid import HybridModel, with_residuals
 from printmend.learn.walls import with_walls
-from printmend.machine import Mechanism, healthy_mechanism, healthy_transmission
+from printmend.machine import Frame, Mechanism, healthy_mechanism, healthy_transmission
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import acting
@@ -237,6 +237,8 @@ def greybox_model(
     if known_gaps is not None:
         new = tuple(gap for gap in diagnosis.gaps if gap.startswith(tuple(f"{name} " for name in anew)))
         diagnosis = replace(diagnosis, gaps=(*known_gaps, *new))
+    if acts.turn_rad:
+        fit = replace(fit, mechanism=replace(fit.mechanism, frame=_leaning(fit.mechanism, acts.turn_rad)))
     mechanism, branches = _anchored(fit, trace)
     details: dict[str, Any] = {
         "diagnosis": [
@@ -269,6 +271,21 @@ def greybox_model(
         findings=("; ".join((diagnosis.summary, *added)), *diagnosis.gaps),
         details=details,
     )
+
+
+def _leaning(mechanism: Mechanism, half_rad: float) -> Frame:
+    """Return the frame of a machine that leans x and y alike by ``half_rad`` with y leaning alone, by all of the skew.
+
+    On the bed, about its middle, I + half·[[0, 1], [1, 0]] becomes I + 2·half·[[0, 1], [0, 0]].
+    """
+    printer, frame = mechanism.printer, mechanism.frame
+    middle = np.array([printer.x.min_mm + printer.x.max_mm, printer.y.min_mm + printer.y.max_mm]) / 2
+    turn = np.array([[1.0, 2 * half_rad], [0.0, 1.0]]) @ np.linalg.inv([[1.0, half_rad], [half_rad, 1.0]])
+    coefficients = turn @ frame.coefficients_mm
+    coefficients[:, Frame.exponents.index((0, 0))] += middle - turn @ middle
+    for axis, powers in enumerate(((1, 0), (0, 1))):
+        coefficients[:, Frame.exponents.index(powers)] += frame.scale_mm * (turn - np.eye(2))[:, axis]
+    return Frame(coefficients, frame.scale_mm)
 
 
 def _anchored(fit: GreyboxModel, trace: Trace) -> tuple[Mechanism, tuple[Branches, Branches]]:
