@@ -205,6 +205,8 @@ def test_what_is_believed_of_a_stretch() -> None:
     assert skew == pytest.approx([0, 0, 0.01])  # of a CoreXY: a crooked frame before two opposite scales
     assert lean_rad == pytest.approx(0.01)
     assert believe(np.array([0.02, 0.0, 0.02]), exact, FLATBED, True)[2] == 0.0  # one motor's pulley leans no frame
+    # a large lean is of two wrong pulleys, also where an axis has a scale of its own
+    assert believe(np.array([0.035, 0.005, -0.07]), exact, FLATBED, True)[2] == 0.0
     _, wide, _ = believe(np.array([0.01, 0.01, 0.0]), exact, FLATBED, True)
     assert wide == pytest.approx([0.01, 0.01, 0.0], rel=0.05)  # a CoreXY's frame that is too wide is no scanner's fault
     slight, _, _ = believe(np.zeros(3), exact, FLATBED, False)  # nor is a printer exact because it looks so

@@ -24,6 +24,7 @@ FAULT_ODDS = np.exp(-2.0)  # of each fault
 # Of a fault that an instrument is hardly told from: its size as a share of the above. It does not act.
 SLIGHT_SHARE = 0.1
 SKEW, MOTORS = 1, (4, 5)  # the frame's skew and a CoreXY's motors in the list of a printer's own faults
+BOTH_MOTORS_AND_AXIS = ((2, *MOTORS), (3, *MOTORS))
 MOTORS_ODDS = np.exp(
     -2.0
 )  # of two motors' scales that differ each by its own amount, where a crooked frame does as well
@@ -39,7 +40,6 @@ _PART_WORDS = {
     "warp": "uneven belt",
     "second": "idler",
 }
-_OF_STRETCH = (np.eye(2), np.diag([1.0, -1.0]), np.array([[0.0, 1.0], [1.0, 0.0]]))
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ class Believed:
 class Acting:
     """The machine that may act, what was left out of the one that was learned, what is believed of its stretch.
 
-    ``turn_rad`` is half the skew of a CoreXY's frame where a measurement that knows no place does not tell how it
-    turns what it prints: its x keeps its direction then, and y alone leans.
+    ``turn_rad`` is by how much a CoreXY's skewed frame turns what it prints, clockwise, where a measurement that knows
+    no place does not tell: its x keeps its direction then, and y alone leans.
     """
 
     fit: GreyboxModel
@@ -102,7 +102,9 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Ac
     found = observed_stretch(fit)
     corexy = fit.printer.kinematics == "corexy"
     believed, applied, skew = believe(found.value - base, found.covariance, instrument, corexy)
-    turn_rad = skew + _turn_of_model(old) if corexy and not trace.placed else 0.0
+    turn_rad = 0.0
+    if corexy and not trace.placed:
+        turn_rad = _turn_of_model(old) + (_polar(applied)[1] * skew / applied[2] if skew else 0.0)
     excess = found.value - base - applied
     off = _bed(excess, corexy) if trace.placed else found.matrix - _bed(base + applied, corexy)
     if np.abs(off).max() > 0:
@@ -196,13 +198,15 @@ def _turn_of_model(model: SavedModel | None) -> float:
 def _hypotheses(parts: Sequence[np.ndarray]) -> list[tuple[tuple[int, ...], float]]:
     """Return all sets of ``parts`` that say nothing twice, of usual size and slight, as a share of that.
 
-    No set has both scales alike and one of them, or an axis's scale and a motor's.
+    No set has both scales alike and one of them, or an axis's scale and a motor's, but both motors' and one axis's.
     """
     kinds = ({0}, {2, 3}, {4, 5})
     every = itertools.chain.from_iterable(itertools.combinations(range(len(parts)), size) for size in range(4))
     sets = [
         each for each in every
-        if sum(bool(kind & set(each)) for kind in kinds) < 2 and not {1, 4, 5} <= set(each)
+        if each in BOTH_MOTORS_AND_AXIS or (
+            sum(bool(kind & set(each)) for kind in kinds) < 2 and not {SKEW, *MOTORS} <= set(each)
+        )
     ]  # fmt: skip
     return [*((each, 1.0) for each in sets), *((each, SLIGHT_SHARE) for each in sets if each)]
 
@@ -226,10 +230,7 @@ def observed_stretch(fit: GreyboxModel) -> Stretch:
             columns.append(_stretch_of(on_bed))
             variances.append(max(sds[at] / SCALE_MM if there else 0.0, SETTLED_SHARE) ** 2)
     gather = np.stack(columns, axis=1)
-    # however the plate lay: turned so that x keeps its direction, as a skew leaves it
-    turned = np.linalg.qr(np.eye(2) + stretch, mode="r")
-    value = _stretch_of(np.sign(np.diag(turned))[:, None] * turned - np.eye(2))
-    return Stretch(stretch, value, (gather * np.array(variances)) @ gather.T)
+    return Stretch(stretch, _stretch_of(stretch), (gather * np.array(variances)) @ gather.T)
 
 
 def _stretch_of_model(model: SavedModel) -> np.ndarray:
@@ -247,13 +248,28 @@ def _stretch_of_model(model: SavedModel) -> np.ndarray:
 
 
 def _stretch_of(matrix: np.ndarray) -> np.ndarray:
-    return np.array([matrix[0, 0] + matrix[1, 1], matrix[0, 0] - matrix[1, 1], matrix[0, 1] + matrix[1, 0]]) / 2
+    """Return the stretch [3] of a linear error [2, 2], turned so that x keeps its direction."""
+    turned = np.linalg.qr(np.eye(2) + matrix, mode="r")
+    (right, lean), (_, up) = np.sign(np.diag(turned))[:, None] * turned - np.eye(2)
+    return np.array([right + up, right - up, lean]) / 2
 
 
 def _bed(stretch: np.ndarray, corexy: bool) -> np.ndarray:
-    """Return a stretch [3] as a matrix [2, 2]: no turn on a CoreXY, on a cartesian printer x keeps its direction."""
-    matrix = np.asarray(sum(part * size for part, size in zip(_OF_STRETCH, stretch, strict=True)))
-    return matrix if corexy else np.array([[matrix[0, 0], 2 * matrix[0, 1]], [0.0, matrix[1, 1]]])
+    """Return a stretch [3] as a linear error [2, 2]: no turn on a CoreXY; else x keeps its direction."""
+    return _polar(stretch)[0] if corexy else _leaning(stretch)
+
+
+def _leaning(stretch: np.ndarray) -> np.ndarray:
+    common, half, lean = stretch
+    return np.array([[common + half, 2 * lean], [0.0, common - half]])
+
+
+def _polar(stretch: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return a stretch as an error [2, 2] that turns nothing, and how far x has to turn back, clockwise [rad]."""
+    whole = np.eye(2) + _leaning(stretch)
+    turn_rad = float(np.arctan2(whole[0, 1] - whole[1, 0], whole.trace()))
+    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
+    return np.array([[cos, -sin], [sin, cos]]) @ whole - np.eye(2), turn_rad
 
 
 def _take_off(fit: GreyboxModel, values: list[np.ndarray], matrix: np.ndarray) -> None:

@@ -238,7 +238,7 @@ def greybox_model(
         new = tuple(gap for gap in diagnosis.gaps if gap.startswith(tuple(f"{name} " for name in anew)))
         diagnosis = replace(diagnosis, gaps=(*known_gaps, *new))
     if acts.turn_rad:
-        fit = replace(fit, mechanism=replace(fit.mechanism, frame=_leaning(fit.mechanism, acts.turn_rad)))
+        fit = replace(fit, mechanism=replace(fit.mechanism, frame=_turned(fit.mechanism, acts.turn_rad)))
     mechanism, branches = _anchored(fit, trace)
     details: dict[str, Any] = {
         "diagnosis": [
@@ -273,14 +273,12 @@ def greybox_model(
     )
 
 
-def _leaning(mechanism: Mechanism, half_rad: float) -> Frame:
-    """Return the frame of a machine that leans x and y alike by ``half_rad`` with y leaning alone, by all of the skew.
-
-    On the bed, about its middle, I + half·[[0, 1], [1, 0]] becomes I + 2·half·[[0, 1], [0, 0]].
-    """
+def _turned(mechanism: Mechanism, clockwise_rad: float) -> Frame:
+    """Return the machine's frame turned about the middle of the bed."""
     printer, frame = mechanism.printer, mechanism.frame
     middle = np.array([printer.x.min_mm + printer.x.max_mm, printer.y.min_mm + printer.y.max_mm]) / 2
-    turn = np.array([[1.0, 2 * half_rad], [0.0, 1.0]]) @ np.linalg.inv([[1.0, half_rad], [half_rad, 1.0]])
+    cos, sin = np.cos(clockwise_rad), np.sin(clockwise_rad)
+    turn = np.array([[cos, sin], [-sin, cos]])
     coefficients = turn @ frame.coefficients_mm
     coefficients[:, Frame.exponents.index((0, 0))] += middle - turn @ middle
     for axis, powers in enumerate(((1, 0), (0, 1))):
