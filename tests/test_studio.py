@@ -244,6 +244,7 @@ def test_a_tower_is_printed_in_the_order_of_its_table_and_shows_a_bent_screw(fol
     with _client(folder) as client:
         key = client.post("/api/printers", json={"preset": "ender3"}).json()["id"]
         made = client.post(f"/api/printers/{key}/tower").json()
+        assert client.get(f"/api/printers/{key}/tower").json() == made
         assert 16 < made["height_mm"] < 20
         files = f"/api/printers/{key}/files"
         (gcode := tmp_path / "tower.gcode").write_bytes(client.get(f"{files}/tower.gcode").content)
@@ -281,6 +282,16 @@ def test_a_job_names_files_as_they_were_sent(tmp_path: Path) -> None:
     named = [{"upload": "a", "name": "s.png"}, {"upload": "a", "name": "s.png"}, {"upload": "b", "name": "1-s.png"}]
     found = work._scans(work.Job(tmp_path / "job", tmp_path, {"scans": named}))
     assert [path.read_text() == "other" for path in found] == [False, False, True]
+    (uploads / "c").write_text(PART + "; bed_shape = 0x0,300x0,300x300,0x300\n; layer_height = 0.2\n")
+    params = {"printer": "p", "upload": "c", "name": "large.gcode", "scene": False}
+    said = work.run("mend", str(tmp_path / "large"), str(tmp_path), params)
+    assert "got a bed from (0, 0) to (300, 300) mm" in said["error"]
+    assert said["may_force"]
+    done = work.run("mend", str(tmp_path / "large"), str(tmp_path), {**params, "force": True})
+    assert (done["output"], done["may_force"]) == ("large.mended.gcode", False)
+    assert done["prediction"]["after"]["rms_mm"] < 0.01
+    (uploads / "d").write_text("no G-code\n")
+    assert not work.run("mend", str(tmp_path / "no"), str(tmp_path), {**params, "upload": "d"})["may_force"]
 
 
 def _learned_flat(bent: Corruption, printer: Printer) -> SavedModel:
@@ -346,6 +357,13 @@ def test_the_way_of_ones_own_printer(folder: Path) -> None:
         assert (mine["name"], mine["bed_mm"], mine["health"]) == ("Cellar", [0, 0, 200, 180], None)
         wide = client.post("/api/printers", json={"preset": "ender3", "bed_mm": [150, 120]}).json()
         assert wide["bed_mm"] == [0, 0, 150, 120]
+        again = client.post("/api/printers", json={"preset": "ender3"}).json()
+        assert again["name"] == f"{wide['name']} 2"
+        for said in (client.post("/api/printers", json={"preset": "ender3", "name": "cellar "}),
+                     client.patch(f"/api/printers/{again['id']}", json={"name": "Cellar"})):  # fmt: skip
+            assert "wanted a name of its own, got that of another printer" in said.json()["error"]
+        assert "wanted a name" in client.patch(f"/api/printers/{again['id']}", json={"name": " "}).json()["error"]
+        assert client.delete(f"/api/printers/{again['id']}").status_code == 204
         assert client.delete(f"/api/printers/{wide['id']}").status_code == 204
         wrongs: tuple[tuple[dict[str, Any], str], ...] = (
             ({}, "neither"), ({"preset": "../x"}, "none of that name"), ({"upload": "0" * 16}, "none"),
@@ -357,7 +375,9 @@ def test_the_way_of_ones_own_printer(folder: Path) -> None:
             assert words in said.json()["error"], said.json()
         place = f"/api/printers/{mine['id']}"
         assert "write the test print first" in client.get(f"{place}/callipers").json()["error"]
+        assert client.get(f"{place}/probe").json() is client.get(f"{place}/tower").json() is None
         probe = client.post(f"{place}/probe", json={"size_mm": 120}).json()
+        assert client.get(f"{place}/probe").json() == probe
         assert probe["marks"] == len(probe["marks_mm"]) > 100
         other = client.post(f"{place}/probe", json={})
         assert "the plan of another test print" in other.json()["error"]
@@ -421,6 +441,11 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
         with pytest.raises(StudioError, match="wanted a job of this studio"):
             studio.get(f"/jobs/{old}")
         assert studio.get(f"/jobs/{stopped}")["state"] == "cancelled"
+        kept = studio.upload(part)
+        jobs = [studio.post(f"/printers/{key}/mend", {"upload": kept, "scene": False})["id"] for _ in range(2)]
+        for job, left_over in zip(jobs, (True, False), strict=True):  # the file goes with the last job that has it
+            studio._open("DELETE", f"/jobs/{job}").close()
+            assert (folder / "uploads" / kept).exists() == left_over
         going = studio.post("/play")["id"]
         stream = studio._open("GET", f"/jobs/{going}/events")
     finally:

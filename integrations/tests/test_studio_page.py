@@ -327,6 +327,57 @@ def test_what_goes_wrong_is_said_in_one_line(browser: Browser, server: Server, t
     page.context.close()  # the browser notes each answer of 400 as an error of the page, rightly
 
 
+def test_of_several_files_each_has_its_own_fate(browser: Browser, server: Server, tmp_path: Path) -> None:
+    """One is mended, one is for a larger bed and mended all the same, one is no G-code and is taken off the list."""
+    watched, key = _page(browser, server), _measured(server, "Three at once")
+    page = watched.page
+    page.goto(server.address + f"#/printers/{key}/mend")
+    large = part(1) + b"; bed_shape = 0x0,300x0,300x300,0x300\n; layer_height = 0.2\n"
+    texts = {"good.gcode": part(1), "large.gcode": large, "holiday.gcode": b"no G-code\n"}
+    for name, text in texts.items():
+        (tmp_path / name).write_bytes(text)
+    page.set_input_files("input[type=file][accept*=gcode]", [tmp_path / name for name in texts])
+    rows, alert, load = (
+        page.locator(".file"),
+        page.get_by_role("alert"),
+        page.get_by_role("link", name="Download mended"),
+    )
+    expect(rows).to_have_count(3)
+    expect(rows.filter(has_text="Not mended")).to_have_count(2)
+    expect(load).to_have_attribute("download", "good.mended.gcode")  # the first is shown
+    rows.get_by_role("button", name="large.gcode Not mended").click()
+    expect(alert).to_contain_text("large.gcode: wanted G-code for a bed from (0, 0) to (220, 220) mm")
+    page.get_by_role("button", name="Mend it anyway").click()
+    expect(load).to_have_attribute("download", "large.mended.gcode")
+    expect(rows.filter(has_text="Not mended")).to_have_count(1)
+    page.get_by_role("button", name="Remove holiday.gcode from the list").click()
+    expect(rows).to_have_count(2)
+    page.reload()
+    expect(load).to_have_attribute("download", "large.mended.gcode")  # the newest
+    expect(rows).to_have_count(2)
+    _ok(watched)
+
+
+def test_every_way_to_measure_fits_a_small_window_and_is_there_again(browser: Browser, server: Server) -> None:
+    watched, key = _page(browser, server), _measured(server, "Small window")
+    page = watched.page
+    Studio(server.address).post(f"/printers/{key}/probe", {"size_mm": 60})
+    page.goto(server.address + f"#/printers/{key}/measure")
+    page.locator("#plate").wait_for()  # a test print that was made before this page was opened
+    page.get_by_role("button", name="Table").click()
+    page.get_by_role("button", name="Make the tower").click()
+    page.get_by_role("link", name="Download the tower").wait_for()
+    page.reload()
+    for width in (360, 768):
+        page.set_viewport_size({"width": width, "height": 800})
+        for way, last in (("Callipers", "label.field svg"), ("Table", "text=Download the tower"), ("Scan", ".drop")):
+            page.get_by_role("button", name=way).click()
+            page.locator(last).first.wait_for()
+            assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0, (way, width)
+            watched.picture(f"{width}-measure-{way.lower()}", whole=True)
+    _ok(watched)
+
+
 def test_fifty_at_once_and_killed_in_the_middle(browser: Browser, tmp_path: Path) -> None:
     """All are answered and none is lost, though the power fails while they run; the page finds its way back."""
     one = Server(tmp_path / "studio")

@@ -134,7 +134,8 @@ def card(here: Studio, key: str, waiting: list[str] | None = None) -> JobCard:
     job = here.jobs.look(key)
     files = job.get("files") or (job["result"] or {}).get("files", [])
     queue = [] if job["state"] != "queued" else here.jobs.waiting() if waiting is None else waiting
-    return JobCard(**{**job, "files": files, "ahead": queue.index(key) if key in queue else 0})
+    ahead, may_force = queue.index(key) if key in queue else 0, (job["result"] or {}).get("may_force", False)
+    return JobCard(**{**job, "files": files, "ahead": ahead, "may_force": may_force})
 
 
 @router.get("/jobs/{key}", tags=["jobs"])
@@ -171,9 +172,12 @@ def cancel(here: Here, key: Key) -> JobCard:
 
 @router.delete("/jobs/{key}", status_code=204, tags=["jobs"])
 def remove_job(here: Here, key: Key) -> None:
-    """Remove a job and all that it made."""
-    here.store.job(key)
+    """Remove a job and all that it made, and the file that it was given where no other job has it."""
+    upload = here.store.job(key)["params"].get("upload")
     here.jobs.remove(key)
+    if upload is not None and not here.store.jobs_of(upload):
+        here.store.forget("upload", upload)
+        here.store.path("upload", upload).unlink(missing_ok=True)
 
 
 @router.get(

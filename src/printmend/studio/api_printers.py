@@ -96,7 +96,7 @@ def add(here: Here, new: NewPrinter) -> PrinterCard:
         printer = _resized(printer, new.bed_mm)
     text = printer_text(replace(printer, name=new.name.strip() or printer.name))
     parse_printer(text, subject="the printer")
-    key = here.store.add_printer(new.name.strip() or printer.name)
+    key = here.store.add_printer(new.name.strip(), usually=printer.name)
     folder = here.store.path("printer", key)
     folder.mkdir()
     with replacing(folder / PRINTER) as file:
@@ -145,7 +145,7 @@ def printer(here: Here, key: Key) -> PrinterCard:
 def rename(here: Here, key: Key, new: Renamed) -> PrinterCard:
     """Give a printer another name."""
     here.store.printer(key)
-    here.store.rename_printer(key, new.name)
+    here.store.rename_printer(key, new.name.strip())
     return _card(here, here.store.printer(key))
 
 
@@ -172,7 +172,7 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> F
 def probe(here: Here, key: Key, wanted: ProbeIn) -> ProbeCard:
     """Write the printer's test print and its plan."""
     from printmend.measure.plan import keep_plan
-    from printmend.probe import cost, design_probe, expected_error_mm, write_probe
+    from printmend.probe import design_probe, write_probe
 
     folder = _folder(here, key)
     printer = read_printer(folder / PRINTER)
@@ -180,6 +180,23 @@ def probe(here: Here, key: Key, wanted: ProbeIn) -> ProbeCard:
     if not wanted.overwrite:
         keep_plan(folder / PLAN, plan)
     write_probe(folder / PROBE, plan, extruder=printer.extruder, start_gcode=_start(printer))
+    return _probe_card(printer, plan)
+
+
+@router.get("/{key}/probe", tags=["measure"])
+def written_probe(here: Here, key: Key) -> ProbeCard | None:
+    """Return the test print that was written; null where there is none."""
+    from printmend.measure import read_plan
+
+    folder = _folder(here, key)
+    if not (folder / PLAN).is_file():
+        return None
+    return _probe_card(read_printer(folder / PRINTER), read_plan(folder / PLAN))
+
+
+def _probe_card(printer: Printer, plan: Any) -> ProbeCard:
+    from printmend.probe import cost, expected_error_mm
+
     minutes, grams = cost(plan)
     return ProbeCard(
         marks=len(plan), minutes=minutes, grams=grams, expected_mm=expected_error_mm(printer, plan),
@@ -202,6 +219,19 @@ def tower(here: Here, key: Key) -> TowerCard:
     printer = read_printer(folder / PRINTER)
     made = design_tower(printer)
     write_tower(folder / TOWER, made, printer, start_gcode=_start(printer))
+    return _tower_card(made)
+
+
+@router.get("/{key}/tower", tags=["measure"])
+def written_tower(here: Here, key: Key) -> TowerCard | None:
+    """Return the tower that was written; null where there is none."""
+    from printmend.probe.tower import design_tower
+
+    folder = _folder(here, key)
+    return _tower_card(design_tower(read_printer(folder / PRINTER))) if (folder / TOWER).is_file() else None
+
+
+def _tower_card(made: Any) -> TowerCard:
     height_mm = float(made.waypoints_mm[made.printed, 2].max())
     return TowerCard(minutes=made.minutes, grams=made.grams, height_mm=height_mm)
 
@@ -319,7 +349,7 @@ def mend(here: Here, key: Key, given: MendIn) -> JobCard:
     """Mend an uploaded G-code file for this printer: a job."""
     _need(_folder(here, key), MODEL, "measure its test print first")
     name = plain_name(here.store.upload(given.upload)["name"])
-    params = {"printer": key, "upload": given.upload, "name": name, "scene": given.scene}
+    params = {"printer": key, "upload": given.upload, "name": name, "scene": given.scene, "force": given.force}
     return card(here, here.jobs.submit("mend", key, params))
 
 

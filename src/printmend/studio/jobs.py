@@ -143,7 +143,8 @@ class Jobs:
             _LOG.exception("job %s", key)
             self._store.end_job(key, "failed", error=f"a fault of printmend itself ({type(error).__name__}: {error})")
         else:
-            error_text = result.pop("error", None)
+            if (error_text := result.pop("error", None)) and not result.get("may_force"):
+                result = {}
             self._store.end_job(key, "failed" if error_text else "done", error=error_text, result=result or None)
 
 

@@ -117,6 +117,7 @@ class JobCard(BaseModel):
     files: list[str] = Field(default_factory=list, description="may be fetched, some of them before it ends")
     ahead: int = Field(default=0, description="jobs that wait before it")
     error: str | None
+    may_force: bool = Field(default=False, description="the file was not mended, and would be with `force`")
     result: dict[str, Any] | None
     created_s: float
     ended_s: float | None
@@ -161,6 +162,7 @@ class MendIn(Strict):
     """An uploaded G-code file to be mended for a printer."""
 
     upload: str = Field(pattern=KEY)
+    force: bool = Field(default=False, description="also where it seems to be for another printer, or not to help")
     scene: bool = Field(default=True, description="also make the three-dimensional picture")
 
 

@@ -1,8 +1,11 @@
 """What the studio remembers: printers, uploads and jobs, in one SQLite file; large things lie in folders beside it."""
 
+import itertools
 import json
 import secrets
+import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +47,7 @@ class Store:
         self.folder = folder
         for part in ("printers", "uploads", "jobs"):
             (folder / part).mkdir(parents=True, exist_ok=True)
+        self._naming = threading.Lock()  # between the look whether a name is free and taking it
         self._engine = sql.create_engine(f"sqlite:///{folder / 'studio.sqlite'}")
         sql.event.listen(self._engine, "connect", _settle)
         _META.create_all(self._engine)
@@ -56,9 +60,18 @@ class Store:
         """Return the folder of a printer or a job, the file of an upload; ``key`` is one of ours."""
         return self.folder / f"{kind}s" / key
 
-    def add_printer(self, name: str) -> str:
-        """Note a printer; return its key."""
-        return self._insert(PRINTERS, name=name)
+    def add_printer(self, name: str, *, usually: str) -> str:
+        """Note a printer; return its key. Without a name it is called ``usually``, numbered where that is taken.
+
+        Raises `InputError` for the name of another printer.
+        """
+        with self._naming:
+            if name:
+                self._refuse_taken(name)
+            else:
+                taken = self._names()
+                name = next(one for one in _numbered(usually) if one.casefold() not in taken)
+            return self._insert(PRINTERS, name=name)
 
     def add_upload(self, key: str, name: str, size: int) -> None:
         """Note an upload whose file is in its place."""
@@ -79,9 +92,22 @@ class Store:
             return link.execute(sql.update(JOBS).where(open_job).values(**values)).rowcount == 1
 
     def rename_printer(self, key: str, name: str) -> None:
-        """Give a printer another name."""
-        with self._engine.begin() as link:
-            link.execute(sql.update(PRINTERS).where(PRINTERS.c.id == key).values(name=name))
+        """Give a printer another name. Raises `InputError` for none, and for that of another printer."""
+        if not name:
+            raise InputError("the printer", wanted="a name", came="none", todo="type one")
+        with self._naming:
+            self._refuse_taken(name, but=key)
+            with self._engine.begin() as link:
+                link.execute(sql.update(PRINTERS).where(PRINTERS.c.id == key).values(name=name))
+
+    def _names(self, *, but: str | None = None) -> set[str]:
+        return {row["name"].casefold() for row in self.printers() if row["id"] != but}
+
+    def _refuse_taken(self, name: str, *, but: str | None = None) -> None:
+        if name.casefold() in self._names(but=but):
+            raise InputError(
+                name, wanted="a name of its own", came="that of another printer", todo="add a word or a number to it"
+            )
 
     def forget(self, kind: str, key: str) -> None:
         """Take a printer with its jobs, an upload or a job out of the database."""
@@ -115,6 +141,10 @@ class Store:
         query = query.where(JOBS.c.state.not_in(DONE)) if waiting else query.limit(most)
         return [_read(row) for row in self._rows(query)]
 
+    def jobs_of(self, upload: str) -> list[str]:
+        """Return the jobs that an upload was given to."""
+        return [row["id"] for row in self._rows(sql.select(JOBS.c.id).where(JOBS.c.params.contains(f'"{upload}"')))]
+
     def forgotten(self, before_s: float, *, kept: tuple[str, ...]) -> tuple[list[str], list[str]]:
         """Return the jobs of other kinds than ``kept`` that ended before a time, and the uploads from before it."""
         old = JOBS.c.state.in_(DONE) & JOBS.c.kind.not_in(kept) & (JOBS.c.ended_s < before_s)
@@ -142,6 +172,13 @@ class Store:
 
 class NotThereError(InputError):
     """What was asked for is not in the studio."""
+
+
+def _numbered(name: str) -> Iterator[str]:
+    """Yield a name, then it with 2, 3 and so on behind it."""
+    yield name
+    for count in itertools.count(2):
+        yield f"{name} {count}"
 
 
 def _read(row: Row) -> Row:

@@ -117,8 +117,13 @@ def run(kind: str, folder: str, data: str, params: Params) -> dict[str, Any]:
     try:
         result = KINDS[kind](job)
     except PrintmendError as error:
-        return {"error": job.said(error)}
+        return {"error": job.said(error), "may_force": kind == "mend" and may_force(error)}
     return {**result, "files": job.files}
+
+
+def may_force(error: PrintmendError) -> bool:
+    """Say whether mending goes on all the same where somebody who knows better says so."""
+    return "--force" in error.todo
 
 
 def read_progress(folder: Path) -> dict[str, Any]:
@@ -154,12 +159,14 @@ def _mend(job: Job) -> dict[str, Any]:
         seen += count
         job.tell(0.3 + 0.5 * min(seen / size, 1.0), "rewrite", now=False)
 
-    refused, output = None, mended_name(name)
+    refused, forced, output = None, False, mended_name(name)
     try:
-        prediction = mend_gcode(named, model, job.folder / output, progress=tick, watch=tap.watch).prediction
+        prediction = mend_gcode(
+            named, model, job.folder / output, force=job.params.get("force", False), progress=tick, watch=tap.watch
+        ).prediction
         job.file(output)
     except RefusedError as error:
-        refused, prediction = job.said(error), check_gcode(named, model)
+        refused, forced, prediction = job.said(error), may_force(error), check_gcode(named, model)
     paces = None
     if drawing is not None and tap.seen:
         job.tell(0.8, "draw")
@@ -169,7 +176,8 @@ def _mend(job: Job) -> dict[str, Any]:
         paces = _paces(named, scene)
     table = prediction.json()
     table.pop("layers")
-    return {"name": name, "output": None if refused else output, "refused": refused, "prediction": table, "pace": paces,
+    return {"name": name, "output": None if refused else output, "refused": refused, "may_force": forced,
+            "prediction": table, "pace": paces,
             "layers": [[round(layer[key], 4) for key in ("z_mm", "before_rms_mm", "after_rms_mm")]
                        for layer in prediction.layers],
             "bytes": source.stat().st_size, "digest": model.digest,

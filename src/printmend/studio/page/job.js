@@ -1,6 +1,6 @@
 // A job as one sees it: what it is doing, how long it may take, and a way to stop it.
 import { html, useEffect, useState } from "./vendor.js";
-import { ended, follow, post, upload } from "./api.js";
+import { ended, follow, get, post, upload } from "./api.js";
 import { seconds, t, why } from "./words.js";
 
 // Follow the job `key`; null without one.
@@ -11,6 +11,15 @@ export function useJob(key) {
     return key ? follow(key, setJob) : undefined;
   }, [key]);
   return key ? job : null;
+}
+
+// What a screen goes on with that was left or loaded anew: `found` hears the printer's jobs, the newest first.
+export function useEarlier(printer, found) {
+  useEffect(() => {
+    let here = true;
+    get(`/jobs?printer=${printer.id}`).then((jobs) => here && found(jobs), () => {});
+    return () => { here = false; };
+  }, [printer.id]);
 }
 
 export function Progress({ job, steps }) {

@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "./vendor.js";
 import { ended, fileOf, get, post, upload } from "./api.js";
 import { Plate, Save } from "./drawings.js";
 import { Drop } from "./drop.js";
-import { Problem, Progress, Sending, useJob, useSending } from "./job.js";
+import { Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
 import { useLook, Zoom } from "./look.js";
 import { Send } from "./send.js";
 import { asked, mm, number, sentence, t, typed } from "./words.js";
@@ -15,6 +15,7 @@ export function Measure({ printer, changed, more }) {
       if (!overwrite && /plan of another test print/.test(problem.message)) { if (confirm(t("overwrite_sure"))) await make(true); } else setError(problem.message);
     }
   };
+  useEffect(() => { if (printer.has_probe) get(`/printers/${printer.id}/probe`).then((card) => setProbe((old) => old ?? card), () => {}); }, [printer.id]);
   const learned = () => { changed(); location.hash = `#/printers/${printer.id}/wrong`; };
   return html`<${Problem} error=${error} /><div class="split"><section class="card stack"><h2>${t("plate")}</h2><p class="soft">${t("plate_now")}</p>
       ${probe && html`<div style=${{ height: "17rem" }}><${Plate} id="plate" marks=${probe.marks_mm} errors=${probe.marks_mm.map(() => [0, 0])} big=${probe.big} bed=${probe.bed_mm} enlarge="1" /></div><${Save} id="plate" name="plate" />
@@ -36,6 +37,7 @@ export function useLearn(printer, done) {
     if (job?.state === "failed") setError(job.error);
     if (ended(job)) setKey(null);
   }, [job?.state]);
+  useEarlier(printer, (jobs) => { const going = jobs.find((one) => one.kind === "learn" && !ended(one)); if (going) setKey((old) => old ?? going.id); });
   const learn = async (given) => { setError(null); try { setKey((await post(`/printers/${printer.id}/learn`, given)).id); } catch (problem) { setError(problem.message); } };
   return { learn, job: key ? job ?? { id: key, state: "queued", share: 0 } : null, error };
 }
@@ -52,14 +54,12 @@ function Scan({ printer, learned }) {
     try { const keys = await send(files); setUploads(keys); await run(keys); } catch (problem) { setError(problem.message); }
   };
   useEffect(() => { if (job?.state === "done") setOut(new Set(job.result.odd)); if (job?.state === "failed") setError(job.error); }, [job?.state]);
-  useEffect(() => { // what was measured last, or is being measured
-    get(`/jobs?printer=${printer.id}`).then((jobs) => {
-      const last = jobs.find((one) => one.kind === "measure");
-      if (!last || last.state === "cancelled" || last.state === "failed") return;
-      setUploads((old) => old.length ? old : last.params.scans.map((one) => one.upload));
-      setKey((old) => old ?? last.id);
-    }, () => {});
-  }, [printer.id]);
+  useEarlier(printer, (jobs) => {
+    const last = jobs.find((one) => one.kind === "measure");
+    if (!last || last.state === "cancelled" || last.state === "failed") return;
+    setUploads((old) => old.length ? old : last.params.scans.map((one) => one.upload));
+    setKey((old) => old ?? last.id);
+  });
   const result = job?.state === "done" ? job.result : null;
   const toggle = (mark) => setOut((old) => { const next = new Set(old); if (!next.delete(mark)) next.add(mark); return next; });
   return html`<${Problem} error=${error ?? failed} />
@@ -117,6 +117,7 @@ const pointed = (text) => `${/[;\t]/.test(text) ? text.replaceAll(",", ".").repl
 // For what no flat print shows: a tower, and the table that says where its corners were told to be.
 function Tower({ printer, changed }) {
   const [made, setMade] = useState(null), [error, setError] = useState(null), file = (name) => `/api/printers/${printer.id}/files/${name}`;
+  useEffect(() => { get(`/printers/${printer.id}/tower`).then((card) => setMade((old) => old ?? card), () => {}); }, [printer.id]);
   const make = async () => { try { setMade(await post(`/printers/${printer.id}/tower`)); setError(null); } catch (problem) { setError(problem.message); } };
   return html`<section class="card stack"><h2>${t("tower")}</h2><p class="soft">${t(printer.digest ? "tower_now" : "tower_later")}</p><${Problem} error=${error} />
     ${made ? html`<p><b>${t("tower_facts", { height: number(made.height_mm, 1), minutes: number(made.minutes, 0), grams: number(made.grams, 1) })}</b></p>

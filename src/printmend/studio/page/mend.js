@@ -1,13 +1,13 @@
 // Mend: files in, and each as wanted, as this printer prints it, and mended.
 import { html, useEffect, useState } from "./vendor.js";
-import { ended, fileOf, get, post } from "./api.js";
+import { ended, fileOf, get, post, remove } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
 import { Problem, Progress, Sending, useJob, useSending } from "./job.js";
 import { Part } from "./part.js";
 import { useScene } from "./scene.js";
 import { Send } from "./send.js";
-import { lasting, mm, number, sentence, t, why } from "./words.js";
+import { lasting, mm, number, sentence, t } from "./words.js";
 
 const STEPS = ["read", "rewrite", "draw"];
 
@@ -50,18 +50,36 @@ export function Mend({ printer, changed }) {
       } catch (problem) { put({ state: problem.message === "stopped" ? "cancelled" : "failed" }); setError(problem.message); }
     }
   };
+  const forget = async (row) => {
+    setError(null);
+    try {
+      if (row.id) await remove(`/jobs/${row.id}`);
+      setRows((old) => old.filter((one) => (row.id ? one.id !== row.id : one.at !== row.at)));
+      if (row.id === shown) { const at = rows.indexOf(row); setShown((rows[at + 1] ?? rows[at - 1])?.id ?? null); }
+    } catch (problem) { setError(problem.message); }
+  };
+  const anyway = async (job) => { // the file is the same: its new job takes the old one's place
+    try {
+      const next = await post(`/printers/${printer.id}/mend`, { upload: job.params.upload, force: true });
+      setRows((old) => old.map((one) => (one.id === job.id ? { ...one, id: next.id, state: next.state } : one)));
+      setShown(next.id);
+      await remove(`/jobs/${job.id}`);
+    } catch (problem) { setError(problem.message); }
+  };
   if (!printer.digest) return html`<p class="note">${t("no_model")}</p>`;
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
-      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<button class="quiet row between" style=${{ justifyContent: "space-between", textAlign: "left" }} aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span style=${{ overflowWrap: "anywhere" }}>${row.name}</span>
-        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ""}</span></button>`)}</section>`}</div>
-    <div class="stack"><${File_} id=${shown} printer=${printer} changed=${changed} /></div></div>`;
+      ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span>${row.name}</span>
+        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ""}</span></button>
+        <button class="quiet icon" disabled=${row.state === "sending"} title=${t("forget", { name: row.name })} aria-label=${t("forget", { name: row.name })} onClick=${() => forget(row)}>×</button></div>`)}</section>`}</div>
+    <div class="stack"><${File_} id=${shown} printer=${printer} changed=${changed} anyway=${anyway} /></div></div>`;
 }
 
-function File_({ id, printer, changed }) {
+function File_({ id, printer, changed, anyway }) {
   const job = useJob(id), [scene, error] = useScene(job);
   const result = job?.state === "done" ? job.result : null;
-  return html`<${Problem} error=${job?.state === "failed" ? job.error : error} />
+  return html`<${Problem} error=${job?.state === "failed" ? job.error : result?.refused ?? error} />
+    ${job?.may_force && html`<div class="row"><button onClick=${() => anyway(job)}>${t("anyway")}</button><span class="faint">${t("anyway_now")}</span></div>`}
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
     <${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene?.mended ? 2 : 1} busy=${Boolean(job) && !ended(job)}>
       ${job && !ended(job) && html`<section class="card busy"><${Progress} job=${job} steps=${STEPS} /></section>`}</${Part}>
@@ -69,13 +87,12 @@ function File_({ id, printer, changed }) {
 }
 
 function Numbers({ job, printer, changed }) {
-  const { prediction: p, output, refused, layers, pace } = job.result, more = pace && output;
+  const { prediction: p, output, layers, pace } = job.result, more = pace && output;
   return html`<section class="card stack"><div class="row between" style=${{ alignItems: "start" }}><div class="numbers" style=${{ flex: 1 }}>
         <${Number_} value=${mm(p.before.rms_mm)}>${t("rms_raw")}<br />${t("p95", { mm: mm(p.before.p95_mm) })}</${Number_}>
         <${Number_} value=${mm(p.after.rms_mm)}>${t("rms_mended")}<br />${t("p95", { mm: mm(p.after.p95_mm) })}${p.after.rms_high_mm > p.after.rms_low_mm && html`<br />${t("range", { low: mm(p.after.rms_low_mm), high: mm(p.after.rms_high_mm) })}`}</${Number_}></div>
       ${output && html`<a class="button primary big" href=${fileOf(job, output)} download=${output}>${t("download")}</a>`}</div>
     ${output && html`<${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} />`}
-    ${refused && html`<p class="problem">${why(refused)}</p>`}
     <p class="faint">${pace && html`${t(pace.told ? "time" : "time_least", { time: lasting(pace.before_s) })}${more && html` → <b>${lasting(pace.after_s)}</b>`}<br />`}
       ${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${more && html`<br />${t("busiest", { before: number(pace.busiest[0], 0), after: number(pace.busiest[1], 0) })}`}${more && p.stops > 0 && html`<br />${t("stops", { n: number(p.stops, 0) })}`}<br />${p.clamped > 0 ? html`${t("clamped", { n: number(p.clamped, 0) })}` : t("on_bed")}</p>
     ${[...p.advice, ...p.warnings ?? []].map((line) => html`<p class="note">${sentence(line)}</p>`)}

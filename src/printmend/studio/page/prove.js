@@ -3,7 +3,7 @@ import { html, useEffect, useState } from "./vendor.js";
 import { ended, fileOf, get, post } from "./api.js";
 import { Number_, Save, wide } from "./drawings.js";
 import { Drop } from "./drop.js";
-import { Problem, Progress, Sending, useJob, useSending } from "./job.js";
+import { Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
 import { Send } from "./send.js";
 import { asked, day, mm, number, sentence, t } from "./words.js";
 
@@ -13,6 +13,11 @@ export function Prove({ printer, changed }) {
   const load = () => get(`/printers/${printer.id}/known`).then(setKnown, (problem) => setError(problem.message));
   useEffect(() => { load(); }, [printer.id, job?.state]);
   useEffect(() => { for (const one of [checked, job]) if (one?.state === "failed") setError(one.error); }, [checked?.state, job?.state]);
+  useEarlier(printer, (jobs) => { // a check print of this model, and what was measured since it was learned
+    const made = jobs.find((one) => one.kind === "check" && (!ended(one) || one.result?.digest === printer.digest)), seen = jobs.find((one) => one.kind === "verify");
+    if (made) setCheck((old) => old ?? made.id);
+    if (seen && (!ended(seen) || (seen.state === "done" && seen.ended_s > printer.measured_s))) setKey((old) => old ?? seen.id);
+  });
   const make = async () => { try { setCheck((await post(`/printers/${printer.id}/check`)).id); setError(null); } catch (problem) { setError(problem.message); } };
   const take = async (files) => {
     setError(null); setTaken(false);

@@ -404,6 +404,12 @@ export default [
   ["distance {a} of about {b} mm", "Abstand {a}, etwa {b} mm"],
   ["measure it again in mm, or leave its line empty", "Noch einmal messen, in mm, oder leer lassen", "measure it again in mm, or leave it empty"],
 
+  ["a name of its own", "ein eigener Name"],
+  ["that of another printer", "der eines anderen Druckers"],
+  ["add a word or a number to it", "Ein Wort oder eine Zahl anfügen"],
+  ["a name", "ein Name"],
+  ["type one", "Einen eintippen"],
+
   // models and check prints
   ["a printer.mend.json", "ein Modell dieses Druckers", "a model of this printer"],
   ["another kind of file", "eine andere Datei"],

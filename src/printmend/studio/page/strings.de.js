@@ -60,7 +60,7 @@ export default {
   next_mend: "Weiter: ein Teil heilen",
 
   mend_now: "Den G-Code eines Teils ablegen. Es erscheint wie gewollt, wie dieser Drucker es druckt, und geheilt.",
-  drop_gcode: "G-Code hier ablegen: .gcode, .bgcode oder .3mf, auch mehrere", files: "Dateien", download: "Geheilt herunterladen", refused: "Nicht geheilt",
+  drop_gcode: "G-Code hier ablegen: .gcode, .bgcode oder .3mf, auch mehrere", files: "Dateien", download: "Geheilt herunterladen", refused: "Nicht geheilt", forget: "{name} aus der Liste nehmen", anyway: "Trotzdem heilen", anyway_now: "Nur wer es besser weiß: Die Datei wird dann doch für diesen Drucker geheilt.",
   step_read: "Liest", step_rewrite: "Heilt", step_draw: "Zeichnet", step_compare: "Vergleicht", range: "90 % solcher Maschinen: {low} bis {high} mm",
   rms_raw: "daneben, wie er druckt", rms_mended: "daneben, geheilt", p95: "95 % des Wegs innerhalb {mm} mm", moves: "{before} → {after} Befehle, Spiel {n}-mal aufgenommen",
   time: "Druckdauer nach dem Slicer: {time}", time_least: "Druckdauer ungefähr: {time}", hours: "{h} h {m} min", minutes: "{m} min",

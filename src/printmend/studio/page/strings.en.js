@@ -60,7 +60,7 @@ export default {
   next_mend: "Next: mend a part",
 
   mend_now: "Drop the G-code of a part. You see it as wanted, as this printer prints it, and mended.",
-  drop_gcode: "Drop G-code here: .gcode, .bgcode or .3mf, several if you like", files: "Files", download: "Download mended", refused: "Not mended",
+  drop_gcode: "Drop G-code here: .gcode, .bgcode or .3mf, several if you like", files: "Files", download: "Download mended", refused: "Not mended", forget: "Remove {name} from the list", anyway: "Mend it anyway", anyway_now: "Only if you know better: the file is then mended for this printer all the same.",
   step_read: "Reading", step_rewrite: "Mending", step_draw: "Drawing", step_compare: "Comparing", range: "90 % of such machines: {low} to {high} mm",
   rms_raw: "off as it prints", rms_mended: "off when mended", p95: "95 % of the path within {mm} mm", moves: "{before} → {after} commands, slack taken up {n} times",
   time: "Print time, going by the slicer: {time}", time_least: "Print time, about: {time}", hours: "{h} h {m} min", minutes: "{m} min",
