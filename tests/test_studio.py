@@ -276,7 +276,7 @@ def test_a_job_names_files_as_they_were_sent(tmp_path: Path) -> None:
     write_model(printer / work.MODEL, exact_model(loose.homed()))
     (uploads / "a").write_text("G28\nG90\nM83\nG1 X60 Y60 Z0.2 F3000\nG1 X90\n")
     (uploads / "b").write_text("other")
-    params = {"printer": "p", "upload": "a", "name": "empty.gcode"}
+    params: dict[str, Any] = {"printer": "p", "upload": "a", "name": "empty.gcode"}
     refused = work.run("mend", str(tmp_path / "job"), str(tmp_path), params)["refused"]
     assert refused.startswith("empty.gcode: wanted a print")
     named = [{"upload": "a", "name": "s.png"}, {"upload": "a", "name": "s.png"}, {"upload": "b", "name": "1-s.png"}]
