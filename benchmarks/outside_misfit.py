@@ -153,10 +153,10 @@ def _bent(kind: str) -> Callable:
 
 
 def _idler(plain: Printed, rng: np.random.Generator) -> np.ndarray:
-    motor = plain.commanded_mm
+    motors = np.array([[1.0, 1.0], [1.0, -1.0]]) if plain.corexy else np.eye(2)
     period = float(rng.choice([18.0, 24.5, 31.4, 50.3, 56.5, 70.0]))
-    wave = np.sin(2 * math.pi * motor / period + rng.uniform(0, 6.28, 2))
-    return wave * _axis(rng)
+    wave = np.sin(2 * math.pi * (plain.commanded_mm @ motors) / period + rng.uniform(0, 6.28, 2))
+    return (wave * _axis(rng)) @ np.linalg.inv(motors)
 
 
 def _two_motors(plain: Printed, rng: np.random.Generator) -> np.ndarray:

@@ -231,7 +231,9 @@ def test_a_trace_keeps_what_its_instrument_cannot_tell(tmp_path: Path) -> None:
     trace = replace(measured(HEALTHY, 0.01, 5, 30), placed=False, instrument=FLATBED)
     write_trace(tmp_path / "t.csv", trace)
     assert read_trace(tmp_path / "t.csv", ENDER3).instrument == FLATBED
-    assert replace(trace, instrument=None).instrument_doubt == FLATBED
+    unknown = replace(trace, instrument=None).instrument_doubt  # how the plate lay is not known: no axis is surer
+    assert unknown.axes_sd == unknown.lean_sd
+    assert 2 * unknown.lean_sd**2 == pytest.approx(FLATBED.axes_sd**2 + FLATBED.lean_sd**2, rel=0.05)
     assert replace(trace, instrument=None, placed=True).instrument_doubt.is_exact
     text = (tmp_path / "t.csv").read_text()
     (tmp_path / "bad.csv").write_text(text.replace("0.001300", "7"))

@@ -111,6 +111,8 @@ class Instrument:
 # Flatbeds state their resolution to one or two parts in a thousand, their two axes by themselves, and their carriages
 # run uneven by micrometres (physics.md §4).
 FLATBED = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.002)
+# The same where it is not known how the plate lay on the glass: at 45° axes that differ look as if they leaned.
+FLATBED_ANY_TURN = Instrument(scale_sd=0.0013, axes_sd=0.0008, lean_sd=0.0008, wave_mm=0.002)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +163,7 @@ class Trace:
     @property
     def instrument_doubt(self) -> Instrument:
         """What is not known of the instrument."""
-        return self.instrument or (Instrument() if self.placed else FLATBED)
+        return self.instrument or (Instrument() if self.placed else FLATBED_ANY_TURN)
 
     @property
     def measured_rows(self) -> np.ndarray:

@@ -75,6 +75,7 @@ LAWS: dict[str, Law] = {
     "wear": lambda s, _, __: (s.side * s.done)[:, None],
     "thermal": _thermal,
     "direction": lambda s, _, __: s.across[:, None],
+    "racking-across": lambda s, _, __: (s.across * s.own)[:, None],
     "speed": lambda s, _, __: (s.side * np.minimum(1.0, s.move_mm / LONG_MM))[:, None],
     "halves": lambda s, axis, place: _upper(s, axis, place)[:, None],
     "halves-play": lambda s, axis, place: (s.side * _upper(s, axis, place))[:, None],

@@ -59,7 +59,7 @@ def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
         yield Candidate("creep", len(CREEPS), share)
     for share in WARMINGS:
         yield Candidate("thermal", int(WARMING_ODDS * len(WARMINGS)), share)
-    for kind in ("wear", "direction", "speed"):
+    for kind in ("wear", "direction", "racking-across", "speed"):
         yield Candidate(kind)
     for axis in range(2):
         for place in HALVES:

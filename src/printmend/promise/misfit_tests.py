@@ -40,7 +40,9 @@ FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3  # shares of the points: a not
 UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # of the error that a model leaves, and at least mm, from where it is none
 MOST_JUMPS = 4  # skipped teeth and lost steps in a print, beyond which its end is no better known than its beginning
 IN_TIME = ("linear", "step", "creep", "wear", "thermal")
-TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # both axes by so much, and alike to this share
+TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # both axes by so much, and alike to this share;
+ALIKE_SHARE_COREXY = 0.25  # one motor's pulley leans both of a CoreXY's axes, towards each other
+TILTED_SHARE = 2.0  # times what lies along the axis that moved must lie across it
 MOVED_MM, HOME_SD_MM = 0.3, 0.05  # a plate lies shifted from there on; the most doubt of the error at home
 MOST_LEFT_SHARE = 0.35  # share of an uneven belt's squares that one period may leave
 RANDOM_SDS, TWO_VALUED = 3.0, 1.65  # rows in no order; the kurtosis below which residuals take one of two values: even
@@ -234,8 +236,12 @@ def _motors(rows: list[Rows]) -> list[np.ndarray]:
 def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: str = VARIES) -> tuple[Misfit, ...]:
     """Return causes, points left out and places never seen as findings; ``state`` is what became of those in time."""
     found = []
+    tilts = _tilts(causes)
     for cause in causes:
         kind = cause.candidate.kind
+        if kind == "rail-play" and (axis := int(cause.candidate.detail)) in tilts:
+            found.append(_tilted(cause, axis, tilts[axis]))
+            continue
         severity = WARNING if cause.size_mm >= WARNED_MM else NOTE
         words = _words(cause, box.drives[cause.motor].name.upper(), box.printer.motors)
         found.append(Misfit(kind, severity, cause.size_mm, cause.nats, words))
@@ -253,6 +259,30 @@ def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: 
     )
 
 
+def _tilts(causes: tuple[Cause, ...]) -> dict[int, float]:
+    """Return by how much [mm] a CoreXY's head is off along the other axis after one of the bed's axes turned round, for
+    each axis that moves both motors alike by that: a rail of its own would lag along itself."""
+    found = {}
+    for axis in range(2):
+        lag = [0.0, 0.0]
+        for cause in causes:
+            if cause.candidate.kind == "rail-play" and int(cause.candidate.detail) == axis:
+                lag[cause.motor] = float(cause.weights.sum())
+        x_mm, y_mm = (lag[0] + lag[1]) / 2, (lag[0] - lag[1]) / 2
+        own, other = (x_mm, y_mm) if axis == 0 else (y_mm, x_mm)
+        if abs(other) > TILTED_SHARE * abs(own):
+            found[axis] = other
+    return found
+
+
+def _tilted(cause: Cause, axis: int, off_mm: float) -> Misfit:
+    words = (
+        f"where {'YX'[axis]} comes to lie depends on which way {'XY'[axis]} moved before, by {2 * abs(off_mm):.2f} mm: "
+        "the head or the gantry tilts"
+    )
+    return Misfit("direction", WARNING if cause.size_mm >= WARNED_MM else NOTE, cause.size_mm, cause.nats, words)
+
+
 def _one_of_each(found: list[Misfit]) -> list[Misfit]:
     """Join what both motors have."""
     joined: dict[str, Misfit] = {}
@@ -260,7 +290,7 @@ def _one_of_each(found: list[Misfit]) -> list[Misfit]:
         if (old := joined.get(each.kind)) is not None:
             each = replace(
                 old, size_mm=float(np.hypot(old.size_mm, each.size_mm)), evidence=old.evidence + each.evidence,
-                words=f"{old.words}; {each.words}",
+                words=old.words if old.words == each.words else f"{old.words}; {each.words}",
                 severity=max(old.severity, each.severity, key=SEVERITIES.index),
             )  # fmt: skip
         joined[each.kind] = each
@@ -282,6 +312,8 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
         "that warms up does",
         "direction": f"where {name} comes to lie depends on which way {other} moved before, by "
         f"{2 * abs(weight):.2f} mm: the head or the gantry tilts",
+        "racking-across": f"where {name} comes to lie depends on which way {other} moved before, the more the nearer "
+        f"to its ends, by up to {2 * abs(weight):.2f} mm: the gantry racks",
         "speed": f"{name} lies {abs(weight):.2f} mm further {'back' if weight > 0 else 'on'} after long, fast "
         "moves than after short ones",
         "halves": f"{name} is off by {weight:+.2f} mm in the upper part of {half}",
@@ -430,8 +462,10 @@ def _turn_deg(box: GreyboxModel) -> float:
     """Return by how much both axes are turned alike [°], 0 where they are not."""
     matrix = observed_stretch(box).matrix
     turns = np.degrees([np.arctan(matrix[1, 0]), np.arctan(-matrix[0, 1])])
-    both = float(np.sign(turns[0]) * np.abs(turns).min()) if turns[0] * turns[1] > 0 else 0.0
-    return both if abs(both) > TURNED_DEG and abs(both) > ALIKE_SHARE * np.abs(turns).max() else 0.0
+    corexy = box.printer.kinematics == "corexy"
+    least, most = np.abs(turns).min(), np.abs(turns).max()
+    alike = least > max(TURNED_DEG, (ALIKE_SHARE_COREXY if corexy else ALIKE_SHARE) * most) and turns[0] * turns[1] > 0
+    return float(np.sign(turns[0]) * ((least + most) / 2 if corexy else least)) if alike else 0.0
 
 
 def _turned(box: GreyboxModel) -> list[Misfit]:

@@ -90,6 +90,7 @@ export const sentences = [
   ["the play of {a} changed by {b} mm while the print went on: something comes loose", "das Spiel von {a} änderte sich um {b} mm, während gedruckt wurde: Etwas löst sich"],
   ["{a} grew by {b} mm from end to end while the print went on, as a machine that warms up does", "{a} wuchs um {b} mm von Ende zu Ende, während gedruckt wurde, wie bei einer Maschine, die warm wird"],
   ["where {a} comes to lie depends on which way {b} moved before, by {c} mm: the head or the gantry tilts", "wo {a} zu liegen kommt, hängt um {c} mm davon ab, wohin {b} vorher fuhr: Der Kopf oder das Portal kippt"],
+  ["where {a} comes to lie depends on which way {b} moved before, the more the nearer to its ends, by up to {c} mm: the gantry racks", "wo {a} zu liegen kommt, hängt um bis zu {c} mm davon ab, wohin {b} vorher fuhr, zu den Enden hin am meisten: Das Portal verkantet sich"],
   ["{a} lies {b} mm further back after long, fast moves than after short ones", "{a} liegt nach langen, schnellen Fahrten {b} mm weiter zurück als nach kurzen"],
   ["{a} lies {b} mm further on after long, fast moves than after short ones", "{a} liegt nach langen, schnellen Fahrten {b} mm weiter vorn als nach kurzen"],
   ["{a} is off by {b} mm in the upper part of {c}", "{a} liegt im oberen Teil von {c} um {b} mm daneben"],
