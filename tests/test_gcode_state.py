@@ -202,6 +202,11 @@ def test_e_that_a_firmware_may_read_otherwise_is_said(text, said, tmp_path):
     assert warning is None if said is None else said in warning
 
 
+def test_where_arcs_count_their_centres_from_is_no_matter_of_g90() -> None:
+    moves = read_gcode(b"G28\nG91\nG90.1\nG1 X10 F600\nG1 X10\nG90\nG91.1\nG1 X5\n").moves
+    assert moves.end_mm[:, 0].tolist() == [10.0, 20.0, 5.0]
+
+
 @pytest.mark.parametrize(
     ("text", "radius", "length"),
     [

@@ -98,6 +98,7 @@ def test_many_files_and_folders(folder: Path) -> None:
     again = run("mend", jobs / "new", "-m", folder / "printer.mend.json")
     assert again.exit_code == 0, again.output
     assert [line.partition(": ")[2].partition(":")[0] for line in again.stdout.splitlines()] == ["mended already"] * 2
+    assert sum("(--overwrite does it anew)" in line for line in again.stdout.splitlines()) == 1
     assert sorted(item.name for item in jobs.rglob("*.mended.*")) == ["a.mended.gcode", "b.mended.gcode"]
     (jobs / "new" / "renamed.gcode").unlink()
     (jobs / "new" / "b.gcode").write_bytes(SQUARE + b"G0 Z5\n")  # sliced again

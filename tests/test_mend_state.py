@@ -189,7 +189,19 @@ def test_what_is_lost_is_left_alone() -> None:
     text = START + SURE + b"CLEAN_NOZZLE\nG91\nG1 X5 E1\nG1 Y5 E1\n"
     written, prediction = mended(text, PLAY)
     assert written.endswith(b"CLEAN_NOZZLE\nG91\nG1 X5 E1\nG1 Y5 E1\n")
+    lines = text.count(b"\n")
     assert prediction.unknown == 2
+    assert prediction.unknown_lines == (lines - 1, lines)
+    assert f"(lines {lines - 1}, {lines})" in prediction.summary()
+
+
+def test_dots_and_where_lines_begin_are_on_the_bed_or_not() -> None:
+    dots = START + b"G1 X80 Y60 E1 F1800\nG0 X90 Y95\nG1 E.05\n"
+    assert "it stays on the bed: X 60 to 90, Y 60 to 95 mm" in mended(dots, PLAY)[1].summary()
+    purged = START + b"G0 X-3 Y60\nG1 X80 Y60 E1 F1800\n"
+    prediction = mended(purged, PLAY)[1]
+    assert (prediction.low_mm, prediction.printed_low_mm) == ((80.0, 60.0), (-3.0, 60.0))
+    assert "it prints beyond the edge of the bed, as the file says: X -3 to 80" in prediction.summary()
 
 
 def test_still_commands_need_no_anchor() -> None:

@@ -149,6 +149,11 @@ class Planner:
         """Say whether the machine has a Z screw that is not perfect."""
         return bool(self.model[look.M_SCREW])
 
+    @property
+    def bed_mm(self) -> np.ndarray:
+        """The lower and the upper corner of the bed [2, 2]."""
+        return self.model[look.M_BED : look.M_BED + 4].reshape(2, 2).T
+
     def begin(self, segments_per_s: float = np.inf) -> None:
         """Begin a program: nothing is known of where the machine is. What was added up so far is kept.
 
@@ -187,7 +192,8 @@ def start(mechanism: Mechanism, *, quantum_mm: float = 0.001, tolerance_mm: floa
     ``quantum_mm`` is the grid of the numbers that will be written, ``tolerance_mm`` how far the path may be off.
     """
     state, counts = np.zeros(k.STATE), np.zeros(k.COUNTS, np.int64)
-    state[k.S_LOW : k.S_LOW + 2], state[k.S_HIGH : k.S_HIGH + 2] = np.inf, -np.inf
+    for low, high in ((k.S_LOW, k.S_HIGH), (k.S_PRINT_LOW, k.S_PRINT_HIGH)):
+        state[low : low + 2], state[high : high + 2] = np.inf, -np.inf
     counts[k.N_LAYER] = counts[k.N_MARK] = -1
     return Planner(
         lookup(mechanism, tolerance_mm), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)),

@@ -55,7 +55,9 @@ class Outcome:
         if self.test_print:
             return f"{self.source}: a test print of printmend's must show the printer as it is: copied to {self.output}"
         if self.already:
-            return f"{self.source}: mended already" + ("" if self.output == self.source else f": {self.output}")
+            return f"{self.source}: mended already" + (
+                "" if self.output == self.source else f": {self.output} (--overwrite does it anew)"
+            )
         if self.mended is None:
             return f"{self.error}"
         before, after = self.mended.prediction.before, self.mended.prediction.after

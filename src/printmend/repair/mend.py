@@ -73,7 +73,7 @@ def mend_gcode(
         with _destination(output) as handle:
             said = []
             file.write(handle, lambda part: _texts(part, planner, model, fineness, progress, said, watch))
-            prediction = _predicted(planner, model, said)
+            prediction = _predicted(planner, model, said, marks=1)
             _judge(file, model, prediction, force=force)
         return Mended(output, prediction)
 
@@ -122,9 +122,14 @@ def _said_of(part: Part, state: MachineState) -> list[str | None]:
     return [e_warning(state), _DOTS if is_probe else None]
 
 
-def _predicted(planner: Planner, model: SavedModel, said: list[str | None]) -> Prediction:
-    """Return what to expect of a file that was planned, with what is to be ``said`` of it, once each."""
-    return replace(with_doubt(prediction_of(planner), model), warnings=tuple(dict.fromkeys(filter(None, said))))
+def _predicted(planner: Planner, model: SavedModel, said: list[str | None], *, marks: int = 0) -> Prediction:
+    """Return what to expect of a file that was planned, with what is to be ``said`` of it, once each.
+
+    ``marks`` lines stood before what is printed that are not the file's own.
+    """
+    prediction = with_doubt(prediction_of(planner), model)
+    lines = tuple(line - marks for line in prediction.unknown_lines)
+    return replace(prediction, unknown_lines=lines, warnings=tuple(dict.fromkeys(filter(None, said))))
 
 
 def _texts(

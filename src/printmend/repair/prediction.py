@@ -14,6 +14,7 @@ from printmend.promise.words import in_a_line
 from printmend.saved.model import SavedModel
 from printmend.units import counted
 
+_EDGE_MM = 0.5  # a print that is this little beyond the bed's edge, as slicers round it, is on it
 _GAIN_MM = 0.0005  # a smaller gain is none
 _NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
 _WORTH_MM = 0.03  # an expected error that may be larger than this is worth another print
@@ -44,10 +45,13 @@ class Prediction:
     at the edge of the bed, ``clamped_extruding`` those that extrude, ``beyond_mm`` how far out they would have gone and
     ``held_mm`` how much extruded path that is, the start of the file left out where layer comments tell what that is
     (purge lines lie at the edge of the bed and need not be right); ``unknown`` the extruding moves that were left as
-    they are, because their words cannot be read or the file does not say where the head is, ``splines`` the curves (G5)
-    that were, ``geometry`` the commands that make the firmware scale or skew what it is told. ``distance_to`` says what
-    the errors are distances to, from above. ``warnings`` say where the file was read otherwise than its firmware may
-    read it. ``heights`` are the errors in height before and after, where the model has a Z screw.
+    they are, because their words cannot be read or the file does not say where the head is, ``unknown_lines`` the lines
+    of the first of them, ``splines`` the curves (G5) that were, ``geometry`` the commands that make the firmware scale
+    or skew what it is told. ``distance_to`` says what the errors are distances to, from above. ``warnings`` say where
+    the file was read otherwise than its firmware may read it. From ``low_mm`` to ``high_mm`` is where printing moves
+    end, from ``printed_low_mm`` to ``printed_high_mm`` where anything is printed, dots and the beginnings of moves too;
+    ``on_bed`` says whether this is all on the bed.
+    ``heights`` are the errors in height before and after, where the model has a Z screw.
     """
 
     length_mm: float
@@ -70,6 +74,10 @@ class Prediction:
     extruding: int
     low_mm: tuple[float, float]
     high_mm: tuple[float, float]
+    printed_low_mm: tuple[float, float]
+    printed_high_mm: tuple[float, float]
+    on_bed: bool
+    unknown_lines: tuple[int, ...] = ()
     distance_to: str = "the wanted path"
     heights: tuple[Heights, Heights] | None = None
     advice: tuple[str, ...] = ()
@@ -93,6 +101,14 @@ class Prediction:
         return 0.0 if self.gain_mm is None else float(np.mean(self.gain_mm <= 0.0))
 
     @property
+    def where_unknown(self) -> str:
+        """The lines of the moves that were left as they are, in brackets; empty where that is not known."""
+        if not self.unknown_lines:
+            return ""
+        more = "" if self.unknown == len(self.unknown_lines) else " …"
+        return f" (line{'s' * (self.unknown > 1)} {', '.join(map(str, self.unknown_lines))}{more})"
+
+    @property
     def is_untouched(self) -> bool:
         """Say whether the model has nothing to mend here: what it knows puts every line where it belongs."""
         known_mm = max(self.before.planning_rms_mm, self.heights[0].rms_mm if self.heights else 0.0)
@@ -105,7 +121,7 @@ class Prediction:
         plain["layers"] = list(self.layers)
         plain |= {"planning_rms_mm": self.after.planning_rms_mm, "made_of": dict(self.after.made_of)}
         if not self.extruding:
-            plain["low_mm"] = plain["high_mm"] = None
+            plain["low_mm"] = plain["high_mm"] = plain["printed_low_mm"] = plain["printed_high_mm"] = None
         return plain
 
     def summary(self) -> str:
@@ -127,8 +143,9 @@ class Prediction:
         rows += [f"before you print: {each}" for each in self.advice]
         rows += [f"warning: {each}" for each in self.warnings]
         if not (self.clamped_extruding or self.unknown or self.splines) and self.extruding:
-            (x0, y0), (x1, y1) = self.low_mm, self.high_mm
-            rows.append(f"it stays on the bed: X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f} mm")
+            (x0, y0), (x1, y1) = self.printed_low_mm, self.printed_high_mm
+            where = "stays on the bed" if self.on_bed else "prints beyond the edge of the bed, as the file says"
+            rows.append(f"it {where}: X {x0:.0f} to {x1:.0f}, Y {y0:.0f} to {y1:.0f} mm")
         if self.is_untouched:
             rows.append("nothing to mend: every move stays as it is")
         else:
@@ -143,7 +160,7 @@ class Prediction:
         if self.unknown:
             unknown = counted(self.unknown, "printing move")
             why = "words that cannot be read, or the file does not say where the head is"
-            rows.append(f"{unknown} left as written: {why}")
+            rows.append(f"{unknown} left as written{self.where_unknown}: {why}")
         if self.splines:
             rows.append(f"{counted(self.splines, 'curve')} (G5) left as written: let the slicer write lines or arcs")
         if self.geometry:
@@ -165,6 +182,8 @@ def prediction_of(planner: Planner) -> Prediction:
     counts, state = planner.counts, planner.state
     layers = planner.layers[: int(counts[k.N_LAYER]) + 1]
     length = float(layers[:, k.L_LENGTH].sum())
+    low_mm, high_mm = state[k.S_PRINT_LOW : k.S_PRINT_LOW + 2], state[k.S_PRINT_HIGH : k.S_PRINT_HIGH + 2]
+    bed_mm = planner.bed_mm
     errors, heights = [], []
     for which in (0, 1):
         square = float(layers[:, k.L_SQUARE + which].sum())
@@ -196,6 +215,10 @@ def prediction_of(planner: Planner) -> Prediction:
         extruding=int(counts[k.N_EXTRUDING]),
         low_mm=(float(state[k.S_LOW]), float(state[k.S_LOW + 1])),
         high_mm=(float(state[k.S_HIGH]), float(state[k.S_HIGH + 1])),
+        printed_low_mm=(float(low_mm[0]), float(low_mm[1])),
+        printed_high_mm=(float(high_mm[0]), float(high_mm[1])),
+        on_bed=bool((low_mm > bed_mm[0] - _EDGE_MM).all() and (high_mm < bed_mm[1] + _EDGE_MM).all()),
+        unknown_lines=tuple(int(line) for line in counts[k.N_UNKNOWN_AT :][: counts[k.N_UNKNOWN]][: k.UNKNOWN_LINES]),
         heights=(heights[0], heights[1]) if planner.has_screw else None,
         path=_path(planner.samples, layers[:, k.L_Z]),
     )

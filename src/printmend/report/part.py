@@ -99,7 +99,8 @@ def _numbers(prediction: Prediction, view: "PartView | None") -> list[tuple[str,
         found.append((f"about {view.minutes[1]:.0f} min", f"printing time, {more}"))
     if prediction.clamped_extruding or prediction.unknown or prediction.splines:
         return [*found, ("look below", "not all of it stays on the bed, or is understood")]
-    return [*found, ("safe to print", "all of it stays on the bed, and every printing move is understood")]
+    where = "stays on the bed" if prediction.on_bed else "is where the file says, some of it beyond the edge of the bed"
+    return [*found, ("safe to print", f"all of it {where}, and every printing move is understood")]
 
 
 def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView | None") -> list[str]:
@@ -130,8 +131,8 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
     )
     if prediction.unknown:
         said.append(
-            f"{prediction.unknown} printing moves are left as they are: words that cannot be read, or the file does "
-            "not say where the head is there."
+            f"{prediction.unknown} printing moves are left as they are{prediction.where_unknown}: words that cannot be "
+            "read, or the file does not say where the head is there."
         )
     if prediction.splines:
         said.append(f"{prediction.splines} curves (G5) are left as they are: let the slicer write lines or arcs.")

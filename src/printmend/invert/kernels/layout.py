@@ -23,7 +23,7 @@ ERROR_BINS, ERROR_BIN_MM = 8192, 0.001
 
 # state [STATE] float64. Triples, one a motor, Z the third: S_M where the motor is; S_LO and S_HI between which the belt
 # (or the nozzle, on its screw) is; the same with RAW for the file as it is. S_TRAVEL the last F of a travel, S_FEED the
-# last F written, S_Z the height at which the layer began, S_LOW and S_HIGH the corners of all that is extruded.
+# last F written, S_Z the height at which the layer began, S_LOW and S_HIGH the corners of where extruding moves end.
 S_M, S_LO, S_HI, S_RAW_M, S_RAW_LO, S_RAW_HI = 0, 3, 6, 9, 12, 15
 S_TRAVEL, S_FEED, S_Z, S_LOW, S_HIGH = 18, 19, 20, 21, 23
 S_SIDE = 25  # 1 or −1 where a motor pushes its belt forwards or backwards, 0 where the belt may hang loose
@@ -34,14 +34,17 @@ S_HELD = S_BEYOND + 1  # the extruded length held back at the edge: before any l
 # For each motor that crosses its slack while the nozzle prints on: where it is at t = 0 of the curve, and how far it
 # goes until t = 1 [mm].
 S_CROSS, S_CROSSING = S_HELD + 2, S_HELD + 4
-STATE = S_CROSSING + 2
+# The corners of all that is printed: moves from where they begin, and dots.
+S_PRINT_LOW, S_PRINT_HIGH = S_CROSSING + 2, S_CROSSING + 4
+STATE = S_PRINT_HIGH + 2
 # counts [COUNTS] int64. N_KNOWN: the place is known; N_ANYWHERE: the firmware may have skipped what came before;
 # N_MARK and N_LAYER: the layer comments seen, the row of `layers`; N_HEIGHT: where Z is, is known. The rest are sums
-# for the prediction.
+# for the prediction; from N_UNKNOWN_AT on the first UNKNOWN_LINES lines of the file, from 1, that N_UNKNOWN counts.
 N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)
 N_CLAMPED, N_CLAMPED_EXTRUDING, N_UNKNOWN, N_COPIED, N_EXTRUDING, N_HEIGHT = range(8, 14)
 N_SPLINES, N_GEOMETRY, N_STOPS, N_COARSE = range(14, 18)
-COUNTS = 18
+N_UNKNOWN_AT, UNKNOWN_LINES = 18, 3
+COUNTS = N_UNKNOWN_AT + UNKNOWN_LINES
 # layers [?, LAYER] float64: sums over a layer, before (0) and after (1); L_RISE are those of the error in height
 L_Z, L_LENGTH, L_SQUARE, L_MOST, L_RISE, L_RISE_MOST = 0, 1, 2, 4, 6, 8
 LAYER = 10

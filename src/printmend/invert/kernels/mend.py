@@ -11,7 +11,9 @@ import numpy as np
 
 from printmend.gcode.kernels.layout import (
     FLAG_EXTRUDING,
+    FLAG_KNOWN_X0,
     FLAG_KNOWN_X1,
+    FLAG_KNOWN_Y0,
     FLAG_KNOWN_Y1,
     FLAG_KNOWN_Z1,
     FLAG_OPAQUE,
@@ -77,6 +79,7 @@ from printmend.invert.kernels.layout import (
     N_MOVES,
     N_PIECES,
     N_UNKNOWN,
+    N_UNKNOWN_AT,
     PIECES_A_RECORD,
     RUN_BEGIN,
     RUN_END,
@@ -88,10 +91,13 @@ from printmend.invert.kernels.layout import (
     S_LO,
     S_LOW,
     S_M,
+    S_PRINT_HIGH,
+    S_PRINT_LOW,
     S_RAW_HI,
     S_RAW_LO,
     S_RAW_M,
     S_TRAVEL,
+    UNKNOWN_LINES,
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
@@ -276,6 +282,20 @@ def _note_copied(model, curve, state, counts, pieces, n, record, records, count,
         state[S_FEED] = record.feed
 
 
+@inner(error_model="numpy", _nrt=False)
+def _cover(state, low, high, x, y):
+    state[low], state[low + 1] = min(state[low], x), min(state[low + 1], y)
+    state[high], state[high + 1] = max(state[high], x), max(state[high + 1], y)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _leave(counts, record, extruding):
+    """Count an extruding move that stays as it is, or whose start nobody knows, and keep the lines of the first."""
+    if extruding and counts[N_UNKNOWN] < UNKNOWN_LINES:
+        counts[N_UNKNOWN_AT + counts[N_UNKNOWN]] = record.line + 1
+    counts[N_UNKNOWN] += extruding
+
+
 # Long because each kind of record is let through here by its own exit, in the order in which it has to be asked.
 @entry(error_model="numpy", _nrt=False)
 def mend(
@@ -307,6 +327,8 @@ def mend(
                 height_event(model, state, counts, r)
             continue
         still = not arc and r.x0 == r.x1 and r.y0 == r.y1
+        if still and r.advance > 0.0 and r.flags & FLAG_KNOWN_X1 and r.flags & FLAG_KNOWN_Y1:
+            _cover(state, S_PRINT_LOW, S_PRINT_HIGH, r.x1, r.y1)
         if still and not r.words & (WORD_X | WORD_Y):
             if moved is not None:
                 if r.words & WORD_Z and r.flags & FLAG_OPAQUE:
@@ -319,8 +341,10 @@ def mend(
         counts[N_MOVES] += 1
         if extruding and known:
             counts[N_EXTRUDING] += 1
-            state[S_LOW], state[S_LOW + 1] = min(state[S_LOW], r.x1), min(state[S_LOW + 1], r.y1)
-            state[S_HIGH], state[S_HIGH + 1] = max(state[S_HIGH], r.x1), max(state[S_HIGH + 1], r.y1)
+            _cover(state, S_LOW, S_HIGH, r.x1, r.y1)
+            _cover(state, S_PRINT_LOW, S_PRINT_HIGH, r.x1, r.y1)
+            if r.flags & FLAG_KNOWN_X0 and r.flags & FLAG_KNOWN_Y0:
+                _cover(state, S_PRINT_LOW, S_PRINT_HIGH, r.x0, r.y0)
         if still and known and counts[N_KNOWN] != 0 and not r.flags & FLAG_OPAQUE:
             if moved is not None:
                 n = _rise(model, state, counts, pieces, n, r, quantum)
@@ -332,7 +356,7 @@ def mend(
         if moved is not None:
             left = left or is_too_long(model, curve)
         if left:
-            counts[N_UNKNOWN] += extruding
+            _leave(counts, r, extruding)
             if moved is None and known and counts[N_KNOWN] != 0 and r.kind == KIND_LINEAR and stays_near(model, curve):
                 _note_copied(model, curve, state, counts, pieces, n, r, records, count, i - 1, layers, errors, samples)
             follow_copied(model, state, counts, r, known)
@@ -366,7 +390,7 @@ def mend(
                 n = extrude(model, curve, state, counts, pieces, n, r, row, layers, errors, quantum, run, at, length)
             run[0, RUN_BEGIN] += length
         else:
-            counts[N_UNKNOWN] += extruding
+            _leave(counts, r, extruding)
             parts = 1
             if arc:  # what draws nothing needs no better than this
                 parts = min(max(4, np.int64(abs(curve[SWEEP]) * np.sqrt(curve[R0] / 0.4))), PIECES_A_RECORD // 2)
