@@ -162,19 +162,26 @@ def _run(
         raise RefusedByPlanner(fatal[0] if fatal else f"ended with {done.returncode}: {(log or [done.stderr])[-1]}")
     moves = np.fromfile(paths["moves.bin"], float).reshape(-1, 15) if paths["moves.bin"].exists() else np.empty((0, 15))
     steps = _positions(decode(board(), paths["out.serial"].read_bytes()), printer)
-    if not _whole(steps, moves, printer):
+    if not _whole(steps, moves, printer, _turns_mm(extras, printer)):
         raise CutOff(f"{folder}: the steps end before the moves")
     return Planned(steps, moves, complaints)
 
 
-def _whole(steps: dict, moves: np.ndarray, printer: Printer) -> bool:
+def _turns_mm(extras: str, printer: Printer) -> list[float]:
+    """Return how far one turn of x's and of y's motor goes in the planner's eyes, where ``extras`` set that anew."""
+    said = [re.search(rf"^\[stepper_{name}\]\nrotation_distance: (\S+)", extras, re.MULTILINE) for name in "xy"]
+    return [float(s[1]) if s else axis.mm_per_turn for s, axis in zip(said, printer.axes[:2], strict=True)]
+
+
+def _whole(steps: dict, moves: np.ndarray, printer: Printer, turns_mm: list[float]) -> bool:
     """Say whether the steps lead to the end of the last move: a busy computer may lose the last ones."""
     if not len(moves):
         return True
     x, y, z, e = moves[-1, 11:]
     pitch = [axis.mm_per_step / axis.microsteps for axis in printer.axes] + [E_MM_PER_STEP]
-    wanted = [*printer.to_motor(np.array([x, y])), z, e]
     home = [*printer.to_motor(np.array(printer.home_mm)), printer.z.home_mm, 0.0]
+    gain = [axis.mm_per_turn / turn for axis, turn in zip(printer.axes[:2], turns_mm, strict=True)] + [1.0, 1.0]
+    wanted = [a + (b - a) * c for a, b, c in zip(home, [*printer.to_motor(np.array([x, y])), z, e], gain, strict=True)]
     ends = [way[-1] if len(way) else at for (_, way), at in zip(steps.values(), home, strict=True)]
     return all(abs(a - b) < size for a, b, size in zip(ends, wanted, pitch, strict=True))
 

@@ -10,7 +10,7 @@ from parts import part
 from bench_klippy import both, mend
 from klippy_judge import Track, distances_mm, judge, judge_both, places, samples, slowest_mm_s, wanted_path
 from klippy_run import RefusedByPlanner, plan
-from printmend.corruption import Corruption, Drive, corruption_toml, sample
+from printmend.corruption import Corruption, Drive, WrongRadius, corruption_toml, sample
 from printmend.corruption.belt import Play
 from printmend.corruption.frame import CrookedFrame
 from printmend.export.firmware import export_klipper
@@ -101,5 +101,19 @@ def test_klipper_takes_off_the_skew_that_export_gives_it(skew_deg: float, tmp_pa
     corrected = plan(lines, ENDER3, tmp_path / "b", around=original, extras=export)
     true = TruePrinter.of(corruption_toml(corruption), ENDER3)
     before, after, complaints = judge_both(original, corrected, ENDER3, true, text, lines)
+    assert not complaints
+    assert after.rms_mm < 0.012 < 0.1 < before.rms_mm
+
+
+def test_klipper_takes_off_the_scale_that_export_gives_it(tmp_path: Path) -> None:
+    radius_mm, text = ENDER3.x.radius_mm, part(1)
+    pulleys = [Drive(pulley=WrongRadius(share * radius_mm)) for share in (0.99, 1.02)]
+    corruption = Corruption((pulleys[0], pulleys[1]))
+    export = dict(export_klipper(corruption.lower(ENDER3).homed()).files)["klipper.cfg"]
+    assert len(re.findall(r"^rotation_distance: ", export, re.MULTILINE)) == 2
+    original = plan(text, ENDER3, tmp_path / "a")
+    corrected = plan(text, ENDER3, tmp_path / "b", around=original, extras=export)
+    true = TruePrinter.of(corruption_toml(corruption), ENDER3)
+    before, after, complaints = judge_both(original, corrected, ENDER3, true, text, text)
     assert not complaints
     assert after.rms_mm < 0.012 < 0.1 < before.rms_mm
