@@ -6,7 +6,6 @@ reversals. Long moves have way-points in between, which a simulator or a camera 
 """
 
 import hashlib
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -139,11 +138,13 @@ def _subdivided(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Put way-points on long moves after row ``first``; return them all and the new rows of the old ones."""
     rng = np.random.default_rng(2)
-    out, kept = [points[0]], [0]
-    for row, (a, b) in enumerate(itertools.pairwise(points), start=1):
-        parts = max(1, round(float(np.hypot(*(b - a))) / spacing_mm)) if row > first else 1
-        share = (np.arange(1, parts) + rng.uniform(-0.3, 0.3, parts - 1)) / parts
-        out += list(snapped(printer, a + share[:, None] * (b - a)))
-        out.append(b)
-        kept.append(len(out) - 1)
-    return np.array(out), np.array(kept)
+    moves = np.diff(points, axis=0)
+    parts = np.maximum(1, np.rint(np.hypot(*moves.T) / spacing_mm)).astype(int)
+    parts[:first] = 1
+    shares = [(np.arange(1, count) + rng.uniform(-0.3, 0.3, count - 1)) / count for count in parts.tolist()]
+    inner, share = np.repeat(np.arange(len(moves)), parts - 1), np.concatenate(shares)
+    kept = np.concatenate([[0], np.cumsum(parts)])
+    out = np.empty((kept[-1] + 1, 2))
+    out[kept] = points
+    out[np.setdiff1d(np.arange(len(out)), kept)] = snapped(printer, points[inner] + share[:, None] * moves[inner])
+    return out, kept

@@ -202,7 +202,7 @@ def play_preview(here: Here, faults: FaultsIn) -> Preview:
     from printmend.studio.play import faults_of, preview
 
     shown = Preview(**preview(faults_of(faults.model_dump())))
-    here.jobs.warm()
+    here.jobs.warm_soon()
     return shown
 
 

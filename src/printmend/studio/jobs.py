@@ -22,6 +22,7 @@ LONGEST_S = 1800.0  # a job that takes longer is stopped
 MOST_WAITING = 500  # jobs
 KEPT_DAYS = 30  # for a job's files
 _WARM_AFTER_S = 8.0  # at the latest: until the page is drawn, it has the processor
+_DRAWN_AFTER_S = 0.7  # a browser's pause between the first picture's data and its being seen
 _LOG = logging.getLogger("printmend.studio")
 
 
@@ -33,7 +34,7 @@ class Jobs:
     """
 
     def __init__(self, store: Store, *, workers: int, cluster: Executor | None = None) -> None:
-        self._store, self._closing, self._warmed = store, False, False
+        self._store, self._closing, self._warmed, self._drawn = store, False, False, False
         # spawned, not forked: a fork of a process with threads may hang
         context = multiprocessing.get_context("spawn")
         self._pool = _Remote(cluster) if cluster else ProcessPool(workers, context=context, initializer=work.begin)
@@ -41,9 +42,7 @@ class Jobs:
         self._tidy()
         for job in store.jobs(waiting=True):
             self._schedule(job["id"], job["kind"], job["params"])
-        self._later = threading.Timer(_WARM_AFTER_S, self.warm)
-        self._later.daemon = True
-        self._later.start()
+        self._warm_in(_WARM_AFTER_S)
 
     def _tidy(self) -> None:
         """Remove what nobody fetched for a month; measurements and check prints are a printer's history and stay."""
@@ -100,6 +99,18 @@ class Jobs:
         self.cancel(key)
         self._store.forget("job", key)
         shutil.rmtree(self._store.path("job", key), ignore_errors=True)
+
+    def warm_soon(self) -> None:
+        """Let the workers begin once the first picture, whose data is on its way, is drawn."""
+        if not self._drawn:
+            self._drawn = True
+            self._later.cancel()
+            self._warm_in(_DRAWN_AFTER_S)
+
+    def _warm_in(self, seconds: float) -> None:
+        self._later = threading.Timer(seconds, self.warm)
+        self._later.daemon = True
+        self._later.start()
 
     def warm(self) -> None:
         """Let the workers start and rehearse, unless they have, before somebody waits for them."""

@@ -20,7 +20,7 @@ from printmend.corruption import (
     Screw,
 )
 from printmend.corruption.pulley import Pulley
-from printmend.gcode.read import read_gcode
+from printmend.gcode.read import Moves, read_gcode
 from printmend.measure.plan import ProbePlan
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
@@ -101,9 +101,14 @@ def play_printer() -> tuple[Printer, ProbePlan]:
 
 
 @lru_cache(maxsize=1)
+def _play_moves() -> Moves:
+    return read_gcode(demo_body_gcode(), printer=play_printer()[0]).moves
+
+
+@lru_cache(maxsize=1)
 def play_layer() -> tuple[np.ndarray, np.ndarray]:
     """Return a layer of the part of the play screen: places [N, 2] mm along its path, and where a bead leads on [N]."""
-    moves = read_gcode(demo_body_gcode(), printer=play_printer()[0]).moves
+    moves = _play_moves()
     mine = (moves.layer == LAYER) & moves.known[:, :2].all(axis=1)
     places = np.concatenate([moves.start_mm[mine][:1, :2], moves.end_mm[mine, :2]])
     return places, np.append(moves.extruding[mine], False)
@@ -148,7 +153,7 @@ def _rms_mm(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray) -
 
 
 def _wall(corruption: Corruption, printer: Printer) -> list[list[float]]:
-    moves = read_gcode(demo_body_gcode(), printer=printer).moves
+    moves = _play_moves()
     z = np.unique(moves.end_mm[moves.extruding, 2])
     push = np.zeros(len(z)) if corruption.screw is None else corruption.screw.lower(printer).wobble_at_mm(z)[:, 0]
     return np.column_stack([z, push - push.mean()]).round(3).tolist()
