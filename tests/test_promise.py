@@ -1,6 +1,7 @@
 """What a model promises: the budget, the range, what may act; each against a machine that is known."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,10 +25,11 @@ from printmend.promise.effects import EARLY, Drawn, Effect
 from printmend.promise.misfit import misfit_section
 from printmend.promise.predict import DRAWS, Errors, Promise, _Side, _summed_up
 from printmend.promise.predict import Path as Places
+from printmend.promise.scale import in_words, scale_words
 from printmend.promise.unexplained import unexplained
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
-from printmend.repair.learned import learn_model
+from printmend.repair.learned import learn_model, report
 from printmend.repair.prediction import advice_of
 from printmend.repair.update import Updated
 from printmend.repair.verify import expectation, update_words, verify
@@ -179,6 +181,20 @@ def test_a_scale_that_no_scanner_has_is_mended(part: Path) -> None:
     surer = replace(FLATBED, scale_sd=0.0003, axes_sd=1e-4, lean_sd=1e-4)
     known = learn_model(scanned(measured(skewed, 0.01, 4), np.zeros((2, 2)), surer), ENDER3)
     assert check_gcode(part, known).after.rms_mm < 0.5 * said.after.rms_mm
+    assert scale_words(known) == ()
+
+
+def test_learn_says_what_scale_a_scan_leaves_open() -> None:
+    wide = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.004, y_scale=1.004))
+    model = learn_model(scanned(measured(wide, 0.01, 4), np.zeros((2, 2))), ENDER3)
+    (said,) = scale_words(model)
+    assert re.search(r"the print is \+0\.4\d % in X and \+0\.4\d % in Y too large .* Mending takes nothing", said)
+    assert said in report(model)
+    assert "Mending takes off +0.50 % in X and -0.00 % in Y, which may be wrong by 0.2 mm" in in_words(
+        np.array([0.005, 0.001]), np.array([0.005, -1e-6]), 0.002
+    )
+    healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.zeros((2, 2))), ENDER3)
+    assert scale_words(healthy) == ()
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, -0.7])

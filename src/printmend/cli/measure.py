@@ -68,6 +68,7 @@ def command(
     import numpy as np
 
     from printmend.measure import write_trace
+    from printmend.measure.distance import is_asking
     from printmend.measure.measurement import measure_scans
 
     if len(distances_mm) > 1:
@@ -75,12 +76,16 @@ def command(
     distance_mm = distances_mm[0] if distances_mm else None
     measurement = measure_scans(scans, plan, dpi=dpi, overlay=overlay, distance_mm=distance_mm)
     write_trace(output, measurement.trace)
+    asked = [note for note in measurement.notes if is_asking(note)]
     for note in measurement.notes:
-        click.echo(note)
+        if note not in asked:
+            click.echo(note)
     if len(missing := measurement.missing):
         click.echo(f"not found: {', '.join(map(str, missing.tolist()))} (numbers of the marks in {plan_path})")
     found = int(np.isfinite(measurement.measured_mm).all(axis=1).sum())
     click.echo(f"{output}: {found} measured marks")
+    for note in asked:  # last, where it is read
+        click.echo(f"still open: {note}")
 
 
 def _measure_layer(
@@ -88,6 +93,7 @@ def _measure_layer(
     overlay: Path | None, output: Path, distances_mm: tuple[float, ...],
 ) -> None:  # fmt: skip
     from printmend.measure import write_trace
+    from printmend.measure.distance import is_asking
     from printmend.printer import read_printer
     from printmend.repair.part import measure_part
 
@@ -98,9 +104,13 @@ def _measure_layer(
         scans[0], part_path, printer, layer=layer, dpi=dpi, overlay=overlay, distances_mm=distances_mm
     )
     write_trace(output, measured.trace)
+    asked = [note for note in measured.notes if is_asking(note)]
     for note in measured.notes:
-        click.echo(note)
+        if note not in asked:
+            click.echo(note)
     click.echo(f"{output}: {measured.found} measured places; learn from them with `printmend learn`")
+    for note in asked:
+        click.echo(f"still open: {note}")
 
 
 def _measure_by_hand(

@@ -39,14 +39,19 @@ def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | N
     return one, other
 
 
-def open_scale(scale: str) -> str:
+def open_scale(scale: str, *, ruled: bool = False) -> str:
     """Say whose scale a picture has, in a sentence that goes on with what would settle it; ``scale`` is where it came
-    from, in words."""
+    from, in words. With a ruler in the picture (``ruled``) it is open across that."""
     whose = "the printed sheet's" if "tags" in scale else "the paper's" if "paper" in scale else "the scanner's"
     return (
-        f"the scale is {whose}: it may be off by 0.1 to 0.2 %, and a fault of the printer as small stays out. To "
-        "settle it, measure"
+        f"{'across the ruler ' if ruled else ''}the scale is {whose}: it may be off by 0.1 to 0.2 %, and up to 0.5 % "
+        "of the printer's own cannot be told from that. To settle it, measure"
     )
+
+
+def is_asking(note: str) -> bool:
+    """Say whether a note of a measurement asks its owner for a distance."""
+    return note.startswith(("the scale is ", "across the ruler "))
 
 
 def asked(plan: ProbePlan, span: tuple[int, int], measured_mm: np.ndarray, dot_mm: float, scale: str) -> str:
@@ -91,14 +96,14 @@ def scaled_by_rulers(
     for ruler, matrix in rulers:
         seen = ruler.on_bed(matrix).stretched(taken)
         angle = math.atan2(seen.along[1], seen.along[0])
-        stretch, instrument, _ = settled(
+        stretch, instrument, note = settled(
             seen.excess, angle, seen.length_mm, instrument, reading_mm=seen.sd * seen.length_mm
         )
         taken = stretch @ taken
         share = f"{100 * ruler.excess:+.2f} %"
         notes.append(
             f"by the ruler beside it ({ruler.lines} lines over {ruler.length_mm:.0f} mm) the image is {share} too "
-            "large along it: taken off"
+            f"large along it: taken off; {note.partition('; ')[2]}"
         )
     middle = np.nanmean(places_mm, axis=0)
     return (places_mm - middle) @ np.linalg.inv(taken).T + middle, instrument, notes

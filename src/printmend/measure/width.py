@@ -70,11 +70,11 @@ def choose_widths(walls: Walls) -> tuple[Width, ...]:
     return tuple(chosen[:MOST_WIDTHS])
 
 
-def widths_asked(widths: Sequence[Width], edge_mm: np.ndarray, scale: str) -> str:
+def widths_asked(widths: Sequence[Width], edge_mm: np.ndarray, scale: str, *, ruled: bool = False) -> str:
     """Say which widths would settle the ``scale``, which came from where these words say; ``edge_mm`` [S, 2] is where
     the image shows the walls."""
     said = " and ".join(f"{width.words}: --distance {width.across_mm(edge_mm):.2f} or what it is" for width in widths)
-    return f"{open_scale(scale)} with callipers at the scanned side, {said}"
+    return f"{open_scale(scale, ruled=ruled)} with callipers at the scanned side, {said}"
 
 
 def scaled_by_widths(

@@ -96,7 +96,7 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Ac
     instrument = trace.instrument_doubt
     if instrument.is_exact:
         return Acting(fit, (), None)
-    base = np.zeros(3) if old is None else _stretch_of_model(old)
+    base = np.zeros(3) if old is None else stretch_of_model(old)
     values = [drive.choice.fit.posterior.values.copy() for drive in fit.drives]
     left_out = [each for motor in range(2) for each in _waves(fit, motor, values[motor], instrument)]
     found = observed_stretch(fit)
@@ -233,7 +233,7 @@ def observed_stretch(fit: GreyboxModel) -> Stretch:
     return Stretch(stretch, _stretch_of(stretch), (gather * np.array(variances)) @ gather.T)
 
 
-def _stretch_of_model(model: SavedModel) -> np.ndarray:
+def stretch_of_model(model: SavedModel) -> np.ndarray:
     """Return the stretch [3] of a saved machine, by the slopes of its series and the linear part of its frame."""
     printer, frame = model.printer, model.mechanism.frame
     to_motor = printer.to_motor(np.eye(2)).T

@@ -23,6 +23,7 @@ from printmend.promise.effects import Effect
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import IN_TIME, as_printed, causes_of, effects_of, found_in, of_the_end
+from printmend.promise.scale import scale_words
 from printmend.promise.section import promise_section, residual_section
 from printmend.protocols import WorldModel
 from printmend.saved import Branches, SavedModel, ScrewSeries, saved_model, with_screw
@@ -341,7 +342,13 @@ def report(model: SavedModel) -> str:
             f"{ROUND * model.noise_mm:.3f} mm"
         )
     return "\n".join(
-        [*lines, *misfit_words(model.document), *(f"not told by this trace: {gap}" for gap in gaps), *todo(gaps)]
+        [
+            *lines,
+            *scale_words(model),
+            *misfit_words(model.document),
+            *(f"not told by this trace: {gap}" for gap in gaps),
+            *todo(gaps),
+        ]
     )
 
 

@@ -98,7 +98,7 @@ def measure_part(
     if distances_mm:
         offset, instrument, asked = scaled_by_widths(distances_mm, widths, edge_mm, walls, offset, instrument)
     elif widths:
-        asked = widths_asked(widths, edge_mm, page.scale)
+        asked = widths_asked(widths, edge_mm, page.scale, ruled=bool(rulers))
     side, way = "seen from below, " if lie.mirrored else "", "out" if fit.swell_mm >= 0 else "in"
     notes = (
         f"{path}: {found} of {len(walls.row)} places of walls, {side}turned by {lie.turned_deg:.1f}°, {page.scale}",

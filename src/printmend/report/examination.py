@@ -16,6 +16,7 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.misfit import misfit_words
 from printmend.promise.predict import Promise
+from printmend.promise.scale import scale_words
 from printmend.repair.learned import ROUND, learn, left_over_mm, todo
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Prediction
@@ -135,7 +136,8 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
         (positioning(mechanism, 0), positioning(mechanism, 1)), circle(mechanism),
         flat.commanded_mm[shown], (flat.measured_mm - flat.commanded_mm)[shown], after[shown],
         None if part is None else part.name, None if part is None else check_gcode(part, saved),
-        len(all_advice) - len(advice), learned.beyond, misfit_words(saved.document), expectation(saved, flat),
+        len(all_advice) - len(advice), learned.beyond,
+        (*scale_words(saved), *misfit_words(saved.document)), expectation(saved, flat),
     )  # fmt: skip
 
 

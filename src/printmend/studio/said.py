@@ -9,6 +9,7 @@ from printmend.diagnosis.advice import Advice, advise
 from printmend.diagnosis.diagnosis import Fault
 from printmend.machine import Mechanism
 from printmend.promise.misfit import misfit_words
+from printmend.promise.scale import scale_words
 from printmend.repair.learned import todo
 from printmend.report.examination import LEAST_ADVICE_MM, URGENCY
 from printmend.saved import SavedModel
@@ -32,7 +33,8 @@ def said(model: SavedModel) -> dict[str, Any]:
     trace = model.document.get("trace", {})
     return {
         "headline": model.findings[0] if model.findings else "", "healthy": model.is_healthy, "faults": advice,
-        "gaps": [*gaps, *todo(gaps)], "misfit": misfit_words(model.document), "digest": model.digest,
+        "gaps": [*gaps, *todo(gaps)], "misfit": [*scale_words(model), *misfit_words(model.document)],
+        "digest": model.digest,
         "measured": trace.get("measured"), "before_mm": trace.get("residual_before_mm"),
         "after_mm": trace.get("residual_after_mm"), "noise_mm": model.noise_mm, "learner": model.learner,
         "machine": drawn(model.mechanism),
