@@ -33,7 +33,7 @@ def take_others() -> None:
             page = browser.new_context(viewport=size, locale="en-GB", device_scale_factor=1.5).new_page()
             watched = Watched(page, server.address)
             page.goto(f"{server.address}#/printers/{key}/mend")
-            page.set_input_files("input[type=file]", source)
+            page.set_input_files("input[type=file][accept*=gcode]", source)
             page.wait_for_selector("text=Download mended", timeout=600_000)
             until(lambda: page.locator("canvas").get_attribute("data-frame"))
             drawn_finely(page, page.get_by_role("button", name="as it prints").click)
