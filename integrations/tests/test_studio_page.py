@@ -232,7 +232,7 @@ def test_a_cut_shows_each_bead_at_its_width(browser: Browser, server: Server) ->
 # Each screen, and what it shows last: then all of it is there.
 PLACES = {
     "": "#drawing", "#/printers": ".pcard", "#/printers/new": "button.primary:enabled",
-    "#/printers/KEY/measure": ".drop", "#/printers/KEY/wrong": "#curve-Y",
+    "#/printers/KEY/measure": "#plate", "#/printers/KEY/wrong": "#curve-Y",
     "#/printers/KEY/mend": "canvas[data-fine=true]", "#/printers/KEY/prove": ".drop",
 }  # fmt: skip
 
