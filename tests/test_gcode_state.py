@@ -111,6 +111,8 @@ def test_homing_goes_to_the_printers_home_and_makes_the_place_certain():
         ("M600", k.EVENT_PAUSE, True),
         ("M0", k.EVENT_PAUSE, True),
         ("T1", k.EVENT_TOOL, True),
+        ("G91\nT0", k.EVENT_TOOL, True),
+        ("G91\nT1", k.EVENT_TOOL, False),
         ("M6 T1", k.EVENT_TOOL, False),
         ("EXCLUDE_OBJECT_START NAME=G1_part", k.EVENT_EXCLUDE, True),
         ("M486 S1", k.EVENT_EXCLUDE, True),

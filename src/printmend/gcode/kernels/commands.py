@@ -300,10 +300,10 @@ def _g10(r, numbers, counts, words, values, code):
 def tool_change(numbers, counts, tool):
     """T: the macro behind it leaves the head where the file thinks it is, or an extruding line after it would be lost.
 
-    With increments, or where the tools' offsets differ, nobody knows.
+    With increments, or where the tools' offsets differ, nobody knows; but a file's first T0 names the tool at hand.
     """
     old = counts[C_TOOL]
-    same = counts[C_RELATIVE] == 0
+    same = counts[C_RELATIVE] == 0 or (old < 0 and tool == 0)
     for axis in range(3):
         before = numbers[N_TOOLS + 3 * old + axis] if 0 <= old < TOOLS else 0.0
         after = numbers[N_TOOLS + 3 * tool + axis] if 0 <= tool < TOOLS else 0.0
