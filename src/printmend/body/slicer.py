@@ -24,6 +24,14 @@ TIMEOUT_S = 600.0  # for one part
 
 _PROGRAM = "prusa-slicer"
 _SKIRT_ROOM_MM = 8.0  # the profile's skirt, on both sides
+# Of the settings that a slicer writes into its G-code, those that shape the layers.
+_SHAPING = (
+    "layer_height", "first_layer_height", "initial_layer_print_height", "nozzle_diameter", "extrusion_width",
+    "line_width", "perimeters", "wall_loops", "top_solid_layers", "top_shell_layers", "bottom_solid_layers",
+    "bottom_shell_layers", "fill_density", "sparse_infill_density", "fill_pattern", "sparse_infill_pattern",
+    "support_material", "enable_support", "skirts", "skirt_loops", "brim_width", "spiral_vase", "spiral_mode",
+)  # fmt: skip
+_END_BYTES = 1 << 16  # of a file's head and of its tail, where slicers write them
 _DATE = re.compile(rb" on \d{4}-\d\d-\d\d at \d\d:\d\d:\d\d UTC", re.ASCII)
 
 
@@ -79,6 +87,22 @@ def slice_to(solid: Solid, printer: Printer, folder: Path, *, timeout_s: float =
         with replacing(path, "wb") as file:
             file.write(gcode)
     return path
+
+
+def slicing_of(gcode: Path) -> dict[str, str]:
+    """Return what a G-code file says of how it was sliced: the ``program``, and the settings that shape its layers.
+
+    Slic3r and its descendants write their settings as comments; what a file does not say is left out.
+    """
+    with Path(gcode).open("rb") as file:
+        head = file.read(_END_BYTES)
+        file.seek(max(file.seek(0, os.SEEK_END) - _END_BYTES, 0))
+        ends = (head + b"\n" + file.read()).decode("utf-8", "replace")
+    found = {}
+    if program := re.search(r"^; ?generated (?:by|with) (.+?)(?: on \d.*)?\r?$", ends, re.IGNORECASE | re.MULTILINE):
+        found["program"] = program[1][:80]
+    said = dict(re.findall(r"^; (\w+) = (.*?)\r?$", ends, re.MULTILINE))
+    return {**found, **{name: said[name][:80] for name in _SHAPING if name in said}}
 
 
 def _key(solid: Solid, printer: Printer) -> str:

@@ -112,10 +112,13 @@ def verify(folder: Path) -> None:
 @click.option("--out", "-o", required=True, type=click.Path(path_type=Path), help="The data set's new folder.")
 def fetch(source: str, out: Path) -> None:
     """Copy a published data set from a folder or an address, checking every file."""
-    from printmend.dataset.verify import contents, fetch_dataset
+    from printmend.cli.progress import progress
+    from printmend.dataset.verify import fetch_dataset, fetch_list
 
-    came = fetch_dataset(source, out)
-    click.echo(f"{out}: {contents(out).bodies} bodies, {came} files fetched")
+    count = fetch_list(source, out)
+    with progress("bodies", count) as tick:
+        came = fetch_dataset(source, out, tick=tick)
+    click.echo(f"{out}: {count} bodies, {came} files fetched")
 
 
 @command.command(

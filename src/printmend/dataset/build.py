@@ -221,6 +221,7 @@ def _twin(corruption: str, printer: Printer) -> Twin:
 
 def _built(task: _Task) -> dict[str, Any]:
     from printmend.body.load import body_of, is_mesh
+    from printmend.body.slicer import slice_to, slicing_of
 
     recipe, root, source = task.recipe, Path(task.root), Path(task.source)
     if not (root / RECIPE).exists():
@@ -229,7 +230,6 @@ def _built(task: _Task) -> dict[str, Any]:
     printer, sliced = read_printer(recipe.printer), "as given"
     if is_mesh(source):
         from printmend.body.mesh import read_solid
-        from printmend.body.slicer import slice_to
 
         gcode = slice_to(read_solid(source), printer, root / "sliced", timeout_s=recipe.timeout_s)
         sliced = "PrusaSlicer, profile ender5_abs"
@@ -239,7 +239,7 @@ def _built(task: _Task) -> dict[str, Any]:
     body = Body(task.name, body_of(str(gcode), printer, name=source.stem).layers)
     about = {
         "body": task.name, "source": source.name, "identity": task.identity, "licence": task.licence,
-        "sliced": sliced, "printer": recipe.printer,
+        "sliced": sliced, "slicing": slicing_of(Path(gcode)), "printer": recipe.printer,
     }  # fmt: skip
     files = {str(body_file(Path(), task.name)): write_body(body_file(root, task.name), body, about)}
     for number in range(recipe.corruptions):

@@ -1,5 +1,6 @@
 """Look at a data set that is there: what it holds, whether it is whole, and a copy of a published one."""
 
+import http.client
 import shutil
 import urllib.parse
 import urllib.request
@@ -93,6 +94,19 @@ def verify_dataset(root: Path, *, tick: Callable[[str], None] = lambda name: Non
     return wrong
 
 
+def fetch_list(source: str, root: Path) -> int:
+    """Copy what a published data set says of itself from a folder or an http(s) address; return its number of bodies.
+
+    Raises `InputError` where there is none, or ``root`` holds something else.
+    """
+    root = Path(root)
+    if root.exists() and (not root.is_dir() or (any(root.iterdir()) and not (root / BODIES).exists())):
+        raise InputError(root, wanted="a new or empty folder", came="one that holds something", todo="name another")
+    for name in (RECIPE, BODIES):
+        _fetch(source, root, name)
+    return len(read_lines(root / BODIES))
+
+
 def fetch_dataset(source: str, root: Path, *, tick: Callable[[str], None] = lambda name: None) -> int:
     """Copy a published data set from a folder or an http(s) address, checking every file; return how many came.
 
@@ -100,11 +114,7 @@ def fetch_dataset(source: str, root: Path, *, tick: Callable[[str], None] = lamb
     for a file that is missing or is not the one in the list.
     """
     root = Path(root)
-    if root.exists() and any(root.iterdir()) and not (root / BODIES).exists():
-        raise InputError(root, wanted="a new or empty folder", came="one that holds something", todo="name another")
-    root.mkdir(parents=True, exist_ok=True)
-    for name in (RECIPE, BODIES):
-        _fetch(source, root, name)
+    fetch_list(source, root)
     recipe, came = read_recipe(root), 0
     for number in range(recipe.corruptions):
         _fetch(source, root, str(corruption_file(Path(), number)))
@@ -131,14 +141,17 @@ def _names(line: dict[str, Any]) -> dict[str, str]:
 
 
 def _fetch(source: str, root: Path, name: str) -> None:
-    (root / name).parent.mkdir(parents=True, exist_ok=True)
     try:
-        if urllib.parse.urlparse(source).scheme in ("http", "https"):
-            address = source.rstrip("/") + "/" + urllib.parse.quote(name)
-            with urllib.request.urlopen(address, timeout=60) as stream, replacing(root / name, "wb") as file:  # noqa: S310 (http only)
+        with _opened(source, name) as stream:
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            with replacing(root / name, "wb") as file:
                 shutil.copyfileobj(stream, file)
-        else:
-            with (Path(source) / name).open("rb") as stream, replacing(root / name, "wb") as file:
-                shutil.copyfileobj(stream, file)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, http.client.HTTPException) as error:
         raise InputError(f"{source} {name}", wanted="a published data set", came=f"{error}", todo="check it") from None
+
+
+def _opened(source: str, name: str) -> Any:
+    if urllib.parse.urlparse(source).scheme in ("http", "https"):
+        address = source.rstrip("/") + "/" + urllib.parse.quote(name)
+        return urllib.request.urlopen(address, timeout=60)  # noqa: S310 (http only)
+    return (Path(source) / name).open("rb")
