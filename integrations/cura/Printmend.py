@@ -86,6 +86,6 @@ def mend(text, command, model):
             return "", f"{command}: {error.strerror or error}"
         if done.returncode != 0:
             lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-            return "", lines[-1] if lines else f"printmend ended with {done.returncode}"
+            return "", lines[-1].removeprefix("printmend: ") if lines else f"printmend ended with {done.returncode}"
         with open(fresh, encoding="utf-8", newline="") as file:
             return file.read(), ""

@@ -94,7 +94,7 @@ def same(one, other):
 
 def last_line(text):
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return lines[-1] if lines else ""
+    return lines[-1].removeprefix("printmend: ") if lines else ""
 
 
 def prune(folder, gcodes):

@@ -45,7 +45,7 @@ def mended(command: str, model: str, source: Path, fresh: Path) -> str:
     if done.returncode == 0:
         return ""
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-    return lines[-1] if lines else f"printmend ended with {done.returncode}"
+    return lines[-1].removeprefix("printmend: ") if lines else f"printmend ended with {done.returncode}"
 
 
 def main() -> int:

@@ -94,6 +94,17 @@ def test_prusaslicer_leaves_nothing_to_print_where_mending_fails(model: Path, cu
     assert "G1" not in left
 
 
+def test_a_reason_names_printmend_once(tmp_path: Path) -> None:
+    (tmp_path / "sliced.gcode").write_bytes(part(1))
+    command = [sys.executable, str(HOOK), "-m", str(tmp_path / "none.json"), str(tmp_path / "sliced.gcode")]
+    environment = {**os.environ, "PYTHONPATH": str(SOURCE)}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)  # noqa: S603
+    assert done.returncode == 1
+    said = f"printmend: {tmp_path / 'none.json'}: wanted"
+    assert done.stderr.startswith(said)
+    assert (tmp_path / "sliced.gcode").read_text().startswith(f"; not mended by {said}")
+
+
 def test_the_wrapper_survives_what_an_appimage_hands_on(model: Path, tmp_path: Path) -> None:
     """OrcaSlicer, Bambu Studio and SuperSlicer call the hook as PrusaSlicer does, often out of an AppImage."""
     path = tmp_path / "sliced.gcode"

@@ -201,7 +201,7 @@ class PrintmendPlugin(
             return "cancelled"
         if code == 0 and os.path.exists(fresh):
             return ""
-        return lines[-1] if lines else f"printmend ended with {code}"
+        return lines[-1].removeprefix("printmend: ") if lines else f"printmend ended with {code}"
 
     def _fail(self, path, reason):
         self._process = None
