@@ -11,6 +11,11 @@ _NAMED = re.compile(
 )
 _BED = re.compile(rb'^[;\s"]*(?:bed_shape|printable_area)"?\s*[:=]\s*([^\r\n]*)', re.MULTILINE)
 _BOUND = re.compile(rb"^;\s*(MIN|MAX)([XY]):\s*(-?\d+(?:\.\d+)?)\s*$", re.MULTILINE)
+_KIRI_BED = b"; Bed left:"
+_KIRI = re.compile(
+    rb"^; Bed left:(-?[\d.]+) right:(-?[\d.]+) top:(-?[\d.]+) bottom:(-?[\d.]+)\s*$(?:.|\n)*?^; Target: ([^\r\n]*)",
+    re.MULTILINE,
+)
 _CORNER = re.compile(rb"(-?\d+(?:\.\d+)?)x(-?\d+(?:\.\d+)?)")
 
 
@@ -28,13 +33,18 @@ class Described:
 
 
 def described(*texts: bytes) -> Described:
-    """Read pieces of a file (`Part.hints`): PrusaSlicer's, Orca's and Bambu's settings, Cura's header."""
+    """Read pieces of a file (`Part.hints`): PrusaSlicer's, Orca's, Bambu's settings, Cura's and Kiri:Moto's headers."""
     naming = [text for text in texts if any(word in text for word in _NAMES)]
     names = [name.strip().decode("utf-8", "replace") for text in naming for name in _NAMED.findall(text)]
     corners: list[tuple[float, float]] = []
     for text in texts:
         if not corners and any(word in text for word in _BEDS) and (found := _BED.search(text)) is not None:
             corners = [(float(x), float(y)) for x, y in _CORNER.findall(found[1])]
+    for text in texts:
+        if not corners and _KIRI_BED in text and (found := _KIRI.search(text)) is not None:
+            left, right, top, bottom = (float(found[at]) for at in (1, 2, 3, 4))
+            corners = [(left, bottom), (right, bottom), (right, top), (left, top)]
+            names.append(found[5].strip().decode("utf-8", "replace"))
     known = tuple(dict.fromkeys(name for name in names if name))
     bed = None
     if len(corners) >= 3:

@@ -27,6 +27,7 @@ from printmend.saved.model import SavedModel
 _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
 _DOTS = "the dots of this test print are printed standing still: only its lines are counted here, not its dots"
 _BED_OFF_MM = 30.0  # slicers' beds and presets differ by less where the printer is the same
+_BED_DIFFERS_MM = 15.0  # … and where the file names a printer that bears no word of the model's, by this at most
 _GENERIC = {"300", "xl"}  # words that name no printer
 _HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print
 AS_USUAL = Fineness()
@@ -234,12 +235,19 @@ def _refuse_other_printer(file: GcodeFile, model: SavedModel, prediction: Predic
 def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
     """Raise `ModelError` where a file says that it is for another printer than the model's."""
     todo = f"use the model of the printer that this file is for, or --force if it is this {printer.name}"
+    mine = _model_word(printer.name)
+    presets = preset_names() if said.names else ()
+    others = {_model_word(read_printer(preset).name) for preset in presets} - _GENERIC
+    stranger = mine in others and not any(mine in _plain(name) for name in said.names)
     if said.bed_mm is not None:
         own = ((printer.x.min_mm, printer.y.min_mm), (printer.x.max_mm, printer.y.max_mm))
         off_mm = float(np.abs(np.subtract(own, said.bed_mm)).max())
-        if off_mm > _BED_OFF_MM:
+        if off_mm > (_BED_DIFFERS_MM if stranger else _BED_OFF_MM):
+            for_whom = f" of {said.names[0]}" if stranger else ""
             shown = [f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) mm" for low, high in (own, said.bed_mm)]
-            raise ModelError(name, wanted=f"G-code for a bed from {shown[0]}", came=f"a bed from {shown[1]}", todo=todo)
+            raise ModelError(
+                name, wanted=f"G-code for a bed from {shown[0]}", came=f"a bed from {shown[1]}{for_whom}", todo=todo
+            )
     if said.print_mm is not None:
         low, high = said.print_mm
         ends = ((printer.x, low[0], high[0]), (printer.y, low[1], high[1]))
@@ -247,10 +255,6 @@ def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
             if least < axis.min_mm - _OUTSIDE_MM or most > axis.max_mm + _OUTSIDE_MM:
                 wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
                 raise ModelError(name, wanted=wanted, came=f"a header from {least:g} to {most:g} mm", todo=todo)
-    if not said.names:
-        return
-    mine = _model_word(printer.name)
-    others = {_model_word(read_printer(preset).name) for preset in preset_names()} - _GENERIC
     if mine not in others:
         return
     for other in said.names:
