@@ -442,10 +442,14 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
         with pytest.raises(StudioError, match="wanted a job of this studio"):
             studio.get(f"/jobs/{old}")
         assert studio.get(f"/jobs/{stopped}")["state"] == "cancelled"
+        with pytest.raises(StudioError, match="wanted a job of this studio"):
+            studio._open("GET", f"/jobs/{old}/events")
         kept = studio.upload(part)
         jobs = [studio.post(f"/printers/{key}/mend", {"upload": kept, "scene": False})["id"] for _ in range(2)]
         for job, left_over in zip(jobs, (True, False), strict=True):  # the file goes with the last job that has it
+            followed = studio._open("GET", f"/jobs/{job}/events")
             studio._open("DELETE", f"/jobs/{job}").close()
+            followed.read()  # ends whole, as that of any other job: a stream that breaks off raises here
             assert (folder / "uploads" / kept).exists() == left_over
         going = studio.post("/play")["id"]
         stream = studio._open("GET", f"/jobs/{going}/events")

@@ -144,14 +144,22 @@ def job(here: Here, key: Key) -> JobCard:
     return card(here, key)
 
 
-@router.get("/jobs/{key}/events", response_class=EventSourceResponse, tags=["jobs"])
+def _there(here: Here, key: Key) -> None:
+    """Refuse what is no job while that can still be said: a stream that has begun can only end."""
+    here.store.job(key)
+
+
+@router.get("/jobs/{key}/events", response_class=EventSourceResponse, tags=["jobs"], dependencies=[Depends(_there)])
 async def events(request: Request, here: Here, key: Key) -> AsyncIterator[ServerSentEvent]:
     """Follow a job: an event with the job's table whenever it changes, the last one when it has ended."""
     last, stamp, asked_s = None, None, 0.0
     while True:
         if (fresh := here.jobs.stamp(key)) != stamp or time.monotonic() - asked_s > _ASK_S:
             stamp, asked_s = fresh, time.monotonic()
-            now = await run_in_threadpool(card, here, key)
+            try:
+                now = await run_in_threadpool(card, here, key)
+            except NotThereError:  # removed while somebody followed it
+                return
             if now != last:
                 yield ServerSentEvent(data=now, event="job")
                 last = now

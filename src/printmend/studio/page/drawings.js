@@ -106,4 +106,4 @@ export const Number_ = ({ value, unit = "mm", children }) => html`<div class="nu
 export const percent = (share) => `${number(100 * share, 0)} %`;
 
 // How wide a chart's own units are: on a narrow page fewer, so that its words stay readable.
-export const wide = () => (innerWidth < 700 ? 430 : 900);
+export const wide = () => (innerWidth < 700 ? Math.max(280, innerWidth - 90) : 900);

@@ -52,10 +52,10 @@ export function Mend({ printer, changed }) {
   };
   const forget = async (row) => {
     setError(null);
+    if (row.id === shown) { const at = rows.indexOf(row); setShown((rows[at + 1] ?? rows[at - 1])?.id ?? null); } // nobody follows it any more
     try {
       if (row.id) await remove(`/jobs/${row.id}`);
       setRows((old) => old.filter((one) => (row.id ? one.id !== row.id : one.at !== row.at)));
-      if (row.id === shown) { const at = rows.indexOf(row); setShown((rows[at + 1] ?? rows[at - 1])?.id ?? null); }
     } catch (problem) { setError(problem.message); }
   };
   const anyway = async (job) => { // the file is the same: its new job takes the old one's place
