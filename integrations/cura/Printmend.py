@@ -58,7 +58,10 @@ class Printmend(Script):
         text, reason = mend("".join(data), command, model)
         if reason:
             self._say(reason)
-            return data if self.getSettingValueByKey("or_print") else [f"; not mended by printmend: {reason}\n"]
+            already = "one that was mended with model" in reason
+            return (
+                data if already or self.getSettingValueByKey("or_print") else [f"; not mended by printmend: {reason}\n"]
+            )
         starts = [0, *(found.start() for found in LAYER.finditer(text)), len(text)]
         return [text[starts[i] : starts[i + 1]] for i in range(len(starts) - 1)]
 

@@ -4,6 +4,7 @@
 
 The slicer puts FILE last and its settings into SLIC3R_*. What cannot be mended ends with 1 and a reason, and FILE is
 replaced by a comment that says so, as some slicers leave it where it can be printed; --or-print leaves it as it was.
+A file that is mended already stays as it is.
 """
 
 import argparse
@@ -15,6 +16,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+ALREADY = re.compile(r"got one that was mended with model (\w+)")
 NAMES = ("SLIC3R_PRINTER_MODEL", "SLIC3R_PRINTER_SETTINGS_ID")
 
 
@@ -60,6 +62,7 @@ def main() -> int:
     suffix = Path(os.environ.get("SLIC3R_PP_OUTPUT_NAME", "") or options.file.name).suffix or ".gcode"
     fresh = options.file.with_name(f".{options.file.name}.mended{suffix}")
     reason = "printmend is not installed beside this script's Python" if command is None else ""
+    document = {}
     try:
         document = json.loads(Path(options.model).read_text(encoding="utf-8"))
         if not options.any_printer and isinstance(document, dict):
@@ -73,7 +76,11 @@ def main() -> int:
             return 0
     finally:
         fresh.unlink(missing_ok=True)
-    if not options.or_print:
+    already = ALREADY.search(reason)
+    if already and isinstance(document, dict) and already[1] == document.get("digest"):
+        print(f"{options.file}: mended already")
+        return 0
+    if not options.or_print and not already:
         fresh.write_text("; not mended by printmend: " + " ".join(reason.split()) + "\n", encoding="utf-8")
         os.replace(fresh, options.file)
     print(f"printmend: {reason}", file=sys.stderr)

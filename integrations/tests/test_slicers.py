@@ -119,7 +119,15 @@ def test_the_wrapper_survives_what_an_appimage_hands_on(model: Path, tmp_path: P
     assert bare.returncode != 0  # without the wrapper no Python would start here
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, env=environment)  # noqa: S603
     assert done.returncode == 0, done.stderr
-    assert b"; mended by printmend" in path.read_bytes()[:100]
+    fresh = path.read_bytes()
+    assert b"; mended by printmend" in fresh[:100]
+    again = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, env=environment)  # noqa: S603
+    assert (again.returncode, again.stdout) == (0, f"{path}: mended already\n")
+    assert path.read_bytes() == fresh
+    path.write_bytes(fresh.replace(b" model=", b" model=0"))
+    other = subprocess.run(list(map(str, command)), capture_output=True, check=False, env=environment)  # noqa: S603
+    assert other.returncode == 1
+    assert path.read_bytes() == fresh.replace(b" model=", b" model=0")
     path.write_bytes(b"G28\n")
     command.insert(3, "--or-print")
     done = subprocess.run(list(map(str, command)), capture_output=True, check=False, env=environment)  # noqa: S603
