@@ -466,11 +466,11 @@ from starlette.testclient import TestClient
 from printmend.executor import executor
 from printmend.studio.app import create_app
 if __name__ == "__main__":
-    with executor(1, "local:2").client() as dask, dask.get_executor(pure=False) as pool:
+    with executor(1, "local:1").client() as dask, dask.get_executor(pure=False) as pool:
         with TestClient(create_app(Path(sys.argv[1]), cluster=pool), base_url="http://127.0.0.1:8765") as client:
             def done(job):
                 while (job := client.get("/api/jobs/" + job["id"]).json())["state"] in ("queued", "running"):
-                    time.sleep(0.1)
+                    time.sleep(1.0)
                 assert job["state"] == "done", job
                 return job
             bent, sound = (client.post("/api/play", json=faults).json() for faults in ({"screw_mm": 0.35}, {}))

@@ -13,6 +13,7 @@ from printmend.machine.kernels.play import RESOLUTION
 from printmend.printer import Printer
 from printmend.twin import Twin
 from tests import naive_twin
+from tests.conformance import broken_by
 
 # The slow versions know no resolution, and sum polynomials in another order.
 EXACT_BUT_FRAMES = 2e-10
@@ -24,14 +25,9 @@ def family(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@pytest.fixture(params=["damaged", "realistic"])
-def severity(request: pytest.FixtureRequest) -> Any:
-    return request.param
-
-
-@pytest.fixture(params=["damaged ender5", "damaged ender3", "damaged corexy", "realistic ender5"])
+@pytest.fixture(params=["damaged ender3", "damaged corexy", "realistic ender5"])
 def twin(request: pytest.FixtureRequest, family: str) -> Twin:
-    """A twin of every family on every preset."""
+    """A twin of every family on every preset, damaged or realistic."""
     severity, preset = request.param.split()
     return FamilyCandidate(family).twin(severity, preset)  # type: ignore[arg-type]
 
@@ -40,15 +36,15 @@ def drawn(family: str, severity: Any, seed: int = 5) -> Corruption:
     return sample(family, np.random.default_rng(seed), severity)
 
 
-@pytest.mark.parametrize("check", CHECKS)
-def test_keeps_what_a_family_must(family: str, check: str) -> None:
-    CHECKS[check](FamilyCandidate(family))
+def test_keeps_what_a_family_must(family: str) -> None:
+    assert broken_by(FamilyCandidate(family), CHECKS) == {}
 
 
-def test_toml_reads_back_equal(family: str, severity: Any) -> None:
-    corruption = drawn(family, severity)
-    assert parse_corruption(corruption_toml(corruption), subject=family) == corruption
-    assert hash(corruption) == hash(drawn(family, severity))
+def test_toml_reads_back_equal(family: str) -> None:
+    for severity in ("damaged", "realistic"):
+        corruption = drawn(family, severity)
+        assert parse_corruption(corruption_toml(corruption), subject=family) == corruption
+        assert hash(corruption) == hash(drawn(family, severity))
 
 
 def test_values_are_frozen(family: str) -> None:
@@ -66,7 +62,7 @@ def test_values_are_frozen(family: str) -> None:
 def test_twin_equals_the_slow_version(family: str, twin: Twin) -> None:
     """Lattice controls of two axes and of three, and way-points of two and of three."""
     rng = np.random.default_rng(3)
-    controls, start = walk(rng, 500, 3), middle(twin.printer)
+    controls, start = walk(rng, 300, 3), middle(twin.printer)
     flat, slow = twin.run(controls[:, :2], start[:2]), naive_twin.run(twin, controls[:, :2], start[:2])
     if not isinstance(twin.mechanism, Mechanism):
         assert np.array_equal(flat, slow)
@@ -76,7 +72,7 @@ def test_twin_equals_the_slow_version(family: str, twin: Twin) -> None:
     solid, slow = twin.run(controls, start), naive_twin.run(twin, controls, start)
     np.testing.assert_allclose(solid, slow, rtol=0, atol=EXACT_BUT_FRAMES if framed else TO_THE_RESOLUTION)
     printer = twin.printer
-    waypoints = rng.uniform(0.1, 0.9, (80, 3)) * [printer.x.max_mm, printer.y.max_mm, 20.0]
+    waypoints = rng.uniform(0.1, 0.9, (50, 3)) * [printer.x.max_mm, printer.y.max_mm, 20.0]
     waypoints[0] = (*printer.home_mm, printer.z.home_mm)
     followed = twin.follow(waypoints)
     assert np.array_equal(followed, naive_twin.follow(twin, waypoints))

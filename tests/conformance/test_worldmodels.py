@@ -1,15 +1,17 @@
 """What every registered world model must keep, on every printer and machine."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
+from sklearn.ensemble import RandomForestRegressor
 
 from printmend.conformance.learners import CHECKS, TRAINING, LearnerCandidate, random_controls
 from printmend.corruption import sample
 from printmend.learn import fit, learner_names, model_names
 from printmend.printer import Printer
 from printmend.twin import Twin
+from tests.conformance import broken_by
 from tests.test_control_greedy import assert_same_plan
 
 
@@ -18,16 +20,18 @@ def candidate(name: str) -> LearnerCandidate:
     return LearnerCandidate(name)
 
 
-@pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("name", model_names())
-def test_keeps_what_a_world_model_must(name: str, check: str) -> None:
-    if check.endswith("(pulley, corexy)") and name.startswith(("lightgbm", "forest")):
-        pytest.skip("trees over x and y cannot generalise the faults of a CoreXY's motors, periodic along diagonals")
-    if check.startswith("sixty") and name in ("lightgbm", "lightgbm-rolled", "forest"):
-        pytest.skip(
-            "the paper's joint models know a pair of controls only where they saw it; the zigzags have diagonals"
-        )
-    CHECKS[check](candidate(name))
+def test_keeps_what_a_world_model_must(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    checks = dict(CHECKS)
+    if name.startswith("forest"):  # one of 20 trees keeps these laws as one of 100 does, in a fifth of the time
+        monkeypatch.setattr("sklearn.ensemble.RandomForestRegressor", partial(RandomForestRegressor, n_estimators=20))
+    if name.startswith(("lightgbm", "forest")):
+        # trees over x and y cannot generalise the faults of a CoreXY's motors, periodic along diagonals
+        checks = {label: check for label, check in checks.items() if not label.endswith("(pulley, corexy)")}
+    if name in ("lightgbm", "lightgbm-rolled", "forest"):
+        # the paper's joint models know a pair of controls only where they saw it; the zigzags have diagonals
+        checks = {label: check for label, check in checks.items() if not label.startswith("sixty")}
+    assert broken_by(candidate(name), checks) == {}
 
 
 @pytest.mark.parametrize("name", [name for name in learner_names() if name != "prior"])  # its tables are the grey box's
