@@ -11,7 +11,6 @@ from printmend.bench.families import body_of, drawn_case
 from printmend.bench.print_shapes import SHAPES, body_program, layer_mm, path_print
 from printmend.bench.prints import draw_print_cases, print_lines, read_row
 from printmend.bench.rows import OPTIMUM
-from printmend.bench.trial import evaluate
 from printmend.cli.bench import command
 from printmend.errors import InputError
 from printmend.printer import Printer
@@ -40,17 +39,6 @@ def test_a_body_is_the_same_as_g_code(printer: Printer):
     for layer in body.layers:
         ends = moves.end_mm[(moves.layer == layer.index) & moves.extruding, :2]
         np.testing.assert_allclose(ends, layer_mm(layer, printer)[1:], atol=1e-4)
-
-
-def test_a_whole_print_teaches_what_half_a_turn_cannot():
-    rows = (OPTIMUM, "fixed@120@0.05", "active@120@0.05", "half-turn@120@0.05")
-    found = {one.row.partition("@")[0]: one for one in evaluate(CASE, rows)}
-    assert all(one.error is None for one in found.values())
-    best = found[OPTIMUM].values["rmse_steps"]
-    for name in ("fixed", "active"):
-        assert best <= found[name].values["rmse_steps"] < 1.3 * best
-        assert 100 < found[name].values["measured"] <= 130
-    assert found["half-turn"].values["rmse_steps"] > found["fixed"].values["rmse_steps"]
 
 
 def test_cells_are_means_and_their_ratio():

@@ -92,8 +92,10 @@ def test_heldout_never_prints_the_training_layer_and_paper_may(vases: list[Path]
 
 def test_a_seed_repeats_every_row(vases: list[Path]) -> None:
     case = drawn(vases[:1])[0]
-    first, second = (evaluate(case, PAPER_ROWS) for _ in range(2))
-    assert timeless(first) == timeless(second)
+    first = evaluate(case, PAPER_ROWS)
+    again = [name for name in PAPER_ROWS if name in ("naive", "lightgbm", "greybox+optimal", "oracle")]
+    assert len(again) >= 3
+    assert timeless(evaluate(case, again)) == [item for item in timeless(first) if item.row in again]
     assert all(result.error is None for result in first)
     errors = {result.row: result.values["rmse_steps"] for result in first}
     assert errors["oracle"] < errors["naive"]
@@ -122,8 +124,8 @@ def test_a_second_run_evaluates_nothing_and_an_interrupted_one_goes_on(vases: li
     assert len(read_results(path)) == 6
     # More rows on the same bodies: only the new row runs.
     evaluated.clear()
-    run(cases, ("naive", "greybox", "oracle"), tmp_path, Serial(), evaluate=counted)
-    assert [rows for _, rows in evaluated] == [("greybox",)] * 3
+    run(cases, ("naive", "optimum", "oracle"), tmp_path, Serial(), evaluate=counted)
+    assert [rows for _, rows in evaluated] == [("optimum",)] * 3
 
 
 def test_a_plug_in_that_is_edited_during_a_run_does_not_end_it(

@@ -145,7 +145,7 @@ statement = st.one_of(
 
 
 @given(st.lists(statement, max_size=25), st.sampled_from(sorted(RULES)), st.sampled_from(["\n", "\r\n"]))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_the_kernel_agrees_with_the_slow_interpreter(lines, flavour, eol):
     # A file saved nothing under that name: what RESTORE does then is not defined.
     text = eol.join(["SAVE_GCODE_STATE NAME=a", *lines])

@@ -5,18 +5,10 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from printmend.cli.history import command
-from printmend.cli.learn import command as learn
-from printmend.corruption import Corruption, Drive, Play
 from printmend.errors import ModelError
-from printmend.measure import write_trace
-from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.probe import design_probe
 from printmend.repair.history import ageing_of, draw_history, history_of, read_history, trends_of
-from printmend.twin import Twin
 
 PRINTER = read_printer("ender3")
 START = datetime(2026, 1, 1, tzinfo=UTC)
@@ -27,31 +19,6 @@ def event(months: float, value: float, sd: float, kind: str = "play") -> dict:
     when = START + months * MONTH
     fault = {"part": "X", "kind": kind, "value": value, "sd": sd, "unit": "mm"}
     return {"event": "updated", "time": when.isoformat(), "seconds": when.timestamp(), "faults": [fault]}
-
-
-def test_wear_is_dated_though_every_update_believes_the_last(tmp_path):
-    """Play grows from 0.03 to 0.08 mm in five measurements of 0.05 mm of noise: it reaches 0.1 mm 1.6 months later."""
-    plan, rng, model = design_probe(PRINTER), np.random.default_rng(3), tmp_path / "printer.mend.json"
-    for month in range(5):
-        twin = Twin.of(Corruption((Drive(belt=Play(0.03 + 0.0125 * month)), Drive())), PRINTER)
-        printed = twin.follow(plan.waypoints_mm)
-        seen = np.full_like(printed, np.nan)
-        seen[plan.rows] = printed[plan.rows] + rng.normal(0, 0.05, (len(plan), 2))
-        write_trace(tmp_path / "trace.csv", Trace(plan.waypoints_mm, seen, homed=True))
-        day = (START + month * MONTH).strftime("%Y-%m-%d")
-        how = ["--update", str(model)] if month else ["--printer", "ender3", "-o", str(model)]
-        done = CliRunner().invoke(learn, [str(tmp_path / "trace.csv"), *how, "--date", day])
-        assert done.exit_code == 0, done.output
-    play = next(one for one in trends_of(read_history(model)) if one.name.upper().startswith("X PLAY"))
-    assert play.is_sure
-    assert play.crossing_s is not None
-    crossing = (play.crossing_s - START.timestamp()) / MONTH.total_seconds()
-    assert abs(crossing - 5.6) < 0.2 * 5.6
-    shown = CliRunner().invoke(command, [str(model), "--picture", str(tmp_path / "wear.png")])
-    assert shown.exit_code == 0, shown.output
-    assert "it will reach 0.10 mm about" in shown.output
-    assert (tmp_path / "wear.png").stat().st_size > 5000
-    assert len(json.loads(CliRunner().invoke(command, [str(model), "--json"]).output)["events"]) == 5
 
 
 def test_the_range_of_the_date_holds_the_truth():

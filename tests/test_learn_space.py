@@ -2,7 +2,6 @@
 
 import itertools
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,7 @@ from printmend.promise.predict import Path as Places
 from printmend.promise.predict import push_doubt
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
-from printmend.repair.learned import learn, learn_model, report
+from printmend.repair.learned import Learned, learn, learn_model, report
 from printmend.repair.update import update
 from printmend.report.examination import examine, summary, write_examination
 from printmend.saved import SavedModel, screw_of, write_model
@@ -91,8 +90,19 @@ def errors_mm(model: SavedModel, screw: Screw) -> tuple[float, float]:
 
 
 @pytest.fixture(scope="module")
-def bent() -> SavedModel:
-    return learned(measured(SCREW, body()))
+def told() -> Learned:
+    return learn(measured(SCREW, body()), SHORT, model="greybox", rng=np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def bent(told: Learned) -> SavedModel:
+    return told.saved
+
+
+@pytest.fixture(scope="module")
+def low() -> Learned:
+    """Five layers of 1.15 mm: little more than half a turn of the screw."""
+    return learn(measured(SCREW, body(5)), SHORT, model="greybox", rng=np.random.default_rng(0))
 
 
 def test_the_screw_is_found_beside_the_belts(bent: SavedModel) -> None:
@@ -140,8 +150,8 @@ def test_an_ordinary_print_says_nothing_of_z() -> None:
     assert "Z" not in " ".join(silent.findings)
 
 
-def test_half_a_turn_is_too_little() -> None:
-    model = learned(measured(SCREW, body(5)))
+def test_half_a_turn_is_too_little(low: Learned) -> None:
+    model = low.saved
     gaps = [gap for gap in model.findings[1:] if gap.startswith("Z ")]
     assert any("lead" in gap and "8 mm" in gap for gap in gaps)
     assert any("wobble" in gap for gap in gaps)
@@ -196,24 +206,20 @@ def test_heights_that_do_not_follow_are_refused(kind: str) -> None:
         find_screw(replace(trace, z_measured_mm=nonsense), SHORT, None, lambda clean: np.zeros((len(clean), 2)))
 
 
-@pytest.fixture
-def plainly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a report learn the grey box alone: what a hybrid adds of x and y says nothing of Z, and takes as long."""
-    monkeypatch.setattr("printmend.report.examination.learn", partial(learn, model="greybox"))
-
-
-@pytest.mark.usefixtures("plainly")
-def test_the_owner_is_told_what_to_repair() -> None:
-    examination = examine(measured(SCREW, body(10, 1.6)), SHORT, rng=np.random.default_rng(0))
+def test_the_owner_is_told_what_to_repair(told: Learned, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("printmend.report.examination.learn", lambda *_, **__: told)
+    examination = examine(told.trace, SHORT, rng=np.random.default_rng(0))
     said = summary(examination)
     assert "The Z screw is bent" in said
     assert "The Z nut has play" in said
     assert "Z lead" in examination.saved.findings[0]
 
 
-@pytest.mark.usefixtures("plainly")
-def test_an_owner_whose_tower_is_too_low_is_told_so(tmp_path: Path) -> None:
-    examination = examine(measured(SCREW, body(4)), SHORT, rng=np.random.default_rng(0))
+def test_an_owner_whose_tower_is_too_low_is_told_so(
+    low: Learned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("printmend.report.examination.learn", lambda *_, **__: low)
+    examination = examine(low.trace, SHORT, rng=np.random.default_rng(0))
     assert not examination.saved.findings[0].rstrip().endswith(";")
     assert any(gap.startswith("Z lead") for gap in examination.saved.findings[1:])
     write_examination(tmp_path / "said.html", examination)

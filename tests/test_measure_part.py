@@ -15,7 +15,6 @@ from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode
 from printmend.measure import read_trace, write_trace
 from printmend.measure.image import read_image
-from printmend.measure.paper import find_sheet
 from printmend.measure.ruler import find_rulers
 from printmend.measure.walls import read_walls
 from printmend.measure.width import choose_widths, scaled_by_widths
@@ -181,18 +180,6 @@ def test_a_healthy_printer_stays_as_it_is(scanned):
     assert (scanned / "same.gcode").read_bytes() == (scanned / "star.gcode").read_bytes()
 
 
-def test_a_photo_on_the_sheet_serves_as_a_scan_does(scanned):
-    text, strokes = foreign.gcode(foreign.gear(), layers=20)
-    (scanned / "tall.gcode").write_text(text)
-    taken = foreign.photo(BROKEN.strokes(strokes), np.random.default_rng(3), height=20 * foreign.HEIGHT)
-    (scanned / "photo.jpg").write_bytes(taken)
-    measured = measure_part(scanned / "photo.jpg", scanned / "tall.gcode", PRINTER)
-    assert "14 tags" in measured.notes[0]
-    mended = scanned / "photographed.gcode"
-    mend_gcode(scanned / "star.gcode", learn_model(measured.trace, PRINTER), mended)
-    assert foreign.paired_error(BROKEN, scanned / "star.gcode", mended) < LIMIT_MM
-
-
 def test_a_photo_without_tags_is_told_the_way_out(scanned):
     picture = Image.open(scanned / "gear.jpg")
     noted = Image.Exif()
@@ -261,19 +248,3 @@ def test_a_ruler_beside_the_part_settles_the_scale_along_it(scanned):
     inches, _ = read_image(io.BytesIO(foreign.with_ruler(taken, 25.4 / 16)))
     with pytest.raises(ScanError, match=r"millimetre, got one in inches; turn"):
         find_rulers(inches, 300 / 25.4, subject="inches.jpg")
-
-
-def test_the_edges_of_the_paper_under_a_part_serve_a_photo(scanned):
-    _, strokes = foreign.gcode(foreign.gear())
-    printed = BROKEN.strokes(strokes)
-    path = scanned / "paper.jpg"
-    path.write_bytes(foreign.photo(printed, np.random.default_rng(2), tags=False, ruler=1.0))
-    measured = measure_part(path, scanned / "gear.gcode", PRINTER)
-    assert any("edges of A4 paper" in note for note in measured.notes)
-    assert any("lines over 150 mm" in note for note in measured.notes), measured.notes
-    mend_gcode(scanned / "star.gcode", learn_model(measured.trace, PRINTER), scanned / "by-paper.gcode")
-    assert foreign.paired_error(BROKEN, scanned / "star.gcode", scanned / "by-paper.gcode") < LIMIT_MM
-    assert find_sheet(read_image(path)[0]).error_mm < 0.05
-    # a table as bright as the paper shows no edges
-    path.write_bytes(foreign.photo([], np.random.default_rng(2), tags=False, table=240))
-    assert find_sheet(read_image(path)[0]) is None

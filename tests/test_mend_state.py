@@ -36,7 +36,7 @@ def test_relative_moves(mechanism) -> None:
 
 
 def test_relative_moves_do_not_add_up_rounding() -> None:
-    steps = b"G1 X0.333 Y0.111 E0.01\nG1 X-0.111 Y0.333 E0.01\n" * 200
+    steps = b"G1 X0.333 Y0.111 E0.01\nG1 X-0.111 Y0.333 E0.01\n" * 60
     judged = judge(START + b"G91\nG1 F1800\n" + steps, BENT)
     assert judged.rms_mm <= 0.006
     assert judged.after[-20:].max() <= 0.012

@@ -10,7 +10,6 @@ from printmend.corruption import (
     Ellipse,
     FlatSpot,
     LooseBelt,
-    Play,
     Polygon,
     PublishedHull,
     sample,
@@ -91,9 +90,9 @@ def test_a_flat_that_was_not_seen_is_not_ruled_out() -> None:
     assert np.abs(error).max() < 7 * sd.max()
 
 
-@pytest.mark.parametrize("belt", [{"belt": Play(0.7)}, {"belt": LooseBelt(1.1, 0.9)}], ids=["play", "loose"])
-def test_play_hides_no_outline(belt) -> None:
-    error, _ = errors_mm(*seen(broken(Ellipse(7.4, 5.2, 1.0), **belt), 0.4))
+def test_play_hides_no_outline() -> None:
+    """Play that differs over the turn, as a loose belt's does."""
+    error, _ = errors_mm(*seen(broken(Ellipse(7.4, 5.2, 1.0), belt=LooseBelt(1.1, 0.9)), 0.4))
     assert np.abs(error).max() < 5e-3
 
 

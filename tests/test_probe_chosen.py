@@ -131,7 +131,8 @@ def test_a_first_trace_is_completed_where_it_was_blind():
     measured[first.rows] = (printed + np.random.default_rng(0).normal(0, 0.03, printed.shape))[first.rows]
     trace = Trace(first.waypoints_mm, measured, homed=True)
     part = part_of(printer)
-    blind = belief_after(printer, trace).expected_mm(belief_after(printer, trace).wanted(part_ends(part)))
+    belief = belief_after(printer, trace)
+    blind = belief.expected_mm(belief.wanted(part_ends(part)))
     second = design_probe(printer, design="optimal", part=part, after=trace, marks=60)
     assert min(turns_covered(printer, second)) > 1
     assert expected_error_mm(printer, second, part=part, after=trace) < 0.5 * blind

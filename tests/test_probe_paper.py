@@ -114,36 +114,6 @@ def _radii(filament: np.ndarray, small: float, large: float) -> np.ndarray:
     return np.where(filament > 1.4 * filament.min(), large, small) / 2
 
 
-def test_sheets_are_joined_by_the_dots_that_they_share(tmp_path):
-    rng = np.random.default_rng(3)
-    outcome = CliRunner().invoke(command, ["--printer", "ender3", "--on", "paper", "--scanner", "110x140", "--sheets",
-                                           "2", "--marks", "150", "-o", str(tmp_path / "two.gcode")])  # fmt: skip
-    assert outcome.exit_code == 0, outcome.output
-    assert "Sheet 2 (110 × 140 mm (X × Y)): its left front corner at X" in outcome.output
-    plan = read_plan(tmp_path / "two.json")
-    printed, scans = np.empty((len(plan), 2)), []
-    for number in (1, 2):
-        dots, filament, _ = foreign.printed_dots(tmp_path / f"two-{number}.gcode", BROKEN)
-        printed[plan.sheet_of == number - 1] = dots
-        scans.append(tmp_path / f"scan-{number}.jpg")
-        # the line at its start lies on the sheet, too; at its end a blob
-        prime = plan.sheets[number - 1].waypoints_mm[1:3]
-        radii = [*_radii(filament, 1.0, 1.6), 0.5]
-        scans[-1].write_bytes(foreign.plate(np.vstack([dots, prime[1:]]), radii, rng, angle=4.0 - 3 * number,
-                                            quarter=number - 1, threads=[prime]))  # fmt: skip
-    with pytest.raises(ScanError, match="none of sheet 2"):
-        measure_scans(scans[:1], plan)
-    measured = measure_scans(scans[::-1], plan)
-    assert any("2 scans of 2 sheets joined by" in note for note in measured.notes)
-    assert len(measured.missing) < 0.02 * len(plan)
-    off = measured.measured_mm - printed
-    off = off[np.isfinite(off).all(axis=1)]
-    assert np.sqrt(np.square(off - off.mean(axis=0)).mean()) < 0.015
-    model = learn_model(measured.trace, PRINTER)
-    left = Twin(model.mechanism).follow(plan.waypoints_mm)[plan.rows] - printed
-    assert np.std(left, axis=0).max() < 0.015
-
-
 def test_a_net_joins_the_dots_and_does_not_hide_them(tmp_path):
     rng = np.random.default_rng(4)
     gcode, plan = run(tmp_path, "--net", "--size", "70")

@@ -8,8 +8,6 @@ import inspect
 import json
 import re
 import sqlite3
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -457,43 +455,6 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
         server.should_exit = True  # as Ctrl-C does, while a page follows a job
         thread.join()
     assert b'"state"' in stream.read()
-
-
-CLUSTERED = """
-import sys, time
-from pathlib import Path
-from starlette.testclient import TestClient
-from printmend.executor import executor
-from printmend.studio.app import create_app
-if __name__ == "__main__":
-    with executor(1, "local:1").client() as dask, dask.get_executor(pure=False) as pool:
-        with TestClient(create_app(Path(sys.argv[1]), cluster=pool), base_url="http://127.0.0.1:8765") as client:
-            def done(job):
-                while (job := client.get("/api/jobs/" + job["id"]).json())["state"] in ("queued", "running"):
-                    time.sleep(1.0)
-                assert job["state"] == "done", job
-                return job
-            bent, sound = (client.post("/api/play", json=faults).json() for faults in ({"screw_mm": 0.35}, {}))
-            sound, job = done(sound), done(bent)
-            assert sound["result"]["after"]["rms_mm"] < 0.01
-            assert not sound["result"]["said"]["faults"]
-            assert "printed.bin" in sound["files"]
-            assert [one["title"] for one in job["result"]["said"]["faults"]] == ["The Z screw is bent"]
-            assert job["result"]["after"]["rms_mm"] < 0.02 < 0.2 < job["result"]["before"]["rms_mm"]
-            assert client.get(f"/api/jobs/{job['id']}/files/mended.bin").status_code == 200
-"""
-
-
-def test_jobs_run_on_the_benches_cluster_and_play_mends_a_bent_screw_and_spares_what_is_sound(tmp_path: Path) -> None:
-    (script := tmp_path / "run.py").write_text(CLUSTERED)
-    done = subprocess.run(  # noqa: S603 (this interpreter, a list of arguments)
-        [sys.executable, str(script), str(tmp_path / "studio")],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
 
 
 class _Strange(BaseHTTPRequestHandler):

@@ -62,7 +62,7 @@ def error_mm(model: SavedModel, corruption: Corruption, *, placed: bool = True) 
 
 @pytest.fixture(scope="module")
 def old() -> SavedModel:
-    return learn_model(printed(machine(), 900, 0, small=False), ENDER3, rng=np.random.default_rng(0))
+    return learn_model(printed(machine(), 600, 0, small=False), ENDER3, rng=np.random.default_rng(0))
 
 
 def test_a_saved_model_is_remembered_as_it_was(old: SavedModel) -> None:
@@ -87,17 +87,16 @@ def test_the_same_machine_stays(old: SavedModel, points: int, seed: int) -> None
 
 def test_a_healthy_printer_stays_healthy_after_a_small_print() -> None:
     healthy = Corruption((Drive(), Drive()))
-    for seed in (4, 5):
-        before = learn_model(printed(healthy, 300, seed, small=False), ENDER3)
-        again = update(before, printed(healthy, 60, seed + 10), rng=np.random.default_rng(0))
-        model = again.model
-        assert again.anew == ()  # a healthy motor that stays healthy was not replaced
-        assert before.findings[0] == model.findings[0] == "X healthy; Y healthy"
-        at = np.linspace(0, 220, 50)
-        for table in model.mechanism.transmissions:
-            assert np.abs(np.stack(table.branches_mm(at)) - at).max() < 1e-9  # mend copies every file
-        # the first print saw the whole bed, and that stays known
-        assert not any("elsewhere" in each["words"] for each in model.document["misfit"]["found"])
+    before = learn_model(printed(healthy, 300, 4, small=False), ENDER3)
+    again = update(before, printed(healthy, 60, 14), rng=np.random.default_rng(0))
+    model = again.model
+    assert again.anew == ()  # a healthy motor that stays healthy was not replaced
+    assert before.findings[0] == model.findings[0] == "X healthy; Y healthy"
+    at = np.linspace(0, 220, 50)
+    for table in model.mechanism.transmissions:
+        assert np.abs(np.stack(table.branches_mm(at)) - at).max() < 1e-9  # mend copies every file
+    # the first print saw the whole bed, and that stays known
+    assert not any("elsewhere" in each["words"] for each in model.document["misfit"]["found"])
 
 
 def test_an_oval_pulley_did_not_turn_by_half(old: SavedModel) -> None:
@@ -139,20 +138,18 @@ def test_another_scan_of_another_scale_is_no_change() -> None:
     assert update(first, scanned(small, 0.999), rng=np.random.default_rng(0)).changes == ()
 
 
-@pytest.mark.parametrize("size_mm", [196, 90])
-def test_a_healthy_motor_is_not_replaced_by_a_scan_of_another_scale(size_mm: int) -> None:
+def test_a_healthy_motor_is_not_replaced_by_a_scan_of_another_scale() -> None:
     half, rng = Corruption((machine().drives[0], Drive())), np.random.default_rng(4)
 
     def scanned(plan: ProbePlan, stretch: float) -> Trace:
         marks = Twin.of(half, ENDER3).follow(plan.waypoints_mm)[plan.rows]
         return plan.trace(marks * stretch + rng.normal(0, 0.006, marks.shape))
 
-    model = learn_model(scanned(design_probe(ENDER3), 1.0), ENDER3, rng=np.random.default_rng(0))
-    for stretch in (1.0015, 0.9985):
-        again = update(model, scanned(design_probe(ENDER3, size_mm=size_mm), stretch), rng=np.random.default_rng(0))
+    first = learn_model(scanned(design_probe(ENDER3), 1.0), ENDER3, rng=np.random.default_rng(0))
+    for size_mm, stretch in ((196, 1.0015), (90, 0.9985)):
+        again = update(first, scanned(design_probe(ENDER3, size_mm=size_mm), stretch), rng=np.random.default_rng(0))
         assert (again.changes, again.anew) == ((), ())
-        model = again.model
-        assert model.findings[0].endswith("Y healthy")
+        assert again.model.findings[0].endswith("Y healthy")
 
 
 CHANGES = {
@@ -186,7 +183,7 @@ def test_an_update_can_be_updated(old: SavedModel, tmp_path: Path) -> None:
 def test_frames_are_remembered() -> None:
     printer = read_printer("corexy")  # where a frame mixes both motors
     crooked = Corruption(machine().drives, CrookedFrame(0.5))
-    old = learn_model(printed(crooked, 900, 0, small=False, printer=printer), printer, rng=np.random.default_rng(0))
+    old = learn_model(printed(crooked, 400, 0, small=False, printer=printer), printer, rng=np.random.default_rng(0))
     updated = update(old, printed(crooked, 200, 1, printer=printer), rng=np.random.default_rng(0))
     assert updated.changes == ()
     bed = np.array([[20.0, 20.0], [20.0, 200.0], [200.0, 20.0], [200.0, 200.0]])

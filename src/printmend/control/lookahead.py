@@ -28,33 +28,29 @@ class Lookahead:
         tables = tables_of(model, start, c_max)
         if not isinstance(tables, PlayTables):
             return Greedy().plan(model, targets, start, c_max=c_max)
-        controls = np.empty((len(targets), 2), np.int8)
-        imagined = np.empty((len(targets) + 1, 2))
         seen = tables.bed.wanted(targets)
         following = np.empty((2, len(targets)), np.int64)
-        for axis in range(2):
-            kernels.next_different(seen[:, axis], following[axis])
+        for each, wanted in zip(following, np.ascontiguousarray(seen.T), strict=True):
+            kernels.next_different(wanted, each)
         if tables.is_coupled:
+            controls, imagined = np.empty((len(targets), 2), np.int8), np.empty((len(targets) + 1, 2))
             kernels.plan_both(targets, seen, following, tables.arrays, c_max, controls, imagined)
             return Plan(controls, imagined)
-        for axis, motor in enumerate(tables.motors):
-            plan_motor(motor, targets[:, axis], following[axis], c_max, controls[:, axis], imagined[:, axis])
-        return Plan(controls, imagined)
+        plans = [plan_motor(*each, c_max) for each in zip(tables.motors, targets.T, following, strict=True)]
+        return Plan(*(np.stack(both, axis=1) for both in zip(*plans, strict=True)))
 
 
 def plan_motor(
-    motor: LatticeMotor,
-    targets: np.ndarray,
-    following: np.ndarray,
-    c_max: int,
-    controls: np.ndarray,
-    imagined: np.ndarray,
-) -> None:
-    """Fill the controls [T] and imagined positions [T + 1] of one motor for targets [T] along it."""
+    motor: LatticeMotor, targets: np.ndarray, following: np.ndarray, c_max: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the controls [T] and imagined positions [T + 1] of one motor for targets [T] along it."""
+    controls, imagined = np.empty(len(targets), np.int8), np.empty(len(targets) + 1)
+    targets = np.ascontiguousarray(targets)  # one layout, one compilation
     lower, upper = motor.lower_steps, motor.upper_steps
     kernels.plan_axis(
         targets, following, motor.start, motor.origin_steps, lower, upper, c_max, controls, imagined
     )  # fmt: skip
+    return controls, imagined
 
 
 CONTROLLERS = {"lookahead": Lookahead()}

@@ -73,6 +73,7 @@ def solve(motor: LatticeMotor, targets: np.ndarray, known: np.ndarray, c_max: in
     """
     states = window(motor, targets, known, c_max)
     index = np.empty(len(targets) + 1, np.int64)
+    targets = np.ascontiguousarray(targets)  # one layout, one compilation
     kernels.search(
         targets, states.start, motor.start - states.offset, states.places, states.first, states.last, states.low,
         states.high, states.left, states.right, c_max, _ROOM, index,

@@ -38,7 +38,7 @@ def plan_space(
             "plan", wanted="finite targets [T, 3] and start [3]", came=f"{targets.shape} and {start.shape}",
             todo="reshape them",
         )  # fmt: skip
-    z_controls, height, push = _plan_height(model, targets[:, 2], int(start[2]), c_max)
+    z_controls, height, push = _plan_height(model, np.ascontiguousarray(targets[:, 2]), int(start[2]), c_max)
     plan = planner.plan(model.planar, targets[:, :2] - push[1:], start[:2], c_max=c_max)
     return SpacePlan(
         np.column_stack([plan.controls, z_controls]), np.column_stack([plan.imagined_steps + push, height])
@@ -50,17 +50,16 @@ def _plan_height(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the controls [T], the heights [T + 1] and the push [T + 1, 2] of a cheapest plan for Z alone."""
     ticks = len(targets)
-    controls, height = np.empty(ticks, np.int8), np.empty(ticks + 1)
     if model.screw is None:
         lattice = np.concatenate([[start], np.rint(targets).astype(np.int64)])
-        controls[:] = np.clip(np.diff(lattice), -c_max, c_max)
-        height[:] = start + np.concatenate([[0], np.cumsum(controls, dtype=np.int64)])
+        controls = np.clip(np.diff(lattice), -c_max, c_max).astype(np.int8)
+        height = start + np.concatenate([[0.0], np.cumsum(controls, dtype=np.int64)])
         return controls, height, np.zeros((ticks + 1, 2))
     screw = lattice_screw(model.screw, model.printer, start)
     following = np.empty(ticks, np.int64)
     next_different(targets, following)
-    plan_motor(screw.motor, targets, following, c_max, controls, height)
+    controls, height = plan_motor(screw.motor, targets, following, c_max)
     if ticks and not always_nearest(screw.motor, targets, height):
-        controls, height = solve(screw.motor, np.ascontiguousarray(targets), height, c_max)
+        controls, height = solve(screw.motor, targets, height, c_max)
     moved = screw.motor.start + np.concatenate([[0], np.cumsum(controls, dtype=np.int64)])
     return controls, height, screw.push_steps[moved]
