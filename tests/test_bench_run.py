@@ -167,6 +167,7 @@ def test_a_broken_body_is_a_failure_with_its_reason(vases: list[Path], tmp_path:
     broken.write_text("M104 S200\n")
     table, results = table1(drawn([broken, vases[0]]), ("naive", "oracle"), tmp_path / "out")
     assert [(line.bodies, line.failures) for line in table] == [(1, 1), (1, 1)]
+    assert cells(table[0])[1] == "1 of 2"
     (text,) = failure_texts(results)
     assert text.startswith("broken (naive, oracle): ")
     one_layer = write_vase(tmp_path / "coin.gcode", layers=1, radius_mm=45.0)

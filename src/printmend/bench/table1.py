@@ -285,12 +285,13 @@ def stands_still(results: Sequence[Result], rows: Sequence[str]) -> tuple[str, .
 
 
 def cells(line: Line) -> tuple[str, ...]:
-    """Return a line as the table's texts, in the order of `HEADER`."""
+    """Return a line as the table's texts, in the order of `HEADER`; where bodies failed, of how many it tells."""
     numbers = (line.abrmse_steps, line.abrmse_mm, line.median_steps, line.p95_steps, line.ratio_to_oracle)
     texts = ["–" if number is None else f"{number:.3f}" for number in numbers]
     learn = "–" if line.learn_s is None else f"{line.learn_s:.3f}"
     speed = "–" if line.targets_s is None else f"{line.targets_s:,.0f}".replace(",", " ")
-    return (line.row, str(line.bodies), *texts, learn, speed)
+    bodies = f"{line.bodies} of {line.bodies + line.failures}" if line.failures else str(line.bodies)
+    return (line.row, bodies, *texts, learn, speed)
 
 
 def figure6(results: Sequence[Result], rows: Sequence[str]) -> "Figure | None":
