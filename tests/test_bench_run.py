@@ -184,6 +184,13 @@ def result(body: str, name: str, rmse: float | None) -> Result:
     )
 
 
+def test_cases_that_failed_alike_are_told_once() -> None:
+    failed = [result(body, name, None) for body in "abcde" for name in ("naive", "mine")]
+    assert failure_texts([*failed, result("f", "naive", 1.0), result("g", "naive", None)]) == [
+        "a, b, c and 2 more (naive, mine): no reason", "g (naive): no reason",
+    ]  # fmt: skip
+
+
 def test_the_lines_of_the_table_are_the_statistics_of_its_bodies() -> None:
     results = [result(f"b{i}", "naive", 10.0 * i) for i in range(1, 5)]
     results += [result(f"b{i}", "oracle", 0.5) for i in range(1, 4)] + [result("b4", "oracle", None)]

@@ -101,11 +101,21 @@ def body_table(results: Sequence[Result], rows: Sequence[str]) -> str:
     return text_table(("body", *rows), [(body, *(shown(body, row) for row in rows)) for body in bodies])
 
 
+_NAMED = 3  # of the cases that failed alike
+
+
 def failure_texts(results: Sequence[Result]) -> list[str]:
-    """Return one text for each case and reason that failed, with the rows concerned."""
+    """Return one text for each reason for which the same rows failed: the first cases that it befell, and how many."""
     found: dict[tuple[str, str], list[str]] = {}
     for result in results:
         if result.error is not None:
             what = result.case.body if result.case.coverage is None else str(result.case)
             found.setdefault((what, result.error), []).append(result.row)
-    return [f"{what} ({', '.join(rows)}): {reason}" for (what, reason), rows in found.items()]
+    alike: dict[tuple[str, str], list[str]] = {}
+    for (what, reason), rows in found.items():
+        alike.setdefault((", ".join(rows), reason), []).append(what)
+    texts = []
+    for (names, reason), cases in alike.items():
+        more = f" and {len(cases) - _NAMED} more" if len(cases) > _NAMED else ""
+        texts.append(f"{', '.join(cases[:_NAMED])}{more} ({names}): {reason}")
+    return texts
