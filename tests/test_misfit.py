@@ -190,6 +190,17 @@ def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> N
         assert moved == pytest.approx(wanted, abs=0.03)
 
 
+def test_play_that_wears_on_one_side_is_no_heap_of_wild_points(rng: np.random.Generator) -> None:
+    points = measured_once(rng, count=700).commanded_mm
+    at, places = points[0, 0], points.copy()
+    for row, x in enumerate(points[:, 0].tolist()):
+        at = min(max(at, x - 0.1 - 0.4 * row / len(points)), x)
+        places[row, 0] = at
+    trace = Trace(points, places + rng.normal(0, 0.01, points.shape), homed=True)
+    found = causes_of(Greybox().fit(trace, PRINTER, rng=rng), trace)
+    assert {cause.candidate.kind for cause in found} == {"wear", "linear"}
+
+
 @pytest.mark.parametrize(("order", "grows"), [("as printed", True), ("from left to right", False), ("few", False)])
 def test_growth_is_said_only_where_all_places_come_again(order: str, grows: bool, rng: np.random.Generator) -> None:
     points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (100 if order == "few" else 500, 2))])

@@ -33,6 +33,7 @@ WARNED_MM = 0.03  # a cause of that size or more is a warning, a smaller one a n
 NOISE_SHARE = 0.3  # of the noise: what is far below it is no use to know
 LEAST_OWN_SHARE = 0.05  # share of a column that the model's own parts must leave, for it to be told from them
 LEAST_OWN_SHARE_OF_SPEED = 0.02  # the same of one that hardly differs: a probe's moves are about as long
+ONE_SIGMA_SHARE, LEAST_SPREAD_MM = 0.6827, 1e-6  # of Gaussian residuals within a standard deviation; the least of it
 CLIP_SIGMAS = 4.0  # standard deviations beyond which a residual is an outlier
 LOST_SIGMAS = 6.0  # a place further off was measured wrongly,
 LOST_MM = 0.05  # if it is further off than this, too
@@ -95,8 +96,14 @@ def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
 def _near(residual_mm: np.ndarray) -> np.ndarray:
     """Return the rows [M] that are looked at: all, but the outliers where there are so many that together they would
     look like something."""
-    outlier = np.abs(residual_mm) > CLIP_SIGMAS * robust_sigma_mm(residual_mm)
+    outlier = np.abs(residual_mm) > CLIP_SIGMAS * _spread_mm(residual_mm)
     return np.flatnonzero(~outlier) if outlier.mean() > MANY_LOST else np.arange(len(residual_mm))
+
+
+def _spread_mm(residual_mm: np.ndarray) -> float:
+    """Return what as many residuals do not exceed as one standard deviation of Gaussian ones: a third of wild points
+    does not change it much, and a pattern in one half of the rows, as of play that wears on one side, is not wild."""
+    return max(float(np.quantile(np.abs(residual_mm), ONE_SIGMA_SHARE)), LEAST_SPREAD_MM)
 
 
 def _shows_growth(one: Sideways) -> bool:
@@ -135,7 +142,7 @@ def _repeated(
 def _explained(
     motor: int, offered: list[Candidate], one: Sideways, residual_mm: np.ndarray, basis: np.ndarray
 ) -> list[Cause]:
-    sigma = robust_sigma_mm(residual_mm)
+    sigma = _spread_mm(residual_mm)
     left = np.clip(residual_mm, -CLIP_SIGMAS * sigma, CLIP_SIGMAS * sigma)
     left = left - basis @ (basis.T @ left)
     spare = max(len(left) - basis.shape[1], 1)
