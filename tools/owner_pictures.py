@@ -1,7 +1,8 @@
 """Draw the pictures of the owners' pages into docs/figures, by the commands that these pages name.
 
 `.venv/bin/python tools/owner_pictures.py` draws all, in a few minutes; names draw single ones. The printer is
-the broken one of docs/owners.md; its prints, the ruler beside one, and the part come from the twin and from
+the broken one of docs/owners.md; its prints come from the twin, the parts, the photo and the ruler from
+tests/foreign_layer.py, which shares no code with printmend.
 """
 
 import shutil
@@ -10,7 +11,11 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
+
+from printmend.learn.calliper_talk import talk
+from printmend.measure import read_plan
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -86,6 +91,26 @@ def part(folder: Path) -> None:
     keep(folder / "seen.jpg", "part-seen.jpg")
 
 
+def photo(folder: Path) -> None:
+    """A part on the sheet of tags, in a tilted photo of 12 megapixels, as measure saw it."""
+    text, strokes = foreign.gcode(foreign.gear(), layers=3)
+    (folder / "photographed.gcode").write_text(text)
+    broken = foreign.Machine(waves=(((1, 0.3, 0.4),), ((1, 0.12, 1.0),)), play=(0.3, 0.2))
+    seen = foreign.photo(broken.strokes(strokes), np.random.default_rng(1), size_px=(3000, 4000))
+    (folder / "photo.jpg").write_bytes(seen)
+    command(folder, "measure photo.jpg --gcode photographed.gcode --printer ender3 -o part.csv --overlay seen.jpg")
+    keep(folder / "seen.jpg", "photo-seen.jpg")
+
+
+def callipers(folder: Path) -> None:
+    """The map of the first distance that `measure --callipers` asks for."""
+    command(folder, "probe --printer ender3 -o plate.gcode --overwrite")
+    plan = read_plan(folder / "plate.json")
+    answers = iter(["q"])
+    talk(plan, lambda _: next(answers), lambda _: None, picture=folder / "map.png")
+    keep(folder / "map.png", "callipers-map.png")
+
+
 def wear(folder: Path) -> None:
     """Play that grows from 0.03 to 0.13 mm, measured eight times with 0.05 mm of noise."""
     command(folder, "probe --printer ender3 --size 120 --marks 200 -o plate.gcode")
@@ -108,7 +133,7 @@ def main() -> None:
         "paper-page": "--printer ender3 --on paper", "pen-page": "--printer ender3 --pen",
         "paper-sheets": "--printer cr10s --on paper --sheets 2", "net-page": "--printer ender3 --net --size 150",
     }  # fmt: skip
-    ways = {"paper": paper, "part": part, "wear": wear}
+    ways = {"paper": paper, "part": part, "photo": photo, "callipers": callipers, "wear": wear}
     wanted = sys.argv[1:] or [*pages, *ways]
     if shutil.which("pdftoppm") is None:
         sys.exit("pdftoppm is missing: apt-get install poppler-utils")

@@ -142,7 +142,9 @@ def write_figure(done: PartDemo, folder: Path) -> Path:
         axes.plot([], [], "--", color=INK, label="coming back")
         axes.set_xlabel("position [mm]", fontsize=9)
         axes.set_ylabel("printed too far by [mm]", fontsize=9)
-        axes.legend(fontsize=8, frameon=False, ncols=2)
+        low_mm, high_mm = axes.get_ylim()
+        axes.set_ylim(low_mm - 0.25 * (high_mm - low_mm), high_mm)  # room for the legend
+        axes.legend(loc="lower center", fontsize=8, frameon=False, ncols=2)
         axes.spines[["top", "right"]].set_visible(False)
         box = axes.get_position()
         axes.set_position((box.x0 + 0.035, box.y0 + 0.07, box.width - 0.05, box.height - 0.07))

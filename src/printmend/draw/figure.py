@@ -79,19 +79,19 @@ def points_per_unit(axes: Axes) -> float:
 
 
 def draw_scale_bar(axes: Axes) -> Axes:
-    """Draw a bar of a round length [mm] in the lower left corner."""
+    """Draw a bar of a round length [mm] in the lower left corner, its length beside it: above it lies what is drawn."""
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     length = max(size for size in (0.1, 0.5, 1, 2, 5, 10, 20, 50, 100) if size <= (x1 - x0) / 4 or size == 0.1)
     left, low = x0 + 0.04 * (x1 - x0), y0 + 0.03 * (y1 - y0)
     axes.plot([left, left + length], [low, low], color=INK, linewidth=2.5, solid_capstyle="butt", zorder=1e6)
     axes.text(
-        left + length / 2,
-        low + 0.012 * (y1 - y0),
+        left + length + 0.015 * (x1 - x0),
+        low,
         f"{length:g} mm",
         color=INK,
         fontsize=8,
-        ha="center",
-        va="bottom",
+        ha="left",
+        va="center",
         zorder=1e6,
     )
     return axes
