@@ -152,7 +152,7 @@ bed_shape = 0x0,9x0,9x9,0x9
         ConfigError, match="named with --model, got 3; a part of a name is enough: Acme Big, Acme Small, Acme Resin"
     ):
         convert(path, like="ender3")
-    with pytest.raises(ConfigError, match=r"--like ender3; a part of a name is enough: Acme Big"):
+    with pytest.raises(ConfigError, match=r"--like ender3, too: a preset .*; a part of a name is enough: Acme Big"):
         convert(path)  # all that is missing at once
     with pytest.raises(ConfigError, match="a bundle with a printer, got none"):
         convert(written(tmp_path, "none.ini", "[printer:*common*]\nbed_shape = 0x0,9x0,9x9,0x9\n"), like="ender3")

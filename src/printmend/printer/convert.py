@@ -13,6 +13,7 @@ from printmend.printer.toml import parse_printer, read_printer
 
 _WANTED = "a printer.cfg, a slicer's printer profile (.ini or .json) or a printer in TOML"
 _TODO = "export the printer's profile from the slicer, or start from a preset: `printmend printer ender3`"
+_TOO = "add --like ender3, too: a preset with the same motors and end stops"
 
 
 def convert(path: Path, *, like: str | None = None, model: str | None = None) -> tuple[Printer, tuple[str, ...]]:
@@ -32,7 +33,7 @@ def convert(path: Path, *, like: str | None = None, model: str | None = None) ->
         printer = parse_klipper(text, name=path.stem, subject=subject)
     elif is_slicer_profile(text):
         todo = "name a preset with the same motors and end stops: --like ender3"
-        values = profile_of(text, model=model, subject=subject, todo="" if like else f"and {todo}")
+        values = profile_of(text, model=model, subject=subject, todo="" if like else _TOO)
         if like is None:
             raise ConfigError(
                 subject, wanted="to know its motors", came="a slicer's profile, which does not say", todo=todo

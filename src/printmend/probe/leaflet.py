@@ -35,6 +35,10 @@ PLATE_COLOURS = (
     "plate; white, yellow or grey on a black one. Clear and silk filament glitter: take another."
 )
 AS_IT_IS = "Print the file as it is: do not slice, scale or turn it."
+SETTLE = (
+    "It ends with what is still open: a distance. Take it with callipers, and measure again with --distance and what "
+    "they say: a picture cannot tell a printer whose parts are all 0.4 % too large from its own scale."
+)
 PAPER_COLOURS = "Colours: white paper, and any filament that is neither white nor clear. Black is best."
 
 
@@ -83,6 +87,7 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
         "turned by a quarter, takes the scanner's own error off: name both."
         + ("" if papers else " What is larger than the glass: scan it in two or three parts that overlap by a third."),
         f"Measure:  printmend measure {scans} --probe {gcode.with_suffix('.json').name} -o {trace} --overlay {seen}",
+        SETTLE,
         f"Learn:  printmend learn {trace} --printer {named}",
         "Mend:  printmend mend part.gcode -m printer.mend.json",
     ]
@@ -152,6 +157,7 @@ def write_layer_leaflet(
         "from above.",
         *([] if named else ["For YOURS below write your printer's name; printmend printer lists them."]),
         f"Measure:  printmend measure scan.png --gcode {gcode.name} --printer {whose} -o {trace}",
+        SETTLE,
         f"Learn:  printmend learn {trace} --printer {whose}",
         "Mend:  printmend mend part.gcode -m printer.mend.json",
     ]
