@@ -47,6 +47,14 @@ class Doubt:
     placed: bool = True
 
 
+def kind_words(kind: str) -> str:
+    """Return a fault's kind in words: ``harmonic-1`` is a pulley that is eccentric."""
+    name, _, order = kind.partition("-")
+    if name == "harmonic" and order.isdigit():
+        return f"pulley {_WORD.get(int(order), f'harmonic {order}')}"
+    return kind
+
+
 def doubt_of(trace: Trace) -> Doubt:
     """Return the doubt about a trace that its instrument brings in."""
     unsure = trace.instrument_doubt

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from printmend.diagnosis.advice import REPAIR_MM, SOON_MM, advise
-from printmend.diagnosis.diagnosis import Fault
+from printmend.diagnosis.diagnosis import Fault, kind_words
 from printmend.errors import ModelError
 from printmend.files import read_text, replacing
 from printmend.saved.model import SavedModel
@@ -76,7 +76,7 @@ class Trend:
     @property
     def name(self) -> str:
         """The part and what is wrong with it."""
-        return f"{_part_of(self.fault.part)} {self.fault.kind}"
+        return f"{_part_of(self.fault.part)} {kind_words(self.fault.kind)}"
 
     @property
     def is_sure(self) -> bool:
@@ -410,13 +410,15 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
     rows = []
     for event in events:
         if event.get("event") == "verified":
+            at_most = event.get("now_at_most_mm")
+            now = f"{event['now_mm']:.3f}" if not isinstance(at_most, float) else f"less than {at_most:.3f}"
             said = (
-                f"{event['now_mm']:.3f} mm, {event['promised_low_mm']:.3f} to {event['promised_high_mm']:.3f} was "
+                f"{now} mm, {event['promised_low_mm']:.3f} to {event['promised_high_mm']:.3f} was "
                 f"promised: {'kept' if event.get('kept') else 'broken'}"
             )
         else:
             faults = [
-                f"{_part_of(one['part'])} {one['kind']} {abs(one['value']):.3f} {one['unit']}"
+                f"{_part_of(one['part'])} {kind_words(one['kind'])} {abs(one['value']):.3f} {one['unit']}"
                 for one in event.get("faults", [])
             ]
             said = ", ".join(faults) or "healthy"

@@ -114,8 +114,8 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     now = float(np.sqrt(max(now2, 0.0)))
     now_sd = float(np.sqrt(max(now2, 0.0) + now2_sd)) - now
     play, play_sd = _from_play(error, trace, model.printer)
-    # what goes with direction is no noise, however much of that is
-    if play - _SURE_SIGMAS * play_sd > now - _SURE_SIGMAS * now_sd:
+    # what surely goes with direction is no noise, however much of that is
+    if play - _SURE_SIGMAS * play_sd > max(now - _SURE_SIGMAS * now_sd, 0.0):
         now = max(now, play)
         now_sd = (now - play) / _SURE_SIGMAS + play_sd
     after = outlook.after
