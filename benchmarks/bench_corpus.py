@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from printmend.corruption import sample
-from printmend.errors import PrintmendError
+from printmend.errors import PrintmendError, RefusedError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
 from printmend.printer import Printer, read_printer
@@ -66,8 +66,10 @@ def row_of(source: Path, printer: Printer, family: str, severity: str, seed: int
     before = read_gcode(source, printer=printer).moves
     printer = around(printer, before)
     before = read_gcode(source, printer=printer).moves
+    if not before.extruding.any():
+        raise RefusedError(source, wanted="a print", came="moves that extrude nothing", todo="give a sliced file")
     model = exact_model(sample(family, np.random.default_rng([seed, *family.encode()]), severity).lower(printer))  # type: ignore[arg-type]
-    done = mend_gcode(source, model, output)
+    done = mend_gcode(source, model, output, force=True)  # whatever printer the file names: the bed is made for it
     found = judged(done.prediction, str(source), str(output), model.mechanism)
     after = read_gcode(output, printer=printer).moves
     filament = np.abs(by_layer(after, after.extrusion_mm) - by_layer(before, before.extrusion_mm)).max()
