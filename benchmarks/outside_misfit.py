@@ -97,14 +97,6 @@ def probe_path(text: str, preset: str) -> tuple[np.ndarray, np.ndarray]:
     return np.array(points), np.array(dots)
 
 
-def own_path(preset: str, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Return somebody's own way-points [N, 2]: lines between places all over the bed, from home."""
-    home, _, bed, _ = BEDS[preset]
-    corners = np.vstack([[home], rng.uniform(0.05, 0.95, (40, 2)) * bed])
-    along = np.linspace(0, len(corners) - 1, count)
-    return np.stack([np.interp(along, np.arange(len(corners)), corners[:, k]) for k in range(2)], axis=1)
-
-
 def printed(one: Machine, commanded_mm: np.ndarray, bent: Callable | None = None) -> Printed:
     done = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(commanded_mm, axis=0).T))])
     return Printed(commanded_mm, one.walk(commanded_mm, bent), done / done[-1], one.bed_mm, one.corexy)

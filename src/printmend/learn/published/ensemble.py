@@ -15,8 +15,7 @@ class Ensemble:
     """Trees whose predictions are added in order, then divided by ``divisor`` (1 for boosting, the count for a forest).
 
     All trees share the arrays over nodes: ``feature`` (−1 at leaves), ``threshold`` (≤ goes left), ``left``, ``right``
-    (always larger than the node itself), ``value`` [nodes, outputs]; ``roots`` [trees]. ``text`` is LightGBM's own
-    model text where the trees came from it.
+    (always larger than the node itself), ``value`` [nodes, outputs]; ``roots`` [trees].
     """
 
     feature: np.ndarray
@@ -26,7 +25,6 @@ class Ensemble:
     value: np.ndarray
     roots: np.ndarray
     divisor: float = 1.0
-    text: str | None = None
 
     def __post_init__(self) -> None:
         for name in ("feature", "left", "right", "roots"):
@@ -114,7 +112,7 @@ def from_lightgbm(text: str) -> Ensemble:
     if not roots:
         raise ModelError("LightGBM model", wanted="trees", came="none", todo="learn the model again")
     parts["value"] = [column[:, None] for column in parts["value"]]
-    return _joined(parts, roots, 1.0, text)
+    return _joined(parts, roots, 1.0)
 
 
 def _numbers(fields: dict[str, str], name: str) -> np.ndarray:
@@ -135,11 +133,11 @@ def from_forest(forest: Any) -> Ensemble:
         parts["value"].append(tree.value[:, :, 0])
         roots.append(nodes)
         nodes += tree.node_count
-    return _joined(parts, roots, float(len(roots)), None)
+    return _joined(parts, roots, float(len(roots)))
 
 
-def _joined(parts: dict[str, list[np.ndarray]], roots: list[int], divisor: float, text: str | None) -> Ensemble:
+def _joined(parts: dict[str, list[np.ndarray]], roots: list[int], divisor: float) -> Ensemble:
     feature, threshold, left, right, value = (
         np.concatenate(parts[name]) for name in ("feature", "threshold", "left", "right", "value")
     )
-    return Ensemble(feature, threshold, left, right, value, np.array(roots), divisor, text)
+    return Ensemble(feature, threshold, left, right, value, np.array(roots), divisor)

@@ -6,7 +6,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from printmend.errors import ModelError
 from printmend.machine import Mechanism, healthy_transmission
 from printmend.path import Trace, frozen
 from printmend.printer import Printer
@@ -110,23 +109,6 @@ class AxisModel:
     def to_json(self) -> dict[str, Any]:
         """Return the model as plain lists, exactly."""
         return {"gains": {"x": self.gains[0].tolist(), "y": self.gains[1].tolist()}}
-
-    @classmethod
-    def from_json(cls, value: dict[str, Any], printer: Printer) -> "AxisModel":
-        """Read `to_json`'s value. Raise `ModelError` where it is not one for this printer."""
-        rows = []
-        for name, bed in zip("xy", printer.bed_steps, strict=True):
-            wanted = f"{bed + 1} finite gains for {name}"
-            try:
-                row = np.asarray(value["gains"][name], float)
-            except (KeyError, TypeError, ValueError) as error:
-                raise ModelError(
-                    "model", wanted=wanted, came=f"none ({error!r})", todo="learn the model again"
-                ) from None
-            if row.shape != (bed + 1,) or not np.isfinite(row).all():
-                raise ModelError("model", wanted=wanted, came=f"an array {row.shape}", todo="learn it for this printer")
-            rows.append(row)
-        return cls(printer, (rows[0], rows[1]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ controls.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -88,15 +87,6 @@ class JointTreeModel(JointUnits):
         unit[:, :, 1, :, 0] = 0.0
         unit[:, :, :, 1, 1] = 0.0
         return JointTables((cells[0], cells[1]), unit)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the model as LightGBM's own text. Only for boosted trees."""
-        return {"lightgbm": [ensemble.text for ensemble in self.ensembles], "periodic": self.periodic}
-
-    @classmethod
-    def from_json(cls, value: dict[str, Any], printer: Printer) -> "JointTreeModel":
-        """Read `to_json`'s value. Raise `ModelError` where the trees cannot be followed."""
-        return cls(printer, tuple(from_lightgbm(text) for text in value["lightgbm"]), value["periodic"])
 
 
 @dataclass(frozen=True)
