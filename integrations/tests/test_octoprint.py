@@ -19,7 +19,7 @@ from printmend.corruption.belt import Play
 from printmend.printer import read_printer
 from printmend.saved.model import exact_model, write_model
 
-expect.set_options(timeout=300_000)  # as long as a busy machine may take
+expect.set_options(timeout=600_000)  # as long as a busy machine may take
 KEY = "0123456789ABCDEF0123456789ABCDEF"
 CONFIG = """server: {{firstRun: false, onlineCheck: {{enabled: false}}, pluginBlacklist: {{enabled: false}}}}
 serial: {{log: true, autoconnect: false}}
@@ -94,8 +94,8 @@ def octoprint(tmp_path_factory):
 
 @pytest.fixture
 def hold(octoprint: OctoPrint) -> Iterator[Path]:
-    """While this file is there, mending does not end; it never outlives its test."""
-    (path := octoprint.base / "HOLD").touch()
+    """Where a file keeps mending from its end; it never outlives its test."""
+    path = octoprint.base / "HOLD"
     yield path
     path.unlink(missing_ok=True)
 
@@ -125,6 +125,7 @@ def test_upload_and_print_prints_the_mended_copy_alone(octoprint: OctoPrint) -> 
 
 
 def test_an_upload_is_answered_at_once(octoprint: OctoPrint, hold: Path) -> None:
+    hold.touch()
     octoprint.upload("quick.gcode", part(1, size_mm=6.0))  # returns, though mending cannot end
     assert octoprint.told("quick.mended.gcode") == {}
     hold.unlink()
@@ -144,6 +145,7 @@ def test_a_test_print_is_printed_as_it_is(octoprint: OctoPrint) -> None:
 
 
 def test_mending_can_be_cancelled(octoprint: OctoPrint, hold: Path) -> None:
+    hold.touch()
     octoprint.upload("endless.gcode", part(1, size_mm=6.0))
     wait_for(lambda: octoprint.get("/api/plugin/printmend", {"command": "cancel"})["cancelled"], "the cancelling")
     wait_for(lambda: octoprint.told("endless.gcode") == {"state": "failed", "reason": "cancelled"}, "the reason")
@@ -165,14 +167,15 @@ def test_what_cannot_be_mended_is_not_printed(octoprint: OctoPrint) -> None:
 def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint, hold: Path) -> None:
     with chromium() as browser:
         page = browser.new_context(locale="en-GB").new_page()
-        page.set_default_timeout(300_000)
+        page.set_default_timeout(600_000)
         page.goto(octoprint.url)
         page.locator("#login-user").fill("me")
         page.locator("#login-password").fill("pw")
         page.locator("#login-button").click()
         # The state comes by the socket that the plug-in's messages come by.
-        expect(page.locator("#state")).to_contain_text("Operational", timeout=300_000)
+        expect(page.locator("#state")).to_contain_text("Operational")
         popup = page.locator(".ui-pnotify")
+        hold.touch()
         octoprint.upload("shown.gcode", part(1, size_mm=6.0))
         begun = popup.filter(has_text="Mending …").filter(has_text="shown.gcode")
         expect(begun).to_contain_text("37 %")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from parts import part
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Route, expect
 from studio_server import CHROMIUM, Server, Watched, chromium, drawn_finely, until
 
 from printmend.client import Studio
@@ -31,7 +31,7 @@ FAULTS = Corruption(
     (Drive(pulley=EccentricBore(0.6, 1.0), belt=Play(0.3)), Drive(belt=Play(0.15))), CrookedFrame(skew_deg=0.5)
 )
 DPI, NEAR_MM = 300.0, 0.4
-expect.set_options(timeout=120_000)  # as long as a busy machine may take: nothing on a page is there at once
+expect.set_options(timeout=300_000)  # as long as a busy machine may take: nothing on a page is there at once
 
 
 @pytest.fixture(scope="module")
@@ -331,17 +331,19 @@ def test_of_several_files_each_has_its_own_fate(browser: Browser, server: Server
     """One is mended, one is for a larger bed and mended all the same, one is no G-code and is taken off the list."""
     watched, key = _page(browser, server), _measured(server, "Three at once")
     page = watched.page
+    late: list[Route] = []
+    # what was there before is told only after the drop
+    page.route("**/api/jobs?printer=*", lambda route: late.append(route), times=1)
     page.goto(server.address + f"#/printers/{key}/mend")
     large = part(1) + b"; bed_shape = 0x0,300x0,300x300,0x300\n; layer_height = 0.2\n"
     texts = {"good.gcode": part(1), "large.gcode": large, "holiday.gcode": b"no G-code\n"}
     for name, text in texts.items():
         (tmp_path / name).write_bytes(text)
     page.set_input_files("input[type=file][accept*=gcode]", [tmp_path / name for name in texts])
-    rows, alert, load = (
-        page.locator(".file"),
-        page.get_by_role("alert"),
-        page.get_by_role("link", name="Download mended"),
-    )
+    rows, alert = page.locator(".file"), page.get_by_role("alert")
+    load = page.get_by_role("link", name="Download mended")
+    expect(rows.first).to_be_visible()
+    late[0].continue_()
     expect(rows).to_have_count(3)
     expect(rows.filter(has_text="Not mended")).to_have_count(2)
     expect(load).to_have_attribute("download", "good.mended.gcode")  # the first is shown

@@ -10,7 +10,7 @@ export function useJob(key) {
     setJob(null);
     return key ? follow(key, setJob) : undefined;
   }, [key]);
-  return key ? job : null;
+  return job?.id === key ? job : null; // not that of the key before
 }
 
 // What a screen goes on with that was left or loaded anew: `found` hears the printer's jobs, the newest first.

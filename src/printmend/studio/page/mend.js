@@ -19,7 +19,7 @@ export function Mend({ printer, changed }) {
   useEffect(() => {
     get(`/jobs?printer=${printer.id}`).then((jobs) => {
       const mine = jobs.filter((job) => job.kind === "mend").slice(0, 30).map((job) => ({ id: job.id, name: job.params.name, state: stateOf(job) }));
-      setRows(mine);
+      setRows((old) => [...old, ...mine.filter((job) => !old.some((row) => row.id === job.id))]); // a file may have been dropped meanwhile
       if (mine.length) setShown((old) => old ?? mine[0].id);
     }, (problem) => setError(problem.message));
   }, [printer.id]);
@@ -40,7 +40,7 @@ export function Mend({ printer, changed }) {
     let fresh = true; // of several the first is shown
     for (const file of files) {
       const row = { id: null, name: file.name, state: "sending", at: Math.random() };
-      const put = (values) => setRows((old) => old.map((one) => (one.at === row.at ? { ...one, ...values } : one)));
+      const put = (values) => setRows((old) => old.filter((one) => one.at === row.at || !one.id || one.id !== values.id).map((one) => (one.at === row.at ? { ...one, ...values } : one)));
       setRows((old) => [row, ...old]);
       try {
         const job = await post(`/printers/${printer.id}/mend`, { upload: (await send([file]))[0] });
@@ -76,10 +76,10 @@ export function Mend({ printer, changed }) {
 }
 
 function File_({ id, printer, changed, anyway }) {
-  const job = useJob(id), [scene, error] = useScene(job);
+  const job = useJob(id), [scene, error] = useScene(job), [asked, setAsked] = useState(null);
   const result = job?.state === "done" ? job.result : null;
   return html`<${Problem} error=${job?.state === "failed" ? job.error : result?.refused ?? error} />
-    ${job?.may_force && html`<div class="row"><button onClick=${() => anyway(job)}>${t("anyway")}</button><span class="faint">${t("anyway_now")}</span></div>`}
+    ${job?.may_force && html`<div class="row"><button disabled=${asked === job.id} onClick=${() => { setAsked(job.id); anyway(job).then(() => setAsked(null)); }}>${t("anyway")}</button><span class="faint">${t("anyway_now")}</span></div>`}
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
     <${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene?.mended ? 2 : 1} busy=${Boolean(job) && !ended(job)}>
       ${job && !ended(job) && html`<section class="card busy"><${Progress} job=${job} steps=${STEPS} /></section>`}</${Part}>
