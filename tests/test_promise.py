@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
 from printmend.errors import ModelError, RefusedError, TraceError
+from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
 from printmend.learn.drive import Rows
 from printmend.learn.greybox import motor_rows
@@ -316,6 +317,9 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     export = export_supported(bent, "marlin")
     assert set(export.settings) == {"backlash of X", "backlash of Y"}
     assert export.after_mm < export.before_mm
+    assert 0.001 < export.doubt_mm < 0.1
+    most = f"up to {np.hypot(export.after_mm, export.doubt_mm):.3f} mm with what it does not know"
+    assert most in remainder(export)
     text = dict(export.files)["marlin.gcode"]
     assert "M500" not in text
     assert "to undo" in text

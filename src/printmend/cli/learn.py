@@ -50,6 +50,7 @@ def command(
     from printmend.cli.outputs import spare
     from printmend.measure import read_trace
     from printmend.printer import read_printer
+    from printmend.promise.misfit import refusals
     from printmend.repair.history import ageing_of, remember_learned
     from printmend.repair.learned import learn_model, report
     from printmend.repair.mend import is_healthy
@@ -89,6 +90,8 @@ def command(
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))
     else:
         comes = f"next: printmend mend part.gcode -m {name or output} --report part.html"
+        if refusals(model.document):
+            comes = "next: put right what the refusal names, and learn again; `mend` takes nothing with this model"
         click.echo(report(model))
         click.echo("nothing to mend: files stay as they are" if is_healthy(model) else comes)
         click.echo(f"written: {output}{replaced}")

@@ -39,13 +39,15 @@ class Simple:
 class Export:
     """What to give to a firmware: ``files`` (name, text) and the predicted RMS error over the bed [mm], the part as a
     whole allowed to shift, without it (``before_mm``) and with it (``after_mm``). ``settings`` says in words what is in
-    the files, ``left_out`` which settings would not help by more than their doubt, and why."""
+    the files, ``left_out`` which settings would not help by more than their doubt, and why. ``doubt_mm`` is what the
+    model does not know of the error with these settings, twice its standard deviation."""
 
     files: tuple[tuple[str, str], ...]
     before_mm: float
     after_mm: float
     settings: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    doubt_mm: float = 0.0
 
 
 def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = None) -> Simple:
@@ -192,7 +194,8 @@ EXPORTS: dict[str, Callable[..., Export]] = {
 def remainder(export: Export) -> str:
     """Say what the firmware takes, what remains, and which settings stay out."""
     said = (
-        f"expected over the bed, typically: {export.before_mm:.3f} mm without, {export.after_mm:.3f} mm with this; "
+        f"expected over the bed, typically: {export.before_mm:.3f} mm without, {export.after_mm:.3f} mm with this by "
+        f"the model alone, and up to {np.hypot(export.after_mm, export.doubt_mm):.3f} mm with what it does not know; "
         "what remains is for `printmend mend`, with a model learned after these settings are in place"
     )
     return "\n".join([said, *(f"left out: {each}" for each in export.left_out)])

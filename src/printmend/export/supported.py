@@ -63,7 +63,10 @@ def _judged(model: SavedModel, export: Export, names: tuple[str, ...], left_out:
             model.printer.name, wanted="settings that help by more than their doubt", came=came,
             todo="leave the firmware as it is",
         )  # fmt: skip
-    return replace(export, settings=names, left_out=left_out)
+    budget = parse_budget(model)
+    unknown_mm2 = sum(each.unexplained_mm2 for each in budget.motors) if budget is not None else 0.0
+    doubt_mm2 = unknown_mm2 + sum(each.doubt_mm**2 for each in _settings(model))
+    return replace(export, settings=names, left_out=left_out, doubt_mm=SURE_SIGMAS * float(np.sqrt(doubt_mm2)))
 
 
 def _why(name: str, gain_mm: float, doubt_mm: float) -> str:
