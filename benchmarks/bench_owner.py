@@ -26,12 +26,14 @@ from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
 from printmend.probe.net import with_net
+from printmend.probe.paper import on_paper, papers_of
 from printmend.probe.pen import with_pen
 from printmend.probe.probe import gcode_of
 from printmend.probe.sheets import design_sheets
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import mend_gcode
 from printmend.repair.part import measure_part
+from printmend.units import A4_MM
 
 PRINTER = read_printer("ender3")
 TIP_MM = 0.8
@@ -69,6 +71,9 @@ def plastic(folder: Path, plan: ProbePlan, broken: foreign.Machine, rng: np.rand
     for number, path in enumerate(gcode_of(folder / "dots.gcode", plan)):
         places, filament, threads = foreign.printed_dots(path, broken)
         radii = np.where(filament > 1.4 * filament.min(), plan.big_dot_mm, plan.dot_mm) / 2
+        if not plan.net:  # the prime line lies beside the dots, with a blob at its end
+            prime = plan.sheets[number].waypoints_mm[1:3]
+            places, radii, threads = np.vstack([places, prime[1:]]), np.append(radii, 0.5), [*threads, prime]
         scans.append(folder / f"dots{number}.jpg")
         scans[-1].write_bytes(
             foreign.plate(places, radii, rng, threads=threads, dpi=dpi, angle=3.0 - 5 * number, quarter=number)
@@ -108,11 +113,15 @@ def main() -> None:
                     plan = design_sheets(PRINTER, (150.0, 210.0), 2)
                 elif way == "net":
                     plan = with_net(plan, PRINTER)
+                if way != "net":  # the prime line lies on the sheet, too
+                    paper_mm = A4_MM if way == "dots" else (150.0, 210.0)
+                    plan = on_paper(plan, PRINTER, papers_of(plan, PRINTER, paper_mm))
                 begun = time.process_time()
                 trace = plastic(folder, plan, broken, rng, options.dpi)
                 said(words, *judged(trace, broken, folder), time.process_time() - begun)
         if "pen" in ways:
-            plan = with_pen(design_probe(PRINTER, glass_mm=(210.0, 297.0)))
+            plan = design_probe(PRINTER, glass_mm=(210.0, 297.0))
+            plan = with_pen(on_paper(plan, PRINTER, papers_of(plan, PRINTER, A4_MM)))
             write_probe(folder / "pen.gcode", plan)
             tips = drawn(folder / "pen.gcode", broken)
             scan = foreign.scan(
