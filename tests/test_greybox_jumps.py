@@ -56,7 +56,7 @@ def test_a_machine_is_learned_in_spite_of_jumps(family: str) -> None:
             np.testing.assert_allclose(mine - mine.mean(), wanted - wanted.mean(), atol=0.08)
 
 
-@pytest.mark.parametrize(("family", "seed"), [("play", 3), ("tabulated", 1), ("polygon", 2), ("pulley-play", 6)])
+@pytest.mark.parametrize(("family", "seed"), [("tabulated", 1), ("polygon", 2), ("pulley-play", 6)])
 def test_a_few_jumps_of_a_layer_are_found_and_snapped(family: str, seed: int) -> None:
     printer, rng = read_printer("ender5"), np.random.default_rng(seed)
     twin = Twin.of(sample(family, rng), printer)

@@ -173,7 +173,7 @@ def test_a_row_of_the_families_table() -> None:
     assert tree.error is None  # learns no screw, but prints
 
 
-@pytest.mark.parametrize(("rest", "noise_mm"), [(0.0, 0.0), (0.0, 0.05), (0.5, 0.0), (1.0, 0.05)])
+@pytest.mark.parametrize(("rest", "noise_mm"), [(0.0, 0.05), (0.5, 0.0), (1.0, 0.05)])
 def test_the_first_tower_tells_where_the_nut_rests(rest: float, noise_mm: float, ender5: Printer) -> None:
     lowered = Corruption(screw=Screw(lead_error=0.02, periodic_mm=0.1, backlash_mm=0.15)).lower(ender5)
     assert isinstance(lowered, Mechanism)
