@@ -6,7 +6,7 @@ from click.testing import CliRunner
 
 from printmend.cli.measure import command
 from printmend.errors import TraceError
-from printmend.learn.calliper_talk import talk
+from printmend.learn.calliper_talk import _doubt, talk
 from printmend.learn.callipers import (
     LONGEST_MM,
     MOST_DISTANCES,
@@ -150,6 +150,13 @@ def test_the_command_lists_reads_and_learns(tmp_path):
     scale, play = (np.abs(budget.motors[0].factor_mm[at]).max() for at in (2, 3))
     assert 0.01 < scale < 0.2  # mm in 100 mm
     assert 0.01 < play < 0.3
+
+
+def test_a_reading_far_off_is_doubted_though_a_fault_might_explain_it():
+    assert "(9 %) off" in _doubt(133.0, 146.5, 5.0)
+    assert "any fault" in _doubt(149.5, 146.5, 0.1)
+    assert "inches" in _doubt(5.75, 146.5, 5.0)
+    assert _doubt(146.0, 146.5, 0.5) == ""
 
 
 def test_callipers_talk(tmp_path):

@@ -186,3 +186,8 @@ def test_the_command_lists_prints_and_converts(tmp_path: Path) -> None:
     assert parse_printer(run(command, [str(path)]).output, subject="mine").x.microsteps == 32
     result = run(command, [str(written(tmp_path, "p.ini", PRUSA))])
     assert "--like" in str(result.exception)
+
+
+def test_another_programs_file_in_place_of_a_printer_names_the_command(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"`printmend printer .*printer.cfg > mine.toml` makes one"):
+        read_printer(written(tmp_path, "printer.cfg", KLIPPER))

@@ -20,6 +20,7 @@ from printmend.learn.callipers import (
 from printmend.measure.plan import ProbePlan
 
 WIDE, TALL = 36, 12  # characters of the picture of the plate
+RARE_SHARE = 0.03  # of a distance: printers that are as wrong are rarer than slips of the hand
 DOUBTED_SIGMAS = 4.0  # standard deviations of what faults and reading may explain together
 ENOUGH_SPREADS = 1.5  # times the spread of a reading: a distance that is known so well tells nothing more
 HELP = (
@@ -75,9 +76,9 @@ def talk(
             value = number_in(answer.removeprefix("i"), wanted)
             if value is None:
                 say(f"{answer!r} is no number; {HELP}")
-            elif abs(value - wanted) > DOUBTED_SIGMAS * np.hypot(spread, READING_SD_MM) and doubted != value:
+            elif doubted != value and (words := _doubt(value, wanted, spread)):
                 doubted = value
-                say(_doubt(value, wanted))
+                say(words)
             else:
                 taken.append((best, value, inner))
     distances = distances_of(
@@ -86,13 +87,18 @@ def talk(
     return distances, np.array([value for _, value, _ in taken])
 
 
-def _doubt(value: float, wanted: float) -> str:
+def _doubt(value: float, wanted: float, spread: float) -> str:
+    """Say why a reading is doubted, nothing where it is not; ``spread`` [mm] is what faults may make of it."""
+    off = abs(value - wanted)
+    unexplained = off > DOUBTED_SIGMAS * np.hypot(spread, READING_SD_MM)
+    if not unexplained and off <= RARE_SHARE * wanted:
+        return ""
     if abs(value * 25.4 / wanted - 1) < 0.1:
         return "That looks like inches: set the callipers to mm and measure again."
-    return (
-        f"That is {abs(value - wanted):.1f} mm from what any fault could explain: measure again (the same number once "
-        "more is taken as it is)."
+    why = (
+        "from what any fault could explain" if unexplained else f"({100 * off / wanted:.0f} %) off, more than is likely"
     )
+    return f"That is {off:.1f} mm {why}: measure again (the same number once more is taken as it is)."
 
 
 def _known(plan: ProbePlan, features: np.ndarray, taken: list[tuple[int, float, bool]]) -> np.ndarray:

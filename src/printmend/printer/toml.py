@@ -9,7 +9,9 @@ from typing import Any
 
 from printmend.errors import ConfigError, InputError
 from printmend.files import read_text
+from printmend.printer.klipper import is_klipper
 from printmend.printer.printer import KLIPPER_PAUSE, PAUSE, Axis, Printer
+from printmend.printer.slicer import is_slicer_profile
 
 _NUMBERS = ("min_mm", "max_mm", "mm_per_turn", "home_mm")
 _COUNTS = ("steps_per_turn", "microsteps")
@@ -62,7 +64,9 @@ def parse_printer(text: str, *, subject: str) -> Printer:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ConfigError(subject, wanted="a printer in TOML", came=f"broken TOML ({error})", todo=_TODO) from None
+        other = is_klipper(text) or is_slicer_profile(text)
+        todo = f"it reads as another program's: `printmend printer {subject} > mine.toml` makes one" if other else _TODO
+        raise ConfigError(subject, wanted="a printer in TOML", came=f"broken TOML ({error})", todo=todo) from None
     _refuse_unknown(table, _KEYS, subject, "the top level")
     name, kinematics = table.get("name", subject), table.get("kinematics")
     if not isinstance(name, str):
