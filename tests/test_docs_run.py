@@ -184,6 +184,9 @@ def look_up(line: list[str], where: str) -> None:
         assert all((ROOT / word).is_file() for word in rest if word.startswith("tests/")), told
     elif program == "python":
         script = (ROOT / rest[0]).read_text(encoding="utf-8")
+        beside = {path.stem: path for path in (ROOT / rest[0]).parent.glob("*.py")}  # options may be shared
+        shared = re.findall(r"^from (\w+) import", script, re.MULTILINE)
+        script += "".join(beside[name].read_text(encoding="utf-8") for name in shared if name in beside)
         assert all(f'"{word.split("=")[0]}"' in script for word in rest if word.startswith("--")), told
     elif program == "printmend":
         command: click.Command = group
