@@ -33,7 +33,7 @@ def test_whatever_is_asked(tmp_path: Path) -> None:
             )  # fmt: skip
             @given(case=operation.as_strategy())
             def ask(case: schemathesis.Case) -> None:
-                case.call_and_validate(checks=CHECKS, timeout=60)
+                case.call_and_validate(checks=CHECKS, timeout=600)
 
             ask()
         assert [path.name for path in tmp_path.iterdir()] == ["studio"]

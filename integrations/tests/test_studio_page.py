@@ -152,6 +152,8 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     printed[plan.rows] = _dots(print_gcode(check, twin).measured_mm, plan.marks_mm)
     page.set_input_files("input[type=file][accept*=csv]", _scan(tmp_path / "check.png", printed, plan_path, 2))
     page.wait_for_selector("text=Take this measurement into the model")
+    page.reload()  # check print and verdict are there again
+    expect(page.get_by_role("link", name="Download the check print")).to_be_visible()
     expect(page.get_by_role("heading", name="The promise was kept")).to_be_visible()
     expect(page.get_by_text("is not the one")).to_have_count(0)  # what keeps its promise is of this machine
     page.get_by_role("button", name="Take this measurement").click()
@@ -237,6 +239,9 @@ PLACES = {
 }  # fmt: skip
 
 
+NARROWER = {390: (360,), 1280: (768, 360)}
+
+
 @pytest.mark.parametrize(
     ("width", "height", "dark", "language"),
     [(390, 844, True, "en-GB"), (1280, 800, False, "de-DE"), (2560, 1440, True, "en-GB")],
@@ -261,6 +266,10 @@ def test_every_screen_fits_and_is_usable_by_all(
         serious = [(one["id"], [node["html"][:120] for node in one["nodes"]][:3]) for one in found
                    if one["impact"] in ("serious", "critical")]  # fmt: skip
         assert serious == [], place
+        for narrower in NARROWER.get(width, ()):  # the same screen in a smaller window, in both languages
+            page.set_viewport_size({"width": narrower, "height": height})
+            assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0, (place, narrower)
+        page.set_viewport_size({"width": width, "height": height})
     _ok(watched)
 
 
