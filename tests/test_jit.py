@@ -48,6 +48,10 @@ def test_kept_and_shipped_code_runs_until_a_helper_of_another_file_is_edited(tmp
     helper.write_text(helper.read_text().replace("return np.int64(byte) - 48", "return np.int64(byte) - 47"))
     assert run() == ["N9 G1 X1", "1", ""]
     assert run() == ["N9 G1 X1", "0", ""]
+    for kind in ("nbi", "nbc"):  # an index that older code or a full disk left, then its code
+        for path in (tmp_path / "kept").rglob(f"*.{kind}"):
+            path.write_bytes(path.read_bytes()[:-40])
+        assert run() == ["N9 G1 X1", "1", ""], kind
 
 
 def test_kernels_come_through_the_door_and_know_nothing_but_numpy_and_kernels():

@@ -94,12 +94,22 @@ class _Kept(FunctionCache):
         stamp, codegen = self._stamp(), target_context.codegen()
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
-            found = self._load_overload(sig, target_context)
+            found = self._kept(sig, target_context)
             if found is None and (data := shipped.load(stamp, sig, codegen)) is not None:
                 self._impl.locator.ensure_cache_path()
                 self._cache_file.save(self._index_key(sig, codegen), data)
                 found = self._impl.rebuild(target_context, data)
             return found
+
+    def _kept(self, sig: Any, target_context: Any) -> Any:
+        """Return what is kept of a signature; a file that cannot be read, of older code or torn, holds nothing."""
+        try:
+            return self._load_overload(sig, target_context)
+        except OSError:
+            raise
+        except Exception:  # numba reads it before it looks whose it is: what a torn one raises is anybody's guess
+            self._cache_file.flush()
+            return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         stamp = self._stamp()
