@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests import naive_reference
+from tests.bodies import circle_body, write_vase
 
 from printmend.bench.table1 import reference_cases, table1
 from printmend.bench.trial import evaluate
 from printmend.dataset.export import export_reference
 from printmend.dataset.reference import write_reference
-from tests import naive_reference
-from tests.bodies import circle_body, write_vase
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,9 @@ import sys
 import time
 from pathlib import Path
 
-from printmend.saved import write_model
 from tests.mending import BENT, START, exactly
+
+from printmend.saved import write_model
 
 KILLS = 6
 
