@@ -143,8 +143,8 @@ def command(
     start = printer.start_gcode and homed_start(printer.start_gcode, subject=f"start_gcode of {printer_name}")
     if start_path is not None:
         start, left_out = start_from(start_path, printer)
-        for line in left_out:
-            click.echo(f"Not copied from {start_path}: {line}", err=True)
+        if left_out:
+            click.echo("\n  ".join((f"Not copied from {start_path}:", *left_out)), err=True)
     plan_path = write_probe(
         output, plan, extruder=extruder or printer.extruder, start_gcode=start, papers=papers,
         pause_gcode=printer.pause_gcode,

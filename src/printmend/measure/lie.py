@@ -19,7 +19,8 @@ AMBIGUOUS = 0.012  # by so much must one way to lie be better than all others
 SAME_TURN_DEG = 8.0  # lies nearer to each other are one
 UPRIGHT_DEG = 20.0  # as straight as a careful person lays a part
 COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
-SCALE_DOUBT = 1.15  # factor between the part and the file beyond which the image's resolution is doubted
+# factors between the part and the file from and up to which the image's resolution is doubted
+SCALE_DOUBT, MOST_SCALE = 1.15, 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +47,13 @@ def find_lie(silhouette: Silhouette, walls: Walls, *, dpi: float, subject: str) 
     side = max(*wanted.shape, *shown.shape)
     reach = int(np.ceil(side * 1.45)) | 1
     wanted, shown = _padded(wanted, reach), _padded(shown, reach)
-    tried = _tried(shown, wanted[::-1], 1.0)
+    tried = _tried(shown, wanted[::-1])
     best = max(tried)
     pieces = _pieces(walls.plastic)
     if best[0] < LEAST_OVERLAP:
-        _refuse(tried, shown, wanted[::-1], silhouette.pieces, pieces, dpi, subject)
+        if silhouette.pieces <= pieces:
+            _check_resolution(silhouette.mask, walls.plastic, thicken_mm, dpi, subject)
+        _refuse(tried, silhouette.pieces, pieces, subject)
     overlap, mirrored, turned = best
     _check_side(tried, best, walls, subject)
     unsure, (overlap, mirrored, turned) = _unsure(tried, best, walls, subject)
@@ -98,23 +101,23 @@ def _padded(picture: np.ndarray, side: int) -> np.ndarray:
 Try = tuple[float, bool, float]
 
 
-def _tried(shown: np.ndarray, wanted: np.ndarray, scale: float) -> list[Try]:
+def _tried(shown: np.ndarray, wanted: np.ndarray) -> list[Try]:
     """Return (overlap, mirrored, turn [°]) of every way in which the shown part may lie, the likely ones finer."""
     found: list[Try] = []
     for mirrored in (False, True):
         picture = shown[:, ::-1] if mirrored else shown
-        rough = [(_overlap(picture, wanted, turn, scale), turn) for turn in np.arange(0.0, 360.0, TURNS_DEG)]
+        rough = [(_overlap(picture, wanted, turn), turn) for turn in np.arange(0.0, 360.0, TURNS_DEG)]
         for _, turn in sorted(rough, reverse=True)[:6]:
             for near in np.arange(turn - TURNS_DEG / 2, turn + TURNS_DEG / 2 + 0.01, FINE_DEG):
-                rough.append((_overlap(picture, wanted, float(near), scale), float(near)))
+                rough.append((_overlap(picture, wanted, float(near)), float(near)))
         found += [(overlap, mirrored, (turn + 180) % 360 - 180) for overlap, turn in rough]
     return found
 
 
-def _overlap(shown: np.ndarray, wanted: np.ndarray, turn_deg: float, scale: float) -> float:
+def _overlap(shown: np.ndarray, wanted: np.ndarray, turn_deg: float) -> float:
     middle = (len(shown) - 1) / 2
     turned = cv2.warpAffine(
-        shown, cv2.getRotationMatrix2D((middle, middle), -turn_deg, scale), shown.shape[::-1], flags=cv2.INTER_LINEAR
+        shown, cv2.getRotationMatrix2D((middle, middle), -turn_deg, 1.0), shown.shape[::-1], flags=cv2.INTER_LINEAR
     )
     return float(np.minimum(turned, wanted).sum() / max(np.maximum(turned, wanted).sum(), 1e-6))
 
@@ -123,22 +126,35 @@ def _pieces(plastic: np.ndarray) -> int:
     return cv2.connectedComponents(plastic.astype(np.uint8), connectivity=8)[0] - 1
 
 
-def _refuse(
-    tried: list[Try], shown: np.ndarray, wanted: np.ndarray, shown_pieces: int, wanted_pieces: int, dpi: float,
-    subject: str,
-) -> None:  # fmt: skip
-    """Raise `ScanError` that says the likeliest reason why nothing fits."""
-    if shown_pieces > wanted_pieces:
-        raise ScanError(
-            subject, wanted=f"the {'part' if wanted_pieces == 1 else f'{wanted_pieces} pieces'} of this file alone",
-            came=f"{shown_pieces} pieces", todo="scan one part at a time",
-        )  # fmt: skip
-    scale = float(np.sqrt(wanted.sum() / max(shown.sum(), 1e-6)))
-    if max(scale, 1 / scale) > SCALE_DOUBT and max(_tried(shown, wanted, scale))[0] > LEAST_OVERLAP:
+def _check_resolution(shown: np.ndarray, plastic: np.ndarray, thicken_mm: float, dpi: float, subject: str) -> None:
+    """Refuse a part that fits at another size, which the image's resolution is to blame for."""
+    scale = _across_mm(plastic, RASTER_MM) / max(_across_mm(shown, COARSE_MM), COARSE_MM)
+    if not 1 / MOST_SCALE < scale < MOST_SCALE or 1 / SCALE_DOUBT < scale < SCALE_DOUBT:
+        return
+    wanted = _centred(plastic, RASTER_MM, thicken_mm)[0]
+    scaled = _centred(shown, COARSE_MM * scale, thicken_mm)[0]
+    reach = int(np.ceil(max(len(wanted), len(scaled)) * 1.45)) | 1
+    if max(_tried(_padded(scaled, reach), _padded(wanted, reach)[::-1]))[0] > LEAST_OVERLAP:
         likely = min(COMMON_DPI, key=lambda value: abs(np.log(value * scale / dpi)))
         raise ScanError(
             subject, wanted="the part at its own size", came=f"one of {1 / scale:.2f} times its size at {dpi:g} dpi",
             todo=f"this scan seems to have {likely:g} dpi: say --dpi {likely:g}",
+        )  # fmt: skip
+
+
+def _across_mm(mask: np.ndarray, pixel_mm: float) -> float:
+    """Return the side of a square as large as what a rubber band around the plastic holds: no line's width matters."""
+    points = cv2.findNonZero(mask.astype(np.uint8))
+    return 0.0 if points is None else float(np.sqrt(cv2.contourArea(cv2.convexHull(points)))) * pixel_mm
+
+
+def _refuse(tried: list[Try], shown_pieces: int, wanted_pieces: int, subject: str) -> None:
+    """Raise `ScanError` that says the likeliest reason why nothing fits."""
+    if shown_pieces > wanted_pieces:
+        raise ScanError(
+            subject, wanted=f"the {'part' if wanted_pieces == 1 else f'{wanted_pieces} pieces'} of this file alone",
+            came=f"{shown_pieces} pieces",
+            todo="scan one part at a time, or give the file that was printed",
         )  # fmt: skip
     raise ScanError(
         subject,
