@@ -244,6 +244,7 @@ def test_bad_crc(corpus: Path, tmp_path: Path) -> None:
         ("; bed_shape = 0x0,300x0,300x300,0x300\n", "300, 300"),
         ("; printer_model = MK4S\n; bed_shape = 0x0,250x0,250x210,0x210\n", "of MK4S"),
         ("; Bed left:0 right:300 top:300 bottom:0\n; Bed type: fixed\n; Target: Voron V2.4 300mm\n", "of Voron V2.4"),
+        ("; Bed left:0 right:1.2.3 top:. bottom:0\n; Target: something else\n", ""),
         (";MINX:20.1\n;MINY:20\n;MAXX:280\n;MAXY:210.5\n", "from 20.1 to 280 mm"),
         (";MINX:2.14748e+06\n;MINY:2.14748e+06\n;MAXX:-2.14748e+06\n;MAXY:-2.14748e+06\n", ""),
         (";TARGET_MACHINE.NAME:Prusa MINI+\n", "Prusa MINI"),

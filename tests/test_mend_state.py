@@ -198,6 +198,9 @@ def test_what_is_lost_is_left_alone() -> None:
 def test_dots_and_where_lines_begin_are_on_the_bed_or_not() -> None:
     dots = START + b"G1 X80 Y60 E1 F1800\nG0 X90 Y95\nG1 E.05\n"
     assert "it stays on the bed: X 60 to 90, Y 60 to 95 mm" in mended(dots, PLAY)[1].summary()
+    told = mended(START + b"G0 X90 Y95\nG1 E.05\n", PLAY)[1].json()
+    assert (told["low_mm"], told["printed_low_mm"]) == (None, (90.0, 95.0))
+    assert mended(START + b"G0 X90 Y95\n", PLAY)[1].json()["printed_low_mm"] is None
     purged = START + b"G0 X-3 Y60\nG1 X80 Y60 E1 F1800\n"
     prediction = mended(purged, PLAY)[1]
     assert (prediction.low_mm, prediction.printed_low_mm) == ((80.0, 60.0), (-3.0, 60.0))

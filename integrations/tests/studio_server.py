@@ -102,14 +102,14 @@ class Watched:
         self.page.screenshot(path=str(PICTURES / f"{name}.png"), full_page=whole)
 
 
-def until(done, longest_s: float = 300.0):
-    """Wait until ``done()`` is true; return it."""
+def until(done, longest_s: float = 300.0, what: object = "it"):
+    """Wait until ``done()`` is true and return what it is; the error names ``what`` was waited for."""
     end = time.monotonic() + longest_s
     while time.monotonic() < end:
         if value := done():
             return value
         time.sleep(0.1)
-    raise AssertionError("it did not come about")
+    raise AssertionError(f"{what} did not come about")
 
 
 def drawn_finely(page: Page, change) -> None:

@@ -102,7 +102,7 @@ def fetch_list(source: str, root: Path) -> int:
     root = Path(root)
     if root.exists() and (not root.is_dir() or (any(root.iterdir()) and not (root / BODIES).exists())):
         raise InputError(root, wanted="a new or empty folder", came="one that holds something", todo="name another")
-    for name in (RECIPE, BODIES):
+    for name in (BODIES, RECIPE):  # the list first: a folder that holds it may be gone on with
         _fetch(source, root, name)
     return len(read_lines(root / BODIES))
 

@@ -12,9 +12,9 @@ _NAMED = re.compile(
 _BED = re.compile(rb'^[;\s"]*(?:bed_shape|printable_area)"?\s*[:=]\s*([^\r\n]*)', re.MULTILINE)
 _BOUND = re.compile(rb"^;\s*(MIN|MAX)([XY]):\s*(-?\d+(?:\.\d+)?)\s*$", re.MULTILINE)
 _KIRI_BED = b"; Bed left:"
+_NUMBER = rb"(-?\d+(?:\.\d+)?)"
 _KIRI = re.compile(
-    rb"^; Bed left:(-?[\d.]+) right:(-?[\d.]+) top:(-?[\d.]+) bottom:(-?[\d.]+)\s*$(?:.|\n)*?^; Target: ([^\r\n]*)",
-    re.MULTILINE,
+    rb"^; Bed left:%b right:%b top:%b bottom:%b\s*$[\s\S]*?^; Target: ([^\r\n]*)" % ((_NUMBER,) * 4), re.MULTILINE
 )
 _CORNER = re.compile(rb"(-?\d+(?:\.\d+)?)x(-?\d+(?:\.\d+)?)")
 

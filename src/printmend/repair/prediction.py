@@ -121,7 +121,9 @@ class Prediction:
         plain["layers"] = list(self.layers)
         plain |= {"planning_rms_mm": self.after.planning_rms_mm, "made_of": dict(self.after.made_of)}
         if not self.extruding:
-            plain["low_mm"] = plain["high_mm"] = plain["printed_low_mm"] = plain["printed_high_mm"] = None
+            plain["low_mm"] = plain["high_mm"] = None
+        if self.printed_low_mm[0] > self.printed_high_mm[0]:  # not a dot either
+            plain["printed_low_mm"] = plain["printed_high_mm"] = None
         return plain
 
     def summary(self) -> str:

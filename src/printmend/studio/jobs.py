@@ -74,7 +74,7 @@ class Jobs:
 
     def look(self, key: str) -> Row:
         """Return a job with its progress: ``share`` 0–1, ``step`` in words, and the seconds that may be ``left_s``."""
-        future = self._running.get(key)  # before the row: a job that ends is noted there first
+        future = self._running.get(key)  # asked before its row: what ends is written there before it leaves here
         job = self._store.job(key)
         told = work.read_progress(self._store.path("job", key)) if job["state"] == "queued" and future else {}
         if told or (future is not None and future.running() and job["state"] == "queued"):

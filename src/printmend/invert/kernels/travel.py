@@ -91,7 +91,10 @@ def _is_still(r):
 
 @inner(error_model="numpy", _nrt=False)
 def _lag(model, state, run, k, n, ahead):
-    """Choose on which leg motor k crosses to the side that goes ``ahead`` [mm], or else to the other."""
+    """Choose on which leg motor k crosses, to the side on which it drives its belt along the line behind the travel.
+
+    ``ahead`` is how far [mm] the belt goes along that line; where no leg serves, the other side is tried.
+    """
     m, now = state[S_M + k], middle(state, k)
     pushed, pulled = backward(model, k, LOWER, now), backward(model, k, UPPER, now)
     lag = min(max((2.0 * m - pushed - pulled) / max(pushed - pulled, 1e-9), -1.0), 1.0)

@@ -65,7 +65,7 @@ export default {
   rms_raw: "daneben, wie er druckt", rms_mended: "daneben, geheilt", p95: "95 % des Wegs innerhalb {mm} mm", moves: "{before} → {after} Befehle, Spiel {n}-mal aufgenommen",
   time: "Druckdauer nach dem Slicer: {time}", time_least: "Druckdauer ungefähr: {time}", hours: "{h} h {m} min", minutes: "{m} min",
   busiest: "In der dichtesten Sekunde: {before} → {after} Befehle",
-  stops: "Stellen, an denen die Düse kurz still steht (kleine Nähte): {n}", on_bed: "Alles bleibt auf dem Bett.",
+  stops: "Stellen, an denen die Düse kurz still steht (kleine Nähte): {n}", on_bed: "Alles bleibt auf dem Bett.", off_bed: "Ein Teil liegt, wie es die Datei sagt, jenseits des Bettrands.",
   clamped: "Am Rand des Betts zurückgehaltene Befehle: {n}", by_layer: "Fehler jeder Schicht, mm", sending: "Sendet", waits: "Wartet", stopped: "Angehalten", no_model: "Zuerst den Testdruck messen: Dann lassen sich Teile heilen.",
 
   prove_now: "Den geheilten Testdruck drucken, einscannen und sehen, ob das Versprechen hielt.", prove_print: "1. Geheilt drucken", prove_scan: "2. Einscannen", make_check: "Prüfdruck erstellen", download_check: "Prüfdruck herunterladen",

@@ -65,7 +65,7 @@ export default {
   rms_raw: "off as it prints", rms_mended: "off when mended", p95: "95 % of the path within {mm} mm", moves: "{before} → {after} commands, slack taken up {n} times",
   time: "Print time, going by the slicer: {time}", time_least: "Print time, about: {time}", hours: "{h} h {m} min", minutes: "{m} min",
   busiest: "In the busiest second: {before} → {after} commands",
-  stops: "Places where the nozzle stands still for a moment (small seams): {n}", on_bed: "All of it stays on the bed.",
+  stops: "Places where the nozzle stands still for a moment (small seams): {n}", on_bed: "All of it stays on the bed.", off_bed: "As the file says, some of it is printed beyond the edge of the bed.",
   clamped: "Commands held back at the edge of the bed: {n}", by_layer: "Error of each layer, mm", sending: "Sending", waits: "Waiting", stopped: "Stopped", no_model: "Measure the test print first: then parts can be mended.",
 
   prove_now: "Print the mended test print, scan it, and see whether the promise was kept.", prove_print: "1. Print it mended", prove_scan: "2. Scan it", make_check: "Make the check print", download_check: "Download the check print",
