@@ -218,8 +218,12 @@ def test_a_full_disk_ends_the_build_and_is_no_fault_of_a_body(
 
 
 def test_a_data_set_is_fetched_whole_and_faults_are_named(data: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "copy"
-    assert fetch_dataset(str(data), copy) == 9
+    copy, early = tmp_path / "copy", tmp_path / "early"
+    early.mkdir()
+    shutil.copy(data / "bodies.jsonl", early)
+    with pytest.raises(InputError, match="a published data set"):
+        fetch_dataset(str(early), copy)
+    assert fetch_dataset(str(data), copy) == 9  # goes on where it broke off
     assert fetch_dataset(str(data), copy) == 0
     assert verify_dataset(copy) == []
     names = [line["body"] for line in read_lines(copy / "bodies.jsonl")]
