@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon
+from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon, Warp
 from printmend.errors import ModelError
 from printmend.learn.greybox import remember
 from printmend.measure import ProbePlan
@@ -19,7 +19,7 @@ from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.repair.learned import learn_model
 from printmend.repair.update import update
-from printmend.saved import SavedModel, model_text, parse_model, read_model, write_model
+from printmend.saved import SavedModel, exact_model, model_text, parse_model, read_model, write_model
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
 
@@ -219,5 +219,8 @@ def test_bad_input_ends_in_one_line(old: SavedModel, tmp_path: Path) -> None:
         result = run("learn", tmp_path / "trace2.csv", *arguments, "-o", tmp_path / "new.mend.json")
         assert isinstance(result.exception, ModelError)
         assert "\n" not in str(result.exception)
+    uneven = Corruption((Drive(), Drive(warp=Warp((0.2, -0.1), 30.0, 60.0))))
+    with pytest.raises(ModelError, match="uneven belt or guide on Y, which"):
+        remember(replace(exact_model(uneven.lower(ENDER3)), learner="hybrid"), 0)
     assert run("learn", tmp_path / "trace2.csv").exit_code == 2
     assert not (tmp_path / "new.mend.json").exists()

@@ -108,24 +108,31 @@ def drift_mm(design: Design) -> np.ndarray:
     return drift
 
 
+def _is_uneven(model: SavedModel, motor: int) -> bool:
+    """Say whether a motor has errors that repeat nothing: of its belt by turns, or kept as tables."""
+    branches = branches_of(model, motor)
+    return model.learner == "hybrid" if branches is None else bool(branches.warp_mm.any())
+
+
 def remember(model: SavedModel, motor: int) -> Remembered:
     """Read one motor of a saved grey box. Raise `ModelError` where the model is of another kind."""
     name = model.printer.motors[motor]
     branches = branches_of(model, motor)
     section = model.document.get("uncertainty", {}).get(name, {})
+    uneven = [name.upper() for each, name in enumerate(model.printer.motors) if _is_uneven(model, each)]
+    if uneven:
+        raise ModelError(
+            "--update",
+            wanted="a machine whose faults repeat with the motor's turn",
+            came=f"an uneven belt or guide on {' and '.join(uneven)}, which a small print cannot update",
+            todo="learn anew from a whole probe, without --update",
+        )
     if model.learner != "greybox" or branches is None or not isinstance(section.get("sd_mm"), dict):
         raise ModelError(
             "--update",
             wanted="a model that `learn` made with auto or greybox",
             came=f"one made by {model.learner}",
             todo="print a whole probe again and learn from it, without --update",
-        )
-    if branches.warp_mm.any():
-        raise ModelError(
-            "--update",
-            wanted="a machine whose faults repeat with the motor's turn",
-            came=f"an uneven belt or guide on {name.upper()}, which a small print cannot update",
-            todo="learn anew from a whole probe, without --update",
         )
     old = _design(branches, section["sd_mm"], model, motor)
     design = Design(
