@@ -203,7 +203,7 @@ def test_the_lines_of_the_table_are_the_statistics_of_its_bodies() -> None:
     assert naive.targets_s == pytest.approx(1000)
     assert (oracle.bodies, oracle.failures, oracle.ratio_to_oracle) == (3, 1, 1.0)
     (nothing,) = lines([result("b4", "forest", None)], ("forest",))
-    assert cells(nothing) == ("forest", "0", "–", "–", "–", "–", "–", "–", "–")
+    assert cells(nothing) == ("forest", "0 of 1", "–", "–", "–", "–", "–", "–", "–")
     assert body_table(results, ("naive", "oracle")).splitlines()[-1].split() == ["b4", "40.000000", "–"]
 
 

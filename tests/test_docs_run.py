@@ -30,6 +30,7 @@ from printmend.twin import Twin
 from printmend.twin.scanner import CLEAN, render_scan
 from tests.test_docs import PAGES, ROOT
 from tests.test_learn_space import DRIVES, SCREW, measured, tower
+from tests.test_printer_convert import KLIPPER
 
 RUN = {"probe", "twin", "measure", "learn", "check", "mend", "verify", "export", "diagnose", "printer", "body"}
 LANGUAGES = {"sh", "python", "toml", "text"}
@@ -108,6 +109,7 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_trace(here / "trace2.csv", measure_scans([here / "scan-turned.png"], plan).trace)
     write_trace(here / "tower.csv", measured(SCREW, tower(), frame=fault.frame))
     (here / "broken.toml").write_text(corruption_toml(fault))
+    (here / "printer.cfg").write_text(KLIPPER)
     square = [f"G1 X{x} Y{y} E1 F1800" for x, y in ((130, 100), (130, 130), (100, 130), (100, 100))]
     (here / "part.gcode").write_text("\n".join(["G21", "G90", "M83", "G28", "G1 Z0.2 F600", "G0 X100 Y100", *square]))
     return here

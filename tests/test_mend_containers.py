@@ -247,6 +247,7 @@ def test_bad_crc(corpus: Path, tmp_path: Path) -> None:
         ("; Bed left:0 right:1.2.3 top:. bottom:0\n; Target: something else\n", ""),
         (";MINX:20.1\n;MINY:20\n;MAXX:280\n;MAXY:210.5\n", "from 20.1 to 280 mm"),
         (";MINX:2.14748e+06\n;MINY:2.14748e+06\n;MAXX:-2.14748e+06\n;MAXY:-2.14748e+06\n", ""),
+        ("; printer_model = \n; printer_settings_id = \n; bed_shape = 0x0,200x0,200x200,0x200\n", ""),
         (";TARGET_MACHINE.NAME:Prusa MINI+\n", "Prusa MINI"),
         ("; printer_settings_id = Bob's\n; bed_shape = 0x0,235x0,235x235,0x235\n", ""),
         ("; printer_settings_id = my own ender3\n; bed_shape = 5x5,230x5,230x230,5x230\n", ""),

@@ -238,7 +238,7 @@ def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
     mine = _model_word(printer.name)
     presets = preset_names() if said.names else ()
     others = {_model_word(read_printer(preset).name) for preset in presets} - _GENERIC
-    stranger = mine in others and not any(mine in _plain(name) for name in said.names)
+    stranger = bool(said.names) and mine in others and not any(mine in _plain(name) for name in said.names)
     if said.bed_mm is not None:
         own = ((printer.x.min_mm, printer.y.min_mm), (printer.x.max_mm, printer.y.max_mm))
         off_mm = float(np.abs(np.subtract(own, said.bed_mm)).max())
