@@ -7,9 +7,9 @@ from dataclasses import dataclass
 _NAMES, _BEDS = (b"printer_model", b"printer_settings_id", b"TARGET_MACHINE.NAME"), (b"bed_shape", b"printable_area")
 _ENDS = (b"MINX:", b"MINY:", b"MAXX:", b"MAXY:")
 _NAMED = re.compile(
-    rb'^[;\s"]*(?:printer_model|printer_settings_id|TARGET_MACHINE\.NAME)"?\s*[:=]\s*"?([^\r\n"]*)', re.MULTILINE
+    rb'^[;\s"]*(?:printer_model|printer_settings_id|TARGET_MACHINE\.NAME)"?[ \t]*[:=][ \t]*"?([^\r\n"]*)', re.MULTILINE
 )
-_BED = re.compile(rb'^[;\s"]*(?:bed_shape|printable_area)"?\s*[:=]\s*([^\r\n]*)', re.MULTILINE)
+_BED = re.compile(rb'^[;\s"]*(?:bed_shape|printable_area)"?[ \t]*[:=][ \t]*([^\r\n]*)', re.MULTILINE)
 _BOUND = re.compile(rb"^;\s*(MIN|MAX)([XY]):\s*(-?\d+(?:\.\d+)?)\s*$", re.MULTILINE)
 _KIRI_BED = b"; Bed left:"
 _NUMBER = rb"(-?\d+(?:\.\d+)?)"
