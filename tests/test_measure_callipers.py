@@ -153,10 +153,11 @@ def test_the_command_lists_reads_and_learns(tmp_path):
 
 
 def test_a_reading_far_off_is_doubted_though_a_fault_might_explain_it():
-    assert "(9 %) off" in _doubt(133.0, 146.5, 5.0)
-    assert "any fault" in _doubt(149.5, 146.5, 0.1)
-    assert "inches" in _doubt(5.75, 146.5, 5.0)
-    assert _doubt(146.0, 146.5, 0.5) == ""
+    assert "(9 %) off" in _doubt(133.0, 146.5, 146.5, 5.0, False)
+    assert "no fault" in _doubt(149.5, 146.5, 146.5, 0.1, False)
+    assert "inches" in _doubt(5.75, 146.5, 146.5, 5.0, False)
+    assert "distances so far" in _doubt(146.5, 146.5, 150.0, 0.1, True)
+    assert _doubt(146.0, 146.5, 146.5, 0.5, False) == _doubt(149.8, 146.5, 150.0, 0.1, True) == ""
 
 
 def test_callipers_talk(tmp_path):
@@ -176,7 +177,7 @@ def test_callipers_talk(tmp_path):
         between = float(np.hypot(*(a - b)))
         if asked["slip"] and asked["count"] == 3:
             asked["slip"] = False
-            return f"{between + 12:.2f}"
+            return f"{between + plan.big_dot_mm + 4:.2f}"
         if asked["undo"] and asked["count"] == 5:
             asked["undo"] = False
             return "u"
@@ -185,7 +186,8 @@ def test_callipers_talk(tmp_path):
         return f"{between + plan.big_dot_mm + 0.1:.2f}".replace(".", ",")
 
     distances, readings = talk(plan, ask, said.append, picture=tmp_path / "map.png")
-    assert any("measure again" in line for line in said)
+    # what fits the distances before it is not doubted, however far that is from what was wanted
+    assert sum("measure again" in line for line in said) == 1
     assert any("taken back" in line for line in said)
     assert said[-1].startswith("Enough")
     assert 6 <= len(readings) <= MOST_DISTANCES + 12

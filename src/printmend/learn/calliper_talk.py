@@ -20,7 +20,8 @@ from printmend.learn.callipers import (
 from printmend.measure.plan import ProbePlan
 
 WIDE, TALL = 36, 12  # characters of the picture of the plate
-RARE_SHARE = 0.03  # of a distance: printers that are as wrong are rarer than slips of the hand
+RARE_SHARE = 0.02  # of a distance: printers that are as wrong are rarer than slips of the hand
+LEAST_DOUBTED_MM = 1.5  # what few distances say of a printer with several faults is often off by less
 DOUBTED_SIGMAS = 4.0  # standard deviations of what faults and reading may explain together
 ENOUGH_SPREADS = 1.5  # times the spread of a reading: a distance that is known so well tells nothing more
 HELP = (
@@ -44,7 +45,7 @@ def talk(
     skipped: list[int] = []
     doubted: float | None = None
     while True:
-        covariance = _known(plan, features, taken)
+        mean, covariance = _known(plan, pairs, features, taken)
         used = [one for one, _, _ in taken] + skipped
         if len(used) == len(pairs):
             break
@@ -72,11 +73,12 @@ def talk(
             skipped.append(best)
         else:
             inner = answer.startswith("i")
-            wanted = about - (2 * plan.big_dot_mm if inner else 0.0)
+            wanted = _commanded_mm(plan, pairs, best, inner)
             value = number_in(answer.removeprefix("i"), wanted)
+            fits = wanted + float(_row(features, best, inner) @ mean)
             if value is None:
                 say(f"{answer!r} is no number; {HELP}")
-            elif doubted != value and (words := _doubt(value, wanted, spread)):
+            elif doubted != value and (words := _doubt(value, wanted, fits, spread, bool(taken))):
                 doubted = value
                 say(words)
             else:
@@ -87,27 +89,51 @@ def talk(
     return distances, np.array([value for _, value, _ in taken])
 
 
-def _doubt(value: float, wanted: float, spread: float) -> str:
-    """Say why a reading is doubted, nothing where it is not; ``spread`` [mm] is what faults may make of it."""
-    off = abs(value - wanted)
+def _doubt(value: float, wanted: float, fits: float, spread: float, later: bool) -> str:
+    """Say why a reading is doubted, nothing where it is not.
+
+    ``wanted`` is the commanded distance and ``fits`` what the readings so far make of it [mm], ``spread`` [mm] what
+    faults may add to that; ``later`` says that there are such readings.
+    """
+    off = abs(value - fits)
     unexplained = off > DOUBTED_SIGMAS * np.hypot(spread, READING_SD_MM)
-    if not unexplained and off <= RARE_SHARE * wanted:
+    if off <= LEAST_DOUBTED_MM or (not unexplained and off <= RARE_SHARE * wanted):
         return ""
     if abs(value * 25.4 / wanted - 1) < 0.1:
         return "That looks like inches: set the callipers to mm and measure again."
-    why = (
-        "from what any fault could explain" if unexplained else f"({100 * off / wanted:.0f} %) off, more than is likely"
-    )
-    return f"That is {off:.1f} mm {why}: measure again (the same number once more is taken as it is)."
+    if later:
+        why = "from what would fit the distances so far"
+    elif unexplained:
+        why = "from what is wanted, and no fault could explain it"
+    else:
+        why = f"({100 * off / wanted:.0f} %) off, more than is likely"
+    undo = "; u takes the one before back" if later else ""
+    return f"That is {off:.1f} mm {why}: measure again (the same number once more is taken as it is{undo})."
 
 
-def _known(plan: ProbePlan, features: np.ndarray, taken: list[tuple[int, float, bool]]) -> np.ndarray:
+def _commanded_mm(plan: ProbePlan, pairs: np.ndarray, one: int, inner: bool) -> float:
+    across = float(distances_of(plan, pairs[[one]]).across_mm[0])
+    return across - (2 * plan.big_dot_mm if inner else 0.0)
+
+
+def _row(features: np.ndarray, one: int, inner: bool) -> np.ndarray:
+    """Return how a reading changes with each fault; between inner edges larger dots make it smaller."""
+    return features[one] * np.append(np.ones(features.shape[1] - 1), -1.0 if inner else 1.0)
+
+
+def _known(
+    plan: ProbePlan, pairs: np.ndarray, features: np.ndarray, taken: list[tuple[int, float, bool]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the readings say of the faults: their means [P] and covariance [P, P]."""
     covariance = prior_covariance(plan)
-    for one, _, inner in taken:
-        row = features[one] * np.append(np.ones(features.shape[1] - 1), -1.0 if inner else 1.0)
+    mean = np.zeros(len(covariance))
+    for one, value, inner in taken:
+        row = _row(features, one, inner)
         gain = covariance @ row
+        off = value - _commanded_mm(plan, pairs, one, inner) - row @ mean
+        mean = mean + gain * off / (READING_SD_MM**2 + row @ gain)
         covariance = covariance - np.outer(gain, gain) / (READING_SD_MM**2 + row @ gain)
-    return covariance
+    return mean, covariance
 
 
 def _tell(plan: ProbePlan, pairs: np.ndarray, taken: list[tuple[int, float, bool]], say: Callable[[str], None]) -> None:
