@@ -144,7 +144,7 @@ def closing(demo: Demo, written: list[Path]) -> str:
     slack = any(drive.belt is not None for drive in demo.corruption.drives)
     return "\n".join(
         [
-            f"broken: {faults}; RMSE {naive.rmse_mm:.2f} mm as commanded, "
+            f"broken: {faults}; typically {naive.rmse_mm:.2f} mm off as it is, "
             f"{mended.rmse_mm:.2f} mm mended ({NAMES[SHOWN]})",
             *(
                 f"{name} as published has no memory: it takes slack for lost motion and drifts. Take the belts out of "
@@ -174,22 +174,22 @@ def write_demo(demo: Demo, out: Path, *, tick: Callable[[str], None] = lambda wh
     out.mkdir(parents=True, exist_ok=True)
     body, printer = demo.body, demo.printer
     attempts = {attempt.row: attempt for attempt in demo.attempts}
-    ideal = [layer.nominal_steps.astype(float) for layer in body.layers]
-    prints = {"ideal": ideal, "corrupted": attempts["naive"].printed_steps, "corrected": attempts[SHOWN].printed_steps}
+    wanted = [layer.nominal_steps.astype(float) for layer in body.layers]
+    prints = {"wanted": wanted, "as it is": attempts["naive"].printed_steps, "mended": attempts[SHOWN].printed_steps}
     bodies = {
         name: [printed_layer(layer, steps, printer) for layer, steps in zip(body.layers, printed, strict=True)]
         for name, printed in prints.items()
     }
-    worst_mm = np.concatenate([layer.error_mm for layer in bodies["corrupted"]])
+    worst_mm = np.concatenate([layer.error_mm for layer in bodies["as it is"]])
     colours = Normalize(0, max(float(np.percentile(worst_mm, 98)), printer.x.mm_per_step))
     titles = [
-        "ideal",
-        f"corrupted: RMSE {attempts['naive'].rmse_mm:.2f} mm",
-        f"corrected: RMSE {attempts[SHOWN].rmse_mm:.2f} mm",
+        "wanted",
+        f"as it is: typically {attempts['naive'].rmse_mm:.2f} mm off",
+        f"mended: typically {attempts[SHOWN].rmse_mm:.2f} mm off",
     ]
     written = []
     for file, draw, view in (("above.png", draw_above, above_view), ("solid.png", draw_solid, solid_view)):
-        box = view([*bodies["ideal"], *bodies["corrupted"], *bodies["corrected"]])
+        box = view([layer for layers in bodies.values() for layer in layers])
         pictures = [
             lambda axes, layers=layers, draw=draw, box=box: draw(axes, layers, colours=colours, view_mm=box)
             for layers in bodies.values()
