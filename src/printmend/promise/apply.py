@@ -23,11 +23,11 @@ SCALE_SD, SKEW_SD = 0.02, 0.01  # of a scale and of half a skew [rad] that are f
 FAULT_ODDS = np.exp(-2.0)  # of each fault
 # Of a fault that an instrument is hardly told from: its size as a share of the above. It does not act.
 SLIGHT_SHARE = 0.1
-SKEW, MOTORS = 1, (4, 5)  # the frame's skew and a CoreXY's motors in the list of a printer's own faults
+# Where `_faults` lists the frame's skew, and the scales of a CoreXY's motors; and of the sets that mix kinds of scales
+# the only two that are tried: both motors' with the x axis's or the y axis's.
+SKEW, MOTORS = 1, (4, 5)
 BOTH_MOTORS_AND_AXIS = ((2, *MOTORS), (3, *MOTORS))
-MOTORS_ODDS = np.exp(
-    -2.0
-)  # of two motors' scales that differ each by its own amount, where a crooked frame does as well
+MOTORS_ODDS = np.exp(-2.0)  # of both motors' scales being wrong, each by its own amount: a skewed frame looks the same
 LEAST_WEIGHT = 1e-3  # weight of a set of faults that counts
 SETTLED_SHARE = 1e-5  # share to which a fit without a part knows that it is none
 WAVE_FACTOR = 3.0  # times the unevenness of the instrument: a smaller wave may be its own
