@@ -115,8 +115,7 @@ def _settle(file: Any, beside: Path, target: Path) -> None:
 def remove_upload(here: Here, key: Key) -> None:
     """Remove a file that was sent."""
     here.store.upload(key)
-    here.store.forget("upload", key)
-    here.store.path("upload", key).unlink(missing_ok=True)
+    here.store.remove_upload(key)
 
 
 @router.get("/jobs", tags=["jobs"])
@@ -184,8 +183,7 @@ def remove_job(here: Here, key: Key) -> None:
     upload = here.store.job(key)["params"].get("upload")
     here.jobs.remove(key)
     if upload is not None and not here.store.jobs_of(upload):
-        here.store.forget("upload", upload)
-        here.store.path("upload", upload).unlink(missing_ok=True)
+        here.store.remove_upload(upload)
 
 
 @router.get(

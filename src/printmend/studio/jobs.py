@@ -50,8 +50,7 @@ class Jobs:
         for key in jobs:
             self.remove(key)
         for key in uploads:
-            self._store.forget("upload", key)
-            self._store.path("upload", key).unlink(missing_ok=True)
+            self._store.remove_upload(key)
 
     def submit(self, kind: str, printer: str | None, params: Row) -> str:
         """Queue a job; return its key. Raises `RefusedError` where too many wait."""

@@ -117,6 +117,11 @@ class Store:
                 link.execute(sql.delete(JOBS).where(JOBS.c.printer == key))
             link.execute(sql.delete(table).where(table.c.id == key))
 
+    def remove_upload(self, key: str) -> None:
+        """Take an upload out of the database, and remove its file."""
+        self.forget("upload", key)
+        self.path("upload", key).unlink(missing_ok=True)
+
     def printers(self) -> list[Row]:
         """Return all printers, the oldest first."""
         return self._rows(sql.select(PRINTERS).order_by(PRINTERS.c.created_s))
