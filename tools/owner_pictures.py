@@ -52,7 +52,7 @@ def keep(picture: Path, name: str) -> None:
         image = image.resize((WIDE_PX, round(image.height * WIDE_PX / image.width)), Image.Resampling.LANCZOS)
     target = FIGURES / name
     if name.endswith(".png"):
-        image.quantize(256).save(target, optimize=True)
+        image.save(target, optimize=True)  # a palette of 256 loses the colours that the legends name
     else:
         image.save(target, quality=80, optimize=True)
     print(target)
