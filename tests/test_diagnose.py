@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY, Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play
 from printmend.diagnosis.advice import advise
-from printmend.diagnosis.diagnosis import Fault
+from printmend.diagnosis.diagnosis import Fault, or_a_skew
 from printmend.errors import GcodeError, InputError, TraceError
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import Trace
@@ -72,6 +72,16 @@ def test_a_crooked_corexy_is_called_so_before_two_opposite_pulleys(rng: np.rando
     assert model.findings[0].startswith("A healthy; B healthy; frame skewed by 0.50")
     assert "less likely, motor A's pulley is 0.4" in model.findings[0]
     assert [fault["kind"] for fault in model.document["diagnosis"]] == ["skew"]
+
+
+def test_a_wrong_pulley_of_a_corexy_may_be_a_skewed_frame_of_a_wrong_size() -> None:
+    wrong = Fault("a", "scale", 1.83, 0.13, "%", "pulley radius 6.4832 ± 0.0083 mm instead of 6.366")
+    (named,), other = or_a_skew([[wrong], []])
+    other_cause = "the frame is skewed by 1.05° and prints 0.92 % too large, which looks the same"
+    assert named.words == f"{wrong.words} (or, less likely, {other_cause})"
+    assert other == []
+    both = [[wrong], [Fault("b", "scale", 1.9, 0.13, "%", "alike")]]
+    assert or_a_skew(both) == both
 
 
 def test_the_pulley_in_the_picture_is_the_pulley_in_the_machine(examined: Examination) -> None:

@@ -83,6 +83,7 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     crooked = _frame_faults(model, doubt)
     if model.printer.kinematics == "corexy":
         own, crooked = _skew_first(own, crooked)
+        own = own if doubt.placed or crooked else or_a_skew(own)
     for drive, found in zip(model.drives, own, strict=True):
         faults += found
         words = ", ".join(fault.words for fault in found)
@@ -301,6 +302,22 @@ def _skew_first(own: list[list[Fault]], crooked: list[Fault]) -> tuple[list[list
     fault = Fault("frame", "skew", skew, skew_sd, "°", words)
     rest = [[each for each in found if each.kind != "scale"] for found in own]
     return rest, [fault, *(each for each in crooked if each.kind != "skew")]
+
+
+def or_a_skew(own: list[list[Fault]]) -> list[list[Fault]]:
+    """Name the other cause of a CoreXY's wrong pulleys where nobody saw which way its x runs: motors whose scales are
+    off by a and b stretch the bed by (a + b)/2 and make it lean by a − b, as a skewed frame of a wrong size does."""
+    scales = [fault for found in own for fault in found if fault.kind == "scale"]
+    if not scales:
+        return own
+    named = max(scales, key=lambda fault: abs(fault.value))
+    a, b = (sum(fault.value for fault in found if fault.kind == "scale") for found in own)
+    skew, wide, sd = float(np.degrees((a - b) / 100)), (a + b) / 2, max(fault.sd for fault in scales)
+    if abs(a - b) < NAMED_SIGMAS * np.sqrt(2) * sd:
+        return own
+    size = f" and prints {abs(wide):.2f} % too {'large' if wide > 0 else 'small'}" if abs(wide) > sd else ""
+    words = f"{named.words} (or, less likely, the frame is skewed by {skew:.2f}°{size}, which looks the same)"
+    return [[replace(each, words=words) if each is named else each for each in found] for found in own]
 
 
 def _skew_sd(drive: LearnedDrive) -> float:
