@@ -38,7 +38,8 @@ PATTERNED_LOSS_SHARE = 0.6  # jumps are believed where they lower the mean resid
 WHITE_LOSS_SHARE = 0.9  # … or than this one, where nothing but noise remains
 MOST_JUMPS = 64  # jumps of one motor that are taken out one by one
 CLIMBS = 4  # rounds of jumps and model
-MOST_SEARCHES = 8  # searches for a model of one motor: where there are jumps, the first few show them
+MOST_SEARCHES, FEWEST_SEARCHES = 8, 4  # for a model of one motor: where there are jumps, the first few show them
+MOST_SEARCHED = 20_000  # measured rows that all these searches together look at, but for the fewest
 MOST_FITTED = 600_000  # rows whose increments are fitted for one motor, in all fits together
 ROWS_PER_JUMP = 25  # measured rows for each jump: more frequent jumps imitate something else
 WHITE_SHARE = 0.4  # with a larger share of independent residuals there are no jumps
@@ -53,8 +54,14 @@ Belief = tuple[tuple[Jump, ...], Choice]
 class Effort:
     """What may still be spent on one motor's jumps, counted and not timed: a search always ends at the same place."""
 
-    searches: int = MOST_SEARCHES
+    searches: int
     rows: int = MOST_FITTED
+
+    @classmethod
+    def on(cls, rows: Rows) -> "Effort":
+        """Return what may be spent on so many rows."""
+        measured = max(int((rows.weight > 0).sum()), 1)
+        return cls(int(np.clip(MOST_SEARCHED // measured, FEWEST_SEARCHES, MOST_SEARCHES)))
 
     @property
     def is_spent(self) -> bool:
@@ -75,7 +82,7 @@ def find_jumps(rows: Rows, found: Choice, axis: Axis) -> Belief:
     if calm or int((rows.weight > 0).sum()) < 4 * COARSE_HARMONICS:
         return (), found
     best: Belief = (), found
-    effort = Effort()
+    effort = Effort.on(rows)
     for belief in _beliefs(rows, found, axis, effort):
         best = _climbed(rows, belief, best, axis, effort)
         if effort.is_spent or best[1].fit.loss_mm < GOOD_LOSS_MM or (best[0] and best[1].fit.share > WHITE_SHARE):
