@@ -4,9 +4,10 @@
 
 The printer is benchmarks/outside.py, with the faults of outside_faults.py on top; neither shares code with printmend.
 Kinds: faults that its models have, faults that none has, healthy printers, scans (a stretch of its own, neither place
-nor turn on the bed: in shape only), and glimpses (a print of 12 to 30 mm, then a larger part). Seeds 900 and up are
-kept for the figures in docs/results.md; develop on others. One line a case, then for each kind: how often truth lay in
-the range, the median of truth ÷ expected, the worst harm, the largest error.
+nor turn on the bed: in shape only), settled scans (of a worse scanner, the plate scanned twice, turned by about a
+quarter, and one distance taken with callipers), and glimpses (a print of 12 to 30 mm, then a larger part). Seeds 900
+and up are kept for the figures in docs/results.md; develop on others. One line a case, then for each kind: how often
+truth lay in the range, the median of truth ÷ expected, the worst harm, the largest error.
 """
 
 import argparse
@@ -24,14 +25,44 @@ import outside_faults
 from bench_outside import FAMILIES, PRESETS, contour_error_mm, part_gcode, run, walk_of
 from bench_outside_scan import placed_error_mm
 from printmend.errors import RefusedError
-from printmend.path import Trace
+from printmend.measure.distance import scaled_by
+from printmend.measure.join import scanner_axes
+from printmend.measure.measurement import instrument_on_bed
+from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import read_printer
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model
 
-KINDS = ("modelled", "unmodelled", "healthy", "scan", "glimpse")
-STRETCH_SD = 0.001  # of the foreign scanner: scale, difference of axes, lean
+KINDS = ("modelled", "unmodelled", "healthy", "scan", "glimpse", "settled")
+STRETCH_SD, WORSE_STRETCH_SD = 0.001, 0.002  # of the foreign scanners: scale, difference of axes, lean
+CALLIPERS_SD_MM, DOT_MM = 0.02, 1.6  # of a reading; the width of the dots whose outer edges it is taken over
+SCANNED = ("scan", "settled")
 GLIMPSED = ("pulley", "play", "pulley+play")
+
+
+def glass_of(rng: np.random.Generator, stretch_sd: float) -> np.ndarray:
+    """Draw how a foreign scanner stretches what lies on it [2, 2]."""
+    common, half, lean = rng.normal(0, stretch_sd, 3) * [1, 0.7, 0.3]
+    return np.array([[1 + common + half, 2 * lean], [0, 1 + common - half]])
+
+
+def settled_scan(ends: np.ndarray, noise_mm: float, rng: np.random.Generator) -> tuple[np.ndarray, Instrument]:
+    """Scan places [N, 2] twice, turned, and measure one distance between them: return what printmend makes of it."""
+    glass, turn = glass_of(rng, WORSE_STRETCH_SD), rng.uniform(0, 2 * np.pi)
+    turns = (turn, turn + rng.uniform(1.2, 1.9))
+    ways = [np.array([[np.cos(t), -np.sin(t)], [np.sin(t), np.cos(t)]]) for t in turns]
+    middle = ends.mean(axis=0)
+    scans = [(ends - middle) @ way.T @ glass.T + rng.normal(0, noise_mm, ends.shape) for way in ways]
+    axes, _, _ = scanner_axes(scans)
+    upright = [scan @ np.linalg.inv(axes).T @ way for scan, way in zip(scans, ways, strict=True)]
+    measured = (upright[0] + upright[1]) / 2
+    span = (int(np.argmin(ends.sum(axis=1))), int(np.argmax(ends.sum(axis=1))))
+    distance_mm = float(np.hypot(*(ends[span[1]] - ends[span[0]]))) + DOT_MM + rng.normal(0, CALLIPERS_SD_MM)
+    dots_mm = DOT_MM * np.hypot(*glass).mean() + rng.normal(0, noise_mm, 2)
+    measured, instrument, _ = scaled_by(
+        distance_mm, span, dots_mm, measured, instrument_on_bed(FLATBED, np.eye(2), settled=True)
+    )
+    return measured + np.array([80.0, 95.0]), instrument
 
 
 def judge(kind: str, preset: str, family: str, number: int, seed: int, noise_mm: float, folder: Path) -> dict:
@@ -64,10 +95,13 @@ def judge(kind: str, preset: str, family: str, number: int, seed: int, noise_mm:
     wanted = np.array([home, *(move.end_mm for move in moves)])
     travelled = float(np.hypot(*np.diff(wanted, axis=0).T).sum())
     measured = ends + rng.normal(0, noise_mm, ends.shape)
+    instrument = None
     if kind == "scan":
-        common, half, lean = rng.normal(0, STRETCH_SD, 3) * [1, 0.7, 0.3]
-        measured = (measured - 90) @ np.array([[1 + common + half, 2 * lean], [0, 1 + common - half]]).T + [80, 95]
-    trace = Trace(wanted, measured, homed=True, placed=kind != "scan")
+        measured = (measured - 90) @ glass_of(rng, STRETCH_SD).T + [80, 95]
+    elif kind == "settled":
+        measured, instrument = settled_scan(ends, noise_mm, rng)
+    placed = kind not in SCANNED
+    trace = Trace(wanted, measured, homed=True, placed=placed, instrument=instrument)
     model = learn_model(trace, read_printer(preset))
     source, output = folder / "part.gcode", folder / "out.gcode"
     source.write_text(part_gcode(rng, bed))
@@ -81,7 +115,7 @@ def judge(kind: str, preset: str, family: str, number: int, seed: int, noise_mm:
     true = []
     for commands in (ideal, made):
         way = printed(commands, travelled)
-        if kind == "scan":
+        if not placed:
             true.append(placed_error_mm(ideal, commands, way)[0])
         else:
             true.append(float(np.sqrt(np.mean(contour_error_mm(ideal, commands, way) ** 2))))
@@ -129,7 +163,7 @@ def draw(rows: list[dict], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(6.2, 5.6))
-    for kind, colour in zip(KINDS, ("#0f766e", "#c2410c", "#6b7280", "#4338ca", "#a16207"), strict=True):
+    for kind, colour in zip(KINDS, ("#0f766e", "#c2410c", "#6b7280", "#4338ca", "#a16207", "#be185d"), strict=True):
         mine = [row for row in rows if row["kind"] == kind]
         if not mine:
             continue
@@ -177,7 +211,7 @@ def main() -> None:
             for preset in options.printer or ("ender3", "corexy"):
                 for family in families:
                     for number in range(options.cases):
-                        noise = 0.02 if kind == "scan" else options.noise_mm
+                        noise = 0.02 if kind in SCANNED else options.noise_mm
                         row = judge(kind, preset, family, number, options.seed, noise, Path(folder))
                         rows.append(row)
                         print(json.dumps(row) if options.json else told(row), flush=True)
