@@ -262,6 +262,9 @@ def test_patterns_are_told_from_noise(rng: np.random.Generator) -> None:
     side = np.sign(np.diff(rows.motor_mm, prepend=0.0)).astype(np.int8)
     noise = rng.normal(0, 0.05, len(rows))
     assert unexplained(rows, noise, side).variance_mm2 == 0
+    assert unexplained(rows, noise, side, 0.04).variance_mm2 == 0  # it may scatter a little more than it says
+    drawn_anew = unexplained(rows, noise, side, 0.01)
+    assert np.sqrt(drawn_anew.variance_mm2) == pytest.approx(0.05, rel=0.15)  # that much more is the printer's
     for pattern in (
         0.05 * np.sin(rows.motor_mm / 5),  # by place
         0.05 * side,  # by direction

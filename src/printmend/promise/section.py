@@ -31,13 +31,15 @@ def promise_section(
     """
     fit = acts.fit
     rows = motor_rows(trace, fit.printer, fit.periods_mm)
+    if (scatter_mm := instrument_scatter_mm(trace)) is not None:
+        scatter_mm *= float(np.linalg.norm(fit.printer.to_motor(np.eye(2))[:, 0]))  # of a motor for either axis's
     motors = {}
     for motor, drive in enumerate(fit.drives):
         touch = drive.choice.fit.touch
         known = 0.0 if explained_mm is None else explained_mm[:, motor]
-        left = unexplained(rows[motor], touch.residual_mm - known, touch.side)
+        left = unexplained(rows[motor], touch.residual_mm - known, touch.side, scatter_mm)
         if left_mm is not None:
-            more = unexplained(rows[motor], left_mm[:, motor] - known, touch.side)
+            more = unexplained(rows[motor], left_mm[:, motor] - known, touch.side, scatter_mm)
             if (less_mm2 := left.variance_mm2 - more.variance_mm2) > 0:
                 left = replace(more, variance_mm2=more.variance_mm2 + DOUBTED_SHARE * less_mm2)
         motors[drive.name] = motor_section(drive, fit.printer, motor, left.variance_mm2, left.sd_mm2)
@@ -47,6 +49,18 @@ def promise_section(
     if acts.left_out:
         section["left_out"] = [asdict(each) for each in acts.left_out]
     return {**section, "motors": motors}
+
+
+def instrument_scatter_mm(trace: Trace) -> float | None:
+    """Return the standard deviation of each coordinate that a measurement says of itself, None where it says none.
+
+    Walls are judged by how they scatter, which says nothing of what does so.
+    """
+    stated = np.zeros(0) if trace.sigma_mm is None else trace.sigma_mm[trace.measured_rows]
+    stated = stated[np.isfinite(stated) & (stated > 0)]
+    if not len(stated) or trace.wall_rows.any():
+        return None
+    return float(np.hypot(np.median(stated), trace.instrument_doubt.wave_mm))
 
 
 def residual_section(mechanism: Mechanism, trace: Trace) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 White noise averages out over a block of L rows, a pattern longer than that does not: with c₀ = mean r² and block means
 r̄, s² = (L mean r̄² − c₀)/(L − 1) estimates the variance of the pattern, and has the standard deviation
 c₀ √(2 L/N)/(L − 1) where there is none. A pattern may follow time, the place, the motor's angle or the other axis,
-and differ with the side of the belt that is touched: rows are put in each of these orders.
+and differ with the side of the belt that is touched: rows are put in each of these orders. What a machine draws anew
+at each mark is white as measuring is: only an instrument that says how far it scatters itself tells the two apart.
 """
 
 from collections.abc import Iterator
@@ -19,6 +20,7 @@ USUAL_BLOCK_ROWS = 24  # of a pattern that is too small to be seen
 LEAST_BLOCKS = 6  # of rows to speak of a pattern
 SURE_SIGMAS = 4.5  # standard deviations: of some thirty estimates the largest counts
 WILD_SIGMAS = 4.0  # residuals beyond so many standard deviations are outliers
+DOUBTED_SCATTER = 2.0  # times what an instrument says of its scatter may be it: the coarsest scans come to 1.5
 
 
 @dataclass(frozen=True)
@@ -29,8 +31,9 @@ class Unexplained:
     sd_mm2: float
 
 
-def unexplained(rows: Rows, residual_mm: np.ndarray, side: np.ndarray) -> Unexplained:
-    """Return the largest pattern in residuals [N] (NaN where nothing was measured), ``side`` [N] the contacts'."""
+def unexplained(rows: Rows, residual_mm: np.ndarray, side: np.ndarray, scatter_mm: float | None = None) -> Unexplained:
+    """Return the largest pattern in residuals [N] (NaN where nothing was measured), ``side`` [N] the contacts', or all
+    that the instrument's own standard deviation along the motor, ``scatter_mm``, is too small for (None: not known)."""
     known = np.flatnonzero((rows.weight > 0) & np.isfinite(residual_mm))
     residual = residual_mm[known]
     if len(residual) < 2 * LEAST_BLOCKS:
@@ -40,6 +43,9 @@ def unexplained(rows: Rows, residual_mm: np.ndarray, side: np.ndarray) -> Unexpl
     whole = float(np.mean(residual**2))
     least = Unexplained(0.0, _sd(whole, USUAL_BLOCK_ROWS, len(residual)))
     found = [least]
+    if scatter_mm is not None:
+        beyond, sd = whole - (DOUBTED_SCATTER * scatter_mm) ** 2, whole * float(np.sqrt(2 / len(residual)))
+        found += [Unexplained(beyond, sd)] if beyond > SURE_SIGMAS * sd else []
     for order in _orders(rows, side, known):
         ordered = residual[order]
         for length in BLOCK_ROWS:

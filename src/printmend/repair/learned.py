@@ -24,7 +24,8 @@ from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import IN_TIME, as_printed, causes_of, effects_of, found_in, of_the_end
 from printmend.promise.scale import scale_words
-from printmend.promise.section import promise_section, residual_section
+from printmend.promise.section import instrument_scatter_mm, promise_section, residual_section
+from printmend.promise.unexplained import DOUBTED_SCATTER
 from printmend.protocols import WorldModel
 from printmend.saved import Branches, SavedModel, ScrewSeries, saved_model, with_screw
 
@@ -251,6 +252,7 @@ def greybox_model(
             "measured": fit.measured,
             "residual_before_mm": round(fit.residual_before_mm, 6),
             "residual_after_mm": round((hybrid or fit).residual_after_mm, 6),
+            **({} if (own := instrument_scatter_mm(trace)) is None else {"instrument_mm": round(own, 6)}),
         },
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
         "promise": promise_section(acts, trace, explained_mm, None if hybrid is None else hybrid.left_mm),
@@ -330,6 +332,18 @@ def findings(diagnosis: Diagnosis) -> tuple[str, ...]:
     return (diagnosis.summary, *diagnosis.gaps)
 
 
+def scatter_words(model: SavedModel) -> str:
+    """Say by how much measured points scatter, and whose that is: only an instrument that tells its own scatter tells
+    it from a printer's that lays each dot anew."""
+    found, trace = ROUND * model.noise_mm, model.document.get("trace", {})
+    own = ROUND * float(trace["instrument_mm"]) if "instrument_mm" in trace else None
+    if own is None:
+        return f"measuring, or the printer from dot to dot, scatters by {found:.3f} mm"
+    if found <= DOUBTED_SCATTER * own:
+        return f"measuring alone scatters by {found:.3f} mm"
+    return f"the dots scatter by {found:.3f} mm where measuring does by {own:.3f}"
+
+
 def report(model: SavedModel) -> str:
     """Return the diagnosis of a saved model as lines for a terminal."""
     first, *gaps = model.findings
@@ -338,8 +352,7 @@ def report(model: SavedModel) -> str:
         trace = model.document["trace"]
         lines.append(
             f"{trace['measured']} measured points lie {trace['residual_before_mm']:.3f} mm off, typically; "
-            f"{trace['residual_after_mm']:.3f} mm of that nothing explains, and measuring alone scatters by "
-            f"{ROUND * model.noise_mm:.3f} mm"
+            f"{trace['residual_after_mm']:.3f} mm of that nothing explains, and {scatter_words(model)}"
         )
     return "\n".join(
         [

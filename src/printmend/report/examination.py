@@ -17,7 +17,7 @@ from printmend.printer import Printer
 from printmend.promise.misfit import misfit_words
 from printmend.promise.predict import Promise
 from printmend.promise.scale import scale_words
-from printmend.repair.learned import ROUND, learn, left_over_mm, todo
+from printmend.repair.learned import learn, left_over_mm, scatter_words, todo
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Prediction
 from printmend.repair.verify import expectation
@@ -186,7 +186,7 @@ def numbers(examination: Examination) -> list[tuple[str, str]]:
         (f"{examination.before_rms_mm:.2f} mm", "how far the test print typically lies from where it belongs"),
         (
             f"{examination.after_rms_mm:.3f} mm",
-            f"of that nothing explains; measuring alone scatters by {ROUND * examination.saved.noise_mm:.3f} mm",
+            f"of that nothing explains; {scatter_words(examination.saved)}",
         ),
     ]
 
