@@ -44,6 +44,7 @@ from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo
 from printmend.saved.model import SavedModel, exact_model, saved_model, write_model
 from printmend.studio import kernels, work
+from printmend.studio import scene as studio_scene
 from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
 from printmend.studio.host import Host, checked_address, find_host
@@ -58,7 +59,10 @@ from printmend.studio.scene import (
     Tap,
     as_mended,
     as_printed,
+    coarse,
+    lay_points,
     read_drawing,
+    read_motion,
     write_mended,
     write_wanted,
 )
@@ -193,7 +197,7 @@ def _scene(path: Path, machine: Mechanism, most: int = MOST_POINTS) -> Scene:
     return as_mended(as_printed(drawing, machine), drawing, machine, tap)
 
 
-def test_the_picture_shows_what_is_predicted(tmp_path: Path) -> None:
+def test_the_picture_shows_what_is_predicted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The scene's errors are those that `check` adds up by its own means; what no planner touches is where it was."""
     (path := tmp_path / "part.gcode").write_text(PART)
     printer = read_printer("ender3")
@@ -224,8 +228,18 @@ def test_the_picture_shows_what_is_predicted(tmp_path: Path) -> None:
     assert mended[:, 2] * 0.001 == pytest.approx(scene.mended_error_mm, abs=6e-4)
     assert [z for _, _, z in head["layers"]] == [0.2, 0.4, 0.6]
     assert scene.mended_pace is not None
+    assert scene.raw_pace is not None
     assert scene.raw_pace.seconds <= scene.mended_pace.seconds < 1.5 * scene.raw_pace.seconds
     assert scene.raw_pace.busiest <= scene.mended_pace.busiest
+    motion = read_motion(path, printer)
+    assert coarse(motion) is None  # small enough to be drawn at once
+    monkeypatch.setattr(studio_scene, "COARSE_LINES", int(motion.drawn.sum()) // 2)
+    few = coarse(motion)
+    assert few is not None
+    first = as_printed(lay_points(few), model.mechanism)
+    assert (first.every, sorted({*first.layer.tolist()})) == (2, [0, 2])
+    assert first.raw_error_mm.max() == pytest.approx(scene.raw_error_mm.max(), rel=0.1)
+    assert {*first.height_mm.tolist()} == {*scene.height_mm.tolist()}
     healthy = saved_model(Twin.of(Corruption((Drive(), Drive())), printer).homed(), learner="exact")
     still = _scene(path, healthy.mechanism, most=20)
     assert still.every > 1

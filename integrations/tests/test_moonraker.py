@@ -12,13 +12,15 @@ from pathlib import Path
 import pytest
 from hosts import INTEGRATIONS, PRINTMEND, call, environment, form, free_port, running, wait_for
 from parts import part
+from playwright.sync_api import expect
+from studio_server import CHROMIUM, Server, Watched, chromium
 
 from klippy_run import HOSTS, board, config
+from printmend.client import Studio
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.printer import read_printer
 from printmend.saved.model import exact_model, write_model
-from printmend.studio.host import find_host, send_file
 
 ENDER3 = read_printer("ender3")
 WIDE = [(-10.0, 300.0)] * 3
@@ -200,14 +202,32 @@ def test_who_chose_so_prints_the_file_as_it_came(tmp_path: Path) -> None:
     assert (tmp_path / "gcodes/x.gcode").read_bytes() == part(1)
 
 
-def test_the_studio_sends_a_file(moonraker: Moonraker, tmp_path: Path) -> None:
+@pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
+def test_the_page_sends_a_mended_file(moonraker: Moonraker, tmp_path: Path) -> None:
     moonraker.wait_until_free()
-    host = find_host(moonraker.url, "")
-    assert host.kind == "moonraker"
-    text = part(1)
-    (source := tmp_path / "x").write_bytes(text)
-    shares: list[float] = []
-    send_file(host, source, "from the studio.gcode", shares.append)
-    assert shares[-1] == 1.0
-    assert "from the studio.gcode" in [one["path"] for one in moonraker.get("/server/files/list?root=gcodes")]
+    server = Server(tmp_path / "studio")
+    try:
+        studio = Studio(server.address)
+        key = studio.post("/printers", {"preset": "ender3", "name": "Attic"})["id"]
+        machine = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.6)))).lower(ENDER3)
+        write_model(server.folder / "printers" / key / "printer.mend.json", exact_model(machine))
+        (source := tmp_path / "from the studio.gcode").write_bytes(part(1))
+        with chromium() as browser:
+            watched = Watched(browser.new_context(locale="en-GB").new_page(), server.address)
+            page = watched.page
+            page.goto(server.address + f"#/printers/{key}/mend")
+            page.set_input_files("input[type=file][accept*=gcode]", source)
+            page.get_by_role("button", name="Send it to the printer").click()
+            page.get_by_label("Address").fill(moonraker.url.removeprefix("http://"))
+            page.get_by_role("button", name="Connect").click()
+            page.get_by_role("button", name="Send to Moonraker").click()
+            said = page.get_by_text("from the studio.mended.gcode is among the files of Moonraker")
+            expect(said).to_be_visible(timeout=300_000)
+            assert (watched.problems, watched.foreign) == ([], [])
+        job = next(one for one in studio.get(f"/jobs?printer={key}") if one["kind"] == "mend")
+        studio.fetch(job["id"], job["result"]["output"], tmp_path / "mended.gcode")
+    finally:
+        server.stop()
+    there = moonraker.data / "gcodes/from the studio.mended.gcode"
+    assert there.read_bytes() == (tmp_path / "mended.gcode").read_bytes()  # mended once, not once more over there
     assert moonraker.printing() != "printing"

@@ -2,7 +2,8 @@
 
 The points lie along the wanted extruded path. The planner says which pieces each line of the file becomes, so that the
 mended print is known at the very points of the wanted one, and a page can draw anything between the three by moving
-points. `write_wanted` and `write_mended` pack them as tables that a graphics card takes as they are.
+points. `write_wanted` and `write_mended` pack them as tables that a graphics card takes as they are. Of a large part
+`coarse` keeps every n-th layer, so that there is something to see before all of it is drawn.
 """
 
 import json
@@ -25,6 +26,7 @@ from printmend.printer import Printer
 from printmend.studio import kernels
 from printmend.studio.pace import Pace, pace
 
+COARSE_LINES = 40_000  # of a large part's first picture
 MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 14 MB
 ROW = 2048  # points in a row of a packed table
 _PITCHES_MM = (0.8, 6.0)  # between points on long lines: finest and coarsest
@@ -73,7 +75,7 @@ class Scene:
     there, each with its distance from the wanted path [P] mm; ``joined`` [P]: a bead leads on to the next point;
     ``width_mm`` and ``height_mm`` [P] of the bead, ``layer`` [P] from 0. ``mended_mm`` is None before mending. Of parts
     with too many points only every ``every``-th layer is there. ``raw_pace`` and ``mended_pace`` say how long it
-    takes."""
+    takes, once it is mended."""
 
     wanted_mm: np.ndarray
     raw_mm: np.ndarray
@@ -85,7 +87,7 @@ class Scene:
     height_mm: np.ndarray
     layer: np.ndarray
     every: int
-    raw_pace: Pace
+    raw_pace: Pace | None = None
     mended_pace: Pace | None = None
 
     def rms_mm(self, error_mm: np.ndarray) -> float:
@@ -134,16 +136,26 @@ class Tap:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
-    """A file as it was read, and the points along it: columns of its motion ``records`` [R] with their ``lines``,
-    ``length_mm`` and ``record_layer``; ``points_mm`` [N, 3], ``at`` [N] which part of the file each is, ``bead_end``
-    [N] which of them end a bead, ``keep`` [N] which are shown. Of those [P]: their ``record``, ``joined`` and
-    ``layer``. ``pitch_mm`` lies between points, every ``every``-th layer is shown."""
+class Motion:
+    """What moves in a file: columns of its motion ``records`` [R] with their ``lines``, ``length_mm`` and ``layer``,
+    ``drawn`` [R] whether a bead is laid; ``height_mm`` of each layer. It holds every ``every``-th layer."""
 
     records: Columns
     lines: Lines
     length_mm: np.ndarray
-    record_layer: np.ndarray
+    layer: np.ndarray
+    drawn: np.ndarray
+    height_mm: np.ndarray
+    every: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A file as it was read, and the points along it: its ``motion``; ``points_mm`` [N, 3], ``at`` [N] which part of
+    the file each is, ``bead_end`` [N] which of them end a bead, ``keep`` [N] which are shown. Of those [P]: their
+    ``record``, ``joined`` and ``layer``. ``pitch_mm`` lies between points, every ``every``-th layer is shown."""
+
+    motion: Motion
     points_mm: np.ndarray
     at: np.ndarray
     bead_end: np.ndarray
@@ -157,6 +169,11 @@ class Drawing:
 
 def read_drawing(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> Drawing:
     """Read a file's first part and lay points along its extruded path. Raises `GcodeError` for what cannot be read."""
+    return lay_points(read_motion(source, printer), most=most)
+
+
+def read_motion(source: Path, printer: Printer) -> Motion:
+    """Read what moves in a file's first part. Raises `GcodeError` for what cannot be read."""
     parts = [{name: np.empty(0, k.RECORD[name]) for name in _COLUMNS}]
 
     def keep_records(records: np.ndarray, begin: int) -> tuple[int, np.ndarray, np.ndarray]:
@@ -172,7 +189,26 @@ def read_drawing(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> 
     layer = layers_of(records["layer"].astype(np.int64), records["z0"], records["z1"], drawn)
     drawn &= layer >= 0
     lines = _source_lines(records)
-    length, *_ = _lengths(lines)
+    return Motion(records, lines, _lengths(lines)[0], layer, drawn, _heights(records, layer))
+
+
+def coarse(motion: Motion) -> Motion | None:
+    """Return every n-th layer of a large part, the lowest and the highest among them; None of one that needs no such
+    first picture."""
+    every = int(np.count_nonzero(motion.drawn)) // COARSE_LINES
+    if every < 2:
+        return None
+    mine = (motion.layer >= 0) & ((motion.layer % every == 0) | (motion.layer == motion.layer.max()))
+    records = {name: column[mine] for name, column in motion.records.items()}
+    return Motion(
+        records, _source_lines(records), motion.length_mm[mine], motion.layer[mine], motion.drawn[mine],
+        motion.height_mm, every,
+    )  # fmt: skip
+
+
+def lay_points(motion: Motion, *, most: int = MOST_POINTS) -> Drawing:
+    """Lay points along the extruded path; of a file that needs more than ``most`` only every n-th layer is shown."""
+    lines, length, layer, drawn = motion.lines, motion.length_mm, motion.layer, motion.drawn
     pitch_mm = float(np.clip(length[drawn].sum() / (0.6 * most), *_PITCHES_MM))
     points, at = _points(lines, np.where(drawn, pitch_mm, np.inf))
     record = np.clip(np.ceil(at).astype(np.int64) - 1, 0, max(len(length) - 1, 0))
@@ -185,38 +221,38 @@ def read_drawing(source: Path, printer: Printer, *, most: int = MOST_POINTS) -> 
     of = layer[which]
     keep &= of % every == 0
     joined = joined[keep] & np.append(of[keep][1:] == of[keep][:-1], False)[: int(keep.sum())]
-    return Drawing(
-        records, lines, length, layer, points, at, bead_end, which[keep], keep, joined, of[keep], pitch_mm, every
-    )  # fmt: skip
+    return Drawing(motion, points, at, bead_end, which[keep], keep, joined, of[keep], pitch_mm, every * motion.every)
 
 
 def as_printed(drawing: Drawing, truth: Mechanism, *, aligned: bool = False) -> Scene:
     """Print a file as it is on ``truth``."""
     off = _off(print_from_home(truth, drawing.points_mm)[:, :2], drawing, aligned)
     wanted = drawing.points_mm[drawing.keep]
-    width, height = _bead(drawing.records, drawing.length_mm, drawing.record_layer)
+    width, height = _bead(drawing.motion)
     return Scene(
         wanted, off, _distance(wanted, wanted[:, :2] + off, drawing.joined), None, None, drawing.joined,
         width[drawing.record], height[drawing.record], drawing.layer, drawing.every,
-        pace(drawing.lines.end_mm - drawing.lines.start_mm, drawing.records["feed"] / 60),
     )  # fmt: skip
 
 
 def as_mended(scene: Scene, drawing: Drawing, truth: Mechanism, tap: Tap, *, aligned: bool = False) -> Scene:
     """Add to a scene how ``truth`` prints the same file mended; ``tap`` has seen it planned."""
     counts, pieces = tap.kept()
-    told = _given_lines(drawing.lines, counts, pieces)
+    lines, feed = drawing.motion.lines, drawing.motion.records["feed"]
+    told = _given_lines(lines, counts, pieces)
     given, given_at = _points(told, np.where(told.turn != 0, drawing.pitch_mm / 4, drawing.pitch_mm))
     result = print_from_home(truth, given)
     # slack is taken up between two lines: before a bead begins, after one ends
     look = drawing.at + np.where(drawing.bead_end, -_SIDE, _SIDE)
     off = _off(np.column_stack([np.interp(look, given_at, column) for column in result[:, :2].T]), drawing, aligned)
     error = _distance(scene.wanted_mm, scene.wanted_mm[:, :2] + off, drawing.joined)
-    feed = np.repeat(drawing.records["feed"], np.maximum(counts, 1))
+    raw_pace = pace(lines.end_mm - lines.start_mm, feed / 60)
+    feed = np.repeat(feed, np.maximum(counts, 1))
     of_piece = np.repeat(counts > 0, np.maximum(counts, 1))
     feed[of_piece] = np.where(pieces["feed"] > 0, pieces["feed"], feed[of_piece])
     way = told.end_mm - told.start_mm
-    return replace(scene, mended_mm=off, mended_error_mm=error, mended_pace=pace(way, feed / 60))
+    mended_pace = pace(way, feed / 60)
+    return replace(scene, mended_mm=off, mended_error_mm=error, raw_pace=raw_pace, mended_pace=mended_pace)
 
 
 def _motion(records: np.ndarray) -> np.ndarray:
@@ -287,7 +323,8 @@ def _points(lines: Lines, pitch_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 def _lengths(lines: Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the length [L] of each line, and the angle and radius of the arcs."""
-    length = np.linalg.norm(lines.end_mm - lines.start_mm, axis=1)
+    way = lines.end_mm - lines.start_mm
+    length = np.sqrt(np.einsum("ij,ij->i", way, way))
     sweep, radius = np.zeros(len(length)), np.zeros(len(length))
     arcs = np.flatnonzero(lines.turn)
     first, last = (ends[arcs, :2] - lines.center_mm[arcs] for ends in (lines.start_mm, lines.end_mm))
@@ -307,8 +344,8 @@ def _distance(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray)
     return out
 
 
-def _bead(records: Columns, length_mm: np.ndarray, layer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return width and height [R] mm of each record's bead: a bar with round sides, of the filament's volume."""
+def _heights(records: Columns, layer: np.ndarray) -> np.ndarray:
+    """Return the height of each layer's beads, mm."""
     count = int(layer.max(initial=0)) + 1
     heights = np.full(count, np.nan)
     extruding = (records["flags"] & k.FLAG_EXTRUDING != 0) & (layer >= 0)
@@ -317,9 +354,13 @@ def _bead(records: Columns, length_mm: np.ndarray, layer: np.ndarray) -> tuple[n
     found = np.flatnonzero(np.isfinite(top))
     heights[found] = np.diff(top[found], prepend=0.0)
     usual = float(np.nanmedian(heights)) if len(found) else 0.2
-    heights = np.where((heights > 0.02) & (heights < 1.0), heights, usual)
-    height = np.clip(heights[np.maximum(layer, 0)], 0.05, 1.0)
-    area = records["advance"] * layout.FILAMENT_AREA_MM2 / np.maximum(length_mm, 1e-6)
+    return np.clip(np.where((heights > 0.02) & (heights < 1.0), heights, usual), 0.05, 1.0)
+
+
+def _bead(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Return width and height [R] mm of each record's bead: a bar with round sides, of the filament's volume."""
+    height = motion.height_mm[np.maximum(motion.layer, 0)]
+    area = motion.records["advance"] * layout.FILAMENT_AREA_MM2 / np.maximum(motion.length_mm, 1e-6)
     return np.clip(area / height + height * (1 - np.pi / 4), 0.15, 1.5), height
 
 

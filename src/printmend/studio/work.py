@@ -25,8 +25,9 @@ Params = dict[str, Any]
 PROGRESS = "progress.json"
 MODEL, PRINTER, PLAN, PROBE = "printer.mend.json", "printer.toml", "probe.json", "probe.gcode"
 TOWER, TOWER_TABLE = "tower.gcode", "tower.csv"
-WANTED, MENDED = "printed.bin", "mended.bin"
+COARSE, WANTED, MENDED = "coarse.bin", "printed.bin", "mended.bin"
 _SMALL_PART = "G28\nG90\nM83\nG1 Z0.2 F3000\nG1 X60 Y60\nG1 X110 Y60 E2\nG2 X110 Y100 I0 J20 E3\nG1 X60 Y95 E2\n"
+_NICENESS = 5  # of a worker, below the server and the browser of the same computer
 _PLAY_DPI = 300.0  # of the scan that one plays with
 _SEEN_PX = 1800  # of a scan as it is shown
 
@@ -84,8 +85,10 @@ class Job:
 
 
 def begin() -> None:
-    """Begin a worker: Ctrl-C in the terminal is the server's to handle."""
+    """Begin a worker: Ctrl-C in the terminal is the server's to handle, and whoever looks at the page comes first."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(_NICENESS)
     with contextlib.suppress(Exception):  # a pool whose workers cannot begin is lost; a job says what is wrong
         rehearse()
 
@@ -138,7 +141,7 @@ def _mend(job: Job) -> dict[str, Any]:
     """Mend one file, show it in three dimensions, and predict what it comes to."""
     from printmend.repair import mend_gcode
     from printmend.repair.mend import check_gcode
-    from printmend.studio.scene import Tap, as_mended, as_printed, read_drawing, write_mended, write_wanted
+    from printmend.studio.scene import Tap, as_mended, write_mended
 
     model = _model(job.printer_folder / MODEL)
     source, name = job.upload(job.params["upload"]), job.params["name"]
@@ -147,10 +150,7 @@ def _mend(job: Job) -> dict[str, Any]:
     job.tell(0.05, "read")
     tap, drawing = Tap(), None
     if job.params.get("scene", True):
-        drawing = read_drawing(named, model.printer)
-        scene = as_printed(drawing, model.mechanism)
-        write_wanted(job.folder / WANTED, scene)
-        job.file(WANTED)
+        drawing, scene = _draw(job, named, model)
         job.tell(0.3, "rewrite")
     seen = 0
 
@@ -182,6 +182,22 @@ def _mend(job: Job) -> dict[str, Any]:
                        for layer in prediction.layers],
             "bytes": source.stat().st_size, "digest": model.digest,
             "summary": prediction.summary()}  # fmt: skip
+
+
+def _draw(job: Job, path: Path, model: Any) -> tuple[Any, Any]:
+    """Draw a part as it is printed, a large one coarsely first; return its `Drawing` and its `Scene`."""
+    from printmend.studio.scene import as_printed, coarse, lay_points, read_motion, write_wanted
+
+    motion = read_motion(path, model.printer)
+    if (few := coarse(motion)) is not None:
+        write_wanted(job.folder / COARSE, as_printed(lay_points(few), model.mechanism))
+        job.file(COARSE)
+        job.tell(0.15, "read")
+    drawing = lay_points(motion)
+    scene = as_printed(drawing, model.mechanism)
+    write_wanted(job.folder / WANTED, scene)
+    job.file(WANTED)
+    return drawing, scene
 
 
 def _paces(path: Path, scene: Any) -> dict[str, Any]:

@@ -66,7 +66,6 @@ export function Mend({ printer, changed }) {
       await remove(`/jobs/${job.id}`);
     } catch (problem) { setError(problem.message); }
   };
-  if (!printer.digest) return html`<p class="note">${t("no_model")}</p>`;
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
       ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span>${row.name}</span>
@@ -82,7 +81,7 @@ function File_({ id, printer, changed, anyway }) {
     ${job?.may_force && html`<div class="row"><button disabled=${asked === job.id} onClick=${() => { setAsked(job.id); anyway(job).then(() => setAsked(null)); }}>${t("anyway")}</button><span class="faint">${t("anyway_now")}</span></div>`}
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
     <${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene?.mended ? 2 : 1} busy=${Boolean(job) && !ended(job)}>
-      ${job && !ended(job) && html`<section class="card busy"><${Progress} job=${job} steps=${STEPS} /></section>`}</${Part}>
+      ${!id && html`<p class="soon">${t("soon")}</p>`}${job && !ended(job) && html`<section class="card busy"><${Progress} job=${job} steps=${STEPS} /></section>`}</${Part}>
     ${result && html`<${Numbers} job=${job} printer=${printer} changed=${changed} />`}`;
 }
 
@@ -94,9 +93,16 @@ function Numbers({ job, printer, changed }) {
       ${output && html`<a class="button primary big" href=${fileOf(job, output)} download=${output}>${t("download")}</a>`}</div>
     ${output && html`<${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} />`}
     <p class="faint">${pace && html`${t(pace.told ? "time" : "time_least", { time: lasting(pace.before_s) })}${more && html` → <b>${lasting(pace.after_s)}</b>`}<br />`}
-      ${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${more && html`<br />${t("busiest", { before: number(pace.busiest[0], 0), after: number(pace.busiest[1], 0) })}`}${more && p.stops > 0 && html`<br />${t("stops", { n: number(p.stops, 0) })}`}<br />${p.clamped > 0 ? html`${t("clamped", { n: number(p.clamped, 0) })}` : t(p.on_bed === false ? "off_bed" : "on_bed")}</p>
+      ${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${more && html`<br />${t("busiest", { before: number(pace.busiest[0], 0), after: number(pace.busiest[1], 0) })}`}${more && p.stops > 0 && html`<br />${t("stops", { n: number(p.stops, 0) })}`}<br />${p.clamped > 0 ? html`${t("clamped", { n: number(p.clamped, 0) })}` : p.on_bed === false ? t("off_bed") : p.unknown || p.splines ? "" : t("on_bed")}</p>
+    ${left(p).map((line) => html`<p class="note">${line}</p>`)}
     ${[...p.advice, ...p.warnings ?? []].map((line) => html`<p class="note">${sentence(line)}</p>`)}
     ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span><span class="key km">${t("mended")}</span><${Save} id="layers" name="layers" /></div></div><${Layers} layers=${layers} /></div>`}</section>`;
+}
+
+// What mending had to leave as the file has it, or cannot promise.
+function left({ unknown, unknown_lines: lines, splines, coarse, geometry }) {
+  const where = lines?.length ? t("left_lines", { lines: lines.map((line) => number(line, 0)).join(", ") + (unknown > lines.length ? " …" : "") }) : "";
+  return [[unknown, "left_unknown"], [splines, "left_splines"], [coarse, "left_coarse"], [geometry, "left_geometry"]].filter(([count]) => count > 0).map(([count, key]) => t(key, { n: number(count, 0), where }));
 }
 
 function Layers({ layers }) {

@@ -86,11 +86,11 @@ export function Play() {
         ${scene ? html`<${Part} scene=${scene} name="printmend" morph=${scene.mended ? 2 : 1} /><p class="faint">${t(result?.refused || result?.before.rms_mm < 0.002 ? "play_healthy" : "aligned")}</p>`
           : html`<div class="stage">
             ${running && has("seen.jpg") && what === "plate" ? html`<img alt=${t("step_scan")} src=${fileOf(job, "seen.jpg")} style=${{ width: "100%", height: "100%", objectFit: "contain" }} />`
-              : shown && (what === "plate" ? html`<${Plate} id="drawing" marks=${shown.marks_mm} errors=${shown.errors_mm} big=${shown.big} bed=${shown.bed_mm} enlarge=${enlarge} />`
+              : !shown ? html`<p class="soon" role="status">${t("drawing")}</p>` : (what === "plate" ? html`<${Plate} id="drawing" marks=${shown.marks_mm} errors=${shown.errors_mm} big=${shown.big} bed=${shown.bed_mm} enlarge=${enlarge} />`
                 : what === "wall" ? html`<${Wall} id="drawing" wall=${shown.wall_mm} />` : html`<${Slice} id="drawing" wanted=${shown.part_mm} printed=${shown.printed_mm} joined=${shown.joined} />`)}
             <div class="over"><div class="segment" role="group" aria-label=${t("plate")}>${["part", "plate", ...(faults.screw_mm ? ["wall"] : [])].map((one) => html`<button aria-pressed=${what === one} onClick=${() => setWhat(one)}>${t(one)}</button>`)}</div>
               <${Save} id="drawing" name=${what} /></div>
-            <div class="under"><div class="glass row"><span class="key kw">${t("wanted")}</span><span class="key kp">${t("printed")}</span>
+            <div class="under">${running && html`<p class="glass" style=${{ flexBasis: "100%" }}>${t("soon")}</p>`}<div class="glass row"><span class="key kw">${t("wanted")}</span><span class="key kp">${t("printed")}</span>
               ${what === "plate" && html`<label class="row">${t("enlarge")}<select style=${{ width: "auto", minHeight: "2rem", padding: "0.2rem 0.5rem" }} value=${enlarge} onChange=${(event) => setEnlarge(Number(event.target.value))}>${[1, 2, 5, 10, 20].map((k) => html`<option value=${k}>${k} ×</option>`)}</select></label>`}</div>
               ${shown && html`<div class="glass"><b>${mm(what === "wall" ? Math.hypot(...shown.wall_mm.map(([, push]) => push)) / Math.sqrt(shown.wall_mm.length) : what === "part" ? shown.part_rms_mm : shown.rms_mm)} mm</b> ${t("off")}</div>`}</div></div>`}
       </div>

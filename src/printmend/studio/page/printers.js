@@ -79,14 +79,15 @@ function Printer({ id, tab = "measure", more }) {
   const [printer, setPrinter] = useState(null), [error, setError] = useState(null), [naming, setNaming] = useState(null);
   const load = () => get(`/printers/${id}`).then(setPrinter, (problem) => setError(problem.message));
   useEffect(() => { load(); }, [id]);
-  const Screen = TABS[tab] ?? Measure;
+  const shown = TABS[tab] ? tab : "measure", Screen = TABS[shown];
   const away = async () => { if (confirm(t("remove_sure", { name: printer.name }))) { await remove(`/printers/${id}`); location.hash = "#/printers"; } };
   const rename = async (event) => { event.preventDefault(); try { setPrinter(await patch(`/printers/${id}`, { name: naming })); setNaming(null); } catch (problem) { setError(problem.message); } };
   if (!printer) return html`<${Problem} error=${error} />`;
+  const first = shown !== "measure" && (!printer.digest || (shown === "prove" && !printer.has_probe)); // something comes before this screen
   return html`<div class="head"><div>${naming === null ? html`<h1>${printer.name}</h1>` : html`<form class="row" onSubmit=${rename}><input aria-label=${t("name")} value=${naming} maxlength="80" style=${{ width: "18rem" }} onInput=${(event) => setNaming(event.target.value)} /><button class="primary">${t("rename")}</button></form>`}
-        <p class="now">${t(`${TABS[tab] ? tab : "measure"}_now`)}</p></div>
+        <p class="now">${t(`${shown}_${first ? "none" : "now"}`)}</p></div>
       <div class="row"><button class="quiet" onClick=${() => setNaming(naming === null ? printer.name : null)}>${t("rename")}</button><button class="quiet" onClick=${away}>${t("remove")}</button></div></div>
-    <nav class="tabs" aria-label=${printer.name}>${Object.keys(TABS).map((name) => html`<a href="#/printers/${id}/${name}" aria-current=${name === tab ? "page" : undefined}>${t(`tab_${name}`)}</a>`)}</nav>
+    <nav class="tabs" aria-label=${printer.name}>${Object.keys(TABS).map((name) => html`<a href="#/printers/${id}/${name}" aria-current=${name === shown ? "page" : undefined}>${t(`tab_${name}`)}</a>`)}</nav>
     <${Problem} error=${error} />
-    <${Screen} printer=${printer} changed=${load} more=${more} />`;
+    ${first ? html`<div><a class="button primary big" href="#/printers/${id}/measure">${t("to_measure")}</a></div>` : html`<${Screen} printer=${printer} changed=${load} more=${more} />`}`;
 }

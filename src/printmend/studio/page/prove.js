@@ -27,7 +27,6 @@ export function Prove({ printer, changed }) {
     } catch (problem) { setError(problem.message); }
   };
   const over = async () => { try { await post(`/printers/${printer.id}/update/${key}`); setTaken(true); changed(); load(); } catch (problem) { setError(problem.message); } };
-  if (!printer.digest || !printer.has_probe) return html`<p class="note">${t("no_model")}</p>`;
   const verdict = job?.state === "done" ? job.result.verdict : null;
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <section class="card stack"><h2>${t("prove_print")}</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: checked.id, name: "check.mended.gcode" }} />` : html`<button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>

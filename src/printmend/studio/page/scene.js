@@ -6,13 +6,13 @@ import { fileOf, PAUSE_MS, tables } from "./api.js";
 // What a job listed may be gone before it is fetched: it failed, was stopped, or begins again. Only of one that was done
 // already when it was asked is this worth a word; while it goes on it is asked again.
 export function useScene(job) {
-  const [wanted, setWanted] = useState(null), [mended, setMended] = useState(null), [problem, setProblem] = useState(null), state = useRef();
+  const [coarse, setCoarse] = useState(null), [wanted, setWanted] = useState(null), [mended, setMended] = useState(null), [problem, setProblem] = useState(null), state = useRef();
   state.current = job?.state;
   useEffect(() => setProblem(null), [job?.id]);
   const load = (name, kinds, set) => {
     useEffect(() => {
       set(null);
-      if (!job?.files?.includes(name)) return undefined;
+      if (!job?.files?.includes(name) || (name === "coarse.bin" && job.files.includes("printed.bin"))) return undefined;
       let asked = true;
       const look = async () => {
         while (asked && ["running", "done"].includes(state.current)) {
@@ -25,13 +25,14 @@ export function useScene(job) {
       return () => { asked = false; };
     }, [job?.id, job?.files?.includes(name)]);
   };
+  load("coarse.bin", [Uint16Array, Int16Array], setCoarse); // of a large part, until all of it is there
   load("printed.bin", [Uint16Array, Int16Array], setWanted);
   load("mended.bin", [Int16Array], setMended);
   const scene = useMemo(() => {
-    if (!wanted) return null;
-    const [head, base, raw] = wanted;
-    return { ...head, base, raw, mended: mended?.[1] ?? null };
-  }, [wanted, mended]);
+    if (!wanted && !coarse) return null;
+    const [head, base, raw] = wanted ?? coarse;
+    return { ...head, of: job?.id, base, raw, coarse: !wanted, mended: wanted ? mended?.[1] ?? null : null };
+  }, [coarse, wanted, mended]);
   return [scene, problem];
 }
 

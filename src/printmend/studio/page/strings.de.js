@@ -3,8 +3,9 @@ export default {
   why: "{subject}gebraucht: {wanted}; bekommen: {came}. {todo}",
   play: "Ausprobieren", printers: "Meine Drucker", theme: "Hell oder dunkel", language: "Sprache",
   gone: "Das Studio antwortet nicht. Läuft das Programm noch? Sobald es wieder da ist, geht es von selbst weiter.",
-  left_s: "noch etwa {n} s", left_min: "noch etwa {n} min", cancel: "Anhalten", again: "Noch einmal", back: "Zurück",
-  ahead: "{n} davor", save_png: "Als PNG speichern", save_svg: "Als SVG speichern", save: "Bild speichern", no_number: "{text} ist keine Zahl: bitte wie 12,5 oder 12.5 angeben", none: "Keine", close: "Schließen",
+  left_s: "noch etwa {n} s", left_min: "noch etwa {n} min", cancel: "Anhalten", again: "Noch einmal",
+  ahead: "Wartet auf einen freien Platz: {n} davor", starting: "Beginnt …", drawing: "Zeichnet …", soon: "Hier erscheint das Teil: wie gewollt, wie er druckt, und geheilt.",
+  save_png: "Als PNG speichern", save_svg: "Als SVG speichern", save: "Bild speichern", no_number: "{text} ist keine Zahl: bitte wie 12,5 oder 12.5 angeben",
 
   play_title: "Einen Drucker kaputt machen und heilen",
   play_now: "Die Schieber bewegen: Das macht eine verbogene Riemenscheibe oder ein loser Riemen aus einem Druck. Dann auf Heilen drücken.",
@@ -66,7 +67,10 @@ export default {
   time: "Druckdauer nach dem Slicer: {time}", time_least: "Druckdauer ungefähr: {time}", hours: "{h} h {m} min", minutes: "{m} min",
   busiest: "In der dichtesten Sekunde: {before} → {after} Befehle",
   stops: "Stellen, an denen die Düse kurz still steht (kleine Nähte): {n}", on_bed: "Alles bleibt auf dem Bett.", off_bed: "Ein Teil liegt, wie es die Datei sagt, jenseits des Bettrands.",
-  clamped: "Am Rand des Betts zurückgehaltene Befehle: {n}", by_layer: "Fehler jeder Schicht, mm", sending: "Sendet", waits: "Wartet", stopped: "Angehalten", no_model: "Zuerst den Testdruck messen: Dann lassen sich Teile heilen.",
+  left_unknown: "Bahnen, die bleiben, wie sie in der Datei stehen, nicht geheilt: {n}{where}. Die Datei sagt dort nicht, wo die Düse ist, oder ihre Wörter sind nicht zu lesen.", left_lines: " (in den Zeilen {lines})",
+  left_splines: "Kurven (G5), die bleiben, wie sie in der Datei stehen, nicht geheilt: {n}. Den Slicer Geraden oder Bögen schreiben lassen.", left_coarse: "Stellen, die mehr danebenliegen, als sie sollten: {n}. Der Drucker nimmt keine kürzeren Wege an.",
+  left_geometry: "So oft stellt die Datei Schiefe oder Maßstab des Druckers selbst ein (M556, M579, M852 oder SET_SKEW): {n}. Was hier steht, gilt nur, wenn der Testdruck mit denselben Werten gedruckt wurde.",
+  clamped: "Am Rand des Betts zurückgehaltene Befehle: {n}", by_layer: "Fehler jeder Schicht, mm", sending: "Sendet", stopped: "Angehalten", mend_none: "Zuerst den Testdruck messen: Dann lassen sich Teile für diesen Drucker heilen.", prove_none: "Zuerst den Testdruck messen: Dann lässt sich prüfen, ob ein geheilter Druck das Versprechen hält.", to_measure: "Zum Testdruck",
 
   prove_now: "Den geheilten Testdruck drucken, einscannen und sehen, ob das Versprechen hielt.", prove_print: "1. Geheilt drucken", prove_scan: "2. Einscannen", make_check: "Prüfdruck erstellen", download_check: "Prüfdruck herunterladen",
   drop_check: "Den Scan des Prüfdrucks ablegen", kept: "Das Versprechen hielt", broken_promise: "Das Versprechen hielt nicht", promised: "versprochen", measured_now: "jetzt gemessen", was: "vor dem Heilen",

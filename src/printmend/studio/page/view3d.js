@@ -136,7 +136,7 @@ export class View {
 
   // Show a part; keeps the eye where it is if the part is the same.
   show(part, bed) {
-    const fresh = !this.part || this.part.points !== part.points || this.part.low_mm.some((v, i) => Math.abs(v - part.low_mm[i]) > 0.5);
+    const fresh = !this.part || this.part.of !== part.of;
     this.clear();
     this.part = part;
     this.uniforms.unit.value = part.unit_mm;

@@ -10,7 +10,7 @@ export function Wrong({ printer }) {
   useEffect(() => { get(`/printers/${printer.id}/known`).then(setKnown, (problem) => setError(problem.message)); }, [printer.id]);
   const said = known?.said;
   if (!known) return html`<${Problem} error=${error} />`;
-  if (!said) return html`<p class="note">${t("wrong_none")}</p>`;
+  if (!said) return null;
   return html`<div class="split"><div class="stack">
       <section class="card stack">${said.before_mm != null && html`<div class="numbers"><${Number_} value=${mm(said.before_mm)}>${t("before_model")}</${Number_}><${Number_} value=${mm(said.after_mm)}>${t("after_model")}</${Number_}><${Number_} value=${said.measured} unit="">${t("points")}</${Number_}></div>`}
         ${said.faults.length ? said.faults.map((fault) => html`<${Fault} fault=${fault} />`) : html`<p>${said.learner === "callipers" ? say(said.headline) : t("nothing_wrong")}</p>`}
