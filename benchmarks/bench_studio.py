@@ -1,12 +1,12 @@
 """Measure the studio as a person meets it: from the drop of a file to its picture, mended and shown; start; memory.
 
-    .venv/bin/python benchmarks/bench_studio.py [--only start trial small large huge uploads]
+    .venv/bin/python benchmarks/bench_studio.py [--only start trial small large half huge uploads]
 
 `trial` goes on where `start` ends, the shortest way from broken to mended: *Mend it* is clicked as soon as it is there.
-`small` is a sliced gear of 5 MB, `large` one of 300 000 moves, `huge` six of 9 MB in one file of more than 50 MB, of
-which the page shows 600 000 points. Each is dropped on the page in Debian's Chromium, which draws in software. Wall
-time is what one waits; processor time is that of server, workers and browser together, and does not depend on who else
-uses the machine.
+`small` is a sliced gear of 5 MB, `large` one of 300 000 moves, `half` a vase of half a million segments, `huge` six
+gears of 9 MB in one file of more than 50 MB, of which the page shows 600 000 points. Each is dropped on the page in
+Debian's Chromium, which draws in software. Wall time is what one waits; processor time is that of server, workers and
+browser together, and does not depend on who else uses the machine.
 """
 
 import argparse
@@ -30,7 +30,7 @@ from printmend.printer import read_printer
 from printmend.saved.model import exact_model, write_model
 from printmend.studio.app import PAGE
 from printmend.twin import Twin
-from studio_part import gear_gcode
+from studio_part import gear_gcode, vase_gcode
 
 FAULTS = Corruption(
     (Drive(pulley=EccentricBore(0.6, 1.0), belt=Play(0.3)), Drive(belt=Play(0.15))), CrookedFrame(skew_deg=0.5)
@@ -38,6 +38,7 @@ FAULTS = Corruption(
 PARTS = {
     "small": lambda: gear_gcode(38.0, 18.0),
     "large": lambda: gear_gcode(62.0, 36.0),
+    "half": vase_gcode,
     "huge": lambda: 6 * gear_gcode(58.0, 26.0),
 }
 LONGEST_MS = 600_000

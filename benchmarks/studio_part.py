@@ -1,4 +1,5 @@
-"""A part as owners print them, sliced by PrusaSlicer: a herringbone gear with a hub and five windows."""
+"""Parts to be shown: a herringbone gear with a hub and five windows, sliced by PrusaSlicer as owners slice theirs, and
+a vase of half a million segments, written without a slicer."""
 
 import math
 from functools import lru_cache
@@ -18,6 +19,21 @@ _FORM = ((0.0, 0.93), (0.26, 0.935), (0.38, 1.0), (0.62, 1.0), (0.74, 0.935))  #
 def gear_gcode(radius_mm: float = 46.0, height_mm: float = 22.0) -> bytes:
     """Return the sliced gear; 7 MB at the default size."""
     return slice_solid(gear(radius_mm, height_mm), read_printer("ender5"))
+
+
+def vase_gcode(layers: int = 125, rings: int = 8, segments: int = 500) -> bytes:
+    """Return rings with 24 waves on each of many layers: 500 000 extruding segments, 15 MB, at the default size."""
+    text = ["; a vase of wavy rings", "G21", "G90", "M83", "G28"]
+    turn = np.linspace(0, 2 * math.pi, segments + 1)
+    for layer in range(layers):
+        text += [";LAYER_CHANGE", f"G1 Z{0.2 * (layer + 1):.2f} F9000"]
+        for ring in range(rings):
+            radius = (60 - 0.45 * ring) * (1 + 0.05 * np.sin(24 * turn + 0.02 * layer))
+            x, y = 110 + radius * np.cos(turn), 110 + radius * np.sin(turn)
+            extruded = 0.0333 * np.hypot(np.diff(x), np.diff(y))
+            text += ["G1 E-0.8 F2100", f"G1 X{x[0]:.3f} Y{y[0]:.3f} F9000", "G1 E0.8 F2100", "G1 F1800"]
+            text += [f"G1 X{a:.3f} Y{b:.3f} E{e:.5f}" for a, b, e in zip(x[1:], y[1:], extruded, strict=True)]
+    return ("\n".join(text) + "\n").encode()
 
 
 def gear(radius_mm: float, height_mm: float) -> Solid:
