@@ -31,7 +31,6 @@ from printmend.twin import Twin
 TABLE, MARKDOWN, CSV = "families", "families.md", "families.csv"
 # Drawn from only for the tables in docs/results.md; develop with others, and take a new one after looking closer.
 TEST_SEED = 20261121
-NOISES_MM = (0.0, 0.05, 0.1)
 COVERAGES = (0.5, 1.0, 2.5)
 TURN_MM = 40.0  # of the presets' motors; a body's size is a multiple of it
 NAIVE = "naive+greedy"

@@ -29,7 +29,6 @@ from printmend.twin import Twin
 
 TABLE, MARKDOWN = "prints", "prints.md"
 POINTS = (60, 250, 1000)
-NOISES_MM = (0.0, 0.05, 0.1)
 FAMILIES = ("pulley-play", "pulley-loose", "elastic", "frame")
 LEAST_TURNS, MOST_TURNS = 0.75, 2.0  # how far the bodies are across
 PRINTS = (

@@ -121,7 +121,6 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     known = trace.measured_rows
     noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))
     details = {"misfit": misfit_section(ordered.found), "promise": residual_section(mechanism, trace)}
-    details |= {"model": fit.to_json()} if hasattr(fit, "to_json") else {}
     finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
     saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
     return Learned(saved, None, trace)

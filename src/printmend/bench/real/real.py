@@ -32,7 +32,6 @@ from printmend.errors import TraceError
 from printmend.executor import HERE, Executor
 
 RealProtocol = Literal["first", "pooled"]
-PROTOCOLS: tuple[RealProtocol, ...] = ("first", "pooled")
 Guess = Callable[[int, np.ndarray], np.ndarray]
 TABLE, FLOOR = "real", "floor"
 ROWS = ("raw", "copy", "plain", "shipped", "ours", "periodic", FLOOR)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -105,10 +105,6 @@ class AxisModel:
             position = healthy.motor_mm + np.interp(healthy.motor_mm, lattice_mm, error)
             drives.append(type(healthy)(healthy.first_mm, healthy.pitch_mm, position, position))
         return Mechanism(self.printer, (drives[0], drives[1]))
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the model as plain lists, exactly."""
-        return {"gains": {"x": self.gains[0].tolist(), "y": self.gains[1].tolist()}}
 
 
 @dataclass(frozen=True, eq=False)
