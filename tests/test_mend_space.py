@@ -12,8 +12,7 @@ from printmend.corruption.belt import Play
 from printmend.corruption.pulley import EccentricBore
 from printmend.corruption.screw import Screw
 from printmend.errors import ModelError, RefusedError
-from printmend.invert import is_identity, lookup
-from printmend.invert import layout as layout
+from printmend.invert import is_identity, lookup, start
 from printmend.invert.kernels import height as kernels
 from printmend.invert.kernels.lookup import LOWER, UPPER, backward, forward
 from printmend.machine import Mechanism
@@ -152,9 +151,8 @@ def test_kernels_are_the_inverse_of_the_screw() -> None:
 
 
 def test_the_nut_follows_as_the_slow_version_says() -> None:
-    model, state, counts = lookup(BENT_SCREW), np.zeros(layout.STATE), np.zeros(layout.COUNTS, np.int64)
-    counts[layout.N_HEIGHT] = 1
-    state[layout.S_RAW_LO + 2] = state[layout.S_RAW_HI + 2] = 0.0
+    model, state, counts = lookup(BENT_SCREW), start(BENT_SCREW).state, start(BENT_SCREW).counts
+    counts.height = 1
     heights = np.random.default_rng(2).uniform(0.0, 3.0, 300)
     moves = [naive_mend.Move((0, 0, a), (0, 0, b), 0.0, 0.0, 0) for a, b in zip([0.0, *heights], heights, strict=False)]
     assert [kernels.lift_raw(model, state, counts, z)[2] for z in heights] == pytest.approx(

@@ -33,20 +33,20 @@ class Flavour(enum.IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class MachineState:
-    """``numbers`` float64 and ``counts`` int64, laid out as the constants N_* and C_* of `kernels` say.
+    """``numbers`` and ``counts`` are records of NUMBERS and COUNTS of `kernels`.
 
-    The kernel advances both arrays in place; `copy` before a trial run.
+    The kernel advances both in place; `copy` before a trial run.
     """
 
-    numbers: np.ndarray
-    counts: np.ndarray
+    numbers: np.record
+    counts: np.record
 
     def copy(self) -> "MachineState":
         return MachineState(self.numbers.copy(), self.counts.copy())
 
     @property
     def flavour(self) -> Flavour:
-        return Flavour(int(self.counts[k.C_FLAVOUR]))
+        return Flavour(int(self.counts.flavour))
 
 
 def initial_state(printer: Printer | None = None, flavour: Flavour = Flavour.UNKNOWN) -> MachineState:
@@ -54,14 +54,14 @@ def initial_state(printer: Printer | None = None, flavour: Flavour = Flavour.UNK
 
     Homing goes to ``printer``'s home position, or to the origin where no printer is given.
     """
-    numbers, counts = np.zeros(k.NUMBERS), np.zeros(k.COUNTS, np.int64)
+    numbers, counts = k.record(k.NUMBERS), k.record(k.COUNTS)
     if printer is not None:
-        numbers[k.N_HOME : k.N_HOME + 3] = [axis.home_mm for axis in printer.axes]
-    numbers[k.N_FLOW] = 1.0
-    counts[k.C_OFFSET_KNOWN] = 7
-    counts[k.C_TOOL] = -1
-    counts[k.C_FLAVOUR] = flavour
-    counts[k.C_RULE] = flavour.g90_influences_e
+        numbers.home[:] = [axis.home_mm for axis in printer.axes]
+    numbers.flow = 1.0
+    counts.offset_known = 7
+    counts.tool = -1
+    counts.flavour = flavour
+    counts.rule = flavour.g90_influences_e
     return MachineState(numbers, counts)
 
 

@@ -148,16 +148,16 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
     E that pushes nothing, the rule that explains the moves best is taken.
     """
     if (said := find_e_rule(text.tobytes())) is not None:
-        state.counts[k.C_RULE], state.counts[k.C_M83] = said
+        state.counts.rule, state.counts.m83 = said
         return
-    default = int(state.counts[k.C_RULE]), int(state.counts[k.C_M83])
+    default = int(state.counts.rule), int(state.counts.m83)
     share = _implausible_share(text, state, *default)
     if share <= _IMPLAUSIBLE_SHARE or _says_e_first(text.tobytes()):
         return
     others = [(rule, m83) for m83 in (default[1], 1 - default[1]) for rule in (k.E_EITHER, k.E_FOLLOWS, k.E_APART)]
     shares = [_implausible_share(text, state, *other) for other in others]
     if min(shares) < share / 4:
-        state.counts[k.C_RULE], state.counts[k.C_M83] = others[int(np.argmin(shares))]
+        state.counts.rule, state.counts.m83 = others[int(np.argmin(shares))]
 
 
 def _says_e_first(text: bytes) -> bool:
@@ -179,7 +179,7 @@ def guessed_e_rule(part: Part, state: MachineState) -> tuple[int, int] | None:
     head = next(part.chunks(), np.empty(0, np.uint8))[:HINT_BYTES].tobytes()
     if b"G91" not in head and (b"M82" in head or b"M83" in head):
         return None
-    return int(state.counts[k.C_RULE]), int(state.counts[k.C_M83])
+    return int(state.counts.rule), int(state.counts.m83)
 
 
 _RULES = {
@@ -194,12 +194,12 @@ def e_warning(state: MachineState) -> str | None:
 
     ``state`` is as it is before the first line (`starting_state`). None where the firmware alone reads it so.
     """
-    if state.counts[k.C_M83]:
+    if state.counts.m83:
         return (
             "this file prints before it says M82 or M83: its E is read as relative, as its numbers say; a printer "
             "starts with absolute E, so put M83 at its top unless the printer's start macro says it"
         )
-    rule = int(state.counts[k.C_RULE])
+    rule = int(state.counts.rule)
     if rule != state.flavour.g90_influences_e:
         return (
             f"the numbers of this file fit only a printer on which {_RULES[rule]}; for another one let the file say "
@@ -210,7 +210,7 @@ def e_warning(state: MachineState) -> str | None:
 
 def _implausible_share(text: np.ndarray, state: MachineState, rule: int, m83: int) -> float:
     trial = state.copy()
-    trial.counts[k.C_RULE], trial.counts[k.C_M83] = rule, m83
+    trial.counts.rule, trial.counts.m83 = rule, m83
     records = np.empty(RECORDS, k.RECORD)
     count, _ = k.interpret(text, 0, len(text), trial.numbers, trial.counts, records)
     rows = records[:count]

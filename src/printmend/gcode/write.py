@@ -96,9 +96,9 @@ def follow(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> Non
 def initial_writer(state: MachineState) -> np.ndarray:
     """Return the writer's state for a file that starts in ``state``."""
     writer = np.zeros(k.WRITER)
-    writer[k.W_PLACE : k.W_PLACE + 3] = state.numbers[k.N_POS : k.N_POS + 3]
-    writer[k.W_FEED] = state.numbers[k.N_FEED]
-    writer[k.W_MODAL] = state.counts[k.C_MODAL]
+    writer[k.W_PLACE : k.W_PLACE + 3] = state.numbers.pos
+    writer[k.W_FEED] = state.numbers.feed
+    writer[k.W_MODAL] = state.counts.modal
     return writer
 
 
@@ -114,7 +114,7 @@ def _interpreted(chunks: Iterable[np.ndarray], state: MachineState) -> Iterator[
             if after == position:  # one line with more statements than fit
                 ring[turn] = np.empty(larger(len(records)), k.RECORD)
                 continue
-            numbered = bool(state.counts[k.C_NUMBERED] + state.counts[k.C_CHECKSUMS] > 0)
+            numbered = bool(state.counts.numbered + state.counts.checksums > 0)
             yield _Batch(chunk, position, after, records[:count], numbered)
             turn = (turn + 1) % len(ring)
             position = after

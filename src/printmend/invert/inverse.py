@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from printmend.gcode.kernels import PIECE
+from printmend.gcode.kernels import PIECE, record
 from printmend.gcode.write import PLANS_AT_ONCE
 from printmend.invert.kernels import layout as k
 from printmend.invert.kernels import lookup as look
@@ -17,50 +17,50 @@ _RISE_LOOK_MM = 0.05  # a screw's curvature is measured over this distance
 _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
 
 
-def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> np.ndarray:
-    """Return a mechanism as the one array that the compiled planner reads (its fields are in `kernels.lookup`).
+def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> look.Model:
+    """Return a mechanism as the compiled planner reads it (`kernels.lookup` says what its numbers mean).
 
     Its origin is taken as it is: call `Mechanism.homed` first where homing defines it. ``tolerance_mm`` is how far the
     printed path may lie from the wanted one: half of it where a chord bulges, half where slack is crossed.
     """
     printer, frame = mechanism.printer, mechanism.frame
-    head = np.zeros(look.M_TABLES)
-    head[look.M_BED : look.M_BED + 4] = printer.x.min_mm, printer.x.max_mm, printer.y.min_mm, printer.y.max_mm
-    head[look.M_SHIFTS_ONLY] = frame.is_identity and all(map(_shifts_only, mechanism.transmissions))
-    head[look.M_FRAME_BEND] = _frame_bend(mechanism)
-    way = frame.bed_map(corexy=printer.kinematics == "corexy").values
-    head[look.M_MAP : look.M_MAP + len(way)] = way
-    head[look.M_HOME : look.M_HOME + 2] = printer.home_mm
-    head[look.M_HOME_SIDE : look.M_HOME_SIDE + 2] = printer.x.home_direction, printer.y.home_direction
-    head[look.M_CHORD] = chord_mm = tolerance_mm / 2
-    parts, size, sharpest = [head], len(head), 0.0
+    head = record(look.HEAD)
+    head.bed[:] = printer.x.min_mm, printer.x.max_mm, printer.y.min_mm, printer.y.max_mm
+    head.shifts_only = frame.is_identity and all(map(_shifts_only, mechanism.transmissions))
+    head.frame_bend = _frame_bend(mechanism)
+    head.bed_map[:] = frame.bed_map(corexy=printer.kinematics == "corexy").values
+    head.home[:] = printer.home_mm
+    head.home_side[:] = printer.x.home_direction, printer.y.home_direction
+    head.chord = chord_mm = tolerance_mm / 2
+    parts: list[np.ndarray] = []
+    size, sharpest = 0, 0.0
     screw = None if mechanism.screw is None or _is_straight(mechanism.screw) else mechanism.screw
     for motor, t in enumerate((*mechanism.transmissions, *([] if screw is None else [screw.transmission]))):
         bend = _bend(t)
         sharpest = max(sharpest, bend.max() if motor < 2 else 0.0)
-        at = look.M_MOTOR + look.MOTOR_FIELDS * motor
-        head[at : at + 6] = t.first_mm, 1.0 / t.pitch_mm, len(t.lower_mm) - 1, size, len(bend) - 1, t.is_taut
+        head.first[motor], head.rate[motor], head.last[motor] = t.first_mm, 1.0 / t.pitch_mm, len(t.lower_mm) - 1
+        head.bend[motor], head.bend_last[motor], head.taut[motor] = size, len(bend) - 1, t.is_taut
         parts.append(bend)
         size += len(bend)
         for branch, table in enumerate((t.lower_mm, t.upper_mm)):
             steps = np.arange(int((table[-1] - table[0]) / t.pitch_mm) + 2)
             guide = np.searchsorted(table, table[0] + steps * t.pitch_mm)
-            at = look.M_BRANCH + look.BRANCH_FIELDS * (2 * motor + branch)
-            head[at : at + 3] = size, table[0], size + len(table)
+            head.table[motor, branch], head.floor[motor, branch] = size, table[0]
+            head.guide[motor, branch] = size + len(table)
             parts += [table, np.minimum(guide, len(table) - 1)]
             size += len(table) + len(guide)
     if screw is not None:
         z = printer.z
-        head[look.M_SCREW], head[look.M_RISE] = 1.0, _rise_mm(screw, chord_mm)
-        head[look.M_Z_LIMITS : look.M_Z_LIMITS + 2] = z.min_mm, z.max_mm
-        head[look.M_Z_HOME], head[look.M_Z_HOME_SIDE] = z.home_mm, z.home_direction
-        head[look.M_PUSH : look.M_PUSH + 2] = size, size + len(screw.wobble_mm)
+        head.screw, head.rise = 1.0, _rise_mm(screw, chord_mm)
+        head.z_limits[:] = z.min_mm, z.max_mm
+        head.z_home, head.z_home_side = z.home_mm, z.home_direction
+        head.push[:] = size, size + len(screw.wobble_mm)
         parts += [*screw.wobble_mm.T]
-    head[look.M_BENT] = sharpest > 0
+    head.bent = sharpest > 0
     # A parabola of the sharpest curvature strays by a quarter of the tolerance between two looks.
-    head[look.M_SAMPLE] = np.clip(np.sqrt(2.0 * chord_mm / max(sharpest, 1e-12)), 0.02, 2.0)
-    head[look.M_LOOK] = np.clip(5.0 * head[look.M_SAMPLE], k.FINEST_SAMPLE_MM, k.SAMPLE_MM)
-    return np.concatenate(parts)
+    head.sample = np.clip(np.sqrt(2.0 * chord_mm / max(sharpest, 1e-12)), 0.02, 2.0)
+    head.look = np.clip(5.0 * head.sample, k.FINEST_SAMPLE_MM, k.SAMPLE_MM)
+    return look.Model(head, np.concatenate(parts))
 
 
 def _bend(t: Transmission) -> np.ndarray:
@@ -131,10 +131,10 @@ class Planner:
     Mutable, because a file of any length streams through it; only `Planner.begin` and `Planner.plan` change it.
     """
 
-    model: np.ndarray
+    model: look.Model
     quantum_mm: float
-    state: np.ndarray
-    counts: np.ndarray
+    state: np.record
+    counts: np.record
     errors: np.ndarray
     layers: np.ndarray
     samples: np.ndarray
@@ -147,22 +147,22 @@ class Planner:
     @property
     def has_screw(self) -> bool:
         """Say whether the machine has a Z screw that is not perfect."""
-        return bool(self.model[look.M_SCREW])
+        return bool(self.model.head.screw)
 
     @property
     def bed_mm(self) -> np.ndarray:
         """The lower and the upper corner of the bed [2, 2]."""
-        return self.model[look.M_BED : look.M_BED + 4].reshape(2, 2).T
+        return self.model.head.bed.reshape(2, 2).T
 
     def begin(self, segments_per_s: float = np.inf) -> None:
         """Begin a program: nothing is known of where the machine is. What was added up so far is kept.
 
         ``segments_per_s`` is how many moves a second its firmware takes: no line is cut finer than that.
         """
-        self.model[look.M_PERIOD] = 1.0 / (60.0 * segments_per_s)
-        self.counts[k.N_KNOWN] = self.counts[k.N_ANYWHERE] = self.counts[k.N_HEIGHT] = 0
-        self.counts[k.N_MARK] = -1
-        self.state[k.S_Z] = np.inf  # whatever comes first begins a layer
+        self.model.head.period = 1.0 / (60.0 * segments_per_s)
+        self.counts.known = self.counts.anywhere = self.counts.height = 0
+        self.counts.mark = -1
+        self.state.layer_z = np.inf  # whatever comes first begins a layer
 
     def plan(self, records: np.ndarray, begin: int = 0) -> tuple[int, np.ndarray, np.ndarray]:
         """Plan records[begin:]: return (end, first, pieces).
@@ -170,7 +170,7 @@ class Planner:
         Record i of records[begin:end] becomes pieces[first[i]:first[i + 1]]; both arrays are used again after
         `PLANS_AT_ONCE` further calls. ``end`` is below the number of records when the pieces of the rest did not fit.
         """
-        need = int(self.counts[k.N_LAYER]) + 2 + len(records) - begin
+        need = int(self.counts.layer) + 2 + len(records) - begin
         if need > len(self.layers):
             self.layers = np.concatenate([self.layers, np.zeros((need, k.LAYER))])
         self._turn = (self._turn + 1) % len(self._ring)
@@ -191,10 +191,10 @@ def start(mechanism: Mechanism, *, quantum_mm: float = 0.001, tolerance_mm: floa
 
     ``quantum_mm`` is the grid of the numbers that will be written, ``tolerance_mm`` how far the path may be off.
     """
-    state, counts = np.zeros(k.STATE), np.zeros(k.COUNTS, np.int64)
-    for low, high in ((k.S_LOW, k.S_HIGH), (k.S_PRINT_LOW, k.S_PRINT_HIGH)):
-        state[low : low + 2], state[high : high + 2] = np.inf, -np.inf
-    counts[k.N_LAYER] = counts[k.N_MARK] = -1
+    state, counts = record(k.STATE), record(k.COUNTS)
+    state.low[:] = state.print_low[:] = np.inf
+    state.high[:] = state.print_high[:] = -np.inf
+    counts.layer = counts.mark = -1
     return Planner(
         lookup(mechanism, tolerance_mm), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)),
         np.zeros((256, k.LAYER)), np.zeros((1 + k.SAMPLES, k.SAMPLE)),

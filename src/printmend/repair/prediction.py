@@ -182,9 +182,9 @@ class Prediction:
 def prediction_of(planner: Planner) -> Prediction:
     """Sum up what a planner has seen of a file."""
     counts, state = planner.counts, planner.state
-    layers = planner.layers[: int(counts[k.N_LAYER]) + 1]
+    layers = planner.layers[: int(counts.layer) + 1]
     length = float(layers[:, k.L_LENGTH].sum())
-    low_mm, high_mm = state[k.S_PRINT_LOW : k.S_PRINT_LOW + 2], state[k.S_PRINT_HIGH : k.S_PRINT_HIGH + 2]
+    low_mm, high_mm = state.print_low, state.print_high
     bed_mm = planner.bed_mm
     errors, heights = [], []
     for which in (0, 1):
@@ -201,26 +201,26 @@ def prediction_of(planner: Planner) -> Prediction:
         before=without_doubt(errors[0]),
         after=without_doubt(errors[1]),
         layers=tuple(_layer(row, planner.has_screw) for row in layers),
-        moves=int(counts[k.N_MOVES]),
-        commands=int(counts[k.N_PIECES] + counts[k.N_COPIED]),
-        takeups=int(counts[k.N_TAKEUPS]),
-        stops=int(counts[k.N_STOPS]),
-        coarse=int(counts[k.N_COARSE]),
-        anchors=int(counts[k.N_ANCHORS]),
-        clamped=int(counts[k.N_CLAMPED]),
-        clamped_extruding=int(counts[k.N_CLAMPED_EXTRUDING]),
-        beyond_mm=float(state[k.S_BEYOND]),
-        held_mm=float(state[k.S_HELD + 1] if counts[k.N_MARK] > 0 else state[k.S_HELD]),
-        unknown=int(counts[k.N_UNKNOWN]),
-        splines=int(counts[k.N_SPLINES]),
-        geometry=int(counts[k.N_GEOMETRY]),
-        extruding=int(counts[k.N_EXTRUDING]),
-        low_mm=(float(state[k.S_LOW]), float(state[k.S_LOW + 1])),
-        high_mm=(float(state[k.S_HIGH]), float(state[k.S_HIGH + 1])),
+        moves=int(counts.moves),
+        commands=int(counts.pieces + counts.copied),
+        takeups=int(counts.takeups),
+        stops=int(counts.stops),
+        coarse=int(counts.coarse),
+        anchors=int(counts.anchors),
+        clamped=int(counts.clamped),
+        clamped_extruding=int(counts.clamped_extruding),
+        beyond_mm=float(state.beyond),
+        held_mm=float(state.held[int(counts.mark > 0)]),
+        unknown=int(counts.unknown),
+        splines=int(counts.splines),
+        geometry=int(counts.geometry),
+        extruding=int(counts.extruding),
+        low_mm=(float(state.low[0]), float(state.low[1])),
+        high_mm=(float(state.high[0]), float(state.high[1])),
         printed_low_mm=(float(low_mm[0]), float(low_mm[1])),
         printed_high_mm=(float(high_mm[0]), float(high_mm[1])),
         on_bed=bool((low_mm > bed_mm[0] - _EDGE_MM).all() and (high_mm < bed_mm[1] + _EDGE_MM).all()),
-        unknown_lines=tuple(int(line) for line in counts[k.N_UNKNOWN_AT :][: counts[k.N_UNKNOWN]][: k.UNKNOWN_LINES]),
+        unknown_lines=tuple(int(line) for line in counts.unknown_at[: counts.unknown]),
         heights=(heights[0], heights[1]) if planner.has_screw else None,
         path=_path(planner.samples, layers[:, k.L_Z]),
     )

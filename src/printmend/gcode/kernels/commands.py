@@ -11,48 +11,48 @@ from printmend.jit import inner
 @inner
 def add_offsets(numbers, counts):
     """Sum the work, G92, gcode, home and tool offsets of each axis: machine − logical [mm]."""
-    tool = counts[C_TOOL]
+    tool = counts.tool
     for axis in range(3):
-        tools = numbers[N_TOOLS + 3 * tool + axis] if 0 <= tool < TOOLS else 0.0
-        work = numbers[N_WCS + 3 * counts[C_WCS] + axis]
-        shift = numbers[N_G92 + axis] + numbers[N_GCODE_OFFSET + axis] - numbers[N_M206 + axis]
-        numbers[N_OFFSET + axis] = work + shift - tools
+        tools = numbers.tools[tool, axis] if 0 <= tool < TOOLS else 0.0
+        work = numbers.work[counts.wcs, axis]
+        shift = numbers.g92[axis] + numbers.gcode_offset[axis] - numbers.m206[axis]
+        numbers.offset[axis] = work + shift - tools
 
 
 @inner
 def e_is_relative(counts):
-    if counts[C_RULE] == E_EITHER:
-        return counts[C_M83] != 0 or counts[C_RELATIVE] != 0
-    return counts[C_M83] != 0
+    if counts.rule == E_EITHER:
+        return counts.m83 != 0 or counts.relative != 0
+    return counts.m83 != 0
 
 
 @inner
 def begin_record(r, begin, end, after, numbers, counts, flags):
     """Fill a record with the state as it is before the statement."""
-    r.begin, r.end, r.next, r.line = begin, end, after, counts[C_LINE]
-    r.x0, r.y0, r.z0, r.e0 = numbers[N_POS], numbers[N_POS + 1], numbers[N_POS + 2], numbers[N_E]
+    r.begin, r.end, r.next, r.line = begin, end, after, counts.line
+    r.x0, r.y0, r.z0, r.e0 = numbers.pos[0], numbers.pos[1], numbers.pos[2], numbers.e
     r.c0 = r.c1 = np.nan
     r.advance = 0.0
-    if counts[C_RELATIVE]:
+    if counts.relative:
         flags |= FLAG_RELATIVE
     if e_is_relative(counts):
         flags |= FLAG_E_RELATIVE
-    if counts[C_INCH]:
+    if counts.inch:
         flags |= FLAG_INCH
-    if counts[C_ARC_ABSOLUTE]:
+    if counts.arc_absolute:
         flags |= FLAG_ARC_ABSOLUTE
-    r.flags = flags | counts[C_KNOWN] << 4
-    r.layer, r.turns, r.plane = counts[C_LAYER], 0, counts[C_PLANE]
+    r.flags = flags | counts.known << 4
+    r.layer, r.turns, r.plane = counts.layer, 0, counts.plane
     r.kind = r.event = r.axes = 0
 
 
 @inner
 def finish_record(r, numbers, counts):
     """Close a record with the place, E, feed, offsets and certainty after the statement."""
-    r.x1, r.y1, r.z1 = numbers[N_POS], numbers[N_POS + 1], numbers[N_POS + 2]
-    r.e1, r.feed = numbers[N_E], numbers[N_FEED]
-    r.ox, r.oy, r.oz = numbers[N_OFFSET], numbers[N_OFFSET + 1], numbers[N_OFFSET + 2]
-    r.flags = r.flags | (counts[C_KNOWN] << 7)
+    r.x1, r.y1, r.z1 = numbers.pos[0], numbers.pos[1], numbers.pos[2]
+    r.e1, r.feed = numbers.e, numbers.feed
+    r.ox, r.oy, r.oz = numbers.offset[0], numbers.offset[1], numbers.offset[2]
+    r.flags = r.flags | (counts.known << 7)
 
 
 # What events lose: the axes (bits) whose place is uncertain afterwards come with the event, in its higher byte.
@@ -64,7 +64,7 @@ ALL_LOST = 7 * _LOST
 def event(r, counts, what):
     """Say why the place (the axes in the higher byte of ``what``) or the belts' engaged side is uncertain."""
     r.kind, r.event = KIND_EVENT, what % _LOST
-    counts[C_KNOWN] &= ~(what // _LOST) & 7
+    counts.known &= ~(what // _LOST) & 7
 
 
 @inner
@@ -73,38 +73,38 @@ def _goto(numbers, counts, words, unclear, values, unit, g53):
     for axis in range(3):
         bit = WORD_X << axis
         if unclear & bit:
-            counts[C_KNOWN] &= ~(1 << axis)
+            counts.known &= ~(1 << axis)
         elif words & bit:
             value = values[23 + axis] * unit
             if g53:
-                numbers[N_POS + axis] = value
-                counts[C_KNOWN] |= 1 << axis
-            elif counts[C_RELATIVE]:
-                numbers[N_POS + axis] += value
+                numbers.pos[axis] = value
+                counts.known |= 1 << axis
+            elif counts.relative:
+                numbers.pos[axis] += value
             else:
-                numbers[N_POS + axis] = value + numbers[N_OFFSET + axis]
-                if counts[C_OFFSET_KNOWN] & (1 << axis):
-                    counts[C_KNOWN] |= 1 << axis
+                numbers.pos[axis] = value + numbers.offset[axis]
+                if counts.offset_known & (1 << axis):
+                    counts.known |= 1 << axis
                 else:
-                    counts[C_KNOWN] &= ~(1 << axis)
+                    counts.known &= ~(1 << axis)
 
 
 @inner
 def move(r, numbers, counts, words, unclear, values, motion):
     """G0 G1 G2 G3: the state moves on; the record learns the rest in `_close_move`."""
-    unit = 25.4 if counts[C_INCH] else 1.0
+    unit = 25.4 if counts.inch else 1.0
     if motion == 0:
         r.flags = r.flags | FLAG_RAPID
     if words & WORD_F:
-        numbers[N_FEED] = abs(values[5]) * unit
+        numbers.feed = abs(values[5]) * unit
     r.kind = KIND_LINEAR if motion < 2 else (KIND_CW if motion == 2 else KIND_CCW)
     _goto(numbers, counts, words, unclear, values, unit, np.int64(r.flags & FLAG_G53))
     if words & WORD_E:
         value = values[4] * unit
-        numbers[N_E] = r.e0 + value if e_is_relative(counts) else value
-        advance = (numbers[N_E] - r.e0) * numbers[N_FLOW]
-        r.advance = advance / numbers[N_AREA] if numbers[N_AREA] > 0 else advance
-    moves = r.x0 != numbers[N_POS] or r.y0 != numbers[N_POS + 1] or r.z0 != numbers[N_POS + 2]
+        numbers.e = r.e0 + value if e_is_relative(counts) else value
+        advance = (numbers.e - r.e0) * numbers.flow
+        r.advance = advance / numbers.area if numbers.area > 0 else advance
+    moves = r.x0 != numbers.pos[0] or r.y0 != numbers.pos[1] or r.z0 != numbers.pos[2]
     if motion >= 2:
         _centre(r, numbers, counts, words, values, unit, motion)
         moves = True
@@ -115,11 +115,11 @@ def move(r, numbers, counts, words, unclear, values, motion):
     if words & WORD_H and values[7] > 0:  # RRF: towards an end stop, or of one motor
         r.flags = r.flags | FLAG_OPAQUE
         r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
-        counts[C_KNOWN] &= ~(words >> 23) & 7
-    if motion < 2 and words & WORD_R and counts[C_FLAVOUR] in (FLAVOUR_UNKNOWN, FLAVOUR_RRF):
+        counts.known &= ~(words >> 23) & 7
+    if motion < 2 and words & WORD_R and counts.flavour in (FLAVOUR_UNKNOWN, FLAVOUR_RRF):
         r.flags = r.flags | FLAG_OPAQUE  # RRF: from a stored place
         r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
-        counts[C_KNOWN] &= ~(words >> 23) & 7
+        counts.known &= ~(words >> 23) & 7
     if unclear:
         r.flags = r.flags | FLAG_OPAQUE
         if unclear & (WORDS_XYZ | WORDS_IJK | WORD_R):
@@ -129,15 +129,15 @@ def move(r, numbers, counts, words, unclear, values, motion):
 @inner
 def _centre(r, numbers, counts, words, values, unit, motion):
     """Find an arc's centre from I J K or from R; an arc without one becomes an unknown event."""
-    a = (0, 2, 1)[counts[C_PLANE]]
-    b = (1, 0, 2)[counts[C_PLANE]]
+    a = (0, 2, 1)[counts.plane]
+    b = (1, 0, 2)[counts.plane]
     first = r.x0 if a == 0 else (r.z0 if a == 2 else r.y0)
     second = r.y0 if b == 1 else (r.x0 if b == 0 else r.z0)
     bit_a, bit_b = WORD_I << a, WORD_I << b
     if words & (bit_a | bit_b):
-        if counts[C_ARC_ABSOLUTE]:
-            r.c0 = values[8 + a] * unit + numbers[N_OFFSET + a] if words & bit_a else first
-            r.c1 = values[8 + b] * unit + numbers[N_OFFSET + b] if words & bit_b else second
+        if counts.arc_absolute:
+            r.c0 = values[8 + a] * unit + numbers.offset[a] if words & bit_a else first
+            r.c1 = values[8 + b] * unit + numbers.offset[b] if words & bit_b else second
         else:
             r.c0 = first + (values[8 + a] * unit if words & bit_a else 0.0)
             r.c1 = second + (values[8 + b] * unit if words & bit_b else 0.0)
@@ -146,7 +146,7 @@ def _centre(r, numbers, counts, words, values, unit, motion):
     elif words & WORD_R:
         # The centre lies on the chord's bisector, at h from its middle: (2h/d)² = (4r² − d²)/d².
         radius = values[17] * unit
-        x, y = numbers[N_POS + a] - first, numbers[N_POS + b] - second
+        x, y = numbers.pos[a] - first, numbers.pos[b] - second
         square = x * x + y * y
         if square > 0 and radius != 0:
             ratio = -np.sqrt(max(4.0 * radius * radius - square, 0.0) / square)
@@ -167,34 +167,34 @@ def _home(r, numbers, counts, axes):
     r.kind, r.axes = KIND_HOME, axes
     for axis in range(3):
         if axes & (1 << axis):
-            numbers[N_POS + axis] = numbers[N_HOME + axis]
-            numbers[N_G92 + axis] = 0.0
-            counts[C_KNOWN] |= 1 << axis
-            counts[C_OFFSET_KNOWN] |= 1 << axis
+            numbers.pos[axis] = numbers.home[axis]
+            numbers.g92[axis] = 0.0
+            counts.known |= 1 << axis
+            counts.offset_known |= 1 << axis
 
 
 @inner
 def _set_position(r, numbers, counts, words, values, code):
     """G92: the place stays, its coordinates change. Bare, Klipper sets all to zero; Marlin and RRF do nothing."""
-    unit = 25.4 if counts[C_INCH] else 1.0
-    flavour = counts[C_FLAVOUR]
+    unit = 25.4 if counts.inch else 1.0
+    flavour = counts.flavour
     bare = (words & (WORDS_XYZ | WORD_E)) == 0 and code == 920
     zero = bare and flavour in (FLAVOUR_UNKNOWN, FLAVOUR_KLIPPER)
     r.kind = KIND_SET
     axes = 0
     for axis in range(3):
         if code != 920:  # G92.1, G92.2: LinuxCNC forgets the shift
-            numbers[N_G92 + axis] = 0.0
-            counts[C_OFFSET_KNOWN] |= 1 << axis
+            numbers.g92[axis] = 0.0
+            counts.offset_known |= 1 << axis
             axes |= 16 | 1 << axis
         elif zero or words & (WORD_X << axis):
             value = 0.0 if zero else values[23 + axis] * unit
-            numbers[N_G92 + axis] += numbers[N_POS + axis] - value - numbers[N_OFFSET + axis]
+            numbers.g92[axis] += numbers.pos[axis] - value - numbers.offset[axis]
             axes |= 1 << axis
-            if not counts[C_KNOWN] & (1 << axis):
-                counts[C_OFFSET_KNOWN] &= ~(1 << axis)
+            if not counts.known & (1 << axis):
+                counts.offset_known &= ~(1 << axis)
     if zero or (words & WORD_E and code == 920):
-        numbers[N_E] = 0.0 if zero else values[4] * unit
+        numbers.e = 0.0 if zero else values[4] * unit
         axes |= 8
     r.axes = axes
 
@@ -203,20 +203,20 @@ def _set_position(r, numbers, counts, words, values, code):
 def set_mode(numbers, counts, code):
     """Obey a G word that only sets a mode; False if it is another kind. Codes are tenths: G92.1 is 921."""
     if code == 900 or code == 910:
-        counts[C_RELATIVE] = code == 910
-        if counts[C_RULE] == E_FOLLOWS:
-            counts[C_M83] = code == 910
+        counts.relative = code == 910
+        if counts.rule == E_FOLLOWS:
+            counts.m83 = code == 910
     elif code == 200 or code == 210:
-        counts[C_INCH] = code == 200
+        counts.inch = code == 200
     elif 170 <= code <= 190 and code % 10 == 0:
-        counts[C_PLANE] = code // 10 - 17
+        counts.plane = code // 10 - 17
     elif code == 901 or code == 911:
-        counts[C_ARC_ABSOLUTE] = code == 901
+        counts.arc_absolute = code == 901
     elif 540 <= code <= 590 and code % 10 == 0:
-        counts[C_WCS] = code // 10 - 54
+        counts.wcs = code // 10 - 54
         add_offsets(numbers, counts)
     elif 591 <= code <= 593:
-        counts[C_WCS] = code - 585
+        counts.wcs = code - 585
         add_offsets(numbers, counts)
     elif not (code == 400 or code == 490 or code == 640 or 930 <= code <= 990 or code == 90):
         return False
@@ -228,36 +228,36 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
     """Obey a G command with its words, motion G0–G3 excepted; return what it makes uncertain, for `event`, or 0."""
     if code == 280:
         axes = ((words | bare | unclear) >> 23) & 7
-        flavour = counts[C_FLAVOUR]
+        flavour = counts.flavour
         if (words | bare) & WORD_O and flavour != FLAVOUR_KLIPPER and flavour != FLAVOUR_RRF:
             # Marlin homes then only what is not known, and stays elsewhere.
-            return 0 if counts[C_KNOWN] == 7 and flavour != FLAVOUR_UNKNOWN else EVENT_PROBE + ALL_LOST
+            return 0 if counts.known == 7 and flavour != FLAVOUR_UNKNOWN else EVENT_PROBE + ALL_LOST
         _home(r, numbers, counts, axes if axes else 7)
     elif code == 920 or code == 921 or code == 922:
         _set_position(r, numbers, counts, words, values, code)
     elif code == 100 or code == 110:
         return _g10(r, numbers, counts, words, values, code)
     elif code == 923:  # LinuxCNC remembers a shift that may be another file's
-        counts[C_OFFSET_KNOWN] = 0
+        counts.offset_known = 0
         return EVENT_OFFSET + ALL_LOST
     elif code == 40 or code == 430 or (code == 290 and words & WORD_S):
         pass  # dwell, tool length from the table, RRF's `G29 S1` (load a map)
     elif code == 610:  # back to a stored place, or LinuxCNC's exact path
-        if (words | bare) & ~np.int64(1 << 6) or counts[C_FLAVOUR] in (FLAVOUR_MARLIN2, FLAVOUR_RRF):
+        if (words | bare) & ~np.int64(1 << 6) or counts.flavour in (FLAVOUR_MARLIN2, FLAVOUR_RRF):
             return EVENT_UNKNOWN + ALL_LOST
     elif code in (600, 281, 301, 291, 292, 294, 220, 230):
         pass  # stored places; Bambu's and Marlin's switches
     elif code in (290, 300, 320, 330, 340, 800) or 380 <= code <= 385:
         if code == 800:
-            counts[C_MODAL] = -1
+            counts.modal = -1
         return EVENT_PROBE + ALL_LOST
     elif code == 50 or code == 51:  # splines end where they say
-        unit = 25.4 if counts[C_INCH] else 1.0
+        unit = 25.4 if counts.inch else 1.0
         _goto(numbers, counts, words, unclear, values, unit, np.int64(0))
         if words & WORD_F:
-            numbers[N_FEED] = abs(values[5]) * unit
+            numbers.feed = abs(values[5]) * unit
         if words & WORD_E:
-            numbers[N_E] = r.e0 + values[4] * unit if e_is_relative(counts) else values[4] * unit
+            numbers.e = r.e0 + values[4] * unit if e_is_relative(counts) else values[4] * unit
         r.flags = r.flags | FLAG_OPAQUE
         return EVENT_SPLINE
     else:
@@ -275,24 +275,23 @@ def _g10(r, numbers, counts, words, values, code):
         return 0
     if not words & WORDS_XYZ:
         return 0
-    unit = 25.4 if counts[C_INCH] else 1.0
+    unit = 25.4 if counts.inch else 1.0
     index = np.int64(min(max(values[15], -1.0), 99.0)) if has_p else -1
     level = np.int64(min(max(values[11], 0.0), 99.0)) if has_l else 0
     for axis in range(3):
         if words & (WORD_X << axis):
             value = values[23 + axis] * unit
             if level == 2 or level == 20:
-                work = counts[C_WCS] if index <= 0 else index - 1
+                work = counts.wcs if index <= 0 else index - 1
                 if 0 <= work < 9:
-                    place = N_WCS + 3 * work + axis
                     if level == 2:
-                        numbers[place] = value
-                    elif work == counts[C_WCS]:
-                        numbers[place] += numbers[N_POS + axis] - value - numbers[N_OFFSET + axis]
-                    if level == 20 and not counts[C_KNOWN] & (1 << axis):
-                        counts[C_OFFSET_KNOWN] &= ~(1 << axis)
+                        numbers.work[work, axis] = value
+                    elif work == counts.wcs:
+                        numbers.work[work, axis] += numbers.pos[axis] - value - numbers.offset[axis]
+                    if level == 20 and not counts.known & (1 << axis):
+                        counts.offset_known &= ~(1 << axis)
             elif 0 <= index < TOOLS:
-                numbers[N_TOOLS + 3 * index + axis] = value
+                numbers.tools[index, axis] = value
     return EVENT_OFFSET
 
 
@@ -302,13 +301,13 @@ def tool_change(numbers, counts, tool):
 
     With increments, or where the tools' offsets differ, nobody knows; but a file's first T0 names the tool at hand.
     """
-    old = counts[C_TOOL]
-    same = counts[C_RELATIVE] == 0 or (old < 0 and tool == 0)
+    old = counts.tool
+    same = counts.relative == 0 or (old < 0 and tool == 0)
     for axis in range(3):
-        before = numbers[N_TOOLS + 3 * old + axis] if 0 <= old < TOOLS else 0.0
-        after = numbers[N_TOOLS + 3 * tool + axis] if 0 <= tool < TOOLS else 0.0
+        before = numbers.tools[old, axis] if 0 <= old < TOOLS else 0.0
+        after = numbers.tools[tool, axis] if 0 <= tool < TOOLS else 0.0
         same = same and before == after
-    counts[C_TOOL] = tool
+    counts.tool = tool
     return EVENT_TOOL if same else EVENT_TOOL + ALL_LOST
 
 
@@ -324,24 +323,24 @@ _M_MACRO = np.array([240, 320, 480, 980, 6050, 6220, 6230, 8080, 9700, 9703, 971
 def m_command(r, numbers, counts, words, bare, values, code):
     """Obey an M command (in tenths); return what it makes uncertain, for `event`, or 0."""
     if code == 820 or code == 830:
-        counts[C_M83] = code == 830
+        counts.m83 = code == 830
     elif code == 2210:
         if words & WORD_S:
-            numbers[N_FLOW] = values[18] / 100.0
+            numbers.flow = values[18] / 100.0
     elif code == 2000:
         if words & WORD_D:
-            numbers[N_AREA] = np.pi * values[3] * values[3] / 4.0
+            numbers.area = np.pi * values[3] * values[3] / 4.0
         if words & WORD_S and values[18] == 0:
-            numbers[N_AREA] = 0.0
+            numbers.area = 0.0
     elif code == 2180 or code == 2060:
-        tool = np.int64(min(max(values[19], -1.0), 99.0)) if words & WORD_T else counts[C_TOOL]
+        tool = np.int64(min(max(values[19], -1.0), 99.0)) if words & WORD_T else counts.tool
         for axis in range(3):
             if words & (WORD_X << axis):
-                value = values[23 + axis] * (25.4 if counts[C_INCH] else 1.0)
+                value = values[23 + axis] * (25.4 if counts.inch else 1.0)
                 if code == 2060:
-                    numbers[N_M206 + axis] = value
+                    numbers.m206[axis] = value
                 elif 0 < tool < TOOLS:
-                    numbers[N_TOOLS + 3 * tool + axis] = value
+                    numbers.tools[tool, axis] = value
         if words & WORDS_XYZ:
             return EVENT_OFFSET
     elif code == 180 or code == 840:

@@ -46,13 +46,13 @@ def _comment(buf, p, stop, counts):
     if first == 76 and starts_with(buf, p, stop, _LAYER):
         q = p + 5
         if starts_with(buf, p, stop, _LAYER_CHANGE):
-            counts[C_LAYER] += q + 7 == stop or is_blank(buf[min(q + 7, stop - 1)])
+            counts.layer += q + 7 == stop or is_blank(buf[min(q + 7, stop - 1)])
         elif q + 1 < stop and (buf[q] == 58 or buf[q] == SPACE) and (is_digit(buf[q + 1]) or buf[q + 1] == 45):
-            counts[C_LAYER] += 1
+            counts.layer += 1
     elif (first == 67 and starts_with(buf, p, stop, _CHANGE_LAYER)) or (
         first == 66 and starts_with(buf, p, stop, _LAYER_OBJECT)
     ):
-        counts[C_LAYER] += 1
+        counts.layer += 1
 
 
 @inner
@@ -70,7 +70,7 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n):
     if upper(buf[p]) == LETTER_N and p + 1 < stop and is_digit(buf[p + 1]):
         p = _after_number(buf, p + 1, stop)
         s.flags = FLAG_NUMBERED
-        counts[C_NUMBERED] += 1
+        counts.numbered += 1
     while p < stop:
         p = read_statement(buf, p, stop, s, values, numbers, counts)
         if s.spaced:
@@ -119,17 +119,17 @@ def _obey(buf, stop, s, r, values, numbers, counts):
         return g_command(r, numbers, counts, s.words, s.bare, s.unclear, values, s.code)
     if s.letter == LETTER_G or s.letter == 0:
         if s.letter == LETTER_G:
-            counts[C_MODAL] = s.code // 10
+            counts.modal = s.code // 10
         else:
             r.flags = r.flags | FLAG_MODAL
         named = (s.words | s.unclear) & (WORDS_XYZ | WORD_E | WORD_F)
-        if counts[C_MODAL] >= 0 and (s.letter == LETTER_G or named):
-            move(r, numbers, counts, s.words, s.unclear, values, counts[C_MODAL])
+        if counts.modal >= 0 and (s.letter == LETTER_G or named):
+            move(r, numbers, counts, s.words, s.unclear, values, counts.modal)
         return 0
     if s.letter == LETTER_M:
         return m_command(r, numbers, counts, s.words, s.bare, values, s.code)
     if s.letter == LETTER_T:
-        return tool_change(numbers, counts, s.code // 10) if s.code // 10 != counts[C_TOOL] else 0
+        return tool_change(numbers, counts, s.code // 10) if s.code // 10 != counts.tool else 0
     if s.letter == EXTENDED:
         return long_command(r, buf, s.start, stop, numbers, counts)
     r.flags = r.flags | FLAG_OPAQUE
@@ -154,7 +154,7 @@ def interpret(buf, begin, end, numbers, counts, records):
             after = plain_move(buf, p, end, numbers, counts, records, n)
             if after >= 0:
                 n += 1
-                counts[C_LINE] += 1
+                counts.line += 1
                 p = after
                 continue
         stop = p
@@ -174,6 +174,6 @@ def interpret(buf, begin, end, numbers, counts, records):
             if n + (code - p) // 2 + 2 > capacity:
                 break
         n = _line(buf, p, stop, after, scratch[0], values, numbers, counts, records, n)
-        counts[C_LINE] += 1
+        counts.line += 1
         p = after
     return n, p

@@ -85,18 +85,18 @@ def long_command(r, buf, p, stop, numbers, counts):
     if name == _RESTORE:
         slot = _restore(numbers, counts, label, move)
         if slot < 0:
-            counts[C_OFFSET_KNOWN] = 0
+            counts.offset_known = 0
             return what + ALL_LOST
         r.axes = slot
         return what
     for axis in range(3):
-        old = numbers[N_GCODE_OFFSET + axis]
+        old = numbers.gcode_offset[axis]
         if given & (1 << axis):
-            numbers[N_GCODE_OFFSET + axis] = offsets[axis]
+            numbers.gcode_offset[axis] = offsets[axis]
         elif adjusted & (1 << axis):
-            numbers[N_GCODE_OFFSET + axis] += offsets[axis]
+            numbers.gcode_offset[axis] += offsets[axis]
         if move:
-            numbers[N_POS + axis] += numbers[N_GCODE_OFFSET + axis] - old
+            numbers.pos[axis] += numbers.gcode_offset[axis] - old
     return what
 
 
@@ -106,19 +106,19 @@ def _save(numbers, counts, label):
     key = np.int64(label)
     slot = 0
     for k in range(SAVED_SLOTS - 1, -1, -1):
-        if counts[C_SAVED + k * SAVED_COUNTS] == 0:
+        if counts.saved[k].key == 0:
             slot = k
     for k in range(SAVED_SLOTS):
-        if counts[C_SAVED + k * SAVED_COUNTS] == key:
+        if counts.saved[k].key == key:
             slot = k
-    c, f = C_SAVED + slot * SAVED_COUNTS, N_SAVED + slot * SAVED_NUMBERS
-    counts[c], counts[c + 1], counts[c + 2] = key, counts[C_RELATIVE], counts[C_M83]
-    counts[c + 3], counts[c + 4] = counts[C_KNOWN], counts[C_OFFSET_KNOWN]
+    c, f = counts.saved[slot], numbers.saved[slot]
+    c.key, c.relative, c.m83 = key, counts.relative, counts.m83
+    c.known, c.offset_known = counts.known, counts.offset_known
     for axis in range(3):
-        numbers[f + axis] = numbers[N_POS + axis]
-        numbers[f + 3 + axis] = numbers[N_G92 + axis]
-        numbers[f + 6 + axis] = numbers[N_GCODE_OFFSET + axis]
-    numbers[f + 9], numbers[f + 10], numbers[f + 11] = numbers[N_E], numbers[N_FEED], numbers[N_FLOW]
+        f.pos[axis] = numbers.pos[axis]
+        f.g92[axis] = numbers.g92[axis]
+        f.gcode_offset[axis] = numbers.gcode_offset[axis]
+    f.e, f.feed, f.flow = numbers.e, numbers.feed, numbers.flow
     return slot
 
 
@@ -127,16 +127,16 @@ def _restore(numbers, counts, label, move):
     """RESTORE_GCODE_STATE; return the slot, −1 when nothing was saved under that name."""
     key = np.int64(label)
     for slot in range(SAVED_SLOTS):
-        c, f = C_SAVED + slot * SAVED_COUNTS, N_SAVED + slot * SAVED_NUMBERS
-        if counts[c] == key:
-            counts[C_RELATIVE], counts[C_M83], counts[C_OFFSET_KNOWN] = counts[c + 1], counts[c + 2], counts[c + 4]
+        c, f = counts.saved[slot], numbers.saved[slot]
+        if c.key == key:
+            counts.relative, counts.m83, counts.offset_known = c.relative, c.m83, c.offset_known
             for axis in range(3):
-                numbers[N_G92 + axis] = numbers[f + 3 + axis]
-                numbers[N_GCODE_OFFSET + axis] = numbers[f + 6 + axis]
+                numbers.g92[axis] = f.g92[axis]
+                numbers.gcode_offset[axis] = f.gcode_offset[axis]
                 if move:
-                    numbers[N_POS + axis] = numbers[f + axis]
+                    numbers.pos[axis] = f.pos[axis]
             if move:
-                counts[C_KNOWN] = counts[c + 3]
-            numbers[N_E], numbers[N_FEED], numbers[N_FLOW] = numbers[f + 9], numbers[f + 10], numbers[f + 11]
+                counts.known = c.known
+            numbers.e, numbers.feed, numbers.flow = f.e, f.feed, f.flow
             return slot
     return -1

@@ -2,6 +2,12 @@
 
 import numpy as np
 
+
+def record(kind: np.dtype) -> np.record:
+    """Return one record of zeros, whose fields are its attributes; kernels change it in place."""
+    return np.zeros(1, kind).view(np.recarray)[0]
+
+
 # One record. Positions are machine millimetres: G90/G91, G20/G21, G92, G54–G59, tool and gcode offsets are resolved.
 RECORD = np.dtype(
     [
@@ -80,19 +86,56 @@ FLAG_PLAIN = 1 << 21  # written `G1 X… Y…`: upper case, one blank before eac
 FLAVOUR_UNKNOWN, FLAVOUR_MARLIN2, FLAVOUR_MARLIN1, FLAVOUR_KLIPPER, FLAVOUR_RRF, FLAVOUR_PRUSA = 0, 1, 2, 3, 4, 5
 E_EITHER, E_FOLLOWS, E_APART = 0, 1, 2  # how G90/G91 act on E: relative if G91 or M83; sets E too; not at all
 
-# numbers: float64 state
-N_POS, N_E, N_FEED, N_HOME, N_G92, N_GCODE_OFFSET, N_M206 = 0, 3, 4, 5, 8, 11, 14
-N_FLOW, N_AREA, N_WCS, N_TOOLS, N_SAVED = 17, 18, 20, 47, 96
-SAVED_SLOTS, SAVED_NUMBERS = 8, 12
+TOOLS, WORK_OFFSETS = 16, 9
+SAVED_SLOTS = 8  # of SAVE_GCODE_STATE
 NO_SLOT = 255
-N_OFFSET = N_SAVED + SAVED_SLOTS * SAVED_NUMBERS  # machine − logical [mm], the sum of all shifts
-NUMBERS = N_OFFSET + 3
-# counts: int64 state
-C_LINE, C_RELATIVE, C_M83, C_INCH, C_PLANE, C_MODAL, C_KNOWN, C_OFFSET_KNOWN, C_TOOL, C_WCS = range(10)
-C_LAYER, C_RULE, C_ARC_ABSOLUTE, C_FLAVOUR, C_NUMBERED, C_CHECKSUMS = range(10, 16)
-C_SAVED, SAVED_COUNTS = 24, 6
-COUNTS = C_SAVED + SAVED_SLOTS * SAVED_COUNTS
-TOOLS = 16
+_MODAL_NUMBERS = [
+    ("pos", "f8", 3),  # machine place [mm]
+    ("g92", "f8", 3),  # shift by G92 [mm]
+    ("gcode_offset", "f8", 3),  # Klipper's SET_GCODE_OFFSET [mm]
+    ("e", "f8"),  # logical E [mm, or mm³ after M200]
+    ("feed", "f8"),  # modal F [mm/min]
+    ("flow", "f8"),  # of M221, 1 for 100 %
+]
+# What a machine's state holds in numbers, and whole numbers.
+NUMBERS = np.dtype(
+    [
+        *_MODAL_NUMBERS,
+        ("home", "f8", 3),  # where homing goes [mm]
+        ("m206", "f8", 3),  # home offset of M206 [mm]
+        ("offset", "f8", 3),  # machine − logical [mm], the sum of all shifts
+        ("area", "f8"),  # of the filament after M200 [mm²], 0 while E is mm
+        ("work", "f8", (WORK_OFFSETS, 3)),  # work offsets of G54 to G59.3 [mm]
+        ("tools", "f8", (TOOLS, 3)),  # tool offsets [mm]
+        ("saved", np.dtype(_MODAL_NUMBERS, align=True), SAVED_SLOTS),
+    ],
+    align=True,
+)
+_MODAL_COUNTS = [
+    ("relative", "i8"),  # 1 after G91
+    ("m83", "i8"),  # 1 after M83
+    ("known", "i8"),  # bits: the place of X, Y, Z is certain
+    ("offset_known", "i8"),  # bits: the offset of X, Y, Z is certain
+]
+COUNTS = np.dtype(
+    [
+        *_MODAL_COUNTS,
+        ("line", "i8"),  # of the file, from 0
+        ("inch", "i8"),  # 1 after G20
+        ("plane", "i8"),  # 0 XY, 1 ZX, 2 YZ
+        ("modal", "i8"),  # the motion in force: G0 to G3, −1 for none
+        ("tool", "i8"),  # −1 before the first T
+        ("wcs", "i8"),  # row of ``work``
+        ("layer", "i8"),  # layer comments seen
+        ("rule", "i8"),  # E_*
+        ("arc_absolute", "i8"),  # 1 after G90.1
+        ("flavour", "i8"),  # FLAVOUR_*
+        ("numbered", "i8"),  # lines with an N word
+        ("checksums", "i8"),  # lines that end in *checksum
+        ("saved", np.dtype([("key", "i8"), *_MODAL_COUNTS], align=True), SAVED_SLOTS),  # 0 for a free slot
+    ],
+    align=True,
+)
 MAX_CODE_BYTES = 512  # of a statement without its comment
 
 # Bits of a record's words: 1 << (letter − A).

@@ -17,7 +17,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     """Obey the line at p and fill record n; return the start of the next line, or −1 if it is no plain move."""
     if p + 4 > end or buf[p] != 71 or (buf[p + 1] != 49 and buf[p + 1] != 48) or buf[p + 2] != SPACE:
         return -1
-    if counts[C_INCH] != 0:
+    if counts.inch != 0:
         return -1
     start = p
     x = y = z = e = f = 0.0
@@ -83,13 +83,13 @@ def plain_move(buf, p, end, numbers, counts, records, n):
             return -1
         p += 1
 
-    relative = counts[C_RELATIVE] != 0
-    e_relative = counts[C_M83] != 0 or (relative and counts[C_RULE] == E_EITHER)
-    known, sure = counts[C_KNOWN], counts[C_OFFSET_KNOWN]
-    x0, y0, z0, e0 = numbers[N_POS], numbers[N_POS + 1], numbers[N_POS + 2], numbers[N_E]
-    ox, oy, oz = numbers[N_OFFSET], numbers[N_OFFSET + 1], numbers[N_OFFSET + 2]
-    feed, flow, area = numbers[N_FEED], numbers[N_FLOW], numbers[N_AREA]
-    layer, plane, line = counts[C_LAYER], counts[C_PLANE], counts[C_LINE]
+    relative = counts.relative != 0
+    e_relative = counts.m83 != 0 or (relative and counts.rule == E_EITHER)
+    known, sure = counts.known, counts.offset_known
+    x0, y0, z0, e0 = numbers.pos[0], numbers.pos[1], numbers.pos[2], numbers.e
+    ox, oy, oz = numbers.offset[0], numbers.offset[1], numbers.offset[2]
+    feed, flow, area = numbers.feed, numbers.flow, numbers.area
+    layer, plane, line = counts.layer, counts.plane, counts.line
     flags = known << 4 | FLAG_SPACED | FLAG_PLAIN
     if buf[start + 1] == 48:
         flags |= FLAG_RAPID
@@ -97,7 +97,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
         flags |= FLAG_RELATIVE
     if e_relative:
         flags |= FLAG_E_RELATIVE
-    if counts[C_ARC_ABSOLUTE] != 0:
+    if counts.arc_absolute != 0:
         flags |= FLAG_ARC_ABSOLUTE
     x1, y1, z1, e1 = x0, y0, z0, e0
     if words & WORD_X:
@@ -121,9 +121,9 @@ def plain_move(buf, p, end, numbers, counts, records, n):
         flags |= FLAG_EXTRUDING
     flags |= known << 7
 
-    numbers[N_POS], numbers[N_POS + 1], numbers[N_POS + 2] = x1, y1, z1
-    numbers[N_E], numbers[N_FEED] = e1, feed
-    counts[C_KNOWN], counts[C_MODAL] = known, 0 if flags & FLAG_RAPID else 1
+    numbers.pos[0], numbers.pos[1], numbers.pos[2] = x1, y1, z1
+    numbers.e, numbers.feed = e1, feed
+    counts.known, counts.modal = known, 0 if flags & FLAG_RAPID else 1
     r = records[n]
     r.begin, r.end, r.next, r.line = start, stop, p, line
     r.x0, r.y0, r.z0, r.x1, r.y1, r.z1 = x0, y0, z0, x1, y1, z1

@@ -102,7 +102,7 @@ def _sign(s, counts, byte):
     s.over = 1
     if byte == STAR:
         s.flags |= FLAG_CHECKSUM
-        counts[C_CHECKSUMS] += 1
+        counts.checksums += 1
     elif _is_filled_in(byte) and s.letter != LETTER_M:
         s.unclear |= WORDS_XYZ
         if s.letter == 0:

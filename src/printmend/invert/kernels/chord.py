@@ -17,16 +17,11 @@ from printmend.invert.kernels.layout import (
     ALONG,
     FILAMENT_AREA_MM2,
     MAX_AREA_MM2,
-    S_M,
     TINY_ADVANCE_MM,
 )
 from printmend.invert.kernels.lookup import (
-    M_BENT,
-    M_CHORD,
-    M_FRAME_BEND,
-    M_FRAMED,
-    M_SAMPLE,
     from_motors,
+    is_framed,
     printed,
     sharpest,
     wanted,
@@ -41,7 +36,7 @@ _FAR_MM = 12.0  # beyond that a chord is searched for from the curvature nearby
 @inner(error_model="numpy", _nrt=False)
 def _bulge(model, length):
     """Return how far a chord of that length may bulge: short ones twice as far, as they cost the firmware its speed."""
-    return model[M_CHORD] * (2.0 if length < SHORT_MM else 1.0)
+    return model.head.chord * (2.0 if length < SHORT_MM else 1.0)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -55,11 +50,11 @@ def ends(model, curve, state, mode0, mode1, t):
 @inner(error_model="numpy", _nrt=False)
 def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
     """Return the largest error of a chord as a multiple of what is allowed."""
-    samples = max(3, np.int64(np.ceil(min((end - t) * curve[LENGTH], 4096.0) / model[M_SAMPLE])))
-    from0, from1 = state[S_M], state[S_M + 1]
+    samples = max(3, np.int64(np.ceil(min((end - t) * curve[LENGTH], 4096.0) / model.head.sample)))
+    from0, from1 = state.mended.m[0], state.mended.m[1]
     now0, now1 = middle(state, 0), middle(state, 1)
     held = (1 if mode0 == 0 else 0) + (1 if mode1 == 0 else 0)
-    aside_most = _bulge(model, (end - t) * curve[LENGTH]) + held * model[M_CHORD]  # one that stands is off by as much
+    aside_most = _bulge(model, (end - t) * curve[LENGTH]) + held * model.head.chord  # one that stands is off by as much
     worst = 0.0
     for i in range(1, samples + 1):
         s = i / (samples + 1)
@@ -68,7 +63,7 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
         x, y = printed(model, a, b)
         aside, along = aside_and_along(curve, x, y, t + s * (end - t))
         spare = (1.0 - s) * start_error
-        worst = max(worst, aside / (aside_most + spare), along / (ALONG * model[M_CHORD] + spare))
+        worst = max(worst, aside / (aside_most + spare), along / (ALONG * model.head.chord + spare))
     return worst
 
 
@@ -81,7 +76,7 @@ def _longest(model, curve, state, mode0, mode1, t, whole, bound):
     aside, along = aside_and_along(curve, x, y, t)
     step = whole
     if bound > 0.0:
-        step = min(whole, max(shortest, 2.0 * whole * np.sqrt(8.0 * model[M_CHORD] / bound)))
+        step = min(whole, max(shortest, 2.0 * whole * np.sqrt(8.0 * model.head.chord / bound)))
     good = 0.0
     for _ in range(24):
         m0, m1 = ends(model, curve, state, mode0, mode1, t + step)
@@ -111,10 +106,10 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     length = curve[LENGTH]
     m0, m1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
     if curve[ARC] != 0.0 and not is_flat_arc(curve):  # what is looked at below is only seen from above
-        stop = min(stop, t + np.sqrt(8.0 * model[M_CHORD] / max(curve[R0], model[M_CHORD])) / abs(curve[SWEEP]))
+        stop = min(stop, t + np.sqrt(8.0 * model.head.chord / max(curve[R0], model.head.chord)) / abs(curve[SWEEP]))
         m0, m1 = ends(model, curve, state, mode0, mode1, stop)
     whole = stop - t
-    from0, from1 = state[S_M], state[S_M + 1]
+    from0, from1 = state.mended.m[0], state.mended.m[1]
     # What crosses its slack moves no belt: nothing bends.
     d0 = 0.0 if mode0 == 0 else abs(m0 - from0)
     d1 = 0.0 if mode1 == 0 else abs(m1 - from1)
@@ -123,10 +118,10 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     bound = norm(bend0 * d0 * d0, bend1 * d1 * d1)  # 8 times the sagitta, at the most
     if is_flat_arc(curve):
         bound += whole * whole * abs(curve[SWEEP]) * length
-    elif model[M_FRAMED] != 0.0:
-        bound += model[M_FRAME_BEND] * whole * whole * length * length
+    elif is_framed(model):
+        bound += model.head.frame_bend * whole * whole * length * length
     step = whole
-    if bound > 8.0 * _bulge(model, whole * length) or ((d0 > _FAR_MM or d1 > _FAR_MM) and model[M_BENT] != 0.0):
+    if bound > 8.0 * _bulge(model, whole * length) or ((d0 > _FAR_MM or d1 > _FAR_MM) and model.head.bent != 0.0):
         step = _longest(model, curve, state, mode0, mode1, t, whole, bound)
         if step < whole:
             m0, m1 = ends(model, curve, state, mode0, mode1, t + step)

@@ -23,26 +23,9 @@ from printmend.invert.kernels.layout import (
     ASTRAY_MM,
     CLAMP_MM,
     HOLD_MM,
-    N_ANCHORS,
-    N_ANYWHERE,
-    N_CLAMPED,
-    N_CLAMPED_EXTRUDING,
-    N_COARSE,
-    N_STOPS,
-    N_TAKEUPS,
     NEAR_MM,
     RUN_AT,
     RUN_TREND,
-    S_BEYOND,
-    S_CROSS,
-    S_CROSSING,
-    S_ERROR,
-    S_FEED,
-    S_HELD,
-    S_HI,
-    S_LO,
-    S_M,
-    S_TRAVEL,
     SAME_FEED,
     SEEN_MM,
     TURN_BEGIN,
@@ -57,8 +40,6 @@ from printmend.invert.kernels.layout import (
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
-    M_CHORD,
-    M_SHIFTS_ONLY,
     UPPER,
     backward,
     from_motors,
@@ -101,25 +82,25 @@ def _feed(state, record, ratio):
     feed = record.feed * min(max(ratio, 0.2), 5.0)
     if abs(feed - record.feed) <= SAME_FEED * record.feed:
         feed = record.feed
-    elif abs(feed - state[S_FEED]) <= SAME_FEED * feed:
-        feed = state[S_FEED]
+    elif abs(feed - state.feed) <= SAME_FEED * feed:
+        feed = state.feed
     elif feed > 200.0:
         feed = np.rint(feed)
-    state[S_FEED] = feed
+    state.feed = feed
     return feed
 
 
 @inner(error_model="numpy", _nrt=False)
 def _dead_move(model, state, pieces, n, record, m0, m1, z, quantum):
     """Write a move that extrudes nothing and for which the nozzle stands still (or is put in its place)."""
-    if m0 == state[S_M] and m1 == state[S_M + 1]:
+    if m0 == state.mended.m[0] and m1 == state.mended.m[1]:
         return n
     x, y, m0, m1, _ = command(model, m0, m1, record, quantum)
-    if abs(m0 - state[S_M]) + abs(m1 - state[S_M + 1]) <= quantum:
+    if abs(m0 - state.mended.m[0]) + abs(m1 - state.mended.m[1]) <= quantum:
         return n
     arrive(model, state, m0, m1)
-    state[S_FEED] = max(state[S_TRAVEL], record.feed)
-    return put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, state[S_FEED])
+    state.feed = max(state.travel_feed, record.feed)
+    return put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, state.feed)
 
 
 # From here on the many parameters are the arrays of one file's way through `mend`, the record in hand, a piece's end.
@@ -127,10 +108,10 @@ def _dead_move(model, state, pieces, n, record, m0, m1, z, quantum):
 def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
     """Write the piece of an extruding move from t to end, and add up its error; the caller sets an arc's centre."""
     length = (end - t) * curve[LENGTH]
-    from0, from1 = state[S_M], state[S_M + 1]
+    from0, from1 = state.mended.m[0], state.mended.m[1]
     end_x, end_y, end_z = place(curve, end)
     samples = samples_of(model, length)
-    fine = state[S_ERROR] > SEEN_MM  # a chord bulges: its middle alone would stand for more than its error
+    fine = state.error > SEEN_MM  # a chord bulges: its middle alone would stand for more than its error
     nodes = 3 if fine else 1
     most = 0.0
     for j in range(nodes * samples):
@@ -145,9 +126,9 @@ def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row
         at_x, at_y = printed(model, middle(state, 0), middle(state, 1))
         error, _ = distance(curve, at_x, at_y)
         most = max(most, error)
-        error = with_doubt(state, S_LO, S_HI, error)
+        error = with_doubt(state.mended, error)
         note(layers, row, errors, 1, error, length / samples * (WEIGHTS[node] if fine else 1.0))
-    state[S_ERROR] = most
+    state.error = most
     arrive(model, state, m0, m1)
     if most > SEEN_MM:
         at_x, at_y = printed(model, middle(state, 0), middle(state, 1))
@@ -170,7 +151,10 @@ def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, lay
     e0, e1 = wanted(model, x1, y1)
     m0, m1 = motor_at(model, state, 0, mode0, e0), motor_at(model, state, 1, mode1, e1)
     # The stretch must begin and end at the same shift, or the radii would differ.
-    if abs(m0 - e0 - (state[S_M] - s0)) > 2.1 * HOLD_MM or abs(m1 - e1 - (state[S_M + 1] - s1)) > 2.1 * HOLD_MM:
+    if (
+        abs(m0 - e0 - (state.mended.m[0] - s0)) > 2.1 * HOLD_MM
+        or abs(m1 - e1 - (state.mended.m[1] - s1)) > 2.1 * HOLD_MM
+    ):
         return n
     shift_x, shift_y = from_motors(model, m0 - e0, m1 - e1)
     x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
@@ -206,12 +190,12 @@ def _engage(model, state, counts, run, k, start, end, s, stop, begin, span):
 
     ``begin`` and ``span`` say where on the run the curve begins, and how long it is.
     """
-    m = state[S_M + k]
+    m = state.mended.m[k]
     turn = np.int64(run[0, RUN_AT + k])
-    state[S_CROSSING + k] = 0.0
-    anywhere = counts[N_ANYWHERE] != 0
+    state.crossing[k] = 0.0
+    anywhere = counts.anywhere != 0
     if run[turn, TURN_BEGIN] > s + NEAR_MM or anywhere or not is_sure(state, k):
-        hold = 2.0 * model[M_CHORD]
+        hold = 2.0 * model.head.chord
         return prepare(model, state, k, start, end, anywhere, run[0, RUN_TREND + k], hold)
     if np.isnan(run[turn, TURN_FROM]):
         trend, rise = run[turn, TURN_TREND], run[turn, TURN_RISE]
@@ -220,7 +204,7 @@ def _engage(model, state, counts, run, k, start, end, s, stop, begin, span):
             now += rise
         to = backward(model, k, LOWER if trend > 0 else UPPER, now)
         run[turn, TURN_FROM], run[turn, TURN_TO] = m, to if trend * (to - m) > 0.0 else m
-        counts[N_TAKEUPS] += 1
+        counts.takeups += 1
     at, to, corner = run[turn, TURN_BEGIN], run[turn, TURN_END], run[turn, TURN_CORNER]
     m_at, m_to = run[turn, TURN_FROM], run[turn, TURN_TO]
     if at < corner < to:
@@ -232,8 +216,8 @@ def _engage(model, state, counts, run, k, start, end, s, stop, begin, span):
     # What is near is here: further on at that pace the motor would go too far.
     at, to = s if abs(at - s) <= NEAR_MM else at, stop if abs(to - stop) <= NEAR_MM else to
     slope = (m_to - m_at) / (to - at)
-    state[S_CROSS + k] = m_at + slope * (begin - at)
-    state[S_CROSSING + k] = slope * span
+    state.cross[k] = m_at + slope * (begin - at)
+    state.crossing[k] = slope * span
     return 0, m, m
 
 
@@ -256,23 +240,23 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
         e0, e1 = wanted(model, x, y)
         last = begin + stop * span
         e0, e1 = e0 + _tip(run, 0, last), e1 + _tip(run, 1, last)
-        anywhere = counts[N_ANYWHERE] != 0
+        anywhere = counts.anywhere != 0
         unsure = anywhere or not is_sure(state, 0) or not is_sure(state, 1)
         mode0, first0, second0 = _engage(model, state, counts, run, 0, s0, e0, s, last, begin, span)
         mode1, first1, second1 = _engage(model, state, counts, run, 1, s1, e1, s, last, begin, span)
         before = n
         n = _dead_move(model, state, pieces, n, record, first0, first1, z, quantum)
         if anywhere:
-            open_interval(model, state, S_M, S_LO, S_HI)
-            counts[N_ANYWHERE] = 0
+            open_interval(model, state.mended)
+            counts.anywhere = 0
         n = _dead_move(model, state, pieces, n, record, second0, second1, z, quantum)
         for k in range(2):
-            if state[S_CROSSING + k] == 0.0:
-                state[S_CROSS + k] = state[S_M + k]
-        counts[N_ANCHORS] += unsure
-        counts[N_TAKEUPS] += n > before and not unsure
-        counts[N_STOPS] += n > before and s > 0.0
-        if mode0 != 0 and mode1 != 0 and is_flat_arc(curve) and model[M_SHIFTS_ONLY] != 0.0:
+            if state.crossing[k] == 0.0:
+                state.cross[k] = state.mended.m[k]
+        counts.anchors += unsure
+        counts.takeups += n > before and not unsure
+        counts.stops += n > before and s > 0.0
+        if mode0 != 0 and mode1 != 0 and is_flat_arc(curve) and model.head.shifts_only != 0.0:
             done = _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, layers, errors, quantum)
             if done > n:
                 n, t = done, stop
@@ -282,12 +266,12 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
             x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
             n = draw(model, curve, state, pieces, n, record, PIECE_LINE, t, end, m0, m1, x, y, row, layers, errors)
             # Where the way to its start was held back already, only the error tells.
-            if clamp > CLAMP_MM or state[S_ERROR] > ASTRAY_MM:
-                counts[N_CLAMPED] += 1
-                counts[N_CLAMPED_EXTRUDING] += 1
-                state[S_BEYOND] = max(state[S_BEYOND], clamp, state[S_ERROR])
-                state[S_HELD + (record.layer > 0)] += (end - t) * length
-            elif state[S_ERROR] > 3.0 * model[M_CHORD]:
-                counts[N_COARSE] += 1
+            if clamp > CLAMP_MM or state.error > ASTRAY_MM:
+                counts.clamped += 1
+                counts.clamped_extruding += 1
+                state.beyond = max(state.beyond, clamp, state.error)
+                state.held[1 if record.layer > 0 else 0] += (end - t) * length
+            elif state.error > 3.0 * model.head.chord:
+                counts.coarse += 1
             t = end
     return n

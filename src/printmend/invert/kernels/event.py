@@ -17,20 +17,6 @@ from printmend.gcode.kernels.layout import (
     KIND_SET,
     SAVED_SLOTS,
 )
-from printmend.invert.kernels.layout import (
-    N_ANYWHERE,
-    N_COPIED,
-    N_GEOMETRY,
-    N_KNOWN,
-    N_SPLINES,
-    S_HI,
-    S_LO,
-    S_M,
-    S_RAW_HI,
-    S_RAW_LO,
-    S_RAW_M,
-    S_SAVED,
-)
 from printmend.invert.kernels.lookup import (
     to_motors,
 )
@@ -52,50 +38,50 @@ def event(model, state, counts, r):
     if r.kind == KIND_HOME:
         if r.axes & 3 == 0:
             return
-        settle_home(model, state, S_M, S_LO, S_HI, r.axes, r.x1, r.y1)
-        settle_home(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, r.axes, r.x1, r.y1)
-        counts[N_KNOWN] = known
+        settle_home(model, state.mended, r.axes, r.x1, r.y1)
+        settle_home(model, state.raw, r.axes, r.x1, r.y1)
+        counts.known = known
         if r.axes & 3 == 3:
-            counts[N_ANYWHERE] = 0
+            counts.anywhere = 0
     elif r.kind == KIND_SET:
-        counts[N_KNOWN] = counts[N_KNOWN] and known
+        counts.known = counts.known and known
     elif r.kind == KIND_EVENT and r.event == EVENT_SAVE:
-        state[S_SAVED + 3 * r.axes] = state[S_M] if counts[N_KNOWN] else np.nan
-        state[S_SAVED + 3 * r.axes + 1] = state[S_M + 1]
+        state.saved[r.axes, 0] = state.mended.m[0] if counts.known else np.nan
+        state.saved[r.axes, 1] = state.mended.m[1]
     elif r.kind == KIND_EVENT and r.event == EVENT_RESTORE:
         m0, m1 = to_motors(model, r.x1 - r.x0, r.y1 - r.y0)
-        m0, m1 = state[S_M] + m0, state[S_M + 1] + m1
-        sure = counts[N_KNOWN] != 0
+        m0, m1 = state.mended.m[0] + m0, state.mended.m[1] + m1
+        sure = counts.known != 0
         if r.axes < SAVED_SLOTS:
-            m0, m1 = state[S_SAVED + 3 * r.axes], state[S_SAVED + 3 * r.axes + 1]
-            counts[N_KNOWN] = not np.isnan(m0)
-        counts[N_KNOWN] = counts[N_KNOWN] and known
-        if counts[N_KNOWN]:
+            m0, m1 = state.saved[r.axes, 0], state.saved[r.axes, 1]
+            counts.known = not np.isnan(m0)
+        counts.known = counts.known and known
+        if counts.known:
             arrive(model, state, m0, m1)
             follow_raw(model, state, r.x1, r.y1)
-        if counts[N_KNOWN] and not sure:
-            open_interval(model, state, S_M, S_LO, S_HI)
-            open_interval(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI)
+        if counts.known and not sure:
+            open_interval(model, state.mended)
+            open_interval(model, state.raw)
     elif r.kind == KIND_EVENT and r.event == EVENT_GEOMETRY:
-        counts[N_GEOMETRY] += 1
+        counts.geometry += 1
     elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
-        counts[N_SPLINES] += r.event == EVENT_SPLINE
+        counts.splines += r.event == EVENT_SPLINE
         if r.x0 != r.x1 or r.y0 != r.y1:
             known = False  # the firmware went back to a place of the file as it is written now
-        counts[N_KNOWN] = counts[N_KNOWN] and known
-        if counts[N_KNOWN]:
-            open_interval(model, state, S_M, S_LO, S_HI)
-            counts[N_ANYWHERE] = counts[N_ANYWHERE] or r.event == EVENT_EXCLUDE
+        counts.known = counts.known and known
+        if counts.known:
+            open_interval(model, state.mended)
+            counts.anywhere = counts.anywhere or r.event == EVENT_EXCLUDE
 
 
 @inner(error_model="numpy", _nrt=False)
 def follow_copied(model, state, counts, r, known):
     """Follow a move that is written as it is: its place is not known, or not all of it can be read."""
-    counts[N_COPIED] += 1
-    if counts[N_KNOWN] and known:
+    counts.copied += 1
+    if counts.known and known:
         m0, m1 = to_motors(model, r.x1, r.y1)
         if r.flags & FLAG_RELATIVE:
             m0, m1 = to_motors(model, r.x1 - r.x0, r.y1 - r.y0)
-            m0, m1 = m0 + state[S_M], m1 + state[S_M + 1]
+            m0, m1 = m0 + state.mended.m[0], m1 + state.mended.m[1]
         arrive(model, state, m0, m1)
-    counts[N_KNOWN] = counts[N_KNOWN] and known
+    counts.known = counts.known and known

@@ -38,29 +38,9 @@ from printmend.invert.kernels.layout import (
     HOME_MM,
     L_RISE,
     L_RISE_MOST,
-    N_HEIGHT,
-    S_HI,
-    S_LO,
-    S_M,
-    S_RAW_HI,
-    S_RAW_LO,
-    S_RAW_M,
-    S_SAVED,
-    S_SIDE,
 )
 from printmend.invert.kernels.lookup import (
-    FIRST,
-    LAST,
     LOWER,
-    M_CHORD,
-    M_MOTOR,
-    M_PUSH,
-    M_RISE,
-    M_Z_HOME,
-    M_Z_HOME_SIDE,
-    M_Z_LIMITS,
-    MOTOR_FIELDS,
-    RATE,
     UPPER,
     backward,
     forward,
@@ -76,27 +56,27 @@ MOST_PARTS = 4096  # that a rising curve is cut into
 @inner(error_model="numpy", _nrt=False)
 def push(model, m):
     """Return where the screw pushes the nozzle when its motor is at m [mm]."""
-    at = M_MOTOR + MOTOR_FIELDS * ZED
-    first, rate, last = model[at + FIRST], model[at + RATE], model[at + LAST]
-    x = push_at(model, np.int64(model[M_PUSH]), first, rate, last, m)
-    return x, push_at(model, np.int64(model[M_PUSH + 1]), first, rate, last, m)
+    h = model.head
+    first, rate, last = h.first[ZED], h.rate[ZED], h.last[ZED]
+    x = push_at(model.tables, h.push[0], first, rate, last, m)
+    return x, push_at(model.tables, h.push[1], first, rate, last, m)
 
 
 @inner(error_model="numpy", _nrt=False)
 def lift(model, state, m):
     """Move the motor of Z, and the nozzle with it."""
-    if m != state[S_M + ZED]:
-        state[S_SIDE + ZED] = pull(model, state, S_M, S_LO, S_HI, ZED, m)
+    if m != state.mended.m[ZED]:
+        pull(model, state.mended, ZED, m)
 
 
 @inner(error_model="numpy", _nrt=False)
 def lift_raw(model, state, counts, z):
     """Move Z of the machine that reads the file as it is; return its push and its height."""
-    if counts[N_HEIGHT] == 0:
+    if counts.height == 0:
         return 0.0, 0.0, z
-    pull(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, ZED, z)
+    pull(model, state.raw, ZED, z)
     x, y = push(model, z)
-    return x, y, (state[S_RAW_LO + ZED] + state[S_RAW_HI + ZED]) / 2
+    return x, y, (state.raw.low[ZED] + state.raw.high[ZED]) / 2
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -110,45 +90,44 @@ def note_height(layers, row, which, error, weight):
 @inner(error_model="numpy", _nrt=False)
 def commanded(model, record, m, quantum):
     """Round a motor position of Z as it will be written, and keep it within the machine."""
-    low, high = min(model[M_Z_LIMITS], record.z0, record.z1), max(model[M_Z_LIMITS + 1], record.z0, record.z1)
+    low, high = min(model.head.z_limits[0], record.z0, record.z1), max(model.head.z_limits[1], record.z0, record.z1)
     m = min(max(m, low), high)
     return record.z1 if abs(m - record.z1) <= quantum / 2 else np.rint(m / quantum) * quantum
 
 
 @inner(error_model="numpy", _nrt=False)
-def _open(model, state, m, lo, hi):
+def _open(model, belts):
     """The nut may be anywhere in its play."""
-    state[lo + ZED] = forward(model, ZED, LOWER, state[m + ZED])
-    state[hi + ZED] = forward(model, ZED, UPPER, state[m + ZED])
+    belts.low[ZED] = forward(model, ZED, LOWER, belts.m[ZED])
+    belts.high[ZED] = forward(model, ZED, UPPER, belts.m[ZED])
+    belts.side[ZED] = 0.0
 
 
 @inner(error_model="numpy", _nrt=False)
 def find(model, state, counts, record, quantum):
     """Make the height known again, where a move names it: return the motor position for the move's end."""
     z = record.z1
-    if counts[N_HEIGHT] != 0:
+    if counts.height != 0:
         return commanded(model, record, travel_motor(model, state, ZED, record.z0, z), quantum)
     m = commanded(model, record, (backward(model, ZED, LOWER, z) + backward(model, ZED, UPPER, z)) / 2, quantum)
-    counts[N_HEIGHT] = 1
-    state[S_M + ZED], state[S_RAW_M + ZED] = m, z
-    state[S_SIDE + ZED] = 0.0
-    _open(model, state, S_M, S_LO, S_HI)
-    _open(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI)
+    counts.height = 1
+    state.mended.m[ZED], state.raw.m[ZED] = m, z
+    _open(model, state.mended)
+    _open(model, state.raw)
     return m
 
 
 @inner(error_model="numpy", _nrt=False)
-def _settle_home(model, state, m, lo, hi, z):
-    """Put Z to its end stop, and the nut on the flank that homing pressed it to (see `inverse_state.settle_home`)."""
-    side = model[M_Z_HOME_SIDE]
+def _settle_home(model, belts, z):
+    """Put Z to its end stop, and the nut on the flank that homing pressed it to (see `state.settle_home`)."""
+    side = model.head.z_home_side
     branch = LOWER if side > 0 else UPPER
-    at_home = abs(forward(model, ZED, branch, model[M_Z_HOME]) - model[M_Z_HOME]) <= HOME_MM
-    state[m + ZED] = z
-    _open(model, state, m, lo, hi)
+    at_home = abs(forward(model, ZED, branch, model.head.z_home) - model.head.z_home) <= HOME_MM
+    belts.m[ZED] = z
+    _open(model, belts)
     if at_home:
-        state[lo + ZED] = state[hi + ZED] = forward(model, ZED, branch, z)
-    if m == S_M:
-        state[S_SIDE + ZED] = side if at_home else 0.0
+        belts.low[ZED] = belts.high[ZED] = forward(model, ZED, branch, z)
+        belts.side[ZED] = side
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -158,37 +137,36 @@ def height_event(model, state, counts, r):
     if r.kind == KIND_HOME:
         if r.axes & 4 == 0:
             return
-        _settle_home(model, state, S_M, S_LO, S_HI, r.z1)
-        _settle_home(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, r.z1)
-        counts[N_HEIGHT] = known
+        _settle_home(model, state.mended, r.z1)
+        _settle_home(model, state.raw, r.z1)
+        counts.height = known
     elif r.kind == KIND_SET:
-        counts[N_HEIGHT] = counts[N_HEIGHT] and known
+        counts.height = counts.height and known
     elif r.kind == KIND_EVENT and r.event == EVENT_SAVE:
-        state[S_SAVED + 3 * r.axes + ZED] = state[S_M + ZED] if counts[N_HEIGHT] else np.nan
+        state.saved[r.axes, ZED] = state.mended.m[ZED] if counts.height else np.nan
     elif r.kind == KIND_EVENT and r.event == EVENT_RESTORE:
-        m = state[S_M + ZED] + r.z1 - r.z0
+        m = state.mended.m[ZED] + r.z1 - r.z0
         if r.axes < SAVED_SLOTS:
-            m = state[S_SAVED + 3 * r.axes + ZED]
-        if counts[N_HEIGHT] and known and not np.isnan(m):
+            m = state.saved[r.axes, ZED]
+        if counts.height and known and not np.isnan(m):
             lift(model, state, m)
             lift_raw(model, state, counts, r.z1)
         else:
-            counts[N_HEIGHT] = 0
+            counts.height = 0
     elif r.kind == KIND_EVENT and r.event != EVENT_OFFSET:
         # where the firmware went to a height of the file as it is written now, ours is another
-        counts[N_HEIGHT] = counts[N_HEIGHT] and known and r.z0 == r.z1
-        if counts[N_HEIGHT]:
-            _open(model, state, S_M, S_LO, S_HI)
-            state[S_SIDE + ZED] = 0.0
+        counts.height = counts.height and known and r.z0 == r.z1
+        if counts.height:
+            _open(model, state.mended)
 
 
 @inner(error_model="numpy", _nrt=False)
 def follow_copied_height(model, state, counts, r):
     """Follow Z through a move that is written as it is."""
     if not r.flags & FLAG_KNOWN_Z1:
-        counts[N_HEIGHT] = 0
-    elif counts[N_HEIGHT] != 0 and (r.words & WORD_Z or r.z0 != r.z1):
-        lift(model, state, state[S_M + ZED] + r.z1 - r.z0 if r.flags & FLAG_RELATIVE else r.z1)
+        counts.height = 0
+    elif counts.height != 0 and (r.words & WORD_Z or r.z0 != r.z1):
+        lift(model, state, state.mended.m[ZED] + r.z1 - r.z0 if r.flags & FLAG_RELATIVE else r.z1)
         lift_raw(model, state, counts, r.z1)
 
 
@@ -206,10 +184,10 @@ def parts_of(model, curve):
     rise, chords = abs(curve[Z1] - curve[Z0]), 0.0
     if curve[ARC] != 0.0:
         radius = max(curve[R0], curve[R1])
-        chords = abs(curve[SWEEP]) * np.sqrt(radius / (4.0 * model[M_CHORD]))
+        chords = abs(curve[SWEEP]) * np.sqrt(radius / (4.0 * model.head.chord))
         if curve[PLANE] != 0.0:
             rise += radius * abs(curve[SWEEP])
-    return max(1, np.int64(min(np.ceil(max(rise / model[M_RISE], chords)), 1e9)))
+    return max(1, np.int64(min(np.ceil(max(rise / model.head.rise, chords)), 1e9)))
 
 
 @inner(error_model="numpy", _nrt=False)

@@ -1,5 +1,7 @@
 """What the kernels of the continuous planner share: tolerances, and the fields of their state."""
 
+import numpy as np
+
 TOLERANCE_MM = 0.01  # how far the path may be off: half of it where a chord bulges, all where slack is crossed
 
 ALONG = 10.0  # times that: how far it may be ahead or behind, so that the extrusion keeps its density
@@ -21,36 +23,60 @@ SEEN_MM = 0.001  # and at three places of a command where the last one was furth
 WALK_MM = 4.0  # and for the nearest place of the path this far around
 ERROR_BINS, ERROR_BIN_MM = 8192, 0.001
 
-# state [STATE] float64. Triples, one a motor, Z the third: S_M where the motor is; S_LO and S_HI between which the belt
-# (or the nozzle, on its screw) is; the same with RAW for the file as it is. S_TRAVEL the last F of a travel, S_FEED the
-# last F written, S_Z the height at which the layer began, S_LOW and S_HIGH the corners of where extruding moves end.
-S_M, S_LO, S_HI, S_RAW_M, S_RAW_LO, S_RAW_HI = 0, 3, 6, 9, 12, 15
-S_TRAVEL, S_FEED, S_Z, S_LOW, S_HIGH = 18, 19, 20, 21, 23
-S_SIDE = 25  # 1 or −1 where a motor pushes its belt forwards or backwards, 0 where the belt may hang loose
-S_SAVED = 28  # for each slot of SAVE_GCODE_STATE where the three motors were, NaN for an unknown place
-S_ERROR = S_SAVED + 3 * 8  # the largest error seen of the last command
-S_BEYOND = S_ERROR + 1  # how far the furthest extruding command would have left the bed
-S_HELD = S_BEYOND + 1  # the extruded length held back at the edge: before any layer comment, and after it
-# For each motor that crosses its slack while the nozzle prints on: where it is at t = 0 of the curve, and how far it
-# goes until t = 1 [mm].
-S_CROSS, S_CROSSING = S_HELD + 2, S_HELD + 4
-# The corners of all that is printed: moves from where they begin, and dots.
-S_PRINT_LOW, S_PRINT_HIGH = S_CROSSING + 2, S_CROSSING + 4
-STATE = S_PRINT_HIGH + 2
-# counts [COUNTS] int64. N_KNOWN: the place is known; N_ANYWHERE: the firmware may have skipped what came before;
-# N_MARK and N_LAYER: the layer comments seen, the row of `layers`; N_HEIGHT: where Z is, is known. The rest are sums
-# for the prediction; from N_UNKNOWN_AT on the first UNKNOWN_LINES lines of the file, from 1, that N_UNKNOWN counts.
-N_KNOWN, N_ANYWHERE, N_MARK, N_LAYER, N_MOVES, N_PIECES, N_TAKEUPS, N_ANCHORS = range(8)
-N_CLAMPED, N_CLAMPED_EXTRUDING, N_UNKNOWN, N_COPIED, N_EXTRUDING, N_HEIGHT = range(8, 14)
-N_SPLINES, N_GEOMETRY, N_STOPS, N_COARSE = range(14, 18)
-N_UNKNOWN_AT, UNKNOWN_LINES = 18, 3
-COUNTS = N_UNKNOWN_AT + UNKNOWN_LINES
+# Where the motors of one machine are, Z the third, and between which places each belt (or the nozzle, on its screw) is.
+BELTS = np.dtype(
+    [
+        ("m", "f8", 3),  # the motor [mm]
+        ("low", "f8", 3),  # its belt is between this [mm]
+        ("high", "f8", 3),  # and this
+        ("side", "f8", 3),  # 1 or −1 where the motor pushes its belt forwards or backwards, 0 where it may hang loose
+    ],
+    align=True,
+)
+SLOTS = 8  # of SAVE_GCODE_STATE
+STATE = np.dtype(
+    [
+        ("mended", BELTS),  # the machine that reads what is written
+        ("raw", BELTS),  # the machine that reads the file as it is
+        ("travel_feed", "f8"),  # the last F of a travel [mm/min]
+        ("feed", "f8"),  # the last F written [mm/min]
+        ("layer_z", "f8"),  # the height at which the layer began [mm]
+        ("low", "f8", 2),  # the corners of where extruding moves end [mm]
+        ("high", "f8", 2),
+        ("print_low", "f8", 2),  # the corners of all that is printed, moves from where they begin, and dots [mm]
+        ("print_high", "f8", 2),
+        ("saved", "f8", (SLOTS, 3)),  # where the three motors were then [mm], NaN for an unknown place
+        ("error", "f8"),  # the largest error seen of the last command [mm]
+        ("beyond", "f8"),  # how far the furthest extruding command would have left the bed [mm]
+        ("held", "f8", 2),  # the length held back at the edge [mm]: before any layer comment, and after it
+        # of each motor that crosses its slack while the nozzle prints on: where it is at t = 0 of the curve, and how
+        # far it goes until t = 1 [mm]
+        ("cross", "f8", 2),
+        ("crossing", "f8", 2),
+    ],
+    align=True,
+)
+UNKNOWN_LINES = 3  # of the lines that `unknown` counts the first so many are kept
+COUNTS = np.dtype(
+    [
+        ("known", "i8"),  # 1 or 0: where x and y are, is known
+        ("height", "i8"),  # 1 or 0: where Z is, is known
+        ("anywhere", "i8"),  # 1 or 0: the firmware may have skipped what came before
+        ("mark", "i8"),  # the layer comments seen
+        ("layer", "i8"),  # the row of `layers`
+        # sums for the prediction
+        *((name, "i8") for name in ("moves", "pieces", "takeups", "anchors", "clamped", "clamped_extruding")),
+        *((name, "i8") for name in ("unknown", "copied", "extruding", "splines", "geometry", "stops", "coarse")),
+        ("unknown_at", "i8", UNKNOWN_LINES),  # lines of the file, from 1
+    ],
+    align=True,
+)
 # layers [?, LAYER] float64: sums over a layer, before (0) and after (1); L_RISE are those of the error in height
 L_Z, L_LENGTH, L_SQUARE, L_MOST, L_RISE, L_RISE_MOST = 0, 1, 2, 4, 6, 8
 LAYER = 10
 # samples [1 + SAMPLES, SAMPLE] float64: places along the extruded path, at even distances. Row 0 is the head: how many
 # there are, the distance, the length since the last. P_X, P_Y the wanted place, P_TX and P_TY the unit tangent, P_OFF
-# by how much the file as it is lies to the left of the path there, P_SIDE the sides that the motors push (S_SIDE),
+# by how much the file as it is lies to the left of the path there, P_SIDE the sides that the motors push,
 # P_LAYER the row of `layers`, P_WEIGHT the length of path that it stands for.
 P_X, P_Y, P_TX, P_TY, P_OFF, P_SIDE, P_LAYER, P_WEIGHT = 0, 1, 2, 3, 4, 5, 7, 8
 SAMPLE, SAMPLES = 9, 2048

@@ -70,38 +70,15 @@ from printmend.invert.kernels.layout import (
     HOLD_MM,
     L_LENGTH,
     LEG_TO,
-    N_ANCHORS,
-    N_ANYWHERE,
-    N_CLAMPED,
-    N_EXTRUDING,
-    N_HEIGHT,
-    N_KNOWN,
-    N_MOVES,
-    N_PIECES,
-    N_UNKNOWN,
-    N_UNKNOWN_AT,
     PIECES_A_RECORD,
     RUN_BEGIN,
     RUN_END,
     RUN_LEG,
     RUN_TRAVEL,
-    S_FEED,
-    S_HI,
-    S_HIGH,
-    S_LO,
-    S_LOW,
-    S_M,
-    S_PRINT_HIGH,
-    S_PRINT_LOW,
-    S_RAW_HI,
-    S_RAW_LO,
-    S_RAW_M,
-    S_TRAVEL,
     UNKNOWN_LINES,
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
-    M_PERIOD,
     UPPER,
     backward,
     forward,
@@ -148,11 +125,11 @@ def _come(model, state, counts, pieces, n, record, e0, e1, z, quantum):
         if beyond + 100.0 * short < least - quantum:
             least = beyond + 100.0 * short
             x, y, m0, m1, to0, to1 = at_x, at_y, n0, n1, f0, f1
-    state[S_M], state[S_M + 1] = m0, m1
-    open_interval(model, state, S_M, S_LO, S_HI)
+    state.mended.m[0], state.mended.m[1] = m0, m1
+    open_interval(model, state.mended)
     if abs(to0 - m0) + abs(to1 - m1) > quantum:
         n = put(pieces, n, PIECE_TRAVEL, x, y, z, 0.0, record.feed)
-        counts[N_ANCHORS] += 1
+        counts.anchors += 1
     return n, to0, to1
 
 
@@ -166,7 +143,7 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0
     s0, s1 = wanted(model, x, y)
     x, y, z = place(curve, end)
     e0, e1 = wanted(model, x, y)
-    known = counts[N_KNOWN] != 0
+    known = counts.known != 0
     came = not known and not record.words & WORD_E and end - t == 1.0
     if known:
         m0 = travel_motor(model, state, 0, s0, e0) if np.isnan(to0) else to0
@@ -177,20 +154,20 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0
         m0 = (backward(model, 0, LOWER, e0) + backward(model, 0, UPPER, e0)) / 2
         m1 = (backward(model, 1, LOWER, e1) + backward(model, 1, UPPER, e1)) / 2
     x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
-    counts[N_CLAMPED] += clamp > CLAMP_MM
+    counts.clamped += clamp > CLAMP_MM
     arrive(model, state, m0, m1)
-    if not (known or came) or counts[N_ANYWHERE] != 0:
-        open_interval(model, state, S_M, S_LO, S_HI)
-    state[S_FEED] = record.feed
+    if not (known or came) or counts.anywhere != 0:
+        open_interval(model, state.mended)
+    state.feed = record.feed
     return put(pieces, n, PIECE_LINE, x, y, z, end - t, record.feed)
 
 
 @inner(error_model="numpy", _nrt=False)
 def _stand(model, state, pieces, n, record, quantum):
     """Write a move that names the place where the head is: that is now another number."""
-    x, y, m0, m1, _ = command(model, state[S_M], state[S_M + 1], record, quantum)
+    x, y, m0, m1, _ = command(model, state.mended.m[0], state.mended.m[1], record, quantum)
     arrive(model, state, m0, m1)
-    state[S_FEED] = record.feed
+    state.feed = record.feed
     return put(pieces, n, PIECE_LINE, x, y, record.z1, 1.0, record.feed)
 
 
@@ -198,34 +175,34 @@ def _stand(model, state, pieces, n, record, quantum):
 def _go(model, state, counts, pieces, n, record, kind, x, y, m, quantum):
     """Write a move that draws nothing: the motor of Z goes to m, and the nozzle to (x, y) whatever the screw pushes."""
     m = commanded(model, record, m, quantum)
-    extent = abs(m - state[S_M + ZED])
+    extent = abs(m - state.mended.m[ZED])
     at_x, at_y = record.x1, record.y1
-    if counts[N_KNOWN] != 0:
-        px, py = push(model, state[S_M + ZED])
+    if counts.known != 0:
+        px, py = push(model, state.mended.m[ZED])
         s0, s1 = wanted(model, x - px, y - py)
         px, py = push(model, m)
         e0, e1 = wanted(model, x - px, y - py)
         m0, m1 = travel_motor(model, state, 0, s0, e0), travel_motor(model, state, 1, s1, e1)
         at_x, at_y, m0, m1, _ = command(model, m0, m1, record, quantum)
-        extent += abs(m0 - state[S_M]) + abs(m1 - state[S_M + 1])
+        extent += abs(m0 - state.mended.m[0]) + abs(m1 - state.mended.m[1])
         if kind == PIECE_LINE or extent > quantum:
             arrive(model, state, m0, m1)
     if kind == PIECE_LINE:
         lift(model, state, m)
-        state[S_FEED] = record.feed
+        state.feed = record.feed
         return put(pieces, n, kind, at_x, at_y, m, 1.0, record.feed)
     if extent <= quantum:
         return n
     lift(model, state, m)
-    state[S_FEED] = max(state[S_TRAVEL], record.feed)
-    return put(pieces, n, kind, at_x, at_y, m, 0.0, state[S_FEED])
+    state.feed = max(state.travel_feed, record.feed)
+    return put(pieces, n, kind, at_x, at_y, m, 0.0, state.feed)
 
 
 @inner(error_model="numpy", _nrt=False)
 def _rise(model, state, counts, pieces, n, record, quantum):
     """Write a move that stands still in x and y, or names Z alone: the belts go against the push of the new height."""
     if not record.flags & FLAG_KNOWN_Z1:
-        counts[N_HEIGHT] = 0
+        counts.height = 0
         return n if not record.words & (WORD_X | WORD_Y) else _stand(model, state, pieces, n, record, quantum)
     lift_raw(model, state, counts, record.z1)
     m = find(model, state, counts, record, quantum)
@@ -236,10 +213,10 @@ def _rise(model, state, counts, pieces, n, record, quantum):
 def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row, layers, errors, quantum, run):
     """Write an extruding move of a machine with a bad screw: a curve that rises is cut where the push bends."""
     if not record.flags & FLAG_KNOWN_Z1:
-        counts[N_HEIGHT] = 0
+        counts.height = 0
         begin, span = run[0, RUN_BEGIN], curve[LENGTH]
         return extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum, run, begin, span)
-    if counts[N_HEIGHT] == 0:
+    if counts.height == 0:
         curve[Z0] = curve[Z1]
         find(model, state, counts, record, quantum)
     parts = parts_of(model, curve)
@@ -247,11 +224,11 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
         x0, y0, z0 = place(curve, part / parts)
         x1, y1, z1 = place(curve, (part + 1.0) / parts)
         mode, first, second = prepare(model, state, ZED, z0, z1, False, 0.0, HOLD_MM)
-        if first != state[S_M + ZED]:
+        if first != state.mended.m[ZED]:
             n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, first, quantum)
-        if second != state[S_M + ZED]:
+        if second != state.mended.m[ZED]:
             n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, second, quantum)
-        m0, m1 = state[S_M + ZED], commanded(model, record, motor_at(model, state, ZED, mode, z1), quantum)
+        m0, m1 = state.mended.m[ZED], commanded(model, record, motor_at(model, state, ZED, mode, z1), quantum)
         if mode == 0:
             m1 = m0
         if is_flat(curve):
@@ -279,21 +256,27 @@ def _note_copied(model, curve, state, counts, pieces, n, record, records, count,
         m0, m1 = to_motors(model, record.x1, record.y1)
         x, y = record.x1, record.y1
         draw(model, curve, state, pieces, n, record, PIECE_LINE, 0.0, 1.0, m0, m1, x, y, row, layers, errors)
-        state[S_FEED] = record.feed
+        state.feed = record.feed
 
 
 @inner(error_model="numpy", _nrt=False)
-def _cover(state, low, high, x, y):
-    state[low], state[low + 1] = min(state[low], x), min(state[low + 1], y)
-    state[high], state[high + 1] = max(state[high], x), max(state[high + 1], y)
+def _cover(low, high, x, y):
+    low[0], low[1] = min(low[0], x), min(low[1], y)
+    high[0], high[1] = max(high[0], x), max(high[1], y)
+
+
+@inner(error_model="numpy", _nrt=False)
+def _half(belts):
+    """Return half of what the place of both belts may be off [mm]."""
+    return np.sqrt((belts.high[0] - belts.low[0]) ** 2 + (belts.high[1] - belts.low[1]) ** 2) / 2
 
 
 @inner(error_model="numpy", _nrt=False)
 def _leave(counts, record, extruding):
     """Count an extruding move that stays as it is, or whose start nobody knows, and keep the lines of the first."""
-    if extruding and counts[N_UNKNOWN] < UNKNOWN_LINES:
-        counts[N_UNKNOWN_AT + counts[N_UNKNOWN]] = record.line + 1
-    counts[N_UNKNOWN] += extruding
+    if extruding and counts.unknown < UNKNOWN_LINES:
+        counts.unknown_at[counts.unknown] = record.line + 1
+    counts.unknown += extruding
 
 
 # Long because each kind of record is let through here by its own exit, in the order in which it has to be asked.
@@ -305,9 +288,9 @@ def mend(
 
     Record i becomes pieces[first[i]:first[i + 1]]; ``first`` int64 [count + 1] counts from the beginning of ``pieces``,
     an array of PIECE. It stops before a record whose pieces may not fit: call again with what is left.
-    ``state`` [STATE] and ``counts`` [COUNTS] pass from call to call; ``curve`` and ``moved`` [CURVE] are scratch,
-    ``moved`` is None for a machine whose Z screw is perfect: its kernels are then not compiled either.
-    ``layers`` [L, LAYER] must have room for counts[N_LAYER] + 2 + (count − begin) rows; ``errors`` [2, ERROR_BINS] are
+    ``state`` and ``counts``, records of STATE and COUNTS, pass from call to call; ``curve`` and ``moved`` [CURVE] are
+    scratch, ``moved`` is None for a machine whose Z screw is perfect: its kernels are then not compiled either.
+    ``layers`` [L, LAYER] must have room for counts.layer + 2 + (count − begin) rows; ``errors`` [2, ERROR_BINS] are
     histograms of mm of path. ``quantum`` [mm] is the grid of the numbers that will be written; ``samples`` are places
     along the extruded path. ``run`` [RUN_ROWS, RUN] is scratch: the connected path that is being drawn.
 
@@ -328,7 +311,7 @@ def mend(
             continue
         still = not arc and r.x0 == r.x1 and r.y0 == r.y1
         if still and r.advance > 0.0 and r.flags & FLAG_KNOWN_X1 and r.flags & FLAG_KNOWN_Y1:
-            _cover(state, S_PRINT_LOW, S_PRINT_HIGH, r.x1, r.y1)
+            _cover(state.print_low, state.print_high, r.x1, r.y1)
         if still and not r.words & (WORD_X | WORD_Y):
             if moved is not None:
                 if r.words & WORD_Z and r.flags & FLAG_OPAQUE:
@@ -338,14 +321,14 @@ def mend(
             continue
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
         extruding = r.flags & FLAG_EXTRUDING != 0
-        counts[N_MOVES] += 1
+        counts.moves += 1
         if extruding and known:
-            counts[N_EXTRUDING] += 1
-            _cover(state, S_LOW, S_HIGH, r.x1, r.y1)
-            _cover(state, S_PRINT_LOW, S_PRINT_HIGH, r.x1, r.y1)
+            counts.extruding += 1
+            _cover(state.low, state.high, r.x1, r.y1)
+            _cover(state.print_low, state.print_high, r.x1, r.y1)
             if r.flags & FLAG_KNOWN_X0 and r.flags & FLAG_KNOWN_Y0:
-                _cover(state, S_PRINT_LOW, S_PRINT_HIGH, r.x0, r.y0)
-        if still and known and counts[N_KNOWN] != 0 and not r.flags & FLAG_OPAQUE:
+                _cover(state.print_low, state.print_high, r.x0, r.y0)
+        if still and known and counts.known != 0 and not r.flags & FLAG_OPAQUE:
             if moved is not None:
                 n = _rise(model, state, counts, pieces, n, r, quantum)
             else:
@@ -357,30 +340,30 @@ def mend(
             left = left or is_too_long(model, curve)
         if left:
             _leave(counts, r, extruding)
-            if moved is None and known and counts[N_KNOWN] != 0 and r.kind == KIND_LINEAR and stays_near(model, curve):
+            if moved is None and known and counts.known != 0 and r.kind == KIND_LINEAR and stays_near(model, curve):
                 _note_copied(model, curve, state, counts, pieces, n, r, records, count, i - 1, layers, errors, samples)
             follow_copied(model, state, counts, r, known)
             if moved is not None:
                 follow_copied_height(model, state, counts, r)
             continue
-        sure = counts[N_KNOWN] != 0
+        sure = counts.known != 0
         drawn = extruding and sure
         row = 0
         if extruding:
             row = layer_of(state, counts, layers, r)
         elif r.feed > 0:
-            state[S_TRAVEL] = r.feed
+            state.travel_feed = r.feed
         predict_raw(model, curve, state, counts, records, count, i - 1, drawn, row, layers, errors, samples, moved)
         if drawn:
             layers[row, L_LENGTH] += curve[LENGTH]
             if i > run[0, RUN_END]:
                 px = py = 0.0
                 if moved is not None:
-                    px, py = push(model, state[S_M + ZED])
+                    px, py = push(model, state.mended.m[ZED])
                 survey(model, state, counts, records, count, i - 1, curve, run, px, py, moved is None)
                 trace(curve, r)
             length = curve[LENGTH]
-            curve[LEAST] = max(curve[LEAST], r.feed * model[M_PERIOD])
+            curve[LEAST] = max(curve[LEAST], r.feed * model.head.period)
             if moved is not None:
                 n = _extrude_in_space(
                     model, curve, moved, state, counts, pieces, n, r, row, layers, errors, quantum, run
@@ -398,13 +381,13 @@ def mend(
             if moved is not None:
                 if r.flags & FLAG_KNOWN_Z1:
                     m = find(model, state, counts, r, quantum)
-                    aim(model, curve, moved, state[S_M + ZED], m)
+                    aim(model, curve, moved, state.mended.m[ZED], m)
                     lift(model, state, m)
                     way = moved
                 else:
-                    counts[N_HEIGHT] = 0
+                    counts.height = 0
             to0 = to1 = np.nan
-            if moved is None and sure and not arc and counts[N_ANYWHERE] == 0:
+            if moved is None and sure and not arc and counts.anywhere == 0:
                 if i > run[0, RUN_TRAVEL]:
                     plan_travel(model, state, records, count, i - 1, run)
                 leg = np.int64(run[0, RUN_LEG])
@@ -413,16 +396,14 @@ def mend(
             for part in range(parts):
                 at, to = part / parts, (part + 1.0) / parts
                 n = _travel(model, way, state, counts, pieces, n, r, at, to, quantum, to0, to1)
-            counts[N_ANYWHERE] = 0
+            counts.anywhere = 0
         if not sure:
             # From here on the place is certain; the file as it is starts with the same uncertainty.
-            open_interval(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI)
+            open_interval(model, state.raw)
             if extruding:  # on its way there both may be off by half of their play
-                for which in range(2):
-                    lo, hi = (S_LO, S_HI) if which else (S_RAW_LO, S_RAW_HI)
-                    error = np.sqrt((state[hi] - state[lo]) ** 2 + (state[hi + 1] - state[lo + 1]) ** 2) / 2
-                    note(layers, row, errors, which, error, 0.0)
-        counts[N_KNOWN] = 1
+                note(layers, row, errors, 0, _half(state.raw), 0.0)
+                note(layers, row, errors, 1, _half(state.mended), 0.0)
+        counts.known = 1
     first[i] = n
-    counts[N_PIECES] += n
+    counts.pieces += n
     return i

@@ -23,8 +23,6 @@ from printmend.invert.kernels.layout import (
     L_MOST,
     L_SQUARE,
     L_Z,
-    N_LAYER,
-    N_MARK,
     P_COUNT,
     P_GAP,
     P_LAYER,
@@ -36,16 +34,11 @@ from printmend.invert.kernels.layout import (
     P_WEIGHT,
     P_X,
     P_Y,
-    S_RAW_HI,
-    S_RAW_LO,
-    S_RAW_M,
-    S_SIDE,
-    S_Z,
     SAMPLE,
     SAMPLES,
     WALK_MM,
 )
-from printmend.invert.kernels.lookup import M_LOOK, printed, to_motors
+from printmend.invert.kernels.lookup import printed, to_motors
 from printmend.invert.kernels.state import pull
 from printmend.jit import inner
 
@@ -53,7 +46,7 @@ from printmend.jit import inner
 @inner(error_model="numpy", _nrt=False)
 def samples_of(model, length):
     """Return at how many places a path of that length is looked at; no bed is longer than 4096 mm."""
-    return 1 if length <= model[M_LOOK] else np.int64(np.ceil(min(length, 4096.0) / model[M_LOOK]))
+    return 1 if length <= model.head.look else np.int64(np.ceil(min(length, 4096.0) / model.head.look))
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -66,9 +59,9 @@ def note(layers, row, errors, which, error, weight):
 
 
 @inner(error_model="numpy", _nrt=False)
-def with_doubt(state, lo, hi, error):
-    """Add to an error [mm] that belts which may be anywhere between ``lo`` and ``hi`` have a standard deviation."""
-    wide0, wide1 = state[hi] - state[lo], state[hi + 1] - state[lo + 1]
+def with_doubt(belts, error):
+    """Add to an error [mm] that belts which may be anywhere between ``low`` and ``high`` have a standard deviation."""
+    wide0, wide1 = belts.high[0] - belts.low[0], belts.high[1] - belts.low[1]
     if wide0 + wide1 <= 0.0:
         return error
     return np.sqrt(error * error + (wide0 * wide0 + wide1 * wide1) / 12.0)
@@ -101,8 +94,8 @@ def _nearest(records, count, i, curve, x, y):
 def follow_raw(model, state, x, y):
     """Move the machine that reads the file as it is."""
     m0, m1 = to_motors(model, x, y)
-    pull(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, 0, m0)
-    pull(model, state, S_RAW_M, S_RAW_LO, S_RAW_HI, 1, m1)
+    pull(model, state.raw, 0, m0)
+    pull(model, state.raw, 1, m1)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -136,7 +129,7 @@ def keep(samples, state, curve, s, length, x, y, row):
     at = np.int64(samples[0, P_COUNT])
     samples[at, P_X], samples[at, P_Y], samples[at, P_TX], samples[at, P_TY] = wanted_x, wanted_y, tx, ty
     samples[at, P_OFF] = (y - wanted_y) * tx - (x - wanted_x) * ty
-    samples[at, P_SIDE], samples[at, P_SIDE + 1] = state[S_SIDE], state[S_SIDE + 1]
+    samples[at, P_SIDE], samples[at, P_SIDE + 1] = state.mended.side[0], state.mended.side[1]
     samples[at, P_LAYER], samples[at, P_WEIGHT] = row, samples[0, P_SINCE]
     samples[0, P_SINCE] = 0.0
 
@@ -165,11 +158,11 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
             if noted:
                 note_height(layers, row, 0, risen - z, curve[LENGTH] / looks)
         if noted:
-            a = (state[S_RAW_LO] + state[S_RAW_HI]) / 2
-            b = (state[S_RAW_LO + 1] + state[S_RAW_HI + 1]) / 2
+            a = (state.raw.low[0] + state.raw.high[0]) / 2
+            b = (state.raw.low[1] + state.raw.high[1]) / 2
             x, y = printed(model, a, b)
             x, y = x + push_x, y + push_y
-            error = with_doubt(state, S_RAW_LO, S_RAW_HI, _nearest(records, count, i, curve, x, y))
+            error = with_doubt(state.raw, _nearest(records, count, i, curve, x, y))
             note(layers, row, errors, 0, error, curve[LENGTH] / looks)
             keep(samples, state, curve, s, curve[LENGTH] / looks, x, y, row)
     follow_raw(model, state, curve[X1], curve[Y1])
@@ -181,13 +174,13 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
 def layer_of(state, counts, layers, record):
     """Return the row of the layer that an extruding record belongs to: by the slicer's comments, else by height."""
     if record.layer > 0:
-        new = record.layer != counts[N_MARK]
+        new = record.layer != counts.mark
     else:
-        new = abs(record.z1 - state[S_Z]) > (1e-3 if record.z0 == record.z1 else 0.05)
-    if new or counts[N_LAYER] < 0:
-        counts[N_LAYER] += 1
-        counts[N_MARK] = record.layer
-        state[S_Z] = record.z1
-        layers[counts[N_LAYER]] = 0.0
-        layers[counts[N_LAYER], L_Z] = record.z1
-    return counts[N_LAYER]
+        new = abs(record.z1 - state.layer_z) > (1e-3 if record.z0 == record.z1 else 0.05)
+    if new or counts.layer < 0:
+        counts.layer += 1
+        counts.mark = record.layer
+        state.layer_z = record.z1
+        layers[counts.layer] = 0.0
+        layers[counts.layer, L_Z] = record.z1
+    return counts.layer

@@ -23,12 +23,10 @@ from printmend.invert.kernels.layout import (
     NODE,
     RUN_LEG,
     RUN_TRAVEL,
-    S_M,
     SURE_MM,
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
-    M_CHORD,
     UPPER,
     backward,
     forward,
@@ -95,11 +93,11 @@ def _lag(model, state, run, k, n, ahead):
 
     ``ahead`` is how far [mm] the belt goes along that line; where no leg serves, the other side is tried.
     """
-    m, now = state[S_M + k], middle(state, k)
+    m, now = state.mended.m[k], middle(state, k)
     pushed, pulled = backward(model, k, LOWER, now), backward(model, k, UPPER, now)
     lag = min(max((2.0 * m - pushed - pulled) / max(pushed - pulled, 1e-9), -1.0), 1.0)
     side = 1.0 if lag > 0.0 else -1.0
-    if abs(ahead) > 2.0 * model[M_CHORD]:
+    if abs(ahead) > 2.0 * model.head.chord:
         side = 1.0 if ahead > 0.0 else -1.0
     end = run[NODE + n - 1, LEG_BELT + k]
     for _ in range(2):

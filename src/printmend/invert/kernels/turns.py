@@ -23,7 +23,6 @@ from printmend.invert.kernels.curve import ARC, LENGTH, R0, SWEEP, is_flat_arc, 
 from printmend.invert.kernels.layout import (
     HOLD_MM,
     MIN_PIECE_MM,
-    N_ANYWHERE,
     NEAR_MM,
     NODE,
     NODES,
@@ -31,8 +30,6 @@ from printmend.invert.kernels.layout import (
     RUN_BEGIN,
     RUN_END,
     RUN_TREND,
-    S_M,
-    S_SIDE,
     TURN,
     TURN_BEGIN,
     TURN_CORNER,
@@ -48,11 +45,9 @@ from printmend.invert.kernels.layout import (
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
-    M_CHORD,
-    M_FRAME_BEND,
-    M_FRAMED,
     UPPER,
     backward,
+    is_framed,
     wanted,
 )
 from printmend.invert.kernels.state import is_sure, middle
@@ -198,8 +193,8 @@ def _walk(model, curve, run, n, across, along):
         steps = 4 + np.int64(abs(curve[SWEEP]) * np.sqrt(curve[R0] / (8.0 * BOW_MM)))
     elif curve[ARC] != 0.0:
         steps = 64
-    elif model[M_FRAMED] != 0.0 and curve[LENGTH] > 4.0:
-        steps = 1 + np.int64(curve[LENGTH] * np.sqrt(model[M_FRAME_BEND] / (8.0 * BOW_MM)))
+    elif is_framed(model) and curve[LENGTH] > 4.0:
+        steps = 1 + np.int64(curve[LENGTH] * np.sqrt(model.head.frame_bend / (8.0 * BOW_MM)))
     steps = min(steps, MOST_BOWS - 1)
     if n == 1:
         x, y, _ = place(curve, 0.0)
@@ -229,7 +224,7 @@ def _turns(model, state, counts, run, k, n):
     run[turn, TURN_BEGIN] = run[turn, TURN_END] = run[turn, TURN_CORNER] = np.inf
     if n < 2:
         return
-    hold = 2.0 * model[M_CHORD]
+    hold = 2.0 * model.head.chord
     start = run[NODE, 1 + k]
     j = 1
     while j < n and abs(run[NODE + j, 1 + k] - start) <= hold:
@@ -264,12 +259,12 @@ def _turns(model, state, counts, run, k, n):
 @inner(error_model="numpy", _nrt=False)
 def _slack_at_start(model, state, counts, k, start, trend):
     """Return how far motor k is from where it will push its belt, which is where it should be; 0 where it is not."""
-    if counts[N_ANYWHERE] != 0 or not is_sure(state, k) or state[S_SIDE + k] == trend:
+    if counts.anywhere != 0 or not is_sure(state, k) or state.mended.side[k] == trend:
         return 0.0
     now = middle(state, k)
     if abs(now - start) > 1.5 * HOLD_MM:
         return 0.0
-    return abs(backward(model, k, LOWER if trend > 0 else UPPER, now) - state[S_M + k])
+    return abs(backward(model, k, LOWER if trend > 0 else UPPER, now) - state.mended.m[k])
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -289,9 +284,9 @@ def _cross(model, run, turn, k, at, q, trend, slack, floor):
     n = q + 1
     begin, end = _stretch(run, k, at, n, trend, FLAT_MM, floor)
     if slack > FLAT_CROSSING * (end - begin):
-        begin, end = _stretch(run, k, at, n, trend, model[M_CHORD], floor)
+        begin, end = _stretch(run, k, at, n, trend, model.head.chord, floor)
     if slack > GENTLE_CROSSING * (end - begin):
-        begin, end = _stretch(run, k, at, n, trend, 2.0 * model[M_CHORD], floor)
+        begin, end = _stretch(run, k, at, n, trend, 2.0 * model.head.chord, floor)
     long = end - begin
     if slack > UNCUT_CROSSING * long and (_is_corner(run, k, at, n) or slack > FASTEST_ON_CURVE * long):
         if at == 0:
@@ -355,7 +350,7 @@ def _around(model, run, k, at, n, slack, floor):
     corner = run[NODE + at, 0]
     if at == 0 or at == n - 1 or run[NODE + at, 3] == 0.0:
         return corner, corner, 0.0
-    hold = 2.0 * model[M_CHORD]
+    hold = 2.0 * model.head.chord
     fall_in = abs(run[NODE + at, 1 + k] - run[NODE + at - 1, 1 + k])
     fall_out = abs(run[NODE + at, 1 + k] - run[NODE + at + 1, 1 + k])
     across_in = abs(run[NODE + at, 2 - k] - run[NODE + at - 1, 2 - k])
@@ -388,7 +383,7 @@ def _side(model, run, k, at, n, trend, floor):
             continue
         fall = abs(run[NODE + b, 1 + k] - run[NODE + at, 1 + k])
         across = abs(run[NODE + b, 2 - k] - run[NODE + at, 2 - k])
-        hold = drop = 2.0 * model[M_CHORD]
+        hold = drop = 2.0 * model.head.chord
         aslant = hold * min(ASLANT, norm(fall, across) / max(across, 1e-9))
         if fall > aslant:  # else the path may bend within the stretch
             drop = aslant
