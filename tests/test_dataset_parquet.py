@@ -226,6 +226,18 @@ def test_a_data_set_is_fetched_whole_and_faults_are_named(data: Path, tmp_path: 
     assert fetch_dataset(str(data), copy) == 9  # goes on where it broke off
     assert fetch_dataset(str(data), copy) == 0
     assert verify_dataset(copy) == []
+    with corruption_file(copy, 1).open("a") as file:
+        file.write("# another\n")
+    assert verify_dataset(copy) == ["corruptions/0001.toml: not the file that was written"]
+    for use in (
+        lambda: fetch_dataset(str(copy), tmp_path / "third"),
+        lambda: dataset_cases(copy, protocol="paper", seed=0),
+        lambda: build_dataset(copy, [], RECIPE, Serial()),
+    ):
+        with pytest.raises(InputError, match=r"corruptions/0001\.toml"):
+            use()
+    assert not corruption_file(tmp_path / "third", 1).exists()
+    fetch_dataset(str(data), copy)
     names = [line["body"] for line in read_lines(copy / "bodies.jsonl")]
     os.truncate(body_file(copy, names[0]), 100)
     print_file(copy, names[1], 1).unlink()
@@ -235,6 +247,10 @@ def test_a_data_set_is_fetched_whole_and_faults_are_named(data: Path, tmp_path: 
     with pytest.raises(TraceError, match="a Parquet file of this data set"):
         read_body(body_file(copy, names[0]))
     line = read_lines(copy / "bodies.jsonl")[0]
+    last = print_file(Path(), names[0], 1).as_posix()
+    shorter = {**line, "files": {name: digest for name, digest in line["files"].items() if name != last}}
+    (copy / "bodies.jsonl").write_text(json.dumps(shorter) + "\n")
+    assert f"{last}: not in the list" in verify_dataset(copy)
     line["files"] = {"../../escape.parquet": "0"}
     (copy / "bodies.jsonl").write_text(json.dumps(line) + "\n")
     with pytest.raises(InputError, match="below bodies/ and prints/"):

@@ -18,7 +18,15 @@ from printmend.body.load import is_mesh
 from printmend.corruption import fault, read_corruption
 from printmend.corruption.sampling import check_family
 from printmend.dataset.bodies import body_rng, digest
-from printmend.dataset.build import BODIES, RECIPE, body_file, corruption_file, read_lines, read_recipe
+from printmend.dataset.build import (
+    BODIES,
+    RECIPE,
+    body_file,
+    changed_corruptions,
+    corruption_file,
+    read_lines,
+    read_recipe,
+)
 from printmend.dataset.parquet import read_body
 from printmend.dataset.reference import read_reference
 from printmend.errors import InputError
@@ -97,6 +105,8 @@ def dataset_cases(
 ) -> list[Case]:
     """Return the bodies of a data set in Parquet, each on a broken printer that the seed draws, or on every one."""
     root, recipe = Path(root).absolute(), read_recipe(root)
+    if wrong := changed_corruptions(root):
+        raise InputError(root, wanted="a whole data set", came="; ".join(wrong[:3]), todo="fetch or build it again")
     prints = [digest(corruption_file(root, number)) for number in range(recipe.corruptions)]
     cases = []
     for line in read_lines(root / BODIES)[:limit]:

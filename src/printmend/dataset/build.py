@@ -1,6 +1,6 @@
 """Build a data set: bodies are sliced, cut into layers and printed on broken printers, each body once.
 
-dataset.json                        what was asked, so that an interrupted build goes on as it began
+dataset.json                        what was asked, so that an interrupted build goes on as it began; checksums of:
 corruptions/0003.toml               what is broken on printer 3
 bodies/NAME.parquet                 a body (`parquet.py`)
 prints/corruption=0003/NAME.parquet its print on printer 3
@@ -24,7 +24,7 @@ import numpy as np
 import printmend
 from printmend.body.generated import LICENCE
 from printmend.dataset.bodies import digest
-from printmend.dataset.parquet import SCHEMA, write_body, write_print
+from printmend.dataset.parquet import SCHEMA, digest_of, write_body, write_print
 from printmend.dataset.thingi10k import licence_beside
 from printmend.errors import InputError, PrintmendError, UnwritableError
 from printmend.executor import Executor, WorkerDied
@@ -159,6 +159,29 @@ def read_recipe(root: Path) -> Recipe:
         raise InputError(path, wanted="the folder of a data set", came=f"{error}", todo=todo) from None
 
 
+def read_checksums(root: Path) -> dict[str, str]:
+    """Return the SHA-256 of each broken printer's description by its name; an older data set has none."""
+    recipe, known = read_recipe(root), json.loads((Path(root) / RECIPE).read_text(encoding="utf-8")).get("files", {})
+    names = {corruption_file(Path(), number).as_posix() for number in range(recipe.corruptions)}
+    if known and (not isinstance(known, dict) or known.keys() != names):
+        raise InputError(
+            Path(root) / RECIPE, wanted=f"checksums of {len(names)} corruptions", came="others",
+            todo="build or fetch the data set again",
+        )  # fmt: skip
+    return dict(known)
+
+
+def changed_corruptions(root: Path) -> list[str]:
+    """Return what is wrong with the descriptions of the broken printers, in words: missing, or not as written."""
+    wrong = []
+    for name, known in read_checksums(root).items():
+        if not (Path(root) / name).is_file():
+            wrong.append(f"{name}: missing")
+        elif digest_of(Path(root) / name) != known:
+            wrong.append(f"{name}: not the file that was written")
+    return wrong
+
+
 def corruption_file(root: Path, number: int) -> Path:
     """Return where the description of a broken printer lies."""
     return Path(root) / "corruptions" / f"{number:04d}.toml"
@@ -185,17 +208,24 @@ def _begin(root: Path, recipe: Recipe) -> None:
                 root, wanted=f"{other} {getattr(found, other)}, as the build began", came=f"{getattr(recipe, other)}",
                 todo="ask for the same, or name another folder",
             )  # fmt: skip
+        if wrong := changed_corruptions(root):
+            raise InputError(
+                root, wanted="the broken printers it began with", came="; ".join(wrong[:3]),
+                todo="bring the file back, or build into another folder",
+            )  # fmt: skip
         return
     if root.exists() and (not root.is_dir() or any(root.iterdir())):
         raise InputError(root, wanted="a new or empty folder", came="one that holds something", todo="name another")
     (root / "corruptions").mkdir(parents=True)
+    files = {}
     for number in range(recipe.corruptions):
         family = recipe.families[number % len(recipe.families)]
         drawn = sample(family, np.random.default_rng([recipe.seed, number]), recipe.severity)
-        with replacing(corruption_file(root, number)) as file:
+        with replacing(path := corruption_file(root, number)) as file:
             file.write(corruption_toml(drawn))
+        files[path.relative_to(root).as_posix()] = digest_of(path)
     with replacing(root / RECIPE) as file:
-        about = {"schema": SCHEMA, "recipe": asdict(recipe), "printmend": printmend.__version__}
+        about = {"schema": SCHEMA, "recipe": asdict(recipe), "printmend": printmend.__version__, "files": files}
         file.write(json.dumps(about, indent=1) + "\n")
 
 
@@ -241,7 +271,7 @@ def _built(task: _Task) -> dict[str, Any]:
         "body": task.name, "source": source.name, "identity": task.identity, "licence": task.licence,
         "sliced": sliced, "slicing": slicing_of(Path(gcode)), "printer": recipe.printer,
     }  # fmt: skip
-    files = {str(body_file(Path(), task.name)): write_body(body_file(root, task.name), body, about)}
+    files = {body_file(Path(), task.name).as_posix(): write_body(body_file(root, task.name), body, about)}
     for number in range(recipe.corruptions):
         todo = "build the data set anew"
         broken = read_text(corruption_file(root, number), wanted="a corruption in TOML", todo=todo)
@@ -249,7 +279,7 @@ def _built(task: _Task) -> dict[str, Any]:
         printed = [twin.run(layer.controls, layer.start_steps) for layer in body.layers]
         what = {**about, "corruption": number, "family": recipe.families[number % len(recipe.families)]}
         place = print_file(Path(), task.name, number)
-        files[str(place)] = write_print(root / place, body.layers, printed, what)
+        files[place.as_posix()] = write_print(root / place, body.layers, printed, what)
     return {
         **about, "layer_count": len(body.layers), "points": body.transitions + len(body.layers), "files": files,
         "slice_s": round(ready - begun, 3), "print_s": round(time.perf_counter() - ready, 3),

@@ -135,7 +135,7 @@ def _write(path: Path, columns: dict[str, tuple[str, str]], parts: Sequence[list
         arrow.field(name, getattr(arrow, kind if kind != "bool" else "bool_")(), nullable=False, metadata={"is": text})
         for name, (kind, text) in columns.items()
     ]
-    schema = arrow.schema(fields, metadata={KEY: json.dumps({"schema": SCHEMA, **about})})
+    schema = arrow.schema(fields)
     encodings = {name: _SPLIT if kind == "float32" else _DELTA for name, (kind, _) in columns.items() if kind != "bool"}
     buffer = io.BytesIO()
     with parquet.ParquetWriter(
@@ -145,6 +145,8 @@ def _write(path: Path, columns: dict[str, tuple[str, str]], parts: Sequence[list
         for part in parts:
             arrays = [arrow.array(values, field.type) for values, field in zip(part, fields, strict=True)]
             writer.write_table(arrow.Table.from_arrays(arrays, schema=schema), row_group_size=max(len(part[0]), 1))
+        # Beside Arrow's schema, not in it: who opens the file decodes all of that.
+        writer.add_key_value_metadata({KEY: json.dumps({"schema": SCHEMA, **about})})
     data = buffer.getvalue()
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path, "wb") as file:

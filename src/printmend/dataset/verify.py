@@ -17,8 +17,10 @@ from printmend.dataset.build import (
     RECIPE,
     Recipe,
     body_file,
+    changed_corruptions,
     corruption_file,
     print_file,
+    read_checksums,
     read_lines,
     read_recipe,
 )
@@ -70,8 +72,13 @@ def verify_dataset(root: Path, *, tick: Callable[[str], None] = lambda name: Non
     from printmend.twin import Twin
 
     root, recipe = Path(root), read_recipe(root)
-    lines, wrong = read_lines(root / BODIES), []
+    lines, wrong = read_lines(root / BODIES), changed_corruptions(root)
     for line in lines:
+        own = [
+            body_file(Path(), line["body"]),
+            *(print_file(Path(), line["body"], n) for n in range(recipe.corruptions)),
+        ]
+        wrong += [f"{path.as_posix()}: not in the list" for path in own if path.as_posix() not in line["files"]]
         for name, digest in _names(line).items():
             path = root / name
             if not path.is_file():
@@ -115,18 +122,12 @@ def fetch_dataset(source: str, root: Path, *, tick: Callable[[str], None] = lamb
     """
     root = Path(root)
     fetch_list(source, root)
-    recipe, came = read_recipe(root), 0
-    for number in range(recipe.corruptions):
-        _fetch(source, root, str(corruption_file(Path(), number)))
+    known, came = read_checksums(root), 0
+    for number in range(read_recipe(root).corruptions):
+        name = corruption_file(Path(), number).as_posix()
+        _fetch_checked(source, root, name, known.get(name))
     for line in read_lines(root / BODIES):
-        for name, digest in _names(line).items():
-            path = root / name
-            if not path.is_file() or digest_of(path) != digest:
-                _fetch(source, root, name)
-                came += 1
-                if digest_of(path) != digest:
-                    path.unlink()
-                    raise InputError(name, wanted="the file in the list", came="another", todo="ask its publisher")
+        came += sum(_fetch_checked(source, root, name, digest) for name, digest in _names(line).items())
         tick(line["body"])
     return came
 
@@ -138,6 +139,18 @@ def _names(line: dict[str, Any]) -> dict[str, str]:
         if not parts or parts[0] not in ("bodies", "prints") or ".." in parts or not name.endswith(".parquet"):
             raise InputError(BODIES, wanted="files below bodies/ and prints/", came=name, todo="ask its publisher")
     return dict(line["files"])
+
+
+def _fetch_checked(source: str, root: Path, name: str, digest: str | None) -> bool:
+    """Copy a file unless the one with this checksum is there; return whether it came."""
+    path = root / name
+    if path.is_file() and digest_of(path) == digest:
+        return False
+    _fetch(source, root, name)
+    if digest is not None and digest_of(path) != digest:
+        path.unlink()
+        raise InputError(name, wanted="the file in the list", came="another", todo="ask its publisher")
+    return True
 
 
 def _fetch(source: str, root: Path, name: str) -> None:
