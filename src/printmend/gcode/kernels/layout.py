@@ -1,9 +1,11 @@
 """The arrays that the kernels share: records, pieces, and the machine's state, as dtypes and constants."""
 
+from typing import Any
+
 import numpy as np
 
 
-def record(kind: np.dtype) -> np.record:
+def record(kind: np.dtype) -> Any:
     """Return one record of zeros, whose fields are its attributes; kernels change it in place."""
     return np.zeros(1, kind).view(np.recarray)[0]
 
