@@ -32,7 +32,7 @@ NAMES = {
     "shuffled": {"rows-shuffled"},
     "shifted-1": {"rows-shifted"}, "shifted-3": {"rows-shifted"}, "half-shifted-1": {"rows-shifted"},
     "table-shifted-1": {"rows-shifted"}, "swapped": {"refused"}, "mirrored": {"refused"}, "inches": {"refused"},
-    "turned-1": {"turned"}, "outliers-5": {"left-out"}, "outliers-20": {"left-out"}, "half-bed": {"unseen"},
+    "turned-1": {"turned", "moved"}, "outliers-5": {"left-out"}, "outliers-20": {"left-out"}, "half-bed": {"unseen"},
 }  # fmt: skip
 QUIET = {"unseen", "moved"}  # true of many good traces
 

@@ -190,6 +190,21 @@ def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> N
         assert moved == pytest.approx(wanted, abs=0.03)
 
 
+def test_a_wave_along_a_corexys_rail_is_no_noise(rng: np.random.Generator) -> None:
+    corexy = read_printer("corexy")
+    points = np.vstack([[corexy.home_mm], rng.uniform(20, 280, (400, 2))])
+    off = np.stack([0.08 * np.sin(points[:, 0] / 4), np.zeros(len(points))], axis=1)
+    trace = Trace(points, points + off + rng.normal(0, 0.04, points.shape), homed=True)
+    box = Greybox().fit(trace, corexy, rng=rng)
+    causes = causes_of(box, trace)
+    assert {(cause.candidate.kind, cause.candidate.place) for cause in causes} == {("rail-wave", 0)}
+    assert [cause.candidate.detail for cause in causes] == pytest.approx([8 * np.pi] * 2, rel=0.03)
+    (effect, other), _ = effects_of(box, trace, causes)
+    places = Places(corexy.to_motor(points), points, np.ones((len(points), 2)), np.linspace(0, 100, len(points)))
+    of_x_mm = corexy.from_motor(np.stack([each.law(places.seen_by(each)) for each in (effect, other)], axis=1))[:, 0]
+    assert np.std(of_x_mm) == pytest.approx(np.std(off[:, 0]), rel=0.15)
+
+
 def test_play_that_wears_on_one_side_is_no_heap_of_wild_points(rng: np.random.Generator) -> None:
     points = measured_once(rng, count=700).commanded_mm
     at, places = points[0, 0], points.copy()

@@ -128,6 +128,7 @@ class Places:
             across=self.side[:, 1 - effect.motor].astype(float),
             move_mm=np.full(len(own), LONG_MM),
             ways=np.stack([self.side.sum(axis=1), self.side[:, 0] - self.side[:, 1]], axis=1) / 2,  # of a CoreXY
+            bed_mm=self.bed_mm,
         )
 
 
@@ -153,16 +154,18 @@ def _effect(plain: Any, subject: str) -> Effect:
     spans = np.array([numbers({"row": row}, "row", subject, 2) for row in rows])
     weights, absorbed = numbers(plain, "weights", subject, _MOST_WEIGHTS), numbers(plain, "absorbed", subject, 3)
     motor, period_mm = number(plain, "motor", subject), number(plain, "period_mm", subject)
-    widths = {"two-motors": _MOST_WEIGHTS, "second-period": 2, "rail-play": 2}
+    widths = {"two-motors": _MOST_WEIGHTS, "second-period": 2, "rail-play": 2, "rail-wave": 2}
     if spans.shape != (4, 2) or len(absorbed) != 3 or motor not in (0, 1) or period_mm <= 0:
         refuse(subject, "effects with a motor, a period and four spans", "something else")
     if len(weights) != widths.get(plain["kind"], 1) and not (plain["kind"] == "thermal" and len(weights) == 2):
         refuse(subject, f"the weights of {plain['kind']}", f"{len(weights)} numbers")
     detail, place = number(plain, "detail", subject), number(plain, "place", subject)
-    if (plain["kind"] in ("creep", "second-period") and detail <= 0) or detail < 0:
+    if (plain["kind"] in ("creep", "second-period", "rail-wave") and detail <= 0) or detail < 0:
         refuse(subject, f"a positive detail of {plain['kind']}", f"{detail:g}")
     if plain["kind"] in ("halves", "halves-play", "rail-play") and detail not in (0, 1):
         refuse(subject, f"an axis of {plain['kind']}", f"{detail:g}")
+    if plain["kind"] == "rail-wave" and place not in (0, 1):
+        refuse(subject, "an axis of rail-wave", f"{place:g}")
     way_mm = number(plain, "way_mm", subject, LONGEST_MM) if "way_mm" in plain else 0.0
     return Effect(
         plain["kind"], int(motor), weights, detail, place, plain["state"], absorbed, spans, period_mm, max(way_mm, 0.0)

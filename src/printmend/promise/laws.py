@@ -16,8 +16,8 @@ TWO_MOTORS = (1, 2, 3)  # harmonics of a pulley that may differ between the two 
 class Sideways:
     """One motor's rows as the tests see them, all [N] but two: the share of the print that is ``done``, the ``side`` of
     the belt that is touched, the motor's place ``own`` and that of the bed's axes ``beds`` [N, 2] from −1 to 1, which
-    way the other motor last went, ``across``, the length of the last move on the bed, ``move_mm``, and which way the
-    bed's axes last went, ``ways`` [N, 2]."""
+    way the other motor last went, ``across``, the length of the last move on the bed, ``move_mm``, which way the bed's
+    axes last went, ``ways`` [N, 2], and the place there, ``bed_mm`` [N, 2]."""
 
     motor_mm: np.ndarray
     period_mm: float
@@ -29,6 +29,7 @@ class Sideways:
     across: np.ndarray
     move_mm: np.ndarray
     ways: np.ndarray
+    bed_mm: np.ndarray
 
     def at(self, rows: np.ndarray) -> "Sideways":
         """Return some of the rows."""
@@ -45,8 +46,8 @@ def _upper(one: Sideways, axis: float, place: float) -> np.ndarray:
     return (one.beds[:, int(axis)] > place) * 1.0
 
 
-def _waves(one: Sideways, period_mm: float, harmonics: tuple[int, ...]) -> np.ndarray:
-    angle = np.outer(one.motor_mm, harmonics) * (TURN_RAD / period_mm)
+def _waves(place_mm: np.ndarray, period_mm: float, harmonics: tuple[int, ...]) -> np.ndarray:
+    angle = np.outer(place_mm, harmonics) * (TURN_RAD / period_mm)
     return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
 
 
@@ -81,6 +82,7 @@ LAWS: dict[str, Law] = {
     "halves-play": lambda s, axis, place: (s.side * _upper(s, axis, place))[:, None],
     "racking": lambda s, _, __: (s.side * s.other)[:, None],
     "rail-play": _rail,
-    "two-motors": lambda s, _, __: _waves(s, s.period_mm, TWO_MOTORS) * s.other[:, None],
-    "second-period": lambda s, period, _: _waves(s, period, (1,)),
+    "two-motors": lambda s, _, __: _waves(s.motor_mm, s.period_mm, TWO_MOTORS) * s.other[:, None],
+    "second-period": lambda s, period, _: _waves(s.motor_mm, period, (1,)),
+    "rail-wave": lambda s, period, axis: _waves(s.bed_mm[:, int(axis)], period, (1,)),
 }

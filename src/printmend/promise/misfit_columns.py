@@ -47,11 +47,13 @@ def sideways(motors: list[Rows], which: int, commanded_mm: np.ndarray, side: np.
         last_way(other.motor_mm),
         np.hypot(*np.diff(commanded_mm, axis=0, prepend=commanded_mm[:1]).T),
         np.stack([last_way(axis) for axis in commanded_mm.T], axis=1),
+        commanded_mm,
     )
 
 
 def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
-    """Yield everything that is looked for. Only on a CoreXY the play of a rail is not that of a motor's belt."""
+    """Yield everything that is looked for. Only on a CoreXY the play of a rail, or a wave along
+    it, is not that of a motor's belt."""
     yield Candidate("linear")
     for share in BREAKS:
         yield Candidate("step", len(BREAKS), float(share))
@@ -72,6 +74,10 @@ def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
     periods = other_periods_mm(one.period_mm, SEEN_SHARE * float(np.ptp(one.motor_mm)))
     for period in periods:
         yield Candidate("second-period", len(periods), float(period))
+    for axis in range(2 * corexy):
+        waves = other_periods_mm(one.period_mm, SEEN_SHARE * float(np.ptp(one.bed_mm[:, axis])))[::2]
+        for period in waves:
+            yield Candidate("rail-wave", 2 * len(waves), float(period), axis)
 
 
 def _scaled(values: np.ndarray) -> np.ndarray:

@@ -307,7 +307,9 @@ def _one_of_each(found: list[Misfit]) -> list[Misfit]:
 def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
     weight, detail = float(cause.weights[0]), cause.candidate.detail
     other = next((each.upper() for each in motors if each.upper() != name), "")
-    half = "XY"[int(detail)] if cause.candidate.kind.startswith(("halves", "rail")) else ""
+    is_wave = cause.candidate.kind == "rail-wave"
+    axis = int(cause.candidate.place) if is_wave else int(detail)
+    half = "XY"[axis] if cause.candidate.kind.startswith(("halves", "rail")) else ""
     grown = float(warmed(np.ones(1), detail)[0])  # one that is slow has not come to its end yet
     return {
         "linear": f"{name} drifted evenly during the print, by {weight:+.2f} mm from the first point to the last",
@@ -331,6 +333,8 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
         "whichever motor turns: a rail or the head has play, not a belt",
         "two-motors": f"the turn of {name} looks different at the two ends of {other}: two motors of one axis, with "
         f"pulleys that differ by {2 * cause.size_mm:.2f} mm",
+        "rail-wave": f"{name} shows an error that repeats every {detail:.1f} mm along {half}, {cause.size_mm:.3f} mm, "
+        "whichever motor turns: a rail, or an idler on the gantry",
         "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {cause.size_mm:.3f} mm: an idler or "
         "the belt, not the motor's pulley",
     }[cause.candidate.kind]
@@ -501,8 +505,8 @@ def _moved(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     if (size := float(np.hypot(*moved))) <= MOVED_MM:
         return []
     words = (
-        f"everything lies ({moved[0]:+.2f}, {moved[1]:+.2f}) mm from where home says: the plate was shifted, or the "
-        "nozzle has an offset. That is taken out"
+        f"everything lies ({moved[0]:+.2f}, {moved[1]:+.2f}) mm from where home says: the plate was shifted "
+        "or turned, or the nozzle has an offset. That is taken out"
     )
     return [Misfit("moved", NOTE, size, SURE_NATS, words)]
 

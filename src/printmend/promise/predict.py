@@ -33,7 +33,7 @@ UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.8
 WHOLE_TURN_SHARE = 0.95  # of a turn that counts as all of it
 # Mean and standard deviation of the logarithm of how much larger the doubt of a pulley seen in part is than it says
 # itself: what nobody saw is mostly nothing, and now and then a flat.
-GUESSED_LOG = (-0.35, 1.3)
+GUESSED_LOG = (-0.5, 1.4)
 LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
 STANDS_SHARE = 1e-6  # the share of a move below which a motor stands still
 SEED = 11  # the same file and model always get the same promise

@@ -68,6 +68,8 @@ def _orders(rows: Rows, side: np.ndarray, known: np.ndarray) -> Iterator[np.ndar
     """Yield the orders in which a pattern may show."""
     yield np.arange(len(known))
     touched, motor = side[known], rows.motor_mm[known]
-    keys = (np.arange(len(known)), motor, np.mod(motor, rows.period_mm), rows.other_mm[known])
+    own, other = rows.own_mm[known], rows.other_mm[known]
+    # of a CoreXY, sum and difference of both belts are the bed's axes
+    keys = (np.arange(len(known)), motor, np.mod(motor, rows.period_mm), other, own + other, own - other)
     for key in keys:
         yield np.lexsort((key, touched))
