@@ -223,7 +223,7 @@ def test_a_data_set_is_fetched_whole_and_faults_are_named(data: Path, tmp_path: 
     shutil.copy(data / "bodies.jsonl", early)
     with pytest.raises(InputError, match="a published data set"):
         fetch_dataset(str(early), copy)
-    assert fetch_dataset(str(data), copy) == 9  # goes on where it broke off
+    assert fetch_dataset(str(data), copy) == 11  # goes on where it broke off
     assert fetch_dataset(str(data), copy) == 0
     assert verify_dataset(copy) == []
     with corruption_file(copy, 1).open("a") as file:
@@ -237,7 +237,7 @@ def test_a_data_set_is_fetched_whole_and_faults_are_named(data: Path, tmp_path: 
         with pytest.raises(InputError, match=r"corruptions/0001\.toml"):
             use()
     assert not corruption_file(tmp_path / "third", 1).exists()
-    fetch_dataset(str(data), copy)
+    assert fetch_dataset(str(data), copy) == 1
     names = [line["body"] for line in read_lines(copy / "bodies.jsonl")]
     os.truncate(body_file(copy, names[0]), 100)
     print_file(copy, names[1], 1).unlink()

@@ -125,7 +125,7 @@ def fetch_dataset(source: str, root: Path, *, tick: Callable[[str], None] = lamb
     known, came = read_checksums(root), 0
     for number in range(read_recipe(root).corruptions):
         name = corruption_file(Path(), number).as_posix()
-        _fetch_checked(source, root, name, known.get(name))
+        came += _fetch_checked(source, root, name, known.get(name))
     for line in read_lines(root / BODIES):
         came += sum(_fetch_checked(source, root, name, digest) for name, digest in _names(line).items())
         tick(line["body"])
