@@ -1,6 +1,7 @@
 """The diagnosis as a document: the right faults, the right advice, a true picture of the pulley, one whole file."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY, Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play
 from printmend.diagnosis.advice import advise
-from printmend.diagnosis.diagnosis import Fault, or_a_skew
+from printmend.diagnosis.diagnosis import Doubt, Fault, _scale, or_a_skew
 from printmend.errors import GcodeError, InputError, TraceError
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import Trace
@@ -82,6 +83,20 @@ def test_a_wrong_pulley_of_a_corexy_may_be_a_skewed_frame_of_a_wrong_size() -> N
     assert other == []
     both = [[wrong], [Fault("b", "scale", 1.9, 0.13, "%", "alike")]]
     assert or_a_skew(both) == both
+
+
+@pytest.mark.parametrize(
+    ("learned_mm", "words"), [(14.8, "6.3796 ± 0.0001 mm instead of 6.366"), (32.0, "instead of 5.093")]
+)
+def test_an_idlers_turn_makes_no_other_pulley(learned_mm: float, words: str) -> None:
+    post = SimpleNamespace(active=np.ones(2, bool), covariance=1e-8 * np.eye(2))
+    design = SimpleNamespace(parts={"mean_powers": slice(0, 2)}, size=2)
+    powers = SimpleNamespace(powers_mm=np.array([0.0, 0.21]))
+    drive = SimpleNamespace(
+        name="a", branches=SimpleNamespace(period_mm=learned_mm, mean=powers),
+        choice=SimpleNamespace(design=design, fit=SimpleNamespace(posterior=post)),
+    )  # fmt: skip
+    assert words in _scale(drive, Doubt(), 40.0)[0].words  # type: ignore[arg-type]
 
 
 def test_the_pulley_in_the_picture_is_the_pulley_in_the_machine(examined: Examination) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.learn.drive import ALL_SEEN, Jump
+from printmend.learn.drive.period import TOOTH_MM
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.path import Trace
 
@@ -77,8 +78,8 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     faults: list[Fault] = []
     gaps: list[str] = []
     own = [
-        [*drive_faults(drive, doubt), *_jumps(drive, jumps)]
-        for drive, jumps in zip(model.drives, model.jumps, strict=True)
+        [*drive_faults(drive, doubt, axis.mm_per_turn), *_jumps(drive, jumps)]
+        for drive, jumps, axis in zip(model.drives, model.jumps, model.printer.axes[:2], strict=True)
     ]
     crooked = _frame_faults(model, doubt)
     if model.printer.kinematics == "corexy":
@@ -101,9 +102,9 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     return Diagnosis(tuple(faults), "; ".join(parts), tuple(gaps))
 
 
-def drive_faults(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
-    """Name the faults of one motor's drive, the pulley first."""
-    return [*_scale(drive, doubt), *_pulley(drive, doubt), *_play(drive, doubt), *_rest(drive, doubt)]
+def drive_faults(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[Fault]:
+    """Name the faults of one motor's drive, the pulley first; ``turn_mm`` is a turn of the printer's own."""
+    return [*_scale(drive, doubt, turn_mm), *_pulley(drive, doubt), *_play(drive, doubt), *_rest(drive, doubt)]
 
 
 def _sds(drive: LearnedDrive) -> np.ndarray:
@@ -124,14 +125,16 @@ def amount(value: float, sd: float, unit: str = "mm") -> str:
     return f"{value:.{digits}f} ± {max(sd, 10.0**-digits):.{digits}f} {unit}"
 
 
-def _scale(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
+def _scale(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[Fault]:
     powers, part = drive.branches.mean.powers_mm, drive.choice.design.parts["mean_powers"]
     if len(powers) < 2 or not powers[1]:
         return []
     percent, sd = float(powers[1]), float(np.hypot(_sds(drive)[part][1], doubt.scale_percent))  # mm in 100 mm
     if abs(percent) < NAMED_SIGMAS * sd or abs(percent) < 0.005:
         return []
-    radius = drive.branches.period_mm / (2 * np.pi)
+    learned_mm = drive.branches.period_mm  # of a pulley, if it has teeth: else of an idler or the belt
+    toothed = abs(learned_mm / TOOTH_MM - round(learned_mm / TOOTH_MM)) < 1e-9
+    radius = (learned_mm if toothed else turn_mm) / (2 * np.pi)
     found = amount(radius * (1 + percent / 100), radius * sd / 100)
     words = f"pulley radius {found} instead of {radius:.3f}"
     return [_fault(drive, "scale", percent, sd, words, "%")]
