@@ -1,5 +1,6 @@
 """The studio as a person uses it, in Debian's Chromium: the whole way, every screen, the keyboard, what goes wrong."""
 
+import http.client
 import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
@@ -417,7 +418,13 @@ def test_fifty_at_once_and_killed_in_the_middle(browser: Browser, tmp_path: Path
         watched.page.goto(one.address + f"#/printers/{key}/mend")
         until(lambda: sum(job["state"] == "done" for job in studio.get("/jobs")) >= 3)
         most = one.memory_bytes()
+        half = http.client.HTTPConnection("127.0.0.1", one.port)
+        half.putrequest("POST", "/api/uploads?name=half.gcode")
+        half.putheader("Content-Length", "2000000")
+        half.endheaders(part(1))
+        until(lambda: list((one.folder / "uploads").glob(".*.tmp")))
         one.kill()
+        half.close()
         away = watched.page.get_by_text("The studio does not answer")
         expect(away).to_be_visible()
         one.start()

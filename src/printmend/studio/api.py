@@ -21,7 +21,7 @@ from printmend import __version__
 from printmend.errors import InputError
 from printmend.studio.jobs import Studio
 from printmend.studio.shapes import KEY, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
-from printmend.studio.store import DONE, NotThereError
+from printmend.studio.store import DONE, HALF, NotThereError
 
 LONGEST_UPLOAD_S = 900.0  # for one file
 LEAST_FREE_BYTES = 500_000_000  # on the disk, below which nothing more is taken
@@ -83,7 +83,7 @@ async def upload(request: Request, here: Here, name: Annotated[str, Query(min_le
             "the disk", wanted="some free space", came="less than 500 MB", todo="remove what is not needed"
         )
     target = here.store.path("upload", key)
-    beside = target.with_name(f".{key}.tmp")
+    beside = target.with_name(f".{key}{HALF}")
     try:
         with beside.open("wb") as file:
             async with asyncio.timeout(LONGEST_UPLOAD_S):

@@ -14,6 +14,7 @@ import sqlalchemy as sql
 from printmend.errors import InputError
 
 DONE = ("done", "failed", "cancelled")
+HALF = ".tmp"  # what the name of an upload ends with, and a dot what it begins with, until all of it is there
 
 _META = sql.MetaData()
 PRINTERS = sql.Table(
@@ -47,6 +48,8 @@ class Store:
         self.folder = folder
         for part in ("printers", "uploads", "jobs"):
             (folder / part).mkdir(parents=True, exist_ok=True)
+        for half in (folder / "uploads").glob(f".*{HALF}"):  # was being sent when a server was killed
+            half.unlink(missing_ok=True)
         self._naming = threading.Lock()  # between the look whether a name is free and taking it
         self._engine = sql.create_engine(f"sqlite:///{folder / 'studio.sqlite'}")
         sql.event.listen(self._engine, "connect", _settle)

@@ -4,7 +4,7 @@ export default {
   play: "Ausprobieren", printers: "Meine Drucker", theme: "Hell oder dunkel", language: "Sprache",
   gone: "Das Studio antwortet nicht. Läuft das Programm noch? Sobald es wieder da ist, geht es von selbst weiter.",
   left_s: "noch etwa {n} s", left_min: "noch etwa {n} min", cancel: "Anhalten", again: "Noch einmal",
-  ahead: "Wartet auf einen freien Platz: {n} davor", starting: "Beginnt …", drawing: "Zeichnet …", soon: "Hier erscheint das Teil: wie gewollt, wie er druckt, und geheilt.",
+  ahead: "Wartet auf einen freien Platz: {n} davor", starting: "Beginnt …", drawing: "Zeichnet …", no_picture: "Von dieser Datei gibt es kein Bild.", soon: "Hier erscheint das Teil: wie gewollt, wie er druckt, und geheilt.",
   save_png: "Als PNG speichern", save_svg: "Als SVG speichern", save: "Bild speichern", no_number: "{text} ist keine Zahl: bitte wie 12,5 oder 12.5 angeben",
 
   play_title: "Einen Drucker kaputt machen und heilen",
@@ -36,6 +36,7 @@ export default {
   tab_measure: "Messen", tab_wrong: "Was fehlt ihm", tab_mend: "Heilen", tab_prove: "Prüfen",
 
   measure_now: "Den Testdruck drucken, einscannen und den Scan hier ablegen.",
+  measure_first: "Den Testdruck erstellen und drucken. Dann messen: mit Scan, Foto oder Messschieber.",
   plate_now: "Eine Schicht aus Punkten. Sie wird gedruckt, wie sie ist: Der Slicer darf sie nicht anfassen.",
   plate_size: "Seite des Quadrats, mm (leer: das ganze Bett)", plate_make: "Testdruck erstellen", plate_again: "Einen anderen erstellen",
   plate_facts: "{marks} Punkte, {minutes} min, {grams} g", plate_left: "Bleibt danach irgendwo auf dem Bett: etwa {mm} mm",
@@ -67,7 +68,7 @@ export default {
   time: "Druckdauer nach dem Slicer: {time}", time_least: "Druckdauer ungefähr: {time}", hours: "{h} h {m} min", minutes: "{m} min",
   busiest: "In der dichtesten Sekunde: {before} → {after} Befehle",
   stops: "Stellen, an denen die Düse kurz still steht (kleine Nähte): {n}", on_bed: "Alles bleibt auf dem Bett.", off_bed: "Ein Teil liegt, wie es die Datei sagt, jenseits des Bettrands.",
-  left_unknown: "Bahnen, die bleiben, wie sie in der Datei stehen, nicht geheilt: {n}{where}. Die Datei sagt dort nicht, wo die Düse ist, oder ihre Wörter sind nicht zu lesen.", left_lines: " (in den Zeilen {lines})",
+  left_unknown: "Bahnen, die bleiben, wie sie in der Datei stehen, nicht geheilt: {n}{where}. Die Datei sagt dort nicht, wo die Düse ist, oder ihre Wörter sind nicht zu lesen.", left_lines: " (Zeile {lines})",
   left_splines: "Kurven (G5), die bleiben, wie sie in der Datei stehen, nicht geheilt: {n}. Den Slicer Geraden oder Bögen schreiben lassen.", left_coarse: "Stellen, die mehr danebenliegen, als sie sollten: {n}. Der Drucker nimmt keine kürzeren Wege an.",
   left_geometry: "So oft stellt die Datei Schiefe oder Maßstab des Druckers selbst ein (M556, M579, M852 oder SET_SKEW): {n}. Was hier steht, gilt nur, wenn der Testdruck mit denselben Werten gedruckt wurde.",
   clamped: "Am Rand des Betts zurückgehaltene Befehle: {n}", by_layer: "Fehler jeder Schicht, mm", sending: "Sendet", stopped: "Angehalten", mend_none: "Zuerst den Testdruck messen: Dann lassen sich Teile für diesen Drucker heilen.", prove_none: "Zuerst den Testdruck messen: Dann lässt sich prüfen, ob ein geheilter Druck das Versprechen hält.", to_measure: "Zum Testdruck",

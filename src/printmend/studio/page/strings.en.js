@@ -4,7 +4,7 @@ export default {
   play: "Try it", printers: "My printers", theme: "Light or dark", language: "Language",
   gone: "The studio does not answer. Is the program still running? It goes on by itself when it is back.",
   left_s: "about {n} s left", left_min: "about {n} min left", cancel: "Stop", again: "Try again",
-  ahead: "Waiting for a free worker: {n} before this one", starting: "Starting…", drawing: "Drawing…", soon: "The part appears here: as wanted, as it prints, and mended.",
+  ahead: "Waiting for a free worker: {n} before this one", starting: "Starting…", drawing: "Drawing…", no_picture: "There is no picture of this file.", soon: "The part appears here: as wanted, as it prints, and mended.",
   save_png: "Save as PNG", save_svg: "Save as SVG", save: "Save the picture", no_number: "{text} is no number: give one as 12.5 or 12,5",
 
   play_title: "Break a printer, then mend it",
@@ -36,6 +36,7 @@ export default {
   tab_measure: "Measure", tab_wrong: "What is wrong", tab_mend: "Mend", tab_prove: "Prove",
 
   measure_now: "Print the test print, scan it, and drop the scan here.",
+  measure_first: "Make the test print, and print it. Then measure it: with a scan, a photo or callipers.",
   plate_now: "One layer of dots. Print it as it is: do not let the slicer touch it.",
   plate_size: "Side of the square, mm (empty: the whole bed)", plate_make: "Make the test print", plate_again: "Make another one",
   plate_facts: "{marks} dots, {minutes} min, {grams} g", plate_left: "Left over afterwards, anywhere on the bed: about {mm} mm",
@@ -67,7 +68,7 @@ export default {
   time: "Print time, going by the slicer: {time}", time_least: "Print time, about: {time}", hours: "{h} h {m} min", minutes: "{m} min",
   busiest: "In the busiest second: {before} → {after} commands",
   stops: "Places where the nozzle stands still for a moment (small seams): {n}", on_bed: "All of it stays on the bed.", off_bed: "As the file says, some of it is printed beyond the edge of the bed.",
-  left_unknown: "Printing moves left as the file has them, not mended: {n}{where}. There the file does not say where the nozzle is, or its words cannot be read.", left_lines: " (in lines {lines})",
+  left_unknown: "Printing moves left as the file has them, not mended: {n}{where}. There the file does not say where the nozzle is, or its words cannot be read.", left_lines: " (line {lines})",
   left_splines: "Curves (G5) left as the file has them, not mended: {n}. Let the slicer write lines or arcs.", left_coarse: "Places that stay off by more than they should: {n}. The printer takes no shorter moves.",
   left_geometry: "The file sets the printer's own skew or scale (M556, M579, M852 or SET_SKEW), times: {n}. What is said here holds only if the test print was printed with the same.",
   clamped: "Commands held back at the edge of the bed: {n}", by_layer: "Error of each layer, mm", sending: "Sending", stopped: "Stopped", mend_none: "Measure the test print first: then parts can be mended for this printer.", prove_none: "Measure the test print first: then a mended print can be held against what was promised.", to_measure: "To the test print",

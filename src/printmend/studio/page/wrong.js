@@ -12,7 +12,7 @@ export function Wrong({ printer }) {
   if (!known) return html`<${Problem} error=${error} />`;
   if (!said) return null;
   return html`<div class="split"><div class="stack">
-      <section class="card stack">${said.before_mm != null && html`<div class="numbers"><${Number_} value=${mm(said.before_mm)}>${t("before_model")}</${Number_}><${Number_} value=${mm(said.after_mm)}>${t("after_model")}</${Number_}><${Number_} value=${said.measured} unit="">${t("points")}</${Number_}></div>`}
+      <section class="card stack"><h2>${t("found")}</h2>${said.before_mm != null && html`<div class="numbers"><${Number_} value=${mm(said.before_mm)}>${t("before_model")}</${Number_}><${Number_} value=${mm(said.after_mm)}>${t("after_model")}</${Number_}><${Number_} value=${said.measured} unit="">${t("points")}</${Number_}></div>`}
         ${said.faults.length ? said.faults.map((fault) => html`<${Fault} fault=${fault} />`) : html`<p>${said.learner === "callipers" ? say(said.headline) : t("nothing_wrong")}</p>`}
         ${said.misfit.map((line) => { const [, grade, words] = /^(?:(\w+): )?(.*)$/s.exec(line); return html`<p class=${{ refusal: "problem", warning: "note" }[grade] ?? "faint"}>${sentence(words)}</p>`; })}</section>
       ${said.gaps.length > 0 && html`<section class="card stack"><h2>${t("gaps")}</h2>${said.gaps.map((gap) => html`<p class="soft">${sentence(gap)}</p>`)}<${Next} printer=${printer} /></section>`}
