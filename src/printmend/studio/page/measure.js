@@ -6,7 +6,7 @@ import { Drop } from "./drop.js";
 import { Problem, Progress, Sending, useEarlier, useJob, useSending } from "./job.js";
 import { useLook, Zoom } from "./look.js";
 import { Send } from "./send.js";
-import { asked, mm, number, sentence, t, typed } from "./words.js";
+import { asked, mm, number, said, sentence, t, typed } from "./words.js";
 
 export function Measure({ printer, changed, more }) {
   const [probe, setProbe] = useState(null), [error, setError] = useState(null), [size, setSize] = useState(more ?? ""), [way, setWay] = useState("scan");
@@ -18,6 +18,7 @@ export function Measure({ printer, changed, more }) {
   useEffect(() => { if (printer.has_probe) get(`/printers/${printer.id}/probe`).then((card) => setProbe((old) => old ?? card), () => {}); }, [printer.id]);
   const learned = () => { changed(); location.hash = `#/printers/${printer.id}/wrong`; };
   return html`<${Problem} error=${error} /><div class="split"><section class="card stack"><h2>${t("plate")}</h2><p class="soft">${t("plate_now")}</p>
+      ${!printer.digest && printer.notes.map((note) => html`<p class="note">${t("not_taken", { what: said(note) })}</p>`)}
       ${probe && html`<div style=${{ height: "17rem" }}><${Plate} id="plate" marks=${probe.marks_mm} errors=${probe.marks_mm.map(() => [0, 0])} big=${probe.big} bed=${probe.bed_mm} enlarge="1" /></div><${Save} id="plate" name="plate" />
         <p><b>${t("plate_facts", { marks: probe.marks, minutes: number(probe.minutes, 0), grams: number(probe.grams, 1) })}</b><br /><span class="faint">${t("plate_left", { mm: mm(probe.expected_mm) })}</span></p>`}
       ${printer.has_probe && html`<a class="button primary" href=${`/api/printers/${printer.id}/files/probe.gcode`} download>${t("download_plate")}</a><${Send} printer=${printer} changed=${changed} />`}

@@ -30,7 +30,7 @@ export default {
 
   printers_now: "Jeder Drucker hat eine Karte. Den eigenen hinzufügen, seinen Testdruck drucken und sehen, was ihm fehlt.",
   new_printer: "Neuer Drucker", new_now: "Den Drucker wählen, der dem eigenen gleicht, oder seine Beschreibung hier ablegen.", name: "Name", like: "Wie welcher Drucker",
-  describe: "Oder printer.cfg oder ein Druckerprofil des Slicers ablegen", from_file: "Aus {name}", bed: "Bett", width: "Breite", depth: "Tiefe",
+  not_taken: "Aus der Datei nicht übernommen: {what}.", describe: "Oder printer.cfg oder ein Druckerprofil des Slicers ablegen", from_file: "Aus {name}", bed: "Bett", width: "Breite", depth: "Tiefe",
   add: "Hinzufügen", remove: "Entfernen", remove_sure: "{name} mit allen Messungen entfernen?", rename: "Umbenennen",
   not_measured: "Noch nicht gemessen", measured_on: "Gemessen am {day}", healthy: "Gesund", now_measure: "Den Testdruck drucken und messen.",
   tab_measure: "Messen", tab_wrong: "Was fehlt ihm", tab_mend: "Heilen", tab_prove: "Prüfen",

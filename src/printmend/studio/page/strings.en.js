@@ -30,7 +30,7 @@ export default {
 
   printers_now: "Every printer gets a card. Add yours, print its test print, and see what is wrong with it.",
   new_printer: "New printer", new_now: "Choose the printer that is like yours, or drop its description.", name: "Name", like: "Like which printer",
-  describe: "Or drop printer.cfg, or a printer profile of your slicer", from_file: "From {name}", bed: "Bed", width: "Width", depth: "Depth",
+  not_taken: "Not taken over from the file: {what}.", describe: "Or drop printer.cfg, or a printer profile of your slicer", from_file: "From {name}", bed: "Bed", width: "Width", depth: "Depth",
   add: "Add it", remove: "Remove", remove_sure: "Remove {name} with all its measurements?", rename: "Rename",
   not_measured: "Not measured yet", measured_on: "Measured {day}", healthy: "Healthy", now_measure: "Print and measure the test print.",
   tab_measure: "Measure", tab_wrong: "What is wrong", tab_mend: "Mend", tab_prove: "Prove",
