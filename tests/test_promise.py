@@ -275,6 +275,20 @@ def test_patterns_are_told_from_noise(rng: np.random.Generator) -> None:
         assert np.sqrt(found.variance_mm2) == pytest.approx(np.std(pattern), rel=0.35)
 
 
+def test_a_shape_is_not_worse_for_lying_elsewhere() -> None:
+    """A part 3 mm off its place, of which the samples show a little less than there is."""
+    angle, nothing = np.linspace(0, 2 * np.pi, 40, endpoint=False), np.zeros((40, 2))
+    tangent = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    off = -3.0 * tangent[:, 1] + 0.1 * np.sin(5 * angle)
+    path = Places(nothing, tangent, off, nothing, np.ones(40))
+    known = Errors(1.1 * float(np.sqrt(np.mean(off**2))), 3.0, 3.2)
+    whole, shape = (_summed_up(_Side(path, off, {}, {}, known, signed=True), placed, np.random.default_rng(0))[0]
+                    for placed in (True, False))  # fmt: skip
+    assert whole.rms_mm == pytest.approx(known.rms_mm)
+    assert shape.rms_mm == pytest.approx(0.1 / np.sqrt(2), rel=0.2)
+    assert shape.rms_mm <= shape.max_mm
+
+
 @pytest.mark.parametrize("placed", [True, False])
 def test_what_is_summed_up_at_once_is_what_each_drawn_machine_prints(rng: np.random.Generator, placed: bool) -> None:
     angle, weight, off = rng.uniform(0, 7, 40), rng.uniform(1, 2, 40), rng.normal(0, 0.1, 40)
