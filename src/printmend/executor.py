@@ -168,7 +168,7 @@ class Cluster:
                     dashboard_address=None,
                     env=threads,
                     memory_limit=0,
-                    silence_logs=logging.ERROR,
+                    silence_logs=logging.CRITICAL,  # a worker that is lost is no news: its work goes to another
                 )
                 stack.enter_context(cluster)
                 yield stack.enter_context(Client(cluster))
