@@ -109,3 +109,20 @@ def settled_prior(
                 ratio = ((values**2 / v)[group == g].sum() + 0.1) / (settled[group == g].sum() + 0.1)
                 scales[g] = min(scales[g] * np.sqrt(ratio), most[g])
     return values, covariance, scales, sigma2
+
+
+def length_left(
+    length_mm: float, motor: np.ndarray, side: np.ndarray, along: np.ndarray, fixed: np.ndarray, error: np.ndarray,
+    weight: np.ndarray, harmonics: int, play_harmonics: int, fading: bool,
+) -> float:  # fmt: skip
+    """What the kernel `lengths_left` says of one length, by numpy's least squares."""
+    columns = [*fixed.T]
+    for harmonic in range(1, harmonics + 1):
+        angle = 2 * np.pi * harmonic * motor / length_mm
+        columns += [np.cos(angle), np.sin(angle)]
+        columns += [np.cos(angle) * side, np.sin(angle) * side] * (harmonic <= play_harmonics)
+    angle = 2 * np.pi * motor / length_mm
+    columns += [np.cos(angle) * along, np.sin(angle) * along] * fading
+    design, root = np.stack(columns, axis=1), np.sqrt(weight)
+    fit = np.linalg.lstsq(design * root[:, None], error * root, rcond=None)[0]
+    return float(weight @ np.square(error - design @ fit))

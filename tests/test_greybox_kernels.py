@@ -9,7 +9,8 @@ from printmend.learn.drive import CROSS, Contacts, Design, Rows, Structure, cont
 from printmend.learn.drive.fit import lower_inverse
 from printmend.learn.drive.kernels.columns import turning_rows
 from printmend.learn.drive.kernels.evidence import settle
-from tests.naive_greybox import column_matrix, follow_play, settled_prior
+from printmend.learn.drive.kernels.periodogram import lengths_left
+from tests.naive_greybox import column_matrix, follow_play, length_left, settled_prior
 
 DESIGN = Design(3, 2, CROSS, (20, 40), (1, 2, 3, 6), (1, 3), (1, 2), 4, (20.0, 190.0))
 SECOND = replace(DESIGN, warp_span_mm=(-20.0, 220.0), second_harmonics=(1, 2), second_mm=24.5)
@@ -132,3 +133,18 @@ def test_the_prior_settles_as_the_formulas_say(rng: np.random.Generator) -> None
     assert found == pytest.approx(sigma2)
     assert misfit == pytest.approx(float(np.square(seen - columns @ values).sum()))
     assert log_det == pytest.approx(-np.linalg.slogdet(covariance / np.outer(root, root))[1])
+
+
+@pytest.mark.parametrize("fading", [False, True])
+def test_what_the_waves_of_a_length_leave_is_that_of_least_squares(fading: bool) -> None:
+    rng = np.random.default_rng(5)
+    motor, side = rng.uniform(0, 200, 150), rng.choice([-1.0, 1.0], 150)
+    along, weight = (motor - 100) / 100, rng.uniform(0, 1, 150)
+    fixed = np.stack([np.ones(150), along, side], axis=1)
+    error = 0.3 * np.sin(motor / 5.0) + rng.normal(0, 0.05, 150)
+    lengths, left = np.array([10 * np.pi, 40.0, 17.3]), np.empty(3)
+    lengths_left(lengths, motor, side, along, fixed, error, weight, 5, 2, fading, left)
+    for length, one in zip(lengths, left, strict=True):
+        wanted = length_left(length, motor, side, along, fixed, error, weight, 5, 2, fading)
+        assert one == pytest.approx(wanted, rel=1e-6)
+    assert left[0] < 0.1 * left[1]

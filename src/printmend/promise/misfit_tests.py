@@ -130,7 +130,7 @@ def _repeated(
     basis = own_columns(drive.choice, rows, used, without=("warp",))
     left = uneven - basis @ (basis.T @ uneven)
     periods = [each for each in offered if each.kind == "second-period"]
-    tried = [_tried(motor, each, one, left, basis, len(left)) for each in periods]
+    tried = [_tried(motor, each, one, left, basis, len(left), -np.inf) for each in periods]
     best = max((cause for cause in tried if cause is not None), key=lambda cause: cause.nats, default=None)
     if best is None or best.size_mm < LEAST_COST_MM:
         return []
@@ -148,11 +148,11 @@ def _explained(
     spare = max(len(left) - basis.shape[1], 1)
     found: list[Cause] = []
     while len(found) < MOST_CAUSES:
-        tried = [cause for each in offered if (cause := _tried(motor, each, one, left, basis, spare)) is not None]
+        tried = [_tried(motor, each, one, left, basis, spare, SURE_NATS) for each in offered]
         sure = [
             cause
             for cause in tried
-            if cause.nats > SURE_NATS and cause.size_mm > max(LEAST_COST_MM, NOISE_SHARE * sigma / 2)
+            if cause is not None and cause.size_mm > max(LEAST_COST_MM, NOISE_SHARE * sigma / 2)
         ]
         if not sure:
             break
@@ -167,8 +167,10 @@ def _explained(
 
 
 def _tried(
-    motor: int, candidate: Candidate, one: Sideways, left: np.ndarray, basis: np.ndarray, spare: int
+    motor: int, candidate: Candidate, one: Sideways, left: np.ndarray, basis: np.ndarray, spare: int, least_nats: float
 ) -> Cause | None:
+    """Return what a candidate explains of what is ``left``; None for what the fit's own parts explain as well, or
+    what brings no more than ``least_nats``."""
     columns = candidate.columns(one)
     whole = float(np.square(columns - columns.mean(axis=0)).sum())
     freed = columns - basis @ (basis.T @ columns)
@@ -178,8 +180,12 @@ def _tried(
     weights = np.linalg.lstsq(freed, left, rcond=None)[0]
     after = left - freed @ weights
     before2, after2 = (max(float(each @ each), 1e-18) for each in (left, after))
-    share = independent_share(after, robust_sigma_mm(after))
-    nats = share * spare / 2 * np.log(before2 / after2) - np.log(candidate.tried) - columns.shape[1]
+    most, price = spare / 2 * np.log(before2 / after2), np.log(candidate.tried) + columns.shape[1]
+    if most - price <= least_nats:  # though all rows were independent
+        return None
+    nats = independent_share(after, robust_sigma_mm(after)) * most - price
+    if nats <= least_nats:
+        return None
     return Cause(motor, candidate, weights, float(np.std(columns @ weights)), float(nats))
 
 

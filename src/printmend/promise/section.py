@@ -161,7 +161,7 @@ def _joined(drive: LearnedDrive) -> tuple[Design, np.ndarray]:
     )
     total = np.zeros((joined.size, joined.size))
     for design, covariance in zip(designs, covariances, strict=True):
-        place = np.stack([joined.moved(row, design) for row in np.eye(design.size)])  # [own, joined]
+        place = joined.moved(np.eye(design.size), design)  # [own, joined]
         total += place.T @ covariance @ place
     start = joined.parts["start"]
     total[start], total[:, start] = 0.0, 0.0

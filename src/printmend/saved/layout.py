@@ -1,10 +1,11 @@
 """The parameters of a motor's drive and the columns that they multiply: which parts there are, in which order."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
+from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.saved.branches import SCALE_MM, Branches, Wave, warp_columns
 from printmend.units import TURN_RAD
@@ -83,8 +84,7 @@ class Design:
 
     def waves(self, name: str) -> np.ndarray:
         """Return the harmonics of ripple, second, mean, play or elastic (of ``mean_cos``, too)."""
-        kind = name.removesuffix("_cos").removesuffix("_sin")
-        return np.array(self.ripple if kind == "ripple" else getattr(self, f"{kind}_harmonics"), np.int64)
+        return _waves(self, name.removesuffix("_cos").removesuffix("_sin"))
 
     def mask(self, *names: str) -> np.ndarray:
         """Mark the parameters [P] of the named parts; "mean" stands for mean_cos and mean_sin."""
@@ -95,13 +95,10 @@ class Design:
         return marked
 
     def moved(self, values: np.ndarray, other: "Design") -> np.ndarray:
-        """Carry parameters of ``other`` over to this design; what is new is 0."""
-        moved = np.zeros(self.size)
-        for name, part in self.parts.items():
-            mine = self._keys(name)
-            for i, key in enumerate(other._keys(name)):
-                if key in mine:
-                    moved[part.start + mine.index(key)] = values[other.parts[name].start + i]
+        """Carry parameters [..., P] of ``other`` over to this design; what is new is 0."""
+        mine, theirs = _shared(self, other)
+        moved = np.zeros((*values.shape[:-1], self.size))
+        moved[..., mine] = values[..., theirs]
         return moved
 
     def _keys(self, name: str) -> list:
@@ -176,6 +173,24 @@ class Design:
                 tables[row, :-1] = np.fft.irfft(spectrum, TABLE_PHASES) * (TABLE_PHASES / 2)
         tables[:, -1] = tables[:, 0]
         return tables
+
+
+@lru_cache(maxsize=1024)
+def _waves(design: Design, kind: str) -> np.ndarray:
+    return frozen(np.array(design.ripple if kind == "ripple" else getattr(design, f"{kind}_harmonics"), np.int64))
+
+
+@lru_cache(maxsize=256)
+def _shared(mine: Design, theirs: Design) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the parameters that two designs share stand in the one [S] and in the other [S]."""
+    pairs = []
+    for name, part in mine.parts.items():
+        place = {key: part.start + i for i, key in enumerate(mine._keys(name))}
+        for i, key in enumerate(theirs._keys(name)):
+            if key in place:
+                pairs.append((place[key], theirs.parts[name].start + i))
+    ours, others = np.array(pairs, np.int64).reshape(-1, 2).T
+    return frozen(ours.copy()), frozen(others.copy())
 
 
 def bed_middle(printer: Printer) -> np.ndarray:

@@ -7,10 +7,12 @@ printer's own turn (the periodogram of least squares: Lomb 1976, Scargle 1982, w
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from printmend.learn.drive.design import Rows
+from printmend.learn.drive.kernels.periodogram import lengths_left
 from printmend.path import last_way
 from printmend.saved import SCALE_MM
 from printmend.units import TURN_RAD
@@ -36,6 +38,9 @@ MOST_PARTS = 5  # the turn may be up to this whole part of the best length, of w
 AS_GOOD_NATS = 10.0  # log likelihood that a toothed pulley's turn, or a part of the best length, may lose against it
 
 
+Lefts = Callable[[np.ndarray], np.ndarray]  # lengths [L] mm → the weighed sums of squares [L] mm² that they leave
+
+
 def likeliest_period_mm(rows: Rows) -> float:
     """Return the length of a turn [mm]: that of the rows, unless another is far likelier."""
     known = np.flatnonzero(rows.weight > 0)
@@ -58,18 +63,24 @@ def likeliest_period_mm(rows: Rows) -> float:
     ratio = np.maximum(tried, rows.period_mm) / np.minimum(tried, rows.period_mm)
     tried = tried[np.abs(ratio / np.rint(ratio) - 1) > ALIKE_SHARE]
 
-    def left(period_mm: float) -> float:
-        return _left(np.concatenate([plain, _waves(motor, side, period_mm)]), error, weight)
+    def lefts(columns: np.ndarray, *, fading: bool = True) -> Lefts:
+        fixed, along = np.ascontiguousarray(columns.T), plain[1]
 
-    def left_still(period_mm: float) -> float:
-        return _left(np.concatenate([plain, _waves(motor, side, period_mm, fading=False)]), error, weight)
+        def left(lengths_mm: np.ndarray) -> np.ndarray:
+            out = np.empty(len(lengths_mm))
+            lengths_left(lengths_mm, motor, side, along, fixed, error, weight, HARMONICS, PLAY_HARMONICS, fading, out)
+            return out
 
-    count, before = float((weight > 0.5).sum()), _left(own, error, weight)
-    if near := _calibrated(rows.period_mm, step, left_still, count, before, weight.sum()):
+        return left
+
+    left = lefts(plain)
+    count, before = float((weight > 0.5).sum()), _of_one(left, rows.period_mm)
+    if near := _calibrated(rows.period_mm, step, lefts(plain, fading=False), count, before, weight.sum()):
         return near
-    found = _simplest(sharpened(min(tried, key=left), step, left), count, left)
-    after = left(found)
-    both = _left(np.concatenate([own, _waves(motor, side, found)]), error, weight)
+    one_left = partial(_of_one, left)
+    found = _simplest(sharpened(tried[np.argmin(left(tried))], step, one_left), count, one_left)
+    after = one_left(found)
+    both = _of_one(lefts(own), found)
     if after - both > OWN_SHARE * (before - both):  # the printer's own turn is there, and something else beside it
         return rows.period_mm
     if found > EDGE_SHARE * longest:  # the longest is the best where nothing repeats
@@ -80,7 +91,7 @@ def likeliest_period_mm(rows: Rows) -> float:
 
 
 def _calibrated(
-    period_mm: float, step: float, left_still: Callable[[float], float], count: float, before: float, weight: float
+    period_mm: float, step: float, left_still: Lefts, count: float, before: float, weight: float
 ) -> float | None:
     """Return a turn that differs little from the printer's, where it alone explains what else a wave that fades would.
 
@@ -88,8 +99,8 @@ def _calibrated(
     printer's turn leave that do: to first order, a wave of another length is one that fades.
     """
     tried = 1 / np.arange(1 / (period_mm * (1 + NEAR_SHARE)), 1 / (period_mm * (1 - NEAR_SHARE)), step / 4)
-    found = sharpened(min(tried, key=left_still), step / 4, left_still)
-    plain, after = left_still(period_mm), left_still(found)
+    found = sharpened(tried[np.argmin(left_still(tried))], step / 4, partial(_of_one, left_still))
+    plain, after = left_still(np.array([period_mm, found])).tolist()
     nats = count / 2 * np.log(plain / after) - np.log(len(tried))
     gained_mm = np.sqrt(max(plain - after, 0.0) / weight)
     as_good = count / 2 * np.log(after / before) < AS_GOOD_NATS
@@ -115,13 +126,11 @@ def _plain(motor: np.ndarray, side: np.ndarray, other: np.ndarray) -> np.ndarray
     return np.stack([np.ones(len(x)), x, x**2, x**3, side, side * x, y, x * y])
 
 
-def _waves(motor: np.ndarray, side: np.ndarray, period_mm: float, *, fading: bool = True) -> np.ndarray:
+def _waves(motor: np.ndarray, side: np.ndarray, period_mm: float) -> np.ndarray:
     """Return the harmonics of a turn, of its play, and the first one as it fades along an elastic belt [Q, N]."""
     turn = np.exp(motor * (1j * TURN_RAD / period_mm))
     waves = np.cumprod(np.broadcast_to(turn, (HARMONICS, len(turn))), axis=0)
-    parts = [waves, waves[:PLAY_HARMONICS] * side]
-    if fading:
-        parts.append(waves[:1] * ((motor - motor.mean()) / SCALE_MM))
+    parts = [waves, waves[:PLAY_HARMONICS] * side, waves[:1] * ((motor - motor.mean()) / SCALE_MM)]
     return np.concatenate([*(part.real for part in parts), *(part.imag for part in parts)])
 
 
@@ -140,13 +149,8 @@ def _weights(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
     return weight
 
 
-def _left(columns: np.ndarray, error: np.ndarray, weight: np.ndarray) -> float:
-    """Return the weighed sum of squares [mm²] that the columns [P, N] leave: normal equations, a touch of a ridge."""
-    weighed = columns * weight
-    gram = weighed @ columns.T
-    pull = weighed @ error
-    gram.flat[:: len(gram) + 1] += 1e-9 * np.trace(gram)
-    return max(float(error @ (weight * error) - pull @ np.linalg.solve(gram, pull)), 1e-12)
+def _of_one(left: Lefts, period_mm: float) -> float:
+    return float(left(np.array([period_mm]))[0])
 
 
 def sharpened(period_mm: float, step: float, left: Callable[[float], float]) -> float:
