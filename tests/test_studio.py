@@ -628,7 +628,8 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         for text in (*gaps, *todo((*gaps, "Z lead: nothing"))):
             assert _german(text), text
     for kind in ("linear", "step", "creep", "wear", "thermal", "direction", "speed", "halves", "halves-play", "racking",
-                 "two-motors", "second-period", "rail-play", "rail-wave", "racking-across"):  # fmt: skip
+                 "two-motors", "second-period", "rail-play", "rail-wave", "rail-racking",
+                 "racking-across"):  # fmt: skip
         for weight in (-0.2, 0.3):
             cause = SimpleNamespace(
                 weights=np.array([weight]), size_mm=0.1, candidate=SimpleNamespace(kind=kind, detail=0.25, place=0.0)

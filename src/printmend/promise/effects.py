@@ -162,7 +162,7 @@ def _effect(plain: Any, subject: str) -> Effect:
     detail, place = number(plain, "detail", subject), number(plain, "place", subject)
     if (plain["kind"] in ("creep", "second-period", "rail-wave") and detail <= 0) or detail < 0:
         refuse(subject, f"a positive detail of {plain['kind']}", f"{detail:g}")
-    if plain["kind"] in ("halves", "halves-play", "rail-play") and detail not in (0, 1):
+    if plain["kind"] in ("halves", "halves-play", "rail-play", "rail-racking") and detail not in (0, 1):
         refuse(subject, f"an axis of {plain['kind']}", f"{detail:g}")
     if plain["kind"] == "rail-wave" and place not in (0, 1):
         refuse(subject, "an axis of rail-wave", f"{place:g}")

@@ -84,5 +84,6 @@ LAWS: dict[str, Law] = {
     "rail-play": _rail,
     "two-motors": lambda s, _, __: _waves(s.motor_mm, s.period_mm, TWO_MOTORS) * s.other[:, None],
     "second-period": lambda s, period, _: _waves(s.motor_mm, period, (1,)),
+    "rail-racking": lambda s, axis, _: (s.ways[:, int(axis)] * s.beds[:, 1 - int(axis)])[:, None],
     "rail-wave": lambda s, period, axis: _waves(s.bed_mm[:, int(axis)], period, (1,)),
 }

@@ -70,6 +70,7 @@ def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
     yield Candidate("racking")
     for axis in range(2 * corexy):
         yield Candidate("rail-play", 2, axis)
+        yield Candidate("rail-racking", 2, axis)
     yield Candidate("two-motors")
     periods = other_periods_mm(one.period_mm, SEEN_SHARE * float(np.ptp(one.motor_mm)))
     for period in periods:

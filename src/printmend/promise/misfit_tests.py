@@ -47,7 +47,8 @@ TILTED_SHARE = 2.0  # times what lies along the axis that moved must lie across 
 MOVED_MM, HOME_SD_MM = 0.3, 0.05  # a plate lies shifted from there on; the most doubt of the error at home
 MOST_LEFT_SHARE = 0.35  # share of an uneven belt's squares that one period may leave
 RANDOM_SDS, TWO_VALUED = 3.0, 1.65  # rows in no order; the kurtosis below which residuals take one of two values: even
-LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # chance gives 1.8, noise 3; RMS of these values, and of any other residual
+NOISE_KURTOSIS = 3.0  # of noise, whoever makes it
+LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # chance gives 1.8; RMS of these values, and of any other residual
 COVERED_SHARE = 0.6  # of an axis of the bed
 UNSEEN = "unseen"  # the kind of the note about the rest
 
@@ -314,7 +315,7 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
     weight, detail = float(cause.weights[0]), cause.candidate.detail
     other = next((each.upper() for each in motors if each.upper() != name), "")
     is_wave = cause.candidate.kind == "rail-wave"
-    axis = int(cause.candidate.place) if is_wave else int(detail)
+    axis = int(cause.candidate.place if is_wave else min(detail, 1.0))
     half = "XY"[axis] if cause.candidate.kind.startswith(("halves", "rail")) else ""
     grown = float(warmed(np.ones(1), detail)[0])  # one that is slow has not come to its end yet
     return {
@@ -339,6 +340,8 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
         "whichever motor turns: a rail or the head has play, not a belt",
         "two-motors": f"the turn of {name} looks different at the two ends of {other}: two motors of one axis, with "
         f"pulleys that differ by {2 * cause.size_mm:.2f} mm",
+        "rail-racking": f"{name} shows a head that lags along {half}, by {2 * abs(weight):.2f} mm more at either "
+        f"end of {'XY'[1 - axis]} than in its middle: the gantry racks",
         "rail-wave": f"{name} shows an error that repeats every {detail:.1f} mm along {half}, {cause.size_mm:.3f} mm, "
         "whichever motor turns: a rail, or an idler on the gantry",
         "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {cause.size_mm:.3f} mm: an idler or "
@@ -387,7 +390,8 @@ def _random_order(box: GreyboxModel, trace: Trace) -> list[Misfit]:
             "without the order of the print its play cannot be learned. Put the rows in the order of the print"
         )
         return [Misfit("rows-random", REFUSAL, left, SURE_NATS, words)]
-    if left < LEAST_SCATTER_MM:
+    as_noise = (kurtosis > NOISE_KURTOSIS - RANDOM_SDS * np.sqrt(24 / len(kept))).all()  # 24/n: its variance by chance
+    if left < LEAST_SCATTER_MM or (as_noise and left <= UNFIT_MM):
         return []
     words = (
         f"the rows are in a random order, and {left:.2f} mm stay unexplained: if the printer did not go to these "

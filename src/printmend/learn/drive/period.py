@@ -53,7 +53,8 @@ def likeliest_period_mm(rows: Rows) -> float:
     if longest < rows.period_mm:
         return rows.period_mm
     error = rows.measured_mm[known] - motor
-    plain = _plain(motor, side, rows.other_mm[known])
+    ways = np.stack([last_way(rows.motor_mm + sign * rows.other_mm)[known] for sign in (1, -1)])
+    plain = _plain(motor, side, rows.other_mm[known], ways)
     own = np.concatenate([plain, _waves(motor, side, rows.period_mm)])
     weight = _weights(own, error)
     step = GRID_TURNS / span_mm
@@ -120,10 +121,12 @@ def _simplest(period_mm: float, count: float, left: Callable[[float], float]) ->
     return period_mm
 
 
-def _plain(motor: np.ndarray, side: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return columns as rows [8, N] of what repeats nothing: offset, scale, bend, play, play that grows, skew."""
+def _plain(motor: np.ndarray, side: np.ndarray, other: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """Return columns as rows [12, N] of what repeats nothing: offset, scale, bend, play, play that grows, skew, and the
+    play and racking of a CoreXY's rails; ``ways`` [2, N] is which way both motors' sum and difference last went."""
     x, y = (motor - motor.mean()) / SCALE_MM, other / SCALE_MM
-    return np.stack([np.ones(len(x)), x, x**2, x**3, side, side * x, y, x * y])
+    racked = (*ways, ways[0] * (x - y), ways[1] * (x + y))
+    return np.stack([np.ones(len(x)), x, x**2, x**3, side, side * x, y, x * y, *racked])
 
 
 def _waves(motor: np.ndarray, side: np.ndarray, period_mm: float) -> np.ndarray:
