@@ -211,20 +211,8 @@ def _assemble(design: Design, bins: np.ndarray, cross: np.ndarray, gram: np.ndar
         for other in names[: i + 1]:
             j = design.waves(other)
             both = _sided(trig[:, power + blocks[other][1]], sides + blocks[other][0])
-            up = both[k[:, None] + j]
-            away = k[:, None] - j
-            down = both[np.abs(away)]
-            down = np.where(away < 0, np.conj(down), down)
-            products = {
-                ("cos", "cos"): (down.real + up.real) / 2,
-                ("sin", "sin"): (down.real - up.real) / 2,
-                ("cos", "sin"): (up.imag - down.imag) / 2,
-                ("sin", "cos"): (up.imag + down.imag) / 2,
-            }
-            for (mine, theirs), values in products.items():
-                at = design.parts[f"{name}_{mine}"], design.parts[f"{other}_{theirs}"]
-                full[at[0], at[1]] = values
-                full[at[1], at[0]] = values.T
+            at = [design.parts[f"{group}_{wave}"].start for group in (name, other) for wave in ("cos", "sin")]
+            kernels.put_products(both, k, j, *at, full)
     return full[:count, :count], full[:count, count]
 
 

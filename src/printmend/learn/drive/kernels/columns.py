@@ -12,7 +12,7 @@ from printmend.jit import entry
 from printmend.machine.kernels.play import FREE, contact
 
 
-# Both entries have many parameters: the arrays of a `Rows`, a `Design` and its values, which Python classes hold.
+# The entries have many parameters: the arrays of a `Rows`, a `Design` and its values, which Python classes hold.
 @entry
 def follow_play(
     motor_mm, origin_mm, period_mm, tables, mean_powers, play_powers, warp, warp_span, start_mm, at, side, belt_mm
@@ -163,3 +163,24 @@ def turning_rows(motor_mm, wanted, keep):
                 keep[before] = True
             direction = now
             before = t
+
+
+@entry
+def put_products(both, mine, theirs, mine_cos, mine_sin, theirs_cos, theirs_sin, full):
+    """Write the sums of products of two groups of harmonics, and their mirror images, into ``full`` [P, P].
+
+    ``both`` are the moments T_j = Σ w e^{ijφ} of their columns: cos kφ cos lφ = (cos (k − l)φ + cos (k + l)φ)/2, and so
+    on. ``mine`` and ``theirs`` are the harmonics; the cosines of the one group begin at ``mine_cos``, and so on.
+    """
+    for a in range(len(mine)):
+        for b in range(len(theirs)):
+            up, away = both[mine[a] + theirs[b]], mine[a] - theirs[b]
+            down = both[away] if away >= 0 else np.conj(both[-away])
+            one, other = mine_cos + a, theirs_cos + b
+            full[one, other] = full[other, one] = (down.real + up.real) / 2
+            one, other = mine_sin + a, theirs_sin + b
+            full[one, other] = full[other, one] = (down.real - up.real) / 2
+            one, other = mine_cos + a, theirs_sin + b
+            full[one, other] = full[other, one] = (up.imag - down.imag) / 2
+            one, other = mine_sin + a, theirs_cos + b
+            full[one, other] = full[other, one] = (up.imag + down.imag) / 2
