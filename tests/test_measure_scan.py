@@ -17,9 +17,9 @@ from printmend.measure.image import read_image, write_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.page import exposure
 from printmend.measure.plan import ProbePlan
-from printmend.measure.sheet import write_sheet
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.probe.tags import write_sheet
 from printmend.twin import Twin
 from printmend.twin.camera import render_photo
 from printmend.twin.scanner import CLEAN, DEFAULT, HEAVY, Scan, render_scan

@@ -16,10 +16,10 @@ from printmend.errors import InputError, TraceError
 from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
 from printmend.learn.greybox.previous import remember
-from printmend.measure.plan import keep_plan
 from printmend.path import Instrument, Trace, last_way
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.probe.probe import keep_plan
 from printmend.promise import misfit_rows
 from printmend.promise.budget import parse_budget
 from printmend.promise.effects import EARLY, Effect, Places

@@ -88,7 +88,6 @@ def command(
 
     from printmend.cli.outputs import spare
     from printmend.gcode.read import read_gcode
-    from printmend.measure.plan import keep_plan
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
@@ -96,7 +95,7 @@ def command(
     from printmend.probe.net import with_net
     from printmend.probe.paper import on_paper, paper_for, papers_of
     from printmend.probe.pen import with_pen
-    from printmend.probe.probe import gcode_of
+    from printmend.probe.probe import gcode_of, keep_plan
     from printmend.probe.sheets import design_sheets
     from printmend.probe.start import homed_start, start_from
 
@@ -112,7 +111,8 @@ def command(
     made = () if printer_name is None else (output, output.with_suffix(".json"), leaflet_of(output))
     spare((*made, sheet), (part_path, after, start_path, Path(printer_name or "-")))
     if sheet is not None:
-        from printmend.measure.sheet import window_mm, write_sheet
+        from printmend.measure.sheet import window_mm
+        from printmend.probe.tags import write_sheet
 
         write_sheet(sheet)
         click.echo(f"{sheet}: print it at 100 %")

@@ -5,7 +5,6 @@ would be biased along its direction by the pressure in the nozzle, which looks l
 """
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -122,24 +121,6 @@ class ProbePlan:
         return Trace(self.waypoints_mm, measured, sigma_mm=sigma, homed=True, placed=False)
 
 
-def sheet_after_sheet(plans: Sequence[ProbePlan]) -> ProbePlan:
-    """Return the plan of several sheets that are printed one after the other, homing before each.
-
-    Homing moves every axis towards its end as a straight move would, so that one trace holds all of them.
-    """
-    begin = np.cumsum([0, *(len(plan.waypoints_mm) for plan in plans[:-1])])
-    return replace(
-        plans[0],
-        waypoints_mm=np.concatenate([plan.waypoints_mm for plan in plans]),
-        rows=np.concatenate([plan.rows + start for plan, start in zip(plans, begin, strict=True)]),
-        site=np.concatenate([plan.site for plan in plans]),
-        big=np.concatenate([plan.big for plan in plans]),
-        direction=np.concatenate([plan.direction for plan in plans]),
-        reversal_mm=np.concatenate([plan.reversal_mm for plan in plans]),
-        starts=tuple(int(start) for start in begin),
-    )
-
-
 def approaches(waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return for each way-point [N, 2] the sign of each axis' last move and the distance since it turned [mm]."""
     moves = np.diff(waypoints_mm, axis=0)
@@ -197,15 +178,6 @@ def plan_text(plan: ProbePlan) -> str:
     lines.append(' "waypoints_mm": ' + json.dumps(plan.waypoints_mm.tolist()))
     lines.append(' "marks": [\n  ' + ",\n  ".join(json.dumps(mark) for mark in marks) + "\n ]")
     return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def keep_plan(path: Path, plan: ProbePlan) -> None:
-    """Raise `InputError` where ``path`` holds another plan: perhaps that of the plate that is on the bed."""
-    if path.exists() and read_text(path, wanted="a probe.json", todo=_TODO) != plan_text(plan):
-        raise InputError(
-            path, wanted="a name that is free", came="the plan of another test print, which `measure` may still need",
-            todo="choose another -o, or say --overwrite",
-        )  # fmt: skip
 
 
 def read_plan(path: str | Path) -> ProbePlan:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.errors import ConfigError
-from printmend.measure.plan import ProbePlan, approaches, sheet_after_sheet
+from printmend.measure.plan import ProbePlan, approaches
 from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.probe.layout import EDGE_MM, GLASS_EDGE_MM
+from printmend.probe.sheets import sheet_after_sheet
 from printmend.probe.walk import PURGE_MM, code_of, snapped
 from printmend.units import A4_MM, LETTER_MM
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from printmend.errors import GcodeError, InputError
-from printmend.files import replacing
+from printmend.files import read_text, replacing
 from printmend.gcode.read import Program
-from printmend.measure.plan import ProbePlan, write_plan
+from printmend.measure.plan import ProbePlan, plan_text, write_plan
 from printmend.path import Trace
 from printmend.printer import Extruder, Printer
 from printmend.printer.printer import PAUSE
@@ -144,3 +144,13 @@ def gcode_of(path: Path, plan: ProbePlan) -> list[Path]:
     if len(plan.sheets) == 1:
         return [path]
     return [path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(1, len(plan.sheets) + 1)]
+
+
+def keep_plan(path: Path, plan: ProbePlan) -> None:
+    """Raise `InputError` where ``path`` holds another plan: perhaps that of the plate that is on the bed."""
+    todo = "write it again with `printmend probe`"
+    if path.exists() and read_text(path, wanted="a probe.json", todo=todo) != plan_text(plan):
+        raise InputError(
+            path, wanted="a name that is free", came="the plan of another test print, which `measure` may still need",
+            todo="choose another -o, or say --overwrite",
+        )  # fmt: skip

@@ -5,12 +5,13 @@ so that a scan of one sheet can be laid onto that of the next. Each sheet spells
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from printmend.errors import ConfigError
-from printmend.measure.plan import LEAST_SHARED, ProbePlan, sheet_after_sheet
+from printmend.measure.plan import LEAST_SHARED, ProbePlan
 from printmend.printer import Printer
 from printmend.probe.layout import GLASS_EDGE_MM, LEAST_AREA_MM, MARKS, Layout, lay_out, mark_area_mm
 from printmend.probe.walk import swings_for, walk_with
@@ -79,3 +80,21 @@ def _part(whole: Layout, marks: np.ndarray) -> Layout:
         whole, marks_mm=whole.marks_mm[marks], site=whole.site[marks], heading=whole.heading[marks],
         row=whole.row[marks],
     )  # fmt: skip
+
+
+def sheet_after_sheet(plans: Sequence[ProbePlan]) -> ProbePlan:
+    """Return the plan of several sheets that are printed one after the other, homing before each.
+
+    Homing moves every axis towards its end as a straight move would, so that one trace holds all of them.
+    """
+    begin = np.cumsum([0, *(len(plan.waypoints_mm) for plan in plans[:-1])])
+    return replace(
+        plans[0],
+        waypoints_mm=np.concatenate([plan.waypoints_mm for plan in plans]),
+        rows=np.concatenate([plan.rows + start for plan, start in zip(plans, begin, strict=True)]),
+        site=np.concatenate([plan.site for plan in plans]),
+        big=np.concatenate([plan.big for plan in plans]),
+        direction=np.concatenate([plan.direction for plan in plans]),
+        reversal_mm=np.concatenate([plan.reversal_mm for plan in plans]),
+        starts=tuple(int(start) for start in begin),
+    )

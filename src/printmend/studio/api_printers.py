@@ -171,8 +171,8 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> F
 @router.post("/{key}/probe", tags=["measure"])
 def probe(here: Here, key: Key, wanted: ProbeIn) -> ProbeCard:
     """Write the printer's test print and its plan."""
-    from printmend.measure.plan import keep_plan
     from printmend.probe import design_probe, write_probe
+    from printmend.probe.probe import keep_plan
 
     folder = _folder(here, key)
     printer = read_printer(folder / PRINTER)
