@@ -22,7 +22,7 @@ from printmend.promise.laws import Sideways, warmed
 from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
 from printmend.promise.misfit_columns import Candidate, candidates, sideways
 
-MOST_ROWS = 2500  # rows of a motor
+MOST_ROWS = 1500  # rows of a motor
 LEAST_ROWS = 60  # rows below which nothing is looked for
 QUARTERS = 4  # of a print: growth is looked for where each of them
 LEAST_ROWS_A_QUARTER, LEAST_SPREAD_SHARE = 40, 0.3  # has so many rows, over this share of the motor's places
