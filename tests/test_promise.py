@@ -287,6 +287,10 @@ def test_a_shape_is_not_worse_for_lying_elsewhere() -> None:
     assert whole.rms_mm == pytest.approx(known.rms_mm)
     assert shape.rms_mm == pytest.approx(0.1 / np.sqrt(2), rel=0.2)
     assert shape.rms_mm <= shape.max_mm
+    for across in (0.1, 0.2, 0.3, 0.6):  # merely shifted: rounding may leave less than nothing of its shape
+        off = across * tangent[:, 0] - 3.0 * tangent[:, 1]
+        side = _Side(path, off, {}, {}, known, signed=True)
+        assert _summed_up(side, False, np.random.default_rng(0))[0].rms_mm == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("placed", [True, False])

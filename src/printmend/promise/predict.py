@@ -311,7 +311,7 @@ def _summed_up(side: _Side, placed: bool, rng: np.random.Generator) -> tuple[Pro
     seen2 = float(products[2, 2]) if side.signed else 0.0
     known2 = max(side.known.rms_mm**2 - seen2, 0.0)
     if not placed and seen2 > 0:  # what the samples miss of the errors lies as much in the place as what they show
-        known2 *= float(shape[2, 2]) / seen2
+        known2 *= max(float(shape[2, 2]), 0.0) / seen2  # a mere shift leaves 0, or a rounding below it
     places2 = {name: weight @ each.columns @ each.drawn for name, each in side.local.items()}
     beside2 = known2 + sum(places2.values())
     whole = np.sqrt(_square(products[2:, 2:], drawn) + beside2)
@@ -319,7 +319,7 @@ def _summed_up(side: _Side, placed: bool, rng: np.random.Generator) -> tuple[Pro
     rms_mm = whole if placed else without_shift
     rms = float(np.median(rms_mm))
     counted = products if placed else shape
-    shares = {"planning": (float(counted[2, 2]) if side.signed else 0.0) + known2}
+    shares = {"planning": (max(float(counted[2, 2]), 0.0) if side.signed else 0.0) + known2}
     first = 3
     for name, each in side.doubt.items():
         own = slice(first, first := first + len(each.drawn))
