@@ -52,8 +52,7 @@ def sideways(motors: list[Rows], which: int, commanded_mm: np.ndarray, side: np.
 
 
 def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
-    """Yield everything that is looked for. Only on a CoreXY the play of a rail, or a wave along
-    it, is not that of a motor's belt."""
+    """Yield everything that is looked for. What a rail does is what a motor's belt does, but for a CoreXY's."""
     yield Candidate("linear")
     for share in BREAKS:
         yield Candidate("step", len(BREAKS), float(share))

@@ -340,8 +340,8 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
         "whichever motor turns: a rail or the head has play, not a belt",
         "two-motors": f"the turn of {name} looks different at the two ends of {other}: two motors of one axis, with "
         f"pulleys that differ by {2 * cause.size_mm:.2f} mm",
-        "rail-racking": f"{name} shows a head that lags along {half}, by {2 * abs(weight):.2f} mm more at either "
-        f"end of {'XY'[1 - axis]} than in its middle: the gantry racks",
+        "rail-racking": f"{name} shows a head that lags along {half} at one end of {'XY'[1 - axis]} and runs ahead at "
+        f"the other, by {2 * abs(weight):.2f} mm there and back: the gantry racks",
         "rail-wave": f"{name} shows an error that repeats every {detail:.1f} mm along {half}, {cause.size_mm:.3f} mm, "
         "whichever motor turns: a rail, or an idler on the gantry",
         "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {cause.size_mm:.3f} mm: an idler or "
