@@ -199,6 +199,8 @@ def coarse(motion: Motion) -> Motion | None:
     if every < 2:
         return None
     mine = (motion.layer >= 0) & ((motion.layer % every == 0) | (motion.layer == motion.layer.max()))
+    if mine[motion.drawn].all():  # of one layer
+        return None
     records = {name: column[mine] for name, column in motion.records.items()}
     return Motion(
         records, _source_lines(records), motion.length_mm[mine], motion.layer[mine], motion.drawn[mine],

@@ -81,7 +81,7 @@ function File_({ id, printer, changed, anyway }) {
     ${job?.may_force && html`<div class="row"><button disabled=${asked === job.id} onClick=${() => { setAsked(job.id); anyway(job).then(() => setAsked(null)); }}>${t("anyway")}</button><span class="faint">${t("anyway_now")}</span></div>`}
     ${job?.state === "cancelled" && html`<p class="note">${t("stopped")}</p>`}
     <${Part} scene=${scene} bed=${printer.bed_mm} name=${job?.params.name ?? "part"} morph=${scene?.mended ? 2 : 1} busy=${Boolean(job) && !ended(job)}>
-      ${!id ? html`<p class="soon">${t("soon")}</p>` : ended(job) && !job.files.includes("printed.bin") && html`<p class="soon">${t("no_picture")}</p>`}${job && !ended(job) && html`<section class="card busy"><${Progress} job=${job} steps=${STEPS} /></section>`}</${Part}>
+      ${!id ? html`<p class="soon">${t("soon")}</p>` : ended(job) && !scene && !job.files.includes("printed.bin") && html`<p class="soon">${t("no_picture")}</p>`}${job && !ended(job) && html`<section class="card busy"><${Progress} job=${job} steps=${STEPS} /></section>`}</${Part}>
     ${result && html`<${Numbers} job=${job} printer=${printer} changed=${changed} />`}`;
 }
 
@@ -101,7 +101,7 @@ function Numbers({ job, printer, changed }) {
 
 // What mending had to leave as the file has it, or cannot promise.
 function left({ unknown, unknown_lines: lines, splines, coarse, geometry }) {
-  const where = lines?.length ? t("left_lines", { lines: lines.map((line) => number(line, 0)).join(", ") + (unknown > lines.length ? " …" : "") }) : "";
+  const where = lines?.length ? t("left_lines", { lines: lines.join(", ") + (unknown > lines.length ? " …" : "") }) : "";
   return [[unknown, "left_unknown"], [splines, "left_splines"], [coarse, "left_coarse"], [geometry, "left_geometry"]].filter(([count]) => count > 0).map(([count, key]) => t(key, { n: number(count, 0), where }));
 }
 
