@@ -3,10 +3,12 @@
     .venv/bin/python benchmarks/bench_mend.py accuracy [--preset ender3] [--severity damaged] [--seeds 3]
     .venv/bin/python benchmarks/bench_mend.py speed [--gcode part.gcode] [--megabytes 16 150]
     .venv/bin/python benchmarks/bench_mend.py promise [--gcode part.gcode] [--megabytes 0 1 16]
+    .venv/bin/python benchmarks/bench_mend.py stages [--gcode part.gcode] [--megabytes 16]
 
 `accuracy` mends a two-layer part with the exact fault known and has both files judged by `repair.against`, which reads
 them again and shares nothing with the planner. `speed` repeats a sliced file until it has the size asked for, runs the
 command twice (the first fills the cache) and reports wall time, processor time, memory and the error reached.
+`stages` says what of the processor time is for reading, planning and writing, each of which has a thread of its own.
 `promise` says what of the processor time of mending a file, the start of the program left out, is for the promise.
 """
 
@@ -17,6 +19,8 @@ import resource
 import sys
 import tempfile
 import time
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +29,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_outside import part_gcode
 from printmend.corruption import families, sample
 from printmend.errors import RefusedError
+from printmend.gcode import kernels
+from printmend.invert import inverse
 from printmend.printer import read_printer
 from printmend.probe.probe import design_probe, write_probe
 from printmend.repair import mend, mend_gcode
@@ -123,6 +129,37 @@ def promise(gcode: Path, megabytes: list[int]) -> None:
             )
 
 
+def stages(gcode: Path, megabytes: list[int]) -> None:
+    spent: Counter[str] = Counter()
+
+    def counted(name: str, kernel: Callable) -> Callable:
+        def run(*arguments: object) -> object:
+            began = time.thread_time()
+            try:
+                return kernel(*arguments)
+            finally:
+                spent[name] += time.thread_time() - began
+
+        return run
+
+    kernels.interpret = counted("reading", kernels.interpret)
+    kernels.emit = counted("writing", kernels.emit)
+    inverse.mend = counted("planning", inverse.mend)
+    model = exact_model(sample("pulley-play", np.random.default_rng(1), "realistic").lower(read_printer("ender5")))
+    text = gcode.read_bytes()
+    with tempfile.TemporaryDirectory() as name:
+        for size in megabytes:
+            source = Path(name) / "part.gcode"
+            source.write_bytes(text * max(1, round(size * 1e6 / len(text))))
+            for turn in range(2):  # the first compiles
+                spent.clear()
+                began = time.process_time()
+                mend_gcode(source, model, Path(name) / f"{size}-{turn}.gcode", force=True)
+                total = time.process_time() - began
+            shares = ", ".join(f"{stage} {taken:.2f} s" for stage, taken in spent.items())
+            print(f"{source.stat().st_size / 1e6:.1f} MB: {total:.2f} s of processor time: {shares}")
+
+
 def timed(command: list[str]) -> tuple[float, resource.struct_rusage]:
     """Run a command; return its wall time and what it used."""
     began = time.perf_counter()
@@ -136,7 +173,7 @@ def timed(command: list[str]) -> tuple[float, resource.struct_rusage]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["accuracy", "speed", "promise"])
+    parser.add_argument("what", choices=["accuracy", "speed", "promise", "stages"])
     parser.add_argument("--preset", default="ender3")
     parser.add_argument("--severity", choices=["damaged", "realistic"], default="damaged")
     parser.add_argument("--seeds", type=int, default=3)
@@ -151,7 +188,7 @@ def main() -> None:
         if gcode is None:
             gcode = Path(name) / "part.gcode"
             gcode.write_text(part_gcode(np.random.default_rng(1), 220.0))
-        (speed if options.what == "speed" else promise)(gcode, options.megabytes)
+        {"speed": speed, "promise": promise, "stages": stages}[options.what](gcode, options.megabytes)
 
 
 if __name__ == "__main__":
