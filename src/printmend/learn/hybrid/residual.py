@@ -34,7 +34,8 @@ LEAST_BLOCKS = 4  # fewer blocks of a turn say nothing about another one
 MOST_ROWS = 4000  # rows that the cross-validation looks at
 MOST_COLUMNS = 512  # of a kind: the finest that knows directions apart is not tried along a CoreXY's long belts
 SURE_STANDARD_ERRORS = 2.0  # the gain of held-out blocks must exceed so many of its standard errors …
-FINE_STANDARD_ERRORS = 3.0  # the same of a smooth kind with hardly two points for each of its columns
+FINE_STANDARD_ERRORS = 3.0  # the same of a smooth kind with few points for each of its columns:
+FEW_POINTS = 4  # fewer than these
 LEAST_SHARE_GAINED = 0.02  # … and this share of their square error
 MOST_SIGMAS = 4.0  # residuals beyond so many robust standard deviations count as no larger
 CONTACT_PASSES = 2  # how often contacts and residual are found in turn
@@ -324,7 +325,7 @@ def chosen_kind(data: Points, reach_mm: tuple[float, float], *, patterned: bool,
         gains[both] = gained(both)
         # Trees make staircases, which must be worth their steps.
         best = both if gains[both].sum() > gains[best].sum() + LEAST_SHARE_GAINED * before.sum() else best
-    is_fine = best.name == "smooth" and len(data.motor_mm) < 2 * len(column_variances(best, reach_mm))
+    is_fine = best.name == "smooth" and len(data.motor_mm) < FEW_POINTS * len(column_variances(best, reach_mm))
     return best if _is_sure(gains[best], before, FINE_STANDARD_ERRORS if is_fine else SURE_STANDARD_ERRORS) else None
 
 
