@@ -207,14 +207,14 @@ def test_a_spline_sets_the_feed_and_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("line", "noticed"),
-    [(b"M556 S100 X0.5", 1), (b"M579 X1.01", 1), (b"M852 I0.01", 1), (b"SKEW_PROFILE LOAD=mine", 1), (b"M579", 0),
-     (b"SET_SKEW CLEAR=1", 0)],
+    [(b"M556 S100 X0.5", 1), (b"M579 X1.01", 1), (b"M852 I0.01", 1), (b"M425 F1 X0.2", 1),
+     (b"SKEW_PROFILE LOAD=mine", 1), (b"M579", 0), (b"SET_SKEW CLEAR=1", 0)],
 )  # fmt: skip
 def test_a_file_that_changes_the_geometry_is_noticed(line: bytes, noticed: int) -> None:
     written, prediction = mended(SQUARE + line + b"\nG1 X80 E1\n", PLAY)
     assert line in written
     assert prediction.geometry == noticed
-    assert ("skew or scale" in prediction.summary()) == bool(noticed)
+    assert ("skew, scale or backlash" in prediction.summary()) == bool(noticed)
     assert prediction.unknown == 0
 
 

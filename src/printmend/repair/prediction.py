@@ -46,11 +46,11 @@ class Prediction:
     ``held_mm`` how much extruded path that is, the start of the file left out where layer comments tell what that is
     (purge lines lie at the edge of the bed and need not be right); ``unknown`` the extruding moves that were left as
     they are, because their words cannot be read or the file does not say where the head is, ``unknown_lines`` the lines
-    of the first of them, ``splines`` the curves (G5) that were, ``geometry`` the commands that make the firmware scale
-    or skew what it is told. ``distance_to`` says what the errors are distances to, from above. ``warnings`` say where
-    the file was read otherwise than its firmware may read it. From ``low_mm`` to ``high_mm`` is where printing moves
-    end, from ``printed_low_mm`` to ``printed_high_mm`` where anything is printed, dots and the beginnings of moves too;
-    ``on_bed`` says whether this is all on the bed.
+    of the first of them, ``splines`` the curves (G5) that were, ``geometry`` the commands that make the firmware scale,
+    skew or lengthen what it is told. ``distance_to`` says what the errors are distances to, from above. ``warnings``
+    say where the file was read otherwise than its firmware may read it. From ``low_mm`` to ``high_mm`` is where
+    printing moves end, from ``printed_low_mm`` to ``printed_high_mm`` where anything is printed, dots and the
+    beginnings of moves too; ``on_bed`` says whether this is all on the bed.
     ``heights`` are the errors in height before and after, where the model has a Z screw.
     """
 
@@ -168,7 +168,7 @@ class Prediction:
         if self.geometry:
             times = counted(self.geometry, "time")
             rows.append(
-                f"the file sets the firmware's own skew or scale {times} (M556, M579, M852, SET_SKEW): "
+                f"the file sets the firmware's own skew, scale or backlash {times} (M425, M556, M579, M852, SET_SKEW): "
                 "this holds only if the test print was printed with the same"
             )
         if self.clamped:

@@ -312,7 +312,7 @@ def tool_change(numbers, counts, tool):
 
 
 # M commands in tenths. The place is kept by the first four groups and lost by the last two.
-_M_GEOMETRY = np.array([5560, 5790, 8520])
+_M_GEOMETRY = np.array([4250, 5560, 5790, 8520])
 _M_PAUSE = np.array([0, 10, 250, 600, 1250, 2260, 6000, 6010, 6020])
 _M_EXCLUDE = np.array([4860, 6240, 6250])
 _M_TOOL = np.array([60, 6200, 6210, 7010, 7020, 7030])
