@@ -8,6 +8,9 @@ reaches F no sooner than at the end of its slack; where it does, it may go faste
 Where the path stays within the tolerance of the turn for long enough the slack costs nothing here. The files, faults
 and printers are those of bench_klippy.py, whose planner has the same a and v; of each the turns and the share of its
 time as printmend reads it, acceleration left out.
+
+*straight s* is what the same crossings cost where each is one straight command along its axis, between the two lines
+that it parts: Klipper brakes for both of its corners by their angles (its docs/Kinematics.md, "junction deviation").
 """
 
 import numpy as np
@@ -36,6 +39,47 @@ def least_s(slack_mm: float, speed_mm_s: float) -> float:
     return float((2 * peak - slow - speed_mm_s) / ACCELERATION_MM_S2 - spared)
 
 
+def corner_mm_s(before_mm: np.ndarray, after_mm: np.ndarray) -> float:
+    """Return how fast Klipper passes from one straight command to the next."""
+    long = np.hypot(*before_mm), np.hypot(*after_mm)
+    cosine = float(-(before_mm @ after_mm) / (long[0] * long[1]))
+    if cosine > 1 - 1e-6:
+        return 0.0
+    half = np.sqrt((1 - max(cosine, 1e-6 - 1)) / 2)
+    bend = half / np.sqrt(1 - half**2) / 2
+    deviation2 = CORNER_MM_S**2 * (np.sqrt(2) - 1) * half / (1 - half)
+    return float(np.sqrt(min(deviation2, bend * ACCELERATION_MM_S2 * min(long))))
+
+
+def taken_s(ways_mm: list[np.ndarray], speeds_mm_s: list[float], begin_mm_s: float) -> float:
+    """Return how long Klipper takes for straight commands in a row, at the end as fast as they allow."""
+    twice, long = 2 * ACCELERATION_MM_S2, [float(np.hypot(*way)) for way in ways_mm]
+    pairs = zip(ways_mm, ways_mm[1:], speeds_mm_s, speeds_mm_s[1:], strict=False)
+    v = [begin_mm_s, *(min(corner_mm_s(*pair[:2]), *pair[2:]) for pair in pairs), speeds_mm_s[-1]]
+    for i in range(len(long)):
+        v[i + 1] = min(v[i + 1], np.sqrt(v[i] ** 2 + twice * long[i]))
+    for i in reversed(range(len(long))):
+        v[i] = min(v[i], np.sqrt(v[i + 1] ** 2 + twice * long[i]))
+    spent = 0.0
+    for way, most, begin, end in zip(long, speeds_mm_s, v, v[1:], strict=False):
+        peak = min(np.sqrt((begin**2 + end**2 + twice * way) / 2), most)
+        cruised = way - (2 * peak**2 - begin**2 - end**2) / twice
+        spent += (2 * peak - begin - end) / ACCELERATION_MM_S2 + max(cruised, 0.0) / peak
+    return spent
+
+
+def straight_s(before_mm: np.ndarray | None, slack_mm: np.ndarray, after_mm: np.ndarray, speed_mm_s: float) -> float:
+    """Return how much longer a line takes before which a straight command crosses the slack, at any speed.
+
+    ``before_mm`` is the command before that, None where the nozzle stood.
+    """
+    if before_mm is None:
+        return taken_s([slack_mm, after_mm], [np.inf, speed_mm_s], 0.0) - taken_s([after_mm], [speed_mm_s], 0.0)
+    ways, speeds = [before_mm, after_mm], [speed_mm_s, speed_mm_s]
+    crossed = taken_s([before_mm, slack_mm, after_mm], [speed_mm_s, np.inf, speed_mm_s], speed_mm_s)
+    return crossed - taken_s(ways, speeds, speed_mm_s)
+
+
 def _slack_mm(drive: Transmission, belt_mm: float) -> float:
     lower, upper = (np.interp(belt_mm, table, drive.motor_mm) for table in (drive.lower_mm, drive.upper_mm))
     return abs(float(lower - upper))
@@ -53,8 +97,14 @@ def _within(s_mm: np.ndarray, belt_mm: np.ndarray, at: int, way: int) -> float:
     return abs(s_mm[i] - s_mm[at])
 
 
-def crossings(moves: Moves, machine: Mechanism) -> list[float]:
-    """Return what each crossing costs at the least [s], of a cartesian machine."""
+def _arrived(moves: Moves, first: int) -> np.ndarray | None:
+    """Return the travel that leads straight to a line that prints; None where the nozzle stands before that."""
+    way = moves.end_mm[first - 1] - moves.start_mm[first - 1] if first else np.zeros(3)
+    return way[:2] if np.hypot(*way[:2]) > 0 and moves.line[first] == moves.line[first - 1] + 1 else None
+
+
+def crossings(moves: Moves, machine: Mechanism) -> list[tuple[float, float]]:
+    """Return what each crossing costs at the least and as one straight command [s], of a cartesian machine."""
     start, end, found = moves.start_mm[:, :2], moves.end_mm[:, :2], []
     length = np.linalg.norm(end - start, axis=1)
     drawn = np.flatnonzero(moves.extruding & moves.known[:, :2].all(axis=1) & (length > 0))
@@ -77,7 +127,11 @@ def crossings(moves: Moves, machine: Mechanism) -> list[float]:
                     slack = _slack_mm(drive, u[at])
                     room = _within(s, u, at, 1) + _within(s, u, at, -1)
                     if trend and slack > max(_LEAST_SLACK_MM, _ROOM * room):
-                        found.append(least_s(slack, speed[min(at, len(speed) - 1)]))
+                        way, here = np.zeros(2), min(at, len(speed) - 1)
+                        way[k] = np.copysign(slack, u[i] - u[at])
+                        before = places[at] - places[at - 1] if at else _arrived(moves, int(run[0]))
+                        straight = straight_s(before, way, places[here + 1] - places[here], speed[here])
+                        found.append((least_s(slack, speed[here]), straight))
                     trend, at = np.sign(u[i] - u[at]), i
             came[k] = trend
         travelled = run[-1] + 1
@@ -86,7 +140,7 @@ def crossings(moves: Moves, machine: Mechanism) -> list[float]:
 
 def main() -> None:
     options = arguments(__doc__).parse_args()
-    print("  turns  least s  file")
+    print("  turns  least s  straight s  file")
     for source, family in cases(options):
         printer = read_printer(options.preset)
         try:
@@ -96,7 +150,8 @@ def main() -> None:
             print(f"  {type(error).__name__}: {str(error)[:100]}  {source.name}")
             continue
         found = crossings(moves, drawn(family, options).lower(around(printer, moves)))  # type: ignore[arg-type] — gain tables are no family here
-        print(f"{len(found):7} {sum(found):8.2f}  {source.name} ({family})", flush=True)
+        least, straight = np.sum(found, axis=0) if found else (0.0, 0.0)
+        print(f"{len(found):7} {least:8.2f} {straight:11.2f}  {source.name} ({family})", flush=True)
 
 
 if __name__ == "__main__":
