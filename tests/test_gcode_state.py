@@ -177,6 +177,8 @@ def test_relative_extrusion_that_a_macro_switched_on_is_found_in_the_numbers():
 RELATIVE = "".join(f"G1 X{i % 20} Y{i % 7} E0.0{1 + i % 3}\n" for i in range(40))
 ABSOLUTE = "".join(f"G1 X{i % 20} Y{i % 7} E{i / 5:.3f}\n" for i in range(40))
 # Both name their E on travels, too: every third and every fifth pushes nothing.
+LONG = "".join(f"G1 X{i % 20} Y{i % 7} E{i / 50:.3f}\n" for i in range(600))  # beside which the rest is little
+RAISED = "".join(f"G1 X{(-1) ** i} E{0.4 * i:.1f}\n" for i in range(40))
 RELATIVE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E0.0{i % 3}\n" for i in range(60))
 ABSOLUTE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E{(i - i // 5) / 50:.3f}\n" for i in range(60))
 
@@ -195,6 +197,8 @@ ABSOLUTE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E{(i - i // 5) / 50:.3f}\n" f
         ("G28\n" + RELATIVE_TRAVELS, "read as relative"),
         ("; gcode_flavor = marlin2\nG28\nM83\nG90\n" + RELATIVE, "G91 makes E relative too"),
         ("G28\nM83\nG90\n" + ABSOLUTE, "G90 and G91 set E too"),
+        ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RAISED, "G90 and G91 set E too"),
+        ("G28\nM82\n" + LONG + "G91\nG1 Z5 E-1\nG90\n" + LONG, None),
     ],
 )
 def test_e_that_a_firmware_may_read_otherwise_is_said(text, said, tmp_path):

@@ -138,26 +138,36 @@ _IMPLAUSIBLE_SHARE = 0.1  # of the moves, up to which a reading of E is believed
 _MOST_SHARE = 0.5  # of the moves: where more extrude nothing, that speaks against a reading of E, too
 _TOP_SHARE = 0.1
 _FILAMENT_PER_MM = 3.0  # of path: no nozzle takes more
+_SAME_MM = 1e-6  # of filament: two rules read a move alike
 
 
 def settle_e(text: np.ndarray, state: MachineState) -> None:
     """Correct ``state`` where the text's E words make sense only with another rule for relative extrusion.
 
-    Some files leave M82 or M83 to a macro, and firmwares differ on what G90 does after M83. If under the state's own
-    rule a tenth of the printing moves would pull filament back or melt more than a nozzle can, or most of them name an
-    E that pushes nothing, the rule that explains the moves best is taken.
+    Some files leave M82 or M83 to a macro, and firmwares differ on what G90 does after M83. Two rules are compared by
+    the printing moves that they read differently: if under the state's own a tenth of these would pull filament back or
+    melt more than a nozzle can, or most of them name an E that pushes nothing, the rule that explains the text best is
+    taken.
     """
     if (said := find_e_rule(text.tobytes())) is not None:
         state.counts.rule, state.counts.m83 = said
         return
     default = int(state.counts.rule), int(state.counts.m83)
-    share = _implausible_share(text, state, *default)
-    if share <= _IMPLAUSIBLE_SHARE or _says_e_first(text.tobytes()):
+    own, length_mm = _pushed(text, state, *default)
+    everywhere = np.ones(len(own), bool)
+    alike = b"G91" not in text.tobytes() and _implausible_share(own, length_mm, everywhere) <= _IMPLAUSIBLE_SHARE
+    if alike or _says_e_first(text.tobytes()):
         return
-    others = [(rule, m83) for m83 in (default[1], 1 - default[1]) for rule in (k.E_EITHER, k.E_FOLLOWS, k.E_APART)]
-    shares = [_implausible_share(text, state, *other) for other in others]
-    if min(shares) < share / 4:
-        state.counts.rule, state.counts.m83 = others[int(np.argmin(shares))]
+    better: list[tuple[float, int, int, int]] = []
+    for m83 in (default[1], 1 - default[1]):
+        for rule in (k.E_EITHER, k.E_FOLLOWS, k.E_APART):
+            pushed, _ = _pushed(text, state, rule, m83)
+            apart = np.abs(pushed - own) > _SAME_MM
+            share = _implausible_share(own, length_mm, apart)
+            if share > _IMPLAUSIBLE_SHARE and _implausible_share(pushed, length_mm, apart) < share / 4:
+                better.append((_implausible_share(pushed, length_mm, everywhere), len(better), rule, m83))
+    if better:
+        state.counts.rule, state.counts.m83 = min(better)[2:]
 
 
 def _says_e_first(text: bytes) -> bool:
@@ -175,7 +185,7 @@ def _last_statement(text: bytes, word: bytes) -> int:
 
 
 def guessed_e_rule(part: Part, state: MachineState) -> tuple[int, int] | None:
-    """Return how `settle_e` reads E, (C_RULE, C_M83); None where the program says M82 or M83 and never G91."""
+    """Return how `settle_e` reads E, (rule, m83); None where the program says M82 or M83 and never G91."""
     head = next(part.chunks(), np.empty(0, np.uint8))[:HINT_BYTES].tobytes()
     if b"G91" not in head and (b"M82" in head or b"M83" in head):
         return None
@@ -208,7 +218,8 @@ def e_warning(state: MachineState) -> str | None:
     return None
 
 
-def _implausible_share(text: np.ndarray, state: MachineState, rule: int, m83: int) -> float:
+def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return how much filament each move that names E pushes under a rule, and how long the move is [mm]."""
     trial = state.copy()
     trial.counts.rule, trial.counts.m83 = rule, m83
     records = np.empty(RECORDS, k.RECORD)
@@ -216,11 +227,16 @@ def _implausible_share(text: np.ndarray, state: MachineState, rule: int, m83: in
     rows = records[:count]
     rows = rows[(rows["kind"] <= k.KIND_CCW) & (rows["words"] & k.WORD_E > 0) & (rows["words"] & k.WORDS_XYZ > 0)]
     length_mm = np.hypot(rows["x1"] - rows["x0"], rows["y1"] - rows["y0"]) + np.abs(rows["z1"] - rows["z0"])
-    rows, length_mm = rows[length_mm > 0], length_mm[length_mm > 0]
-    if len(rows) < _ENOUGH_MOVES:
+    return rows["advance"][length_mm > 0], length_mm[length_mm > 0]
+
+
+def _implausible_share(pushed_mm: np.ndarray, length_mm: np.ndarray, among: np.ndarray) -> float:
+    """Return the share of some moves that no printer would be told to make; 0 where there are too few of them."""
+    pushed_mm, length_mm = pushed_mm[among], length_mm[among]
+    if len(pushed_mm) < _ENOUGH_MOVES:
         return 0.0
-    wrong = float(np.mean((rows["advance"] < 0) | (rows["advance"] > _FILAMENT_PER_MM * length_mm)))
-    none = float(np.mean(rows["advance"] == 0))
+    wrong = float(np.mean((pushed_mm < 0) | (pushed_mm > _FILAMENT_PER_MM * length_mm)))
+    none = float(np.mean(pushed_mm == 0))
     return wrong + none if none > _MOST_SHARE else wrong
 
 
