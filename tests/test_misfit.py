@@ -203,6 +203,7 @@ def test_what_a_corexys_rails_do_is_no_noise(rng: np.random.Generator) -> None:
         one = cause.candidate
         is_wave = one.kind == "rail-wave"
         assert (one.detail, one.place) == (pytest.approx(8 * np.pi, rel=0.03) if is_wave else 1.0, 0.0)
+    assert [each.words.count("along") for each in found_in(box, trace, causes) if each.kind == "rail-wave"] == [1]
     effects, _ = effects_of(box, trace, causes)
     places = Places(corexy.to_motor(points), points, np.ones((len(points), 2)), np.linspace(0, 100, len(points)))
     waves = [each.law(places.seen_by(each)) for each in effects if each.kind == "rail-wave"]

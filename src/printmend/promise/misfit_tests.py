@@ -40,6 +40,7 @@ LOST_MM = 0.05  # if it is further off than this, too
 FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3  # shares of the points: a note, a warning, a refusal from there on
 UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # of the error that a model leaves, and at least mm, from where it is none
 MOST_JUMPS = 4  # skipped teeth and lost steps in a print, beyond which its end is no better known than its beginning
+OF_RAILS = ("rail-wave", "rail-racking")  # of a CoreXY: both motors show them
 IN_TIME = ("linear", "step", "creep", "wear", "thermal")
 TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # both axes by so much, and alike to this share;
 ALIKE_SHARE_COREXY = 0.25  # one motor's pulley leans both of a CoreXY's axes, towards each other
@@ -251,7 +252,7 @@ def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: 
     """Return causes, points left out and places never seen as findings; ``state`` is what became of those in time."""
     found = []
     tilts = _tilts(causes)
-    for cause in causes:
+    for cause in _once(causes):
         kind = cause.candidate.kind
         if kind == "rail-play" and (axis := int(cause.candidate.detail)) in tilts:
             found.append(_tilted(cause, axis, tilts[axis]))
@@ -271,6 +272,16 @@ def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: 
         *_left_out(box, trace),
         *_unseen(box, trace),
     )
+
+
+def _once(causes: tuple[Cause, ...]) -> list[Cause]:
+    """Return causes without the smaller of two that both motors show of one rail."""
+    largest: dict[object, Cause] = {}
+    for at, cause in enumerate(causes):
+        one = cause.candidate
+        key = (one.kind, one.place, one.kind == "rail-racking" and one.detail) if one.kind in OF_RAILS else at
+        largest[key] = max(largest.get(key, cause), cause, key=lambda each: each.size_mm)
+    return list(largest.values())
 
 
 def _tilts(causes: tuple[Cause, ...]) -> dict[int, float]:
@@ -342,7 +353,7 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
         f"pulleys that differ by {2 * cause.size_mm:.2f} mm",
         "rail-racking": f"{name} shows a head that lags along {half} at one end of {'XY'[1 - axis]} and runs ahead at "
         f"the other, by {2 * abs(weight):.2f} mm there and back: the gantry racks",
-        "rail-wave": f"{name} shows an error that repeats every {detail:.1f} mm along {half}, {cause.size_mm:.3f} mm, "
+        "rail-wave": f"an error repeats every {detail:.1f} mm along {half}, {cause.size_mm:.3f} mm, "
         "whichever motor turns: a rail, or an idler on the gantry",
         "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {cause.size_mm:.3f} mm: an idler or "
         "the belt, not the motor's pulley",
