@@ -12,7 +12,7 @@ from pathlib import Path
 from printmend.dataset.build import BODIES, body_file, print_file, read_lines
 from printmend.dataset.parquet import read_about, read_body, read_print
 
-REPEATS = 20
+REPEATS = 60
 
 
 def main(root: Path) -> None:

@@ -11,6 +11,7 @@ layers are.
 import hashlib
 import io
 import json
+import threading
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -159,15 +160,12 @@ def _read(
 ) -> tuple[dict[str, Any], list[tuple[int, dict[str, np.ndarray]]]]:
     """Return a file's metadata, and its row groups, or those of ``rows``, with their columns."""
     import pyarrow as arrow
-    from pyarrow import parquet
 
     try:
         status = path.stat()
-        head, about, sizes = _head(path, status.st_mtime_ns, status.st_size)
+        file, about, sizes = _opened(path, status.st_mtime_ns, status.st_size, threading.get_ident())
         wanted = range(len(sizes)) if rows is None else [range(len(sizes))[row] for row in rows]
-        # A file in memory needs no buffer to be read ahead, which threads of their own would fill.
-        with arrow.memory_map(str(path)) as data, parquet.ParquetFile(data, metadata=head, pre_buffer=False) as file:
-            table = file.read_row_groups(wanted, columns=list(columns), use_threads=False)
+        table = file.read_row_groups(wanted, columns=list(columns), use_threads=False)
         values = {name: _array(table.column(name)) for name in columns}
     except (OSError, arrow.ArrowException, KeyError, IndexError) as error:
         raise _strange(path, f"{type(error).__name__}: {error}") from None
@@ -182,20 +180,24 @@ def _array(column: Any) -> np.ndarray:
     """Return a column of Arrow as an array. Bits are unpacked by numpy, which does it several times faster."""
     if str(column.type) != "bool":
         return np.asarray(column.to_numpy())
-    parts = [np.empty(0, np.uint8)]
+    parts = []
     for chunk in filter(len, column.chunks):
         bits = np.frombuffer(chunk.buffers()[1], np.uint8)
         parts.append(np.unpackbits(bits, count=chunk.offset + len(chunk), bitorder="little")[chunk.offset :])
-    return np.concatenate(parts).view(bool)
+    return (parts[0] if len(parts) == 1 else np.concatenate([np.empty(0, np.uint8), *parts])).view(bool)
 
 
-@lru_cache(maxsize=32)  # who reads a layer mostly reads another one of the body next
-def _head(path: Path, changed: int, size: int) -> tuple[Any, dict[str, Any], list[int]]:
-    """Return what stands at the end of a file: where its row groups are, `_about` it, and the rows of each."""
+# Who reads a layer mostly reads another one of the body next. A reader is one thread's own.
+@lru_cache(maxsize=8)
+def _opened(path: Path, changed: int, size: int, thread: int) -> tuple[Any, dict[str, Any], list[int]]:
+    """Return a file that is open for reading, what it says about itself, and the rows of each of its row groups."""
+    import pyarrow as arrow
     from pyarrow import parquet
 
-    head = parquet.read_metadata(path)
-    return head, _about(path, head.metadata), [head.row_group(group).num_rows for group in range(head.num_row_groups)]
+    # A file in memory needs no buffer to be read ahead, which threads of their own would fill.
+    file = parquet.ParquetFile(arrow.memory_map(str(path)), pre_buffer=False)
+    head = file.metadata
+    return file, _about(path, head.metadata), [head.row_group(group).num_rows for group in range(head.num_row_groups)]
 
 
 def _strange(path: Path, came: str) -> TraceError:
