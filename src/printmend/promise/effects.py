@@ -105,12 +105,13 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Places [N] of a new print: both motors, the bed [N, 2], the side of its belt that each motor pushes, and how far
-    the print has gone there."""
+    """Places [N] of a new print: both motors, the bed [N, 2], the side of its belt that each motor pushes, which way
+    each of a CoreXY's axes goes (0 where it is not known), and how far the print has gone there."""
 
     motor_mm: np.ndarray
     bed_mm: np.ndarray
     side: np.ndarray
+    ways: np.ndarray
     gone_mm: np.ndarray
 
     def seen_by(self, effect: Effect) -> Sideways:
@@ -127,7 +128,7 @@ class Places:
             beds=np.stack([_between(self.bed_mm[:, axis], spans[2 + axis]) for axis in range(2)], axis=1),
             across=self.side[:, 1 - effect.motor].astype(float),
             move_mm=np.full(len(own), LONG_MM),
-            ways=np.stack([self.side.sum(axis=1), self.side[:, 0] - self.side[:, 1]], axis=1) / 2,  # of a CoreXY
+            ways=self.ways,
             bed_mm=self.bed_mm,
         )
 

@@ -137,12 +137,14 @@ def _outlook(mechanism: Mechanism, budget: Budget, path: Path, errors: tuple[Err
 
 @dataclass(frozen=True, eq=False)
 class _Aims:
-    """Where the motors are at each place [N, 2] before and after mending, the belts [N, 2], the sides pushed [N, 2]."""
+    """Where the motors are at each place [N, 2] before and after mending, the belts [N, 2], the sides pushed [N, 2],
+    which way the bed's axes go [N, 2]."""
 
     before_mm: np.ndarray
     after_mm: np.ndarray
     belt_mm: np.ndarray
     side: np.ndarray
+    ways: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +180,10 @@ def _aims(mechanism: Mechanism, path: Path, at_rest: bool) -> _Aims:
     after = np.stack(
         [_motor_at(mechanism.transmissions[i], belt[:, i], side[:, i]) for i in range(2)], axis=1
     )  # fmt: skip
-    return _Aims(printer.to_motor(path.wanted_mm), after, belt, side)
+    ways = np.stack([side.sum(axis=1), side[:, 0] - side[:, 1]], axis=1) / 2  # of a CoreXY, 0 for the slower axis
+    if not at_rest:
+        ways = np.where(np.abs(path.tangent) > STANDS_SHARE, np.sign(path.tangent), ways)
+    return _Aims(printer.to_motor(path.wanted_mm), after, belt, side, ways)
 
 
 def _motor_at(table: Transmission, belt_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
@@ -284,7 +289,7 @@ def _effects(
     across = _across(mechanism, path)
     found: dict[str, Drawn] = {}
     gone_mm = np.cumsum(path.weight) if path.gone_mm is None else path.gone_mm
-    places = Places(aims.before_mm, path.wanted_mm, aims.side, gone_mm)
+    places = Places(aims.before_mm, path.wanted_mm, aims.side, aims.ways, gone_mm)
     begun = rng.uniform(0.0, 1.0, DRAWS)
     for effect in budget.effects:
         belt = effect.drawn(places, begun, rng)
