@@ -27,7 +27,7 @@ export function Progress({ job, steps }) {
   const waits = job.state === "queued" && job.ahead > 0, at = steps && !waits ? Math.max(steps.indexOf(job.step), 0) : -1;
   return html`<div class="stack" role="status" aria-live="polite">
     <progress max="1" value=${job.share} aria-label=${t(job.step ? `step_${job.step}` : "starting")}></progress>
-    <div class="row between"><span class="faint">${waits ? t("ahead", { n: job.ahead }) : job.step ? seconds(job.left_s) : t("starting")}</span>
+    <div class="row between"><span class="faint">${waits ? t("ahead", { n: job.ahead }) : job.step ? `${steps ? "" : `${t(`step_${job.step}`)} `}${seconds(job.left_s)}` : t("starting")}</span>
       <button class="quiet" onClick=${() => post(`/jobs/${job.id}/cancel`).catch(() => {})}>${t("cancel")}</button></div>
     ${steps && html`<ol class="steps">${steps.map((step, i) => html`<li class=${i < at ? "done" : i === at ? "is" : ""}>${t(`step_${step}`)}</li>`)}</ol>`}
   </div>`;

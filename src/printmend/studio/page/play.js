@@ -74,9 +74,8 @@ export function Play() {
     <${Problem} error=${error ?? lost} />
     <div class="split first">
       <div class="stack">
-        ${running && html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${faults.screw_mm ? TOWER : STEPS} /></section>`}
-        ${result ? html`<${Result} result=${result} />` : html`
-          <div class="chips" role="group" aria-label=${t("play_title")}>${Object.entries(PRESETS).map(([name, preset]) => html`<button class="chip" aria-pressed=${same(faults, preset)} disabled=${running} onClick=${() => change(preset)}>${t(`preset_${name}`)}</button>`)}</div>
+        ${result ? html`<${Result} result=${result} />` : running ? html`<section class="card"><${Progress} job=${job ?? { state: "queued", share: 0, id: key }} steps=${faults.screw_mm ? TOWER : STEPS} /></section>` : html`
+          <div class="chips" role="group" aria-label=${t("play_title")}>${Object.entries(PRESETS).map(([name, preset]) => html`<button class="chip" aria-pressed=${same(faults, preset)} onClick=${() => change(preset)}>${t(`preset_${name}`)}</button>`)}</div>
           <${Motor} name="X" values=${faults.x} outline=${shown?.outlines_mm[0]} radius=${shown?.radii_mm[0]} onChange=${(x) => change({ ...faults, x })} />
           <${Motor} name="Y" values=${faults.y} outline=${shown?.outlines_mm[1]} radius=${shown?.radii_mm[1]} onChange=${(y) => change({ ...faults, y })} />
           <section class="card stack"><h2>${t("frame")}</h2><${Slider} label=${t("skew")} value=${faults.skew_deg} unit="°" min="-2" max="2" step="0.05" digits=${2} onInput=${(skew_deg) => change({ ...faults, skew_deg })} />

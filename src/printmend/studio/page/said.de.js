@@ -187,7 +187,7 @@ export const sentences = [
   ["this file prints before it says M82 or M83: its E is read as relative, as its numbers say; a printer starts with absolute E, so put M83 at its top unless the printer's start macro says it", "Diese Datei druckt, bevor sie M82 oder M83 sagt: Ihr E ist als relativ gelesen, wie ihre Zahlen sagen; ein Drucker beginnt mit absolutem E, darum M83 an ihren Anfang setzen, falls nicht der Startmakro des Druckers es sagt"],
   ["the numbers of this file fit only a printer on which {a}; for another one let the file say M82 or M83 after its last G90 or G91", "Die Zahlen dieser Datei passen nur zu einem Drucker, auf dem gilt: {a}; für einen anderen soll die Datei nach ihrem letzten G90 oder G91 M82 oder M83 sagen"],
 
-  ["the model was brought up to date", "Das Modell wurde auf den neuen Stand gebracht"],
+  ["the model was brought up to date", "Diese Messung kann das Modell auf den neuen Stand bringen.", "This measurement can bring the model up to date."],
   ["nothing changed by more than this trace can tell", "Nichts hat sich um mehr geändert, als diese Messung zeigen kann", "nothing changed by more than this measurement can tell"],
   ["{a} is not the one that the old model knew: learned anew", "{a} ist nicht mehr so, wie das alte Modell es kannte: neu gelernt"],
   ["{a} grew from {b} to {c} (± {d})", "{a} wuchs von {b} auf {c} (± {d})"],
