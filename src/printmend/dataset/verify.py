@@ -142,7 +142,7 @@ def _names(line: dict[str, Any]) -> dict[str, str]:
 
 
 def _fetch_checked(source: str, root: Path, name: str, digest: str | None) -> bool:
-    """Copy a file unless the one with this checksum is there; return whether it came."""
+    """Copy a file unless the one with this checksum is there; say whether one of a known checksum came."""
     path = root / name
     if path.is_file() and digest_of(path) == digest:
         return False
@@ -150,7 +150,7 @@ def _fetch_checked(source: str, root: Path, name: str, digest: str | None) -> bo
     if digest is not None and digest_of(path) != digest:
         path.unlink()
         raise InputError(name, wanted="the file in the list", came="another", todo="ask its publisher")
-    return True
+    return digest is not None
 
 
 def _fetch(source: str, root: Path, name: str) -> None:
