@@ -22,7 +22,6 @@ from printmend.gcode.kernels.text import (
 )
 from printmend.gcode.kernels.words import (
     FIRST,
-    FIVE,
     LETTER_G,
     SECOND,
     THREE,
@@ -32,6 +31,7 @@ from printmend.gcode.kernels.words import (
     centre_axis,
     copy_bytes,
     decimals,
+    e_decimals,
     e_rest,
     e_scaled,
     keeps_centre,
@@ -132,9 +132,9 @@ def edit_statement(buf, r, piece, before, writer, out, at):
                     continue
                 at = copy_bytes(buf, gap, p + 1, out, at)
                 if (before > 0 or unsafe) and r.flags & FLAG_E_RELATIVE:
-                    at = put_fixed(out, at, e_rest(r, before, writer), FIVE)
+                    at = put_fixed(out, at, e_rest(r, before, writer), e_decimals(r))
                 elif unsafe:
-                    at = put_fixed(out, at, e_scaled(r, 1.0), FIVE)
+                    at = put_fixed(out, at, e_scaled(r, 1.0), e_decimals(r))
                 else:
                     at = copy_bytes(buf, p + 1, q, out, at)
             elif letter == 70 and r.words & WORD_F:

@@ -6,7 +6,6 @@ import numpy as np
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import OPEN, SEMICOLON, STAR, is_blank, is_letter, upper
 from printmend.gcode.kernels.words import (
-    FIVE,
     LETTER_E,
     LETTER_G,
     axis_value,
@@ -14,6 +13,7 @@ from printmend.gcode.kernels.words import (
     centre_axis,
     copy_bytes,
     decimals,
+    e_decimals,
     e_scaled,
     piece_motion,
     put_command,
@@ -92,7 +92,7 @@ def put_row(buf, r, piece, cumulated, before, writer, out, at):
         if r.flags & FLAG_E_RELATIVE:
             step -= e_scaled(r, before)
         if step != 0 or not r.flags & FLAG_E_RELATIVE:
-            at = put_word(out, at, r, LETTER_E, step, FIVE)
+            at = put_word(out, at, r, LETTER_E, step, e_decimals(r))
     if at == body:
         return start  # shorter than the resolution: nothing to write
     at = put_feed(out, at, r, piece.feed if piece.feed > 0 else r.feed, writer)

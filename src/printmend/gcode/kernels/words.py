@@ -8,7 +8,8 @@ from printmend.gcode.kernels.text import POWERS, is_digit, upper
 from printmend.jit import inner
 
 # As int64 values, not literals, or numba would compile the functions that take them once for each.
-FIRST, SECOND, THREE, FIVE, NINE = np.int64(0), np.int64(1), np.int64(3), np.int64(5), np.int64(9)
+FIRST, SECOND = np.int64(0), np.int64(1)
+THREE, FIVE, SEVEN, NINE = np.int64(3), np.int64(5), np.int64(7), np.int64(9)
 LETTER_E, LETTER_F, LETTER_G = np.int64(69), np.int64(70), np.int64(71)
 
 
@@ -176,18 +177,24 @@ def scaled_feed(r, feed):
 
 
 @inner
+def e_decimals(r):
+    """Decimals of E in the file's unit: steps of 10 nm of filament, in inches of 2.5 nm."""
+    return SEVEN if r.flags & FLAG_INCH else FIVE
+
+
+@inner
 def e_scaled(r, cumulated):
-    """E after this part of the statement, in 10^−5 of the file's unit: absolute, or since its start."""
+    """E after this part of the statement, as a fixed-point number: absolute, or since its start."""
     unit = 25.4 if r.flags & FLAG_INCH else 1.0
     gain = r.e1 - r.e0
     value = cumulated * gain if r.flags & FLAG_E_RELATIVE else r.e0 + cumulated * gain
-    return to_fixed(value / unit, FIVE)
+    return to_fixed(value / unit, e_decimals(r))
 
 
 @inner
 def e_rest(r, before, writer):
     """The last part of a relative E, so that the sum over all lines stays exact: what rounding took is carried on."""
-    exact = (r.e1 - r.e0) / (25.4 if r.flags & FLAG_INCH else 1.0) * 1e5 + writer[W_E_DEBT]
+    exact = (r.e1 - r.e0) / (25.4 if r.flags & FLAG_INCH else 1.0) * POWERS[e_decimals(r)] + writer[W_E_DEBT]
     total = np.int64(np.floor(min(max(exact, -9e14), 9e14) + 0.5))
     writer[W_E_DEBT] = exact - total
     return total - e_scaled(r, before)
