@@ -176,9 +176,9 @@ def test_relative_extrusion_that_a_macro_switched_on_is_found_in_the_numbers():
 
 RELATIVE = "".join(f"G1 X{i % 20} Y{i % 7} E0.0{1 + i % 3}\n" for i in range(40))
 ABSOLUTE = "".join(f"G1 X{i % 20} Y{i % 7} E{i / 5:.3f}\n" for i in range(40))
-# Both name their E on travels, too: every third and every fifth pushes nothing.
 LONG = "".join(f"G1 X{i % 20} Y{i % 7} E{i / 50:.3f}\n" for i in range(600))  # beside which the rest is little
 RAISED = "".join(f"G1 X{(-1) ** i} E{0.4 * i:.1f}\n" for i in range(40))
+# Both name their E on travels, too: every third and every fifth pushes nothing.
 RELATIVE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E0.0{i % 3}\n" for i in range(60))
 ABSOLUTE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E{(i - i // 5) / 50:.3f}\n" for i in range(60))
 

@@ -70,7 +70,7 @@ export default {
   stops: "Stellen, an denen die Düse kurz still steht (kleine Nähte): {n}", on_bed: "Alles bleibt auf dem Bett.", off_bed: "Ein Teil liegt, wie es die Datei sagt, jenseits des Bettrands.",
   left_unknown: "Bahnen, die bleiben, wie sie in der Datei stehen, nicht geheilt: {n}{where}. Die Datei sagt dort nicht, wo die Düse ist, oder ihre Wörter sind nicht zu lesen.", left_lines: " (Zeile {lines})",
   left_splines: "Kurven (G5), die bleiben, wie sie in der Datei stehen, nicht geheilt: {n}. Den Slicer Geraden oder Bögen schreiben lassen.", left_coarse: "Stellen, die mehr danebenliegen, als sie sollten: {n}. Der Drucker nimmt keine kürzeren Wege an.",
-  left_geometry: "So oft stellt die Datei Schiefe oder Maßstab des Druckers selbst ein (M556, M579, M852 oder SET_SKEW): {n}. Was hier steht, gilt nur, wenn der Testdruck mit denselben Werten gedruckt wurde.",
+  left_geometry: "So oft stellt die Datei Schiefe, Maßstab oder Spiel des Druckers selbst ein (M425, M556, M579, M852 oder SET_SKEW): {n}. Was hier steht, gilt nur, wenn der Testdruck mit denselben Werten gedruckt wurde.",
   clamped: "Am Rand des Betts zurückgehaltene Befehle: {n}", by_layer: "Fehler jeder Schicht, mm", sending: "Sendet", stopped: "Angehalten", mend_none: "Zuerst den Testdruck messen: Dann lassen sich Teile für diesen Drucker heilen.", prove_none: "Zuerst den Testdruck messen: Dann lässt sich prüfen, ob ein geheilter Druck das Versprechen hält.", to_measure: "Zum Testdruck",
 
   prove_now: "Den geheilten Testdruck drucken, einscannen und sehen, ob das Versprechen hielt.", prove_print: "1. Geheilt drucken", prove_scan: "2. Einscannen", make_check: "Prüfdruck erstellen", download_check: "Prüfdruck herunterladen",
