@@ -176,6 +176,10 @@ def test_a_scale_that_no_scanner_has_is_mended(part: Path) -> None:
     assert (most >= rms).all()
     assert most.max() <= 1.001 * whole.before.max_mm
     assert np.sqrt(np.average(rms**2, weights=length)) == pytest.approx(whole.before.rms_mm, rel=0.05)
+    layer = CIRCLE[CIRCLE.index("G1 Z") :]
+    upper.write_text(CIRCLE + "".join(layer.replace("Z0.2", f"Z{0.2 * n:.1f}") for n in range(2, 90)))
+    alike = np.array([row["before_rms_mm"] for row in check_gcode(upper, model).layers])
+    assert alike == pytest.approx(alike.mean(), rel=0.25)  # each layer is the same circle
     mend_gcode(part, model, part.with_name("out.gcode"))
     truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(skewed, ENDER3))
     assert truth.after.rms_mm < 0.1 * truth.before.rms_mm

@@ -236,14 +236,16 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     if outlook is None:
         return prediction
     layers = []
-    place2 = None if budget.placed else _place2(prediction.path)
+    shape2 = {} if budget.placed else _shape2(prediction.path)
     for row in prediction.layers:
         more = dict(row)
         for name, whole in (("before", outlook.before), ("after", outlook.after)):
-            more2 = whole.rms_mm**2 - whole.planning_rms_mm**2
-            if place2 is not None and name == "before":  # the whole contains no place, which the layers' own errors do
-                more2 += place2.get(row["z_mm"], place2[None]) - place2[None]
-            more[f"{name}_rms_mm"] = math.sqrt(max(row[f"{name}_rms_mm"] ** 2 + more2, 0.0))
+            own2, all2 = row[f"{name}_rms_mm"] ** 2, whole.planning_rms_mm**2
+            if (
+                name == "before" and row["z_mm"] in shape2
+            ):  # the whole contains no place, which the layers' own errors do
+                own2, all2 = shape2[row["z_mm"]], shape2[None]
+            more[f"{name}_rms_mm"] = math.sqrt(own2 + max(whole.rms_mm**2 - all2, 0.0))
             more[f"{name}_max_mm"] = max(min(row[f"{name}_max_mm"], whole.max_mm), more[f"{name}_rms_mm"])
         layers.append(more)
     return replace(
@@ -252,20 +254,18 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     )  # fmt: skip
 
 
-def _place2(path: Path) -> dict[float | None, float]:
-    """Return by how much the mean square error of each height (None: of all) grows where the part's place is taken off.
-
-    Its place is the one shift of all of it that leaves the least; a layer may lie nearer without than with it.
-    """
+def _shape2(path: Path) -> dict[float | None, float]:
+    """Return the mean square error of the places of each height (None: of all) without the part's place, which is the
+    one shift of all of it that leaves the least."""
     normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
     root = np.sqrt(path.weight)
     shift = np.linalg.lstsq(normal * root[:, None], path.off_mm * root, rcond=None)[0]
-    grown = (path.off_mm - normal @ shift) ** 2 - path.off_mm**2
-    found: dict[float | None, float] = {None: float(np.average(grown, weights=path.weight))}
+    left2 = (path.off_mm - normal @ shift) ** 2
+    found: dict[float | None, float] = {None: float(np.average(left2, weights=path.weight))}
     if path.z_mm is not None:
         for z_mm in np.unique(path.z_mm):
             here = path.z_mm == z_mm
-            found[round(float(z_mm), 4)] = float(np.average(grown[here], weights=path.weight[here]))
+            found[round(float(z_mm), 4)] = float(np.average(left2[here], weights=path.weight[here]))
     return found
 
 
