@@ -73,7 +73,7 @@ function Scan({ printer, learned }) {
     <${Drop} multiple accept="image/*" onFiles=${take} disabled=${!printer.has_probe}><p><b>${printer.has_probe ? t("drop_scan") : t("calliper_need")}</b></p><p class="faint">${t("scan_tip")}</p></${Drop}>
     <div class="grid" style=${{ alignItems: "end" }}><label class="field">${t("dpi")}<input inputmode="decimal" value=${dpi} onInput=${(event) => setDpi(event.target.value)} /></label>
       <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label>
-      ${uploads.length > 0 && html`<button onClick=${() => run(uploads)}>${t("again")}</button>`}</div>`;
+      ${uploads.length > 0 && !(key && !ended(job)) && html`<button onClick=${() => run(uploads)}>${t("again")}</button>`}</div>`;
 }
 
 // The scan with rings around what was found.

@@ -69,7 +69,7 @@ export function Mend({ printer, changed }) {
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
       ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span>${row.name}</span>
-        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ""}</span></button>
+        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ended(row) ? "" : t("mending")}</span></button>
         <button class="quiet icon" disabled=${row.state === "sending"} title=${t("forget", { name: row.name })} aria-label=${t("forget", { name: row.name })} onClick=${() => forget(row)}>×</button></div>`)}</section>`}</div>
     <div class="stack"><${File_} id=${shown} printer=${printer} changed=${changed} anyway=${anyway} /></div></div>`;
 }

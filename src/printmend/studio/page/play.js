@@ -100,7 +100,7 @@ function Result({ result }) {
   const { before, after, said } = result, times = before.rms_mm / Math.max(after.rms_mm, 1e-4);
   return html`<section class="card stack"><div class="numbers">
       <${Number_} value=${mm(before.rms_mm)}>${t("before")}</${Number_}><${Number_} value=${mm(after.rms_mm)}>${t("after")}</${Number_}>
-      ${!result.refused && times > 1.5 && html`<${Number_} value=${number(times, times < 10 ? 1 : 0)} unit="×">${t("better")}</${Number_}>`}</div></section>
+      ${!result.refused && times > 1.5 && html`<${Number_} value=${number(times, times < 10 ? 1 : 0)} unit="">${t("better")}</${Number_}>`}</div></section>
     <section class="card stack"><h2>${t("found")}</h2>
       <div class="row">${said.machine.motors.map((motor) => html`<div style=${{ width: "7rem" }}><${Pulley} outline=${motor.outline_mm} radius=${motor.radius_mm} name=${t("motor", { name: motor.name })} /></div>`)}</div>
       ${said.faults.length ? said.faults.map((fault) => html`<div class="fault ${fault.urgency}"><h3>${say(fault.title)}</h3><p class="faint">${say(fault.meaning)}</p></div>`) : html`<p>${say(said.headline)}</p>`}</section>`;

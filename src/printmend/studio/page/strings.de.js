@@ -43,7 +43,7 @@ export default {
   download_plate: "Testdruck herunterladen", overwrite_sure: "Das ersetzt den Plan des vorhandenen Testdrucks. Weiter?",
   by_scan: "Scan oder Foto", by_callipers: "Messschieber", by_table: "Tabelle",
   drop_scan: "Ein oder zwei Scans ablegen, oder ein Foto mit dem Referenzblatt", scan_tip: "Mit 600 dpi scannen. Ein zweiter Scan, die Platte um ein Viertel gedreht, nimmt die Fehler des Scanners heraus.",
-  choose: "Datei wählen", dpi: "Auflösung in dpi, falls die Datei sie nicht sagt", distance: "Abstand mit dem Messschieber, mm",
+  choose: "Datei wählen", dpi: "Auflösung in dpi, falls die Datei sie nicht sagt", distance: "Abstand mit dem Messschieber, mm (welcher, steht beim gelesenen Scan)",
   marks_found: "{found} von {marks} Punkten gefunden", missing: "nicht gefunden", odd: "auffällig", left_out: "weggelassen", click_mark: "Einen Punkt anklicken, um ihn wegzulassen oder wieder dazuzunehmen.",
   learn: "Daraus lernen", learning: "Lernt …", zoom_in: "Näher", zoom_out: "Weiter weg", scanned: "Der Scan, mit dem, was gefunden wurde",
   tower: "Wellige Wände? Ein Turm für die Z-Spindel", tower_now: "Ein flacher Testdruck zeigt nichts von Z. Diesen kleinen Turm drucken, in einem Dutzend Höhen oder mehr seine Ecken und Stufen messen und seine Tabelle hier ablegen: Was von X und Y bekannt ist, bleibt.", tower_later: "Ein flacher Testdruck zeigt nichts von Z, danach ein kleiner Turm schon. Zuerst aus dem Testdruck lernen.",

@@ -43,7 +43,7 @@ export default {
   download_plate: "Download the test print", overwrite_sure: "This replaces the plan of the test print that you have. Go on?",
   by_scan: "Scan or photo", by_callipers: "Callipers", by_table: "Table",
   drop_scan: "Drop one or two scans, or a photo with the reference sheet", scan_tip: "Scan at 600 dpi. A second scan, the plate turned by a quarter, takes out the scanner's own errors.",
-  choose: "Choose a file", dpi: "Resolution in dpi, if the file does not say it", distance: "Distance by callipers, mm",
+  choose: "Choose a file", dpi: "Resolution in dpi, if the file does not say it", distance: "Distance by callipers, mm (which one is said once the scan is read)",
   marks_found: "{found} of {marks} dots found", missing: "not found", odd: "odd", left_out: "left out", click_mark: "Click a dot to leave it out, or to take it back in.",
   learn: "Learn from this", learning: "Learning…", zoom_in: "Nearer", zoom_out: "Farther", scanned: "The scan, with what was found",
   calliper_now: "Measure across the outer edges of the two large dots. Leave out what you cannot reach.", calliper_row: "Distance {n}, about {about} mm",
