@@ -321,6 +321,8 @@ def test_a_rail_with_play_is_told_from_the_belts_of_a_corexy(rng: np.random.Gene
     round_part = Places(aims.before_mm, path.wanted_mm, aims.side, aims.ways, np.linspace(0, 600, 100))
     promised = printer.from_motor(np.stack([each.law(round_part.seen_by(each)) for each in effects], axis=1))
     assert np.sqrt(np.mean(promised**2, axis=0)) == pytest.approx([0.06, 0.0], abs=0.01)  # also where Y is the faster
+    marks = replace(path, tangent=np.tile([0.0, 1.0], (100, 1)), ways=np.sign(tangent))  # to which the nozzle came so
+    assert predict._aims(healthy_mechanism(printer), marks, at_rest=True).ways.tolist() == np.sign(tangent).tolist()
 
 
 def test_a_good_trace_has_nothing_to_say(rng: np.random.Generator) -> None:

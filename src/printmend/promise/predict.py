@@ -43,8 +43,9 @@ SEED = 11  # the same file and model always get the same promise
 class Path:
     """Places at even distances along an extruded path: ``wanted_mm`` [N, 2], unit ``tangent`` [N, 2], by how much the
     file as it is prints to the left of the path there, ``off_mm`` [N], the side that each motor pushed before the move,
-    ``side`` [N, 2], the length that a place stands for, ``weight`` [N], its height, ``z_mm`` [N], where known, and how
-    far the print has gone there, ``gone_mm`` [N]: None where the weights add up to that."""
+    ``side`` [N, 2], the length that a place stands for, ``weight`` [N], its height, ``z_mm`` [N], where known, how far
+    the print has gone there, ``gone_mm`` [N], None where the weights add up to that, and which way the bed's axes last
+    went, ``ways`` [N, 2], None where the tangent tells."""
 
     wanted_mm: np.ndarray
     tangent: np.ndarray
@@ -53,6 +54,7 @@ class Path:
     weight: np.ndarray
     z_mm: np.ndarray | None = None
     gone_mm: np.ndarray | None = None
+    ways: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -168,8 +170,8 @@ def _thinned(path: Path) -> Path:
     at = np.floor((np.arange(MOST_PLACES) + 0.5) * count / MOST_PLACES).astype(np.int64)
     edges = np.concatenate([[0], (at[1:] + at[:-1] + 1) // 2, [count]])
     weight = np.add.reduceat(path.weight, edges[:-1])
-    z_mm, gone_mm = (None if each is None else each[at] for each in (path.z_mm, path.gone_mm))
-    return Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, z_mm, gone_mm)
+    others = (None if each is None else each[at] for each in (path.z_mm, path.gone_mm, path.ways))
+    return Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, *others)
 
 
 def _aims(mechanism: Mechanism, path: Path, at_rest: bool) -> _Aims:
@@ -180,9 +182,9 @@ def _aims(mechanism: Mechanism, path: Path, at_rest: bool) -> _Aims:
     after = np.stack(
         [_motor_at(mechanism.transmissions[i], belt[:, i], side[:, i]) for i in range(2)], axis=1
     )  # fmt: skip
-    ways = np.stack([side.sum(axis=1), side[:, 0] - side[:, 1]], axis=1) / 2  # of a CoreXY, 0 for the slower axis
-    if not at_rest:
-        ways = np.where(np.abs(path.tangent) > STANDS_SHARE, np.sign(path.tangent), ways)
+    ways = path.ways
+    if ways is None:  # an axis that stands still went some way before
+        ways = np.where(np.abs(path.tangent) > STANDS_SHARE, np.sign(path.tangent), 0.0)
     return _Aims(printer.to_motor(path.wanted_mm), after, belt, side, ways)
 
 

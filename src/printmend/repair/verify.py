@@ -195,6 +195,7 @@ def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook,
         np.ones(2 * len(off)),
         None if (z_mm := heights_mm(trace, printer)) is None else np.repeat(z_mm[known], 2),
         np.repeat(gone_mm, 2),
+        np.repeat(np.stack([last_way(axis) for axis in wanted.T], axis=1)[known], 2, axis=0),
     )
     before = Errors(float(np.sqrt(np.mean(path.off_mm**2))), 0.0, float(np.abs(path.off_mm).max()))
     outlook = promised(model.mechanism, budget, path, before, Errors(0.0, 0.0, 0.0), at_rest=True)
