@@ -241,10 +241,8 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
         more = dict(row)
         for name, whole in (("before", outlook.before), ("after", outlook.after)):
             own2, all2 = row[f"{name}_rms_mm"] ** 2, whole.planning_rms_mm**2
-            if (
-                name == "before" and row["z_mm"] in shape2
-            ):  # the whole contains no place, which the layers' own errors do
-                own2, all2 = shape2[row["z_mm"]], shape2[None]
+            if name == "before" and shape2:  # the whole contains no place, which the layers' own errors do
+                own2, all2 = shape2.get(row["z_mm"], shape2[None]), shape2[None]
             more[f"{name}_rms_mm"] = math.sqrt(own2 + max(whole.rms_mm**2 - all2, 0.0))
             more[f"{name}_max_mm"] = max(min(row[f"{name}_max_mm"], whole.max_mm), more[f"{name}_rms_mm"])
         layers.append(more)
