@@ -1,17 +1,19 @@
 """Mending in a studio on another computer, with the script that takes printmend's place."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
-from hosts import INTEGRATIONS
+import pytest
+from hosts import INTEGRATIONS, PRINTMEND
 from parts import part
 from studio_server import Server
 
-from printmend.client import Studio
+from printmend.client import Studio, StudioError
 from printmend.corruption import sample
 from printmend.printer import read_printer
 from printmend.saved.model import exact_model, write_model
@@ -51,3 +53,18 @@ def test_a_file_goes_over_and_comes_back_mended(tmp_path: Path) -> None:
     finally:
         server.stop()
     assert "is it running?" in run(source).stderr
+
+
+def test_the_address_that_a_studio_for_others_tells_is_one_that_it_answers_to(tmp_path: Path) -> None:
+    command = [PRINTMEND, "studio", "--no-browser", "--host", "0.0.0.0", "--port", "0", "--folder", str(tmp_path)]  # noqa: S104
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as studio:  # noqa: S603 - our own program
+        try:
+            assert studio.stdout is not None
+            line = studio.stdout.readline()
+            told = re.search(r"(http://\S+)/\?token=(\S+)", line)
+            assert told, line
+            assert Studio(told[1], token=told[2]).get("/printers") == []
+            with pytest.raises(StudioError):
+                Studio(told[1], token="another").get("/printers")  # noqa: S106 - a wrong one
+        finally:
+            studio.terminate()

@@ -17,6 +17,8 @@ from printmend.studio.app import WORKERS, create_app
 from printmend.studio.guard import LOOPBACK
 
 _EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - recognised, never a default
+# Addresses kept for documents (RFC 5737, RFC 3849): nobody has them, so the way to them begins as that to anybody.
+_ELSEWHERE = ((socket.AF_INET, "198.51.100.1"), (socket.AF_INET6, "2001:db8::1"))
 
 
 def serve(
@@ -30,11 +32,14 @@ def serve(
     """
     remote = None if cluster is None else cast(Cluster, executor(1, cluster))
     token = None if host in LOOPBACK else secrets.token_urlsafe(24)
-    hosts = {*LOOPBACK, *names, *((host,) if host not in _EVERYWHERE else (socket.gethostname(), *_addresses()))}
+    own, routed = socket.gethostname(), _routed()
+    everywhere = (own, f"{own}.local", *_named(own), *routed)
+    hosts = {*LOOPBACK, *names, *(everywhere if host in _EVERYWHERE else (host,))}
     listener = _listener(host, port)
     threading.Thread(target=_draw_beforehand, daemon=True).start()
     port = listener.getsockname()[1]
-    shown = socket.gethostname() if host in _EVERYWHERE else f"[{host}]" if ":" in host else host
+    shown = next(iter((*routed, own))) if host in _EVERYWHERE else host
+    shown = f"[{shown}]" if ":" in shown else shown
     address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
     told(f"printmend studio: {address}  (Ctrl-C ends it; everything is kept in {folder})")
     if token:
@@ -72,12 +77,22 @@ def _listener(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _addresses() -> set[str]:
-    """Return the addresses that this computer has by its own name."""
+def _named(name: str) -> set[str]:
+    """Return the addresses that this computer has by its own name: on Debian and its kin the loopback's alone."""
     try:
-        return {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None)}
+        return {str(info[4][0]) for info in socket.getaddrinfo(name, None)}
     except OSError:
         return set()
+
+
+def _routed() -> list[str]:
+    """Return the addresses, IPv4 first, from which this computer reaches others. Nothing is sent for it."""
+    found = []
+    for family, elsewhere in _ELSEWHERE:
+        with contextlib.suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as way:
+            way.connect((elsewhere, 9))
+            found.append(str(way.getsockname()[0]))
+    return found
 
 
 def _draw_beforehand() -> None:
