@@ -60,7 +60,10 @@ def asked(plan: ProbePlan, span: tuple[int, int], measured_mm: np.ndarray, dot_m
     one, other = (f"dot {at} (X{plan.marks_mm[at, 0]:.0f} Y{plan.marks_mm[at, 1]:.0f})" for at in span)
     if len(plan.sheets) > 1:
         other += f" of sheet {plan.sheet_of[span[0]] + 1}"
-    return f"{open_scale(scale)} from {one} to {other}, outer edges, and give --distance {across:.2f} or what it is"
+    return (
+        f"{open_scale(scale)} from {one} to {other}, outer edges, and give what the callipers show as --distance "
+        f"(about {across:.0f} mm)"
+    )
 
 
 def scaled_by(

@@ -73,8 +73,9 @@ def choose_widths(walls: Walls) -> tuple[Width, ...]:
 def widths_asked(widths: Sequence[Width], edge_mm: np.ndarray, scale: str, *, ruled: bool = False) -> str:
     """Say which widths would settle the ``scale``, which came from where these words say; ``edge_mm`` [S, 2] is where
     the image shows the walls."""
-    said = " and ".join(f"{width.words}: --distance {width.across_mm(edge_mm):.2f} or what it is" for width in widths)
-    return f"{open_scale(scale, ruled=ruled)} with callipers at the scanned side, {said}"
+    said = " and ".join(f"{width.words} (about {width.across_mm(edge_mm):.0f} mm)" for width in widths)
+    shown = "what they show as --distance" if len(widths) == 1 else "each of what they show as a --distance of its own"
+    return f"{open_scale(scale, ruled=ruled)} with callipers at the scanned side {said}, and give {shown}"
 
 
 def scaled_by_widths(
