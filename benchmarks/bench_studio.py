@@ -82,9 +82,9 @@ def settle() -> None:
         before = now
 
 
-def printer_of(server: Server) -> str:
-    """Return the key of a printer with faults that are known exactly."""
-    key = Studio(server.address).post("/printers", {"preset": "ender3", "name": "Workshop, the old one"})["id"]
+def printer_of(server: Server, name: str) -> str:
+    """Return the key of a new printer with faults that are known exactly."""
+    key = Studio(server.address).post("/printers", {"preset": "ender3", "name": f"Workshop, {name}"})["id"]
     model = exact_model(Twin.of(FAULTS, read_printer("ender3")).homed())
     write_model(server.folder / "printers" / key / "printer.mend.json", model)
     return str(key)
@@ -172,9 +172,9 @@ def main() -> None:
             page.close()
             for one in PARTS:
                 if one in only:
-                    drop(browser, server, printer_of(server), one, folder)  # its page shows no other part before
+                    drop(browser, server, printer_of(server, one), one, folder)  # its page shows no other part before
             if "uploads" in only:
-                uploads(server, printer_of(server), folder)
+                uploads(server, printer_of(server, "uploads"), folder)
         finally:
             server.stop()
 
