@@ -168,6 +168,27 @@ def test_refusals(folder: Path) -> None:
     assert "edge of the bed" in forced.output
 
 
+def test_a_measurement_of_no_printer_is_refused_though_nothing_was_found(folder: Path) -> None:
+    rng = np.random.default_rng(1)
+    places = rng.uniform(20, 200, (300, 2))
+    rows = np.hstack([places, places + rng.normal(0, 4.0, places.shape)])
+    table = folder / "noise.csv"
+    np.savetxt(table, rows, "%.3f", ",", header="x_mm,y_mm,x_measured_mm,y_measured_mm", comments="")
+    learned = run("learn", table, "--printer", "ender3", "-o", folder / "noise.json")
+    assert "healthy" in learned.output
+    assert "next: put right what the refusal names" in learned.output
+    result = run("mend", folder / "part.gcode", "-m", folder / "noise.json", "-o", folder / "noise.gcode")
+    assert isinstance(result.exception, RefusedError)
+    assert not (folder / "noise.gcode").exists()
+    assert (
+        run(
+            "mend", folder / "part.gcode", "-m", folder / "noise.json", "-o", folder / "noise.gcode", "--force"
+        ).exit_code
+        == 0
+    )
+    assert (folder / "noise.gcode").read_bytes() == (folder / "part.gcode").read_bytes()
+
+
 def test_a_model_that_is_none(folder: Path) -> None:
     (folder / "other.json").write_text("{}")
     assert isinstance(run("mend", folder / "part.gcode", "-m", folder / "other.json").exception, ModelError)

@@ -92,6 +92,8 @@ def command(
         comes = f"next: printmend mend part.gcode -m {name or output} --report part.html"
         if refusals(model.document):
             comes = "next: put right what the refusal names, and learn again; `mend` takes nothing with this model"
+        elif is_healthy(model):
+            comes = "nothing to mend: files stay as they are"
         click.echo(report(model))
-        click.echo("nothing to mend: files stay as they are" if is_healthy(model) else comes)
+        click.echo(comes)
         click.echo(f"written: {output}{replaced}")

@@ -56,8 +56,9 @@ def mend_gcode(
     """Write ``source`` (`-` for the standard input) as the printer of ``model`` must read it to print it right.
 
     ``output`` may be the source itself; None is the standard output. Nothing is written unless all went well. A model
-    without a fault returns the file byte for byte. The plates of a project are prints of their own. ``fineness`` says
-    how far the path may be off, and which firmware reads it. ``watch`` may look on while each program is planned.
+    without a fault that fits its measurement returns the file byte for byte. The plates of a project are prints of
+    their own. ``fineness`` says how far the path may be off, and which firmware reads it. ``watch`` may look on while
+    each program is planned.
 
     Raises `GcodeError` for what cannot be read or was mended before, `ModelError` where the file is not for this
     printer, `RefusedError` where mending would not help and not ``force``.
@@ -67,6 +68,8 @@ def mend_gcode(
         refuse_mended(file)
         planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
         if is_healthy(model):
+            if not force:
+                _refuse_misfit(file, model)
             said = _plan(file, planner, model, progress)
             with _destination(output) as handle, file.path.open("rb") as whole:
                 shutil.copyfileobj(whole, handle, 1 << 20)
@@ -173,11 +176,7 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
         return
     for part in file.parts:
         _refuse_contradiction(part.name, described(*part.hints()), model.printer)
-    if said := refusals(model.document):
-        raise RefusedError(
-            file.name, wanted="a model that fits its own measurement", came=said[0],
-            todo="measure again and learn, or use --force",
-        )  # fmt: skip
+    _refuse_misfit(file, model)
     todo = "print the original, or use --force"
     if prediction.extruding + prediction.unknown == 0:
         raise RefusedError(
@@ -211,6 +210,14 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
 def _is_probe(file: GcodeFile) -> bool:
     """Say whether a file is one of our probes: its dots are printed standing, and lines are all that is judged."""
     return any(find_test_print(*part.hints()) == "probe" for part in file.parts)
+
+
+def _refuse_misfit(file: GcodeFile, model: SavedModel) -> None:
+    if said := refusals(model.document):
+        raise RefusedError(
+            file.name, wanted="a model that fits its own measurement", came=said[0],
+            todo="measure again and learn, or use --force",
+        )  # fmt: skip
 
 
 def _refuse_motionless(file: GcodeFile, prediction: Prediction) -> None:
