@@ -17,6 +17,7 @@ from printmend.export.supported import export_supported
 from printmend.learn.drive import Rows
 from printmend.learn.greybox import motor_rows
 from printmend.measure.distance import scaled_by
+from printmend.measure.paper import PAPER
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import Printer, read_printer
@@ -31,6 +32,7 @@ from printmend.promise.unexplained import unexplained
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
 from printmend.repair.learned import learn_model, report
+from printmend.repair.mend import is_healthy
 from printmend.repair.prediction import advice_of
 from printmend.repair.update import Updated
 from printmend.repair.verify import expectation, update_words, verify
@@ -158,6 +160,16 @@ def test_no_scanner_mends_a_healthy_printer(part: Path) -> None:
         left_out = model.document["promise"]["left_out"]
         assert left_out[0]["part"] == "scale of both axes"
         assert left_out[0]["value"] == pytest.approx(100 * np.trace(stretch) / 2, abs=0.02)
+
+
+def test_a_lens_that_bends_no_more_than_a_photo_does_is_not_mended() -> None:
+    seen = scanned(measured(HEALTHY, 0.002, 3), np.zeros((2, 2)), PAPER)
+    bend_mm = 0.01 * ((seen.commanded_mm - 110) / 100) ** 2
+    model = learn_model(replace(seen, measured_mm=seen.measured_mm + bend_mm), ENDER3)
+    assert is_healthy(model)
+    assert "changing scale" in str(model.document["promise"]["left_out"])
+    bent = learn_model(replace(seen, measured_mm=seen.measured_mm + 20 * bend_mm), ENDER3)
+    assert "scale that changes along the axis" in bent.findings[0]
 
 
 def test_a_scale_that_no_scanner_has_is_mended(part: Path) -> None:

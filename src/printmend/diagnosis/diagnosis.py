@@ -202,7 +202,8 @@ def _rest(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
         x = (motor - branches.middle_mm) / 100.0
         bend = branches.mean.polynomial_mm(x) - np.polyval(np.polyfit(x, branches.mean.polynomial_mm(x), 1), x)
         size = float(np.abs(bend).max())
-        faults.append(_fault(drive, "drift", size, 0.0, f"scale that changes along the axis, up to {size:.2f} mm"))
+        if size >= LEAST_SHOWN_MM:
+            faults.append(_fault(drive, "drift", size, 0.0, f"scale that changes along the axis, up to {size:.2f} mm"))
     if structure.warp_mm:
         bare = replace(branches, warp_mm=np.zeros(0))
         size = float(np.abs(branches.errors_mm(motor)[0] - bare.errors_mm(motor)[0]).max())

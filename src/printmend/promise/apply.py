@@ -302,20 +302,16 @@ def _waves(fit: GreyboxModel, motor: int, values: np.ndarray, instrument: Instru
             values[mask] = 0.0
             part = f"{drive.name.upper()} {word}"
             found.append(LeftOut(part, round(size, 5), instrument.wave_mm, "mm", "no more than the instrument makes"))
-    bent = design.mask("cross")
+    drift, bent = design.mask("mean_powers"), design.mask("cross")
+    drift[design.parts["mean_powers"].start :][:2] = False
     bent[design.parts["cross"]] = [p + q > 1 for p, q in CROSS[: len(design.cross)]]
-    size = float(np.linalg.norm(values[bent]))
-    if 0 < size <= WAVE_FACTOR * instrument.wave_mm:
-        values[bent] = 0.0
-        found.append(
-            LeftOut(
-                f"{drive.name.upper()} bent guides",
-                round(size, 5),
-                instrument.wave_mm,
-                "mm",
-                "no more than the instrument makes",
-            )
-        )
+    line = np.polynomial.Polynomial.fit(motor_mm, changes := mean[:, drift] @ values[drift], 1)
+    sizes = float(np.sqrt(np.mean((changes - line(motor_mm)) ** 2))), float(np.linalg.norm(values[bent]))
+    for mask, size, word in ((drift, sizes[0], "changing scale"), (bent, sizes[1], "bent guides")):
+        if 0 < size <= WAVE_FACTOR * instrument.wave_mm:
+            values[mask] = 0.0
+            part = f"{drive.name.upper()} {word}"
+            found.append(LeftOut(part, round(size, 5), instrument.wave_mm, "mm", "no more than the instrument makes"))
     return found
 
 

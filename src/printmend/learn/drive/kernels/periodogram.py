@@ -4,7 +4,6 @@ import numpy as np
 
 from printmend.jit import entry, inner
 from printmend.learn.drive.kernels.triangular import cholesky
-from printmend.units import TURN_RAD
 
 RIDGE = 1e-9  # share of the equations' trace that is added to their diagonal
 
@@ -37,7 +36,7 @@ def lengths_left(lengths, motor, side, along, fixed, error, weight, harmonics, p
             row[0] = error[n]
             for i in range(given):
                 row[1 + i] = fixed[n, i]
-            angle = motor[n] * (TURN_RAD / lengths[at])
+            angle = motor[n] * (2.0 * np.pi / lengths[at])
             c, s = np.cos(angle), np.sin(angle)
             a, b = c, s
             k = given + 1
