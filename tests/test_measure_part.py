@@ -93,14 +93,14 @@ def test_another_part_and_the_wrong_side_are_named(scanned):
 
 
 def test_a_part_of_thin_walls_is_known_though_they_moved_by_their_width(tmp_path):
-    outer = foreign.star(size=40)
+    outer = foreign.star(size=28)
     text, strokes = foreign.gcode(outer - outer.buffer(-2.2))
     (tmp_path / "ring.gcode").write_text(text)
     picture = foreign.scan(BROKEN.strokes(strokes), np.random.default_rng(3), dpi=300)
     (tmp_path / "ring.jpg").write_bytes(picture)
     measured = measure_part(tmp_path / "ring.jpg", tmp_path / "ring.gcode", PRINTER)
     assert measured.found > 0.9 * measured.walls
-    (tmp_path / "other.gcode").write_text(foreign.gcode(foreign.gear(size=40) - foreign.gear(size=40).buffer(-2.2))[0])
+    (tmp_path / "other.gcode").write_text(foreign.gcode(foreign.gear(size=28) - foreign.gear(size=28).buffer(-2.2))[0])
     with pytest.raises(ScanError, match="the part of this file"):
         measure_part(tmp_path / "ring.jpg", tmp_path / "other.gcode", PRINTER)
     with pytest.raises(ScanError, match="--dpi 300"):

@@ -204,7 +204,7 @@ def test_a_wrong_resolution_is_named(tmp_path, plan, clean, said_dpi):
 
 
 def test_the_plate_of_another_plan_is_refused(tmp_path, plan, printed):
-    other = design_probe(PRINTER, size_mm=75)
+    other = design_probe(PRINTER, size_mm=50)
     scan = render_scan(other.marks_mm, other, dpi=300, degradations=CLEAN, rng=np.random.default_rng(1))
     path = saved(tmp_path / "scan.png", scan.image, dpi=300)
     with pytest.raises(ScanError, match="not they"):

@@ -170,7 +170,7 @@ def test_refusals(folder: Path) -> None:
 
 def test_a_measurement_of_no_printer_is_refused_though_nothing_was_found(folder: Path) -> None:
     rng = np.random.default_rng(1)
-    places = rng.uniform(20, 200, (300, 2))
+    places = rng.uniform(20, 200, (80, 2))
     rows = np.hstack([places, places + rng.normal(0, 4.0, places.shape)])
     table = folder / "noise.csv"
     np.savetxt(table, rows, "%.3f", ",", header="x_mm,y_mm,x_measured_mm,y_measured_mm", comments="")
