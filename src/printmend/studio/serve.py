@@ -32,14 +32,12 @@ def serve(
     """
     remote = None if cluster is None else cast(Cluster, executor(1, cluster))
     token = None if host in LOOPBACK else secrets.token_urlsafe(24)
-    own, routed = socket.gethostname(), _routed()
-    everywhere = (own, f"{own}.local", *_named(own), *routed)
-    hosts = {*LOOPBACK, *names, *(everywhere if host in _EVERYWHERE else (host,))}
+    reached = _everywhere() if host in _EVERYWHERE else [host]
+    hosts = {*LOOPBACK, *names, *reached}
     listener = _listener(host, port)
     threading.Thread(target=_draw_beforehand, daemon=True).start()
     port = listener.getsockname()[1]
-    shown = next(iter((*routed, own))) if host in _EVERYWHERE else host
-    shown = f"[{shown}]" if ":" in shown else shown
+    shown = f"[{reached[0]}]" if ":" in reached[0] else reached[0]
     address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
     told(f"printmend studio: {address}  (Ctrl-C ends it; everything is kept in {folder})")
     if token:
@@ -77,12 +75,13 @@ def _listener(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _named(name: str) -> set[str]:
-    """Return the addresses that this computer has by its own name: on Debian and its kin the loopback's alone."""
-    try:
-        return {str(info[4][0]) for info in socket.getaddrinfo(name, None)}
-    except OSError:
-        return set()
+def _everywhere() -> list[str]:
+    """Return what others may call this computer, the best first: its name alone means the loopback on Debian."""
+    name = socket.gethostname()
+    named: set[str] = set()
+    with contextlib.suppress(OSError):
+        named = {str(info[4][0]) for info in socket.getaddrinfo(name, None)}
+    return [*_routed(), name, f"{name}.local", *named]
 
 
 def _routed() -> list[str]:
