@@ -1,6 +1,7 @@
 """Any printed layer is a measurement, judged by a slicer, a printer and a scanner that share no code with it."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,11 @@ def test_one_part_teaches_how_to_print_another(scanned):
     after = foreign.paired_error(BROKEN, scanned / "star.gcode", scanned / "mended.gcode")
     assert before > 0.12
     assert after < LIMIT_MM
-    again = verify(model, trace)  # the part as it was before mending: the promise does not hold for it
+    with pytest.raises(TraceError, match="the measurement that the model was learned from"):
+        verify(model, trace)
+    assert trace.offset_mm is not None
+    # the part as it was before mending: the promise does not hold for it
+    again = verify(model, replace(trace, offset_mm=trace.offset_mm + 1e-5))
     assert not again.kept
     assert again.now_mm == pytest.approx(again.before_mm, abs=0.03)
 

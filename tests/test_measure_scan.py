@@ -14,7 +14,7 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
 from printmend.measure.image import read_image, write_image
-from printmend.measure.measurement import measure_scans
+from printmend.measure.measurement import SETTLED_AXES, measure_scans
 from printmend.measure.page import exposure
 from printmend.measure.plan import ProbePlan
 from printmend.printer import read_printer
@@ -109,7 +109,7 @@ def test_a_half_turn_says_that_it_cannot_tell_the_axes(tmp_path, plan, printed):
         saved(
             tmp_path / f"scan{turns}.png",
             render_scan(
-                printed, plan, dpi=300, degradations=CLEAN, rng=np.random.default_rng(3), quarter_turns=turns
+                printed, plan, dpi=300, degradations=DEFAULT, rng=np.random.default_rng(3), quarter_turns=turns
             ).image,
             dpi=300,
         )
@@ -150,9 +150,18 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     result = CliRunner().invoke(command, [*arguments, "--overlay", str(tmp_path / "seen.png")], catch_exceptions=False)
     assert "300 dpi" in result.output
     rows = (tmp_path / "trace.csv").read_text().splitlines()
-    assert rows[0] == "x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm,placed,scale_sd,axes_sd,lean_sd,wave_mm"
+    columns = "x_mm,y_mm,x_measured_mm,y_measured_mm,sigma_mm,placed,scale_sd,axes_sd,lean_sd,wave_mm"
+    assert rows[0] == f"{columns},printer,kinematics,probe"
+    assert rows[1].endswith(f"{plan.printer},{plan.kinematics},{plan.origin.probe}")
     assert len(rows) == len(plan.waypoints_mm) + 1
-    assert cv2.imread(str(tmp_path / "seen.png")) is not None
+    seen = cv2.imread(str(tmp_path / "seen.png"))
+    assert "both are ringed in" in result.output
+    assert (seen == (200, 0, 200)).all(axis=2).sum() > 500
+    turned = saved(tmp_path / "turned.png", np.rot90(scan.image), dpi=300)
+    measurement = measure_scans([path, turned], plan)
+    assert f"{turned} is the same picture as {path}: counted once" in " ".join(measurement.notes)
+    assert len((tmp_path / "trace.csv").read_text().splitlines()) == len(rows)
+    assert measurement.instrument.axes_sd > SETTLED_AXES
 
 
 def grey(height: int, width: int, value: int = 200) -> np.ndarray:

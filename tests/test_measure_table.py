@@ -1,5 +1,6 @@
 """trace.csv: what is written is read back, odd tables end in one clear line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ from hypothesis import strategies as st
 
 from printmend.errors import TraceError
 from printmend.measure import read_trace, write_trace
-from printmend.path import Trace
+from printmend.measure.once import counted_once, digest_of
+from printmend.path import Origin, Trace
 from printmend.printer import read_printer
 
 PRINTER = read_printer("ender3")
@@ -69,6 +71,37 @@ def test_written_traces_are_read_back(tmp_path_factory, count, seed, sigma, z, l
             assert theirs is None
         else:
             np.testing.assert_allclose(theirs, ours, atol=5.1e-7)
+
+
+def test_a_table_says_whose_it_is(tmp_path: Path) -> None:
+    """Other models, other own names and other kinematics are other printers; a model with a name of its own may be."""
+    path, (commanded, measured) = tmp_path / "trace.csv", points()
+    measured[3] = np.nan
+    left, right = (replace(PRINTER, name=name) for name in ('left, "old" one', "right one"))
+    ender5, corexy = read_printer("ender5"), read_printer("corexy")
+    for whose, same, others in (
+        (PRINTER, (PRINTER, left), (ender5, corexy, replace(corexy, name="mine"))), (left, (left, PRINTER), (right,)),
+    ):  # fmt: skip
+        origin = Origin(whose.name, whose.kinematics, "0123abcd")
+        write_trace(path, Trace(commanded, measured, homed=True, origin=origin))
+        for printer in same:
+            assert read_trace(path, printer).origin == origin
+        for printer in others:
+            with pytest.raises(TraceError, match=f"got one of {whose.name}"):
+                read_trace(path, printer)
+    np.testing.assert_array_equal(np.isnan(read_trace(path, left).measured_mm), np.isnan(measured))
+
+
+def test_a_copy_counts_once_and_a_second_measurement_twice(rng: np.random.Generator) -> None:
+    commanded, measured = points(40)
+    once = Trace(commanded, measured)
+    twice = Trace(np.vstack([commanded] * 2), np.vstack([measured] * 2))
+    again = Trace(np.vstack([commanded] * 2), np.vstack([measured, measured + rng.normal(0, 1e-4, measured.shape)]))
+    layered = replace(twice, layer=np.repeat([0, 1], len(commanded)))
+    for trace, copies in ((once, 0), (twice, len(commanded)), (again, 0), (layered, 0)):
+        left, count = counted_once(trace)
+        assert (count, len(left), int(left.measured_rows.sum())) == (copies, len(trace), len(trace) - copies)
+    assert digest_of(once) == digest_of(replace(once, measured_mm=np.round(measured, 6))) != digest_of(twice)
 
 
 def test_bom_crlf_spaces_quotes_and_unknown_columns_do_no_harm(tmp_path):

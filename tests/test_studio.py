@@ -568,7 +568,7 @@ _REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.sto
 measure.dots measure.image measure.join measure.page measure.plan measure.ruler measure.scan measure.table
 repair.mend repair.update repair.verify gcode.arcs gcode.bgcode gcode.container gcode.read gcode.threemf printer.convert
 printer.klipper printer.slicer printer.toml probe.layout probe.start probe.tower learn.callipers learn.drive.sight
-learn.greybox.rows learn.greybox.previous saved.model files promise.misfit_rows"""
+learn.greybox.rows learn.greybox.previous saved.model files promise.misfit_rows measure.whose"""
 _OPTIONS = re.compile(r"(?<!\w)--?[a-z]|printmend [a-z]|(probe|mend)\.json|trace\.csv")
 
 
@@ -640,6 +640,7 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     for put in (*order, *(f"the {rows} were in the reversed order" for rows in ("rows", "measured rows"))):
         trace = Trace(np.zeros((1, 2)), np.zeros((1, 2)))
         assert _german(misfit_rows._put_right(trace, put, 1.0).found[0].words), put
+    assert _german(misfit_rows.repeated(trace, 7)[0].words)
     for period in (32.0, 33.3, 40.3):
         turned = SimpleNamespace(name="x", branches=SimpleNamespace(period_mm=period))
         box = SimpleNamespace(drives=(turned,), printer=SimpleNamespace(axes=(SimpleNamespace(mm_per_turn=40.0),)))

@@ -13,8 +13,8 @@ from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore,
 from printmend.errors import ModelError
 from printmend.learn.greybox import remember
 from printmend.measure import ProbePlan
-from printmend.measure.table import write_trace
-from printmend.path import Trace
+from printmend.measure.table import read_trace, write_trace
+from printmend.path import Origin, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.repair.learned import learn_model
@@ -219,6 +219,14 @@ def test_bad_input_ends_in_one_line(old: SavedModel, tmp_path: Path) -> None:
         result = run("learn", tmp_path / "trace2.csv", *arguments, "-o", tmp_path / "new.mend.json")
         assert isinstance(result.exception, ModelError)
         assert "\n" not in str(result.exception)
+    write_trace(tmp_path / "corexy.csv", replace(trace, origin=Origin("CoreXY 300", "corexy")))
+    newer = update(old, read_trace(tmp_path / "trace2.csv", ENDER3), rng=np.random.default_rng(0))
+    write_model(tmp_path / "newer.mend.json", newer.model)
+    result = run("learn", tmp_path / "corexy.csv", "--update", tmp_path / "old.mend.json")
+    assert "got one of CoreXY 300" in str(result.exception)
+    result = run("learn", tmp_path / "trace2.csv", "--update", tmp_path / "newer.mend.json")
+    assert "counted once" in result.output
+    assert read_model(tmp_path / "newer.mend.json").digest == newer.model.digest
     uneven = Corruption((Drive(), Drive(warp=Warp((0.2, -0.1), 30.0, 60.0))))
     with pytest.raises(ModelError, match="uneven belt or guide on Y, which"):
         remember(replace(exact_model(uneven.lower(ENDER3)), learner="hybrid"), 0)

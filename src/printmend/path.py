@@ -115,6 +115,16 @@ FLATBED = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.0
 FLATBED_ANY_TURN = Instrument(scale_sd=0.0013, axes_sd=0.0008, lean_sd=0.0008, wave_mm=0.002)
 
 
+@dataclass(frozen=True)
+class Origin:
+    """Whose print was measured: the ``printer``'s name and ``kinematics``, and which ``probe`` it was, as 8 hexadecimal
+    digits over its plan; empty for a print that is no probe."""
+
+    printer: str
+    kinematics: str = ""
+    probe: str = ""
+
+
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Commanded way-points and where they were measured, in the order of motion.
@@ -127,7 +137,7 @@ class Trace:
     ``instrument`` is what all points share; None for one that nobody described: exact, or for a scan a flatbed.
     A wall shows one direction only: ``normal`` [N, 2] points out of the plastic and ``offset_mm`` [N] is how far along
     it the wall lies from where it was commanded, both NaN where a row has none. What all walls share is no error of the
-    machine: beads are wider than thought, the first layer is squashed.
+    machine: beads are wider than thought, the first layer is squashed. ``origin`` is None where nobody said whose.
     """
 
     commanded_mm: np.ndarray
@@ -141,6 +151,7 @@ class Trace:
     instrument: Instrument | None = None
     normal: np.ndarray | None = None
     offset_mm: np.ndarray | None = None
+    origin: Origin | None = None
 
     def __post_init__(self) -> None:
         for name, dtype in (

@@ -68,6 +68,7 @@ def command(
     spare((output,), (trace, Path(printer_name or "-")))
     rng = np.random.default_rng(seed)
     dated = None if when is None else when.replace(tzinfo=UTC)
+    updated = None
     if old is None:
         printer = read_printer(printer_name or "")
         model = learn_model(read_trace(trace, printer), printer, model=learner, rng=rng)
@@ -84,7 +85,7 @@ def command(
             click.echo(ageing.words, err=as_json)
         click.echo(updated.words, err=as_json)
     write_model(output, model)
-    if output.is_file():
+    if output.is_file() and not (updated is not None and updated.is_known):
         remember_learned(output, model, trace.name, updated=old is not None, when=dated)
     if as_json:
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))

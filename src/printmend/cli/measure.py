@@ -10,7 +10,7 @@ from printmend.cli.number import Finite
 
 if TYPE_CHECKING:
     from printmend.learn.callipers import Estimate
-    from printmend.measure import ProbePlan
+    from printmend.printer import Printer
 
 
 @click.command(
@@ -59,10 +59,10 @@ def command(
         return
     if plan_path is None:
         raise click.UsageError("say what was printed: --probe probe.json, or --gcode part.gcode")
-    plan = read_plan(plan_path)
     if callipers:
-        _measure_by_hand(scans, plan, overlay, printer_name, output)
+        _measure_by_hand(scans, plan_path, overlay, printer_name, output)
         return
+    plan = read_plan(plan_path)
     if not scans:
         raise click.UsageError("SCAN is an image of the printed probe; without a scanner, say --callipers")
     import numpy as np
@@ -86,6 +86,9 @@ def command(
     click.echo(f"{output}: {found} measured marks")
     for note in asked:  # last, where it is read
         click.echo(f"still open: {note}")
+    if asked:
+        where = "both are ringed in" if overlay else "to see both ringed, add --overlay"
+        click.echo(f"{where} {overlay or 'seen.png'}")
 
 
 def _measure_layer(
@@ -114,7 +117,7 @@ def _measure_layer(
 
 
 def _measure_by_hand(
-    files: tuple[Path, ...], plan: "ProbePlan", overlay: Path | None, printer_name: str | None, output: Path
+    files: tuple[Path, ...], plan_path: Path, overlay: Path | None, printer_name: str | None, output: Path
 ) -> None:
     from printmend.learn.calliper_map import draw_map
     from printmend.learn.calliper_talk import talk
@@ -125,12 +128,19 @@ def _measure_by_hand(
         parse_readings,
         read_readings,
     )
+    from printmend.measure import read_plan
+    from printmend.measure.whose import check_origin
+    from printmend.printer import read_printer
 
+    plan = read_plan(plan_path)
+    printer = None if printer_name is None else read_printer(printer_name)
+    if printer is not None:
+        check_origin(plan_path, plan.origin, printer)
     if not files and sys.stdin.isatty():
         distances, readings = talk(plan, input, click.echo, picture=overlay)
         if not len(readings):
             return
-        _say_estimates(estimate(distances, readings), printer_name, output)
+        _say_estimates(estimate(distances, readings), printer, output)
         return
     distances = choose_distances(plan)
     if overlay is not None:
@@ -145,19 +155,17 @@ def _measure_by_hand(
         if not text.strip():
             return
         readings = parse_readings(text, distances, subject="the distances")
-    _say_estimates(estimate(distances, readings), printer_name, output)
+    _say_estimates(estimate(distances, readings), printer, output)
 
 
-def _say_estimates(estimates: "tuple[Estimate, ...]", printer_name: str | None, output: Path) -> None:
+def _say_estimates(estimates: "tuple[Estimate, ...]", printer: "Printer | None", output: Path) -> None:
     from printmend.learn.callipers import mechanism
-    from printmend.printer import read_printer
     from printmend.promise.by_hand import calliper_section
     from printmend.saved import saved_model, write_model
 
     for item in estimates:
         click.echo(str(item))
-    if printer_name is not None:
-        printer = read_printer(printer_name)
+    if printer is not None:
         findings = tuple(str(item) for item in estimates)
         details = {"promise": calliper_section(estimates, printer)}
         made = saved_model(mechanism(estimates, printer), learner="callipers", findings=findings, details=details)

@@ -54,16 +54,25 @@ def is_asking(note: str) -> bool:
     return note.startswith(("the scale is ", "across the ruler "))
 
 
-def asked(plan: ProbePlan, span: tuple[int, int], measured_mm: np.ndarray, dot_mm: float, scale: str) -> str:
-    """Say which distance would settle the ``scale``, which came from where these words say."""
-    across = math.dist(*measured_mm[list(span)]) + dot_mm
-    one, other = (f"dot {at} (X{plan.marks_mm[at, 0]:.0f} Y{plan.marks_mm[at, 1]:.0f})" for at in span)
+def asked(plan: ProbePlan, span: tuple[int, int], across_mm: float, scale: str) -> str:
+    """Say which distance, of about ``across_mm``, would settle the ``scale``, which came from where these words say."""
+    one, other = (
+        f"dot {at} ({side_of(plan, at)}, X{plan.marks_mm[at, 0]:.0f} Y{plan.marks_mm[at, 1]:.0f})" for at in span
+    )
     if len(plan.sheets) > 1:
         other += f" of sheet {plan.sheet_of[span[0]] + 1}"
     return (
         f"{open_scale(scale)} from {one} to {other}, outer edges, and give what the callipers show as --distance "
-        f"(about {across:.0f} mm)"
+        f"(about {across_mm:.0f} mm)"
     )
+
+
+def side_of(plan: ProbePlan, mark: int) -> str:
+    """Say where on its plate a mark lies, as one stands before the printer: "back right", "middle"."""
+    marks = plan.marks_mm[plan.sheet_of == plan.sheet_of[mark]]
+    low, high = marks.min(axis=0), marks.max(axis=0)
+    third = np.clip(3 * (plan.marks_mm[mark] - low) / np.maximum(high - low, 1e-9), 0, 2).astype(int)
+    return " ".join(filter(None, (("front", "", "back")[third[1]], ("left", "", "right")[third[0]]))) or "middle"
 
 
 def scaled_by(

@@ -1,5 +1,6 @@
 """Scans of one print, put together: the scanner's own axes removed, every mark with its standard deviation."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.measure.distance import asked, choose_span, scaled_by, scaled_by_rulers
+from printmend.measure.identity import SYMMETRIES
 from printmend.measure.image import with_legend, write_image
 from printmend.measure.join import aligned, check_sheets, joined, mean_of, scanner_axes, shared_number
 from printmend.measure.plan import ProbePlan, read_plan
@@ -20,21 +22,25 @@ from printmend.units import MM_PER_INCH
 SETTLED_AXES = 1e-4  # what two turns of the plate leave open of the scanner's axes
 JOINED = 0.85  # of all marks: where a scan shows fewer, each shows a part of the print
 DISAGREEMENT = 6.0  # standard deviations between two scans of one mark: one of them saw dirt
+SAME_PX, LEAST_MARKS = 5e-3, 10  # between the dots of two pictures, no more: one picture; marks that tell it
 OVERLAY_PX = 3000  # of the longer side of the picture that shows what was found
 ENLARGED = (1, 2, 5, 10, 20, 50)
-FOUND, MISSING, ERROR, RULER = (60, 170, 60), (40, 40, 230), (230, 120, 30), (170, 30, 150)
+FOUND, MISSING, ERROR, RULER, ASKED = (60, 170, 60), (40, 40, 230), (230, 120, 30), (170, 30, 150), (200, 0, 200)
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
     """Measured marks [M, 2] in the bed's frame, NaN where missing; ``sigma_mm`` [M]; ``notes`` for the owner; how far
-    the ``instrument`` is to be trusted, x and y those of the bed."""
+    the ``instrument`` is to be trusted, x and y those of the bed; ``asked`` are the two marks whose distance would
+    settle the scale, None where nothing is asked, and ``asked_mm`` is about how far apart their outer edges are."""
 
     plan: ProbePlan
     measured_mm: np.ndarray
     sigma_mm: np.ndarray
     notes: tuple[str, ...]
     instrument: Instrument
+    asked: tuple[int, int] | None = None
+    asked_mm: float = 0.0
 
     @property
     def missing(self) -> np.ndarray:
@@ -73,34 +79,71 @@ def _measured(
     paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, overlay: Path | None, distance_mm: float | None,
     look: Callable[[Reading], None] | None,
 ) -> Measurement:  # fmt: skip
+    drawn: list[Reading] = []
+    wanted, wanted_mm = None, 0.0
+    try:
+        readings, notes = _readings(paths, plan, dpi, look, None if overlay is None else drawn)
+        measured, sigma, instrument, said = _on_bed(readings, plan)
+        notes += said
+        kept = "the x axis keeps its direction" if plan.kinematics == "cartesian" else "the motors share the turn"
+        notes.append(f"position and turn are those that fit the commanded marks best ({kept})")
+        span = choose_span(plan, measured)
+        if span is not None:
+            widths = [_of_marks(_widths(reading), plan.sheet_of == reading.sheet) for reading in readings]
+            widths_mm = mean_of(np.stack(widths))
+            dots_mm = widths_mm[list(span)] if distance_mm is not None else np.zeros(2)
+            if distance_mm is not None:
+                measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
+                notes.append(note)
+            elif not any(reading.rulers for reading in readings):
+                wanted, wanted_mm = span, math.dist(*measured[list(span)]) + float(plan.big_dot_mm)
+                notes.append(asked(plan, span, wanted_mm, readings[0].scale))
+    finally:  # also where a later scan cannot be read
+        if overlay is not None and drawn:
+            own = np.flatnonzero(plan.sheet_of == drawn[0].sheet).tolist()
+            shown = wanted is not None and own.count(wanted[0]) + own.count(wanted[1]) == 2
+            draw_overlay(overlay, drawn[0], tuple(map(own.index, wanted)) if wanted and shown else ())
+    if plan.pen:  # a circle says where the pen went round, not where it came to rest
+        measured[plan.big], sigma[plan.big] = np.nan, np.nan
+    return Measurement(plan, measured, sigma, tuple(notes), instrument, wanted, wanted_mm)
+
+
+def _readings(
+    paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, look: Callable[[Reading], None] | None,
+    drawn: list[Reading] | None,
+) -> tuple[list[Reading], list[str]]:  # fmt: skip
+    """Return what the scans say, without their images, and a note for each; ``drawn`` takes the first, image and all.
+
+    A picture that was named twice is counted once.
+    """
     readings: list[Reading] = []
     notes: list[str] = []
     for path in paths:
         reading = read_scan(path, plan, dpi=dpi, whole=len(paths) == 1)
-        if overlay is not None and not readings:
-            draw_overlay(overlay, reading)
+        if (same := next((one for one in readings if is_same_picture(one, reading)), None)) is not None:
+            notes.append(f"{path} is the same picture as {same.path}: counted once. Lay the print anew for each scan")
+            continue
+        if drawn is not None and not readings:
+            drawn.append(reading)
         if look is not None and not readings:
             look(reading)
         # the pixels of one scan at a time
         readings.append(_without_image(reading))
         notes.append(_described(reading, several=len(plan.sheets) > 1))
-    measured, sigma, instrument, said = _on_bed(readings, plan)
-    notes += said
-    kept = "the x axis keeps its direction" if plan.kinematics == "cartesian" else "the motors share the turn"
-    notes.append(f"position and turn are those that fit the commanded marks best ({kept})")
-    span = choose_span(plan, measured)
-    if span is not None:
-        widths = [_of_marks(_widths(reading), plan.sheet_of == reading.sheet) for reading in readings]
-        widths_mm = mean_of(np.stack(widths))
-        dots_mm = widths_mm[list(span)] if distance_mm is not None else np.zeros(2)
-        if distance_mm is not None:
-            measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
-            notes.append(note)
-        elif not any(reading.rulers for reading in readings):
-            notes.append(asked(plan, span, measured, float(plan.big_dot_mm), readings[0].scale))
-    if plan.pen:  # a circle says where the pen went round, not where it came to rest
-        measured[plan.big], sigma[plan.big] = np.nan, np.nan
-    return Measurement(plan, measured, sigma, tuple(notes), instrument)
+    return readings, notes
+
+
+def is_same_picture(one: Reading, other: Reading) -> bool:
+    """Say whether two readings are of one picture, saved twice, turned by quarters or mirrored: no print is laid down
+    twice at one angle to a ten-thousandth of a degree, nor read twice without noise."""
+    if one.sheet != other.sheet:
+        return False
+    both = one.marks.found & other.marks.found
+    ours, theirs = (each.dots.centre_px[each.marks.match.dot[both]] for each in (one, other))
+    if len(ours) < LEAST_MARKS:
+        return False
+    apart_px = [theirs - ours @ turn for turn in SYMMETRIES]
+    return min(float(np.sqrt(np.mean((one - one.mean(axis=0)) ** 2))) for one in apart_px) < SAME_PX
 
 
 def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, np.ndarray, Instrument, list[str]]:
@@ -202,8 +245,9 @@ def image_px(reading: Reading, bed_mm: np.ndarray) -> np.ndarray:
     return np.hstack([image_mm, np.ones((len(image_mm), 1))]) @ affine
 
 
-def draw_overlay(path: Path, reading: Reading) -> None:
-    """Draw found marks as rings, missing ones as crosses, and the error of each mark as a line, enlarged to be seen."""
+def draw_overlay(path: Path, reading: Reading, asked: tuple[int, ...] = ()) -> None:
+    """Draw found marks as rings, missing ones as crosses, the error of each mark as a line, enlarged to be seen, and
+    the two marks whose distance is ``asked`` for, joined."""
     factor = min(1.0, OVERLAY_PX / max(reading.image.shape[:2]))
     picture = cv2.resize(reading.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     plan, found = reading.plan, reading.marks.found
@@ -228,6 +272,10 @@ def draw_overlay(path: Path, reading: Reading) -> None:
         else:
             place = (wanted[mark] // 16).tolist()
             cv2.drawMarker(picture, place, MISSING, cv2.MARKER_TILTED_CROSS, int(2 * scale) + 3, 2 * thick)
+    two = at[list(asked)] if asked and found[list(asked)].all() else at[:0]
+    for place in two:
+        cv2.circle(picture, place.tolist(), int(0.45 * plan.pitch_mm * scale * 16), ASKED, 3 * thick, cv2.LINE_AA, 4)
+    cv2.polylines(picture, [two], False, ASKED, 2 * thick, cv2.LINE_AA, 4)
     for ruler in reading.rulers:
         corners = np.rint((ruler.corners_mm / reading.mm_per_px * factor) * 16).astype(int)
         cv2.polylines(picture, [corners], True, RULER, 2 * thick, cv2.LINE_AA, 4)
@@ -237,6 +285,7 @@ def draw_overlay(path: Path, reading: Reading) -> None:
         (f"found: {int(found.sum())} of {len(found)} dots", FOUND),
         (f"how far each lies off, {shown}", ERROR),
         *([(f"not found: {lost}", MISSING)] if lost else []),
+        *([("measure across these two with callipers", ASKED)] if len(two) else []),
         *((f"ruler: {ruler.lines} lines, {ruler.length_mm:.0f} mm", RULER) for ruler in reading.rulers),
     ]
     picture = with_legend(picture, items)

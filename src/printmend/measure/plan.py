@@ -4,6 +4,7 @@ A *mark* is a round dot of plastic extruded while the nozzle stands still on one
 would be biased along its direction by the pressure in the nozzle, which looks like play; a dot has no direction.
 """
 
+import hashlib
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,10 +15,11 @@ import numpy as np
 
 from printmend.errors import InputError
 from printmend.files import read_text, replacing
-from printmend.path import Trace, frozen
+from printmend.path import Origin, Trace, frozen
 
 FORMAT, VERSION = "printmend probe", 1
 LEAST_SHARED = 25  # marks on two scans that join them
+_DIGITS = 8  # of a plan's identity
 _TODO = "write it again with `printmend probe`"
 
 
@@ -105,6 +107,12 @@ class ProbePlan:
             big=self.big[mine], direction=self.direction[mine], reversal_mm=self.reversal_mm[mine], starts=(0,),
         )  # fmt: skip
 
+    @cached_property
+    def origin(self) -> Origin:
+        """Whose print it is, and which."""
+        digest = hashlib.sha256(plan_text(self).encode()).hexdigest()[:_DIGITS]
+        return Origin(self.printer, self.kinematics, digest)
+
     @property
     def diameter_mm(self) -> np.ndarray:
         """Intended diameters of the marks [M]."""
@@ -118,7 +126,9 @@ class ProbePlan:
         if sigma_mm is not None:
             sigma = np.full(len(self.waypoints_mm), np.nan)
             sigma[self.rows] = sigma_mm
-        return Trace(self.waypoints_mm, measured, sigma_mm=sigma, homed=True, placed=False)
+        return Trace(
+            self.waypoints_mm, measured, sigma_mm=sigma, homed=True, placed=False, origin=self.origin
+        )  # fmt: skip
 
 
 def approaches(waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

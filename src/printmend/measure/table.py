@@ -5,7 +5,8 @@ commanded way-point in the order of motion since homing, the first row the home 
 rows, the measured cells empty where nothing was measured. ``z_mm``, ``z_measured_mm``, ``layer`` and ``sigma_mm`` are
 used where present; ``placed`` is 0 where the measured positions have an origin of their own, as a scan's. ``scale_sd``,
 ``axes_sd``, ``lean_sd`` and ``wave_mm``, the same in every row, say how far the instrument is to be trusted (see
-`Instrument`), and ``scale_axes``, ``scale_lean`` and ``axes_lean`` how these hang together. A wall shows one direction
+`Instrument`), and ``scale_axes``, ``scale_lean`` and ``axes_lean`` how these hang together; ``printer``,
+``kinematics`` and ``probe`` say whose print it was (see `Origin`). A wall shows one direction
 only: its row has empty measured cells, the direction out of the plastic in ``nx`` and ``ny``, and in ``offset_mm`` how
 far along it the wall lies from where it was commanded. Other columns are ignored.
 """
@@ -21,7 +22,8 @@ import numpy as np
 from printmend.errors import TraceError
 from printmend.files import replacing
 from printmend.measure.axes import AXES_TODO, wrong_axes
-from printmend.path import Instrument, Trace
+from printmend.measure.whose import check_origin
+from printmend.path import Instrument, Origin, Trace
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
@@ -31,6 +33,7 @@ PLACED = "placed"
 WALL = ("nx", "ny", "offset_mm")
 INSTRUMENT = ("scale_sd", "axes_sd", "lean_sd", "wave_mm")
 TOGETHER = ("scale_axes", "scale_lean", "axes_lean")  # correlations of the first three, once one length is known
+ORIGIN = ("printer", "kinematics", "probe")
 KNOWN = (*REQUIRED, *OPTIONAL, *WALL, PLACED, *INSTRUMENT, *TOGETHER)
 _ROUNDED = -1e-5  # least eigenvalue of correlations that were written with six digits
 _MOST_DOUBT = 0.5  # of an instrument: one that is less sure of a length measures nothing
@@ -50,11 +53,12 @@ _EMPTY_TEXT = b"-9.25e303"  # stands for an empty cell while numbers are read; n
 def read_trace(path: str | Path, printer: Printer) -> Trace:
     """Read a trace.csv; ``printer`` gives the bed that the points must lie on.
 
-    Raises `TraceError` for a missing or text cell, NaN, infinity, a wrong unit, too few points and points far
-    outside the bed.
+    Raises `TraceError` for a missing or text cell, NaN, infinity, a wrong unit, too few points, points far outside
+    the bed and a table that says that it is another printer's.
     """
     path = Path(path)
-    names, columns = _table(path)
+    names, columns, origin = _table(path)
+    check_origin(path, origin, printer)
     commanded = np.stack([columns["x_mm"], columns["y_mm"]], axis=1)
     measured = np.stack([columns["x_measured_mm"], columns["y_measured_mm"]], axis=1)
     _check_values(path, names, columns)
@@ -83,6 +87,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
         instrument=_instrument(path, columns),
         normal=normal,
         offset_mm=offset,
+        origin=origin,
     )
 
 
@@ -148,15 +153,25 @@ def write_trace(path: str | Path, trace: Trace) -> None:
         names += said
         columns += [np.full(len(trace), getattr(trace.instrument, name)) for name in said]
     row = ",".join("%d" if name in ("layer", PLACED) else "%.6f" for name in names) + "\n"
+    end = "\n"
+    if trace.origin is not None:  # the same in every row
+        names += ORIGIN
+        end = "".join(f",{_quoted(text)}" for text in vars(trace.origin).values()) + end
     with replacing(Path(path)) as file:
         file.write(",".join(names) + "\n")
         for first in range(0, len(trace), 100_000):
             block = zip(*(column[first : first + 100_000].tolist() for column in columns), strict=True)
-            file.write("".join([row % cells for cells in block]).replace("nan", ""))
+            file.write("".join([row % cells for cells in block]).replace("nan", "").replace("\n", end))
 
 
-def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
-    """Return the header's names and the known columns [N], NaN where a cell is empty."""
+def _quoted(text: str) -> str:
+    """Return a cell that holds text."""
+    text = " ".join(text.split()).replace('"', '""')
+    return f'"{text}"' if "," in text or '"' in text else text
+
+
+def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None]:
+    """Return the header's names, the known columns [N], NaN where a cell is empty, and whose print it was."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:
@@ -182,7 +197,17 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray]]:
             came="no rows",
             todo="add the measured points",
         )
-    return names, {name: values[:, i] for i, name in enumerate(wanted)}
+    return names, {name: values[:, i] for i, name in enumerate(wanted)}, _origin(names, rest)
+
+
+def _origin(names: list[str], rows: bytes) -> Origin | None:
+    """Return whose print the first row says that it was, None where it says nothing."""
+    if ORIGIN[0] not in names:
+        return None
+    line = rows.lstrip(b"\n").partition(b"\n")[0].decode()
+    said = dict(zip(names, next(csv.reader([line]), []), strict=False))
+    origin = Origin(*(said.get(name, "").strip() for name in ORIGIN))
+    return origin if origin.printer else None
 
 
 def _check_header(path: Path, names: list[str], line: str) -> None:

@@ -22,7 +22,7 @@ from printmend.measure.table import AT_HOME_MM
 from printmend.metrics.shape import nearest, spacing
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.promise.misfit import WARNING, Misfit
+from printmend.promise.misfit import NOTE, WARNING, Misfit
 
 LEAST_ROWS = 24  # measured rows
 LEAST_SPREAD_MM = 20.0  # spread of the places below which nothing is looked for
@@ -46,6 +46,15 @@ class InOrder:
 
     trace: Trace
     found: tuple[Misfit, ...] = ()
+
+
+def repeated(trace: Trace, copies: int) -> tuple[Misfit, ...]:
+    """Return what is to be said of so many ``copies`` of a trace's rows that were left out."""
+    if not copies:
+        return ()
+    every = copies + int(trace.measured_rows.sum() + trace.wall_rows.sum())
+    words = f"{copies} of {every} measured rows are copies of others to the last digit: a table that was pasted or "
+    return (Misfit("rows-repeated", NOTE, 0.0, 0.0, f"{words}exported twice. Each is counted once"),)
 
 
 def in_order(trace: Trace, printer: Printer) -> InOrder:

@@ -16,12 +16,14 @@ from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
 from printmend.learn.hybrid import HybridModel, with_residuals
 from printmend.learn.walls import with_walls
 from printmend.machine import Frame, Mechanism, healthy_mechanism, healthy_transmission
+from printmend.measure.once import counted_once, digest_of
+from printmend.measure.whose import check_origin
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import acting
 from printmend.promise.effects import Effect
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
-from printmend.promise.misfit_rows import in_order
+from printmend.promise.misfit_rows import in_order, repeated
 from printmend.promise.misfit_tests import IN_TIME, as_printed, causes_of, effects_of, found_in, of_the_end
 from printmend.promise.scale import scale_words
 from printmend.promise.section import instrument_scatter_mm, promise_section, residual_section
@@ -36,6 +38,7 @@ FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's i
 MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
 ROUND = 2**0.5  # a distance on the bed has two coordinates
 LEAST_POWER_MM = 1e-9  # of a scale that does not act: what rounding leaves of it
+DIGESTS = "measurements"  # the document's key of what tells the measurements that it was learned from
 Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
 _TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights, shows the rest: see docs/owners.md."
 _PROBE_TODO = "`printmend probe` writes a print that shows all of it."
@@ -75,7 +78,11 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
 
 def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> Learned:
     name = "hybrid" if model == AUTO else model
+    check_origin("the measurement", trace.origin, printer)
+    digests = (digest_of(trace),)
+    trace, copies = counted_once(trace)
     ordered = in_order(near_bed(with_walls(trace, printer)), printer)
+    ordered = replace(ordered, found=(*repeated(trace, copies), *ordered.found))
     trace = ordered.trace
     fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
     moved: tuple[Misfit, ...] = ()
@@ -105,7 +112,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         fit = _completed(fit, flat, printer, model, rng) if is_whole else fit
         # what is too small to be said is not worth a model that a second print cannot bring up to date
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
-        more = {"misfit": misfit_section((*ordered.found, *moved, *misfits), effects)}
+        more = {"misfit": misfit_section((*ordered.found, *moved, *misfits), effects), DIGESTS: list(digests)}
         saved = greybox_model(box, flat, hybrid=hybrid, more=more, explained_mm=explained)
         if found is not None and not found.is_silent:
             saved = told(saved, found, found.series, trace)
@@ -324,6 +331,12 @@ def _unshifted(
         if len(powers) and np.abs(powers[1:]).max(initial=0.0) < LEAST_POWER_MM and alone.is_healthy:
             kept[motor], tables[motor] = alone, healthy_transmission(mechanism.printer, motor)
     return replace(mechanism, transmissions=(tables[0], tables[1])), (kept[0], kept[1])
+
+
+def known_digests(model: SavedModel) -> tuple[str, ...]:
+    """Return the digests of the measurements that a model was learned from, where it says them."""
+    digests = model.document.get(DIGESTS)
+    return tuple(map(str, digests)) if isinstance(digests, list) else ()
 
 
 def findings(diagnosis: Diagnosis) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from printmend.measure.ruler import Ruler, find_rulers
 from printmend.measure.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.measure.walls import Walls, read_walls
 from printmend.measure.width import choose_widths, scaled_by_widths, widths_asked
-from printmend.path import Trace
+from printmend.path import Origin, Trace
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
@@ -108,7 +108,7 @@ def measure_part(
         *(*ruled, asked),
     )
     sigma = np.full(len(walls.row), float(np.clip(fit.sigma_mm, EDGE_SIGMA_MM, 1.0)))
-    trace = replace(walls.trace(offset, sigma), instrument=instrument)
+    trace = replace(walls.trace(offset, sigma), instrument=instrument, origin=Origin(printer.name, printer.kinematics))
     return PartMeasurement(trace, tuple(filter(None, notes)), len(walls.row), found)
 
 

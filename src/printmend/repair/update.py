@@ -38,12 +38,15 @@ from printmend.learn.greybox import (
 )
 from printmend.learn.walls import with_walls
 from printmend.machine.mechanism import Mechanism
+from printmend.measure.once import counted_once, digest_of
+from printmend.measure.whose import check_origin
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.misfit import NOTE, Misfit, misfit_section
+from printmend.promise.misfit_rows import repeated
 from printmend.promise.misfit_tests import UNSEEN, causes_of, effects_of, found_in
 from printmend.repair.history import Ageing
-from printmend.repair.learned import greybox_model
+from printmend.repair.learned import DIGESTS, greybox_model, known_digests
 from printmend.repair.screw_update import screw_changes, seen_screw, with_seen_screw
 from printmend.saved.model import SavedModel
 
@@ -77,15 +80,19 @@ class Change:
 
 @dataclass(frozen=True, eq=False)
 class Updated:
-    """The new model, what changed, and the motors that had to be learned anew."""
+    """The new model, what changed, and the motors that had to be learned anew; ``is_known`` where the model was learned
+    from this measurement, and stays as it was."""
 
     model: SavedModel
     changes: tuple[Change, ...]
     anew: tuple[str, ...]
+    is_known: bool = False
 
     @property
     def words(self) -> str:
         """Say what changed."""
+        if self.is_known:
+            return "the model was learned from this very measurement: it is counted once, and nothing changes"
         rows = [change.words for change in self.changes]
         rows += [f"{name} is not the one that the old model knew: learned anew" for name in self.anew]
         return "\n".join(rows or ["nothing changed by more than this trace can tell"])
@@ -95,12 +102,18 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
     """Update ``old`` with a trace of the same printer, which may be small.
 
     ``ageing`` says how long ago the old measurement was, and what was seen of wear: the older, the less it weighs.
-    Raises `ModelError` for a model that is not a grey box, `TraceError` like `learn`.
+    A measurement that the model was learned from is counted once: it changes nothing. Raises `ModelError` for a model
+    that is not a grey box, `TraceError` like `learn`.
     """
+    check_origin("the measurement", trace.origin, old.printer)
+    digest = digest_of(trace)
+    if digest in known_digests(old):
+        return Updated(old, (), (), is_known=True)
     with threadpool_limits(1, user_api="blas"):
+        trace, copies = counted_once(trace)
         trace = with_walls(trace, old.printer)
         screw = seen_screw(old, trace)
-        updated = _updated(old, screw.trace, rng, ageing)
+        updated = _updated(old, screw.trace, rng, ageing, digest, repeated(trace, copies))
         changes = tuple(
             Change("Z", words=f"Z {one['kind']} was {one['before']:.3f}, is {one['now']:.3f} {one['unit']}", **one)
             for one in screw_changes(old, screw)
@@ -120,7 +133,10 @@ def same_machine(old: SavedModel, printer: Printer) -> None:
         )  # fmt: skip
 
 
-def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator, ageing: Ageing | None) -> Updated:
+def _updated(
+    old: SavedModel, trace: Trace, rng: np.random.Generator, ageing: Ageing | None, digest: str,
+    said: tuple[Misfit, ...],
+) -> Updated:  # fmt: skip
     printer = old.printer
     past = [remember(old, motor) for motor in range(2)]
     prior = past
@@ -163,7 +179,8 @@ def _updated(old: SavedModel, trace: Trace, rng: np.random.Generator, ageing: Ag
     found = found_in(fit, trace, causes)
     if not any(anew):  # the old print's places stay seen, however small the new one is
         found = (*(each for each in found if each.kind != UNSEEN), *_never_seen(old))
-    details["misfit"] = misfit_section(found, effects)
+    details["misfit"] = misfit_section((*said, *found), effects)
+    details[DIGESTS] = [*known_digests(old), digest]
     gaps = [gap for gap in old.findings[1:] if not any(gap.startswith(f"{name} ") for name in names)]
     return Updated(
         greybox_model(

@@ -14,13 +14,15 @@ from printmend.diagnosis.screw import heights_mm
 from printmend.errors import ModelError, TraceError
 from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
+from printmend.measure.once import digest_of
+from printmend.measure.whose import check_origin
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.promise.budget import Budget, parse_budget
 from printmend.promise.predict import Errors, Outlook, Promise, promised
 from printmend.promise.predict import Path as Places
 from printmend.repair.history import remember
-from printmend.repair.learned import ROUND
+from printmend.repair.learned import ROUND, known_digests
 from printmend.repair.update import Updated, update
 from printmend.saved import SavedModel
 
@@ -81,13 +83,19 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     """Compare a measured check print, whose G-code was mended with ``model``, with what the model promised.
 
     ``trace`` has the places that were wanted as commanded ones. Raises `TraceError` for fewer than ten marks,
-    `ModelError` for a model that promises nothing.
+    another printer's and those that the model was learned from, `ModelError` for a model that promises nothing.
     """
     budget = parse_budget(model)
     if budget is None:
         raise ModelError(
             "the model", wanted="one that says what it does not know", came="one of an older printmend or learner",
             todo="learn it again from its trace",
+        )  # fmt: skip
+    check_origin("the check print", trace.origin, model.printer)
+    if digest_of(trace) in known_digests(model):
+        raise TraceError(
+            "the check print", wanted="a print that was mended", came="the measurement that the model was learned from",
+            todo="mend the test print, print it, and measure that one",
         )  # fmt: skip
     trace = with_walls(trace, model.printer)
     known = np.flatnonzero(trace.measured_rows)

@@ -9,7 +9,7 @@ from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program, read_gcode
 from printmend.machine.mechanism import Mechanism
 from printmend.measure.plan import ProbePlan
-from printmend.path import Trace
+from printmend.path import Origin, Trace
 from printmend.twin.twin import Twin
 
 _CHORD_MM, _FINE_CHORD_MM = 0.01, 0.005
@@ -75,6 +75,7 @@ def print_gcode(
         layer=np.concatenate([[-1], layer]),
         homed=True,
         z_measured_mm=z_measured_mm,
+        origin=Origin(twin.printer.name, twin.printer.kinematics),
     )
 
 

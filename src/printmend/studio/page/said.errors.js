@@ -19,6 +19,15 @@ export default [
   ["trace.csv", "die Tabelle", "the table"],
   ["learn", "Lernen"],
 
+  ["the measurement", "die Messung"],
+  ["the check print", "der Prüfdruck"],
+  ["a measurement of {a}", "eine Messung von {a}"],
+  ["one of {a}", "eine von {a}"],
+  ["take that printer; if it is this one under another name, correct the name in the table's column printer", "Jenen Drucker nehmen; ist es dieser unter anderem Namen, den Namen in der Spalte printer der Tabelle berichtigen"],
+  ["a print that was mended", "ein geheilter Druck"],
+  ["the measurement that the model was learned from", "die Messung, aus der das Modell gelernt ist"],
+  ["mend the test print, print it, and measure that one", "Den Testdruck heilen, drucken und diesen messen"],
+
   // whole sentences
   ["the job took too long; give a smaller file, or try again", "Der Auftrag dauerte zu lange: eine kleinere Datei nehmen, oder es noch einmal versuchen."],
   ["the job ran out of memory or was killed; give a smaller file, or try again", "Dem Auftrag ging der Speicher aus, oder er wurde beendet: eine kleinere Datei nehmen, oder es noch einmal versuchen."],

@@ -1,0 +1,58 @@
+"""A measurement is counted once: rows that repeat others to the last digit, and a table that a model knows already.
+
+Two measurements of one place differ by the noise of each. A second paste or export of a table does not; where the
+measurement has no noise at all, a repeated row tells nothing that the first did not.
+"""
+
+import hashlib
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.path import Trace
+
+LEAST_ROWS = 10  # rows that are called repeated
+LEAST_SHARE = 0.45  # of the measured rows: of a table that was pasted twice nearly half are copies
+_DIGITS = 16  # of a digest
+
+
+def counted_once(trace: Trace) -> tuple[Trace, int]:
+    """Return the trace with copies of measured rows left unmeasured, and how many there were.
+
+    The commanded motion stays: what was a copy is passed without being measured. Nothing is changed where fewer rows
+    are copies than a second paste makes.
+    """
+    seen = np.flatnonzero(np.isfinite(_measured(trace)).any(axis=1))
+    columns = np.nan_to_num(_everything(trace)[seen], nan=-1e6)
+    # one number a row: of equal rows equal, of others not, but for one chance in 10¹²
+    key = columns @ np.random.default_rng(0).standard_normal(columns.shape[1])
+    first = np.unique(key, return_index=True)[1]
+    copies = np.delete(seen, first)
+    if len(copies) < max(LEAST_ROWS, LEAST_SHARE * len(seen)):
+        return trace, 0
+    left = {}
+    for name in ("measured_mm", "z_measured_mm", "normal", "offset_mm"):
+        if (values := getattr(trace, name)) is not None:
+            left[name] = values.copy()
+            left[name][copies] = np.nan
+    return replace(trace, **left), len(copies)
+
+
+def digest_of(trace: Trace) -> str:
+    """Return hexadecimal digits over what was commanded and measured, to the nanometre."""
+    whole_nm = np.rint(np.nan_to_num(_everything(trace), nan=-1e6) * 1e6).astype(np.int64)
+    return hashlib.sha256(whole_nm.tobytes()).hexdigest()[:_DIGITS]
+
+
+def _measured(trace: Trace) -> np.ndarray:
+    """Return all that was measured [N, ≥ 2], NaN where nothing was."""
+    return _side_by_side(trace.measured_mm, trace.z_measured_mm, trace.offset_mm)
+
+
+def _everything(trace: Trace) -> np.ndarray:
+    """Return commands and measurements [N, ≥ 4]."""
+    return _side_by_side(trace.commanded_mm, trace.z_mm, trace.layer, trace.normal, _measured(trace))
+
+
+def _side_by_side(*columns: np.ndarray | None) -> np.ndarray:
+    return np.column_stack([values for values in columns if values is not None])
