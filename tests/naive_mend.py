@@ -106,6 +106,8 @@ class Machine:
             self.motion = code
             if values:
                 self.move(code, values, line)
+        elif code == "G5":
+            self.curve(values, line)
         elif code in ("G90", "G91"):
             self.relative = code == "G91"
             if values:
@@ -126,6 +128,23 @@ class Machine:
                     self.shift[a] = self.position[a] - values["XYZ"[a]] * self.unit
             if "E" in values:
                 self.e = values["E"] * self.unit
+
+    def curve(self, values: dict[str, float], line: int) -> None:
+        """Marlin's cubic curve in 500 straight moves, by de Casteljau."""
+        start = np.array(self.position)
+        self.move("G1", values, line)
+        whole, end = self.moves.pop(), np.array(self.position)
+        i, j, p, q = (values.get(letter, 0.0) * self.unit for letter in "IJPQ")
+        third = (end - start) / 3
+        points = [start, start + np.array([i, j, third[2]]), end + np.array([p, q, -third[2]]), end]
+        before = tuple(start)
+        for t in np.arange(1, 501) / 500:
+            row = points
+            while len(row) > 1:
+                row = [a + t * (b - a) for a, b in itertools.pairwise(row)]
+            after = tuple(float(v) for v in row[0])
+            self.moves.append(Move(before, after, whole.filament / 500, self.feed, line))
+            before = after
 
     def move(self, code: str, values: dict[str, float], line: int) -> None:
         start = tuple(self.position)

@@ -220,3 +220,34 @@ def test_the_short_way_does_what_the_general_way_does(lines, mode):
     np.testing.assert_array_equal(
         short["flags"] & ~np.uint32(k.FLAG_PLAIN | k.FLAG_SPACED), general["flags"] & ~np.uint32(k.FLAG_SPACED)
     )
+
+
+def test_a_curve_is_cut_into_chords_that_stay_near_it() -> None:
+    """Their ends lie on Marlin's curve, E and height go with its parameter, and a chord is off by 5 µm at the most."""
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        start, end, first, second = np.round(rng.uniform(-60, 60, (4, 2)), 3)
+        records = records_of(
+            f"G28\nG1 X{start[0]} Y{start[1]}\nG5 X{end[0]} Y{end[1]} Z1 E5 I{first[0]} J{first[1]} "
+            f"P{second[0]} Q{second[1]} F900 ; G5\nG5 X0 Y0 I1 J1\n"
+        )
+        chords, last = records[2:-1], records[-1]
+        assert (chords["kind"] == k.KIND_LINEAR).all()
+        assert (last["kind"], last["event"]) == (k.KIND_EVENT, k.EVENT_SPLINE)
+        n = len(chords)
+        share = np.arange(n + 1) / n
+        assert chords["e1"] == pytest.approx(5 * share[1:])
+        assert chords["z0"] == pytest.approx(share[:-1])
+        assert set(chords["feed"]) == {900.0}
+        assert (chords["begin"][:-1] == chords["end"][:-1]).all()
+        t = (share[:-1, None] + np.linspace(0, 1, 21) / n)[..., None]  # [n, 21, 1]
+        control = [start, start + first, end + second, end]
+        weights = [(1 - t) ** 3, 3 * (1 - t) ** 2 * t, 3 * (1 - t) * t**2, t**3]
+        curve = sum(w * c for w, c in zip(weights, control, strict=True))
+        chord = np.stack([chords["x1"] - chords["x0"], chords["y1"] - chords["y0"]], axis=1)
+        assert np.stack([chords["x0"], chords["y0"]], axis=1) == pytest.approx(curve[:, 0], abs=1e-9)
+        along = np.linalg.norm(chord, axis=1)[:, None]
+        from_start = curve - curve[:, :1]
+        off = np.abs(from_start[..., 0] * chord[:, None, 1] - from_start[..., 1] * chord[:, None, 0]) / along
+        assert off.max() <= 0.005 + 1e-9
+        assert n < 3 or off.max() > 0.001

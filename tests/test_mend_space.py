@@ -106,6 +106,22 @@ def test_an_upright_arc_becomes_lines() -> None:
     assert prediction.after.max_mm < NEAR_MM
 
 
+def test_a_travel_that_rises_and_comes_down_is_followed_at_its_end_alone() -> None:
+    """x and y stand while Z hops: the push of the height between is nobody's concern."""
+    legs = [(82, 61), (84, 60), (86, 61), (88, 60), (90, 62)]
+    hop = [b"G1 Z1.6 F600", *(b"G0 X%d Y%d F6000" % leg for leg in legs), b"G1 Z0.2 F600"]
+    text = START + b"\n".join([b"G1 X80 Y60 E1 F1800", *hop, b"G1 X70 Y62 E1 F1800", b"G1 X70 Y70 E1"]) + b"\n"
+    result = judge(text, ALL)
+    assert result.after.max() <= NEAR_MM
+    risen = [move for move in result.given if move.start[2] != move.end[2] and not move.homing][1:]
+    assert len(risen) == 2
+    assert all(math.dist(move.start[:2], move.end[:2]) < 0.003 for move in risen)
+    travelled = [
+        sum(math.dist(m.start[:2], m.end[:2]) for m in moves if not m.draws) for moves in (result.wanted, result.given)
+    ]
+    assert travelled[1] - travelled[0] < 2.4  # 5.2 where each leg is followed
+
+
 def test_a_corexy_too() -> None:
     result = judge(tower(), Corruption(DRIVES, screw=SCREW).lower(SHORT_COREXY).homed())
     assert result.after.max() < NEAR_MM

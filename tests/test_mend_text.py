@@ -195,10 +195,34 @@ def test_tiny_feed_is_not_nought() -> None:
     assert rows["feed"][-1] == pytest.approx(0.0001)
 
 
-def test_a_spline_sets_the_feed_and_is_told() -> None:
-    spline = b"G5 X80 Y80 I0 J3 P0 Q-3 F600 E1\n"
-    written, prediction = mended(START + b"G1 X80 Y60 E1 F1800\n" + spline + b"G1 X60 E1\nG1 X70 E1\n", PLAY)
-    assert spline in written
+@pytest.mark.parametrize("begin", [b"", b"M82\n", b"G91\n", b"G20\n"], ids=["mm", "E as a sum", "relative", "inches"])
+def test_a_curve_is_mended_as_lines(begin: bytes) -> None:
+    """G5, of Marlin: from (80, 60) it swings out by some 10 mm."""
+    curve = b"G5 X80 Y80 I12 J3 P9 Q-3 F600 E2 ; swing\n"
+    if begin == b"G91\n":
+        curve = curve.replace(b"X80 Y80", b"Y20")
+    elif begin == b"G20\n":
+        curve = b"G5 Y3.149606 I.472441 J.11811 P.354331 Q-.11811 F23.622 E.07874\n"
+    judged = judge(START + b"G1 X80 Y60 E1 F1800\n" + begin + curve + b"G21 G90\nG1 X60 Y80 E3\nG1 X70 E4\n", BENT)
+    assert b"G5" not in judged.text
+    assert begin != b"" or judged.text.count(b"; swing") == 1
+    assert judged.before.max() > 0.3
+    assert judged.after.max() < 0.03
+    assert judged.rms_mm < 0.008
+    wanted, given = (sum(move.filament for move in moves if move.draws) for moves in (judged.wanted, judged.given))
+    assert given == pytest.approx(wanted, abs=1e-4)
+    drawn = [move for move in judged.given if move.draws]
+    assert {round(move.feed) for move in drawn[len(drawn) // 2 : -8]} <= set(range(480, 720))
+    assert judged.prediction.splines == 0
+    assert judged.prediction.after.max_mm < 0.03
+
+
+@pytest.mark.parametrize(
+    "curve", [b"G5 X80 Y80 P0 Q-3 F600 E1\n", b"G5 X80 Y80 I0 J9 P0 Q-3 P1 F600 E1\n", b"G5.1 X80 Y80 I9 J9 F600 E1\n"]
+)
+def test_a_curve_that_nobody_knows_is_told(curve: bytes) -> None:
+    written, prediction = mended(START + b"G1 X80 Y60 E1 F1800\n" + curve + b"G1 X60 E1\nG1 X70 E1\n", PLAY)
+    assert curve in written
     rows = interpret_text(np.frombuffer(written, np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
     assert set(rows["feed"][rows["advance"] > 0]) == {1800.0, 600.0}
     assert rows["feed"][-1] == 600

@@ -25,7 +25,10 @@ from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.saved.model import SavedModel
 
 _OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
-_DOTS = "the dots of this test print are printed standing still: only its lines are counted here, not its dots"
+_DOTS = (
+    "only the lines of this test print are counted here, not its dots: a dot may be off in two directions, and these "
+    "figures are distances across a line"
+)
 _BED_OFF_MM = 30.0  # slicers' beds and presets differ by less where the printer is the same
 _BED_DIFFERS_MM = 15.0  # … and where the file names a printer that bears no word of the model's, by this at most
 _GENERIC = {"300", "xl"}  # words that name no printer

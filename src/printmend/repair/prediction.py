@@ -164,7 +164,10 @@ class Prediction:
             why = "words that cannot be read, or the file does not say where the head is"
             rows.append(f"{unknown} left as written{self.where_unknown}: {why}")
         if self.splines:
-            rows.append(f"{counted(self.splines, 'curve')} (G5) left as written: let the slicer write lines or arcs")
+            rows.append(
+                f"{counted(self.splines, 'curve')} (G5) left as written, as wrong as before: the file does not say "
+                "where they begin, or leaves out I J or P Q"
+            )
         if self.geometry:
             times = counted(self.geometry, "time")
             rows.append(

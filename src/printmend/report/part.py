@@ -135,7 +135,10 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
             "read, or the file does not say where the head is there."
         )
     if prediction.splines:
-        said.append(f"{prediction.splines} curves (G5) are left as they are: let the slicer write lines or arcs.")
+        said.append(
+            f"{prediction.splines} curves (G5) are left as they are, as wrong as before: the file does not say where "
+            "they begin, or leaves out I J or P Q."
+        )
     return [*prediction.advice, *(f"{each[0].upper()}{each[1:]}." for each in prediction.warnings), *said]
 
 

@@ -258,7 +258,6 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
             numbers.feed = abs(values[5]) * unit
         if words & WORD_E:
             numbers.e = r.e0 + values[4] * unit if e_is_relative(counts) else values[4] * unit
-        r.flags = r.flags | FLAG_OPAQUE
         return EVENT_SPLINE
     else:
         r.flags = r.flags | FLAG_OPAQUE

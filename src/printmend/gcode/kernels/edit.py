@@ -64,6 +64,8 @@ def edit_statement(buf, r, piece, before, writer, out, at):
         drop = WORDS_IJK | WORD_R | WORD_P
     elif bent:
         drop = WORD_R
+    elif r.flags & FLAG_CURVE:
+        drop = WORDS_IJK | WORD_P | WORD_Q
     centre0, centre1 = np.int64(0), np.int64(0)
     if bent:
         centre0, centre1 = scaled_centre(r, piece, writer, FIRST), scaled_centre(r, piece, writer, SECOND)
@@ -131,7 +133,7 @@ def edit_statement(buf, r, piece, before, writer, out, at):
                     gap, p = q, q
                     continue
                 at = copy_bytes(buf, gap, p + 1, out, at)
-                if (before > 0 or unsafe) and r.flags & FLAG_E_RELATIVE:
+                if (before > 0 or unsafe or r.flags & FLAG_CURVE) and r.flags & FLAG_E_RELATIVE:
                     at = put_fixed(out, at, e_rest(r, before, writer), e_decimals(r))
                 elif unsafe:
                     at = put_fixed(out, at, e_scaled(r, 1.0), e_decimals(r))

@@ -30,7 +30,7 @@ def _follow(r, writer):
         start = r.x0 if axis == 0 else (r.y0 if axis == 1 else r.z0)
         end = axis_end(r, axis)
         place = W_PLACE + axis
-        named = moves and r.words & (WORD_X << axis)
+        named = moves and (r.words & (WORD_X << axis) or r.flags & FLAG_CURVE)
         if r.kind == KIND_HOME:
             if r.axes & (1 << axis):
                 writer[place], writer[W_SHIFT + axis] = end, 0.0
@@ -110,17 +110,22 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
                 at = copy_tail(buf, r, r.begin, start, writer, out, at)
             else:
                 at = copy_bytes(buf, r.begin, r.end, out, at)
-            if motion:
+            if motion and not r.flags & FLAG_CURVE:
                 writer[W_MODAL] = own
             _follow(r, writer)
             continue
         cumulated = 0.0
-        for j in range(first[i], first[i + 1] - 1):
+        edited = first[i + 1] - 1
+        if r.flags & FLAG_CURVE and r.end == r.begin:
+            edited += 1  # none: it has no text
+        for j in range(first[i], edited):
             before = cumulated
             cumulated += pieces[j].share
-            written = put_row(buf, r, pieces[j], cumulated, before, writer, out, at)
+            written = put_row(buf, r, pieces[j], cumulated, before, j == first[i + 1] - 1, writer, out, at)
             if written > at:
                 at = put_line_start(r, writer, out, written)
+        if edited == first[i + 1]:
+            continue
         piece = pieces[first[i + 1] - 1]
         if count == 1 and is_plain_edit(r, piece, writer):
             at = edit_plain(buf, r, piece, writer, out, at)

@@ -17,6 +17,7 @@ from printmend.gcode.kernels.commands import (
 from printmend.gcode.kernels.klipper import long_command
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.plain import plain_move
+from printmend.gcode.kernels.spline import CURVES_A_LINE, MOST_CHORDS, chords_of, curves_in, put_chords
 from printmend.gcode.kernels.statement import (
     EXTENDED,
     LAST_MOVE,
@@ -71,6 +72,7 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n):
         p = _after_number(buf, p + 1, stop)
         s.flags = FLAG_NUMBERED
         counts.numbered += 1
+    curves = 0
     while p < stop:
         p = read_statement(buf, p, stop, s, values, numbers, counts)
         if s.spaced:
@@ -84,11 +86,17 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n):
         if s.garbled or s.words & s.bare or s.twice & (WORDS_IJK | WORD_R) or p - s.start > MAX_CODE_BYTES:
             r.flags = r.flags | FLAG_OPAQUE
         what = _obey(buf, stop, s, r, values, numbers, counts)
-        if what != 0:
+        chords = chords_of(r, s, values, numbers, counts) if what == EVENT_SPLINE and curves < CURVES_A_LINE else 0
+        if chords > 0:
+            n = put_chords(records, n, s, values, numbers, counts, chords)
+            curves += 1
+        elif what != 0:
+            if what == EVENT_SPLINE:
+                r.flags = r.flags | FLAG_OPAQUE
             event(r, counts, what)
         if s.letter != LETTER_G or s.code > LAST_MOVE:
             add_offsets(numbers, counts)
-        if r.kind != 0:
+        if chords == 0 and r.kind != 0:
             finish_record(r, numbers, counts)
             n += 1
         if not s.again:
@@ -142,7 +150,7 @@ def interpret(buf, begin, end, numbers, counts, records):
 
     ``buf`` uint8, ``numbers`` float64 [NUMBERS] and ``counts`` int64 [COUNTS] are the machine's state and are
     advanced; ``records`` is an array of RECORD. It stops before a line whose statements may not fit in ``records``
-    (a line of L bytes needs at most L/2 + 2): call again with the rest.
+    (a line of L bytes needs at most L/2 + 2, and `MOST_CHORDS` for each G5): call again with the rest.
     """
     values = np.zeros(26)
     scratch = np.zeros(1, STATEMENT)
@@ -167,11 +175,12 @@ def interpret(buf, begin, end, numbers, counts, records):
             after += 1
         elif after > stop:  # a lone carriage return ends a line too
             after = stop + 1
-        if n + (stop - p) // 2 + 2 > capacity:
+        room = capacity - n - 2 - MOST_CHORDS * curves_in(buf, p, stop)
+        if (stop - p) // 2 > room:
             code = p  # a comment holds no statements
             while code < stop and buf[code] != SEMICOLON:
                 code += 1
-            if n + (code - p) // 2 + 2 > capacity:
+            if (code - p) // 2 > room:
                 break
         n = _line(buf, p, stop, after, scratch[0], values, numbers, counts, records, n)
         counts.line += 1

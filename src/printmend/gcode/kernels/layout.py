@@ -55,14 +55,14 @@ EVENT_PAUSE = 2  # M0, M25, M600, PAUSE: the head parks and comes back
 EVENT_TOOL = 3  # T, M6, ACTIVATE_EXTRUDER
 EVENT_EXCLUDE = 4  # EXCLUDE_OBJECT, M486: what follows may be skipped while printing
 EVENT_PROBE = 5  # G29, G30, G80: probing moves
-EVENT_UNKNOWN = 6  # a motion command that is not followed: G5, G12, G27, canned cycles
+EVENT_UNKNOWN = 6  # a motion command that is not followed: G12, G27, canned cycles
 EVENT_PLACEHOLDER = 7  # {…} or […] that someone else fills in
 EVENT_MOTORS_OFF = 8  # M84
 EVENT_RESTORE = 9  # RESTORE_GCODE_STATE MOVE=1, SET_GCODE_OFFSET MOVE=1: the carriage goes there by itself
 EVENT_OFFSET = 10  # offsets changed; the carriage has not moved
 EVENT_SAVE = 11  # SAVE_GCODE_STATE: nothing is uncertain, but a restore comes back to here
 EVENT_GEOMETRY = 12  # M425, M556, M579, M852, SET_SKEW: from here on the firmware changes what it is told
-EVENT_SPLINE = 13  # G5, G5.1: followed to its end, on a way that is not
+EVENT_SPLINE = 13  # a G5 or G5.1 that is not cut into chords: followed to its end, on a way that is not
 
 FLAG_RELATIVE = 1 << 0  # X Y Z words are increments
 FLAG_E_RELATIVE = 1 << 1
@@ -82,6 +82,7 @@ FLAG_OPAQUE = 1 << 18  # not every word is a plain number, or its code is too lo
 FLAG_SPACED = 1 << 19  # words are separated by blanks
 FLAG_ARC_ABSOLUTE = 1 << 20  # G90.1: I J K are coordinates
 FLAG_TWICE = 1 << 22  # a word comes twice: the last one counts
+FLAG_CURVE = 1 << 23  # a chord of a G5; all but its last one have no text of their own
 FLAG_PLAIN = 1 << 21  # written `G1 X… Y…`: upper case, one blank before each word, no word twice, millimetres
 
 # What the firmware is: the cases in which firmwares differ.
@@ -151,9 +152,10 @@ WORD_D, WORD_E, WORD_F, WORD_H, WORD_I, WORD_J, WORD_K, WORD_L = (
     1 << 10,
     1 << 11,
 )
-WORD_O, WORD_P, WORD_R, WORD_S, WORD_T, WORD_X, WORD_Y, WORD_Z = (
+WORD_O, WORD_P, WORD_Q, WORD_R, WORD_S, WORD_T, WORD_X, WORD_Y, WORD_Z = (
     1 << 14,
     1 << 15,
+    1 << 16,
     1 << 17,
     1 << 18,
     1 << 19,

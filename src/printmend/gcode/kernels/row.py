@@ -14,6 +14,7 @@ from printmend.gcode.kernels.words import (
     copy_bytes,
     decimals,
     e_decimals,
+    e_rest,
     e_scaled,
     piece_motion,
     put_command,
@@ -26,7 +27,7 @@ from printmend.gcode.kernels.words import (
 )
 from printmend.jit import inner
 
-PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | 1 << 6 | 1 << 13  # G and N too
+PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | WORD_Q | 1 << 6 | 1 << 13  # G and N too
 
 
 @inner
@@ -66,8 +67,11 @@ def put_eol(buf, r, writer, out, at):
 
 
 @inner
-def put_row(buf, r, piece, cumulated, before, writer, out, at):
-    """Write a whole new line for one piece; ``before`` and ``cumulated`` are the shares of E around it."""
+def put_row(buf, r, piece, cumulated, before, last, writer, out, at):
+    """Write a whole new line for one piece; ``before`` and ``cumulated`` are the shares of E around it.
+
+    ``last`` says that no other piece of its record follows.
+    """
     start = at
     motion = piece_motion(r, piece)
     at = put_command(buf, r, motion, out, at)
@@ -90,7 +94,7 @@ def put_row(buf, r, piece, cumulated, before, writer, out, at):
     if r.words & WORD_E and piece.kind != PIECE_TRAVEL:
         step = e_scaled(r, cumulated)
         if r.flags & FLAG_E_RELATIVE:
-            step -= e_scaled(r, before)
+            step = e_rest(r, before, writer) if last else step - e_scaled(r, before)
         if step != 0 or not r.flags & FLAG_E_RELATIVE:
             at = put_word(out, at, r, LETTER_E, step, e_decimals(r))
     if at == body:

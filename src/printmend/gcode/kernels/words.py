@@ -203,6 +203,8 @@ def e_rest(r, before, writer):
 @inner
 def own_motion(r):
     """The G number of the statement."""
+    if r.flags & FLAG_CURVE:
+        return 5
     return 0 if r.flags & FLAG_RAPID else (1 if r.kind == KIND_LINEAR else (2 if r.kind == KIND_CW else 3))
 
 

@@ -10,6 +10,7 @@ The same pass simulates the file as it is and as it is written, and adds up the 
 import numpy as np
 
 from printmend.gcode.kernels.layout import (
+    FLAG_CURVE,
     FLAG_EXTRUDING,
     FLAG_KNOWN_X0,
     FLAG_KNOWN_X1,
@@ -82,6 +83,7 @@ from printmend.invert.kernels.lookup import (
     UPPER,
     backward,
     forward,
+    from_motors,
     to_motors,
     wanted,
 )
@@ -99,7 +101,7 @@ from printmend.invert.kernels.state import (
     prepare,
     travel_motor,
 )
-from printmend.invert.kernels.travel import plan_travel
+from printmend.invert.kernels.travel import arrival, arriving_push, plan_travel
 from printmend.invert.kernels.turns import survey
 from printmend.jit import entry, inner
 
@@ -172,12 +174,17 @@ def _stand(model, state, pieces, n, record, quantum):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _go(model, state, counts, pieces, n, record, kind, x, y, m, quantum):
-    """Write a move that draws nothing: the motor of Z goes to m, and the nozzle to (x, y) whatever the screw pushes."""
+def _go(model, state, counts, pieces, n, record, kind, x, y, m, quantum, free):
+    """Write a move that draws nothing: the motor of Z goes to m, and the nozzle to (x, y) whatever the screw pushes.
+
+    Where it is ``free`` to be elsewhere, because a travel follows, x and y stand.
+    """
     m = commanded(model, record, m, quantum)
     extent = abs(m - state.mended.m[ZED])
     at_x, at_y = record.x1, record.y1
-    if counts.known != 0:
+    if free:
+        at_x, at_y = from_motors(model, state.mended.m[0], state.mended.m[1])
+    elif counts.known != 0:
         px, py = push(model, state.mended.m[ZED])
         s0, s1 = wanted(model, x - px, y - py)
         px, py = push(model, m)
@@ -199,14 +206,19 @@ def _go(model, state, counts, pieces, n, record, kind, x, y, m, quantum):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _rise(model, state, counts, pieces, n, record, quantum):
+def _rise(model, state, counts, pieces, n, records, count, i, quantum):
     """Write a move that stands still in x and y, or names Z alone: the belts go against the push of the new height."""
+    record = records[i]
     if not record.flags & FLAG_KNOWN_Z1:
         counts.height = 0
         return n if not record.words & (WORD_X | WORD_Y) else _stand(model, state, pieces, n, record, quantum)
     lift_raw(model, state, counts, record.z1)
     m = find(model, state, counts, record, quantum)
-    return _go(model, state, counts, pieces, n, record, PIECE_LINE, record.x1, record.y1, m, quantum)
+    free = False
+    if counts.known != 0 and counts.anywhere == 0:
+        seen, moves, _, _ = arrival(model, records, count, i)
+        free = seen and moves
+    return _go(model, state, counts, pieces, n, record, PIECE_LINE, record.x1, record.y1, m, quantum, free)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -225,9 +237,9 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
         x1, y1, z1 = place(curve, (part + 1.0) / parts)
         mode, first, second = prepare(model, state, ZED, z0, z1, False, 0.0, HOLD_MM)
         if first != state.mended.m[ZED]:
-            n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, first, quantum)
+            n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, first, quantum, False)
         if second != state.mended.m[ZED]:
-            n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, second, quantum)
+            n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, second, quantum, False)
         m0, m1 = state.mended.m[ZED], commanded(model, record, motor_at(model, state, ZED, mode, z1), quantum)
         if mode == 0:
             m1 = m0
@@ -263,12 +275,6 @@ def _note_copied(model, curve, state, counts, pieces, n, record, records, count,
 def _cover(low, high, x, y):
     low[0], low[1] = min(low[0], x), min(low[1], y)
     high[0], high[1] = max(high[0], x), max(high[1], y)
-
-
-@inner(error_model="numpy", _nrt=False)
-def _half(belts):
-    """Return half of what the place of both belts may be off [mm]."""
-    return np.sqrt((belts.high[0] - belts.low[0]) ** 2 + (belts.high[1] - belts.low[1]) ** 2) / 2
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -317,7 +323,7 @@ def mend(
                 if r.words & WORD_Z and r.flags & FLAG_OPAQUE:
                     follow_copied_height(model, state, counts, r)
                 elif r.words & WORD_Z:
-                    n = _rise(model, state, counts, pieces, n, r, quantum)
+                    n = _rise(model, state, counts, pieces, n, records, count, i - 1, quantum)
             continue
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
         extruding = r.flags & FLAG_EXTRUDING != 0
@@ -330,7 +336,7 @@ def mend(
                 _cover(state.print_low, state.print_high, r.x0, r.y0)
         if still and known and counts.known != 0 and not r.flags & FLAG_OPAQUE:
             if moved is not None:
-                n = _rise(model, state, counts, pieces, n, r, quantum)
+                n = _rise(model, state, counts, pieces, n, records, count, i - 1, quantum)
             else:
                 n = _stand(model, state, pieces, n, r, quantum)
             continue
@@ -345,6 +351,11 @@ def mend(
             follow_copied(model, state, counts, r, known)
             if moved is not None:
                 follow_copied_height(model, state, counts, r)
+            if r.flags & FLAG_CURVE:  # a curve is written as lines, or not at all
+                x, y = r.x1, r.y1
+                if counts.known != 0 and r.flags & FLAG_RELATIVE:
+                    x, y = from_motors(model, state.mended.m[0], state.mended.m[1])
+                n = put(pieces, n, PIECE_LINE, x, y, r.z1, 1.0, r.feed)
             continue
         sure = counts.known != 0
         drawn = extruding and sure
@@ -378,18 +389,28 @@ def mend(
             if arc:  # what draws nothing needs no better than this
                 parts = min(max(4, np.int64(abs(curve[SWEEP]) * np.sqrt(curve[R0] / 0.4))), PIECES_A_RECORD // 2)
             way = curve
+            seen = sure and not arc and counts.anywhere == 0
+            push_x = push_y = 0.0
             if moved is not None:
                 if r.flags & FLAG_KNOWN_Z1:
                     m = find(model, state, counts, r, quantum)
                     aim(model, curve, moved, state.mended.m[ZED], m)
+                    if seen:
+                        seen, _, z, to = arrival(model, records, count, i - 1)
+                    if seen:
+                        push_x, push_y = arriving_push(model, state, z, to)
+                        set_line(
+                            moved, r.x0 - push_x, r.y0 - push_y, state.mended.m[ZED], r.x1 - push_x, r.y1 - push_y, m
+                        )
                     lift(model, state, m)
                     way = moved
                 else:
                     counts.height = 0
+                    seen = False
             to0 = to1 = np.nan
-            if moved is None and sure and not arc and counts.anywhere == 0:
+            if seen:
                 if i > run[0, RUN_TRAVEL]:
-                    plan_travel(model, state, records, count, i - 1, run)
+                    plan_travel(model, state, records, count, i - 1, run, push_x, push_y)
                 leg = np.int64(run[0, RUN_LEG])
                 to0, to1 = run[leg, LEG_TO], run[leg, LEG_TO + 1]
                 run[0, RUN_LEG] = leg + 1.0
@@ -400,9 +421,9 @@ def mend(
         if not sure:
             # From here on the place is certain; the file as it is starts with the same uncertainty.
             open_interval(model, state.raw)
-            if extruding:  # on its way there both may be off by half of their play
-                note(layers, row, errors, 0, _half(state.raw), 0.0)
-                note(layers, row, errors, 1, _half(state.mended), 0.0)
+            if extruding:  # on its way there both go as the printer goes wrong
+                note(layers, row, errors, 0, model.head.astray, 0.0)
+                note(layers, row, errors, 1, model.head.astray, 0.0)
         counts.known = 1
     first[i] = n
     counts.pieces += n

@@ -3,6 +3,9 @@
 At a corner of a travel a loose motor need not cross its slack: its belt may lag there. Each motor goes as the path
 does, whatever its belt is doing, and crosses the slack once at the most: on the longest leg after which the belt still
 ends where it is wanted, and to the side on which the line behind the travel will push it.
+
+A bad Z screw pushes the nozzle otherwise at each height. Of a travel that rises and comes down only the end has to be
+right: all of it is planned with the push of the height at which the next line is drawn.
 """
 
 import numpy as np
@@ -11,10 +14,12 @@ from printmend.gcode.kernels.layout import (
     FLAG_EXTRUDING,
     FLAG_KNOWN_X1,
     FLAG_KNOWN_Y1,
+    FLAG_KNOWN_Z1,
     FLAG_OPAQUE,
     KIND_LINEAR,
 )
 from printmend.invert.kernels.curve import norm
+from printmend.invert.kernels.height import ZED, push
 from printmend.invert.kernels.layout import (
     LEG_BELT,
     LEG_LENGTH,
@@ -38,13 +43,43 @@ from printmend.invert.kernels.state import is_sure, middle
 from printmend.jit import inner
 
 TRIED = 3  # legs that are tried for a crossing, the longest first
+AHEAD = 256  # records in which the end of a travel is looked for
 
 
 @inner(error_model="numpy", _nrt=False)
-def plan_travel(model, state, records, count, i, run):
+def arrival(model, records, count, i):
+    """Return (seen, moves, z, way) of the travel to which record i belongs: whether its end is seen, whether it goes on
+    in x or y from there, at which height the next line is drawn, and the sign of the way in Z to there, 0 for none."""
+    moves, way = False, 0.0
+    for j in range(i, min(count, i + AHEAD)):
+        r = records[j]
+        if not _is_move(r) or not r.flags & FLAG_KNOWN_Z1:
+            break
+        if r.advance > 0.0:
+            return True, moves, r.z0, way
+        if not _is_still(r):
+            if not is_near(model, r.x1, r.y1):
+                break
+            moves = True
+        if r.z1 != r.z0:
+            way = np.sign(r.z1 - r.z0)
+    return False, False, 0.0, 0.0
+
+
+@inner(error_model="numpy", _nrt=False)
+def arriving_push(model, state, z, way):
+    """Return where the screw will push the nozzle at height z, come to on a ``way`` up or down, or where it is now."""
+    if way == 0.0:
+        return push(model, state.mended.m[ZED])
+    return push(model, backward(model, ZED, LOWER if way > 0.0 else UPPER, z))
+
+
+@inner(error_model="numpy", _nrt=False)
+def plan_travel(model, state, records, count, i, run, across, along):
     """Fill ``run`` with the legs of the travel that record i begins, and where the motors go at the end of each.
 
-    A motor's place is NaN where it is to go as far as its belt has to.
+    The belts have to go to the path less (``across``, ``along``), as in `turns.survey`. A motor's place is NaN where it
+    is to go as far as its belt has to.
     """
     n, j = 0, i
     while j < count and n < LEGS:
@@ -58,7 +93,7 @@ def plan_travel(model, state, records, count, i, run):
             break
         else:
             leg = run[NODE + n]
-            leg[LEG_BELT], leg[LEG_BELT + 1] = wanted(model, r.x1, r.y1)
+            leg[LEG_BELT], leg[LEG_BELT + 1] = wanted(model, r.x1 - across, r.y1 - along)
             leg[LEG_LENGTH], leg[LEG_TO], leg[LEG_TO + 1] = norm(r.x1 - r.x0, r.y1 - r.y0), np.nan, np.nan
             n += 1
         j += 1
@@ -69,7 +104,7 @@ def plan_travel(model, state, records, count, i, run):
         j += 1
     next0 = next1 = 0.0
     if j < count and _is_move(records[j]) and records[j].flags & FLAG_EXTRUDING:
-        next0, next1 = wanted(model, records[j].x1, records[j].y1)
+        next0, next1 = wanted(model, records[j].x1 - across, records[j].y1 - along)
         next0, next1 = next0 - run[NODE + n - 1, LEG_BELT], next1 - run[NODE + n - 1, LEG_BELT + 1]
     for k in range(2):
         if is_sure(state, k) and not is_taut(model, k):

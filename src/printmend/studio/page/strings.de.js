@@ -69,7 +69,7 @@ export default {
   busiest: "In der dichtesten Sekunde: {before} → {after} Befehle",
   stops: "Stellen, an denen die Düse kurz still steht (kleine Nähte): {n}", on_bed: "Alles bleibt auf dem Bett.", off_bed: "Ein Teil liegt, wie es die Datei sagt, jenseits des Bettrands.",
   left_unknown: "Bahnen, die bleiben, wie sie in der Datei stehen, nicht geheilt: {n}{where}. Die Datei sagt dort nicht, wo die Düse ist, oder ihre Wörter sind nicht zu lesen.", left_lines: " (Zeile {lines})",
-  left_splines: "Kurven (G5), die bleiben, wie sie in der Datei stehen, nicht geheilt: {n}. Den Slicer Geraden oder Bögen schreiben lassen.", left_coarse: "Stellen, die mehr danebenliegen, als sie sollten: {n}. Der Drucker nimmt keine kürzeren Wege an.",
+  left_splines: "Kurven (G5), die bleiben, wie sie in der Datei stehen, so falsch wie vorher: {n}. Sie sagt nicht, wo sie beginnen, oder lässt I J oder P Q weg.", left_coarse: "Stellen, die mehr danebenliegen, als sie sollten: {n}. Der Drucker nimmt keine kürzeren Wege an.",
   left_geometry: "So oft stellt die Datei Schiefe, Maßstab oder Spiel des Druckers selbst ein (M425, M556, M579, M852 oder SET_SKEW): {n}. Was hier steht, gilt nur, wenn der Testdruck mit denselben Werten gedruckt wurde.",
   clamped: "Am Rand des Betts zurückgehaltene Befehle: {n}", by_layer: "Fehler jeder Schicht, mm", sending: "Sendet", stopped: "Angehalten", mend_none: "Zuerst den Testdruck messen: Dann lassen sich Teile für diesen Drucker heilen.", prove_none: "Zuerst den Testdruck messen: Dann lässt sich prüfen, ob ein geheilter Druck das Versprechen hält.", to_measure: "Zum Testdruck",
 

@@ -1,0 +1,98 @@
+# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
+"""G5, Marlin's cubic curve, as chords: records of straight moves, so that whoever reads records need not know it.
+
+It goes from P0 to P3 by (1 − t)³ P0 + 3 (1 − t)² t P1 + 3 (1 − t) t² P2 + t³ P3, where I and J lead from P0 to P1,
+P and Q from P3 to P2; filament and height go with t (Marlin's `cubic_b_spline`).
+"""
+
+import numpy as np
+
+from printmend.gcode.kernels.commands import begin_record, finish_record
+from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.text import SEMICOLON, is_blank
+from printmend.jit import inner
+
+CURVE_MM = 0.005  # how far a chord may be off the curve: half of the tolerance of mending, as where arcs become chords
+MOST_CHORDS = 1024  # of one curve: more has no curve that fits on a bed
+CURVES_A_LINE = 8  # further ones of the same line stay as they are
+FOUR, FIVE, NOUGHT = 52, 53, 48  # in ASCII
+_CONTROLS = WORD_I | WORD_J | WORD_P | WORD_Q
+
+
+@inner
+def curves_in(buf, p, stop):
+    """Return how many curves the line buf[p:stop] may hold, at the most `CURVES_A_LINE`."""
+    found = 0
+    while p + 1 < stop and buf[p] != SEMICOLON:
+        letter = buf[p]
+        p += 1
+        if letter == 71 or letter == 103:  # G g
+            while p < stop and (buf[p] == NOUGHT or is_blank(buf[p])):
+                p += 1
+            found += p < stop and buf[p] == FIVE
+    return min(found, CURVES_A_LINE)
+
+
+@inner
+def chords_of(r, s, values, numbers, counts):
+    """Return into how many chords the curve of a statement has to be cut; 0 where nobody knows how it goes.
+
+    For a parameter step h a chord is off by |B″| h²/8 at the most, and B″ is largest at an end of the curve.
+    Where I and J, or P and Q, are missing, firmwares differ.
+    """
+    sure = r.flags & FLAG_KNOWN_X0 and r.flags & FLAG_KNOWN_Y0 and counts.known & 3 == 3 and counts.plane == 0
+    if not sure or s.unclear or s.twice & _CONTROLS or r.flags & (FLAG_OPAQUE | FLAG_G53) or s.code != 50:
+        return 0
+    if not (s.words & (WORD_I | WORD_J) and s.words & (WORD_P | WORD_Q)):
+        return 0
+    x1, y1, x2, y2 = _controls(r, s, values, numbers, counts)
+    begin = np.hypot(r.x0 - 2.0 * x1 + x2, r.y0 - 2.0 * y1 + y2)
+    end = np.hypot(x1 - 2.0 * x2 + numbers.pos[0], y1 - 2.0 * y2 + numbers.pos[1])
+    count = np.ceil(np.sqrt(6.0 * max(begin, end) / (8.0 * CURVE_MM)))
+    if not count <= MOST_CHORDS or max(begin, end) == 0.0:
+        return 0
+    return max(np.int64(count), 1)
+
+
+@inner
+def _controls(r, s, values, numbers, counts):
+    """Return the places of both control points (x1, y1, x2, y2) [mm]."""
+    unit = 25.4 if counts.inch else 1.0
+    i, j = values[8] if s.words & WORD_I else 0.0, values[9] if s.words & WORD_J else 0.0
+    p, q = values[15] if s.words & WORD_P else 0.0, values[16] if s.words & WORD_Q else 0.0
+    return r.x0 + i * unit, r.y0 + j * unit, numbers.pos[0] + p * unit, numbers.pos[1] + q * unit
+
+
+# Its many parameters are the state of the interpreter and the statement in hand.
+@inner
+def put_chords(records, n, s, values, numbers, counts, count):
+    """Write the curve that record n begins as ``count`` straight moves; return the next free record.
+
+    All but the last have no text of their own: they begin and end where the statement begins.
+    """
+    r = records[n]
+    x0, y0, z0, e0 = r.x0, r.y0, r.z0, r.e0
+    begin, end, after, flags = r.begin, r.end, r.next, (r.flags | FLAG_CURVE) & ~np.uint32(FLAG_EXTRUDING)
+    x1, y1, x2, y2 = _controls(r, s, values, numbers, counts)
+    x3, y3, z3, e3 = numbers.pos[0], numbers.pos[1], numbers.pos[2], numbers.e
+    advance = (e3 - e0) * numbers.flow / (numbers.area if numbers.area > 0 else 1.0)
+    known = flags & (FLAG_KNOWN_X0 | FLAG_KNOWN_Y0 | FLAG_KNOWN_Z0)
+    numbers.pos[0], numbers.pos[1], numbers.pos[2], numbers.e = x0, y0, z0, e0
+    for k in range(1, count + 1):
+        r = records[n]
+        own = k == count
+        begin_record(r, begin, end if own else begin, after if own else begin, numbers, counts, flags)
+        if k == 1:
+            r.flags = r.flags & ~np.uint32(FLAG_KNOWN_Z0) | known
+        t = k / count
+        a, b, c, d = (1.0 - t) ** 3, 3.0 * (1.0 - t) ** 2 * t, 3.0 * (1.0 - t) * t * t, t**3
+        numbers.pos[0] = x3 if own else a * x0 + b * x1 + c * x2 + d * x3
+        numbers.pos[1] = y3 if own else a * y0 + b * y1 + c * y2 + d * y3
+        numbers.pos[2] = z3 if own else z0 + t * (z3 - z0)
+        numbers.e = e3 if own else e0 + t * (e3 - e0)
+        r.kind, r.words, r.advance = KIND_LINEAR, s.words & ~np.int64(_CONTROLS), advance / count
+        if r.advance > 0.0:
+            r.flags = r.flags | FLAG_EXTRUDING
+        finish_record(r, numbers, counts)
+        n += 1
+    return n
