@@ -171,7 +171,8 @@ def test_single_points_of_noise_are_no_residual() -> None:
         motor = np.concatenate([np.linspace(0, 160, 300), np.linspace(160, 0, 300)])
         noise = rng.normal(0, 0.05, 600)
         side = np.where(np.arange(600) < 300, -1.0, 1.0)
-        data = Points(motor, side, noise, np.ones(600), (np.arange(600) * 160 / 300 / 40).astype(int), 40.0, 0.05)
+        data = Points(motor, side, noise, np.ones(600), (np.arange(600) * 160 / 300 / 40).astype(int), 40.0, 0.05,
+                      np.linspace(0, 1, 600))  # fmt: skip
         assert chosen_kind(data, (-20.0, 180.0), patterned=False, seed=0) is None
 
 
@@ -179,7 +180,8 @@ def test_a_process_is_the_ridge_solution_of_its_columns() -> None:
     rng = np.random.default_rng(2)
     motor, side = rng.uniform(0, 100, 400), rng.choice([-1.0, 1.0], 400)
     truth = 0.1 * np.sin(motor / 6.0) + side * 0.05 * np.cos(motor / 9.0)
-    data = Points(motor, side, truth + rng.normal(0, 0.02, 400), np.ones(400), np.zeros(400, int), 40.0, 0.1)
+    data = Points(motor, side, truth + rng.normal(0, 0.02, 400), np.ones(400), np.zeros(400, int), 40.0, 0.1,
+                  np.linspace(0, 1, 400))  # fmt: skip
     kind, reach = Kind("smooth", 5.0, sides=True), (-20.0, 120.0)
     design = process_columns(kind, motor, side, 40.0, reach)
     weights = process(design, np.sqrt(column_variances(kind, reach)), data)
@@ -214,6 +216,28 @@ def test_noise_at_few_places_is_no_error_of_the_machine() -> None:
     for seed in range(30):
         rng = np.random.default_rng(seed)
         motor_mm, noise_mm = rng.uniform(0, 500, 52), rng.normal(0, 0.1, 52)
-        points = Points(motor_mm, rng.choice([-1.0, 1.0], 52), noise_mm, np.ones(52), np.arange(52) // 2, 40.0, 0.1)
+        points = Points(motor_mm, rng.choice([-1.0, 1.0], 52), noise_mm, np.ones(52), np.arange(52) // 2, 40.0, 0.1,
+                        np.linspace(0, 1, 52))  # fmt: skip
         found.append(chosen_kind(points, (-20.0, 520.0), patterned=False, seed=seed))
     assert sum(kind is not None for kind in found) <= 1
+
+
+@pytest.mark.parametrize("wave_mm", [0.0, 0.03])
+def test_a_drift_of_the_print_is_no_pattern_of_its_places(wave_mm: float) -> None:
+    """The print goes along the motor as time goes on: what drifts looks like a bend, and a wave beside it is one."""
+    rng = np.random.default_rng(5)
+    done = np.linspace(0, 1, 600)
+    motor = 250 * np.where(done < 0.4, np.mod(done, 0.1) / 0.1, (done - 0.4) / 0.6)
+    side, block = rng.choice([-1.0, 1.0], 600), (done * 40).astype(int)
+    truth = wave_mm * np.sin(motor / 8.0)
+    residual = truth + 0.12 * done * (motor / 250) + rng.normal(0, 0.03, 600)
+    data = Points(motor, side, residual - residual.mean(), np.ones(600), block, 40.0, 0.04, done)
+    kind, reach = chosen_kind(data, (-20.0, 270.0), patterned=False, seed=0), (-20.0, 270.0)
+    if not wave_mm:
+        assert kind is None
+        return
+    assert kind is not None
+    assert kind.timed
+    found = fit_residual(kind, data, reach, np.arange(0.0, 250.1, 0.5), seed=0)
+    assert np.std(found.at_mm(motor, side) - truth) < 0.012
+    assert 0.001**2 < found.doubt_mm2 < 0.015**2

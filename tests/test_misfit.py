@@ -26,7 +26,7 @@ from printmend.promise.budget import parse_budget
 from printmend.promise.effects import EARLY, Effect, Places
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_rows import in_order
-from printmend.promise.misfit_tests import as_printed, causes_of, effects_of, found_in, of_the_end
+from printmend.promise.misfit_tests import as_printed, causes_of, effects_of, found_in, of_the_end, unrest_mm
 from printmend.repair.learned import learn_model
 from printmend.saved import Wave, branches_of, read_model, write_model
 from printmend.twin import Twin
@@ -189,6 +189,24 @@ def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> N
         moved = (later[0].measured_mm - trace.measured_mm)[[1, -1]]
         wanted = np.array([[0.21, 0.0], [0.0, 0.0]]) if kind == "linear" else np.array([[0.0, 0.12], [0.0, 0.0]])
         assert moved == pytest.approx(wanted, abs=0.03)
+
+
+def test_a_healthy_printer_that_warms_up_a_little_is_left_alone() -> None:
+    """0.04 mm at the far end after all of the print, too little to be told: the mean of it is no wrong pulley."""
+    corexy, rng = read_printer("corexy"), np.random.default_rng(0)
+    points = np.vstack([[corexy.home_mm], rng.uniform(20, 280, (600, 2))])
+    grown = 0.00015 * (1 - np.exp(-2 * np.linspace(0, 1, 601)))[:, None] * (points - 20)
+    trace = Trace(points, points + grown + rng.normal(0, 0.03, points.shape), homed=True)
+    box = Greybox().fit(trace, corexy, rng=rng)
+    assert box.drives[1].structure.scale
+    assert 0.008 < unrest_mm(box, trace) < 0.018
+    model = learn_model(trace, corexy)
+    for table in model.mechanism.transmissions:
+        assert table.is_taut
+        np.testing.assert_allclose(table.lower_mm, table.motor_mm, atol=1e-9)
+    left_out = model.document["promise"]["left_out"]
+    assert [each["part"] for each in left_out] == ["A line", "B line"]
+    assert model.document["promise"]["motors"]["b"]["unexplained_mm2"] > 0.9 * left_out[1]["value"] ** 2
 
 
 def test_what_a_corexys_rails_do_is_no_noise(rng: np.random.Generator) -> None:

@@ -298,15 +298,17 @@ def test_a_shape_is_not_worse_for_lying_elsewhere() -> None:
     off = -3.0 * tangent[:, 1] + 0.1 * np.sin(5 * angle)
     path = Places(nothing, tangent, off, nothing, np.ones(40))
     known = Errors(1.1 * float(np.sqrt(np.mean(off**2))), 3.0, 3.2)
-    whole, shape = (_summed_up(_Side(path, off, {}, {}, known, signed=True), placed, np.random.default_rng(0))[0]
+    alone, rng = np.zeros(DRAWS), np.random.default_rng(0)
+    whole, shape = (_summed_up(_Side(path, off, {}, {}, known, signed=True), placed, alone, rng)[0]
                     for placed in (True, False))  # fmt: skip
     assert whole.rms_mm == pytest.approx(known.rms_mm)
     assert shape.rms_mm == pytest.approx(0.1 / np.sqrt(2), rel=0.2)
     assert shape.rms_mm <= shape.max_mm
+    assert shape.planning_rms_mm == pytest.approx(shape.rms_mm)
     for across in (0.1, 0.2, 0.3, 0.6):  # merely shifted: rounding may leave less than nothing of its shape
         off = across * tangent[:, 0] - 3.0 * tangent[:, 1]
         side = _Side(path, off, {}, {}, known, signed=True)
-        assert _summed_up(side, False, np.random.default_rng(0))[0].rms_mm == pytest.approx(0.0, abs=1e-6)
+        assert _summed_up(side, False, alone, rng)[0].rms_mm == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("placed", [True, False])
@@ -316,20 +318,25 @@ def test_what_is_summed_up_at_once_is_what_each_drawn_machine_prints(rng: np.ran
     causes = {
         name: Drawn(rng.normal(0, 0.05, (40, k)), rng.standard_normal((k, DRAWS))) for name, k in (("a", 3), ("b", 2))
     }
-    local = {"c": Drawn(rng.uniform(0, 1e-4, (40, 2)), rng.uniform(0, 1, (2, DRAWS)))}
+    local = {"motion": Drawn(rng.uniform(0, 1e-4, (40, 2)), rng.uniform(0, 1, (2, DRAWS)))}
     path = Places(np.zeros((40, 2)), tangent, off, np.zeros((40, 2)), weight)
     known = Errors(float(np.sqrt(np.average(off**2, weights=weight))), 0.2, 0.3)
-    promise, rms = _summed_up(_Side(path, off, causes, local, known, signed=True), placed, rng)
+    side = _Side(path, off, causes, local, known, signed=True)
+    promise, rms = _summed_up(side, placed, np.zeros(DRAWS), rng)
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
     root = np.sqrt(weight)
     for draw in range(0, DRAWS, 50):
         error = off + sum(each.columns @ each.drawn[:, draw] for each in causes.values())
         shift = np.linalg.lstsq(normal * root[:, None], error * root, rcond=None)[0]
         counted = error if placed else error - normal @ shift
-        square = np.average(counted**2 + local["c"].columns @ local["c"].drawn[:, draw], weights=weight)
+        square = np.average(counted**2 + local["motion"].columns @ local["motion"].drawn[:, draw], weights=weight)
         assert rms[draw] == pytest.approx(np.sqrt(square), abs=1e-7)
     assert promise.rms_mm == pytest.approx(np.median(rms))
     assert sum(share**2 for share in promise.made_of.values()) == pytest.approx(promise.rms_mm**2)
+    apart = np.sqrt(np.average(local["motion"].columns @ local["motion"].drawn, axis=0, weights=weight))
+    for along in (-1.0, 1.0):  # what nothing explains lies against what is known, or with it
+        told = _summed_up(side, placed, np.full(DRAWS, along), rng)[0]
+        assert told.rms_mm == pytest.approx(np.median(np.sqrt(rms**2 - apart**2) + along * apart))
 
 
 def test_a_budget_that_is_none_of_ours_is_refused(bent: SavedModel) -> None:

@@ -17,6 +17,7 @@ from printmend.measure.table import read_trace, write_trace
 from printmend.path import Origin, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
+from printmend.promise.budget import parse_budget
 from printmend.repair.learned import learn_model
 from printmend.repair.update import update
 from printmend.saved import SavedModel, exact_model, model_text, parse_model, read_model, write_model
@@ -75,6 +76,19 @@ def test_a_saved_model_is_remembered_as_it_was(old: SavedModel) -> None:
         # a turn of 2π is none, and two half turns are one
         assert np.abs(past.turned(2 * np.pi) - past.values).max() < 1e-9
         assert np.abs(replace(past, values=past.turned(1.0)).turned(-1.0) - past.values).max() < 1e-9
+
+
+def test_four_dots_of_a_tower_say_nothing_new_of_all_the_bed(old: SavedModel) -> None:
+    """What was seen of the turns stays seen, and noise at four places is no pattern of places."""
+    way = np.concatenate([[ENDER3.home_mm], np.tile([[100.0, 90], [120, 90], [120, 110], [100, 110]], (40, 1))])
+    measured = Twin.of(machine(), ENDER3).follow(way) + np.random.default_rng(7).normal(0, NOISE_MM, way.shape)
+    model = update(old, Trace(way, measured, homed=True), rng=np.random.default_rng(0)).model
+    now, before = parse_budget(model), parse_budget(old)
+    assert now is not None
+    assert before is not None
+    for mine, past in zip(now.motors, before.motors, strict=True):
+        assert mine.seen == past.seen == 1.0
+        assert mine.unexplained_mm2 < 0.004**2
 
 
 @pytest.mark.parametrize(("points", "seed"), [(200, 1), (60, 3)])

@@ -29,9 +29,13 @@ SKEW, MOTORS = 1, (4, 5)
 BOTH_MOTORS_AND_AXIS = ((2, *MOTORS), (3, *MOTORS))
 MOTORS_ODDS = np.exp(-2.0)  # of both motors' scales being wrong, each by its own amount: a skewed frame looks the same
 LEAST_WEIGHT = 1e-3  # weight of a set of faults that counts
+SETTLED_MM = 1e-6  # a smaller error of a scale is none
 SETTLED_SHARE = 1e-5  # share to which a fit without a part knows that it is none
 WAVE_FACTOR = 3.0  # times the unevenness of the instrument: a smaller wave may be its own
 PLACES_COMPARED = 400  # of a motor's reach
+# How far what drifts evenly has gone from its mean when the print ends, for an RMS size of 1: a scale that is no larger
+# may be of another time than the next print's.
+DRIFTED = 3**0.5
 _PART_WORDS = {
     "mean": "pulley",
     "ripple": "micro-step ripple",
@@ -78,6 +82,7 @@ class Believed:
 class Acting:
     """The machine that may act, what was left out of the one that was learned, what is believed of its stretch.
 
+    ``still_mm2`` is the variance on the bed of what was left out of either motor because the printer drifts as much;
     ``turn_rad`` is by how much a CoreXY's skewed frame turns what it prints, clockwise, where a measurement that knows
     no place does not tell: its x keeps its direction then, and y alone leans.
     """
@@ -86,16 +91,18 @@ class Acting:
     left_out: tuple[LeftOut, ...]
     believed: Believed | None
     turn_rad: float = 0.0
+    still_mm2: tuple[float, float] = (0.0, 0.0)
 
 
-def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Acting:
+def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None, unrest_mm: float = 0.0) -> Acting:
     """Return what of a learned machine may act.
 
     A new measurement of the machine of an ``old`` model is judged by what it changes: what acted before was known.
+    ``unrest_mm`` is what changed by itself while the print was made: a scale that is no more than that does not act.
     """
     instrument = trace.instrument_doubt
     if instrument.is_exact:
-        return Acting(fit, (), None)
+        return _still(fit, unrest_mm, trace.placed)
     base = np.zeros(3) if old is None else stretch_of_model(old)
     values = [drive.choice.fit.posterior.values.copy() for drive in fit.drives]
     left_out = [each for motor in range(2) for each in _waves(fit, motor, values[motor], instrument)]
@@ -121,6 +128,30 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None) -> Ac
     ):
         return Acting(fit, (), believed, turn_rad)
     return Acting(_rebuilt(fit, values, trace.placed), tuple(left_out), believed, turn_rad)
+
+
+def _still(fit: GreyboxModel, unrest_mm: float, placed: bool) -> Acting:
+    """Return a machine without scales, changes of scale and shifts that are no more than what drifted meanwhile."""
+    values, left_out, still_mm2 = [], [], [0.0, 0.0]
+    for motor, drive in enumerate(fit.drives if unrest_mm else ()):
+        mine = drive.choice.fit.posterior.values.copy()
+        powers = drive.choice.design.parts["mean_powers"]
+        motor_mm = np.linspace(*drive.branches.reach_mm, PLACES_COMPARED)
+        mean, _ = drive.choice.design.columns(motor_mm, drive.branches.period_mm, drive.branches.middle_mm)
+        line_mm = mean[:, powers] @ mine[powers]
+        size_mm, middle_mm, most_mm = float(np.std(line_mm)), float(np.mean(line_mm)), DRIFTED * unrest_mm
+        shift_mm = middle_mm if abs(middle_mm) > most_mm else 0.0
+        out_mm = float(np.hypot(size_mm, middle_mm - shift_mm))
+        if size_mm <= most_mm and out_mm > SETTLED_MM:
+            mine[powers], still_mm2[motor] = 0.0, out_mm**2
+            mine[powers.start] = shift_mm
+            why = "no more than what changed while it was printed"
+            left_out.append(LeftOut(f"{drive.name.upper()} line", round(out_mm, 5), round(unrest_mm, 5), "mm", why))
+        values.append(mine)
+    if not left_out:
+        return Acting(fit, (), None)
+    first, second = still_mm2
+    return Acting(_rebuilt(fit, values, placed), tuple(left_out), None, still_mm2=(first, second))
 
 
 @dataclass(frozen=True, eq=False)

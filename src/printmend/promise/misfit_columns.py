@@ -51,8 +51,8 @@ def sideways(motors: list[Rows], which: int, commanded_mm: np.ndarray, side: np.
     )
 
 
-def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
-    """Yield everything that is looked for. What a rail does is what a motor's belt does, but for a CoreXY's."""
+def in_time() -> Iterator[Candidate]:
+    """Yield what comes with time and shifts places."""
     yield Candidate("linear")
     for share in BREAKS:
         yield Candidate("step", len(BREAKS), float(share))
@@ -60,6 +60,11 @@ def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
         yield Candidate("creep", len(CREEPS), share)
     for share in WARMINGS:
         yield Candidate("thermal", int(WARMING_ODDS * len(WARMINGS)), share)
+
+
+def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
+    """Yield everything that is looked for. What a rail does is what a motor's belt does, but for a CoreXY's."""
+    yield from in_time()
     for kind in ("wear", "direction", "racking-across", "speed"):
         yield Candidate(kind)
     for axis in range(2):

@@ -5,6 +5,7 @@ The column that then explains most is believed where it does so by more than cha
 and for how few of the rows are independent, and moves a print by more than nothing: a score test (Rao 1948), repeated.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from printmend.promise.apply import observed_stretch
 from printmend.promise.effects import EARLY, EARLY_DONE, ENDED, LEARNED, SPEED, STAYS, VARIES, Effect, absorbing
 from printmend.promise.laws import Sideways, warmed
 from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
-from printmend.promise.misfit_columns import Candidate, candidates, sideways
+from printmend.promise.misfit_columns import Candidate, candidates, in_time, sideways
 
 MOST_ROWS = 1500  # rows of a motor
 LEAST_ROWS = 60  # rows below which nothing is looked for
@@ -40,7 +41,7 @@ LOST_MM = 0.05  # if it is further off than this, too
 FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3  # shares of the points: a note, a warning, a refusal from there on
 UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # of the error that a model leaves, and at least mm, from where it is none
 MOST_JUMPS = 4  # skipped teeth and lost steps in a print, beyond which its end is no better known than its beginning
-OF_RAILS = ("rail-wave", "rail-racking")  # of a CoreXY: both motors show them
+ONE_WAVE_SHARE = 0.15  # waves of one rail whose lengths differ by less are one, which both motors show
 IN_TIME = ("linear", "step", "creep", "wear", "thermal")
 TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # both axes by so much, and alike to this share;
 ALIKE_SHARE_COREXY = 0.25  # one motor's pulley leans both of a CoreXY's axes, towards each other
@@ -73,8 +74,23 @@ class Cause:
 
 def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
     """Return what the residuals of a grey box hold beyond noise."""
-    rows = motor_rows(trace, box.printer, box.periods_mm)
     found: list[Cause] = []
+    for motor, rows, one, used, near in _looked_at(box, trace):
+        drive = box.drives[motor]
+        offered = list(candidates(one, corexy=box.printer.kinematics == "corexy"))
+        if not _shows_growth(one.at(near)):
+            offered = [each for each in offered if each.kind != "thermal"]
+        basis = own_columns(drive.choice, rows, used[near])
+        found += _explained(motor, offered, one.at(near), drive.choice.fit.touch.residual_mm[used][near], basis)
+        if drive.structure.warp_mm:
+            found += _repeated(motor, offered, one, drive, rows, used)
+    return tuple(found)
+
+
+def _looked_at(box: GreyboxModel, trace: Trace) -> Iterator[tuple[int, Rows, Sideways, np.ndarray, np.ndarray]]:
+    """Yield each motor that has rows enough: its rows, those used of them as the laws see them, which, and which of
+    these are no outliers."""
+    rows = motor_rows(trace, box.printer, box.periods_mm)
     for motor, drive in enumerate(box.drives):
         touch = drive.choice.fit.touch
         if len(touch.at) != len(trace):
@@ -84,15 +100,24 @@ def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
         if len(used) < LEAST_ROWS:
             continue
         one = sideways(rows, motor, trace.commanded_mm, touch.side).at(used)
-        offered = list(candidates(one, corexy=box.printer.kinematics == "corexy"))
-        near = _near(touch.residual_mm[used])
-        if not _shows_growth(one.at(near)):
-            offered = [each for each in offered if each.kind != "thermal"]
-        basis = own_columns(drive.choice, rows[motor], used[near])
-        found += _explained(motor, offered, one.at(near), touch.residual_mm[used][near], basis)
-        if drive.structure.warp_mm:
-            found += _repeated(motor, offered, one, drive, rows[motor], used)
-    return tuple(found)
+        yield motor, rows[motor], one, used, _near(touch.residual_mm[used])
+
+
+def unrest_mm(box: GreyboxModel, trace: Trace) -> float:
+    """Return the RMS size of what surely changed in time while the print was made, where it is so small that no time is
+    chosen for the model: a drift, however slow, from the mean of the print; 0 where nothing surely did."""
+    sizes = [0.0]
+    for motor, rows, one, used, near in _looked_at(box, trace):
+        drive, seen = box.drives[motor], one.at(near)
+        residual = drive.choice.fit.touch.residual_mm[used][near]
+        sigma, basis = _spread_mm(residual), own_columns(drive.choice, rows, used[near])
+        left = np.clip(residual, -CLIP_SIGMAS * sigma, CLIP_SIGMAS * sigma)
+        left = left - basis @ (basis.T @ left)
+        spare = max(len(left) - basis.shape[1], 1)
+        tried = [_tried(motor, each, seen, left, basis, spare, SURE_NATS) for each in in_time()]
+        sizes += [max(((c.nats, c.size_mm) for c in tried if c is not None and c.size_mm < LEAST_COST_MM),
+                      default=(0.0, 0.0))[1]]  # fmt: skip
+    return max(sizes)
 
 
 def _near(residual_mm: np.ndarray) -> np.ndarray:
@@ -251,15 +276,14 @@ def _motors(rows: list[Rows]) -> list[np.ndarray]:
 def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: str = VARIES) -> tuple[Misfit, ...]:
     """Return causes, points left out and places never seen as findings; ``state`` is what became of those in time."""
     found = []
-    tilts = _tilts(causes)
+    tilts = {kind: _tilts(causes, kind) for kind in ("rail-play", "rail-racking")}
     for cause in _once(causes):
         kind = cause.candidate.kind
-        if kind == "rail-play" and (axis := int(cause.candidate.detail)) in tilts:
-            found.append(_tilted(cause, axis, tilts[axis]))
+        if kind in tilts and (axis := int(cause.candidate.detail)) in tilts[kind]:
+            found.append(_tilted(cause, axis, tilts[kind][axis]))
             continue
-        severity = WARNING if cause.size_mm >= WARNED_MM else NOTE
         words = _words(cause, box.drives[cause.motor].name.upper(), box.printer.motors)
-        found.append(Misfit(kind, severity, cause.size_mm, cause.nats, words))
+        found.append(Misfit(kind, _severity(cause), cause.size_mm, cause.nats, words))
     joined = [
         replace(each, words=f"{each.words}{_OF_WHEN.get(state, '')}") if each.kind in IN_TIME else each
         for each in _one_of_each(found)
@@ -276,22 +300,32 @@ def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: 
 
 def _once(causes: tuple[Cause, ...]) -> list[Cause]:
     """Return causes without the smaller of two that both motors show of one rail."""
-    largest: dict[object, Cause] = {}
-    for at, cause in enumerate(causes):
-        one = cause.candidate
-        key = (one.kind, one.place, one.kind == "rail-racking" and one.detail) if one.kind in OF_RAILS else at
-        largest[key] = max(largest.get(key, cause), cause, key=lambda each: each.size_mm)
-    return list(largest.values())
+    found: list[Cause] = []
+    for cause in causes:
+        at = next((at for at, other in enumerate(found) if _is_one_rails(cause.candidate, other.candidate)), None)
+        if at is None:
+            found.append(cause)
+        elif cause.size_mm > found[at].size_mm:
+            found[at] = cause
+    return found
 
 
-def _tilts(causes: tuple[Cause, ...]) -> dict[int, float]:
+def _is_one_rails(one: Candidate, other: Candidate) -> bool:
+    """Say whether two candidates are the same of one of a CoreXY's rails."""
+    if one.kind != other.kind or one.place != other.place or one.kind not in ("rail-wave", "rail-racking"):
+        return False
+    return abs(one.detail - other.detail) < (ONE_WAVE_SHARE * one.detail if one.kind == "rail-wave" else 1.0)
+
+
+def _tilts(causes: tuple[Cause, ...], kind: str) -> dict[int, float]:
     """Return by how much [mm] a CoreXY's head is off along the other axis after one of the bed's axes turned round, for
-    each axis that moves both motors alike by that: a rail of its own would lag along itself."""
+    each axis that moves both motors alike by that, everywhere or at the ends, as ``kind`` has it: a rail of its own
+    would lag along itself."""
     found = {}
     for axis in range(2):
         lag = [0.0, 0.0]
         for cause in causes:
-            if cause.candidate.kind == "rail-play" and int(cause.candidate.detail) == axis:
+            if cause.candidate.kind == kind and int(cause.candidate.detail) == axis:
                 lag[cause.motor] = float(cause.weights.sum())
         x_mm, y_mm = (lag[0] + lag[1]) / 2, (lag[0] - lag[1]) / 2
         own, other = (x_mm, y_mm) if axis == 0 else (y_mm, x_mm)
@@ -301,11 +335,16 @@ def _tilts(causes: tuple[Cause, ...]) -> dict[int, float]:
 
 
 def _tilted(cause: Cause, axis: int, off_mm: float) -> Misfit:
-    words = (
-        f"where {'YX'[axis]} comes to lie depends on which way {'XY'[axis]} moved before, by {2 * abs(off_mm):.2f} mm: "
-        "the head or the gantry tilts"
-    )
-    return Misfit("direction", WARNING if cause.size_mm >= WARNED_MM else NOTE, cause.size_mm, cause.nats, words)
+    lies, way_mm = f"where {'YX'[axis]} comes to lie depends on which way {'XY'[axis]} moved before", 2 * abs(off_mm)
+    if cause.candidate.kind == "rail-racking":
+        words = f"{lies}, the more the nearer to its ends, by up to {way_mm:.2f} mm: the gantry racks"
+        return Misfit("racking-across", _severity(cause), cause.size_mm, cause.nats, words)
+    words = f"{lies}, by {way_mm:.2f} mm: the head or the gantry tilts"
+    return Misfit("direction", _severity(cause), cause.size_mm, cause.nats, words)
+
+
+def _severity(cause: Cause) -> str:
+    return WARNING if cause.size_mm >= WARNED_MM else NOTE
 
 
 def _one_of_each(found: list[Misfit]) -> list[Misfit]:

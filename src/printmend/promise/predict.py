@@ -30,6 +30,7 @@ OTHERWISE_SHARE = 0.7
 # What marks at rest do not show, as ringing, sticking, a loose nozzle: median [mm] over both axes, and the standard
 # deviation of its logarithm. Most printers have hardly any, some have 0.03 mm.
 UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.8
+LASTING = ("unexplained", "motion")  # what differs from place to place, but not at random as rounding does
 WHOLE_TURN_SHARE = 0.95  # of a turn that counts as all of it
 # Mean and standard deviation of the logarithm of how much larger the doubt of a pulley seen in part is than it says
 # itself: what nobody saw is mostly nothing, and now and then a flat.
@@ -72,8 +73,8 @@ class Promise:
 
     ``rms_mm`` with its 90 % range, ``p95_mm`` and ``max_mm`` are of the shape at its place where the measurement says
     where that is, else of the shape alone. ``shape_rms_mm`` is the shape's, ``place_mm`` by how much all of it is
-    shifted. ``planning_rms_mm`` is what the model itself says; ``made_of`` are the shares of ``rms_mm``: their squares
-    add up to its own.
+    shifted. ``planning_rms_mm`` is what the model itself says, of the shape alone where that is all that counts;
+    ``made_of`` are the shares of ``rms_mm``: their squares add up to its own.
     """
 
     rms_mm: float
@@ -98,7 +99,8 @@ class Outlook:
     """What to expect of a file as it is (``before``) and mended (``after``).
 
     ``gain_mm`` [DRAWS] is by how much mending surely lowers the error of each drawn machine, in shape and, where the
-    measurement says where that is, in place: what nothing explains may be worse for other moves.
+    measurement says where that is, in place: what nothing explains may be worse for other moves, and goes neither with
+    what is known nor against it.
     """
 
     before: Promise
@@ -130,7 +132,8 @@ def _outlook(mechanism: Mechanism, budget: Budget, path: Path, errors: tuple[Err
     doubts = [{"parameters": Drawn(each, z), **both} for each in columns]
     raw = _Side(path, path.off_mm, doubts[0], local, errors[0], signed=True)
     mended = _Side(path, np.zeros_like(path.off_mm), doubts[1], local, errors[1], signed=False)
-    results = [_summed_up(each, budget.placed, rng) for each in (raw, mended)]
+    along = rng.uniform(-1.0, 1.0, DRAWS)
+    results = [_summed_up(each, budget.placed, along, rng) for each in (raw, mended)]
     strange2 = OTHERWISE_SHARE**2 * sum(
         results[1][0].made_of[name] ** 2 for name in {"unexplained", *(each.kind for each in budget.effects)}
     )
@@ -300,10 +303,13 @@ def _effects(
     return found
 
 
-def _summed_up(side: _Side, placed: bool, rng: np.random.Generator) -> tuple[Promise, np.ndarray]:
-    """Return the promise and the RMS errors [DRAWS] that it sums up.
+def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Generator) -> tuple[Promise, np.ndarray]:
+    """Return the promise, and the RMS errors [DRAWS] with what nothing explains independent of what is known.
 
-    All of them are quadratic forms of what was drawn: the products of the columns are summed along the path once.
+    All of them are quadratic forms of what was drawn: the products of the columns are summed along the path once. What
+    nothing explains of a file as it is, `LASTING`, goes with what is known or against it: ``along`` [DRAWS] is drawn as
+    the cosine between two directions in space is, evenly from −1 to 1, for errors of a path are two shifts and a growth
+    before all.
     """
     weight = side.path.weight / side.path.weight.sum()
     normal = np.stack([-side.path.tangent[:, 1], side.path.tangent[:, 0]], axis=1)
@@ -323,10 +329,16 @@ def _summed_up(side: _Side, placed: bool, rng: np.random.Generator) -> tuple[Pro
     beside2 = known2 + sum(places2.values())
     whole = np.sqrt(_square(products[2:, 2:], drawn) + beside2)
     without_shift = np.sqrt(_square(shape[2:, 2:], drawn) + beside2)
-    rms_mm = whole if placed else without_shift
+    free_mm = whole if placed else without_shift
+    rms_mm = free_mm
+    if side.signed:
+        lasting2 = np.sum([places2[name] for name in LASTING if name in places2], axis=0)
+        other2 = np.maximum(free_mm**2 - lasting2, 0.0)
+        rms_mm = np.sqrt(np.maximum(free_mm**2 + 2 * along * np.sqrt(lasting2 * other2), 0.0))
     rms = float(np.median(rms_mm))
     counted = products if placed else shape
-    shares = {"planning": (max(float(counted[2, 2]), 0.0) if side.signed else 0.0) + known2}
+    known_share = (max(float(counted[2, 2]), 0.0) if side.signed else 0.0) + known2
+    shares = {"planning": known_share}
     first = 3
     for name, each in side.doubt.items():
         own = slice(first, first := first + len(each.drawn))
@@ -337,10 +349,10 @@ def _summed_up(side: _Side, placed: bool, rng: np.random.Generator) -> tuple[Pro
     low, high = np.quantile(rms_mm, (LOW, HIGH))
     promise = Promise(
         rms, p95, most, float(low), float(high), float(np.median(without_shift)),
-        float(np.median(np.hypot(*shift))), side.known.rms_mm,
+        float(np.median(np.hypot(*shift))), float(np.sqrt(known_share)),
         {name: rms * float(np.sqrt(share / total)) for name, share in shares.items()},
     )  # fmt: skip
-    return promise, rms_mm
+    return promise, free_mm
 
 
 def _square(products: np.ndarray, drawn: np.ndarray) -> np.ndarray:

@@ -22,12 +22,17 @@ PLACES_COMPARED = 400  # on the bed at which that variance is looked at
 
 
 def promise_section(
-    acts: Acting, trace: Trace, explained_mm: np.ndarray | None = None, left_mm: np.ndarray | None = None
+    acts: Acting,
+    trace: Trace,
+    explained_mm: np.ndarray | None = None,
+    left_mm: np.ndarray | None = None,
+    doubt_mm2: tuple[float, float] = (0.0, 0.0),
 ) -> dict[str, Any]:
     """Return the budget of what acts of a learned machine as plain values: the section ``promise`` of its file.
 
     ``explained_mm`` [N, 2] is what misfits that were found do to each row, motor by motor: they are told apart.
     ``left_mm`` [N, 2] is what is left where more was learned than the parts of ``acts``; None for no more.
+    ``doubt_mm2`` is the variance of what was, by the scatter of the points that it was learned from.
     """
     fit = acts.fit
     rows = motor_rows(trace, fit.printer, fit.periods_mm)
@@ -37,11 +42,15 @@ def promise_section(
     for motor, drive in enumerate(fit.drives):
         touch = drive.choice.fit.touch
         known = 0.0 if explained_mm is None else explained_mm[:, motor]
-        left = unexplained(rows[motor], touch.residual_mm - known, touch.side, scatter_mm)
+        # by commanded places: where a tower comes again and again, measured ones are in the order of their own noise
+        seen = replace(rows[motor], own_mm=rows[motor].motor_mm, other_mm=rows[1 - motor].motor_mm)
+        left = unexplained(seen, touch.residual_mm - known, touch.side, scatter_mm)
         if left_mm is not None:
-            more = unexplained(rows[motor], left_mm[:, motor] - known, touch.side, scatter_mm)
+            more = unexplained(seen, left_mm[:, motor] - known, touch.side, scatter_mm)
             if (less_mm2 := left.variance_mm2 - more.variance_mm2) > 0:
                 left = replace(more, variance_mm2=more.variance_mm2 + DOUBTED_SHARE * less_mm2)
+            left = replace(left, variance_mm2=left.variance_mm2 + doubt_mm2[motor])
+        left = replace(left, variance_mm2=left.variance_mm2 + acts.still_mm2[motor])
         motors[drive.name] = motor_section(drive, fit.printer, motor, left.variance_mm2, left.sd_mm2)
     section: dict[str, Any] = {"version": VERSION, "placed": trace.placed, "instrument": asdict(trace.instrument_doubt)}
     if acts.believed is not None:

@@ -24,7 +24,7 @@ from printmend.promise.apply import acting
 from printmend.promise.effects import Effect
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_rows import in_order, repeated
-from printmend.promise.misfit_tests import IN_TIME, as_printed, causes_of, effects_of, found_in, of_the_end
+from printmend.promise.misfit_tests import IN_TIME, as_printed, causes_of, effects_of, found_in, of_the_end, unrest_mm
 from printmend.promise.scale import scale_words
 from printmend.promise.section import instrument_scatter_mm, promise_section, residual_section
 from printmend.promise.unexplained import DOUBTED_SCATTER
@@ -113,7 +113,8 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         # what is too small to be said is not worth a model that a second print cannot bring up to date
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
         more = {"misfit": misfit_section((*ordered.found, *moved, *misfits), effects), DIGESTS: list(digests)}
-        saved = greybox_model(box, flat, hybrid=hybrid, more=more, explained_mm=explained)
+        drifting_mm = unrest_mm(box, flat)
+        saved = greybox_model(box, flat, hybrid=hybrid, more=more, explained_mm=explained, drifting_mm=drifting_mm)
         if found is not None and not found.is_silent:
             saved = told(saved, found, found.series, trace)
         return Learned(saved, box, flat, () if hybrid is None else hybrid.findings)
@@ -230,6 +231,7 @@ def greybox_model(
     hybrid: HybridModel | None = None,
     old: SavedModel | None = None,
     explained_mm: np.ndarray | None = None,
+    drifting_mm: float = 0.0,
 ) -> SavedModel:
     """Return a grey box as a saved model, its diagnosis and uncertainties included.
 
@@ -237,9 +239,10 @@ def greybox_model(
 
     An update passes the ``known_gaps`` of the old model, whose print saw more: new ones count for motors learned
     ``anew`` only. ``more`` goes into the document; ``old`` is the model that is brought up to date;
-    ``explained_mm`` [N, 2] is what found misfits do to the rows, motor by motor.
+    ``explained_mm`` [N, 2] is what found misfits do to the rows, motor by motor; ``drifting_mm`` the size of what
+    changed in time and was not found to be any of them.
     """
-    acts = acting(fit, trace, old)
+    acts = acting(fit, trace, old, drifting_mm)
     fit = acts.fit
     diagnosis = diagnose(fit, doubt_of(trace))
     if known_gaps is not None:
@@ -261,7 +264,7 @@ def greybox_model(
             **({} if (own := instrument_scatter_mm(trace)) is None else {"instrument_mm": round(own, 6)}),
         },
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
-        "promise": promise_section(acts, trace, explained_mm, None if hybrid is None else hybrid.left_mm),
+        "promise": promise_section(acts, trace, explained_mm, *(() if hybrid is None else hybrid.left_and_doubt)),
         **(more or {}),
     }
     saved: list[Branches | None] = list(branches)

@@ -112,6 +112,8 @@ class Prediction:
     def is_untouched(self) -> bool:
         """Say whether the model has nothing to mend here: what it knows puts every line where it belongs."""
         known_mm = max(self.before.planning_rms_mm, self.heights[0].rms_mm if self.heights else 0.0)
+        if self.path is not None:  # a mere shift is no error of the shape, but would be written
+            known_mm = max(known_mm, float(np.abs(self.path.off_mm).max(initial=0.0)))
         return known_mm < _NO_ERROR_MM and self.commands == self.moves
 
     def json(self) -> dict[str, Any]:

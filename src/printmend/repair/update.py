@@ -165,7 +165,7 @@ def _updated(
             replace(row, origin_mm=drive.branches.middle_mm, period_mm=drive.branches.period_mm) if new else row
             for row, drive, new in zip(rows, fresh.drives, anew, strict=True)
         ]
-    fit = _with_reach(model_of(trace, printer, rows, chosen), past, anew)
+    fit = _with_sight(model_of(trace, printer, rows, chosen), past, anew)
     changes = [
         change
         for motor, one in enumerate(past)
@@ -214,13 +214,14 @@ def _turns_mm(past: list[Remembered]) -> tuple[float, float]:
     return (past[0].branches.period_mm, past[1].branches.period_mm)
 
 
-def _with_reach(fit: GreyboxModel, past: list[Remembered], anew: list[bool]) -> GreyboxModel:
-    """Keep what the old print saw of the axes: a small print must not make the rest of the bed unknown."""
+def _with_sight(fit: GreyboxModel, past: list[Remembered], anew: list[bool]) -> GreyboxModel:
+    """Keep what the old print saw of axes and turns: a small print must not make the rest unknown."""
     drives, tables = [], []
     for motor, (drive, one, new) in enumerate(zip(fit.drives, past, anew, strict=True)):
         (low, high), (old_low, old_high) = drive.branches.reach_mm, one.branches.reach_mm
         reach = (low, high) if new else (min(low, old_low), max(high, old_high))
-        drive = replace(drive, branches=replace(drive.branches, reach_mm=reach))
+        seen = drive.sight if new else replace(drive.sight, angles=max(drive.sight.angles, one.seen))
+        drive = replace(drive, branches=replace(drive.branches, reach_mm=reach), sight=seen)
         drives.append(drive)
         tables.append(drive.branches.lower(fit.printer, motor))
     mechanism = Mechanism(fit.printer, (tables[0], tables[1]), fit.mechanism.frame)

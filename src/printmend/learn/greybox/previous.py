@@ -18,6 +18,7 @@ from printmend.learn.greybox.rows import ripple_harmonics
 from printmend.printer import Printer
 from printmend.saved.branches import SCALE_MM, Branches
 from printmend.saved.model import SavedModel, branches_of
+from printmend.saved.values import number
 
 # Standard deviations by which a machine's parameters drift between two prints, where `Drift` says 1. They are guesses
 # of ours, on the large side: where the new print says more, it decides.
@@ -45,7 +46,8 @@ class Drift:
 class Remembered:
     """One motor as it was: ``branches``, its parameters ``values`` [P] and ``sds`` [P] for the columns of ``design``.
 
-    The design has room for what may be new: scale, play, harmonics, skew. ``known`` [P] marks what the old model had.
+    The design has room for what may be new: scale, play, harmonics, skew. ``known`` [P] marks what the old model had,
+    ``seen`` is the share of the motor's turn that it was learned from.
     """
 
     branches: Branches
@@ -53,6 +55,7 @@ class Remembered:
     values: np.ndarray
     sds: np.ndarray
     known: np.ndarray
+    seen: float = 0.0
 
     def turned(self, phase_rad: float) -> np.ndarray:
         """Return the parameters [P] with the pulley turned on its shaft: cos k(φ + δ) for cos kφ."""
@@ -149,7 +152,8 @@ def remember(model: SavedModel, motor: int) -> Remembered:
     )
     values, sds = _values(branches, old, model, motor), _listed(section["sd_mm"], old)
     known = design.moved(np.ones(old.size), old) > 0
-    return Remembered(branches, design, design.moved(values, old), design.moved(sds, old), known)
+    seen = number(section, "angles_seen", f"the model [uncertainty {name}]", 1.0) if "angles_seen" in section else 0.0
+    return Remembered(branches, design, design.moved(values, old), design.moved(sds, old), known, seen)
 
 
 def _design(branches: Branches, sds: dict[str, Any], model: SavedModel, motor: int) -> Design:

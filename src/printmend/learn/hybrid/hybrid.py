@@ -63,6 +63,12 @@ class HybridModel(MachineLearned):
         return self.world is None and self.residuals == (None, None)
 
     @property
+    def left_and_doubt(self) -> tuple[np.ndarray | None, tuple[float, float]]:
+        """What is left of each row, ``left_mm``, and the variance of what was added to either motor [mm²]."""
+        first, second = (0.0 if each is None else each.doubt_mm2 for each in self.residuals)
+        return self.left_mm, (first, second)
+
+    @property
     def findings(self) -> tuple[str, ...]:
         """What was added to the grey box, a sentence each."""
         if self.world is not None:

@@ -8,7 +8,9 @@ c is common to both branches and d is more or less play between them, by one of
     trees     LightGBM on (position mod turn, position, side)
 
 or by nothing. Cross-validation in blocks of at least one turn of travel chooses: neighbouring points share their noise
-and their slack, so that folds of single points would favour whatever remembers them (physics.md eq. 20).
+and their slack, so that folds of single points would favour whatever remembers them (physics.md eq. 20). A print goes
+over its places in some order, so that what drifts with time looks like a pattern of places: where a slow drift says
+half as much as the best kind, a kind has to be sure beside it, and is learned beside it.
 """
 
 import logging
@@ -41,18 +43,22 @@ MOST_SIGMAS = 4.0  # residuals beyond so many robust standard deviations count a
 CONTACT_PASSES = 2  # how often contacts and residual are found in turn
 LEAST_SIGMA_MM = 2e-4  # smallest noise that is assumed
 BOOST_ROUNDS = 60  # trees
+DRIFT_WAVES, GROWTH_WAVES = 3, 2  # slow cosines of the print: of a shift, and of growth from end to end
+DRIFT_SHARE = 0.5  # of the gain of the best kind: what drifts so much may be all of it
 
 
 @dataclass(frozen=True)
 class Kind:
     """A kind of residual learner: ``name`` is smooth, periodic or trees.
 
-    ``length_mm`` is that of a smooth one; with ``sides`` either direction of motion has a residual of its own.
+    ``length_mm`` is that of a smooth one; with ``sides`` either direction of motion has a residual of its own. What is
+    learned beside a slow drift of the print is ``timed``.
     """
 
     name: str
     length_mm: float = 0.0
     sides: bool = False
+    timed: bool = False
 
     def __str__(self) -> str:
         length = f" of {self.length_mm:g} mm" if self.length_mm else ""
@@ -64,6 +70,7 @@ PROCESSES = (
     Kind("periodic", sides=False),
     Kind("periodic", sides=True),
 )
+DRIFT = Kind("drift")  # of the print, which no table can hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +78,8 @@ class Points:
     """The measured rows in contact, M of them, in the order of motion.
 
     ``motor_mm`` and ``side`` [M] are those of the contact, ``residual_mm`` [M] what the tables leave, ``weight`` [M]
-    the row's weight and ``block`` [M] its block of travel, a turn long. ``turn_mm`` is the motor's turn, ``sigma_mm``
-    the robust standard deviation of the residuals.
+    the row's weight, ``block`` [M] its block of travel, a turn long, and ``done`` [M] the share of the motor's travel
+    before it. ``turn_mm`` is the motor's turn, ``sigma_mm`` the robust standard deviation of the residuals.
     """
 
     motor_mm: np.ndarray
@@ -82,11 +89,12 @@ class Points:
     block: np.ndarray
     turn_mm: float
     sigma_mm: float
+    done: np.ndarray
 
     def where(self, mask: np.ndarray) -> "Points":
         return replace(
             self, motor_mm=self.motor_mm[mask], side=self.side[mask], residual_mm=self.residual_mm[mask],
-            weight=self.weight[mask], block=self.block[mask],
+            weight=self.weight[mask], block=self.block[mask], done=self.done[mask],
         )  # fmt: skip
 
 
@@ -96,7 +104,7 @@ class Residual:
     seen.
 
     ``kinds`` are those of the learners that it is the sum of. Without any it is zero, and only says that the tables are
-    to be continued beyond the grid by what repeats.
+    to be continued beyond the grid by what repeats. ``doubt_mm2`` is its own variance, by the scatter of the points.
     """
 
     kinds: tuple[Kind, ...]
@@ -104,6 +112,7 @@ class Residual:
     common_mm: np.ndarray
     play_mm: np.ndarray
     turn_mm: float
+    doubt_mm2: float = 0.0
 
     @property
     def words(self) -> str:
@@ -112,7 +121,8 @@ class Residual:
     def plus(self, other: "Residual") -> "Residual":
         """Return the sum of two residuals on one grid."""
         common, play = self.common_mm + other.common_mm, self.play_mm + other.play_mm
-        return Residual((*self.kinds, *other.kinds), self.grid_mm, common, play, self.turn_mm)
+        doubt_mm2 = max(self.doubt_mm2, other.doubt_mm2)  # the later ones only mend the earlier
+        return Residual((*self.kinds, *other.kinds), self.grid_mm, common, play, self.turn_mm, doubt_mm2)
 
     def at_mm(self, motor_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
         """Return the residual [N] at contacts; beyond the grid it stays as at the grid's ends."""
@@ -161,7 +171,32 @@ def points_in_contact(
         (travel[used] / turn_mm).astype(np.int64),
         turn_mm,
         sigma,
+        travel[used] / max(float(travel[-1]), 1e-9),
     )
+
+
+def drift_columns(data: Points) -> np.ndarray:
+    """Return what drifts slowly with the print at its points [M, Q]: a shift, and growth from end to end."""
+    low, high = float(data.motor_mm.min()), float(data.motor_mm.max())
+    own = (2 * data.motor_mm - low - high) / max(high - low, 1e-9)
+    waves = np.cos(np.pi * np.outer(data.done, np.arange(1, DRIFT_WAVES + 1)))
+    return np.concatenate([waves, waves[:, :GROWTH_WAVES] * own[:, None]], axis=1)
+
+
+def _beside_drift(values: np.ndarray, data: Points) -> np.ndarray:
+    """Return columns or residuals [M, …] without what the drift of the points explains of them."""
+    root = np.sqrt(data.weight)[:, None]
+    basis = np.linalg.qr(drift_columns(data) * root)[0]
+    whole = values.reshape(len(values), -1)
+    return np.asarray(whole - basis / root @ (basis.T @ (whole * root))).reshape(values.shape)
+
+
+def _without_drift(data: Points) -> Points:
+    return replace(data, residual_mm=_beside_drift(_clipped(data), data))
+
+
+def _clipped(data: Points) -> np.ndarray:
+    return np.clip(data.residual_mm, -MOST_SIGMAS * data.sigma_mm, MOST_SIGMAS * data.sigma_mm)
 
 
 def process_columns(
@@ -201,6 +236,14 @@ def process(design: np.ndarray, root: np.ndarray, data: Points) -> np.ndarray:
     return _weights(_gram(design * root, data), root)
 
 
+def _doubt_mm2(design: np.ndarray, root: np.ndarray, data: Points) -> float:
+    """Return the variance of a process at its points: the noise's share for each parameter that they settle."""
+    gram = _gram(design * root, data)
+    values = np.maximum(np.linalg.eigvalsh(gram.matrix), 0.0)
+    known = float((values / (values + _noise_share(gram))).sum())
+    return float(gram.square / gram.count * known / gram.count)
+
+
 @dataclass(frozen=True, eq=False)
 class _Gram:
     """Weighted sums over points: columns × columns [P, P], columns × residuals [P], squared residuals, weights."""
@@ -215,7 +258,7 @@ class _Gram:
 
 
 def _gram(scaled: np.ndarray, data: Points) -> _Gram:
-    clipped = np.clip(data.residual_mm, -MOST_SIGMAS * data.sigma_mm, MOST_SIGMAS * data.sigma_mm)
+    clipped = _clipped(data)
     weighted = scaled * data.weight[:, None]
     return _Gram(weighted.T @ scaled, weighted.T @ clipped, float(data.weight @ clipped**2), float(data.weight.sum()))
 
@@ -251,7 +294,7 @@ def trees(data: Points, seed: int) -> Any:
         "objective": "regression", "num_leaves": 15, "min_data_in_leaf": 20, "seed": seed, "num_threads": 1,
         "verbosity": -1, "deterministic": True, "force_col_wise": True,
     }  # fmt: skip
-    clipped = np.clip(data.residual_mm, -MOST_SIGMAS * data.sigma_mm, MOST_SIGMAS * data.sigma_mm)
+    clipped = _clipped(data)
     rows = _features(data.motor_mm, data.side, data.turn_mm)
     return lightgbm.train(options, lightgbm.Dataset(rows, clipped, weight=data.weight), num_boost_round=BOOST_ROUNDS)
 
@@ -283,8 +326,13 @@ def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, 
             model = trees(data.where(~held), seed)
             guess[held] = model.predict(_features(data.motor_mm[held], data.side[held], data.turn_mm), num_threads=1)
         return guess
-    root = np.sqrt(column_variances(kind, reach_mm))
-    scaled = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm) * root
+    if kind == DRIFT:
+        scaled = drift_columns(data)
+        root = np.ones(scaled.shape[1])
+    else:
+        root = np.sqrt(column_variances(kind, reach_mm))
+        scaled = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm) * root
+        scaled = _beside_drift(scaled, data) if kind.timed else scaled
     grams = [_gram(scaled[held], data.where(held)) for held in masks]
     whole = _Gram(*(sum(getattr(gram, name) for gram in grams) for name in vars(grams[0])))
     for held, gram in zip(masks, grams, strict=True):
@@ -295,7 +343,8 @@ def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, 
 def chosen_kind(data: Points, reach_mm: tuple[float, float], *, patterned: bool, seed: int) -> Kind | None:
     """Return the kind that predicts held-out blocks of travel best; None where no kind is sure to help.
 
-    Trees are tried only where the residual is ``patterned``, or where a process helped.
+    Trees are tried only where the residual is ``patterned``, or where a process helped. Where a slow drift of the print
+    says nearly as much, the kind is the best beside that drift, and has to be sure beside it.
     """
     blocks = np.unique(data.block)
     if len(blocks) < LEAST_BLOCKS or len(data.motor_mm) < 10 * LEAST_BLOCKS:
@@ -305,28 +354,36 @@ def chosen_kind(data: Points, reach_mm: tuple[float, float], *, patterned: bool,
     number = np.searchsorted(blocks, data.block)
     # Blocks go to the folds in turn, each block as a whole.
     fold = number % min(FOLDS, len(blocks))
-    bound = (MOST_SIGMAS * data.sigma_mm) ** 2
-    before = np.bincount(number, data.weight * np.minimum(data.residual_mm**2, bound))
-
-    def gained(kind: Kind) -> np.ndarray:
-        guess = held_out(kind, data, fold, reach_mm, seed)
-        after = np.minimum(np.square(data.residual_mm - guess), bound)
-        return before - np.bincount(number, data.weight * after)
-
     # what has more columns than there are points finds some pattern in any noise
     most = min(len(data.motor_mm), MOST_COLUMNS)
     offered = [kind for kind in PROCESSES if len(column_variances(kind, reach_mm)) <= most]
-    if not offered:
+
+    def best(data: Points, offered: list[Kind]) -> tuple[Kind, float] | None:
+        bound = (MOST_SIGMAS * data.sigma_mm) ** 2
+        before = np.bincount(number, data.weight * np.minimum(data.residual_mm**2, bound))
+
+        def gained(kind: Kind) -> np.ndarray:
+            guess = held_out(kind, data, fold, reach_mm, seed)
+            after = np.minimum(np.square(data.residual_mm - guess), bound)
+            return before - np.bincount(number, data.weight * after)
+
+        gains = {kind: gained(kind) for kind in offered}
+        found = max(gains, key=lambda kind: gains[kind].sum())
+        if found != DRIFT and (patterned or _is_sure(gains[found], before)) and has_trees():
+            both = replace(found, name="trees", length_mm=0.0, sides=True)
+            gains[both] = gained(both)
+            # Trees make staircases, which must be worth their steps.
+            found = both if gains[both].sum() > gains[found].sum() + LEAST_SHARE_GAINED * before.sum() else found
+        is_fine = found.name == "smooth" and len(data.motor_mm) < FEW_POINTS * len(column_variances(found, reach_mm))
+        least = FINE_STANDARD_ERRORS if is_fine else SURE_STANDARD_ERRORS
+        return (found, float(gains[found].sum())) if _is_sure(gains[found], before, least) else None
+
+    if not offered or (found := best(data, offered)) is None:
         return None
-    gains = {kind: gained(kind) for kind in offered}
-    best = max(gains, key=lambda kind: gains[kind].sum())
-    if (patterned or _is_sure(gains[best], before)) and has_trees():
-        both = Kind("trees", sides=True)
-        gains[both] = gained(both)
-        # Trees make staircases, which must be worth their steps.
-        best = both if gains[both].sum() > gains[best].sum() + LEAST_SHARE_GAINED * before.sum() else best
-    is_fine = best.name == "smooth" and len(data.motor_mm) < FEW_POINTS * len(column_variances(best, reach_mm))
-    return best if _is_sure(gains[best], before, FINE_STANDARD_ERRORS if is_fine else SURE_STANDARD_ERRORS) else None
+    drift = best(data, [DRIFT])
+    if drift is not None and drift[1] > DRIFT_SHARE * found[1]:
+        found = best(_without_drift(data), [replace(kind, timed=True) for kind in offered])
+    return None if found is None else found[0]
 
 
 def _is_sure(gain: np.ndarray, before: np.ndarray, least: float = SURE_STANDARD_ERRORS) -> bool:
@@ -338,10 +395,11 @@ def fit_residual(
     kind: Kind, data: Points, reach_mm: tuple[float, float], grid_mm: np.ndarray, *, seed: int
 ) -> Residual:
     """Fit a kind to all points; return it as a table at motor positions ``grid_mm`` [G]."""
-    branches = []
+    branches, doubt_mm2 = [], 0.0
+    data = _without_drift(data) if kind.timed else data
     for side in (-1.0, 1.0):
         none, sides = np.zeros(0), np.full(len(grid_mm), side)
-        where = Points(grid_mm, sides, none, none, none, data.turn_mm, data.sigma_mm)
+        where = Points(grid_mm, sides, none, none, none, data.turn_mm, data.sigma_mm, none)
         branches.append(where)
     if kind.name == "trees":
         model = trees(data, seed)
@@ -350,6 +408,7 @@ def fit_residual(
         )
     else:
         design = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm)
-        weights = process(design, np.sqrt(column_variances(kind, reach_mm)), data)
+        design, root = _beside_drift(design, data) if kind.timed else design, np.sqrt(column_variances(kind, reach_mm))
+        weights, doubt_mm2 = process(design, root, data), _doubt_mm2(design, root, data)
         low, high = (process_columns(kind, b.motor_mm, b.side, b.turn_mm, reach_mm) @ weights for b in branches)
-    return Residual((kind,), grid_mm, (low + high) / 2, high - low, data.turn_mm)
+    return Residual((kind,), grid_mm, (low + high) / 2, high - low, data.turn_mm, doubt_mm2)
