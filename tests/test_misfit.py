@@ -273,13 +273,13 @@ def test_a_short_print_is_promised_to_be_as_warm_as_it_gets(rng: np.random.Gener
     assert drawn.columns @ drawn.drawn == pytest.approx(np.full((2, 400), 0.1 * (1 - 0.108)))
 
 
-@pytest.mark.parametrize(("turn_mm", "said"), [(32.0, "a pulley of 16 teeth"), (39.5, "steps a millimetre")])
+@pytest.mark.parametrize(("turn_mm", "said"), [(42.0, "a pulley of 21 teeth"), (39.5, "steps a millimetre")])
 def test_the_turn_of_another_pulley_is_learned(turn_mm: float, said: str, rng: np.random.Generator) -> None:
-    """A pulley of 16 teeth where the preset has 20, or steps that were calibrated: an uneven pulley again, and no belt
+    """A pulley of 21 teeth where the preset has 20, or steps that were calibrated: an uneven pulley again, and no belt
     that is uneven everywhere."""
-    small = replace(PRINTER, x=replace(PRINTER.x, mm_per_turn=turn_mm), y=replace(PRINTER.y, mm_per_turn=turn_mm))
+    other = replace(PRINTER, x=replace(PRINTER.x, mm_per_turn=turn_mm), y=replace(PRINTER.y, mm_per_turn=turn_mm))
     points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (500, 2))])
-    twin = Twin.of(Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.3)), Drive())), small)
+    twin = Twin.of(Corruption((Drive(pulley=EccentricBore(0.4, 1.0), belt=Play(0.3)), Drive())), other)
     trace = Trace(points, twin.follow(points) + rng.normal(0, 0.05, points.shape), homed=True)
     box = Greybox().fit(trace, PRINTER, rng=rng)
     assert box.periods_mm == (pytest.approx(turn_mm, abs=0.05), 40.0)

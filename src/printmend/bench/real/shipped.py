@@ -9,6 +9,10 @@ from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.repair.learned import learn_model
 
+# Each traverse came without its own line, and so without how far the belt is behind on the way back: any distance that
+# keeps one way behind the other stands for it. Before its first sample the carriage had sped up, over this way or more.
+_BEHIND_MM, _RUN_UP_MM = 2.0, 10.0
+
 
 def shipped_fit(
     traces: Sequence[tuple[int, np.ndarray, np.ndarray]],
@@ -22,10 +26,13 @@ def shipped_fit(
     turns = 1 + np.ceil(2 * max(float(np.abs(place).max()) for _, place, _ in traces) / turn_mm)
     printer = replace(printer, x=replace(printer.x, max_mm=float(turns * turn_mm)))
     middle = printer.x.max_mm / 2
-    commanded = np.concatenate([place for _, place, _ in traces]) + middle
-    measured = commanded + np.concatenate([direction * error for direction, _, error in traces])
+    ways = [np.concatenate([[place[0] - direction * _RUN_UP_MM], place]) for direction, place, _ in traces]
+    errors = [np.concatenate([[np.nan], direction * (error - _BEHIND_MM / 2)]) for direction, _, error in traces]
+    commanded = np.concatenate(ways) + middle
+    measured = commanded + np.concatenate(errors)
     still = np.full_like(commanded, printer.y.max_mm / 2)
-    trace = Trace(np.stack([commanded, still], axis=1), np.stack([measured, still], axis=1))
+    seen = np.where(np.isnan(measured), np.nan, still)
+    trace = Trace(np.stack([commanded, still], axis=1), np.stack([measured, seen], axis=1))
     drive = learn_model(trace, printer, rng=np.random.default_rng(0)).mechanism.transmissions[0]
 
     def error_mm(direction: int, place_mm: np.ndarray) -> np.ndarray:

@@ -33,7 +33,6 @@ OWN_SHARE = 0.2  # to be given up, the printer's turn explains less than this sh
 LEAST_GAIN_MM = 0.015  # root mean square that another length must explain beyond what the printer's turn explains
 ALIKE_SHARE = 0.02  # a length within this share of a whole part, or a multiple, of the printer's turn counts as such
 NEAR_SHARE = 0.04  # most by which calibrated steps a millimetre make a turn differ from the printer's, as a share
-TOOTH_SHARE = 0.02  # a length within this share of a whole number of teeth may be a toothed pulley's turn
 MOST_PARTS = 5  # the turn may be up to this whole part of the best length, of which it then is a harmonic
 AS_GOOD_NATS = 10.0  # log likelihood that a toothed pulley's turn, or a part of the best length, may lose against it
 
@@ -100,7 +99,10 @@ def _calibrated(
     printer's turn leave that do: to first order, a wave of another length is one that fades.
     """
     tried = 1 / np.arange(1 / (period_mm * (1 + NEAR_SHARE)), 1 / (period_mm * (1 - NEAR_SHARE)), step / 4)
-    found = sharpened(tried[np.argmin(left_still(tried))], step / 4, partial(_of_one, left_still))
+    at = int(np.argmin(left_still(tried)))
+    if at in (0, len(tried) - 1):  # the best may be beyond: another pulley, not other steps a millimetre
+        return None
+    found = sharpened(tried[at], step / 4, partial(_of_one, left_still))
     plain, after = left_still(np.array([period_mm, found])).tolist()
     nats = count / 2 * np.log(plain / after) - np.log(len(tried))
     gained_mm = np.sqrt(max(plain - after, 0.0) / weight)
@@ -114,8 +116,7 @@ def _simplest(period_mm: float, count: float, left: Callable[[float], float]) ->
     for part in range(MOST_PARTS, 0, -1):
         length = period_mm / part
         toothed = TOOTH_MM * round(length / TOOTH_MM)
-        lengths = (toothed, length) if toothed and abs(length / toothed - 1) < TOOTH_SHARE else (length,)
-        for one in lengths:
+        for one in (toothed, length):
             if one >= PERIODS_MM[0] and count / 2 * np.log(left(one) / best) < AS_GOOD_NATS:
                 return float(one)
     return period_mm
