@@ -255,6 +255,8 @@ def test_a_data_set_becomes_the_papers_figures(tmp_path: Path) -> None:
 
 # In a process of its own: Dask's threads outlive a cluster by moments, which the other tests take for warnings.
 TABLE = """
+import logging
+import os
 import sys
 from pathlib import Path
 from printmend import executor as module
@@ -275,7 +277,11 @@ if __name__ == "__main__":
     assert "wanted a scheduler at tcp://127.0.0.1:9" in said and "start `dask scheduler`" in said, said
     assert not list(made.parent.glob("made*"))
     cases = [Case("table1", "", place, "play", "damaged", "paper", 0, source=place) for place in sys.argv[1:]]
-    run(cases, ("naive", "oracle"), Path(sys.argv[1]).parent, executor(1, "local:2"), evaluate=judged_once)
+    pool = executor(1, "local:2")
+    run(cases, ("naive", "oracle"), Path(sys.argv[1]).parent, pool, evaluate=judged_once)
+    assert [value for _, value in pool.map(os._exit, [1])] == [module.WorkerDied()]
+    with pool.client():
+        logging.getLogger("distributed.scheduler").error("told of the disk")
 """
 
 
@@ -290,6 +296,8 @@ def test_a_table_on_a_cluster_neither_loses_nor_doubles_a_row_when_a_worker_dies
         env={**os.environ, "PYTHONPATH": f"{root}/src:{root}"},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+    (line,) = [line for line in done.stderr.splitlines() if "distributed" in line or "Traceback" in line]
+    assert line.endswith("ERROR - told of the disk"), "an error is told, workers that are lost are not"
     assert not (tmp_path / "body1.die").exists()
     assert Path(places[1]).read_text() == "ran\n"
     results = read_results(tmp_path / "table1.jsonl")

@@ -168,9 +168,12 @@ class Cluster:
                     dashboard_address=None,
                     env=threads,
                     memory_limit=0,
-                    silence_logs=logging.CRITICAL,  # a worker that is lost is no news: its work goes to another
+                    silence_logs=logging.ERROR,  # a worker that is lost is a warning: its work goes to another
                 )
                 stack.enter_context(cluster)
+                log = logging.getLogger("distributed.scheduler")
+                log.addFilter(_is_news)
+                stack.callback(log.removeFilter, _is_news)
                 yield stack.enter_context(Client(cluster))
             else:
                 yield stack.enter_context(self._connected())
@@ -187,6 +190,11 @@ class Cluster:
             came = f"{type(error).__name__}: {error}"
             todo = "start `dask scheduler`, or correct the address"
             raise InputError("--cluster", wanted=f"a scheduler at {self.address}", came=came, todo=todo) from None
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    """Tell whether an error of Dask's scheduler is more than what is said of the item: that its workers died."""
+    return "workers died while trying to run it" not in record.getMessage()
 
 
 def executor(workers: int, cluster: str | None = None) -> Executor:
