@@ -1,15 +1,19 @@
 # Two commands: `make demo` shows the main job, `make test` runs the tests.
-# `make setup` builds .venv from the lock file, as every other target does when it is absent or stale, and compiles.
+# `make setup` builds .venv from requirements.lock, as every other target does when it is absent or stale, and compiles.
+# `make demo` begins with owner.lock, the part of it that owners' commands and the demonstrations need.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.stamp
+OWNER := .venv/.owner-stamp
+# Of the libraries' Python only what is imported is compiled, by who imports it first.
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 HOSTS := .venv-hosts
 # Bytecode is kept, in folders that git ignores: else each worker of the tests would compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo paper test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
 
-demo: $(STAMP)
+demo: $(OWNER)
 	$(BIN)/printmend demo
 	$(BIN)/printmend demo --part
 
@@ -30,15 +34,19 @@ test: $(STAMP)
 
 setup: kernels
 
-# Two to three minutes, once: what learn, check, mend, the planners and the demonstrations run is compiled here, not when they are first used.
+# A minute or two, once: what learn, check, mend, the planners and the demonstrations run is compiled here, not when they are first used.
 kernels: $(STAMP)
 	$(BIN)/python tools/ship_kernels.py
 
-$(STAMP): requirements.lock pyproject.toml
+$(OWNER): owner.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "printmend needs Python 3.11 or newer; set PYTHON=/path/to/python3" >&2; exit 2; }
 	@$(PYTHON) -m venv .venv || { echo "python's venv is missing: apt-get install python3-venv" >&2; exit 2; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps -e .
+	$(PIP) --require-hashes --no-deps -r owner.lock
+	$(PIP) --no-build-isolation --no-deps -e .
+	@touch $@
+
+$(STAMP): requirements.lock $(OWNER)
+	$(PIP) --require-hashes --no-deps -r requirements.lock
 	@touch $@
 
 lint: $(STAMP)
@@ -105,10 +113,12 @@ integrations: $(STAMP) hosts
 studio-vendor:
 	tools/studio_vendor/build.sh src/printmend/studio/page
 
-# Needs uv on PATH (pip install uv). Writes the one lock file, hashes included, for every platform.
+# Needs uv on PATH (pip install uv). Writes both lock files, hashes included, for every platform; owner.lock is a part of
+# requirements.lock (a test compares them), with what installs the sources themselves.
+LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header
 lock:
-	uv pip compile pyproject.toml --extra dev --universal --python-version 3.11 --generate-hashes \
-	  --no-emit-index-url --no-emit-find-links --no-header -o requirements.lock
+	$(LOCK) pyproject.toml --extra dev -o requirements.lock
+	printf 'editables\nhatchling\n' | $(LOCK) pyproject.toml - --extra report,scan,studio,trees -c requirements.lock -o owner.lock
 
 clean:
 	rm -rf .venv .venv-hosts build dist

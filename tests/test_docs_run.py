@@ -73,7 +73,7 @@ def words(line: str) -> list[str]:
 
 
 def is_command(line: list[str]) -> bool:
-    return Path(line[0]).name in {"printmend", "make", "python", *TRUSTED}
+    return Path(line[0]).name in {"printmend", "make", "python", "python3", *TRUSTED}
 
 
 def commands(block: Block) -> list[list[str]]:
@@ -182,9 +182,9 @@ def look_up(line: list[str], where: str) -> None:
     told = f"{where}: {shlex.join(line)}"
     if program == "make":
         assert all(f"\n{target}:" in (ROOT / "Makefile").read_text() for target in rest if "=" not in target), told
-    elif program == "python" and rest[0] == "-m":
+    elif program.startswith("python") and rest[0] == "-m":
         assert all((ROOT / word).is_file() for word in rest if word.startswith("tests/")), told
-    elif program == "python":
+    elif program.startswith("python"):
         script = (ROOT / rest[0]).read_text(encoding="utf-8")
         beside = {path.stem: path for path in (ROOT / rest[0]).parent.glob("*.py")}  # options may be shared
         shared = re.findall(r"^from (\w+) import", script, re.MULTILINE)

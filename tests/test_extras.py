@@ -27,6 +27,23 @@ cli.main()
 """
 
 
+def locked(name: str) -> dict[str, set[str]]:
+    """Return the pinned requirements of a lock file, each with its hashes."""
+    text = (Path(__file__).parents[1] / name).read_text()
+    return {block.split(" \\")[0]: set(re.findall(r"sha256:\w+", block)) for block in re.split(r"\n(?=\w)", text)}
+
+
+def test_what_make_demo_installs_is_a_part_of_the_lock_and_has_all_that_it_needs() -> None:
+    whole, owner = locked("requirements.lock"), locked("owner.lock")
+    assert all(hashes and hashes == whole[pinned] for pinned, hashes in owner.items())
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    wanted = [item for extra in ("scan", "report", "trees", "studio") for item in extras[extra]]
+    names = {re.split(r"[>\[]", item)[0] for item in [*project["dependencies"], *wanted]} - {"printmend"}
+    pinned = {one.split("==")[0] for one in owner}
+    assert {name.replace("_", "-") for name in names} | {"editables", "hatchling"} <= pinned
+
+
 def test_every_module_is_in_the_extra_that_is_named() -> None:
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
     extras = {

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
-from printmend.errors import InputError, PrintmendError, RefusedError
+from printmend.errors import InputError, PrintmendError, RefusedError, reason
 from printmend.files import replacing
 
 _PATIENCE_S = 60.0  # for one answer
@@ -59,7 +59,7 @@ class Studio:
                 size = path.stat().st_size
                 return str(self._ask("POST", f"/uploads?{query}", file, "application/octet-stream", size=size)["id"])
         except OSError as error:
-            came = (error.strerror or str(error)).lower()
+            came = reason(error)
             raise InputError(path, wanted="a file that can be read", came=came, todo="check the path") from None
 
     def wait(self, job: str, told: Callable[[dict[str, Any]], None] = lambda job: None) -> dict[str, Any]:

@@ -44,6 +44,12 @@ def _line(text: str) -> str:
     return plain if len(plain) <= _LONGEST else plain[: _LONGEST - 1] + "…"
 
 
+def reason(error: Exception) -> str:
+    """Return why the system or a library refused, as words within a sentence: "no such file or directory"."""
+    words = getattr(error, "strerror", None) or str(error)
+    return words[:1].lower() + words[1:]
+
+
 class InputError(PrintmendError):
     """A file or value from outside is not what was wanted."""
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
-from printmend.errors import InputError, UnwritableError
+from printmend.errors import InputError, UnwritableError, reason
 
 try:
     import fcntl
@@ -32,8 +32,7 @@ def read_text(path: str | Path, *, wanted: str, todo: str, error: type[InputErro
         with open(path, "rb") as file:
             data = file.read(MAX_TEXT_BYTES + 1)
     except (OSError, ValueError) as problem:
-        came = (getattr(problem, "strerror", None) or str(problem)).lower()
-        came = "a folder" if isinstance(problem, IsADirectoryError) else came
+        came = "a folder" if isinstance(problem, IsADirectoryError) else reason(problem)
         raise error(path, wanted=wanted, came=came, todo="check the path") from None
     if len(data) > MAX_TEXT_BYTES:
         raise error(path, wanted=wanted, came=f"more than {MAX_TEXT_BYTES // 1_000_000} MB", todo=todo)
@@ -60,7 +59,7 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
                 yield device
         except OSError as error:
             if error.errno in _FULL and error.filename is None:
-                raise _unwritable(path, error.strerror or str(error)) from None
+                raise _unwritable(path, reason(error)) from None
             raise
         return
     path = path.resolve()
@@ -71,7 +70,7 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
             mode, dir=path.parent, prefix=prefix, suffix=_SUFFIX, delete=False, **coding
         )
     except OSError as error:
-        raise _unwritable(path, error.strerror or str(error)) from None
+        raise _unwritable(path, reason(error)) from None
     lock = _lock(handle.fileno())
     try:
         with handle:
@@ -84,7 +83,7 @@ def replacing(path: Path, mode: str = "w") -> Iterator[IO]:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(handle.name)
         if isinstance(error, OSError) and error.errno in _FULL and error.filename is None:
-            raise _unwritable(path, error.strerror or str(error)) from None
+            raise _unwritable(path, reason(error)) from None
         raise
     finally:
         if lock is not None:
@@ -97,7 +96,7 @@ def check_place(path: Path) -> None:
     if path.is_dir():
         raise _unwritable(path, "a folder")
     if not path.parent.is_dir():
-        raise _unwritable(path, f"No such folder: {path.parent}")
+        raise _unwritable(path, f"no such folder: {path.parent}")
     if not path.exists() and not os.access(path.parent, os.W_OK):
         raise _unwritable(path, "a folder that you may not write to")
 
@@ -142,17 +141,17 @@ def _is_replaceable(path: Path) -> bool:
     except FileNotFoundError:
         return True
     except OSError as error:
-        raise _unwritable(path, error.strerror or str(error)) from None
+        raise _unwritable(path, reason(error)) from None
     if stat.S_ISDIR(kind):
         raise _unwritable(path, "a folder")
     return stat.S_ISREG(kind)
 
 
 def _unwritable(path: Path, came: str) -> UnwritableError:
-    todo = "choose another place, or make the folder" if "No such" in came else "choose another place"
+    todo = "choose another place, or make the folder" if "no such" in came else "choose another place"
     if "space" in came or "quota" in came:
         todo = "make room on the disk, or choose another place"
-    return UnwritableError(path, wanted="a file that can be written", came=came[:1].lower() + came[1:], todo=todo)
+    return UnwritableError(path, wanted="a file that can be written", came=came, todo=todo)
 
 
 def _umask() -> int:

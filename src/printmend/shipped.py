@@ -6,6 +6,7 @@ of all that went into the entry, so that what belongs to another source is never
 `tools/ship_kernels.py`.
 """
 
+import hashlib
 import lzma
 import sys
 from pathlib import Path
@@ -18,7 +19,7 @@ FOLDER = Path(__file__).parent / "compiled"
 
 
 class Shipped:
-    """The kernels in a folder; `used` are the files that were asked for and found, or made."""
+    """The kernels in a folder; `used` are the names of the files that were asked for, or made."""
 
     def __init__(self, folder: Path, *, fill: bool = False) -> None:
         self.folder, self.fill = folder, fill
@@ -26,10 +27,10 @@ class Shipped:
 
     def load(self, digest: str, sig: Any, codegen: Any) -> tuple | None:
         """Return an entry as numba's cache has it, with machine code for this processor; None where it is not here."""
-        found = self._file(digest).load(_key(sig, codegen))
+        key = _key(sig, codegen)
+        found = self._file(digest, key).load(key)
         if found is None:
             return None
-        self.used.add(digest)
         name, optimised, shared, *rest = found
         module = ll.parse_bitcode(lzma.decompress(optimised))
         code = codegen._tm.emit_object(module)
@@ -40,8 +41,8 @@ class Shipped:
         self.folder.mkdir(exist_ok=True)
         (name, _, (_, shared)), *rest = result._reduce()
         packed = lzma.compress(result.library.optimised), lzma.compress(shared)
-        self._file(digest).save(_key(sig, result.codegen), (name, *packed, *rest))
-        self.used.add(digest)
+        key = _key(sig, result.codegen)
+        self._file(digest, key).save(key, (name, *packed, *rest))
 
     def forget_others(self) -> None:
         """Remove what no entry asked for: code of sources that are gone."""
@@ -49,8 +50,11 @@ class Shipped:
             if path.name.partition(".")[0] not in self.used:
                 path.unlink()
 
-    def _file(self, digest: str) -> IndexDataCacheFile:
-        return IndexDataCacheFile(str(self.folder), f"{digest}.{sys.implementation.cache_tag}", digest)
+    def _file(self, digest: str, key: tuple) -> IndexDataCacheFile:
+        """Return the place of an entry for arguments of one type: processes that fill the folder meet in no file."""
+        name = hashlib.sha256(f"{digest}{key}".encode()).hexdigest()
+        self.used.add(name)
+        return IndexDataCacheFile(str(self.folder), f"{name}.{sys.implementation.cache_tag}", digest)
 
 
 def _key(sig: Any, codegen: Any) -> tuple:

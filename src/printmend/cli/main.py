@@ -11,38 +11,47 @@ from typing import NoReturn
 import click
 
 from printmend import __version__
-from printmend.errors import PrintmendError
+from printmend.errors import PrintmendError, reason
 from printmend.extras import missing_extra
 
-# name → (group, one line of help). The module printmend.cli.NAME holds a click command called `command`; it is
-# imported only when that command runs, so that `printmend --help` stays instant.
-COMMANDS: dict[str, str] = {
-    "demo": "See a printer break, learn and print right again.",
-    "bench": "Judge learners and planners: Table I, every fault, real data, test prints.",
-    "body": "Show what a mesh or G-code file becomes: layers and steps.",
-    "check": "Predict how far a print will be off, as it is and mended.",
-    "completion": "Complete commands, options and models in your shell.",
-    "conformance": "Does a learner, a planner or a fault of your own keep what it must?",
-    "curiosity": "Choose test prints until a promise is met; beside other ways.",
-    "dataset": "Build, check and fetch data sets of bodies printed on broken printers.",
-    "diagnose": "Say what is wrong with a printer, and what to do, in one report.",
-    "export": "Write the part of a fault that a firmware can hold.",
-    "figures": "Draw the paper's figures and its Table I from a data set.",
-    "history": "Show what every measurement said, and where wear leads.",
-    "learn": "Learn what is wrong with a printer from one measured print.",
-    "man": "Write a manual page for each command.",
-    "measure": "Find the marks of a scanned test print: the trace that `learn` needs.",
-    "mend": "Rewrite G-code so that a broken printer prints it right.",
-    "printer": "Print a printer preset as TOML, to start your own from.",
-    "printers": "List the printers that you have models of.",
-    "studio": "Open printmend in the browser: see, measure, mend, play.",
-    "probe": "Write a test print that shows every fault, and its plan.",
-    "selfrepair": "A broken printer prints its own timing pulley, again and again.",
-    "watch": "Mend whatever is put into a folder.",
-    "twin": "Print G-code on a broken printer that exists only here.",
-    "verify": "Measure a mended check print: was the promise kept?",
-    "warm": "Compile now what learn, check and mend would compile when first used.",
+# Who needs it → command → one line of help. The module printmend.cli.NAME holds a click command called `command`; it
+# is imported only when that command runs, so that `printmend --help` stays instant.
+GROUPS: dict[str, dict[str, str]] = {
+    "For owners": {
+        "demo": "See a printer break, learn and print right again.",
+        "studio": "Open printmend in the browser: see, measure, mend, play.",
+        "printer": "Print a printer preset as TOML, to start your own from.",
+        "probe": "Write a test print that shows every fault, and its plan.",
+        "measure": "Find the marks of a scanned test print: the trace that `learn` needs.",
+        "learn": "Learn what is wrong with a printer from one measured print.",
+        "diagnose": "Say what is wrong with a printer, and what to do, in one report.",
+        "check": "Predict how far a print will be off, as it is and mended.",
+        "mend": "Rewrite G-code so that a broken printer prints it right.",
+        "verify": "Measure a mended check print: was the promise kept?",
+        "history": "Show what every measurement said, and where wear leads.",
+        "export": "Write the part of a fault that a firmware can hold.",
+    },
+    "For farms": {
+        "printers": "List the models of your printers by the names that -m takes.",
+        "watch": "Mend whatever is put into a folder.",
+        "warm": "Compile now what learn, check and mend would compile when first used.",
+    },
+    "For researchers": {
+        "twin": "Print G-code on a broken printer that exists only here.",
+        "body": "Show what a mesh or G-code file becomes: layers and steps.",
+        "bench": "Judge learners and planners: Table I, every fault, real data, test prints.",
+        "dataset": "Build, check and fetch data sets of bodies printed on broken printers.",
+        "figures": "Draw the paper's figures and its Table I from a data set.",
+        "selfrepair": "A broken printer prints its own timing pulley, again and again.",
+        "curiosity": "Choose test prints until a promise is met; beside other ways.",
+        "conformance": "Does a learner, a planner or a fault of your own keep what it must?",
+    },
+    "For your shell": {
+        "completion": "Complete commands, options and models in your shell.",
+        "man": "Write a manual page for each command.",
+    },
 }
+COMMANDS = {name: words for commands in GROUPS.values() for name, words in commands.items()}
 
 
 PIPE_CLOSED = 141  # as a shell says it of a program that SIGPIPE ended
@@ -69,8 +78,10 @@ class LazyGroup(click.Group):
         return module.command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+        width = max(map(len, COMMANDS))
+        for who, commands in GROUPS.items():
+            with formatter.section(who):
+                formatter.write_dl([(name.ljust(width), words) for name, words in commands.items()])
 
 
 @click.group(
@@ -131,7 +142,7 @@ def main() -> None:
     except OSError as error:
         _silence()
         place = f"{error.filename}: " if error.filename else ""
-        _end(f"{place}wanted to read or write, got {error.strerror or error}; check the place and its free space", 2)
+        _end(f"{place}wanted to read or write, got {reason(error)}; check the place and its free space", 2)
     except MemoryError:
         _end("wanted more memory than there is; give a smaller file, or close other programs", 2)
     except Exception as error:
@@ -139,8 +150,8 @@ def main() -> None:
             _end(str(missing), missing.exit_code)
         if os.environ.get("PRINTMEND_TRACEBACK"):
             raise
-        reason = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-        _end(f"a fault of printmend itself ({reason}); report it with the command and PRINTMEND_TRACEBACK=1", 1)
+        said = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        _end(f"a fault of printmend itself ({said}); report it with the command and PRINTMEND_TRACEBACK=1", 1)
 
 
 def in_plain_words(said: str) -> str:

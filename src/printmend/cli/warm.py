@@ -9,7 +9,7 @@ def command() -> None:
     from printmend.cli.progress import progress
     from printmend.repair.warm import STEPS, warm
 
-    with progress("compiling", STEPS) as done:
+    with progress("compiling", len(STEPS)) as done:
         entries, seconds = warm(done)
     if entries:
         click.echo(f"Compiled {entries} kernels in {seconds:.0f} s: learn, check and mend start at once from now on.")

@@ -58,10 +58,10 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
 
 def _judged(model: SavedModel, export: Export, names: tuple[str, ...], left_out: tuple[str, ...]) -> Export:
     if not names:
-        came = "; ".join(left_out) or "a machine without a fault that this firmware can hold"
+        came = "; ".join(left_out) or "its settings change nothing of what was learned"
         raise RefusedError(
-            model.printer.name, wanted="settings that help by more than their doubt", came=came,
-            todo="leave the firmware as it is",
+            model.printer.name, wanted="a fault that this firmware can hold", came=f"none ({came})",
+            todo="leave its settings as they are: `printmend mend` mends the files instead",
         )  # fmt: skip
     budget = parse_budget(model)
     unknown_mm2 = sum(each.unexplained_mm2 for each in budget.motors) if budget is not None else 0.0

@@ -11,7 +11,7 @@ from typing import IO, Literal
 
 import numpy as np
 
-from printmend.errors import GcodeError
+from printmend.errors import GcodeError, reason
 from printmend.gcode import bgcode, threemf
 from printmend.gcode.machine import Flavour, detect_flavour
 
@@ -123,7 +123,7 @@ def _identify(path: Path, name: str) -> GcodeFile:
         with path.open("rb") as handle:
             head = handle.read(1 << 16)
     except OSError as error:
-        raise GcodeError(name, wanted="a G-code file", came=str(error.strerror), todo="check the path") from None
+        raise GcodeError(name, wanted="a G-code file", came=reason(error), todo="check the path") from None
     if head.startswith(bgcode.MAGIC):
         found = GcodeFile(name, path, "bgcode")
         return GcodeFile(name, path, "bgcode", (Part(found),))

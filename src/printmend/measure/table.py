@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.errors import TraceError
+from printmend.errors import TraceError, reason
 from printmend.files import replacing
 from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.measure.whose import check_origin
@@ -175,8 +175,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None]
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:
-        came = (getattr(error, "strerror", None) or str(error)).lower()
-        raise TraceError(path, wanted="a trace.csv", came=came, todo="check the path") from None
+        raise TraceError(path, wanted="a trace.csv", came=reason(error), todo="check the path") from None
     try:
         data.decode("utf-8")
     except UnicodeDecodeError:

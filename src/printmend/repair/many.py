@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from printmend.errors import InputError, PrintmendError
+from printmend.errors import InputError, PrintmendError, reason
 from printmend.files import replacing
 from printmend.gcode.container import open_gcode
 from printmend.gcode.mark import find_mark, is_test_print
@@ -170,7 +170,7 @@ def mend_files(
         except PrintmendError as error:
             return Outcome(source, target, error=str(error), code=error.exit_code)
         except OSError as error:
-            return Outcome(source, target, error=f"{source}: {error.strerror or error}", code=2)
+            return Outcome(source, target, error=f"{source}: {reason(error)}", code=2)
         except Exception as error:  # one file must not cost the others
             return Outcome(source, target, error=f"{source}: {type(error).__name__}: {error}", code=1)
 

@@ -11,7 +11,7 @@ from typing import cast
 
 import uvicorn
 
-from printmend.errors import InputError
+from printmend.errors import InputError, reason
 from printmend.executor import Cluster, executor
 from printmend.studio.app import WORKERS, create_app
 from printmend.studio.guard import LOOPBACK
@@ -65,11 +65,10 @@ def _listener(host: str, port: int) -> socket.socket:
         listener.listen(128)  # whoever reads the address may come at once
     except (OSError, OverflowError) as error:
         listener.close()
-        came = getattr(error, "strerror", None) or str(error)
         raise InputError(
             f"{host}:{port}",
             wanted="a free port of this computer",
-            came=came.lower(),
+            came=reason(error),
             todo="name another --port or --host",
         ) from None
     return listener

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.errors import TraceError
+from printmend.errors import TraceError, reason
 from printmend.path import frozen
 
 COLUMNS = ("pulley_shape", "nominal_speed_mm_s", "segment", "direction", "nominal_travel_mm", "position_error_mm")
@@ -57,8 +57,7 @@ def read_traverses(path: str | Path) -> list[Traverse]:
                         f"{path} line {reader.line_num}", wanted="numbers, and + or -", came=str(error), todo=todo
                     ) from None
     except (OSError, ValueError, csv.Error) as error:
-        came = getattr(error, "strerror", None) or str(error)
-        raise TraceError(path, wanted="a CSV of traverses", came=came, todo="check the file") from None
+        raise TraceError(path, wanted="a CSV of traverses", came=reason(error), todo="check the file") from None
     if not rows:
         raise TraceError(path, wanted="traverses", came="no rows", todo=todo)
     return [_traverse(path, key, np.array(points)) for key, points in rows.items()]
