@@ -5,6 +5,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.stamp
 OWNER := .venv/.owner-stamp
+KERNELS := .venv/.kernels-stamp
 # Of the libraries' Python only what is imported is compiled, by who imports it first.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 HOSTS := .venv-hosts
@@ -13,9 +14,14 @@ export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo paper test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
 
-demo: $(OWNER)
-	$(BIN)/printmend demo
-	$(BIN)/printmend demo --part
+demo: $(KERNELS)
+	@$(BIN)/printmend demo --part >.venv/part.txt & part=$$!; $(BIN)/printmend demo; one=$$?; \
+	wait $$part; other=$$?; cat .venv/part.txt; exit $$((one | other))
+
+# Half a minute, once: else the demonstrations would compile it, one after the other. An edit does not make it anew.
+$(KERNELS): $(OWNER)
+	$(BIN)/python tools/ship_kernels.py --owner
+	@touch $@
 
 # The paper again, on bodies that are made here: data set, Table I, Fig. 1 to 6, then the families, self-repair and the
 # choice of test prints. BODIES=20 for a small one; what was interrupted goes on where it was.
@@ -37,10 +43,12 @@ setup: kernels
 # A minute or two, once: what learn, check, mend, the planners and the demonstrations run is compiled here, not when they are first used.
 kernels: $(STAMP)
 	$(BIN)/python tools/ship_kernels.py
+	@touch $(KERNELS)
 
 $(OWNER): owner.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "printmend needs Python 3.11 or newer; set PYTHON=/path/to/python3" >&2; exit 2; }
 	@$(PYTHON) -m venv .venv || { echo "python's venv is missing: apt-get install python3-venv" >&2; exit 2; }
+	$(PIP) --require-hashes --no-deps -r pip.lock
 	$(PIP) --require-hashes --no-deps -r owner.lock
 	$(PIP) --no-build-isolation --no-deps -e .
 	@touch $@
@@ -113,11 +121,13 @@ integrations: $(STAMP) hosts
 studio-vendor:
 	tools/studio_vendor/build.sh src/printmend/studio/page
 
-# Needs uv on PATH (pip install uv). Writes both lock files, hashes included, for every platform; owner.lock is a part of
-# requirements.lock (a test compares them), with what installs the sources themselves.
+# Needs uv on PATH (pip install uv). Writes the lock files, hashes included, for every platform. owner.lock is a part of
+# requirements.lock (a test compares them), with what installs the sources; pip.lock is a pip that needs half the time of
+# the one that comes with Python 3.11.
 LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header
 lock:
 	$(LOCK) pyproject.toml --extra dev -o requirements.lock
+	echo pip | $(LOCK) - -o pip.lock
 	printf 'editables\nhatchling\n' | $(LOCK) pyproject.toml - --extra report,scan,studio,trees -c requirements.lock -o owner.lock
 
 clean:

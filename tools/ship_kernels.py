@@ -1,46 +1,58 @@
 """Compile what learn, check, mend, planners and demonstrations need into src/printmend/compiled, for wheel or clone.
 
-    .venv/bin/python tools/ship_kernels.py
+    .venv/bin/python tools/ship_kernels.py [--owner]
 
 As many processes as there are cores share the work. What is there already and still fits its source is left alone; what
-fits no longer is removed.
+fits no longer is removed. With --owner only what learn, check and mend need is made, and nothing is removed.
 """
 
 import os
+import sys
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 
 LEARNED = {"lightgbm": "gain-table", "lightgbm-axis": "gain-table", "meta": "pulley"}  # each on a world it can learn
+Task = tuple[Callable[[str], None], str]
 
 
-def main() -> None:
+def main(only_owner: bool) -> None:
     """Fill the folder; print what each part of the work compiled, and the sum."""
-    from printmend.control.registry import controller_names
-    from printmend.repair.warm import STEPS
     from printmend.shipped import shipped
 
-    # What takes longest begins first. A kernel that two processes need at the same time is compiled by both.
-    work: list[tuple[Callable[[str], None], str]] = [
-        *((learn_or_mend, step) for step in sorted(STEPS)),
-        *((plan, name) for name in controller_names()),
-        *((learn, name) for name in LEARNED),
-        *((complete, family) for family in ("ellipse", "fourier")),
-        (print_and_play, "a body and the paper's game"),
-    ]
+    work = tasks()[:2] if only_owner else tasks()
     entries, seconds = 0, 0.0
     with tempfile.TemporaryDirectory(prefix="printmend-") as empty:
         os.environ["NUMBA_CACHE_DIR"] = empty  # read when a process imports numba
         with ProcessPoolExecutor(min(os.cpu_count() or 1, len(work)), get_context("spawn"), fill) as pool:
-            for done in as_completed([pool.submit(do, *each) for each in work]):
+            for done in as_completed([pool.submit(do, each) for each in work]):
                 said, count, took_s, used = done.result()
-                print(f"{said}: {count} in {took_s:.1f} s", flush=True)
+                print(f"{said}: {count} compiled in {took_s:.0f} s", flush=True)
                 entries, seconds = entries + count, seconds + took_s
                 shipped.used.update(used)
-    shipped.forget_others()
+    if not only_owner:
+        shipped.forget_others()
     size = sum(path.stat().st_size for path in shipped.folder.iterdir())
     print(f"{entries} compiled in {seconds:.0f} s; {len(shipped.used)} in {shipped.folder}: {size / 1e6:.1f} MB")
+
+
+def tasks() -> list[list[Task]]:
+    """Return the work: what shares kernels stands together, for one process, and what takes longest comes first."""
+    from printmend.control.registry import controller_names
+    from printmend.repair.warm import STEPS
+
+    slow = {"optimal", "optimal-area"}
+    return [
+        *([(learn_or_mend, step) for step in STEPS if step.startswith(what)] for what in ("mend", "learn")),
+        [(plan, name) for name in sorted(slow)],
+        [(plan, name) for name in controller_names() if name not in slow],
+        [
+            *((learn, name) for name in LEARNED),
+            *((complete, family) for family in ("ellipse", "fourier")),
+            (print_and_play, "body and game"),
+        ],
+    ]
 
 
 def fill() -> None:
@@ -50,14 +62,16 @@ def fill() -> None:
     shipped.fill = True
 
 
-def do(what: Callable[[str], None], name: str) -> tuple[str, int, float, set[str]]:
-    """Do a part of the work; return it in words, how much it compiled, in how many seconds, and the files used."""
+def do(work: list[Task]) -> tuple[str, int, float, set[str]]:
+    """Do a part of the work; return its names, how much it compiled, in how many seconds, and the files used."""
     from printmend.jit import compilations
     from printmend.shipped import shipped
 
     entries, seconds = compilations.entries, compilations.seconds
-    what(name)
-    return name, compilations.entries - entries, compilations.seconds - seconds, shipped.used
+    for what, name in work:
+        what(name)
+    said = ", ".join(name for _, name in work)
+    return said, compilations.entries - entries, compilations.seconds - seconds, shipped.used
 
 
 def learn_or_mend(step: str) -> None:
@@ -123,4 +137,4 @@ def print_and_play(_: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:] == ["--owner"])
