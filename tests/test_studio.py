@@ -406,12 +406,16 @@ def test_the_way_of_ones_own_printer(folder: Path) -> None:
         assert client.patch(place, json={"name": "Attic"}).json()["name"] == "Attic"
         assert [one["name"] for one in client.get("/api/printers").json()] == ["Attic"]
         bad = client.post(f"{place}/learn", json={"measurement": "0" * 16, "exclude": [-1]})
-        assert bad.status_code == 422
+        assert (bad.status_code, bad.json()["error"]) == (
+            422, "exclude: wanted at least 0, got -1; see /api/openapi.json",
+        )  # fmt: skip
         document = client.get("/api/openapi.json").json()
         assert {"get", "post"} <= set(document["paths"]["/api/printers"])
+        names = [one["operationId"] for operations in document["paths"].values() for one in operations.values()]
+        assert len({*names}) == len(names)
         for operations in document["paths"].values():
             for operation in operations.values():
-                assert operation["description"] or operation["summary"]
+                assert operation["description"].startswith(operation["summary"])
 
 
 def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_address(folder: Path) -> None:

@@ -164,7 +164,9 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=100)]) -> F
     """Fetch one of a printer's files: description, model, test print and plan, tower and table."""
     path = _folder(here, key) / name
     if name not in _OFFERED or not path.is_file():
-        raise NotThereError(name, wanted="a file of this printer", came="none", todo=f"there may be {_OFFERED}")
+        raise NotThereError(
+            name, wanted="a file of this printer", came="none", todo=f"there may be {', '.join(_OFFERED)}"
+        )
     return FileResponse(path, filename=name, headers={"Cache-Control": "no-store"})
 
 

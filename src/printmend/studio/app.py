@@ -8,6 +8,7 @@ from pathlib import Path
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.staticfiles import StaticFiles
@@ -66,10 +67,18 @@ def create_app(
     app.add_exception_handler(TooLargeError, _too_large)
     app.include_router(api.router)
     app.include_router(api_printers.router)
+    _name_operations(app)
     app.mount("/", StaticFiles(directory=PAGE, html=True))
     return Guard(
         GZipMiddleware(app, minimum_size=2000, compresslevel=5), hosts=hosts, token=token, most_bytes=most_bytes
     )
+
+
+def _name_operations(app: FastAPI) -> None:
+    """Name each operation of the API by what it does: its documentation's first words, and a name of its own."""
+    for route in app.routes:
+        if isinstance(route, APIRoute):
+            route.summary = (route.endpoint.__doc__ or "").partition(".")[0].partition(";")[0].partition(",")[0]
 
 
 def _refused(request: Request, error: Exception) -> JSONResponse:
@@ -78,17 +87,31 @@ def _refused(request: Request, error: Exception) -> JSONResponse:
 
 
 _SEE = "see /api/openapi.json"
-_MISFITS = {
-    "json_invalid": f"wanted JSON, got something else; {_SEE}",
-    "string_pattern_mismatch": f"wanted a key of this studio, got something else; {_SEE}",
-}
+_WANTED = {  # by the checking library's names of what does not fit; in braces its limits
+    "json_invalid": "JSON", "string_pattern_mismatch": "a key of this studio", "missing": "a value",
+    "string_type": "text", "string_too_long": "at most {max_length} characters",
+    "string_too_short": "at least {min_length} characters", "bool_type": "true or false",
+    "bool_parsing": "true or false", "int_type": "a whole number", "int_parsing": "a whole number",
+    "int_from_float": "a whole number", "float_type": "a number", "float_parsing": "a number",
+    "finite_number": "a number", "list_type": "a list", "too_long": "at most {max_length} entries",
+    "too_short": "at least {min_length} entries", "dict_type": "a table", "model_attributes_type": "a table",
+    "model_type": "a table", "greater_than_equal": "at least {ge}", "greater_than": "more than {gt}",
+    "less_than_equal": "at most {le}", "less_than": "less than {lt}", "literal_error": "any of {expected}",
+    "enum": "any of {expected}", "extra_forbidden": "nothing of that name",
+}  # fmt: skip
+_LONGEST_CAME = 40  # characters of what came that are said again
 
 
 def _misfit(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"][1:] if isinstance(part, str)) or "the request"
-    return JSONResponse({"error": f"{place}: {_MISFITS.get(first['type'], first['msg'])}"}, 422)
+    wanted = _WANTED.get(first["type"], "what the API describes").format(**first.get("ctx", {}))
+    given = first.get("input")
+    came = "none" if first["type"] == "missing" else "something else"
+    if isinstance(given, str | int | float) and len(str(given)) <= _LONGEST_CAME and first["type"] != "json_invalid":
+        came = repr(given)
+    return JSONResponse({"error": f"{place}: wanted {wanted}, got {came}; {_SEE}"}, 422)
 
 
 def _http(request: Request, error: Exception) -> JSONResponse:

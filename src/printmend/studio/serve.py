@@ -3,6 +3,7 @@
 import contextlib
 import secrets
 import socket
+import sqlite3
 import threading
 import webbrowser
 from collections.abc import Callable
@@ -35,6 +36,7 @@ def serve(
     reached = _everywhere() if host in _EVERYWHERE else [host]
     hosts = {*LOOPBACK, *names, *reached}
     listener = _listener(host, port)
+    alone = _alone(folder)
     threading.Thread(target=_draw_beforehand, daemon=True).start()
     port = listener.getsockname()[1]
     shown = f"[{reached[0]}]" if ":" in reached[0] else reached[0]
@@ -43,6 +45,7 @@ def serve(
     if token:
         told("Whoever knows this address may use the studio. It is not encrypted: put a proxy with TLS in front of it.")
     with contextlib.ExitStack() as stack:
+        stack.callback(alone.close)
         pool = None if remote is None else stack.enter_context(remote.client()).get_executor(pure=False)
         config = uvicorn.Config(
             create_app(folder.resolve(), hosts=hosts, token=token, workers=workers, cluster=pool,
@@ -54,6 +57,23 @@ def serve(
         if browser:
             threading.Thread(target=_show, args=(server, address), daemon=True).start()
         server.run(sockets=[listener])
+
+
+def _alone(folder: Path) -> sqlite3.Connection:
+    """Return what keeps ``folder`` for this studio alone until it is closed, or the program ends in whatever way.
+
+    Raises `InputError` where another studio has it: two would take each other's jobs.
+    """
+    held = sqlite3.connect(folder / "studio.lock", timeout=0, isolation_level=None, check_same_thread=False)
+    try:
+        held.execute("BEGIN EXCLUSIVE")
+    except sqlite3.OperationalError:
+        held.close()
+        raise InputError(
+            folder, wanted="a folder of its own for each studio", came="one that a running studio has",
+            todo="use that one, end it, or name another --folder",
+        ) from None  # fmt: skip
+    return held
 
 
 def _listener(host: str, port: int) -> socket.socket:

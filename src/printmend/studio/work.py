@@ -273,6 +273,7 @@ def _measure(job: Job) -> dict[str, Any]:
     return {
         **seen, "marks": len(plan), "missing": measurement.missing.tolist(), "odd": _odd(plan.marks_mm, off),
         "notes": [note.replace(f"{job.given}{os.sep}", "") for note in measurement.notes],
+        "asked": None if measurement.asked is None else list(measurement.asked), "asked_mm": measurement.asked_mm,
         "errors_mm": _plain(off, 4), "marks_mm": _plain(plan.marks_mm, 2), "big": plan.big.tolist(),
         "rms_mm": float(np.sqrt(np.nanmean(np.nansum(off**2, axis=1)))),
     }  # fmt: skip
@@ -317,7 +318,13 @@ def _learn(job: Job) -> dict[str, Any]:
         trace = read_trace(_named(job, job.params["upload"], "trace.csv"), printer)
     else:
         trace = read_trace(job.data / "jobs" / job.params["measurement"] / "trace.csv", printer)
-        rows = read_plan(job.printer_folder / PLAN).rows
+        plan = read_plan(job.printer_folder / PLAN)
+        if trace.origin is not None and trace.origin != plan.origin:  # its dots had other numbers
+            raise InputError(
+                "this measurement", wanted="one of the present test print", came="one of the test print before it",
+                todo="measure the present one",
+            )  # fmt: skip
+        rows = plan.rows
         measured = trace.measured_mm.copy()
         measured[rows[[mark for mark in job.params["exclude"] if mark < len(rows)]]] = np.nan
         trace = replace(trace, measured_mm=measured)
@@ -337,13 +344,14 @@ def _check_print(job: Job) -> dict[str, Any]:
     from printmend.saved import read_model
 
     model = read_model(job.printer_folder / MODEL)
-    prediction = mend_gcode(job.printer_folder / PROBE, model, job.file("check.mended.gcode"), force=True).prediction
-    return {"summary": prediction.summary(), "digest": model.digest}
+    mend_gcode(job.printer_folder / PROBE, model, job.file("check.mended.gcode"), force=True)
+    return {"digest": model.digest}  # its dots, which tell, are printed standing: no prediction of lines counts
 
 
 def _verify(job: Job) -> dict[str, Any]:
     """Measure a mended check print and compare it with what was promised."""
     from printmend.measure import read_plan, read_trace
+    from printmend.measure.distance import is_asking
     from printmend.measure.measurement import measure_scans
     from printmend.repair.verify import remember_verdict, update_words, updated, verify
     from printmend.saved import read_model, write_model
@@ -351,20 +359,23 @@ def _verify(job: Job) -> dict[str, Any]:
     model = read_model(job.printer_folder / MODEL)
     paths = _scans(job)
     job.tell(0.1, "measure")
+    asked: list[str] = []
     if len(paths) == 1 and paths[0].suffix.lower() == ".csv":
         trace = read_trace(paths[0], model.printer)
     else:
         plan = read_plan(job.printer_folder / PLAN)
-        trace = measure_scans(
+        measurement = measure_scans(
             paths, plan, dpi=job.params.get("dpi"), distance_mm=job.params.get("distance_mm"),
             look=lambda reading: job.tell(0.5, "measure"),
-        ).trace  # fmt: skip
+        )  # fmt: skip
+        trace, asked = measurement.trace, [note for note in measurement.notes if is_asking(note)]
     job.tell(0.8, "compare")
     verdict = verify(model, trace)
     remember_verdict(job.printer_folder / MODEL, model, verdict)
     newer = updated(model, trace)
     write_model(job.file(MODEL), newer.model)
-    return {"verdict": verdict.json(), "words": verdict.words, "newer": update_words(verdict, newer)}
+    return {"verdict": verdict.json(), "words": verdict.words, "newer": update_words(verdict, newer),
+            "asked": asked}  # fmt: skip
 
 
 def _send(job: Job) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import { useLook, Zoom } from "./look.js";
 import { Send } from "./send.js";
 import { asked, mm, number, said, sentence, t, typed } from "./words.js";
 
-export function Measure({ printer, changed, more }) {
+export function Measure({ printer, changed, more, tell }) {
   const [probe, setProbe] = useState(null), [error, setError] = useState(null), [size, setSize] = useState(more ?? ""), [way, setWay] = useState("scan");
   const make = async (overwrite = false) => {
     try { setProbe(await post(`/printers/${printer.id}/probe`, { size_mm: asked(size), overwrite })); setError(null); changed(); } catch (problem) {
@@ -25,7 +25,7 @@ export function Measure({ printer, changed, more }) {
       <label class="field">${t("plate_size")}<input inputmode="decimal" value=${size} onInput=${(event) => setSize(event.target.value)} /></label>
       <button class=${printer.has_probe ? "" : "primary"} onClick=${() => make()}>${t(printer.has_probe ? "plate_again" : "plate_make")}</button></section>
     <div class="stack"><div class="segment" role="group" aria-label=${t("tab_measure")}>${["scan", "callipers", "table"].map((one) => html`<button aria-pressed=${way === one} onClick=${() => setWay(one)}>${t(`by_${one}`)}</button>`)}</div>
-      ${way === "scan" && html`<${Scan} printer=${printer} learned=${learned} />`}
+      ${way === "scan" && html`<${Scan} printer=${printer} learned=${learned} tell=${tell} />`}
       ${way === "callipers" && html`<${Callipers} printer=${printer} learned=${learned} />`}
       ${way === "table" && html`<${Table} printer=${printer} learned=${learned} changed=${changed} />`}</div></div>`;
 }
@@ -43,7 +43,7 @@ export function useLearn(printer, done) {
   return { learn, job: key ? job ?? { id: key, state: "queued", share: 0 } : null, error };
 }
 
-function Scan({ printer, learned }) {
+function Scan({ printer, learned, tell }) {
   const [key, setKey] = useState(null), [error, setError] = useState(null), [now, send] = useSending(), [dpi, setDpi] = useState(""), [distance, setDistance] = useState("");
   const [out, setOut] = useState(new Set()), [uploads, setUploads] = useState([]), job = useJob(key), { learn, job: learning, error: failed } = useLearn(printer, learned);
   const run = async (keys) => {
@@ -61,7 +61,9 @@ function Scan({ printer, learned }) {
     setUploads((old) => old.length ? old : last.params.scans.map((one) => one.upload));
     setKey((old) => old ?? last.id);
   });
-  const result = job?.state === "done" ? job.result : null;
+  const result = job?.state === "done" ? job.result : null, busy = Boolean(now) || Boolean(key && !ended(job));
+  useEffect(() => { tell(result ? "measure_found" : null); return () => tell(null); }, [Boolean(result)]);
+  const settle = (event) => { event.preventDefault(); setError(null); run(uploads); };
   const toggle = (mark) => setOut((old) => { const next = new Set(old); if (!next.delete(mark)) next.add(mark); return next; });
   return html`<${Problem} error=${error ?? failed} />
     <${Sending} now=${now} />
@@ -69,23 +71,25 @@ function Scan({ printer, learned }) {
     ${result && html`<section class="card stack"><div class="row between"><h2>${t("marks_found", { found: result.marks - result.missing.length, marks: result.marks })}</h2>
         <button class="primary" disabled=${Boolean(learning)} onClick=${() => learn({ measurement: job.id, exclude: [...out] })}>${t(learning ? "learning" : "learn")}</button></div>
       <${Progress} job=${learning} /><${Marks} job=${job} out=${out} toggle=${toggle} /><p class="faint">${t("click_mark")}</p>
+      ${result.asked && html`<form class="note stack" onSubmit=${settle}><p>${t("asked_now")}</p><div class="row" style=${{ alignItems: "end" }}><label class="field" style=${{ flex: "1 1 12rem" }}>${t("asked_field", { about: number(result.asked_mm, 0) })}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><button disabled=${!distance.trim() || Boolean(learning)}>${t("asked_take")}</button></div></form>`}
       <ul class="faint" style=${{ margin: 0, paddingLeft: "1.1rem" }}>${result.notes.map((note) => html`<li>${sentence(note)}</li>`)}</ul></section>`}
-    <${Drop} multiple accept="image/*" onFiles=${take} disabled=${!printer.has_probe}><p><b>${printer.has_probe ? t("drop_scan") : t("calliper_need")}</b></p><p class="faint">${t("scan_tip")}</p></${Drop}>
+    <${Drop} multiple accept="image/*" onFiles=${take} disabled=${!printer.has_probe || busy}><p><b>${printer.has_probe ? t("drop_scan") : t("calliper_need")}</b></p><p class="faint">${t("scan_tip")}</p></${Drop}>
     <div class="grid" style=${{ alignItems: "end" }}><label class="field">${t("dpi")}<input inputmode="decimal" value=${dpi} onInput=${(event) => setDpi(event.target.value)} /></label>
-      <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label>
-      ${uploads.length > 0 && !(key && !ended(job)) && html`<button onClick=${() => run(uploads)}>${t("again")}</button>`}</div>`;
+      ${!result?.asked && html`<label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label>`}
+      ${uploads.length > 0 && !busy && html`<button onClick=${() => run(uploads)}>${t("reread")}</button>`}</div>`;
 }
 
 // The scan with rings around what was found.
 function Marks({ job, out, toggle }) {
-  const { size_px: size, marks_px: marks, radius_px: radius, odd } = job.result, odds = new Set(odd), { zoom, props } = useLook([0, 0, ...size]);
+  const { size_px: size, marks_px: marks, radius_px: radius, odd, asked: two } = job.result, ends = two?.map((mark) => marks[mark]).filter((place) => place[0] !== null) ?? [], odds = new Set(odd), { zoom, props } = useLook([0, 0, ...size]);
   const kind = (i) => (out.has(i) ? "out" : odds.has(i) ? "odd" : "found");
-  const colour = { found: "var(--good)", odd: "var(--warn)", out: "var(--bad)" };
+  const colour = { found: "var(--good)", odd: "var(--warn)", out: "var(--faint)" };
   return html`<div class="stage"><svg id="scan" class="fill" ...${props} role="img" aria-label=${t("scanned")}>
       <image href=${fileOf(job, "seen.jpg")} width=${size[0]} height=${size[1]} />
-      ${marks.map((place, i) => place[0] !== null && html`<circle cx=${place[0]} cy=${place[1]} r=${radius[i] * 1.5 + 2} fill="transparent" stroke=${colour[kind(i)]} stroke-width=${kind(i) === "found" ? 1.4 : 2.6} vector-effect="non-scaling-stroke" style=${{ cursor: "pointer" }} onClick=${() => toggle(i)} />`)}
-      ${job.result.missing_px?.map(([x, y]) => { const r = radius[0] * 1.5 + 2; return html`<path d=${`M${x - r} ${y - r}l${2 * r} ${2 * r}m0 ${-2 * r}l${-2 * r} ${2 * r}`} stroke="var(--printed)" stroke-width="2.6" vector-effect="non-scaling-stroke" />`; })}</svg>
-    <div class="over"><div class="glass row"><span style=${{ color: "var(--warn)" }}>${t("odd")} ${odd.length}</span><span style=${{ color: "var(--bad)" }}>${t("left_out")} ${out.size}</span><span style=${{ color: "var(--printed)" }}>${t("missing")} ${job.result.missing.length}</span></div>
+      ${marks.map((place, i) => place[0] !== null && html`<circle cx=${place[0]} cy=${place[1]} r=${radius[i] * 1.5 + 2} fill="transparent" stroke=${colour[kind(i)]} stroke-width=${kind(i) === "found" ? 1.4 : 2.6} stroke-dasharray=${kind(i) === "out" ? "3 3" : undefined} vector-effect="non-scaling-stroke" style=${{ cursor: "pointer" }} onClick=${() => toggle(i)} />`)}
+      ${job.result.missing_px?.map(([x, y]) => { const r = radius[0] * 2.5 + 4; return html`<path d=${`M${x - r} ${y - r}l${2 * r} ${2 * r}m0 ${-2 * r}l${-2 * r} ${2 * r}`} stroke="var(--printed)" stroke-width="2.6" vector-effect="non-scaling-stroke" />`; })}
+      ${ends.length === 2 && html`<g class="asked" data-testid="asked"><line x1=${ends[0][0]} y1=${ends[0][1]} x2=${ends[1][0]} y2=${ends[1][1]} />${ends.map(([x, y]) => html`<ellipse cx=${x} cy=${y} rx=${Math.max(size[0] / 60, 12)} ry=${Math.max(size[0] / 60, 12)} />`)}</g>`}</svg>
+    <div class="over"><div class="glass row"><span class="ring odd">${t("odd")} ${odd.length}</span><span class="ring out">${t("left_out")} ${out.size}</span><span class="ring lost">${t("missing")} ${job.result.missing.length}</span></div>
       <div class="row"><${Zoom} zoom=${zoom} /><${Save} id="scan" name="scan" /></div></div></div>`;
 }
 

@@ -69,7 +69,7 @@ export function Mend({ printer, changed }) {
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
       <${Drop} multiple accept=".gcode,.g,.gco,.bgcode,.3mf,.nc,.ngc" onFiles=${take}><p><b>${t("drop_gcode")}</b></p></${Drop}><${Sending} now=${now} />
       ${rows.length > 0 && html`<section class="card stack"><h2>${t("files")}</h2>${rows.map((row) => html`<div class="file" key=${row.id ?? row.at}><button class="quiet" aria-pressed=${row.id === shown} disabled=${!row.id} onClick=${() => setShown(row.id)}><span>${row.name}</span>
-        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ended(row) ? "" : t("mending")}</span></button>
+        <span class="tag">${row.state === "sending" ? t("sending") : row.state === "failed" ? t("refused") : row.state === "cancelled" ? t("stopped") : ended(row) ? t("ready") : t(row.state === "queued" ? "waits" : "mending")}</span></button>
         <button class="quiet icon" disabled=${row.state === "sending"} title=${t("forget", { name: row.name })} aria-label=${t("forget", { name: row.name })} onClick=${() => forget(row)}>×</button></div>`)}</section>`}</div>
     <div class="stack"><${File_} id=${shown} printer=${printer} changed=${changed} anyway=${anyway} /></div></div>`;
 }
@@ -90,8 +90,7 @@ function Numbers({ job, printer, changed }) {
   return html`<section class="card stack"><div class="row between" style=${{ alignItems: "start" }}><div class="numbers" style=${{ flex: 1 }}>
         <${Number_} value=${mm(p.before.rms_mm)}>${t("rms_raw")}<br />${t("p95", { mm: mm(p.before.p95_mm) })}</${Number_}>
         <${Number_} value=${mm(p.after.rms_mm)}>${t("rms_mended")}<br />${t("p95", { mm: mm(p.after.p95_mm) })}${p.after.rms_high_mm > p.after.rms_low_mm && html`<br />${t("range", { low: mm(p.after.rms_low_mm), high: mm(p.after.rms_high_mm) })}`}</${Number_}></div>
-      ${output && html`<a class="button primary big" href=${fileOf(job, output)} download=${output}>${t("download")}</a>`}</div>
-    ${output && html`<${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} />`}
+      ${output && html`<div class="stack beside"><a class="button primary big" href=${fileOf(job, output)} download=${output}>${t("download")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} /></div>`}</div>
     <p class="faint">${pace && html`${t(pace.told ? "time" : "time_least", { time: lasting(pace.before_s) })}${more && html` → <b>${lasting(pace.after_s)}</b>`}<br />`}
       ${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${more && html`<br />${t("busiest", { before: number(pace.busiest[0], 0), after: number(pace.busiest[1], 0) })}`}${more && p.stops > 0 && html`<br />${t("stops", { n: number(p.stops, 0) })}`}<br />${p.clamped > 0 ? html`${t("clamped", { n: number(p.clamped, 0) })}` : p.on_bed === false ? t("off_bed") : p.unknown || p.splines ? "" : t("on_bed")}</p>
     ${left(p).map((line) => html`<p class="note">${line}</p>`)}

@@ -72,7 +72,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, ch
     </div>`}
   </div>
   ${scene && html`<label class="field"><span class="sr">${t("morph")}</span>
-    <input type="range" min="0" max=${scene.mended ? 2 : 1} step="0.01" value=${morph} onInput=${(event) => setMorph(Number(event.target.value))} /></label>
+    <input type="range" min="0" max=${scene.mended ? 2 : 1} step="0.01" value=${morph} onInput=${(event) => setMorph(Number(event.target.value))} /><span class="row between faint" aria-hidden="true">${places.map(([place]) => html`<span>${t(place)}</span>`)}</span></label>
   ${cut && html`<${Cut} scene=${scene} morph=${morph} most=${most} name=${name} />`}
   ${scene.every > 1 && !scene.coarse && html`<p class="faint">${t("every", { n: scene.every })}</p>`}`}`;
 }

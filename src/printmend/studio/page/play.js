@@ -91,7 +91,7 @@ export function Play() {
               <${Save} id="drawing" name=${what} /></div>
             <div class="under">${running && html`<p class="glass" style=${{ flexBasis: "100%" }}>${t("soon")}</p>`}<div class="glass row"><span class="key kw">${t("wanted")}</span><span class="key kp">${t("printed")}</span>
               ${what === "plate" && html`<label class="row">${t("enlarge")}<select style=${{ width: "auto", minHeight: "2rem", padding: "0.2rem 0.5rem" }} value=${enlarge} onChange=${(event) => setEnlarge(Number(event.target.value))}>${[1, 2, 5, 10, 20].map((k) => html`<option value=${k}>${k} ×</option>`)}</select></label>`}</div>
-              ${shown && html`<div class="glass"><b>${mm(what === "wall" ? Math.hypot(...shown.wall_mm.map(([, push]) => push)) / Math.sqrt(shown.wall_mm.length) : what === "part" ? shown.part_rms_mm : shown.rms_mm)} mm</b> ${t("off")}</div>`}</div></div>`}
+              ${shown && html`<div class="glass"><b>${mm(what === "wall" ? Math.hypot(...shown.wall_mm.map(([, push]) => push)) / Math.sqrt(shown.wall_mm.length) : what === "part" ? shown.part_rms_mm : shown.rms_mm)} mm</b> ${t(what === "part" ? "off_layer" : "off")}</div>`}</div></div>`}
       </div>
     </div>`;
 }

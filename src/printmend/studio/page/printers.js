@@ -63,20 +63,19 @@ function Bed({ size, room, onChange }) {
   const svg = useRef(), reach = Math.max(...room, ...size) * 1.16;
   const drag = (event) => {
     if (!event.buttons) return;
-    const box = svg.current.getBoundingClientRect(), mm = reach / box.width;
-    const [x, y] = [(event.clientX - box.left) * mm, (box.bottom - event.clientY) * mm];
-    onChange([x, y].map((v) => Math.min(1000, Math.max(60, Math.round(v / 5) * 5))));
+    const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.current.getScreenCTM().inverse());
+    onChange([x, reach - y].map((v) => Math.min(1000, Math.max(60, Math.round(v / 5) * 5))));
   };
   const lines = [];
   for (let x = 10; x < size[0]; x += 10) lines.push(`M${x} ${reach}V${reach - size[1]}`);
   for (let y = 10; y < size[1]; y += 10) lines.push(`M0 ${reach - y}H${size[0]}`);
-  return html`<svg ref=${svg} viewBox="0 0 ${reach} ${reach}" style=${{ width: "100%", maxHeight: "52vh", touchAction: "none" }} role="img" aria-label=${`${t("bed")} ${size[0]} × ${size[1]} mm`} onPointerMove=${drag}>
+  return html`<svg ref=${svg} viewBox="${-reach / 80} 0 ${reach * (1 + 1 / 80)} ${reach * (1 + 1 / 80)}" style=${{ width: "100%", maxHeight: "52vh", touchAction: "none" }} role="img" aria-label=${`${t("bed")} ${size[0]} × ${size[1]} mm`} onPointerMove=${drag}>
     <rect y=${reach - size[1]} width=${size[0]} height=${size[1]} rx="4" fill="var(--well)" stroke="var(--accent)" stroke-width="1.5" vector-effect="non-scaling-stroke" /><path d=${lines.join("")} class="axis" />
     <circle cx=${size[0]} cy=${reach - size[1]} r="7" fill="var(--accent)" style=${{ cursor: "nesw-resize" }} onPointerDown=${(event) => event.target.releasePointerCapture?.(event.pointerId)} /></svg>`;
 }
 
 function Printer({ id, tab = "measure", more }) {
-  const [printer, setPrinter] = useState(null), [error, setError] = useState(null), [naming, setNaming] = useState(null);
+  const [printer, setPrinter] = useState(null), [error, setError] = useState(null), [naming, setNaming] = useState(null), [told, tell] = useState(null);
   const load = () => get(`/printers/${id}`).then(setPrinter, (problem) => setError(problem.message));
   useEffect(() => { load(); }, [id]);
   const shown = TABS[tab] ? tab : "measure", Screen = TABS[shown];
@@ -85,9 +84,9 @@ function Printer({ id, tab = "measure", more }) {
   if (!printer) return html`<${Problem} error=${error} />`;
   const first = shown !== "measure" && (!printer.digest || (shown === "prove" && !printer.has_probe)); // something comes before this screen
   return html`<div class="head"><div>${naming === null ? html`<h1>${printer.name}</h1>` : html`<form class="row" onSubmit=${rename}><input aria-label=${t("name")} value=${naming} maxlength="80" style=${{ width: "18rem" }} onInput=${(event) => setNaming(event.target.value)} /><button class="primary">${t("rename")}</button></form>`}
-        <p class="now">${t(shown === "measure" && !printer.has_probe ? "measure_first" : `${shown}_${first ? "none" : "now"}`)}</p></div>
+        <p class="now">${t(told ?? (shown === "measure" && !printer.has_probe ? "measure_first" : `${shown}_${first ? "none" : "now"}`))}</p></div>
       <div class="row"><button class="quiet" onClick=${() => setNaming(naming === null ? printer.name : null)}>${t("rename")}</button><button class="quiet" onClick=${away}>${t("remove")}</button></div></div>
     <nav class="tabs" aria-label=${printer.name}>${Object.keys(TABS).map((name) => html`<a href="#/printers/${id}/${name}" aria-current=${name === shown ? "page" : undefined}>${t(`tab_${name}`)}</a>`)}</nav>
     <${Problem} error=${error} />
-    ${first ? html`<div><a class="button primary big" href="#/printers/${id}/measure">${t("to_measure")}</a></div>` : html`<${Screen} printer=${printer} changed=${load} more=${more} />`}`;
+    ${first ? html`<div><a class="button primary big" href="#/printers/${id}/measure">${t("to_measure")}</a></div>` : html`<${Screen} printer=${printer} changed=${load} more=${more} tell=${tell} />`}`;
 }

@@ -8,7 +8,7 @@ import { Send } from "./send.js";
 import { asked, day, mm, number, sentence, t } from "./words.js";
 
 export function Prove({ printer, changed }) {
-  const [now, send] = useSending(), [check, setCheck] = useState(null), [key, setKey] = useState(null), [error, setError] = useState(null), [known, setKnown] = useState(null), [distance, setDistance] = useState(""), [taken, setTaken] = useState(false);
+  const [now, send] = useSending(), [check, setCheck] = useState(null), [key, setKey] = useState(null), [error, setError] = useState(null), [known, setKnown] = useState(null), [distance, setDistance] = useState(""), [taken, setTaken] = useState(false), [looked, setLooked] = useState(false);
   const checked = useJob(check), job = useJob(key);
   const load = () => get(`/printers/${printer.id}/known`).then(setKnown, (problem) => setError(problem.message));
   useEffect(() => { load(); }, [printer.id, job?.state]);
@@ -16,6 +16,7 @@ export function Prove({ printer, changed }) {
   useEarlier(printer, (jobs) => { // a check print of this model, and what was measured since it was learned
     const made = jobs.find((one) => one.kind === "check" && (!ended(one) || one.result?.digest === printer.digest)), seen = jobs.find((one) => one.kind === "verify");
     if (made) setCheck((old) => old ?? made.id);
+    setLooked(true);
     if (seen && (!ended(seen) || (seen.state === "done" && seen.ended_s > printer.measured_s))) setKey((old) => old ?? seen.id);
   });
   const make = async () => { try { setCheck((await post(`/printers/${printer.id}/check`)).id); setError(null); } catch (problem) { setError(problem.message); } };
@@ -29,12 +30,12 @@ export function Prove({ printer, changed }) {
   const over = async () => { try { await post(`/printers/${printer.id}/update/${key}`); setTaken(true); changed(); load(); } catch (problem) { setError(problem.message); } };
   const verdict = job?.state === "done" ? job.result.verdict : null;
   return html`<${Problem} error=${error} /><div class="split"><div class="stack">
-      <section class="card stack"><h2>${t("prove_print")}</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: checked.id, name: "check.mended.gcode" }} />` : html`<button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>
+      <section class="card stack"><h2>${t("prove_print")}</h2>${checked?.state === "done" ? html`<a class="button primary" href=${fileOf(checked, "check.mended.gcode")} download>${t("download_check")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: checked.id, name: "check.mended.gcode" }} />` : looked && html`<p class="soft">${t("check_what")}</p><button class="primary" disabled=${check && !ended(checked)} onClick=${make}>${t("make_check")}</button>`}<${Progress} job=${checked} /></section>
       <section class="card stack"><h2>${t("prove_scan")}</h2><${Drop} multiple accept="image/*,.csv" onFiles=${take}><p><b>${t("drop_check")}</b></p></${Drop}><${Sending} now=${now} />
         <label class="field">${t("distance")}<input inputmode="decimal" value=${distance} onInput=${(event) => setDistance(event.target.value)} /></label><${Progress} job=${job} steps=${["measure", "compare"]} /></section></div>
     <div class="stack">${verdict && html`<section class="card stack"><h2>${t(verdict.kept ? "kept" : "broken_promise")}</h2><div class="numbers"><${Number_} value=${mm(verdict.before_mm)}>${t("was")}</${Number_}><${Number_} value=${verdict.now_at_most_mm == null ? mm(verdict.now_mm) : `< ${mm(verdict.now_at_most_mm)}`}>${t("measured_now")}</${Number_}><${Number_} value=${`${mm(verdict.promised_low_mm)} – ${mm(verdict.promised_high_mm)}`}>${t("promised")}</${Number_}></div>
-        ${job.result.newer.split("\n").map((line) => html`<p class="faint">${sentence(line)}</p>`)}${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
-      <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<${Save} id="history" name="history" />`}</div>${known?.history.length ? html`<${History} events=${known.history} />` : html`<p class="soft">${t("history_none")}</p>`}</section></div></div>`;
+        ${job.result.newer.split("\n").map((line) => html`<p class="faint">${sentence(line)}</p>`)}${job.result.asked?.map((line) => html`<p class="faint">${sentence(line)}</p>`)}${taken ? html`<p class="note">${t("taken")}</p>` : html`<div><button onClick=${over}>${t("take_over")}</button></div>`}</section>`}
+      <section class="card stack"><div class="row between"><h2>${t("history")}</h2>${known?.history.length > 0 && html`<${Save} id="history" name="history" />`}</div>${known?.history.length ? html`<${History} events=${known.history} /><div class="row"><span class="key kp">${t("was")}</span><span class="key kb">${t("promised")}</span><span class="key km">${t("history_after")}</span></div>` : html`<p class="soft">${known ? t("history_none") : "…"}</p>`}</section></div></div>`;
 }
 
 function History({ events }) {
@@ -44,6 +45,6 @@ function History({ events }) {
   return html`<svg id="history" viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("history")}>
     ${[0, most / 16, most / 4, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${v === 0 ? 0 : number(v, v < 0.1 ? 3 : 2)}</text></g>`)}
     ${events.map((one, i) => html`<g>${one.promised_high_mm !== undefined && html`<rect x=${x(i) - 12} width="24" rx="5" y=${y(one.promised_high_mm)} height=${Math.max(3, y(one.promised_low_mm) - y(one.promised_high_mm))} fill="var(--accent-soft)" stroke="var(--accent)" /><circle cx=${x(i)} cy=${y(one.before_mm)} r="5" class="fp" />`}
-      <circle cx=${x(i)} cy=${y(one.now_mm ?? 0)} r="6" class=${one.event === "learned" ? "fp" : "fm"} /><text x=${x(i)} y=${H - 20} text-anchor="middle">${t(`event_${one.event}`)}</text><text x=${x(i)} y=${H - 5} text-anchor="middle">${day(one.at_s)}</text></g>`)}
+      ${one.now_at_most_mm != null ? html`<path d=${`M${x(i)} ${y(0)}V${y(one.now_at_most_mm)}M${x(i) - 8} ${y(one.now_at_most_mm)}h16`} class="m" stroke-width="4" />` : html`<circle cx=${x(i)} cy=${y(one.now_mm ?? 0)} r="6" class=${one.event === "learned" ? "fp" : "fm"} />`}<text x=${x(i)} y=${H - 20} text-anchor="middle">${t(`event_${one.event}`)}</text><text x=${x(i)} y=${H - 5} text-anchor="middle">${day(one.at_s)}</text></g>`)}
     <text x=${left + 4} y="11">${t("history_axis")}</text></svg>`;
 }
