@@ -38,7 +38,7 @@ class ControllerCandidate:
 
 
 @dataclass(frozen=True, eq=False)
-class JointModel:
+class JointFault:
     """A world model with `JointTables`: what a step does depends on the cell and on both signs, as in the paper."""
 
     printer: Printer
@@ -70,7 +70,7 @@ def faulty_model(kind: str) -> WorldModel:
         signs = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1)
         unit_steps = signs * rng.uniform(0.7, 1.2, (9, 9, 1, 1, 2)) + rng.normal(0, 0.02, (9, 9, 3, 3, 2))
         unit_steps[:, :, 1, 1] = 0.0
-        return JointModel(printer, JointTables((cells[0], cells[1]), unit_steps))
+        return JointFault(printer, JointTables((cells[0], cells[1]), unit_steps))
     family = "gain-table" if kind == "increments" else "pulley-play"
     drawn = sample(family, rng, "realistic")
     return MechanismModel(drawn.lower(read_printer("corexy" if kind == "corexy" else "ender5")))

@@ -146,7 +146,7 @@ def _write(path: Path, columns: dict[str, tuple[str, str]], parts: Sequence[list
         for part in parts:
             arrays = [arrow.array(values, field.type) for values, field in zip(part, fields, strict=True)]
             writer.write_table(arrow.Table.from_arrays(arrays, schema=schema), row_group_size=max(len(part[0]), 1))
-        # Beside Arrow's schema, not in it: who opens the file decodes all of that.
+        # Not in Arrow's schema, all of which is decoded each time that the file is opened.
         writer.add_key_value_metadata({KEY: json.dumps({"schema": SCHEMA, **about})})
     data = buffer.getvalue()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -187,7 +187,7 @@ def _array(column: Any) -> np.ndarray:
     return (parts[0] if len(parts) == 1 else np.concatenate([np.empty(0, np.uint8), *parts])).view(bool)
 
 
-# Who reads a layer mostly reads another one of the body next. A reader is one thread's own.
+# Kept open, because who reads one layer mostly reads another one of the body next; each thread has its own reader.
 @lru_cache(maxsize=8)
 def _opened(path: Path, changed: int, size: int, thread: int) -> tuple[Any, dict[str, Any], list[int]]:
     """Return a file that is open for reading, what it says about itself, and the rows of each of its row groups."""

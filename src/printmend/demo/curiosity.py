@@ -29,7 +29,7 @@ WAYS = (ACTIVE, "fixed", "random", "longest layer")
 SIZES = (16, 32, 64, 128)  # marks of the prints that are considered
 ROUND_MARKS = 32  # of the others' prints
 LEARNER = "greybox"
-ASKED = 400  # places of the bed at which the promise is asked
+PLACES_PROMISED = 400  # places of the bed at which the promise is asked
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def run_way(
     """Print, measure and learn until the promise is met, ``rounds`` times at most; return what each round gave."""
     twin, noise = Twin.of(corruption, printer), np.random.default_rng([seed, 1])
     part = read_gcode(demo_body_gcode(), printer=printer)
-    asked = np.vstack([printer.home_mm, _places(printer, np.random.default_rng([seed, 2]), ASKED)])
+    asked = np.vstack([printer.home_mm, _places(printer, np.random.default_rng([seed, 2]), PLACES_PROMISED)])
     truth = twin.follow(asked)[1:]
     ways: list[np.ndarray] = []
     measured: list[np.ndarray] = []

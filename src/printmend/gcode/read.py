@@ -138,7 +138,7 @@ _IMPLAUSIBLE_SHARE = 0.1  # of the moves, up to which a reading of E is believed
 _MOST_SHARE = 0.5  # of the moves: where more extrude nothing, that speaks against a reading of E, too
 _TOP_SHARE = 0.1
 _FILAMENT_PER_MM = 3.0  # of path: no nozzle takes more
-_SAME_MM = 1e-6  # of filament: two rules read a move alike
+_SAME_MM = 1e-6  # of filament: two rules whose readings of a move differ by less read it alike
 
 
 def settle_e(text: np.ndarray, state: MachineState) -> None:

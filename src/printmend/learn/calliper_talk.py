@@ -20,8 +20,8 @@ from printmend.learn.callipers import (
 from printmend.measure.plan import ProbePlan
 
 WIDE, TALL = 36, 12  # characters of the picture of the plate
-RARE_SHARE = 0.02  # of a distance: printers that are as wrong are rarer than slips of the hand
-LEAST_DOUBTED_MM = 1.5  # what few distances say of a printer with several faults is often off by less
+RARE_SHARE = 0.02  # share of a distance: a printer that is off by more is rarer than a slip of the hand
+LEAST_DOUBTED_MM = 1.5  # a smaller surprise is not doubted: few distances often say as much wrongly of several faults
 DOUBTED_SIGMAS = 4.0  # standard deviations of what faults and reading may explain together
 ENOUGH_SPREADS = 1.5  # times the spread of a reading: a distance that is known so well tells nothing more
 HELP = (

@@ -18,14 +18,14 @@ from printmend.printer import Printer
 from printmend.saved import Design, bed_middle
 
 DESIGN = Design(mean_powers=2, play_powers=1, mean_harmonics=tuple(range(1, 13)), play_harmonics=(1, 3))
-PASSES, ROUNDS = 14, 3
+MOST_FITS, WEIGHINGS = 14, 3  # rounds of contacts and least squares; in each, how often places are weighed anew
 SHIFT_SD_MM, SCALE_SD_MM, PLAY_SD_MM = 10.0, 0.4, 0.3  # at the start; the evidence widens all but the first
-WAVE_SD_MM, WAVE_FALL = 0.1, 2.0
-SWELL_SD_MM, TURN_SD, SKEW_SD_MM = 0.25, 10.0, 0.5
+WAVE_SD_MM, WAVE_FALL = 0.1, 2.0  # of the first harmonic of a turn; the nth has 1/n to this power of it
+SWELL_SD_MM, TURN_SD, SKEW_SD_MM = 0.25, 10.0, 0.5  # of the walls, of the part's turn on the glass [mm in 100], of skew
 SCALES_RANGE = (0.02, 100.0)  # how far the evidence may move a prior's standard deviation
 HUBER_SIGMAS = 2.0  # standard deviations, beyond which a place counts less
 LOST_SIGMAS = 5.0  # standard deviations, beyond which a place does not count
-LEAST_SIGMA_MM = 0.004  # of a place of a wall: no scan is read better
+LEAST_SIGMA_MM = 0.004  # smallest standard deviation of a wall's place: no scan is read better
 LEAST_WALLS = 40  # measured places of walls to learn from
 LEAST_INDEPENDENT = 0.08  # share of the places that tell something of their own
 
@@ -70,11 +70,11 @@ def fit_walls(trace: Trace, printer: Printer, *, turned: bool = True, harmonics:
     values, scale, sigma = np.zeros(len(sd)), np.ones(group.max() + 1), 0.05
     weight = np.full(len(walls), INDEPENDENT_WALLS)
     best: tuple[float, WallFit] | None = None
-    for passed in range(PASSES):
+    for passed in range(MOST_FITS):
         touches = [contacts(design, _own(values, design, i), one) for i, one in enumerate(rows)]
         fitted, base = _columns(design, touches, rows, walls, share, frame)
         wanted = offset - base
-        for _ in range(ROUNDS):
+        for _ in range(WEIGHINGS):
             values, covariance, scale = _solved(fitted, wanted, weight, sd, group, scale, sigma)
             residual = wanted - fitted @ values
             sigma = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SIGMA_MM)
@@ -90,7 +90,7 @@ def fit_walls(trace: Trace, printer: Printer, *, turned: bool = True, harmonics:
         loss = float(np.abs(left).mean())
         if best is None or loss < best[0] * (1 - 1e-4):
             best = loss, _found(design, values, covariance, touches, left, sigma, motor, trace, printer)
-        elif passed > PASSES // 2:
+        elif passed > MOST_FITS // 2:
             break
     assert best is not None
     return best[1]

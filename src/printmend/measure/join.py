@@ -11,7 +11,7 @@ from printmend.measure.scan import Reading
 
 QUARTER_SINE = 0.35  # |sin| of the turn between two scans that tells the scanner's axes apart
 LEAST_APART = 0.25  # how far these spread, as a share of the pattern
-ROUNDS = 12  # of turning every scan onto the mean of all
+TURNINGS = 12  # how often every scan is turned onto the mean of all
 
 
 def shared_number(plan: ProbePlan) -> np.ndarray:
@@ -91,7 +91,7 @@ def joined(places: Sequence[np.ndarray], readings: Sequence[Reading], plan: Prob
         best = max(left, key=lambda k: _shared(upright[k], mean).sum())
         _check_shared(_shared(upright[best], mean), readings[best], plan)
         laid[best] = _onto(upright[best], mean)
-    for _ in range(ROUNDS):
+    for _ in range(TURNINGS):
         mean = mean_of(np.stack(list(laid.values())))
         laid = {k: _onto(one, mean) for k, one in laid.items()}
     stack = np.stack([laid[k] for k in range(len(upright))])

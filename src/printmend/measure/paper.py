@@ -17,7 +17,7 @@ from printmend.units import A4_MM, LETTER_MM
 SHEETS_MM = {"A4": A4_MM, "letter": LETTER_MM}
 PAPER = Instrument(scale_sd=0.0015, axes_sd=0.0012, lean_sd=0.0008, wave_mm=0.008)
 SEARCH_PX = 1000  # the sheet is looked for in a picture of this size
-LEAST_SHARE = 0.15  # of the picture: a smaller sheet is not what was photographed
+LEAST_SHEET_SHARE = 0.15  # share of the picture: a smaller sheet is not what was photographed
 FULL_SHARE = 0.93  # of its four-cornered outline is bright: less is no sheet
 PLACES, REACH_SHARE = 80, 0.012  # on each edge, and how far about it is looked, as a share of the picture
 MOST_OFF_MM = 0.4  # RMS of the edges from straight lines
@@ -69,7 +69,7 @@ def _corners(image: np.ndarray) -> np.ndarray | None:
     outline = max(outlines, key=cv2.contourArea)
     hull = cv2.convexHull(outline)
     square = cv2.approxPolyDP(hull, 0.03 * cv2.arcLength(hull, True), True)[:, 0].astype(float)
-    if len(square) != 4 or cv2.contourArea(outline) < LEAST_SHARE * bright.size:
+    if len(square) != 4 or cv2.contourArea(outline) < LEAST_SHEET_SHARE * bright.size:
         return None
     low, high = square.min(axis=0), square.max(axis=0)
     if cv2.contourArea(outline) < FULL_SHARE * cv2.contourArea(square.astype(np.float32)):

@@ -16,7 +16,7 @@ THICKEST_MM, SHORTEST_MM, LONGEST_MM = 0.45, 1.2, 14.0  # of a line
 SLENDER_RATIO = 3.0  # length over width
 LEAST_CONTRAST = 14.0  # grey levels
 ALIKE_RAD, EDGE_MM = 0.035, 0.5  # of lines of one row: their directions, and their ends on the ruler's edge
-LEAST_LINES, LEAST_SHARE = 30, 0.7  # in a row, and of those between its first and last
+LEAST_LINES, LEAST_LINES_SHARE = 30, 0.7  # in a row, and of those between its first and last
 UNEVEN_SHARE = 0.06  # RMS of the lines' places, as a share of their distance
 LONGER_RATIO = 1.15  # by so much each fifth or fourth line is longer than its neighbours
 MILLIMETRES, INCHES = (1.0, 0.5), (25.4 / 8, 2.54, 25.4 / 16, 1.27, 25.4 / 32)
@@ -178,7 +178,7 @@ def _even(middle: np.ndarray, way: np.ndarray, length: np.ndarray) -> Ruler | No
             return None
     uneven = float(np.sqrt(np.square(place - start - step * number).mean())) / step
     different = len(np.unique(number))
-    if different < LEAST_LINES or different < LEAST_SHARE * (np.ptp(number) + 1) or uneven > UNEVEN_SHARE:
+    if different < LEAST_LINES or different < LEAST_LINES_SHARE * (np.ptp(number) + 1) or uneven > UNEVEN_SHARE:
         return None
     if not any(_longer(length, number, every) for every in (5, 4)):
         return None

@@ -10,7 +10,7 @@ from printmend.errors import ScanError
 
 COARSE_MM = 0.17  # a pixel of the reduced picture
 SPECK_MM, GAP_MM = 0.35, 0.5  # plastic thinner than this is dirt; gaps narrower than this close
-LEAST_MM2, LEAST_SHARE = 20.0, 0.03  # smaller pieces, of the whole and of the largest, are dirt
+LEAST_MM2, LEAST_PIECE_SHARE = 20.0, 0.03  # smaller pieces, of the whole and of the largest, are dirt
 LEAST_CONTRAST = 10.0  # grey levels
 MARGIN_MM = 4.0  # around the part where it is looked for
 REACH_MM = 0.45  # of the window about an edge whose integral places it
@@ -71,7 +71,7 @@ def find_silhouette(
         ruler = np.zeros(labels.shape, np.uint8)
         cv2.fillConvexPoly(ruler, np.rint(corners_mm / COARSE_MM).astype(np.int32), 1)
         areas[np.unique(labels[ruler > 0])] = 0.0
-    keep = (areas >= LEAST_MM2) & (areas >= LEAST_SHARE * areas.max())
+    keep = (areas >= LEAST_MM2) & (areas >= LEAST_PIECE_SHARE * areas.max())
     if not keep.any():
         raise ScanError(subject, wanted="a printed part", came="a page without one", todo="scan the printed side")
     kept = keep[labels]

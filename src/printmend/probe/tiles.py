@@ -17,7 +17,7 @@ from printmend.probe.layout import MARKS, Grid, Layout, grid_of, pitch_for, rows
 from printmend.probe.walk import REVERSAL_EVERY, REVERSALS_MM, STAIRCASE, STRAIGHT, passes, plan_of
 
 SIDE, SMALL_SIDE, SMALL = 4, 3, 150  # marks along a tile; where there are fewer than 150 marks in all
-LEAST_SHARE = 0.5  # of a tile must lie within the area
+LEAST_TILE_SHARE = 0.5  # share of a tile that must lie within the area
 PITCHES_MM = (8.0, 11.0, 15.0, 20.0)  # closer marks are lost to a scanner where belts are very loose
 MOST_S = 14.5 * 60  # that one sheet may take
 DOT_S = 0.5  # that a dot takes beyond the way to it
@@ -93,7 +93,7 @@ def _tiles(grid: Grid, side: int) -> dict[tuple[int, int], np.ndarray]:
     return {
         (int(i), int(j)): sites
         for (i, j), sites in zip(index, members, strict=True)
-        if len(sites) >= LEAST_SHARE * side**2
+        if len(sites) >= LEAST_TILE_SHARE * side**2
     }
 
 

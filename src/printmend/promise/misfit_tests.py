@@ -23,35 +23,36 @@ from printmend.promise.laws import Sideways, warmed
 from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
 from printmend.promise.misfit_columns import Candidate, candidates, in_time, sideways
 
-MOST_ROWS = 1500  # rows of a motor
+MOST_ROWS = 1500  # rows of a motor that are looked at: more take time and say the same
 LEAST_ROWS = 60  # rows below which nothing is looked for
 QUARTERS = 4  # of a print: growth is looked for where each of them
 LEAST_ROWS_A_QUARTER, LEAST_SPREAD_SHARE = 40, 0.3  # has so many rows, over this share of the motor's places
-MOST_CAUSES = 3  # causes for each motor
-SURE_NATS = 14.0  # nats beyond the choice among those tried
-LEAST_COST_MM = 0.018  # root mean square on a print: less costs nothing that an owner sees
+MOST_CAUSES = 3  # causes that are named for each motor
+SURE_NATS = 14.0  # log likelihood that a cause must gain, beyond the logarithm of how many are tried
+LEAST_COST_MM = 0.018  # root mean square error on a print that a cause must make: an owner does not see less
 WARNED_MM = 0.03  # a cause of that size or more is a warning, a smaller one a note
-NOISE_SHARE = 0.3  # of the noise: what is far below it is no use to know
+NOISE_SHARE = 0.3  # of the noise: a cause that is smaller is of no use to know
 LEAST_OWN_SHARE = 0.05  # share of a column that the model's own parts must leave, for it to be told from them
 LEAST_OWN_SHARE_OF_SPEED = 0.02  # the same of one that hardly differs: a probe's moves are about as long
 ONE_SIGMA_SHARE, LEAST_SPREAD_MM = 0.6827, 1e-6  # of Gaussian residuals within a standard deviation; the least of it
 CLIP_SIGMAS = 4.0  # standard deviations beyond which a residual is an outlier
-LOST_SIGMAS = 6.0  # a place further off was measured wrongly,
-LOST_MM = 0.05  # if it is further off than this, too
+LOST_SIGMAS = 6.0  # a place that is off by more standard deviations was measured wrongly,
+LOST_MM = 0.05  # if it is off by more than this, too
 FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3  # shares of the points: a note, a warning, a refusal from there on
-UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # of the error that a model leaves, and at least mm, from where it is none
+UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # a model that leaves this share of the error, and as many mm, does not fit
 MOST_JUMPS = 4  # skipped teeth and lost steps in a print, beyond which its end is no better known than its beginning
 ONE_WAVE_SHARE = 0.15  # waves of one rail whose lengths differ by less are one, which both motors show
 IN_TIME = ("linear", "step", "creep", "wear", "thermal")
-TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # both axes by so much, and alike to this share;
+TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # a plate lies turned where both axes lean by so much, the less by this share;
 ALIKE_SHARE_COREXY = 0.25  # one motor's pulley leans both of a CoreXY's axes, towards each other
 TILTED_SHARE = 2.0  # times what lies along the axis that moved must lie across it
 MOVED_MM, HOME_SD_MM = 0.3, 0.05  # a plate lies shifted from there on; the most doubt of the error at home
 MOST_LEFT_SHARE = 0.35  # share of an uneven belt's squares that one period may leave
-RANDOM_SDS, TWO_VALUED = 3.0, 1.65  # rows in no order; the kurtosis below which residuals take one of two values: even
-NOISE_KURTOSIS = 3.0  # of noise, whoever makes it
-LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # chance gives 1.8; RMS of these values, and of any other residual
-COVERED_SHARE = 0.6  # of an axis of the bed
+RANDOM_SDS = 3.0  # standard deviations of chance within which rows count as being in no order
+TWO_VALUED = 1.65  # kurtosis below which residuals take one of two values: even chances of a range give 1.8
+NOISE_KURTOSIS = 3.0  # kurtosis of Gaussian noise
+LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # root mean square of two values, and of other residuals, worth a word
+COVERED_SHARE = 0.6  # share of an axis of the bed that the print must span
 UNSEEN = "unseen"  # the kind of the note about the rest
 
 

@@ -57,7 +57,7 @@ DRIFTS = (
 )  # fmt: skip
 SYMMETRIC_SHARE = 0.98  # of the best match of a turned pulley: as good
 SAME_PLACE = 0.002  # homing repeats to hundredths of a millimetre; a plate on a scanner does not
-PASSES = 8  # of fitting, at the most
+FIT_PASSES = 8  # most rounds of fitting
 REPLACED = 0.85  # of the noise: where learning anew leaves less than this, the old model was of another part
 RESIZED_PERCENT = 1.0  # a change of scale beyond that is said
 REFUTED_RATIO = 1.3  # times the residual of a fresh fit: the old model is wrong
@@ -297,7 +297,7 @@ def _fit(rows: Rows, past: Remembered, active: np.ndarray, phase: float, drift: 
     measured = rows.weight > 0
     values = _placed(past, mean, rows)
     best: Fit | None = None
-    for _ in range(PASSES):
+    for _ in range(FIT_PASSES):
         touch = contacts(past.design, values, rows)
         residual = touch.residual_mm[measured]
         sigma = robust_sigma_mm(residual)

@@ -21,12 +21,12 @@ OWN_PERIOD = 0.02  # a second period is at least so far from the turn's own harm
 OWN_TURN = 0.04  # and so far from the turn itself: the steps of a millimetre may have been calibrated
 LEAST_TURNS = 2.5  # of a second period in what was measured: fewer are a bend of the axis
 LEAST_ROWS = 120  # measured rows below which none is looked for
-MOST_ROWS = 1500  # rows that are looked at
-SURE_NATS = 20.0  # nats beyond the choice among the lengths that are tried
-LEAST_SIZE_MM = 0.01  # amplitude: less costs nothing
+MOST_ROWS = 1500  # rows that are looked at: more take time and say the same
+SURE_NATS = 20.0  # log likelihood that a second period must gain, beyond the logarithm of how many are tried
+LEAST_SIZE_MM = 0.01  # smallest amplitude that is worth a second period
 CLIP_SIGMAS = 4.0  # standard deviations beyond which a residual is an outlier
 LEAST_OWN_SHARE = 0.3  # share of a wave that the fit's own parts must leave
-PASSES = 6  # of contacts and least squares
+CONTACT_PASSES = 6  # rounds of contacts and least squares
 
 
 def with_second(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Choice:
@@ -35,11 +35,11 @@ def with_second(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Choice:
         return found
     plain = found
     if found.structure.warp_mm:
-        plain = fitted(rows, replace(found.structure, warp_mm=0.0), ripple, found, passes=PASSES)
+        plain = fitted(rows, replace(found.structure, warp_mm=0.0), ripple, found, passes=CONTACT_PASSES)
     if (length_mm := likeliest_second_mm(rows, plain)) is None:
         return found
     structure = replace(plain.structure, second_mm=length_mm, offset=True)
-    tried = fitted(rows, structure, ripple, plain, passes=PASSES)
+    tried = fitted(rows, structure, ripple, plain, passes=CONTACT_PASSES)
     design, values = tried.design, tried.fit.posterior.values
     sizes = np.hypot(*(values[design.parts[name]] for name in ("second_cos", "second_sin")))
     # the simpler of the two, where the other is the part that repeats nothing

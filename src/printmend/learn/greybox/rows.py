@@ -19,7 +19,7 @@ LEAST_MEASURED = 10  # measured points of a motor; fewer say nothing
 FARTHEST_MM = 1e5  # no bed reaches so far: such a cell is a mistake
 TRIAL_ROWS = 4000  # measured rows that the search for contacts and parts looks at; the last fit uses all
 SIGMA_RANGE_MM = (1e-3, 10.0)  # stated standard deviations beyond these are taken for these
-LEAST_SHARE = 0.25  # of a wall's normal along a motor, below which the wall says nothing about that motor
+LEAST_ALONG_SHARE = 0.25  # of a wall's normal along a motor, below which the wall says nothing about that motor
 INDEPENDENT_WALLS = 0.25  # share of a wall's places that are: a bead is too wide or narrow for some millimetres
 ONE_PHASE_MEAN = 0.99  # length of the mean of e^{ikφ} above which the rows meet a wave at one phase only
 
@@ -99,7 +99,7 @@ def wall_shares(trace: Trace, printer: Printer) -> np.ndarray:
     first = np.zeros(len(walls), bool)
     for place, share in enumerate(square[:, 0]):
         wanted = carried + share
-        first[place] = share > 1 - LEAST_SHARE**2 or (share > LEAST_SHARE**2 and wanted >= 0.5)
+        first[place] = share > 1 - LEAST_ALONG_SHARE**2 or (share > LEAST_ALONG_SHARE**2 and wanted >= 0.5)
         carried = float(np.clip(wanted - first[place], -1.0, 1.0))
     shares[walls] = np.where(np.stack([first, ~first], axis=1), square, 0.0)
     return shares

@@ -27,7 +27,7 @@ from printmend.machine.mechanism import Mechanism, Transmission, healthy_transmi
 from printmend.path import Trace, frozen, last_way
 from printmend.printer import Printer
 
-PASSES = 4  # how often contacts are found under the belief, and the belief from the contacts
+BELIEF_PASSES = 4  # how often contacts are found under the belief, and the belief from the contacts
 LOOKED_AT = 800  # measured rows that all passes but the last one use at most
 CLEAR_MM = (3.0, 1.0, 0.3, 0.0)  # travel one way after which a belt surely touches: the first that leaves enough rows
 ENOUGH_ROWS, ENOUGH_SHARE = 12, 0.3  # enough are this many measured rows, and this share of all
@@ -180,10 +180,10 @@ def _drive(
     some[known[np.unique(np.linspace(0, len(known) - 1, LOOKED_AT).astype(int))]] = True
     at, side, weight = _guessed(rows)
     drive = _believe(_seen(rows, at, side, weight * some, place), place, weights)
-    for number in range(1, PASSES):
+    for number in range(1, BELIEF_PASSES):
         at, side = _touched(rows, drive, printer, motor, homed=homed)
         weight = np.where(at >= 0, rows.weight, 0.0)
-        seen = _seen(rows, at, side, weight if number == PASSES - 1 else weight * some, place)
+        seen = _seen(rows, at, side, weight if number == BELIEF_PASSES - 1 else weight * some, place)
         drive = _believe(_robust(seen, drive), place, weights)
     return drive
 

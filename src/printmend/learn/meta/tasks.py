@@ -19,12 +19,12 @@ FAMILIES = (
     "set-screw", "elastic", "friction", "pulley-play", "pulley-loose", "pulley-set-screw", "everything",
 )  # fmt: skip
 OUTSIDE = 0.5  # share of drives that are in no family
-ASKED = 64  # places at which a lesson's answer is compared
+PLACES_ASKED = 64  # places at which a lesson's answer is compared
 PITCH_MM = 0.2  # of the tables of a simulated drive
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class DrawnDrive:
     """A drive's branches [M] mm less the motor's place, at even places from ``first_mm`` about the bed's middle."""
 
     first_mm: float
@@ -34,7 +34,7 @@ class Drive:
 
 @dataclass(frozen=True, eq=False)
 class Lesson:
-    """What was measured, as evidence, and the truth: ``asked`` [ASKED, C] columns and ``true_mm`` [ASKED]."""
+    """What was measured, as evidence, and the truth: ``asked`` [A, C] columns and ``true_mm`` [A]."""
 
     evidence: Evidence
     asked: np.ndarray
@@ -47,7 +47,7 @@ def reach_of(printer: Printer, motor: int) -> tuple[float, float]:
     return (low - high) / 2, (high - low) / 2
 
 
-def draw_drive(rng: np.random.Generator, printer: Printer, *, outside: float = OUTSIDE) -> Drive:
+def draw_drive(rng: np.random.Generator, printer: Printer, *, outside: float = OUTSIDE) -> DrawnDrive:
     """Draw a drive of a family, or, as often as ``outside`` says, one of none."""
     low, high = printer.motor_range_mm(0)
     middle = (low + high) / 2
@@ -63,7 +63,7 @@ def draw_drive(rng: np.random.Generator, printer: Printer, *, outside: float = O
         lower, upper = mechanism.transmissions[0].branches_mm(at)
         lower, upper = lower - at, upper - at
     centre = (lower[len(at) // 2] + upper[len(at) // 2]) / 2
-    return Drive(float(at[0] - middle), lower - centre, upper - centre)
+    return DrawnDrive(float(at[0] - middle), lower - centre, upper - centre)
 
 
 def _smooth(rng: np.random.Generator, at_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +89,7 @@ def _field(rng: np.random.Generator, at_mm: np.ndarray, length_mm: float) -> np.
     return np.asarray(np.sqrt(2 / 24) * np.cos(np.outer(at_mm, waves) + rng.uniform(0, 2 * np.pi, 24)).sum(axis=1))
 
 
-def draw_lesson(rng: np.random.Generator, drive: Drive, printer: Printer, *, points: int | None = None) -> Lesson:
+def draw_lesson(rng: np.random.Generator, drive: DrawnDrive, printer: Printer, *, points: int | None = None) -> Lesson:
     """Print a random way on the drive, measure it, and ask for the branches anywhere that the way went or may go."""
     reach, turn_mm = reach_of(printer, 0), printer.x.mm_per_turn
     motor, other = _way(rng, reach, points or round(10 ** rng.uniform(1.2, 2.8)))
@@ -112,10 +112,10 @@ def draw_lesson(rng: np.random.Generator, drive: Drive, printer: Printer, *, poi
     low, high = motor.min(), motor.max()
     if rng.random() < 0.5:  # where the way went, or anywhere
         low, high = max(reach[0], low - 20), min(reach[1], high + 20)
-    place = rng.uniform(low, high, ASKED)
-    sides = rng.choice([-1.0, 1.0], ASKED)
+    place = rng.uniform(low, high, PLACES_ASKED)
+    sides = rng.choice([-1.0, 1.0], PLACES_ASKED)
     true = np.where(sides < 0, np.interp(place, grid, drive.lower_mm), np.interp(place, grid, drive.upper_mm))
-    asked = columns(place, sides, rng.uniform(other.min(), other.max() + 1e-9, ASKED), turn_mm, reach)
+    asked = columns(place, sides, rng.uniform(other.min(), other.max() + 1e-9, PLACES_ASKED), turn_mm, reach)
     return Lesson(
         evidence(phi, measured, np.ones(len(measured)), touched, turn_mm), asked, true + asked[:, crossed] @ frame
     )
