@@ -256,13 +256,7 @@ def greybox_model(
             {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
             for f in diagnosis.faults
         ],
-        "trace": {
-            "rows": len(trace),
-            "measured": fit.measured,
-            "residual_before_mm": round(fit.residual_before_mm, 6),
-            "residual_after_mm": round((hybrid or fit).residual_after_mm, 6),
-            **({} if (own := instrument_scatter_mm(trace)) is None else {"instrument_mm": round(own, 6)}),
-        },
+        "trace": _said_of(trace, fit, (hybrid or fit).residual_after_mm),
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
         "promise": promise_section(acts, trace, explained_mm, *(() if hybrid is None else hybrid.left_and_doubt)),
         **(more or {}),
@@ -283,6 +277,18 @@ def greybox_model(
         findings=("; ".join((diagnosis.summary, *added)), *diagnosis.gaps),
         details=details,
     )
+
+
+def _said_of(trace: Trace, fit: GreyboxModel, left_mm: float) -> dict[str, Any]:
+    """Return what a saved model tells of its measurement: rows, errors before and after, the instrument's scatter."""
+    scatter_mm = instrument_scatter_mm(trace)
+    return {
+        "rows": len(trace),
+        "measured": fit.measured,
+        "residual_before_mm": round(fit.residual_before_mm, 6),
+        "residual_after_mm": round(left_mm, 6),
+        **({} if scatter_mm is None else {"instrument_mm": round(scatter_mm, 6)}),
+    }
 
 
 def _turned(mechanism: Mechanism, clockwise_rad: float) -> Frame:
