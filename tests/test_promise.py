@@ -25,7 +25,7 @@ from printmend.promise.apply import believe
 from printmend.promise.budget import parse_budget
 from printmend.promise.effects import EARLY, Drawn, Effect
 from printmend.promise.misfit import misfit_section
-from printmend.promise.predict import DRAWS, Errors, Promise, _Side, _summed_up
+from printmend.promise.predict import DRAWS, Errors, Promise, _Side, _summed_up, _thinned, shape_of
 from printmend.promise.predict import Path as Places
 from printmend.promise.scale import in_words, scale_words
 from printmend.promise.unexplained import unexplained
@@ -292,7 +292,7 @@ def test_patterns_are_told_from_noise(rng: np.random.Generator) -> None:
 
 
 def test_a_shape_is_not_worse_for_lying_elsewhere() -> None:
-    """A part 3 mm off its place, of which the samples show a little less than there is."""
+    """A part 3 mm off its place, whose lines end so far from where they should that their distance is larger still."""
     angle, nothing = np.linspace(0, 2 * np.pi, 40, endpoint=False), np.zeros((40, 2))
     tangent = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     off = -3.0 * tangent[:, 1] + 0.1 * np.sin(5 * angle)
@@ -301,10 +301,16 @@ def test_a_shape_is_not_worse_for_lying_elsewhere() -> None:
     alone, rng = np.zeros(DRAWS), np.random.default_rng(0)
     whole, shape = (_summed_up(_Side(path, off, {}, {}, known, signed=True), placed, alone, rng)[0]
                     for placed in (True, False))  # fmt: skip
-    assert whole.rms_mm == pytest.approx(known.rms_mm)
+    assert whole.rms_mm == pytest.approx(np.sqrt(np.mean(off**2)))
     assert shape.rms_mm == pytest.approx(0.1 / np.sqrt(2), rel=0.2)
     assert shape.rms_mm <= shape.max_mm
     assert shape.planning_rms_mm == pytest.approx(shape.rms_mm)
+    many = Places(*(np.repeat(each, 40, axis=0) for each in (nothing, tangent, off, nothing, np.ones(40))))
+    many = replace(many, off_mm=many.off_mm * (1 + (np.arange(1600) % 7 == 0)))
+    for placed in (True, False):
+        few, all_of = (each.off_mm if placed else shape_of(each) for each in (_thinned(many, placed), many))
+        assert len(few) < 1600
+        assert np.mean(few**2) == pytest.approx(np.mean(all_of**2), rel=0.01)
     for across in (0.1, 0.2, 0.3, 0.6):  # merely shifted: rounding may leave less than nothing of its shape
         off = across * tangent[:, 0] - 3.0 * tangent[:, 1]
         side = _Side(path, off, {}, {}, known, signed=True)

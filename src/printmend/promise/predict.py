@@ -6,7 +6,7 @@ machines are drawn; the 90 % range is that of their prints (JCGM 101:2008, propa
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -31,6 +31,7 @@ OTHERWISE_SHARE = 0.7
 # deviation of its logarithm. Most printers have hardly any, some have 0.03 mm.
 UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.8
 LASTING = ("unexplained", "motion")  # what differs from place to place, but not at random as rounding does
+NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
 WHOLE_TURN_SHARE = 0.95  # of a turn that counts as all of it
 # Mean and standard deviation of the logarithm of how much larger the doubt of a pulley seen in part is than it says
 # itself: what nobody saw is mostly nothing, and now and then a flat.
@@ -116,7 +117,7 @@ def promised(
     if not len(path.weight) or path.weight.sum() <= 0:
         return None
     with threadpool_limits(1, user_api="blas"):  # the products are small: a second thread would only be waited for
-        return _outlook(mechanism, budget, _thinned(path), (before, after), at_rest)
+        return _outlook(mechanism, budget, _thinned(path, budget.placed), (before, after), at_rest)
 
 
 def _outlook(mechanism: Mechanism, budget: Budget, path: Path, errors: tuple[Errors, Errors], at_rest: bool) -> Outlook:
@@ -156,7 +157,7 @@ class _Aims:
 class _Side:
     """One of the two files: errors across the path that are sure, ``off_mm`` [N]; by cause the errors of the drawn
     machines, ``doubt``, and the variances across the path of what differs from place to place, ``local``; what the
-    model itself says, ``known``, of which ``off_mm`` is all where ``signed``."""
+    model itself says, ``known``: where ``signed``, ``off_mm`` says all of it but the largest."""
 
     path: Path
     off_mm: np.ndarray
@@ -166,7 +167,8 @@ class _Side:
     signed: bool
 
 
-def _thinned(path: Path) -> Path:
+def _thinned(path: Path, placed: bool) -> Path:
+    """Return `MOST_PLACES` of a path, with errors as large as those of all its places are together."""
     count = len(path.weight)
     if count <= MOST_PLACES:
         return path
@@ -174,7 +176,19 @@ def _thinned(path: Path) -> Path:
     edges = np.concatenate([[0], (at[1:] + at[:-1] + 1) // 2, [count]])
     weight = np.add.reduceat(path.weight, edges[:-1])
     others = (None if each is None else each[at] for each in (path.z_mm, path.gone_mm, path.ways))
-    return Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, *others)
+    few = Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, *others)
+    whole_mm, seen_mm = (each.off_mm if placed else shape_of(each) for each in (path, few))
+    whole2, seen2 = np.average(whole_mm**2, weights=path.weight), np.average(seen_mm**2, weights=weight)
+    return replace(few, off_mm=few.off_mm * np.sqrt(whole2 / seen2)) if seen2 > NO_ERROR_MM2 else few
+
+
+def shape_of(path: Path) -> np.ndarray:
+    """Return the errors across a path [N] without the part's place, which is the one shift of all of it that leaves the
+    least."""
+    normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
+    root = np.sqrt(path.weight)
+    shift = np.linalg.lstsq(normal * root[:, None], path.off_mm * root, rcond=None)[0]
+    return np.asarray(path.off_mm - normal @ shift)
 
 
 def _aims(mechanism: Mechanism, path: Path, at_rest: bool) -> _Aims:
@@ -321,10 +335,7 @@ def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Gene
     shape = products - products[:, :2] @ away - away.T @ products[:2] + away.T @ products[:2, :2] @ away
     drawn = np.vstack([np.ones((1, DRAWS)), *(each.drawn for each in side.doubt.values())])
     shift = away[:, 2:] @ drawn
-    seen2 = float(products[2, 2]) if side.signed else 0.0
-    known2 = max(side.known.rms_mm**2 - seen2, 0.0)
-    if not placed and seen2 > 0:  # what the samples miss of the errors lies as much in the place as what they show
-        known2 *= max(float(shape[2, 2]), 0.0) / seen2  # a mere shift leaves 0, or a rounding below it
+    known2 = 0.0 if side.signed else side.known.rms_mm**2
     places2 = {name: weight @ each.columns @ each.drawn for name, each in side.local.items()}
     beside2 = known2 + sum(places2.values())
     whole = np.sqrt(_square(products[2:, 2:], drawn) + beside2)

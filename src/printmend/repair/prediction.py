@@ -9,7 +9,7 @@ import numpy as np
 from printmend.invert import Planner
 from printmend.invert import layout as k
 from printmend.promise.budget import parse_budget
-from printmend.promise.predict import Errors, Path, Promise, promised, without_doubt
+from printmend.promise.predict import Errors, Path, Promise, promised, shape_of, without_doubt
 from printmend.promise.words import in_a_line
 from printmend.saved.model import SavedModel
 from printmend.units import counted
@@ -258,12 +258,8 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
 
 
 def _shape2(path: Path) -> dict[float | None, float]:
-    """Return the mean square error of the places of each height (None: of all) without the part's place, which is the
-    one shift of all of it that leaves the least."""
-    normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
-    root = np.sqrt(path.weight)
-    shift = np.linalg.lstsq(normal * root[:, None], path.off_mm * root, rcond=None)[0]
-    left2 = (path.off_mm - normal @ shift) ** 2
+    """Return the mean square error of the places of each height (None: of all) without the part's place."""
+    left2 = shape_of(path) ** 2
     found: dict[float | None, float] = {None: float(np.average(left2, weights=path.weight))}
     if path.z_mm is not None:
         for z_mm in np.unique(path.z_mm):
