@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ def arguments(description: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("sources", type=Path, nargs="+", help="files, or folders of them")
     parser.add_argument("--preset", default="ender3")
-    parser.add_argument("--family", default="pulley-play", help="one, or several with commas")
+    parser.add_argument("--family", default="pulley-play", help="one, or several with commas; FAMILY+screw")
     parser.add_argument("--severity", choices=["damaged", "realistic"], default="damaged")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--moves", type=int, default=10**9, help="a larger file ends after so many extruding ones")
@@ -33,8 +34,12 @@ def cases(options: argparse.Namespace) -> Iterator[tuple[Path, str]]:
 
 
 def drawn(family: str, options: argparse.Namespace) -> Corruption:
-    """Return the fault that the seed draws of a family."""
-    return sample(family, np.random.default_rng([options.seed, *family.encode()]), options.severity)
+    """Return the fault that the seed draws of a family; FAMILY+screw has a bad Z screw, too."""
+    faults = [
+        sample(name, np.random.default_rng([options.seed, *name.encode()]), options.severity)
+        for name in family.split("+")
+    ]
+    return faults[0] if len(faults) == 1 else replace(faults[0], screw=faults[1].screw)
 
 
 def text_of(source: Path, printer: Printer, options: argparse.Namespace) -> bytes:

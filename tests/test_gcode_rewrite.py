@@ -245,6 +245,8 @@ def test_every_line_has_its_own_end(eol):
     end = "\r\n" if "\r" in eol else "\n"  # the last line has none of its own to copy
     assert output.decode() == f"G28{eol}G1 X10{eol}G1 X15{end}G1 X20 Y1"
     assert rewritten(text, keep) == text
+    curve = f"G28{eol}M83{eol}G1 X9 Y9{eol}G5 X30 I3 J9 P-3 Q9 E1{eol}X20{eol}G91{eol}G5 X3 I3 J9 P-3 Q9 E1".encode()
+    assert rewritten(curve, keep) == curve
 
 
 def checked(line: str) -> str:

@@ -32,7 +32,7 @@ from printmend.probe import design_probe
 from printmend.repair.learned import learn_model
 from printmend.saved import exact_model, read_model, write_model
 from printmend.twin import Twin
-from tests.mending import SQUARE
+from tests.mending import PLAY, SQUARE, exactly
 
 ENDER3 = read_printer("ender3")
 PLAN = design_probe(ENDER3)
@@ -165,11 +165,13 @@ def test_models_have_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     (tmp_path / "part.gcode").write_bytes(SQUARE)
     assert run("mend", "part.gcode", "-m", "e3-07").exit_code == 0
     (tmp_path / "other.mend.json").write_text("{}")
+    write_model(tmp_path / "exact.mend.json", exactly(PLAY))
     listed = [json.loads(line) for line in run("printers", "--json").output.splitlines()]
-    assert [item["name"] for item in listed] == ["other", "e3-07"]
-    assert "wanted" in listed[0]["error"]
-    assert listed[1]["printer"] == ENDER3.name
-    assert listed[1]["digest"] == read_model(kept).digest
+    assert [item["name"] for item in listed] == ["exact", "other", "e3-07"]
+    assert "known exactly" in listed[0]["finding"]
+    assert "wanted" in listed[1]["error"]
+    assert listed[2]["printer"] == ENDER3.name
+    assert listed[2]["digest"] == read_model(kept).digest
     (tmp_path / "e3-07.mend.json").write_text("{}")
     assert isinstance(run("check", "part.gcode", "-m", "e3-07").exception, PrintmendError)
     assert run("learn", path, "--printer", "ender3", "--name", "../x").exit_code == 2

@@ -24,7 +24,8 @@ def command(as_json: bool) -> None:
         said: dict[str, Any] = {"name": name, "file": str(path)}
         try:
             model = read_model(path)
-            said |= {"printer": model.printer.name, "digest": model.digest, "finding": model.findings[0]}
+            finding = next(iter(model.findings), "not learned: the fault is known exactly")
+            said |= {"printer": model.printer.name, "digest": model.digest, "finding": finding}
         except PrintmendError as error:
             said["error"] = str(error)
         if as_json:
