@@ -321,7 +321,7 @@ def test_a_file_without_homing_tells_of_its_uncertain_start(mechanism: Mechanism
     text = START.replace(b"G28\n", b"").replace(b"G0 X60 Y60 F6000\n", b"") + b"G1 X80 Y60 E1 F1800\nG1 X80 Y80 E1\n"
     judged = judge(text, mechanism)
     assert judged.prediction.unknown == 1
-    assert judged.prediction.after.max_mm == pytest.approx(most_mm, abs=0.02)
+    assert judged.prediction.after.max_mm <= most_mm + 1e-6
     assert 0.3 < judged.after.max() <= judged.prediction.after.max_mm
 
 

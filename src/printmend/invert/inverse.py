@@ -1,6 +1,5 @@
 """The continuous planner: the motor commands that make a machine, broken as its model says, draw what was wanted."""
 
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,7 +28,6 @@ def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> look.M
     head.bed[:] = printer.x.min_mm, printer.x.max_mm, printer.y.min_mm, printer.y.max_mm
     head.shifts_only = frame.is_identity and all(map(_shifts_only, mechanism.transmissions))
     head.frame_bend = _frame_bend(mechanism)
-    head.astray = _astray_mm(mechanism)
     head.bed_map[:] = frame.bed_map(corexy=printer.kinematics == "corexy").values
     head.home[:] = printer.home_mm
     head.home_side[:] = printer.x.home_direction, printer.y.home_direction
@@ -93,20 +91,6 @@ def _frame_bend(mechanism: Mechanism) -> float:
         second = np.linalg.norm(steps[0] - 2 * steps[1] + steps[2], axis=-1)
         most = max(most, float(second.max()) / float(direction @ direction))
     return most
-
-
-def _astray_mm(mechanism: Mechanism) -> float:
-    """Return how far a straight command from an unknown place may print from its line.
-
-    The printer errs by r(A) where it begins and by r(c) − s r(B) at a share s of its way to B, which is no more than r
-    differs between places of the bed.
-    """
-    x, y = mechanism.printer.x, mechanism.printer.y
-    belts = [np.ptp(np.append(t.lower_mm - t.motor_mm, t.upper_mm - t.motor_mm)) for t in mechanism.transmissions]
-    grid = np.stack(np.meshgrid([x.min_mm, x.max_mm], [y.min_mm, y.max_mm]), axis=-1).reshape(-1, 2)
-    bed = np.append(mechanism.frame.apply(grid) - grid, [[0.0, 0.0]], axis=0)
-    share = math.sqrt(0.5) if mechanism.printer.kinematics == "corexy" else 1.0  # x = (a + b)/2, y = (a − b)/2
-    return share * math.hypot(*belts) + math.hypot(*np.ptp(bed, axis=0))
 
 
 def _shifts_only(t: Transmission) -> bool:

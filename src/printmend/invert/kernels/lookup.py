@@ -37,7 +37,6 @@ HEAD = np.dtype(
         ("chord", "f8"),  # how far a chord may lie from the wanted path [mm]
         ("sample", "f8"),  # how densely a chord must be looked at [mm]
         ("look", "f8"),  # how densely the prediction looks [mm]
-        ("astray", "f8"),  # how far off a straight command from an unknown place may print [mm]
         ("period", "f8"),  # how much time a move must take at the least [min]
         ("screw", "f8"),  # 1 or 0: a Z screw that is not perfect; then also:
         ("rise", "f8"),  # how far it may rise in one straight command [mm]

@@ -37,6 +37,7 @@ from printmend.invert.kernels.curve import (
     SWEEP,
     Z0,
     Z1,
+    line_distance,
     place,
     set_line,
     stays_near,
@@ -84,6 +85,7 @@ from printmend.invert.kernels.lookup import (
     backward,
     forward,
     from_motors,
+    printed,
     to_motors,
     wanted,
 )
@@ -104,6 +106,8 @@ from printmend.invert.kernels.state import (
 from printmend.invert.kernels.travel import arrival, arriving_push, plan_travel
 from printmend.invert.kernels.turns import survey
 from printmend.jit import entry, inner
+
+LOOKS_FROM_HOME = 256  # places of a line that comes from there
 
 
 # The kernels here, in `draw` and in `predict` have many parameters: the arrays of one file's way through the planner,
@@ -278,6 +282,26 @@ def _cover(low, high, x, y):
 
 
 @inner(error_model="numpy", _nrt=False)
+def _from_home(model, record, m0, m1):
+    """Return how far a straight command to motors (m0, m1) may be off its line [mm], which begins nobody knows where.
+
+    It is taken to come from home, its belts anywhere in their play.
+    """
+    home_x, home_y = model.head.home[0], model.head.home[1]
+    from0, from1 = to_motors(model, home_x, home_y)
+    most = 0.0
+    for i in range(LOOKS_FROM_HOME + 1):
+        s = i / LOOKS_FROM_HOME
+        for sides in range(4):
+            u0 = forward(model, 0, sides & 1, from0 + s * (m0 - from0))
+            u1 = forward(model, 1, sides >> 1, from1 + s * (m1 - from1))
+            x, y = printed(model, u0, u1)
+            off, _ = line_distance(home_x, home_y, record.x1, record.y1, x, y)
+            most = max(most, off)
+    return most
+
+
+@inner(error_model="numpy", _nrt=False)
 def _leave(counts, record, extruding):
     """Count an extruding move that stays as it is, or whose start nobody knows, and keep the lines of the first."""
     if extruding and counts.unknown < UNKNOWN_LINES:
@@ -421,9 +445,10 @@ def mend(
         if not sure:
             # From here on the place is certain; the file as it is starts with the same uncertainty.
             open_interval(model, state.raw)
-            if extruding:  # on its way there both go as the printer goes wrong
-                note(layers, row, errors, 0, model.head.astray, 0.0)
-                note(layers, row, errors, 1, model.head.astray, 0.0)
+            if extruding:  # on its way there both are as wrong as the printer
+                m0, m1 = to_motors(model, r.x1, r.y1)
+                note(layers, row, errors, 0, _from_home(model, r, m0, m1), 0.0)
+                note(layers, row, errors, 1, _from_home(model, r, state.mended.m[0], state.mended.m[1]), 0.0)
         counts.known = 1
     first[i] = n
     counts.pieces += n
