@@ -21,7 +21,7 @@ def check_origin(subject: str | Path, origin: Origin | None, printer: Printer) -
         return
     raise TraceError(
         subject, wanted=f"a measurement of {printer.name}", came=f"one of {origin.printer}",
-        todo="take that printer; if it is this one under another name, correct the name in the table's column printer",
+        todo="take that printer; if it is this one under another name, correct the name in it",
     )  # fmt: skip
 
 

@@ -30,6 +30,7 @@ LEAST_MARKS = 10  # measured, of the check print
 _LEAST_SIGMA_MM = 0.002  # of a mark: no scan is read better
 _STRETCHED_PERCENT = 0.01  # less of it is not worth a word
 _NOISE_DOUBT = 0.15  # share to which the noise of a measurement is known
+_UNMENDED_SHARE = 0.9  # of the error before mending: what is as far off was hardly mended
 _SURE_SIGMAS = 2.0  # standard deviations that a measured error may exceed its promise by
 
 
@@ -72,6 +73,8 @@ class Verdict:
             numbers += f" (a scale of {self.stretch_percent:+.2f} % may be the scanner's own and is taken off)"
         if self.kept:
             return f"{numbers}: kept ({self.marks} marks)"
+        if self.now_mm > _UNMENDED_SHARE * self.before_mm:
+            return f"{numbers}: broken, and as far off as before mending. Was the mended file printed?"
         return f"{numbers}: broken. Bring the model up to date with this measurement (-o), and mend again"
 
     def json(self) -> dict[str, Any]:

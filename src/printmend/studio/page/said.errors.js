@@ -23,7 +23,7 @@ export default [
   ["the check print", "der Prüfdruck"],
   ["a measurement of {a}", "eine Messung von {a}"],
   ["one of {a}", "eine von {a}"],
-  ["take that printer; if it is this one under another name, correct the name in the table's column printer", "Jenen Drucker nehmen; ist es dieser unter anderem Namen, den Namen in der Spalte printer der Tabelle berichtigen"],
+  ["take that printer; if it is this one under another name, correct the name in it", "Jenen Drucker nehmen; ist es dieser unter anderem Namen, den Namen darin berichtigen"],
   ["this measurement", "diese Messung"],
   ["one of the present test print", "eine des jetzigen Testdrucks"],
   ["one of the test print before it", "eine des Testdrucks davor"],
