@@ -28,8 +28,8 @@ PRINTMEND = str(Path(sys.executable).parent / "printmend")
 # what each misfit may be called: some look the same to whom does not see the machine
 NAMES = {
     "linear": {"linear", "creep"}, "creep": {"creep", "linear"}, "set-screw-creep": {"creep", "linear"},
-    "idler": {"second-period", "turn"}, "halves": {"halves"}, "reversed": {"rows-reversed"},
-    "shuffled": {"rows-shuffled"},
+    "idler": {"second-period", "turn"}, "racking": {"racking", "rail-racking", "racking-across"},
+    "halves": {"halves"}, "reversed": {"rows-reversed"}, "shuffled": {"rows-shuffled"},
     "shifted-1": {"rows-shifted"}, "shifted-3": {"rows-shifted"}, "half-shifted-1": {"rows-shifted"},
     "table-shifted-1": {"rows-shifted"}, "swapped": {"refused"}, "mirrored": {"refused"}, "inches": {"refused"},
     "turned-1": {"turned", "moved"}, "outliers-5": {"left-out"}, "outliers-20": {"left-out"}, "half-bed": {"unseen"},
