@@ -20,7 +20,7 @@ demo: $(KERNELS)
 
 # Half a minute, once: else the demonstrations would compile it, one after the other. An edit does not make it anew.
 $(KERNELS): $(OWNER)
-	$(BIN)/python tools/ship_kernels.py --owner
+	$(BIN)/python tools/ship_kernels.py --demo
 	@touch $@
 
 # The paper again, on bodies that are made here: data set, Table I, Fig. 1 to 6, then the families, self-repair and the
