@@ -25,8 +25,20 @@ from printmend.promise import misfit_rows, predict
 from printmend.promise.budget import parse_budget
 from printmend.promise.effects import EARLY, Effect, Places
 from printmend.promise.misfit import misfit_section
+from printmend.promise.misfit_columns import Candidate
 from printmend.promise.misfit_rows import in_order
-from printmend.promise.misfit_tests import as_printed, causes_of, effects_of, found_in, of_the_end, unrest_mm
+from printmend.promise.misfit_tests import (
+    Cause,
+    _once,
+    _tilted,
+    _tilts,
+    as_printed,
+    causes_of,
+    effects_of,
+    found_in,
+    of_the_end,
+    unrest_mm,
+)
 from printmend.repair.learned import learn_model
 from printmend.saved import Wave, branches_of, read_model, write_model
 from printmend.twin import Twin
@@ -228,6 +240,22 @@ def test_what_a_corexys_rails_do_is_no_noise(rng: np.random.Generator) -> None:
     places = Places(corexy.to_motor(points), points, still, still, np.linspace(0, 100, len(points)))
     waves = [each.law(places.seen_by(each)) for each in effects if each.kind == "rail-wave"]
     assert np.std(corexy.from_motor(np.stack(waves, axis=1))[:, 0]) == pytest.approx(np.std(wave), rel=0.15)
+
+
+def test_both_motors_of_a_rail_say_it_once_and_each_length_is_said() -> None:
+    def cause(motor: int, kind: str, size_mm: float, detail: float, weight: float = 0.1) -> Cause:
+        return Cause(motor, Candidate(kind, 1, detail, 0.0), np.array([weight, 0.0]), size_mm, 20.0)
+
+    seen = ((0, 0.05, 26.0), (1, 0.06, 26.8), (0, 0.04, 80.0), (1, 0.03, 79.0))
+    waves = [cause(motor, "rail-wave", size, length) for motor, size, length in seen]
+    assert [each.candidate.detail for each in _once((*waves, cause(0, "step", 0.02, 0.5)))] == [26.8, 80.0, 0.5]
+    alike, against = (
+        [cause(motor, "rail-racking", 0.05, 0.0, sign**motor * 0.1) for motor in range(2)] for sign in (1, -1)
+    )
+    assert _tilts(tuple(alike), "rail-racking") == {}
+    assert _tilts(tuple(against), "rail-racking") == {0: pytest.approx(0.1)}
+    words = _tilted(against[0], 0, 0.1).words
+    assert words.startswith("where Y comes to lie depends on which way X moved before, the more the nearer to its ends")
 
 
 def test_play_that_wears_on_one_side_is_no_heap_of_wild_points(rng: np.random.Generator) -> None:
