@@ -122,6 +122,7 @@ def test_from_a_new_printer_to_the_proof(browser: Browser, server: Server, tmp_p
     until(lambda: rings.count() > 590)
     missing = int(page.get_by_text(re.compile(r"^not found \d+$")).inner_text().split()[-1])
     expect(page.locator("#scan path")).to_have_count(missing)  # a cross where each should be
+    expect(page.get_by_test_id("asked").locator("ellipse")).to_have_count(2)  # the two dots to measure
     rings.nth(300).click()
     expect(page.get_by_text("left out 1")).to_be_visible()
     watched.picture("measure")

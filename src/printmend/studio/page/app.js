@@ -18,12 +18,17 @@ if (new URLSearchParams(location.search).has("token")) history.replaceState(null
 const place = () => location.hash.replace(/^#\/?/, "").split("/").filter(Boolean);
 
 function App() {
-  const [at, setAt] = useState(place()), [away, setAway] = useState(false);
+  const [at, setAt] = useState(place()), [away, setAway] = useState(false), [, setNarrow] = useState(innerWidth < 700);
   useEffect(() => onAway(setAway), []);
   useEffect(() => {
     const moved = () => { setAt(place()); scrollTo(0, 0); };
     addEventListener("hashchange", moved);
     return () => removeEventListener("hashchange", moved);
+  }, []);
+  useEffect(() => { // charts have fewer units on a narrow page
+    const sized = () => setNarrow(innerWidth < 700);
+    addEventListener("resize", sized);
+    return () => removeEventListener("resize", sized);
   }, []);
   const here = at[0] ?? "play";
   return html`<header class="top"><a class="brand" href="#/play" aria-label="printmend"><img src="icon.svg" alt="" /><span>printmend</span></a>
