@@ -181,6 +181,7 @@ COMMANDED, MEASURED = points()
         (lines(COMMANDED, MEASURED).replace("x_mm,y_mm", "x_mm,x_mm,y_mm"), "one column x_mm"),
         (lines(COMMANDED, MEASURED[:, ::-1]), "swapped"),
         (lines(COMMANDED, [[220, 0]] + MEASURED * [-1, 1]), "x mirrored"),
+        (HEADER + "\n0,5,0,5,0,5,0,5\n" * 20, "4 cells a row.*decimal point"),
         (b"\xff\xfe\x00\x01", "UTF-8"),
     ],
 )

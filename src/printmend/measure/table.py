@@ -184,6 +184,13 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None]
     first, _, rest = data.partition(b"\n")
     names = [name.strip().strip('"') for name in first.decode().split(",")]
     _check_header(path, names, first.decode())
+    line = next((line for line in io.BytesIO(rest) if line.strip()), b"").decode().strip()
+    cells = next(csv.reader([line]), []) if len(line) < csv.field_size_limit() else []
+    if any(cell.strip() for cell in cells[len(names) :]):
+        raise TraceError(
+            path, wanted=f"{len(names)} cells a row, as the header has", came=f"{len(cells)} in the first one",
+            todo="write numbers with a decimal point; a comma begins a new cell",
+        )  # fmt: skip
     wanted = [name for name in KNOWN if name in names]
     places = [names.index(name) for name in wanted]
     values = _parse_fast(rest, places)
@@ -196,15 +203,14 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None]
             came="no rows",
             todo="add the measured points",
         )
-    return names, {name: values[:, i] for i, name in enumerate(wanted)}, _origin(names, rest)
+    return names, {name: values[:, i] for i, name in enumerate(wanted)}, _origin(names, cells)
 
 
-def _origin(names: list[str], rows: bytes) -> Origin | None:
+def _origin(names: list[str], cells: list[str]) -> Origin | None:
     """Return whose print the first row says that it was, None where it says nothing."""
     if ORIGIN[0] not in names:
         return None
-    line = rows.lstrip(b"\n").partition(b"\n")[0].decode()
-    said = dict(zip(names, next(csv.reader([line]), []), strict=False))
+    said = dict(zip(names, cells, strict=False))
     origin = Origin(*(said.get(name, "").strip() for name in ORIGIN))
     return origin if origin.printer else None
 

@@ -95,6 +95,8 @@ class Updated:
             return "the model was learned from this very measurement: it is counted once, and nothing changes"
         rows = [change.words for change in self.changes]
         rows += [f"{name} is not the one that the old model knew: learned anew" for name in self.anew]
+        if len(self.anew) == len(self.model.printer.motors):
+            rows.append("nothing of the old model is left: is this measurement of the same printer?")
         return "\n".join(rows or ["nothing changed by more than this trace can tell"])
 
 
