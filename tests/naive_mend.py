@@ -130,7 +130,7 @@ class Machine:
                 self.e = values["E"] * self.unit
 
     def curve(self, values: dict[str, float], line: int) -> None:
-        """Marlin's cubic curve in 500 straight moves, by de Casteljau."""
+        """Marlin's cubic curve in 120 straight moves, by de Casteljau."""
         start = np.array(self.position)
         self.move("G1", values, line)
         whole, end = self.moves.pop(), np.array(self.position)
@@ -138,12 +138,12 @@ class Machine:
         third = (end - start) / 3
         points = [start, start + np.array([i, j, third[2]]), end + np.array([p, q, -third[2]]), end]
         before = tuple(start)
-        for t in np.arange(1, 501) / 500:
+        for t in np.arange(1, 121) / 120:
             row = points
             while len(row) > 1:
                 row = [a + t * (b - a) for a, b in itertools.pairwise(row)]
             after = tuple(float(v) for v in row[0])
-            self.moves.append(Move(before, after, whole.filament / 500, self.feed, line))
+            self.moves.append(Move(before, after, whole.filament / 120, self.feed, line))
             before = after
 
     def move(self, code: str, values: dict[str, float], line: int) -> None:
