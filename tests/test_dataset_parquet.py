@@ -273,6 +273,9 @@ def test_what_does_not_fit_is_refused(data: Path, sources: list[Path], tmp_path:
     asked = ["dataset", "build", "--bodies", "generated:1", "--families", "nope", "-o", str(tmp_path / "none")]
     assert "nope" in str(CliRunner().invoke(group, asked).exception)
     assert not list(tmp_path.glob("none*"))  # no bodies were made for it
+    (tmp_path / "broken.stl").write_text("solid x")
+    asked = ["dataset", "build", "--bodies", str(tmp_path / "broken.stl"), "-o", str(tmp_path / "empty")]
+    assert "wanted a body at least, got none of 1" in str(CliRunner().invoke(group, asked).exception)
     with pytest.raises(InputError, match="holds something"):
         build_dataset(tmp_path, sources, RECIPE, Serial())
     with pytest.raises(InputError, match="the folder of a data set"):

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from printmend.cli.where import with_executor
+from printmend.errors import InputError
 
 
 @click.group(epilog="Example: printmend dataset export-reference data --bodies models/ --corruptions 50 --layers 3")
@@ -61,10 +62,13 @@ def build(
         built = build_dataset(out, files, recipe, executor, licence=licence, unread=unread, tick=tick)
     if as_json:
         click.echo(json.dumps({"folder": str(out), "bodies": built.bodies, "failures": dict(built.failures)}))
-        return
-    click.echo(f"{out}: {built.bodies} bodies, {corruptions} corruptions")
-    for name, reason in built.failures:
-        click.echo(f"left out {name}: {reason}", err=True)
+    else:
+        click.echo(f"{out}: {built.bodies} bodies, {corruptions} corruptions")
+        for name, reason in built.failures:
+            click.echo(f"left out {name}: {reason}", err=True)
+    if not built.bodies:
+        todo = "see what is wrong with each in failures.jsonl"
+        raise InputError(str(out), wanted="a body at least", came=f"none of {len(built.failures)}", todo=todo)
 
 
 @command.command(epilog="Example: printmend dataset info data")
@@ -92,7 +96,6 @@ def verify(folder: Path) -> None:
     """Check every file's checksum, and print a sample of the prints again on the twin."""
     from printmend.cli.progress import progress
     from printmend.dataset.verify import contents, verify_dataset
-    from printmend.errors import InputError
 
     count = contents(folder).bodies
     with progress("bodies", count) as tick:
