@@ -251,3 +251,26 @@ def test_a_curve_is_cut_into_chords_that_stay_near_it() -> None:
         off = np.abs(from_start[..., 0] * chord[:, None, 1] - from_start[..., 1] * chord[:, None, 0]) / along
         assert off.max() <= 0.005 + 1e-9
         assert n < 3 or off.max() > 0.001
+
+
+def test_a_straight_curve_is_one_line_and_one_that_stands_is_left() -> None:
+    straight, still = records_of("G28\nG1 X0 Y0\nG5 X30 Y0 I10 J0 P-10 Q0 E1\nG5 X30 Y0 I0 J0 P0 Q0\n")[-2:]
+    assert (straight["kind"], straight["x0"], straight["x1"]) == (k.KIND_LINEAR, 0.0, 30.0)
+    assert straight["end"] > straight["begin"]
+    assert still["event"] == k.EVENT_SPLINE
+
+
+@pytest.mark.parametrize("line", [
+    "G4.96 X30 Y0 I3 J9 P-3 Q9", "g+005.04 X30 Y0 I3 J9 P-3 Q9", "G1 X1 (;) G5 X30 Y0 I3 J9 P-3 Q9",
+    'M104 S1 "(;" G5 X30 Y0 I3 J9 P-3 Q9', "(;)" + "G1X1" * 300, "G5 X30 Y0 I3 J9 P-3 Q9 " * 9,
+])  # fmt: skip
+def test_no_line_writes_more_records_than_there_is_room_for(line: str) -> None:
+    """However its commands are written: what does not fit is left for the next call, with more room."""
+    text, state = np.frombuffer(f"G28\nG1 X0 Y0\n{line}\n".encode(), np.uint8), initial_state()
+    room, beyond = 40, 10_000
+    memory = np.zeros(room + beyond, k.RECORD)
+    count, stopped = k.interpret(text, 0, len(text), state.numbers, state.counts, memory[:room])
+    assert not memory[room:].tobytes().strip(b"\0")
+    assert count <= room
+    assert stopped < len(text)
+    assert len(records_of(text.tobytes())) > room

@@ -27,7 +27,18 @@ from printmend.gcode.kernels.statement import (
     STATEMENT,
     read_statement,
 )
-from printmend.gcode.kernels.text import CR, LF, SEMICOLON, SPACE, is_blank, is_digit, starts_with, upper
+from printmend.gcode.kernels.text import (
+    CR,
+    LF,
+    OPEN,
+    QUOTE,
+    SEMICOLON,
+    SPACE,
+    is_blank,
+    is_digit,
+    starts_with,
+    upper,
+)
 from printmend.jit import entry, inner
 
 LETTER_N = 78  # in ASCII
@@ -106,6 +117,17 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n):
 
 
 @inner
+def _code_end(buf, p, stop):
+    """Return where a line's comment begins, which holds no statements; after a remark or a text, which may hold any
+    sign, the line's end."""
+    while p < stop and buf[p] != SEMICOLON:
+        if buf[p] == OPEN or buf[p] == QUOTE:
+            return stop
+        p += 1
+    return p
+
+
+@inner
 def _after_blanks(buf, p, stop):
     while p < stop and is_blank(buf[p]):
         p += 1
@@ -175,13 +197,9 @@ def interpret(buf, begin, end, numbers, counts, records):
             after += 1
         elif after > stop:  # a lone carriage return ends a line too
             after = stop + 1
-        room = capacity - n - 2 - MOST_CHORDS * curves_in(buf, p, stop)
-        if (stop - p) // 2 > room:
-            code = p  # a comment holds no statements
-            while code < stop and buf[code] != SEMICOLON:
-                code += 1
-            if (code - p) // 2 > room:
-                break
+        code = _code_end(buf, p, stop)
+        if (code - p) // 2 + 2 + MOST_CHORDS * curves_in(buf, p, code) > capacity - n:
+            break
         n = _line(buf, p, stop, after, scratch[0], values, numbers, counts, records, n)
         counts.line += 1
         p = after

@@ -9,27 +9,30 @@ import numpy as np
 
 from printmend.gcode.kernels.commands import begin_record, finish_record
 from printmend.gcode.kernels.layout import *
-from printmend.gcode.kernels.text import SEMICOLON, is_blank
+from printmend.gcode.kernels.text import upper
 from printmend.jit import inner
 
 CURVE_MM = 0.005  # how far a chord may be off the curve: half of the tolerance of mending, as where arcs become chords
 MOST_CHORDS = 1024  # of one curve: more has no curve that fits on a bed
 CURVES_A_LINE = 8  # further ones of the same line stay as they are
-FOUR, FIVE, NOUGHT = 52, 53, 48  # in ASCII
+ZERO, FOUR, FIVE, PLUS, MINUS, POINT = 48, 52, 53, 43, 45, 46  # in ASCII
 _CONTROLS = WORD_I | WORD_J | WORD_P | WORD_Q
 
 
 @inner
 def curves_in(buf, p, stop):
-    """Return how many curves the line buf[p:stop] may hold, at the most `CURVES_A_LINE`."""
+    """Return how many curves buf[p:stop] may hold, at the most `CURVES_A_LINE`.
+
+    Every way to write a number that is read as 5 (`G05`, `G+5.0`, `G4.96`) has 4 or 5 as its first digit but zeros.
+    """
     found = 0
-    while p + 1 < stop and buf[p] != SEMICOLON:
-        letter = buf[p]
+    while p < stop:
+        letter = upper(buf[p])
         p += 1
-        if letter == 71 or letter == 103:  # G g
-            while p < stop and (buf[p] == NOUGHT or is_blank(buf[p])):
+        if letter == 71:  # G
+            while p < stop and buf[p] in (ZERO, PLUS, MINUS, POINT):
                 p += 1
-            found += p < stop and buf[p] == FIVE
+            found += p < stop and buf[p] in (FOUR, FIVE)
     return min(found, CURVES_A_LINE)
 
 
@@ -49,9 +52,10 @@ def chords_of(r, s, values, numbers, counts):
     begin = np.hypot(r.x0 - 2.0 * x1 + x2, r.y0 - 2.0 * y1 + y2)
     end = np.hypot(x1 - 2.0 * x2 + numbers.pos[0], y1 - 2.0 * y2 + numbers.pos[1])
     count = np.ceil(np.sqrt(6.0 * max(begin, end) / (8.0 * CURVE_MM)))
-    if not count <= MOST_CHORDS or max(begin, end) == 0.0:
+    stands = r.x0 == numbers.pos[0] and r.y0 == numbers.pos[1] and max(begin, end) == 0.0
+    if not count <= MOST_CHORDS or stands:
         return 0
-    return max(np.int64(count), 1)
+    return max(np.int64(count), 1)  # one: a straight line at an even pace
 
 
 @inner
