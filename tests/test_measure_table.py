@@ -98,7 +98,10 @@ def test_a_copy_counts_once_and_a_second_measurement_twice(rng: np.random.Genera
     twice = Trace(np.vstack([commanded] * 2), np.vstack([measured] * 2))
     again = Trace(np.vstack([commanded] * 2), np.vstack([measured, measured + rng.normal(0, 1e-4, measured.shape)]))
     layered = replace(twice, layer=np.repeat([0, 1], len(commanded)))
-    for trace, copies in ((once, 0), (twice, len(commanded)), (again, 0), (layered, 0)):
+    there = np.linspace(10, 190, 40)
+    way = np.concatenate([there, there[::-1]])[:, None] * [1.0, 0.5]
+    back = Trace(way, 1.01 * way)  # no play, no noise: both ways measure the same
+    for trace, copies in ((once, 0), (twice, len(commanded)), (again, 0), (layered, 0), (back, 0)):
         left, count = counted_once(trace)
         assert (count, len(left), int(left.measured_rows.sum())) == (copies, len(trace), len(trace) - copies)
     assert digest_of(once) == digest_of(replace(once, measured_mm=np.round(measured, 6))) != digest_of(twice)

@@ -19,16 +19,18 @@ _DIGITS = 16  # of a digest
 def counted_once(trace: Trace) -> tuple[Trace, int]:
     """Return the trace with copies of measured rows left unmeasured, and how many there were.
 
-    The commanded motion stays: what was a copy is passed without being measured. Nothing is changed where fewer rows
-    are copies than a second paste makes.
+    The commanded motion stays: what was a copy is passed without being measured. A way back over places that measure
+    the same is no copy. Nothing is changed where fewer rows are copies than a second paste makes.
     """
-    seen = np.flatnonzero(np.isfinite(_measured(trace)).any(axis=1))
-    columns = np.nan_to_num(_everything(trace)[seen], nan=-1e6)
+    seen = np.isfinite(_measured(trace)).any(axis=1)
+    columns = np.nan_to_num(_everything(trace), nan=-1e6)
     # one number a row: of equal rows equal, of others not, but for one chance in 10¹²
     key = columns @ np.random.default_rng(0).standard_normal(columns.shape[1])
-    first = np.unique(key, return_index=True)[1]
-    copies = np.delete(seen, first)
-    if len(copies) < max(LEAST_ROWS, LEAST_SHARE * len(seen)):
+    row = np.unique(key, return_inverse=True)[1]
+    before, after = np.append(-1, row[:-1]), np.append(row[1:], -1)
+    # a row and a neighbour of it again: on a way back over the same places the neighbours change sides
+    copies = np.flatnonzero(seen & (_again(row, before) | _again(row, after) | (row == before)))
+    if len(copies) < max(LEAST_ROWS, LEAST_SHARE * seen.sum()):
         return trace, 0
     left = {}
     for name in ("measured_mm", "z_measured_mm", "normal", "offset_mm"):
@@ -36,6 +38,13 @@ def counted_once(trace: Trace) -> tuple[Trace, int]:
             left[name] = values.copy()
             left[name][copies] = np.nan
     return replace(trace, **left), len(copies)
+
+
+def _again(row: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Return which pairs of two numbers [N] came earlier."""
+    again = np.ones(len(row), bool)
+    again[np.unique(row * (len(row) + 2) + beside, return_index=True)[1]] = False
+    return again
 
 
 def digest_of(trace: Trace) -> str:
