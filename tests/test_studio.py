@@ -43,7 +43,7 @@ from printmend.promise.scale import in_words
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo
 from printmend.saved.model import SavedModel, exact_model, saved_model, write_model
-from printmend.studio import kernels, work
+from printmend.studio import kernels, serve, work
 from printmend.studio import scene as studio_scene
 from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
@@ -670,3 +670,16 @@ def test_the_next_print_is_the_smallest_that_tells_enough() -> None:
 
 def test_a_bent_screw_pushes_the_walls_that_play_draws() -> None:
     assert preview(Faults(screw_mm=0.35))["wall_mm"] != preview(Faults())["wall_mm"]
+
+
+def test_a_folder_is_one_studios_and_one_that_cannot_be_locked_is_said(tmp_path: Path) -> None:
+    held = serve._alone(tmp_path)
+    with pytest.raises(InputError, match="one that a running studio has"):
+        serve._alone(tmp_path)
+    held.close()
+    serve._alone(tmp_path).close()
+    (tmp_path / "studio.lock").write_text("no lock" * 100)
+    with pytest.raises(InputError, match="wanted a lock that the studio makes"):
+        serve._alone(tmp_path)
+    with pytest.raises(InputError, match="see that the folder can be written"):
+        serve._alone(tmp_path / "absent")

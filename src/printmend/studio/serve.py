@@ -62,17 +62,23 @@ def serve(
 def _alone(folder: Path) -> sqlite3.Connection:
     """Return what keeps ``folder`` for this studio alone until it is closed, or the program ends in whatever way.
 
-    Raises `InputError` where another studio has it: two would take each other's jobs.
+    Raises `InputError` where another studio has it, as two would take each other's jobs, and where nothing can be
+    written there.
     """
-    held = sqlite3.connect(folder / "studio.lock", timeout=0, isolation_level=None, check_same_thread=False)
+    path, held = folder / "studio.lock", None
     try:
+        held = sqlite3.connect(path, timeout=0, isolation_level=None, check_same_thread=False)
         held.execute("BEGIN EXCLUSIVE")
-    except sqlite3.OperationalError:
-        held.close()
-        raise InputError(
-            folder, wanted="a folder of its own for each studio", came="one that a running studio has",
-            todo="use that one, end it, or name another --folder",
-        ) from None  # fmt: skip
+    except sqlite3.Error as error:
+        if held is not None:
+            held.close()
+        if getattr(error, "sqlite_errorcode", None) == sqlite3.SQLITE_BUSY:
+            raise InputError(
+                folder, wanted="a folder of its own for each studio", came="one that a running studio has",
+                todo="use that one, end it, or name another --folder",
+            ) from None  # fmt: skip
+        todo = "see that the folder can be written, remove that file, or name another --folder"
+        raise InputError(path, wanted="a lock that the studio makes", came=reason(error), todo=todo) from None
     return held
 
 
