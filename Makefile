@@ -15,7 +15,7 @@ export PYTHONDONTWRITEBYTECODE :=
 .PHONY: demo paper test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
 
 demo: $(KERNELS)
-	@$(BIN)/printmend demo --part >.venv/part.txt & part=$$!; $(BIN)/printmend demo; one=$$?; \
+	@$(BIN)/printmend demo --part >.venv/part.txt & part=$$!; trap 'kill $$part' INT TERM; $(BIN)/printmend demo; one=$$?; \
 	wait $$part; other=$$?; cat .venv/part.txt; exit $$((one | other))
 
 # Half a minute, once: else the demonstrations would compile it, one after the other. An edit does not make it anew.
