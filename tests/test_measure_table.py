@@ -13,6 +13,7 @@ from printmend.measure import read_trace, write_trace
 from printmend.measure.once import counted_once, digest_of
 from printmend.path import Origin, Trace
 from printmend.printer import read_printer
+from printmend.probe import design_probe
 
 PRINTER = read_printer("ender3")
 HEADER = "x_mm,y_mm,x_measured_mm,y_measured_mm"
@@ -90,6 +91,10 @@ def test_a_table_says_whose_it_is(tmp_path: Path) -> None:
             with pytest.raises(TraceError, match=f"got one of {whose.name}"):
                 read_trace(path, printer)
     np.testing.assert_array_equal(np.isnan(read_trace(path, left).measured_mm), np.isnan(measured))
+    attic = replace(PRINTER, name=" Ender  3,\tattic ")
+    plan = design_probe(attic, size_mm=60)
+    write_trace(path, plan.trace(plan.marks_mm))
+    assert read_trace(path, attic).origin == plan.origin
 
 
 def test_a_copy_counts_once_and_a_second_measurement_twice(rng: np.random.Generator) -> None:

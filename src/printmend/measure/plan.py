@@ -109,9 +109,9 @@ class ProbePlan:
 
     @cached_property
     def origin(self) -> Origin:
-        """Whose print it is, and which."""
+        """Whose print it is, and which; the printer's name with single blanks, as a table holds it."""
         digest = hashlib.sha256(plan_text(self).encode()).hexdigest()[:_DIGITS]
-        return Origin(self.printer, self.kinematics, digest)
+        return Origin(" ".join(self.printer.split()), self.kinematics, digest)
 
     @property
     def diameter_mm(self) -> np.ndarray:
@@ -126,9 +126,7 @@ class ProbePlan:
         if sigma_mm is not None:
             sigma = np.full(len(self.waypoints_mm), np.nan)
             sigma[self.rows] = sigma_mm
-        return Trace(
-            self.waypoints_mm, measured, sigma_mm=sigma, homed=True, placed=False, origin=self.origin
-        )  # fmt: skip
+        return Trace(self.waypoints_mm, measured, sigma_mm=sigma, homed=True, placed=False, origin=self.origin)
 
 
 def approaches(waypoints_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
