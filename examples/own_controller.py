@@ -1,7 +1,7 @@
 """A controller of one's own: command, tick by tick, what the model says is still missing.
 
 printmend conformance own_controller:MINE       # in this folder: does it keep what a controller must?
-printmend bench table1 --bodies models/ --families pulley-play --models greybox,greybox+own_controller:MINE
+printmend bench table1 --bodies generated:4 --families pulley-play --models greybox,greybox+own_controller:MINE
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 r"""A learner of one's own in twenty lines: each motor's scale and play, by least squares.
 
 printmend conformance own_learner:MINE          # in this folder: does it keep what a learner must?
-printmend bench table1 --bodies models/ --families pulley-play \
+printmend bench table1 --bodies generated:4 --families pulley-play \
     --models naive,greybox+optimal,own_learner:MINE+optimal
 
 Without +optimal a row is planned by the paper's Algorithm 1, which stands still where play swallows a step.

@@ -96,6 +96,7 @@ def verify(folder: Path) -> None:
     """Check every file's checksum, and print a sample of the prints again on the twin."""
     from printmend.cli.progress import progress
     from printmend.dataset.verify import contents, verify_dataset
+    from printmend.units import counted
 
     count = contents(folder).bodies
     with progress("bodies", count) as tick:
@@ -103,7 +104,7 @@ def verify(folder: Path) -> None:
     for text in wrong:
         click.echo(text, err=True)
     if wrong:
-        raise InputError(folder, wanted="a whole data set", came=f"{len(wrong)} faults", todo="fetch or build it again")
+        raise InputError(folder, wanted="a whole data set", came=counted(len(wrong), "fault"), todo="fetch or build it again")
     click.echo(f"{folder}: {count} bodies, whole")
 
 
