@@ -178,6 +178,7 @@ RELATIVE = "".join(f"G1 X{i % 20} Y{i % 7} E0.0{1 + i % 3}\n" for i in range(40)
 ABSOLUTE = "".join(f"G1 X{i % 20} Y{i % 7} E{i / 5:.3f}\n" for i in range(40))
 LONG = "".join(f"G1 X{i % 20} Y{i % 7} E{i / 50:.3f}\n" for i in range(600))  # beside which the rest is little
 RAISED = "".join(f"G1 X{(-1) ** i} E{0.4 * i:.1f}\n" for i in range(40))
+RELATIVE_STEPS = "".join(f"G1 X{(-1) ** i} E{0.01 * i:.2f}\n" for i in range(30))  # as good as lengths of each
 # Both name their E on travels, too: every third and every fifth pushes nothing.
 RELATIVE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E0.0{i % 3}\n" for i in range(60))
 ABSOLUTE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E{(i - i // 5) / 50:.3f}\n" for i in range(60))
@@ -199,6 +200,8 @@ ABSOLUTE_TRAVELS = "".join(f"G1 X{i % 20} Y{i % 7} E{(i - i // 5) / 50:.3f}\n" f
         ("G28\nM83\nG90\n" + ABSOLUTE, "G90 and G91 set E too"),
         ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RAISED, "G90 and G91 set E too"),
         ("G28\nM82\n" + LONG + "G91\nG1 Z5 E-1\nG90\n" + LONG, None),
+        ("G28\nM83\nG91\nG1 Z5\nG90\n" + RELATIVE, None),
+        ("G28\nM82\n" + LONG + "G91\nM82\nG92 E0\n" + RELATIVE_STEPS, "read E of 28 printing moves"),
     ],
 )
 def test_e_that_a_firmware_may_read_otherwise_is_said(text, said, tmp_path):

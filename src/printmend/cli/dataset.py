@@ -104,7 +104,9 @@ def verify(folder: Path) -> None:
     for text in wrong:
         click.echo(text, err=True)
     if wrong:
-        raise InputError(folder, wanted="a whole data set", came=counted(len(wrong), "fault"), todo="fetch or build it again")
+        raise InputError(
+            folder, wanted="a whole data set", came=counted(len(wrong), "fault"), todo="fetch or build it again"
+        )
     click.echo(f"{folder}: {count} bodies, whole")
 
 

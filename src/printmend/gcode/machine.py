@@ -31,18 +31,20 @@ class Flavour(enum.IntEnum):
         return {Flavour.MARLIN2: k.E_FOLLOWS, Flavour.RRF: k.E_APART, Flavour.PRUSA: k.E_APART}.get(self, k.E_EITHER)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class MachineState:
     """``numbers`` and ``counts`` are records of NUMBERS and COUNTS of `kernels`.
 
-    The kernel advances both in place; `copy` before a trial run.
+    The kernel advances both in place; `copy` before a trial run. ``unsure_moves`` counts the printing moves whose E
+    firmwares read differently, where neither the file nor its numbers tell which of them it is for.
     """
 
     numbers: np.record
     counts: np.record
+    unsure_moves: int = 0
 
     def copy(self) -> "MachineState":
-        return MachineState(self.numbers.copy(), self.counts.copy())
+        return MachineState(self.numbers.copy(), self.counts.copy(), self.unsure_moves)
 
     @property
     def flavour(self) -> Flavour:

@@ -9,10 +9,11 @@ from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
 from printmend.gcode.container import HINT_BYTES, MAX_LINE_BYTES, Part, endless_line, open_gcode, refuse_binary
 from printmend.gcode.layers import layers_of
-from printmend.gcode.machine import MachineState, detect_flavour, initial_state
+from printmend.gcode.machine import Flavour, MachineState, detect_flavour, initial_state
 from printmend.gcode.mark import find_e_rule
 from printmend.path import frozen
 from printmend.printer import Printer
+from printmend.units import counted
 
 RECORDS = 1 << 16
 """Records a call of the interpreter: 10 MB."""
@@ -159,15 +160,20 @@ def settle_e(text: np.ndarray, state: MachineState) -> None:
     if alike or _says_e_first(text.tobytes()):
         return
     better: list[tuple[float, int, int, int]] = []
+    unsure = 0
     for m83 in (default[1], 1 - default[1]):
         for rule in (k.E_EITHER, k.E_FOLLOWS, k.E_APART):
             pushed, _ = _pushed(text, state, rule, m83)
             apart = np.abs(pushed - own) > _SAME_MM
-            share = _implausible_share(own, length_mm, apart)
-            if share > _IMPLAUSIBLE_SHARE and _implausible_share(pushed, length_mm, apart) < share / 4:
+            share, other = _implausible_share(own, length_mm, apart), _implausible_share(pushed, length_mm, apart)
+            if m83 == default[1] and other <= max(_IMPLAUSIBLE_SHARE, 4 * share):
+                unsure = max(unsure, int(apart.sum()))
+            if share > _IMPLAUSIBLE_SHARE and other < share / 4:
                 better.append((_implausible_share(pushed, length_mm, everywhere), len(better), rule, m83))
     if better:
         state.counts.rule, state.counts.m83 = min(better)[2:]
+    elif state.flavour == Flavour.UNKNOWN and unsure >= _ENOUGH_MOVES:
+        state.unsure_moves = unsure
 
 
 def _says_e_first(text: bytes) -> bool:
@@ -202,7 +208,8 @@ _RULES = {
 def e_warning(state: MachineState) -> str | None:
     """Return what an owner must know where `settle_e` found E to be meant otherwise than its firmware reads it.
 
-    ``state`` is as it is before the first line (`starting_state`). None where the firmware alone reads it so.
+    ``state`` is as it is before the first line (`starting_state`). None where the firmware alone reads it so,
+    and no other would read it otherwise.
     """
     if state.counts.m83:
         return (
@@ -214,6 +221,12 @@ def e_warning(state: MachineState) -> str | None:
         return (
             f"the numbers of this file fit only a printer on which {_RULES[rule]}; for another one let the file say "
             "M82 or M83 after its last G90 or G91"
+        )
+    if state.unsure_moves:
+        return (
+            f"firmwares read E of {counted(state.unsure_moves, 'printing move')} of this file differently (G91 stands "
+            f"with M82, or G90 with M83): here {_RULES[rule]}; for another printer let the file say M82 or M83 after "
+            "its last G90 or G91"
         )
     return None
 

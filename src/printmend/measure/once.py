@@ -14,6 +14,7 @@ from printmend.path import Trace
 LEAST_ROWS = 10  # rows that are called repeated
 LEAST_SHARE = 0.45  # of the measured rows: of a table that was pasted twice nearly half are copies
 _DIGITS = 16  # of a digest
+_FARTHEST_MM = 1e6  # what is said to lie farther off, is a mistake, and lies there
 
 
 def counted_once(trace: Trace) -> tuple[Trace, int]:
@@ -23,7 +24,7 @@ def counted_once(trace: Trace) -> tuple[Trace, int]:
     the same is no copy. Nothing is changed where fewer rows are copies than a second paste makes.
     """
     seen = np.isfinite(_measured(trace)).any(axis=1)
-    columns = np.nan_to_num(_everything(trace), nan=-1e6)
+    columns = _everything(trace)
     # one number a row: of equal rows equal, of others not, but for one chance in 10¹²
     key = columns @ np.random.default_rng(0).standard_normal(columns.shape[1])
     row = np.unique(key, return_inverse=True)[1]
@@ -49,7 +50,7 @@ def _again(row: np.ndarray, beside: np.ndarray) -> np.ndarray:
 
 def digest_of(trace: Trace) -> str:
     """Return hexadecimal digits over what was commanded and measured, to the nanometre."""
-    whole_nm = np.rint(np.nan_to_num(_everything(trace), nan=-1e6) * 1e6).astype(np.int64)
+    whole_nm = np.rint(_everything(trace) * 1e6).astype(np.int64)
     return hashlib.sha256(whole_nm.tobytes()).hexdigest()[:_DIGITS]
 
 
@@ -59,8 +60,9 @@ def _measured(trace: Trace) -> np.ndarray:
 
 
 def _everything(trace: Trace) -> np.ndarray:
-    """Return commands and measurements [N, ≥ 4]."""
-    return _side_by_side(trace.commanded_mm, trace.z_mm, trace.layer, trace.normal, _measured(trace))
+    """Return commands and measurements [N, ≥ 4], −`_FARTHEST_MM` where there is none."""
+    columns = _side_by_side(trace.commanded_mm, trace.z_mm, trace.layer, trace.normal, _measured(trace))
+    return np.nan_to_num(columns, nan=-_FARTHEST_MM).clip(-_FARTHEST_MM, _FARTHEST_MM)
 
 
 def _side_by_side(*columns: np.ndarray | None) -> np.ndarray:

@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from fastapi import FastAPI, Request
+from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
@@ -65,18 +65,18 @@ def create_app(
     app.add_exception_handler(RequestValidationError, _misfit)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(TooLargeError, _too_large)
-    app.include_router(api.router)
-    app.include_router(api_printers.router)
-    _name_operations(app)
+    for router in (api.router, api_printers.router):
+        _name_operations(router)
+        app.include_router(router)
     app.mount("/", StaticFiles(directory=PAGE, html=True))
     return Guard(
         GZipMiddleware(app, minimum_size=2000, compresslevel=5), hosts=hosts, token=token, most_bytes=most_bytes
     )
 
 
-def _name_operations(app: FastAPI) -> None:
-    """Name each operation of the API by what it does: its documentation's first words, and a name of its own."""
-    for route in app.routes:
+def _name_operations(router: APIRouter) -> None:
+    """Name each operation of the API by what it does, the first words of its documentation."""
+    for route in router.routes:
         if isinstance(route, APIRoute):
             route.summary = (route.endpoint.__doc__ or "").partition(".")[0].partition(";")[0].partition(",")[0]
 
