@@ -45,7 +45,7 @@ kernels: $(STAMP)
 	$(BIN)/python tools/ship_kernels.py
 	@touch $(KERNELS)
 
-$(OWNER): owner.lock pyproject.toml
+$(OWNER): owner.lock pip.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "printmend needs Python 3.11 or newer; set PYTHON=/path/to/python3" >&2; exit 2; }
 	@$(PYTHON) -m venv .venv || { echo "python's venv is missing: apt-get install python3-venv" >&2; exit 2; }
 	$(PIP) --require-hashes --no-deps -r pip.lock

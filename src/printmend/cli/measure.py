@@ -86,7 +86,7 @@ def command(
     click.echo(f"{output}: {found} measured marks")
     for note in asked:  # last, where it is read
         click.echo(f"still open: {note}")
-    if asked:
+    if asked and len(plan.sheets) < 2:  # the overlay shows the first scan's sheet only
         where = "both are ringed in" if overlay else "to see both ringed, add --overlay"
         click.echo(f"{where} {overlay or 'seen.png'}")
 

@@ -26,7 +26,7 @@ def counted_once(trace: Trace) -> tuple[Trace, int]:
     seen = np.isfinite(_measured(trace)).any(axis=1)
     columns = _everything(trace)
     # one number a row: of equal rows equal, of others not, but for one chance in 10¹²
-    key = columns @ np.random.default_rng(0).standard_normal(columns.shape[1])
+    key = (columns * np.random.default_rng(0).standard_normal(columns.shape[1])).sum(axis=1)
     row = np.unique(key, return_inverse=True)[1]
     before, after = np.append(-1, row[:-1]), np.append(row[1:], -1)
     # a row and a neighbour of it again: on a way back over the same places the neighbours change sides
