@@ -144,8 +144,9 @@ def test_a_job_from_an_unmended_file_is_stopped(moonraker: Moonraker) -> None:
     # watches the folder, so the file is changed through another name of it.
     moonraker.upload("old.gcode", part(1))
     alias = moonraker.data / "alias"
+    alias.unlink(missing_ok=True)  # when this is run again
     alias.hardlink_to(moonraker.data / "gcodes/old.gcode")
-    alias.write_bytes(b"G28\n" + b"G1 X10 F6000\nG1 X20\n" * 100_000)  # more than is read before it is seen printing
+    alias.write_bytes(b"G28\n" + b"G1 X10 F6000\nG1 X20\n" * 300_000)  # more than is read before it is seen printing
     moonraker.wait_until_free()
     call(f"{moonraker.url}/printer/print/start?filename=old.gcode", b"")
     wait_for(lambda: len(moonraker.announced()) == before + 1, "the announcement")
