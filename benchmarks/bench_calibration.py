@@ -16,11 +16,11 @@ import numpy as np
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
 from printmend.learn.greybox import Greybox
-from printmend.learn.published import layer_trace
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 FAMILIES = ("play", "eccentric", "polygon", "fourier", "published", "pulley-play", "pulley-loose", "set-screw",

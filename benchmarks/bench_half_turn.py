@@ -24,10 +24,10 @@ from printmend.learn import learner
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.prior import PriorLearner
 from printmend.learn.prior.mixture import mixture, parse_weights
-from printmend.learn.published import layer_trace
 from printmend.machine import Mechanism
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
 

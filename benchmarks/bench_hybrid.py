@@ -18,10 +18,10 @@ from printmend.bench.drawn_body import drawn_body
 from printmend.control.registry import controller
 from printmend.corruption import sample
 from printmend.learn import fit
-from printmend.learn.published import layer_trace
 from printmend.machine import Mechanism, Transmission, healthy_mechanism
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 Bend = Callable[[np.random.Generator, np.ndarray], tuple[np.ndarray, np.ndarray]]

@@ -21,11 +21,11 @@ from printmend.corruption import sample
 from printmend.errors import PrintmendError
 from printmend.learn import fit
 from printmend.learn.meta.tasks import draw_drive
-from printmend.learn.published import layer_trace
 from printmend.machine import Mechanism, Transmission
 from printmend.machine.printing import print_from_home
 from printmend.path import Trace
 from printmend.printer import read_printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 SEED, NOISE_MM = 77001, 0.05

@@ -23,10 +23,10 @@ from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
 from printmend.errors import InputError
 from printmend.learn import fit, model_names
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.learn.published import layer_trace
 from printmend.path import Layer
 from printmend.printer import read_printer
 from printmend.protocols import State, WorldModel
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 

@@ -28,11 +28,11 @@ from printmend.control.optimal import Optimal
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
 from printmend.env import PrintVectorEnv, random_layer
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.learn.published import layer_trace
 from printmend.learn.registry import fit
 from printmend.metrics import rmse
 from printmend.path import Layer
 from printmend.printer import read_printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 MACHINE = Corruption((Drive(pulley=EccentricBore(0.3), belt=Play(0.8)), Drive(pulley=EccentricBore(0.2, 2.0),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from printmend.learn.drive import Design, Rows
+from printmend.identify.drive import Design, Rows
 from printmend.saved import Branches
 
 

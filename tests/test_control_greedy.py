@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from printmend.control.greedy import Greedy
 from printmend.corruption import families, sample
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.learn.published.increments import AxisModel, moved, start_state
 from printmend.machine import Mechanism, PlayTables, healthy_transmission
 from printmend.printer import Printer, read_printer
 from printmend.protocols import IncrementTables, WorldModel
+from printmend.published.increments import AxisModel, moved, start_state
 from printmend.twin import Twin
 from tests import naive_control
 from tests.shapes import ring_layer

@@ -21,9 +21,9 @@ from printmend.cli.main import group
 from printmend.corruption import Corruption
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.toml import corruption_toml, parse_corruption
-from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.table import write_trace
+from printmend.picture.image import write_image
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
 from printmend.twin import Twin

@@ -9,13 +9,13 @@ import pytest
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
 from printmend.corruption.jump import MissedSteps, ToothSkips
-from printmend.learn.drive.kernels.jumps import cheapest_levels
-from printmend.learn.drive.ladder import Jump, lasting
+from printmend.identify.drive.kernels.jumps import cheapest_levels
+from printmend.identify.drive.ladder import Jump, lasting
 from printmend.learn.greybox import Greybox, motor_rows
-from printmend.learn.published import layer_trace
 from printmend.machine import Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 from tests.naive_greybox import cheapest_history
 

@@ -7,13 +7,13 @@ import pytest
 
 from printmend.corruption import HEALTHY, Corruption, Drive, PublishedHull, sample
 from printmend.errors import TraceError
-from printmend.learn.drive import NOTHING
+from printmend.identify.drive import NOTHING
 from printmend.learn.greybox import Greybox, GreyboxModel
-from printmend.learn.published import layer_trace
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
+from printmend.published import layer_trace
 from printmend.twin import Twin
 from tests.naive_machine import NaiveDrive, circle, corners, loose, walk
 from tests.shapes import ring_layer

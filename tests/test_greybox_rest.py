@@ -10,11 +10,11 @@ from printmend.control.registry import controller
 from printmend.corruption import sample
 from printmend.learn.greybox import Greybox
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.learn.published import layer_trace
 from printmend.machine import PlayTables
 from printmend.metrics import rmse
 from printmend.path import Trace
 from printmend.printer import read_printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 ENDER5 = read_printer("ender5")

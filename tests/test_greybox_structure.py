@@ -9,11 +9,11 @@ from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play, sample
 from printmend.diagnosis.diagnosis import diagnose
 from printmend.learn.greybox import Greybox, GreyboxModel
-from printmend.learn.published import layer_trace
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 ENDER3, ENDER5 = read_printer("ender3"), read_printer("ender5")

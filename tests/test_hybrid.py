@@ -19,11 +19,11 @@ from printmend.learn.hybrid.residual import (
     process,
     process_columns,
 )
-from printmend.learn.published import layer_trace
 from printmend.machine import Mechanism, Transmission, healthy_mechanism
 from printmend.machine.kernels import run
 from printmend.path import Trace
 from printmend.printer import read_printer
+from printmend.published import layer_trace
 from printmend.repair.learned import learn_model
 from printmend.saved import model_text, parse_model
 from printmend.twin import Twin

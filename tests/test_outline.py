@@ -14,8 +14,8 @@ from printmend.corruption import (
     PublishedHull,
     sample,
 )
+from printmend.identify.pulley import ANY_PULLEY, OUTLINES, Outline
 from printmend.learn.greybox import Greybox
-from printmend.learn.pulley import ANY_PULLEY, OUTLINES, Outline
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin

@@ -7,14 +7,14 @@ import pytest
 
 from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Polygon
+from printmend.identify.pulley.shapes import ANGLES, HARMONICS, draw, kinds, series, turned
 from printmend.learn.greybox import Greybox, GreyboxModel
 from printmend.learn.prior import PriorLearner
 from printmend.learn.prior.mixture import ENTRIES, Component, Mixture, parse_weights, shape_posterior, shipped
 from printmend.learn.prior.training import COMPONENTS, train
-from printmend.learn.published import layer_trace
-from printmend.learn.pulley.shapes import ANGLES, HARMONICS, draw, kinds, series, turned
 from printmend.path import Trace
 from printmend.printer import read_printer
+from printmend.published import layer_trace
 from printmend.repair.learned import learn_model
 from printmend.twin import Twin
 

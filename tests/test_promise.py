@@ -14,12 +14,12 @@ from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore,
 from printmend.errors import ModelError, RefusedError, TraceError
 from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
-from printmend.learn.drive import Rows
+from printmend.identify.drive import Rows
 from printmend.learn.greybox import motor_rows
 from printmend.measure.distance import scaled_by
-from printmend.measure.paper import PAPER
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
+from printmend.picture.paper import PAPER
 from printmend.printer import Printer, read_printer
 from printmend.promise.apply import believe
 from printmend.promise.budget import parse_budget

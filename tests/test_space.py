@@ -16,11 +16,11 @@ from printmend.control.space import plan_space
 from printmend.corruption import HEALTHY, Corruption, sample
 from printmend.corruption.screw import Screw
 from printmend.errors import InputError, TraceError
+from printmend.identify.screw import fit_height
+from printmend.identify.screw.screw import _touched
 from printmend.learn.hybrid import HybridModel
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.naive import NaiveModel
-from printmend.learn.screw import fit_height
-from printmend.learn.screw.screw import _touched
 from printmend.learn.space import fit_space, space_trace
 from printmend.machine import Mechanism, lattice_screw
 from printmend.printer import Printer, read_printer

@@ -129,7 +129,7 @@ def print_and_play(_: str) -> None:
     from printmend.body.load import body_of
     from printmend.env import PrintVectorEnv, algorithm1_agent
     from printmend.gcode.kernels.meatpack import unpack
-    from printmend.learn.drive.kernels.jumps import cheapest_levels
+    from printmend.identify.drive.kernels.jumps import cheapest_levels
     from printmend.printer import read_printer
 
     body_of(b"G90\nM83\nG1 X90 Y90 Z0.2 E1\n" + b"G2 X90 Y90 I20 J0 E5\n" * 3, read_printer("ender5"), name="circles")

@@ -23,9 +23,9 @@ from printmend.corruption.sampling import check_family
 from printmend.errors import InputError
 from printmend.executor import HERE, Executor
 from printmend.files import replacing
-from printmend.learn.published import layer_trace
 from printmend.path import Body, Trace
 from printmend.printer import Printer, check_preset, read_printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 TABLE, MARKDOWN, CSV = "families", "families.md", "families.csv"

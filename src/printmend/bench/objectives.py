@@ -23,11 +23,11 @@ from printmend.corruption import sample
 from printmend.dataset.bodies import digest
 from printmend.errors import InputError
 from printmend.executor import HERE, Executor
-from printmend.learn.published import layer_trace
 from printmend.metrics import rmse
 from printmend.metrics.shape import bead_difference_area, frechet
 from printmend.path import Layer
 from printmend.printer import Printer, read_printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 TABLE, PULLEY = "objectives", "timing pulley"

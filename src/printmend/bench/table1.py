@@ -31,9 +31,9 @@ from printmend.dataset.parquet import read_body
 from printmend.dataset.reference import read_reference
 from printmend.errors import InputError
 from printmend.executor import HERE, Executor
-from printmend.learn.published import layer_trace
 from printmend.path import Layer, Trace
 from printmend.printer import Printer, check_preset, read_printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 if TYPE_CHECKING:

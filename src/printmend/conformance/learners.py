@@ -14,11 +14,11 @@ from printmend.control.check import tables_of
 from printmend.control.registry import controller
 from printmend.corruption import HEALTHY, sample
 from printmend.learn import fit
-from printmend.learn.published import layer_trace
 from printmend.machine import PlayTables
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.protocols import WorldModel
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 TRAINING = ring_layer((520.0, 540.0), 110.0)

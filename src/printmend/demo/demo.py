@@ -11,10 +11,10 @@ from printmend.bench.rows import row
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play, corruption_toml
 from printmend.errors import InputError
 from printmend.files import replacing
-from printmend.learn.published import layer_trace
 from printmend.metrics import rmse
 from printmend.path import Body
 from printmend.printer import Printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
 

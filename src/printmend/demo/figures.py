@@ -30,10 +30,10 @@ from printmend.draw.body import above_view, project, solid_view
 from printmend.draw.document import svg
 from printmend.draw.figure import INK, PALETTE, fit_view, plain
 from printmend.files import replacing
-from printmend.learn.published import layer_trace
 from printmend.metrics import rmse
 from printmend.metrics.shape import symmetric_difference_area
 from printmend.printer import Printer, read_printer
+from printmend.published import layer_trace
 from printmend.twin import Twin
 
 SHOWN_LAYERS = 60  # of a body: more cannot be told apart on paper

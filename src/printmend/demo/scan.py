@@ -15,12 +15,12 @@ from printmend.corruption import Corruption, corruption_toml
 from printmend.errors import RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
-from printmend.measure.image import write_image
 from printmend.measure.measurement import measure_scans
 from printmend.measure.table import write_trace
 from printmend.metrics.pointwise import aligned_rmse
 from printmend.metrics.shape import ContourError, stroke_distances
 from printmend.path import Trace
+from printmend.picture.image import write_image
 from printmend.printer import Printer
 from printmend.probe import design_probe, write_probe
 from printmend.repair import mend_gcode

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.learn.drive import ALL_SEEN, Jump
-from printmend.learn.drive.period import TOOTH_MM
+from printmend.identify.drive import ALL_SEEN, Jump
+from printmend.identify.drive.period import TOOTH_MM
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.path import Trace
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from printmend.diagnosis.diagnosis import NAMED_SIGMAS, amount
 from printmend.errors import TraceError
-from printmend.learn.drive.sight import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
-from printmend.learn.screw import first_push_mm, fit_height
+from printmend.identify.drive.sight import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
+from printmend.identify.screw import first_push_mm, fit_height
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from printmend.learn.callipers import Distances
-from printmend.measure.image import write_image
+from printmend.picture.image import write_image
 
 PX_PER_MM, MARGIN_MM = 8.0, 12.0
 INK, CHOSEN = (70, 70, 70), (30, 90, 220)

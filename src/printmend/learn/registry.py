@@ -16,8 +16,8 @@ from printmend.printer import Printer
 from printmend.protocols import Learner, WorldModel
 
 ORACLE = "oracle"
-_TREES = "printmend.learn.published.trees"
-_SIMPLE = "printmend.learn.published.neighbours"
+_TREES = "printmend.published.trees"
+_SIMPLE = "printmend.published.neighbours"
 _MODULES = {
     "naive": "printmend.learn.naive",
     "lightgbm": _TREES,

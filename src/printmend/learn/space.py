@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.errors import TraceError
+from printmend.identify.screw import first_push_mm, fit_height, fit_push, screw_drive
 from printmend.learn.registry import ORACLE, fit
-from printmend.learn.screw import first_push_mm, fit_height, fit_push, screw_drive
 from printmend.machine import GainMechanism, Mechanism, PlayTables, run_motors
 from printmend.path import Trace
 from printmend.printer import Printer

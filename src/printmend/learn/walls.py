@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.learn.drive.design import Contacts, Rows, contacts
+from printmend.identify.drive.design import Contacts, Rows, contacts
 from printmend.learn.greybox.rows import INDEPENDENT_WALLS, wall_shares
 from printmend.path import FLATBED, Trace
 from printmend.printer import Printer

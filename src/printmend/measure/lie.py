@@ -7,8 +7,8 @@ import numpy as np
 
 from printmend.errors import ScanError
 from printmend.measure.register import Pose
-from printmend.measure.silhouette import COARSE_MM, Silhouette
 from printmend.measure.walls import RASTER_MM, Walls
+from printmend.picture.silhouette import COARSE_MM, Silhouette
 
 CELL_MM = 0.4  # of the pictures that are compared
 # plastic that is narrower on average is compared with so much laid around it: a fault moves walls by their own width

@@ -7,7 +7,12 @@ import numpy as np
 
 from printmend.errors import ScanError
 from printmend.measure.dots import Dots, find_dots
-from printmend.measure.fiducials import (
+from printmend.measure.identity import lattice_pitch
+from printmend.measure.marks import Marks, read_marks
+from printmend.measure.plan import ProbePlan
+from printmend.measure.register import narrowing
+from printmend.path import FLATBED, Instrument
+from printmend.picture.fiducials import (
     LEAST_TAGS,
     Lens,
     Tags,
@@ -18,10 +23,8 @@ from printmend.measure.fiducials import (
     rectify,
     tagged_mm,
 )
-from printmend.measure.identity import lattice_pitch
-from printmend.measure.image import read_image
-from printmend.measure.marks import Marks, read_marks
-from printmend.measure.page import (
+from printmend.picture.image import read_image
+from printmend.picture.page import (
     PHOTO,
     PHOTO_TODO,
     SHEET,
@@ -33,12 +36,9 @@ from printmend.measure.page import (
     sheet_said,
     tags_said,
 )
-from printmend.measure.paper import PAPER, find_sheet
-from printmend.measure.plan import ProbePlan
-from printmend.measure.register import narrowing
-from printmend.measure.ruler import Ruler, find_rulers
-from printmend.measure.sheet import tag_corners_mm
-from printmend.path import FLATBED, Instrument
+from printmend.picture.paper import PAPER, find_sheet
+from printmend.picture.ruler import Ruler, find_rulers
+from printmend.picture.sheet import tag_corners_mm
 from printmend.units import MM_PER_INCH
 
 COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)

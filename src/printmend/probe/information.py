@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.learn.drive import Design, bed_middle
-from printmend.learn.drive.fit import Prior, variances
-from printmend.learn.drive.select import EVERYTHING, TRIAL_HARMONICS
+from printmend.identify.drive import Design, bed_middle
+from printmend.identify.drive.fit import Prior, variances
+from printmend.identify.drive.select import EVERYTHING, TRIAL_HARMONICS
 from printmend.learn.greybox import Greybox
 from printmend.machine.kernels import run
 from printmend.path import Trace

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.learn.drive import CROSS
+from printmend.identify.drive import CROSS
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive, frame_of
 from printmend.machine import Frame, Mechanism
 from printmend.path import Instrument, Trace

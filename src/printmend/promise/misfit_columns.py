@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.learn.drive.design import Rows
-from printmend.learn.drive.second import other_periods_mm
+from printmend.identify.drive.design import Rows
+from printmend.identify.drive.second import other_periods_mm
 from printmend.path import last_way
 from printmend.promise.laws import LAWS, Sideways
 

@@ -13,9 +13,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from printmend.errors import TraceError
-from printmend.learn.drive.design import contacts, cross_columns
-from printmend.learn.drive.period import likeliest_period_mm
-from printmend.learn.drive.select import main_parts
+from printmend.identify.drive.design import contacts, cross_columns
+from printmend.identify.drive.period import likeliest_period_mm
+from printmend.identify.drive.select import main_parts
 from printmend.learn.greybox.rows import FARTHEST_MM, motor_rows, trial_of
 from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.measure.table import AT_HOME_MM

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.learn.drive.design import Rows
-from printmend.learn.drive.fit import independent_share, robust_sigma_mm
-from printmend.learn.drive.period import NEAR_SHARE, TOOTH_MM
-from printmend.learn.drive.second import own_columns
+from printmend.identify.drive.design import Rows
+from printmend.identify.drive.fit import independent_share, robust_sigma_mm
+from printmend.identify.drive.period import NEAR_SHARE, TOOTH_MM
+from printmend.identify.drive.second import own_columns
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
 from printmend.learn.greybox.rows import motor_rows
 from printmend.path import Trace

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.learn.drive import Design, bed_middle
+from printmend.identify.drive import Design, bed_middle
 from printmend.learn.greybox import LearnedDrive, motor_rows
 from printmend.machine import Mechanism
 from printmend.path import Trace

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.learn.drive import Rows
-from printmend.learn.drive.fit import robust_sigma_mm
+from printmend.identify.drive import Rows
+from printmend.identify.drive.fit import robust_sigma_mm
 
 BLOCK_ROWS = (2, 4, 8, 16, 32)
 USUAL_BLOCK_ROWS = 24  # of a pattern that is too small to be seen

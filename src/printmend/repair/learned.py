@@ -10,8 +10,8 @@ from threadpoolctl import threadpool_limits
 from printmend.diagnosis.diagnosis import Diagnosis, diagnose, doubt_of
 from printmend.diagnosis.screw import ScrewFound, find_screw
 from printmend.errors import ConfigError
+from printmend.identify.drive import ALL_SEEN
 from printmend.learn import learner
-from printmend.learn.drive import ALL_SEEN
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
 from printmend.learn.hybrid import HybridModel, with_residuals
 from printmend.learn.walls import with_walls

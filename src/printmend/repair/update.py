@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 
 from printmend.diagnosis.diagnosis import LEAST_FAULT_MM, NAMED_SIGMAS, Doubt, amount, doubt_of
 from printmend.errors import ModelError, TraceError
-from printmend.learn.drive import NOTHING, Choice, Rows, Structure, contacts, normal_equations
-from printmend.learn.drive.fit import (
+from printmend.identify.drive import NOTHING, Choice, Rows, Structure, contacts, normal_equations
+from printmend.identify.drive.fit import (
     LEAST_SIGMA_MM,
     Fit,
     Posterior,

@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.learn.drive import Jump, Rows, jumped
-from printmend.learn.drive.jumps import find_jumps
-from printmend.learn.drive.left_out import left_out
-from printmend.learn.drive.period import likeliest_period_mm
-from printmend.learn.drive.second import with_second
-from printmend.learn.drive.select import Choice, Structure, fitted, folded, main_parts, prune, refined
-from printmend.learn.drive.sight import ALL_SEEN, GLIMPSED_TURN, check_follows, sight
+from printmend.identify.drive import Jump, Rows, jumped
+from printmend.identify.drive.jumps import find_jumps
+from printmend.identify.drive.left_out import left_out
+from printmend.identify.drive.period import likeliest_period_mm
+from printmend.identify.drive.second import with_second
+from printmend.identify.drive.select import Choice, Structure, fitted, folded, main_parts, prune, refined
+from printmend.identify.drive.sight import ALL_SEEN, GLIMPSED_TURN, check_follows, sight
+from printmend.identify.pulley import outlined
 from printmend.learn.greybox.model import GreyboxModel, model_of
 from printmend.learn.greybox.rows import (
     check_trace,
@@ -28,7 +29,6 @@ from printmend.learn.greybox.rows import (
     visible_ripple,
     with_belts,
 )
-from printmend.learn.pulley import outlined
 from printmend.path import Trace
 from printmend.printer import Printer
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.learn.drive import Choice, Jump, Rows, Structure, bed_middle
-from printmend.learn.drive.left_out import OmittedParts
-from printmend.learn.drive.rest import CENTRED, rest_shares
-from printmend.learn.drive.sight import Sight, sight
+from printmend.identify.drive import Choice, Jump, Rows, Structure, bed_middle
+from printmend.identify.drive.left_out import OmittedParts
+from printmend.identify.drive.rest import CENTRED, rest_shares
+from printmend.identify.drive.sight import Sight, sight
 from printmend.learn.mechanism_model import MachineLearned
 from printmend.machine import Frame, Mechanism
 from printmend.path import Trace

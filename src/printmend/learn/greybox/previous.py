@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from printmend.errors import ModelError
-from printmend.learn.drive import Design, bed_middle
-from printmend.learn.drive.select import CROSS, HARMONICS
+from printmend.identify.drive import Design, bed_middle
+from printmend.identify.drive.select import CROSS, HARMONICS
 from printmend.learn.greybox.rows import ripple_harmonics
 from printmend.printer import Printer
 from printmend.saved.branches import SCALE_MM, Branches

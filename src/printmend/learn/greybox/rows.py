@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.learn.drive import Jump
-from printmend.learn.drive.design import Rows, contacts, cross_columns
-from printmend.learn.drive.kernels import columns as kernels
-from printmend.learn.drive.select import HARMONICS, Choice
+from printmend.identify.drive import Jump
+from printmend.identify.drive.design import Rows, contacts, cross_columns
+from printmend.identify.drive.kernels import columns as kernels
+from printmend.identify.drive.select import HARMONICS, Choice
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.saved.layout import TABLE_PHASES, bed_middle

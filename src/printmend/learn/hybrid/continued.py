@@ -12,7 +12,7 @@ disturbs the fit of the rest, because every angle was seen at several places.
 
 import numpy as np
 
-from printmend.learn.drive.fit import HARMONIC_SD_MM, POWER_SD_MM
+from printmend.identify.drive.fit import HARMONIC_SD_MM, POWER_SD_MM
 from printmend.machine import Transmission
 from printmend.saved.branches import SCALE_MM, rising
 from printmend.units import TURN_RAD

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.learn.drive.fit import independent_share, robust_sigma_mm
+from printmend.identify.drive.fit import independent_share, robust_sigma_mm
 from printmend.machine import GainMechanism
 from printmend.path import Trace
 from printmend.printer import Printer

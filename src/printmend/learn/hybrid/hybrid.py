@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.learn.drive import jumped
-from printmend.learn.drive.fit import robust_sigma_mm
-from printmend.learn.drive.select import PATTERN_SHARE, SELECT_LEAST_SIGMA_MM
+from printmend.identify.drive import jumped
+from printmend.identify.drive.fit import robust_sigma_mm
+from printmend.identify.drive.select import PATTERN_SHARE, SELECT_LEAST_SIGMA_MM
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive, motor_rows
 from printmend.learn.hybrid.gains import learned_gains
 from printmend.learn.hybrid.residual import (

@@ -15,7 +15,7 @@ from importlib import resources
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from printmend.learn.drive import Rows
+from printmend.identify.drive import Rows
 from printmend.learn.greybox.model import cross_frame
 from printmend.learn.greybox.rows import check_trace, motor_rows
 from printmend.learn.mechanism_model import MachineLearned

@@ -17,7 +17,7 @@ from importlib import resources
 
 import numpy as np
 
-from printmend.learn.pulley.shapes import HARMONICS, turned
+from printmend.identify.pulley.shapes import HARMONICS, turned
 from printmend.units import TURN_RAD
 
 ENTRIES = 1 + 2 * HARMONICS

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.learn.drive.design import Design, Normal, Rows, contacts, normal_equations
-from printmend.learn.drive.fit import Fit, Posterior, Prior, refine, robust_weights, variances
-from printmend.learn.drive.select import HARMONICS, Choice
-from printmend.learn.drive.sight import ALL_SEEN, GLIMPSED_TURN, sight
+from printmend.identify.drive.design import Design, Normal, Rows, contacts, normal_equations
+from printmend.identify.drive.fit import Fit, Posterior, Prior, refine, robust_weights, variances
+from printmend.identify.drive.select import HARMONICS, Choice
+from printmend.identify.drive.sight import ALL_SEEN, GLIMPSED_TURN, sight
+from printmend.identify.pulley import to_parameters
 from printmend.learn.greybox import GreyboxModel, fit_greybox
 from printmend.learn.prior.mixture import Mixture, shape_posterior, shipped
-from printmend.learn.pulley import to_parameters
 from printmend.path import Trace
 from printmend.printer import Printer
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.learn.pulley.shapes import HARMONICS, draw, kinds, turned
+from printmend.identify.pulley.shapes import HARMONICS, draw, kinds, turned
 from printmend.units import TURN_RAD
 
 TURNS_TRIED = 96  # turns of the first passes

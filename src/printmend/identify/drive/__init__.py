@@ -1,0 +1,29 @@
+"""One motor's drive: which parts it has, and their parameters, from the rows that the motor made.
+
+`saved.layout` names the columns of a drive and `design` sums their normal equations; `fit` finds contacts and
+parameters in turn; `select` chooses the parts, and `left_out` says what the others may still do. `jumps` and `ladder`
+take out skipped teeth and missed steps, `rest` finds where the belts rested, and `sight` says what the rows could see.
+"""
+
+from printmend.identify.drive.design import Contacts, Rows, contacts, normal_equations
+from printmend.identify.drive.ladder import Jump, jumped
+from printmend.identify.drive.select import NOTHING, Choice, Structure
+from printmend.identify.drive.sight import ALL_SEEN, Sight
+from printmend.saved import CROSS, Design, bed_middle
+
+__all__ = [
+    "ALL_SEEN",
+    "CROSS",
+    "NOTHING",
+    "Choice",
+    "Contacts",
+    "Design",
+    "Jump",
+    "Rows",
+    "Sight",
+    "Structure",
+    "bed_middle",
+    "contacts",
+    "jumped",
+    "normal_equations",
+]

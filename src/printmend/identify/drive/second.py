@@ -1,0 +1,99 @@
+"""A second period beside the motor's turn: an idler off its centre, whose length need not divide the turn.
+
+What a fit leaves, and every length that is tried, are freed of what the fit's own parts can follow; the length that
+then explains most is offered (the periodogram of least squares: Lomb 1976, Scargle 1982), made finer, and kept where
+its evidence is strong. The part that repeats nothing can imitate an idler where the print went, but not go on beyond:
+so an idler is looked for in place of it, too.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.identify.drive.design import Rows, cross_columns
+from printmend.identify.drive.fit import independent_share, robust_sigma_mm
+from printmend.identify.drive.period import sharpened
+from printmend.identify.drive.select import PART_NATS, Choice, fitted, likelier
+from printmend.units import TURN_RAD
+
+PERIODS_MM = np.geomspace(12.0, 150.0, 160)  # lengths that are tried: no idler is smaller, no bed shows larger ones
+OWN_PERIOD = 0.02  # a second period is at least so far from the turn's own harmonics, as a share
+OWN_TURN = 0.04  # and so far from the turn itself: the steps of a millimetre may have been calibrated
+LEAST_TURNS = 2.5  # of a second period in what was measured: fewer are a bend of the axis
+LEAST_ROWS = 120  # measured rows below which none is looked for
+MOST_ROWS = 1500  # rows that are looked at: more take time and say the same
+SURE_NATS = 20.0  # log likelihood that a second period must gain, beyond the logarithm of how many are tried
+LEAST_SIZE_MM = 0.01  # smallest amplitude that is worth a second period
+CLIP_SIGMAS = 4.0  # standard deviations beyond which a residual is an outlier
+LEAST_OWN_SHARE = 0.3  # share of a wave that the fit's own parts must leave
+CONTACT_PASSES = 6  # rounds of contacts and least squares
+
+
+def with_second(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Choice:
+    """Return the fit with a second period where the evidence switches one on, else the same fit."""
+    if int((rows.weight > 0).sum()) < LEAST_ROWS:
+        return found
+    plain = found
+    if found.structure.warp_mm:
+        plain = fitted(rows, replace(found.structure, warp_mm=0.0), ripple, found, passes=CONTACT_PASSES)
+    if (length_mm := likeliest_second_mm(rows, plain)) is None:
+        return found
+    structure = replace(plain.structure, second_mm=length_mm, offset=True)
+    tried = fitted(rows, structure, ripple, plain, passes=CONTACT_PASSES)
+    design, values = tried.design, tried.fit.posterior.values
+    sizes = np.hypot(*(values[design.parts[name]] for name in ("second_cos", "second_sin")))
+    # the simpler of the two, where the other is the part that repeats nothing
+    least = -PART_NATS if found.structure.warp_mm else PART_NATS
+    return tried if sizes.max() >= LEAST_SIZE_MM and likelier(tried, found) > least else found
+
+
+def likeliest_second_mm(rows: Rows, found: Choice) -> float | None:
+    """Return the length with which the residuals of a fit surely repeat; None for none."""
+    touch = found.fit.touch
+    used = np.flatnonzero((rows.weight > 0) & (touch.at >= 0))
+    used = used[:: max(1, -(-len(used) // MOST_ROWS))]
+    if len(used) < LEAST_ROWS:
+        return None
+    motor, residual = rows.motor_mm[touch.at[used]], touch.residual_mm[used]
+    periods = other_periods_mm(rows.period_mm, float(np.ptp(motor)) / LEAST_TURNS)
+    periods = periods[np.abs(periods / rows.period_mm - 1) > OWN_TURN]
+    sigma = robust_sigma_mm(residual)
+    basis = own_columns(found, rows, used)
+    left = np.clip(residual, -CLIP_SIGMAS * sigma, CLIP_SIGMAS * sigma)
+    left = left - basis @ (basis.T @ left)
+    before = float(left @ left)
+    if not len(periods) or before <= 0:
+        return None
+
+    def after(period_mm: float) -> float:
+        angle = motor * (TURN_RAD / period_mm)
+        waves = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        freed = waves - basis @ (basis.T @ waves)
+        if float(np.square(freed).sum()) < LEAST_OWN_SHARE * float(np.square(waves).sum()):
+            return before
+        rest = left - freed @ np.linalg.lstsq(freed, left, rcond=None)[0]
+        return float(rest @ rest)
+
+    best = min(periods, key=after)
+    best = float(sharpened(best, (PERIODS_MM[1] / PERIODS_MM[0] - 1) / best, after))
+    share = independent_share(left, sigma)
+    nats = share * (len(left) - basis.shape[1]) / 2 * np.log(before / max(after(best), 1e-18)) - np.log(len(periods))
+    return best if nats > SURE_NATS else None
+
+
+def other_periods_mm(turn_mm: float, longest_mm: float) -> np.ndarray:
+    """Return the lengths that are tried beside a turn and its harmonics."""
+    turns = turn_mm / PERIODS_MM
+    apart = np.abs(turns / np.maximum(np.rint(turns), 1.0) - 1.0) > OWN_PERIOD
+    return np.asarray(PERIODS_MM[apart & (longest_mm > PERIODS_MM)])
+
+
+def own_columns(choice: Choice, rows: Rows, used: np.ndarray, without: tuple[str, ...] = ()) -> np.ndarray:
+    """Return an orthonormal basis [M, B] of what a fit's own parts can follow at the rows ``used`` [M]."""
+    design, touch = choice.design, choice.fit.touch
+    mean, play = design.columns(rows.motor_mm[touch.at[used]], rows.period_mm, rows.origin_mm)
+    columns = mean + touch.side[used, None] / 2 * play
+    columns[:, design.parts["cross"]] = cross_columns(design, rows, used)
+    columns = np.column_stack([np.ones(len(used)), columns[:, choice.fit.posterior.active & ~design.mask(*without)]])
+    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(basis[:, sizes > 1e-5 * sizes[0]])

@@ -1,0 +1,171 @@
+"""The reference sheet in an image: scale of a scan, perspective and lens of a photo.
+
+A photo is modelled as a plane seen through a lens with radial distortion around the middle of the picture:
+
+    u = c + (p − c)(1 + k₁ρ² + k₂ρ⁴),  ρ = |p − c| / half the diagonal;   mm = H·u, a homography.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from printmend.picture.sheet import DICTIONARY, tag_corners_mm
+
+SEARCH_PX = 2200  # tags are looked for in a picture of this size, their corners refined at full size
+LEAST_TAGS = 4  # of the sheet that must be seen
+NODE_PX = 16  # the lens is computed at every 16th pixel: it bends nothing in between
+FLAT_MM, FLAT_RATIO = 0.03, 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Tags:
+    """``ids`` [N] and ``corners_px`` [N, 4, 2] of the tags seen."""
+
+    ids: np.ndarray
+    corners_px: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """A photo's way from the sheet to the picture: ``homography`` [3, 3] from undistorted px to mm, ``k1``, ``k2``."""
+
+    centre_px: np.ndarray
+    radius_px: float
+    k1: float
+    k2: float
+    homography: np.ndarray
+
+    def undistort(self, px: np.ndarray) -> np.ndarray:
+        """Return where the points [..., 2] would be without the lens' distortion."""
+        off = (px - self.centre_px) / self.radius_px
+        square = (off**2).sum(axis=-1, keepdims=True)
+        return self.centre_px + off * self.radius_px * (1 + self.k1 * square + self.k2 * square**2)
+
+    def to_mm(self, px: np.ndarray) -> np.ndarray:
+        """Map pixels [..., 2] to the sheet."""
+        return _projected(self.undistort(px), self.homography)
+
+    def to_px(self, mm: np.ndarray) -> np.ndarray:
+        """Map points of the sheet [..., 2] to pixels: the inverse, by fixed-point iteration."""
+        wanted = _projected(mm, np.linalg.inv(self.homography))
+        px = wanted
+        for _ in range(12):
+            px = px + (wanted - self.undistort(px))
+        return px
+
+
+def is_flat(tags: Tags, lens_error_mm: float) -> bool:
+    """Tell a flatbed's picture from a photo: an affine map fits the tags as well as perspective and a lens do."""
+    _, error_mm = fit_affine(tags)
+    return error_mm < max(FLAT_MM, FLAT_RATIO * lens_error_mm)
+
+
+def fit_affine(tags: Tags) -> tuple[np.ndarray, float]:
+    """Fit the affine map [3, 2] from pixels (x, y, 1) to the sheet; return it and the RMS error of the corners [mm]."""
+    px = tags.corners_px.reshape(-1, 2)
+    mm = tag_corners_mm()[tags.ids].reshape(-1, 2)
+    design = np.hstack([px, np.ones((len(px), 1))])
+    fit, *_ = np.linalg.lstsq(design, mm, rcond=None)
+    return fit, float(np.sqrt(((design @ fit - mm) ** 2).sum(axis=1).mean()))
+
+
+def find_tags(image: np.ndarray) -> Tags:
+    """Find the reference sheet's tags in an image [H, W, 3]; corners to a fraction of a pixel."""
+    factor = min(1.0, SEARCH_PX / max(image.shape[:2]))
+    size = (round(image.shape[1] * factor), round(image.shape[0] * factor))
+    small = cv2.cvtColor(cv2.resize(image, size, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2GRAY)
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(DICTIONARY))
+    corners, ids, _ = detector.detectMarkers(small)
+    if ids is None or not len(corners):
+        return Tags(np.empty(0, int), np.empty((0, 4, 2)))
+    ids = np.ravel(ids)
+    known = ids < len(tag_corners_mm())
+    places = np.array([np.reshape(corner, (4, 2)) for corner in corners])[known]
+    places = (places + 0.5) / factor - 0.5
+    refined = [_refined(image, place) for place in places]
+    return Tags(ids[known], np.array(refined).reshape(-1, 4, 2))
+
+
+def _refined(image: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    side = float(np.hypot(*(corners[1] - corners[0])))
+    reach = int(side) + 8
+    x, y = np.maximum(corners.min(axis=0).astype(int) - reach, 0)
+    patch = cv2.cvtColor(
+        image[y : int(corners[:, 1].max()) + reach, x : int(corners[:, 0].max()) + reach], cv2.COLOR_BGR2GRAY
+    )
+    window = int(np.clip(side / 20, 2, 12))
+    start = (corners - [x, y]).astype(np.float32).reshape(-1, 1, 2)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
+    return cv2.cornerSubPix(patch, start, (window, window), (-1, -1), stop).reshape(4, 2) + np.array([x, y])
+
+
+def fit_lens(tags: Tags, image_shape: tuple[int, ...]) -> tuple[Lens, float]:
+    """Fit perspective and distortion to at least four tags; return the lens and the RMS error of the corners [mm]."""
+    px = tags.corners_px.reshape(-1, 2)
+    mm = tag_corners_mm()[tags.ids].reshape(-1, 2)
+    centre = np.array([(image_shape[1] - 1) / 2, (image_shape[0] - 1) / 2])
+    radius = float(np.hypot(*centre))
+    unit = (px - centre) / radius
+    start, _ = cv2.findHomography(unit, mm)
+    start = start / start[2, 2]
+
+    def lens(values: np.ndarray) -> Lens:
+        to_unit = np.array([[1 / radius, 0, -centre[0] / radius], [0, 1 / radius, -centre[1] / radius], [0, 0, 1]])
+        return Lens(centre, radius, values[8], values[9], np.append(values[:8], 1.0).reshape(3, 3) @ to_unit)
+
+    def errors(values: np.ndarray) -> np.ndarray:
+        # the second coefficient is held towards zero: corners alone hardly tell it from the first
+        return np.append((lens(values).to_mm(px) - mm).ravel(), [0.05 * values[8], 0.2 * values[9]])
+
+    fit = least_squares(errors, np.append(start.ravel()[:8], [0.0, 0.0]), loss="huber", f_scale=0.1, x_scale="jac")
+    rest = errors(fit.x)[:-2].reshape(-1, 2)
+    return lens(fit.x), float(np.sqrt((rest**2).sum(axis=1).mean()))
+
+
+def tagged_mm() -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners [2] mm of all that the tags surround, themselves included."""
+    corners = tag_corners_mm().reshape(-1, 2)
+    return corners.min(axis=0) - 2, corners.max(axis=0) + 2
+
+
+def rectify(image: np.ndarray, lens: Lens, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return the picture between two corners [2] mm of the sheet, as a scanner on the sheet would have taken it.
+
+    Also the sheet position [2] mm of its upper left corner, and its pixels per mm: those of the photo where it is
+    sharpest.
+    """
+    ends = lens.to_px(np.array([[low, (high[0], low[1])], [(low[0], high[1]), high], [low, (low[0], high[1])]]))
+    px_per_mm = float(
+        (np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1) / [*(high - low)[[0, 0]], (high - low)[1]]).max()
+    )
+    size = np.ceil((high - low) * px_per_mm).astype(int)
+    nodes_x, nodes_y = np.arange(size[0] // NODE_PX + 2), np.arange(size[1] // NODE_PX + 2)
+    grid = np.stack(np.meshgrid(nodes_x, nodes_y), axis=-1) * NODE_PX
+    nodes = lens.to_px(low + (grid + 0.5) / px_per_mm)
+    out = np.empty((size[1], size[0], 3), np.uint8)
+    strip = 16 * NODE_PX
+    for first in range(0, int(size[1]), strip):
+        rows = slice(first // NODE_PX, (first + strip) // NODE_PX + 1)
+        px = between_nodes(nodes[rows])[: size[1] - first, : size[0]]
+        out[first : first + strip] = cv2.remap(image, px, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return out, low, px_per_mm
+
+
+def between_nodes(nodes: np.ndarray) -> np.ndarray:
+    """Interpolate a smooth map known at every NODE_PX-th pixel [h, w, 2] to all pixels between, float32."""
+    share = (np.arange(NODE_PX) / NODE_PX)[:, None, None]
+    rows = nodes[:-1, None] * (1 - share[None]) + nodes[1:, None] * share[None]
+    rows = rows.reshape(-1, *nodes.shape[1:])
+    share = share[:, 0][None, None]
+    columns = rows[:, :-1, None] * (1 - share) + rows[:, 1:, None] * share
+    return columns.reshape(len(rows), -1, 2).astype(np.float32)
+
+
+def _projected(points: np.ndarray, homography: np.ndarray) -> np.ndarray:
+    lifted = points @ homography[:, :2].T + homography[:, 2]
+    return lifted[..., :2] / lifted[..., 2:]

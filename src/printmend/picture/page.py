@@ -1,0 +1,180 @@
+"""One picture, flat and to scale: a scan as it is, or what lies on the sheet of tags as a scanner would have seen it.
+
+A part has a height. Of one that lies on the sheet, the camera sees the upper side nearer, and so larger, than the
+paper: a point at the height h above the place p of the sheet appears at p + (p − C)·h/(C_z − h), C the camera's place
+over the sheet. C follows from the homography once the focal length is known, which a photo's file states.
+"""
+
+import struct
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from printmend.errors import ScanError
+from printmend.path import FLATBED, Instrument
+from printmend.picture.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_lens, is_flat, rectify
+from printmend.picture.image import read_image
+from printmend.picture.paper import PAPER, Sheet, find_sheet
+from printmend.picture.sheet import BORDER_MM, TAG_MM, WINDOW_EDGE_MM, window_mm
+from printmend.units import MM_PER_INCH
+
+USUAL_DPI = 600.0  # where neither the owner nor the file says it
+# What a sheet of tags leaves open: the printer that made it, and in a photo the lens.
+SHEET = Instrument(scale_sd=0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002)
+PHOTO = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005)
+# Focal lengths as of a film of 36 × 24 mm, and how well they are known (shares): stated, or a telephone's usual one.
+FILM_DIAGONAL_MM, USUAL_FOCAL_MM = 43.27, 27.0
+STATED_SD, USUAL_SD = 0.04, 0.15
+PAPER_RIM_MM = 3.0  # of a sheet of paper: its edge's shadow is no plastic
+INSIDE_MM = 1.0  # of the line along which the window is cut
+SCALED_SHEET, AXES_AGREE = 0.012, 0.004  # shares: a sheet scaled by more is refused, if both axes agree so well
+_EXIF, _EXPOSURE, _FOCAL, _FOCAL_FILM = 0x8769, 0x829A, 0x920A, 0xA405
+PHOTO_TODO = (
+    "print the sheet of tags (`printmend probe --sheet sheet.pdf`), lay the print on it, and take the photo from above "
+    "with all tags in it; or on a whole sheet of A4 or letter paper on a dark table; or scan it"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """A picture to scale: ``image`` [H, W, 3] at ``px_per_mm``, how far its scale and axes are to be trusted, and in
+    words where the scale came from. ``eye_mm`` [3] is where a photo's camera was, in the picture's own mm, the height
+    above the sheet last; None for a flatbed. ``unsure`` marks a picture of which nobody stated the resolution."""
+
+    image: np.ndarray
+    px_per_mm: float
+    instrument: Instrument
+    scale: str
+    eye_mm: np.ndarray | None = None
+    unsure: bool = False
+
+    @property
+    def dpi(self) -> float:
+        return self.px_per_mm * MM_PER_INCH
+
+    @property
+    def tagged(self) -> bool:
+        """True where the scale is that of a sheet of tags."""
+        return "tags" in self.scale
+
+
+def read_page(path: str | Path, *, dpi: float | None = None, tall_mm: float = 0.0) -> Page:
+    """Read an image of something ``tall_mm`` high: a scan, or a photo or scan of it on the sheet of tags.
+
+    A whole sheet of white paper around it on a darker ground serves instead of the tags. ``dpi`` overrides what the
+    file says. Raises `ScanError` for what is no image, and for a photo without tags or paper.
+    """
+    image, stated = read_image(path)
+    tags = find_tags(image)
+    camera, focal_mm = exposure(path)
+    if len(tags) < LEAST_TAGS:
+        if dpi is None and (camera or stated is None) and (sheet := find_sheet(image)) is not None:
+            return _photographed(image, sheet.lens, inside_mm(sheet), PAPER, sheet_said(sheet), focal_mm, tall_mm)
+        refuse_bare_photo(path, tags, camera=camera and dpi is None)
+        scale = dpi or stated or USUAL_DPI
+        return Page(image, scale / MM_PER_INCH, FLATBED, f"{scale:g} dpi", unsure=dpi is None and stated is None)
+    lens, error_mm = fit_lens(tags, image.shape)
+    if is_flat(tags, error_mm):
+        flat, _, px_per_mm = rectify(image, lens, *_window())
+        return Page(flat, px_per_mm, SHEET, f"scale and axes from {len(tags)} tags")
+    return _photographed(image, lens, _window(), PHOTO, tags_said(tags, error_mm), focal_mm, tall_mm)
+
+
+def _photographed(
+    image: np.ndarray, lens: Lens, shown_mm: tuple[np.ndarray, np.ndarray], instrument: Instrument, said: str,
+    focal_mm: float | None, tall_mm: float,
+) -> Page:  # fmt: skip
+    """Return what lies between two corners ``shown_mm`` of a sheet, ``tall_mm`` high, as a scanner would see it."""
+    doubt = USUAL_SD if focal_mm is None else STATED_SD
+    eye = _eye_mm(lens, 2 * lens.radius_px * (focal_mm or USUAL_FOCAL_MM) / FILM_DIAGONAL_MM)
+    nearer = min(tall_mm / eye[2], 0.5)
+    lens, low, high = _raised(lens, eye, nearer, shown_mm)
+    flat, corner, px_per_mm = rectify(image, lens, low, high)
+    instrument = replace(instrument, scale_sd=float(np.hypot(instrument.scale_sd, doubt * nearer)))
+    return Page(flat, px_per_mm, instrument, said, eye - np.array([*corner, 0.0]))
+
+
+def inside_mm(sheet: Sheet) -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners [2] of a sheet of paper without its rim."""
+    return np.full(2, PAPER_RIM_MM), sheet.size_mm - PAPER_RIM_MM
+
+
+def sheet_said(sheet: Sheet) -> str:
+    """Say what a photo of a sheet of paper says of its scale."""
+    return (
+        f"perspective and scale from the edges of {sheet.name} paper, straight to {sheet.error_mm:.2f} mm (paper is "
+        "cut to 0.3 mm: a ruler in the picture, or --distance, tells the scale better)"
+    )
+
+
+def tags_said(tags: Tags, error_mm: float) -> str:
+    """Say where a photo's scale came from."""
+    return f"perspective and lens from {len(tags)} tags, which fit to {error_mm:.2f} mm"
+
+
+def refuse_bare_photo(path: str | Path, tags: Tags, *, camera: bool) -> None:
+    """Raise `ScanError` for a photo, taken by a ``camera``, that shows too few tags."""
+    if camera:
+        came = f"a photo that shows {len(tags)}" if len(tags) else "a photo without any"
+        raise ScanError(path, wanted=f"at least {LEAST_TAGS} tags of the reference sheet", came=came, todo=PHOTO_TODO)
+
+
+def check_sheet(path: str | Path, scales: tuple[float, float]) -> None:
+    """Raise `ScanError` where tags make a print too large or too small by one share in x and y: their sheet was scaled.
+
+    A printer whose belts are both wrong by the same share is rarer than a sheet printed to fit a page.
+    """
+    common = sum(scales) / 2
+    if abs(common - 1) > SCALED_SHEET and abs(scales[0] - scales[1]) < AXES_AGREE:
+        raise ScanError(
+            path, wanted="the sheet of tags printed at 100 %", came=f"one that seems printed at {100 / common:.0f} %",
+            todo="print it again without `fit to page`, until its line measures 100 mm; or scan without it",
+        )  # fmt: skip
+
+
+def exposure(path: str | Path) -> tuple[bool, float | None]:
+    """Say whether a camera took an image, and with which focal length [mm of a film of 36 × 24 mm], None if unsaid."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(path) as image:
+                noted = image.getexif().get_ifd(_EXIF)
+    except (SyntaxError, OSError, ValueError, TypeError, KeyError, struct.error):
+        return False, None  # damaged: the picture itself has been read
+    try:
+        focal = float(noted.get(_FOCAL_FILM) or 0.0)
+    except (TypeError, ValueError, ZeroDivisionError):
+        focal = 0.0
+    return _EXPOSURE in noted or _FOCAL in noted, focal if 5.0 < focal < 500.0 else None
+
+
+def _window() -> tuple[np.ndarray, np.ndarray]:
+    """Return the corners of what the sheet's window shows."""
+    low = np.full(2, BORDER_MM + TAG_MM / 2 + WINDOW_EDGE_MM)
+    return low + INSIDE_MM, low + window_mm() - INSIDE_MM
+
+
+def _eye_mm(lens: Lens, focal_px: float) -> np.ndarray:
+    """Return where the camera was [3] mm: above the sheet's (x, y), at the height z.
+
+    The homography from the sheet is K·[r₁ r₂ t] up to a factor, with the unit columns r of a rotation.
+    """
+    camera = np.array([[focal_px, 0, lens.centre_px[0]], [0, focal_px, lens.centre_px[1]], [0, 0, 1]])
+    columns = np.linalg.solve(camera, np.linalg.inv(lens.homography))
+    columns /= (np.linalg.norm(columns[:, 0]) + np.linalg.norm(columns[:, 1])) / 2
+    rotation = np.stack([columns[:, 0], columns[:, 1], np.cross(columns[:, 0], columns[:, 1])], axis=1)
+    place = -np.linalg.solve(rotation, columns[:, 2])
+    return np.array([place[0], place[1], abs(place[2])])
+
+
+def _raised(
+    lens: Lens, eye_mm: np.ndarray, nearer: float, shown_mm: tuple[np.ndarray, np.ndarray]
+) -> tuple[Lens, np.ndarray, np.ndarray]:
+    """Return the lens for the plane that is ``nearer`` the camera by this share, and the corners shown there."""
+    shrunk = np.diag([1 - nearer, 1 - nearer, 1.0])
+    shrunk[:2, 2] = nearer * eye_mm[:2]
+    low, high = (eye_mm[:2] + (corner - eye_mm[:2]) * (1 - nearer) for corner in shown_mm)
+    return replace(lens, homography=shrunk @ lens.homography), low, high
