@@ -106,6 +106,12 @@ def test_the_key_changes_with_what_a_kernel_uses_and_with_nothing_else(text, bef
     assert digest(made(text, V=before)) != digest(made(text.replace("x", "y"), V=before))
 
 
+def test_the_key_changes_with_the_module_that_compiled_code_looks_its_constants_up_in():
+    here, moved = made("def f(x): return x"), made("def f(x): return x")
+    here.__module__, moved.__module__ = "printmend.learn.drive", "printmend.identify.drive"
+    assert digest(here) != digest(moved)
+
+
 def test_a_value_whose_content_cannot_be_told_is_refused():
     with pytest.raises(TypeError, match="uses V, a <class 'list'>"):
         digest(made("def f(x): return V[x]", V=[1, 2]))

@@ -1,7 +1,7 @@
 """The one door to the compiler: every kernel is an `entry`, which Python calls, or an `inner`, which only kernels call.
 
 An entry's machine code is kept on disk under a digest of all that went into it: its own code, that of every function
-that it calls in whatever file, the constants and named tuples that they use, and how they are compiled. Numba's own
+that it calls in whatever file, their modules, the constants and named tuples that they use, and how they are compiled. Numba's own
 key is the date of the entry's file, so that after an edit elsewhere the old code would go on running.
 """
 
@@ -134,7 +134,8 @@ def digest(kernel: Any) -> str:
         value = waiting.pop()
         function = getattr(value, "py_func", value)
         options = getattr(value, "targetoptions", {})
-        total.update(repr((function.__qualname__, sorted(options.items()), function.__defaults__)).encode())
+        whose = function.__module__, function.__qualname__  # compiled code looks its constants up there
+        total.update(repr((*whose, sorted(options.items()), function.__defaults__)).encode())
         for text in _code(function.__code__):
             total.update(text.encode())
         for name, used in _used(function):

@@ -28,7 +28,10 @@ class Shipped:
     def load(self, digest: str, sig: Any, codegen: Any) -> tuple | None:
         """Return an entry as numba's cache has it, with machine code for this processor; None where it is not here."""
         key = _key(sig, codegen)
-        found = self._file(digest, key).load(key)
+        try:
+            found = self._file(digest, key).load(key)
+        except ImportError:  # the named tuple of an argument lived in another module when this was made
+            return None
         if found is None:
             return None
         name, optimised, shared, *rest = found
