@@ -1,8 +1,8 @@
 """The one door to the compiler: every kernel is an `entry`, which Python calls, or an `inner`, which only kernels call.
 
 An entry's machine code is kept on disk under a digest of all that went into it: its own code, that of every function
-that it calls in whatever file, their modules, the constants and named tuples that they use, and how they are compiled. Numba's own
-key is the date of the entry's file, so that after an edit elsewhere the old code would go on running.
+that it calls in whatever file, their modules, the constants and named tuples that they use, and how they are compiled.
+Numba's own key is the date of the entry's file, so that after an edit elsewhere the old code would go on running.
 """
 
 import hashlib
