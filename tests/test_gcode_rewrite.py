@@ -249,6 +249,12 @@ def test_every_line_has_its_own_end(eol):
     assert rewritten(curve, keep) == curve
 
 
+def test_a_long_end_of_a_line_is_not_written_again():
+    end = "\r" * 9 + "\n"
+    output = rewritten(f"G28{end}G1 X20{end}".encode(), replace_last(pieces_for((10, 0, 0), (20, 0, 0))))
+    assert output.decode() == f"G28{end}G1 X10\r\nG1 X20{end}"
+
+
 def checked(line: str) -> str:
     total = 0
     for byte in line.encode():

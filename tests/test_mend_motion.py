@@ -9,6 +9,9 @@ import pytest
 
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
+from printmend.gcode.machine import Flavour, initial_state
+from printmend.gcode.read import interpret_text
+from printmend.invert import layout, start
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, START, Judged, judge, mended
 
@@ -90,6 +93,16 @@ def test_other_planes() -> None:
     assert prediction.after.rms_mm < 0.01
     tops = [float(z) for z in re.findall(rb"Z(-?[\d.]+)", written)]
     assert max(tops) == pytest.approx(5.2, abs=0.02)
+
+
+@MODELS
+@pytest.mark.parametrize("arc", [b"G2 X80 Y60 I10 J0 P900 E13000\n", b"G18\nG3 X80 Z0.2 I10 K0 P900 E1\n"])
+def test_no_move_becomes_more_pieces_than_there_is_room_for(mechanism, arc: bytes) -> None:
+    planner = start(mechanism)
+    records = interpret_text(np.frombuffer(START + b"G1 F1800\n" + arc, np.uint8), initial_state(ENDER3))
+    end, first, _ = planner.plan(records)
+    assert end == len(records)
+    assert 1000 < first[end] - first[end - 1] < 1.5 * layout.CHORDS_A_RECORD
 
 
 def test_vase() -> None:
@@ -223,8 +236,8 @@ def test_a_prime_on_the_spot_is_where_it_should_be(mechanism, at: tuple[float, f
     text = b"G21\nG90\nM83\nG1 X%g Y%g Z.2 F6000\nG1 E4 F300\nG1 X61 Y61 E.1 F1800\nG1 X80 Y70 E1\n" % at
     written = mended(text, mechanism)[0]
     ends = []
-    for start in ((0.0, 0.0, 0.0), (200.0, 200.0, 0.0)):
-        given = naive_mend.read_moves(written, start)
+    for begin in ((0.0, 0.0, 0.0), (200.0, 200.0, 0.0)):
+        given = naive_mend.read_moves(written, begin)
         prime = next(i for i, move in enumerate(given) if move.filament == 4.0)
         ends.append(naive_mend.print_moves(given, mechanism)[prime][-1])
     assert ends[0] == pytest.approx(ends[1], abs=0.002)  # wherever the head was, 0 being no place like another
@@ -241,10 +254,6 @@ def test_the_tolerance_holds(tolerance_mm: float) -> None:
 
 @MODELS
 def test_turns_against_the_slow_twin(mechanism) -> None:
-    from printmend.gcode.machine import Flavour, initial_state
-    from printmend.gcode.read import interpret_text
-    from printmend.invert import layout as k
-    from printmend.invert import start
     from tests.naive_turns import agreed, joined, turns
 
     rng = np.random.default_rng(5)
@@ -263,11 +272,13 @@ def test_turns_against_the_slow_twin(mechanism) -> None:
     both = [turns(s, points[:, k], points[:, 1 - k], slack[k]) for k in range(2)]
     settled = [agreed(both[k], both[1 - k], s, points, max(slack)) for k in range(2)]
     for motor in range(2):
-        found = planner._run[k.TURN + motor * k.TURNS :][: k.TURNS]
-        found = found[: int(np.argmax(np.isinf(found[:, k.TURN_BEGIN])))]
+        found = planner._run[layout.TURN + motor * layout.TURNS :][: layout.TURNS]
+        found = found[: int(np.argmax(np.isinf(found[:, layout.TURN_BEGIN])))]
         way = settled[motor], settled[1 - motor], s, points[:, motor], points[:, 1 - motor]
         wanted = [turn[:3] for turn in joined(*way)]
-        kernel = found[-len(wanted) :, [k.TURN_BEGIN, k.TURN_END, k.TURN_TREND]]  # one more where the belt lay loose
+        kernel = found[
+            -len(wanted) :, [layout.TURN_BEGIN, layout.TURN_END, layout.TURN_TREND]
+        ]  # one more where the belt lay loose
         assert len(wanted) > 5
         assert 0 <= len(found) - len(wanted) <= 1
         assert kernel == pytest.approx(np.array(wanted), abs=1e-3)

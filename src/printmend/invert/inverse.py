@@ -12,6 +12,7 @@ from printmend.invert.kernels.curve import CURVE
 from printmend.invert.kernels.mend import mend
 from printmend.machine import Mechanism, ScrewDrive, Transmission
 
+_PIECES = 49152  # planned at once, and the last record's
 _SAME_MM = 1e-7  # tables that differ by less are the same: saved ones are rounded to 1e-9 mm
 _RISE_LOOK_MM = 0.05  # a screw's curvature is measured over this distance
 _BEND_REACH_MM = 0.05  # curvature is measured over this distance: finer structure moves nothing by a micrometre
@@ -198,7 +199,7 @@ def start(mechanism: Mechanism, *, quantum_mm: float = 0.001, tolerance_mm: floa
     return Planner(
         lookup(mechanism, tolerance_mm), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)),
         np.zeros((256, k.LAYER)), np.zeros((1 + k.SAMPLES, k.SAMPLE)),
-        [(np.zeros(1 << 14, np.int64), np.empty(4 * k.PIECES_A_RECORD, PIECE)) for _ in range(PLANS_AT_ONCE + 1)],
+        [(np.zeros(1 << 14, np.int64), np.empty(_PIECES + k.PIECES_A_RECORD, PIECE)) for _ in range(PLANS_AT_ONCE + 1)],
     )  # fmt: skip
 
 

@@ -57,7 +57,8 @@ def put_extra(buf, r, out, at):
 
 @inner
 def put_eol(buf, r, writer, out, at):
-    if r.next > r.end:
+    """End a line as its statement's line ends, plainly where that has more than three bytes: it may have any number."""
+    if 0 < r.next - r.end <= 3:
         return copy_bytes(buf, r.end, r.next, out, at)
     if writer[W_CRLF] != 0:
         out[at] = 13

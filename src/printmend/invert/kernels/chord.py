@@ -68,10 +68,8 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _longest(model, curve, state, mode0, mode1, t, whole, bound):
+def _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest):
     """Return the length, in t, of the longest admissible chord, by growing and shrinking a guess from the curvature."""
-    length = curve[LENGTH]
-    shortest = curve[LEAST] / length
     x, y = printed(model, middle(state, 0), middle(state, 1))
     aside, along = aside_and_along(curve, x, y, t)
     step = whole
@@ -104,9 +102,11 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     It ends at ``stop``, where the belts are wanted at (u0, u1), or before.
     """
     length = curve[LENGTH]
+    shortest = curve[LEAST] / length
     m0, m1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
     if curve[ARC] != 0.0 and not is_flat_arc(curve):  # what is looked at below is only seen from above
-        stop = min(stop, t + np.sqrt(8.0 * model.head.chord / max(curve[R0], model.head.chord)) / abs(curve[SWEEP]))
+        step = np.sqrt(8.0 * model.head.chord / max(curve[R0], model.head.chord)) / abs(curve[SWEEP])
+        stop = min(stop, t + max(step, shortest))
         m0, m1 = ends(model, curve, state, mode0, mode1, stop)
     whole = stop - t
     from0, from1 = state.mended.m[0], state.mended.m[1]
@@ -122,7 +122,7 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
         bound += model.head.frame_bend * whole * whole * length * length
     step = whole
     if bound > 8.0 * _bulge(model, whole * length) or ((d0 > _FAR_MM or d1 > _FAR_MM) and model.head.bent != 0.0):
-        step = _longest(model, curve, state, mode0, mode1, t, whole, bound)
+        step = _longest(model, curve, state, mode0, mode1, t, whole, bound, shortest)
         if step < whole:
             m0, m1 = ends(model, curve, state, mode0, mode1, t + step)
     part = step * advance
@@ -130,7 +130,7 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
         # Klipper refuses more than MAX_AREA_MM2 of plastic a millimetre, except in the shortest of moves.
         x, y = from_motors(model, m0 - from0, m1 - from1)
         if part * FILAMENT_AREA_MM2 > MAX_AREA_MM2 * norm(x, y):
-            step = TINY_ADVANCE_MM / advance
+            step = min(max(TINY_ADVANCE_MM / advance, shortest), step)
             m0, m1 = ends(model, curve, state, mode0, mode1, t + step)
     if whole - step < 1e-12:
         return stop, m0, m1

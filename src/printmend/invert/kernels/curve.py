@@ -3,7 +3,7 @@
 import numpy as np
 
 from printmend.gcode.kernels.layout import KIND_CCW, KIND_CW
-from printmend.invert.kernels.layout import MIN_PIECE_MM, PIECES_A_RECORD
+from printmend.invert.kernels.layout import CHORDS_A_RECORD, MIN_PIECE_MM
 from printmend.invert.kernels.lookup import is_near
 from printmend.jit import inner
 
@@ -26,7 +26,7 @@ def set_line(curve, x0, y0, z0, x1, y1, z1):
     curve[ARC] = 0.0
     curve[X0], curve[Y0], curve[Z0], curve[X1], curve[Y1], curve[Z1] = x0, y0, z0, x1, y1, z1
     curve[LENGTH] = np.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2)
-    curve[SHARE], curve[LEAST] = 1.0, max(MIN_PIECE_MM, curve[LENGTH] / (PIECES_A_RECORD // 2))
+    curve[SHARE], curve[LEAST] = 1.0, max(MIN_PIECE_MM, curve[LENGTH] / CHORDS_A_RECORD)
 
 
 # Its many parameters are the numbers of one arc, each of which becomes a field of the curve.
@@ -49,7 +49,7 @@ def set_arc(curve, x0, y0, z0, x1, y1, z1, ca, cb, plane, clockwise, turns):
     curve[ARC], curve[PLANE], curve[CA], curve[CB], curve[PHI], curve[SWEEP] = 1.0, plane, ca, cb, phi0, sweep
     curve[R0], curve[R1] = norm(a0 - ca, b0 - cb), norm(a1 - ca, b1 - cb)
     curve[LENGTH] = norm((curve[R0] + curve[R1]) / 2 * abs(sweep), rise)
-    curve[LEAST] = max(MIN_PIECE_MM, curve[LENGTH] / (PIECES_A_RECORD // 2))
+    curve[LEAST] = max(MIN_PIECE_MM, curve[LENGTH] / CHORDS_A_RECORD)
 
 
 @inner(error_model="numpy", _nrt=False)

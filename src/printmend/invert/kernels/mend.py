@@ -68,6 +68,7 @@ from printmend.invert.kernels.height import (
     push,
 )
 from printmend.invert.kernels.layout import (
+    CHORDS_A_RECORD,
     CLAMP_MM,
     HOLD_MM,
     L_LENGTH,
@@ -411,7 +412,7 @@ def mend(
             _leave(counts, r, extruding)
             parts = 1
             if arc:  # what draws nothing needs no better than this
-                parts = min(max(4, np.int64(abs(curve[SWEEP]) * np.sqrt(curve[R0] / 0.4))), PIECES_A_RECORD // 2)
+                parts = min(max(4, np.int64(abs(curve[SWEEP]) * np.sqrt(curve[R0] / 0.4))), CHORDS_A_RECORD)
             way = curve
             seen = sure and not arc and counts.anywhere == 0
             push_x = push_y = 0.0
