@@ -73,9 +73,12 @@ def test_every_firmware_rule_for_e(flavour: Flavour) -> None:
 
 
 @MODELS
-def test_set_position(mechanism) -> None:
-    """G92 X Y shifts the coordinates; the mended machine stands elsewhere when it reads it."""
-    text = START + b"G92 X10 Y10\nG1 X30 E1 F1800\nG1 Y30 E1\nG1 X10 Y12 E1\nG92 X60 Y62\nG1 X70 Y70 E1\n"
+@pytest.mark.parametrize("then", [b"", b"M218 T1 X3\n", b"G10 L2 P3 X3\n"], ids=["", "tool", "work"])
+def test_set_position(mechanism, then: bytes) -> None:
+    """G92 X Y shifts the coordinates; the mended machine stands elsewhere when it reads it. What is set for another
+    tool or another zero shifts nothing."""
+    text = START + b"G92 X10 Y10\nG1 X30 E1 F1800\nG1 Y30 E1\nG1 X10 Y12 E1\nG92 X60 Y62\n" + then
+    text += b"G1 X70 Y70 E1\n"
     right(judge(text, mechanism))
 
 

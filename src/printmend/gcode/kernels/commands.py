@@ -43,7 +43,7 @@ def begin_record(r, begin, end, after, numbers, counts, flags):
         flags |= FLAG_ARC_ABSOLUTE
     r.flags = flags | counts.known << 4
     r.layer, r.turns, r.plane = counts.layer, 0, counts.plane
-    r.kind = r.event = r.axes = 0
+    r.kind, r.event, r.axes = 0, 0, NO_SLOT
 
 
 @inner

@@ -131,5 +131,5 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     r.e0, r.e1, r.advance, r.feed = e0, e1, advance, feed
     r.ox, r.oy, r.oz = ox, oy, oz
     r.words, r.flags, r.layer, r.turns = words, flags, layer, 0
-    r.kind, r.event, r.plane, r.axes = KIND_LINEAR, 0, plane, 0
+    r.kind, r.event, r.plane, r.axes = KIND_LINEAR, 0, plane, NO_SLOT
     return p
