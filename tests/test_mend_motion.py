@@ -3,15 +3,19 @@
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
+from printmend.gcode.kernels import RECORD, record
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.read import interpret_text
-from printmend.invert import layout, start
+from printmend.invert import layout, lookup, start
+from printmend.invert.kernels import mend as mend_kernels
+from printmend.invert.kernels import travel as kernels
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, START, Judged, judge, mended
 
@@ -333,7 +337,6 @@ def test_a_travel_crosses_its_slack_once() -> None:
 
 def test_a_slow_firmware_gets_fewer_moves() -> None:
     """120 mm/s and 100 moves a second: no piece of a line is shorter than 1.2 mm, but for the gain."""
-    from printmend.gcode.machine import Flavour, initial_state
     from printmend.gcode.write import rewrite
     from printmend.invert.fineness import Fineness
     from printmend.invert.inverse import start
@@ -379,3 +382,46 @@ def test_a_mended_vase_is_judged_like_a_flat_wall(tmp_path: Path) -> None:
     short.write_bytes(b"\n".join((tmp_path / "0.2.out.gcode").read_bytes().splitlines()[:150]) + b"\n")
     with pytest.raises(GcodeError, match=r"wanted the .* mm of filament"):
         judged_against(done.prediction, str(tmp_path / "0.2.gcode"), str(short), BENT)
+
+
+def test_the_end_of_a_travel_is_seen_as_the_slow_version_sees_it() -> None:
+    from tests.naive_travel import arrival
+
+    rng = np.random.default_rng(4)
+    kinds = {
+        "G0 X{x:.3f} Y{y:.3f}": 30, "G0 Z{z:.3f}": 12, "G1 X{x:.3f} Z{z:.3f}": 4, "G1 E-0.4": 4, "G1 E0.4": 4,
+        "G1 X{x:.3f} Y{y:.3f} E0.1": 12, "G0 X{far:.3f}": 2, "G3 X{x:.3f} Y{y:.3f} R300": 2, "T0": 1,
+    }  # fmt: skip
+    names, weights = list(kinds), np.array(list(kinds.values()), float)
+    chosen = [names[k] for k in rng.choice(len(names), 1500, p=weights / weights.sum())]
+    chosen += ["G0 X{x:.3f} Y{y:.3f}"] * 300 + ["G1 X{x:.3f} Y{y:.3f} E0.1"]  # looked for in 256 records only
+    draw = rng.uniform
+    lines = [name.format(x=draw(1, 200), y=draw(1, 200), z=draw(0, 20), far=draw(430, 900)) for name in chosen]
+    text = START.decode() + "\n".join(lines) + "\n"
+    records = interpret_text(np.frombuffer(text.encode(), np.uint8), initial_state(ENDER3, Flavour.KLIPPER))
+    moves = {}
+    for move in naive_mend.read_moves(text, (0.0, 0.0, 0.0)):
+        moves[move.line] = None if move.homing or move.line in moves else move
+    arcs = {number for number, line in enumerate(text.splitlines()) if line.startswith("G3")}
+    rows = [None if line in arcs else moves.get(line) for line in records["line"]]
+    model, found = lookup(PLAY), []
+    fields = [SimpleNamespace(**dict(zip(records.dtype.names, row, strict=True))) for row in records.tolist()]
+    for i in range(len(records)):
+        found.append(arrival(rows[i:], (-220.0, 440.0)))
+        assert kernels.arrival(model, fields, len(records), i) == pytest.approx(found[-1])
+    assert {each[:2] for each in found} == {(False, False), (True, False), (True, True)}
+    assert {each[3] for each in found} == {-1.0, 0.0, 1.0}
+
+
+@MODELS
+def test_a_line_from_nobody_knows_where_is_as_far_off_as_the_slow_version_says(mechanism) -> None:
+    from tests.naive_travel import from_home_mm
+
+    model, rng = lookup(mechanism), np.random.default_rng(8)
+    line = record(RECORD)
+    for x, y in rng.uniform(5, 215, (25, 2)):
+        line.x1, line.y1 = x, y
+        motor = np.asarray(mechanism.printer.to_motor(np.array([x, y]) + rng.uniform(-1, 1, 2)), float)
+        found = mend_kernels._from_home(model, line, *motor)
+        assert found == pytest.approx(from_home_mm(mechanism, np.array([x, y]), motor), abs=2e-3)
+        assert found > 0.05

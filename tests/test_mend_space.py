@@ -15,6 +15,7 @@ from printmend.errors import ModelError, RefusedError
 from printmend.invert import is_identity, lookup, start
 from printmend.invert.kernels import height as kernels
 from printmend.invert.kernels.lookup import LOWER, UPPER, backward, forward
+from printmend.invert.kernels.travel import arriving_push
 from printmend.machine import Mechanism
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judged
@@ -174,6 +175,17 @@ def test_the_nut_follows_as_the_slow_version_says() -> None:
     assert [kernels.lift_raw(model, state, counts, z)[2] for z in heights] == pytest.approx(
         naive_mend.lift_moves(moves, BENT_SCREW), abs=1e-9
     )
+
+
+def test_the_push_at_the_end_of_a_travel_is_what_the_slow_version_says() -> None:
+    from tests.naive_travel import arriving_push_mm
+
+    model, state = lookup(BENT_SCREW), start(BENT_SCREW).state
+    rng = np.random.default_rng(6)
+    for motor, z, way in zip(rng.uniform(0, 19, 300), rng.uniform(0, 19, 300), rng.integers(-1, 2, 300), strict=True):
+        state.mended.m[kernels.ZED] = motor
+        wanted = arriving_push_mm(BENT_SCREW, motor, z, float(way))
+        assert arriving_push(model, state, z, float(way)) == pytest.approx(wanted, abs=1e-9)
 
 
 def test_a_saved_series_is_the_screw_again(tmp_path: Path) -> None:

@@ -108,7 +108,7 @@ from printmend.invert.kernels.travel import arrival, arriving_push, plan_travel
 from printmend.invert.kernels.turns import survey
 from printmend.jit import entry, inner
 
-LOOKS_FROM_HOME = 256  # places of a line that comes from there
+LOOKS_FROM_HOME = 256  # parts into which a line from home is cut to look at: 1.2 mm each at the most on a bed of 220 mm
 
 
 # The kernels here, in `draw` and in `predict` have many parameters: the arrays of one file's way through the planner,
@@ -292,13 +292,12 @@ def _from_home(model, record, m0, m1):
     from0, from1 = to_motors(model, home_x, home_y)
     most = 0.0
     for i in range(LOOKS_FROM_HOME + 1):
-        s = i / LOOKS_FROM_HOME
-        for sides in range(4):
-            u0 = forward(model, 0, sides & 1, from0 + s * (m0 - from0))
-            u1 = forward(model, 1, sides >> 1, from1 + s * (m1 - from1))
-            x, y = printed(model, u0, u1)
-            off, _ = line_distance(home_x, home_y, record.x1, record.y1, x, y)
-            most = max(most, off)
+        at0, at1 = from0 + i / LOOKS_FROM_HOME * (m0 - from0), from1 + i / LOOKS_FROM_HOME * (m1 - from1)
+        for u0 in (forward(model, 0, LOWER, at0), forward(model, 0, UPPER, at0)):
+            for u1 in (forward(model, 1, LOWER, at1), forward(model, 1, UPPER, at1)):
+                x, y = printed(model, u0, u1)
+                off, _ = line_distance(home_x, home_y, record.x1, record.y1, x, y)
+                most = max(most, off)
     return most
 
 
