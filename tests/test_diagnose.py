@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY, Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play
 from printmend.diagnosis.advice import advise
-from printmend.diagnosis.diagnosis import Doubt, Fault, _scale, or_a_skew
+from printmend.diagnosis.diagnosis import Doubt, NamedFault, _scale, or_a_skew
 from printmend.errors import GcodeError, InputError, TraceError
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import Trace
@@ -76,12 +76,12 @@ def test_a_crooked_corexy_is_called_so_before_two_opposite_pulleys(rng: np.rando
 
 
 def test_a_wrong_pulley_of_a_corexy_may_be_a_skewed_frame_of_a_wrong_size() -> None:
-    wrong = Fault("a", "scale", 1.83, 0.13, "%", "pulley radius 6.4832 ± 0.0083 mm instead of 6.366")
+    wrong = NamedFault("a", "scale", 1.83, 0.13, "%", "pulley radius 6.4832 ± 0.0083 mm instead of 6.366")
     (named,), other = or_a_skew([[wrong], []])
     other_cause = "the frame is skewed by 1.05° and prints 0.92 % too large, which looks the same"
     assert named.words == f"{wrong.words} (or, less likely, {other_cause})"
     assert other == []
-    both = [[wrong], [Fault("b", "scale", 1.9, 0.13, "%", "alike")]]
+    both = [[wrong], [NamedFault("b", "scale", 1.9, 0.13, "%", "alike")]]
     assert or_a_skew(both) == both
 
 
@@ -185,19 +185,19 @@ KINDS = (
 
 def test_what_needs_no_repair_asks_for_none() -> None:
     for kind in ("backlash", "wobble", "loose-belt", "play-by-angle", "friction", "drift", "elastic", "harmonic-1"):
-        small = advise(Fault("x", kind, 0.03, 0.001, "mm", "words"))
+        small = advise(NamedFault("x", kind, 0.03, 0.001, "mm", "words"))
         assert small.urgency == "software"
         assert small.repair.startswith("Nothing")
-        assert not advise(Fault("x", kind, 0.3, 0.001, "mm", "words")).repair.startswith("Nothing")
+        assert not advise(NamedFault("x", kind, 0.3, 0.001, "mm", "words")).repair.startswith("Nothing")
 
 
 @pytest.mark.parametrize("kind", KINDS.split())
 def test_every_kind_of_fault_has_words(kind: str) -> None:
-    advice = advise(Fault("x", kind, -0.7, 0.01, "mm", "words"))
+    advice = advise(NamedFault("x", kind, -0.7, 0.01, "mm", "words"))
     assert advice.title
     assert advice.repair.endswith(".")
     assert advice.sure.startswith("certain")
-    assert advise(Fault("x", kind, 0.7, 0.0, "mm", "words"), corexy=True).sure.startswith("seen")
+    assert advise(NamedFault("x", kind, 0.7, 0.0, "mm", "words"), corexy=True).sure.startswith("seen")
 
 
 def test_a_scan_claims_nothing_that_the_scanner_may_have_done() -> None:
@@ -215,6 +215,6 @@ def test_a_scan_claims_nothing_that_the_scanner_may_have_done() -> None:
 
 def test_every_kind_of_fault_has_words_for_its_owner() -> None:
     for kind in ("warp", "drift", "elastic", "bow", "friction", "ripple", "jump", "play-by-angle", "loose-belt"):
-        advice = advise(Fault("x", kind, 0.3, 0.01, "mm", "words"))
+        advice = advise(NamedFault("x", kind, 0.3, 0.01, "mm", "words"))
         assert kind not in advice.title
         assert advice.repair != "Have a look."

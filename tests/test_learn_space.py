@@ -20,8 +20,7 @@ from printmend.measure import read_trace
 from printmend.measure.table import write_trace
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.promise.predict import Path as Places
-from printmend.promise.predict import push_doubt
+from printmend.promise.predict import PathPlaces, push_doubt
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
 from printmend.repair.learned import Learned, learn, learn_model, report
@@ -300,7 +299,7 @@ def test_the_doubt_of_the_push_is_in_the_promise(bent: SavedModel, tmp_path: Pat
 def test_drawn_screws_push_as_their_doubt_says(rng: np.random.Generator) -> None:
     """Roughly measured towers: what is left of the true push lies within its 90 % range, about as often."""
     z_mm, inside = np.linspace(0.2, 30.0, 200), []
-    path = Places(
+    path = PathPlaces(
         np.zeros((200, 2)), np.tile([[0.6, 0.8]], (200, 1)), np.zeros(200), np.ones((200, 2)), np.ones(200), z_mm
     )
     for _ in range(40):

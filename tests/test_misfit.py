@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
 from printmend.diagnosis.advice import advise
-from printmend.diagnosis.diagnosis import Fault
+from printmend.diagnosis.diagnosis import NamedFault
 from printmend.errors import InputError, TraceError
 from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
@@ -23,7 +23,7 @@ from printmend.probe import design_probe
 from printmend.probe.probe import keep_plan
 from printmend.promise import misfit_rows, predict
 from printmend.promise.budget import parse_budget
-from printmend.promise.effects import EARLY, Effect, Places
+from printmend.promise.effects import EARLY, Effect, PrintPlaces
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_columns import Candidate
 from printmend.promise.misfit_rows import in_order
@@ -237,7 +237,7 @@ def test_what_a_corexys_rails_do_is_no_noise(rng: np.random.Generator) -> None:
     assert [each.words.count("along") for each in found_in(box, trace, causes) if each.kind == "rail-wave"] == [1]
     effects, _ = effects_of(box, trace, causes)
     still = np.ones((len(points), 2))
-    places = Places(corexy.to_motor(points), points, still, still, np.linspace(0, 100, len(points)))
+    places = PrintPlaces(corexy.to_motor(points), points, still, still, np.linspace(0, 100, len(points)))
     waves = [each.law(places.seen_by(each)) for each in effects if each.kind == "rail-wave"]
     assert np.std(corexy.from_motor(np.stack(waves, axis=1))[:, 0]) == pytest.approx(np.std(wave), rel=0.15)
 
@@ -291,13 +291,13 @@ def test_a_short_print_is_promised_to_be_as_warm_as_it_gets(rng: np.random.Gener
     ends, still = np.array([[220.0, 110.0], [0.0, 110.0]]), np.ones((2, 2))
     off_mm = []
     for gone_mm in (1e3, 1e4):
-        drawn = effect.drawn(Places(ends, ends, still, still, np.full(2, gone_mm)), np.ones(400), rng)
+        drawn = effect.drawn(PrintPlaces(ends, ends, still, still, np.full(2, gone_mm)), np.ones(400), rng)
         off_mm.append(np.median(np.abs(drawn.columns @ drawn.drawn), axis=1))
     assert off_mm[0][0] < 0.03
     assert off_mm[1][0] == pytest.approx(0.2 * (1 - 0.351), abs=0.01)
     assert max(off_mm[0][1], off_mm[1][1]) < 1e-9  # at the end stop
     drift = replace(effect, kind="linear", weights=np.array([0.1]))  # beside it: the model has the first tenth of it
-    drawn = drift.drawn(Places(ends, ends, still, still, np.full(2, 1e3)), np.ones(400), rng)
+    drawn = drift.drawn(PrintPlaces(ends, ends, still, still, np.full(2, 1e3)), np.ones(400), rng)
     assert drawn.columns @ drawn.drawn == pytest.approx(np.full((2, 400), 0.1 * (1 - 0.108)))
 
 
@@ -342,7 +342,7 @@ def test_an_idler_is_a_part_that_the_evidence_switches_on(rng: np.random.Generat
     assert budget.motors[0].design.second_mm == branches.second_mm
     assert remember(again, 0).design.second_mm == branches.second_mm
     fault = next(each for each in saved.document["diagnosis"] if each["kind"].startswith("period-"))
-    assert "idler" in advise(Fault(**fault, words="")).meaning
+    assert "idler" in advise(NamedFault(**fault, words="")).meaning
     assert not saved.document["misfit"]["found"]
 
 
@@ -362,9 +362,9 @@ def test_a_rail_with_play_is_told_from_the_belts_of_a_corexy(rng: np.random.Gene
     assert {effect.kind for effect in effects} == {"rail-play"}
     angle, nothing = np.linspace(0.01, 2 * np.pi, 100, endpoint=False), np.zeros((100, 2))
     wanted, tangent = (np.stack([np.cos(a), np.sin(a)], axis=1) for a in (angle, angle + np.pi / 2))
-    path = predict.Path(100 * wanted + 150, tangent, nothing[:, 0], nothing, np.ones(100))
+    path = predict.PathPlaces(100 * wanted + 150, tangent, nothing[:, 0], nothing, np.ones(100))
     aims = predict._aims(healthy_mechanism(printer), path, at_rest=False)
-    round_part = Places(aims.before_mm, path.wanted_mm, aims.side, aims.ways, np.linspace(0, 600, 100))
+    round_part = PrintPlaces(aims.before_mm, path.wanted_mm, aims.side, aims.ways, np.linspace(0, 600, 100))
     promised = printer.from_motor(np.stack([each.law(round_part.seen_by(each)) for each in effects], axis=1))
     assert np.sqrt(np.mean(promised**2, axis=0)) == pytest.approx([0.06, 0.0], abs=0.01)  # also where Y is the faster
     marks = replace(path, tangent=np.tile([0.0, 1.0], (100, 1)), ways=np.sign(tangent))  # to which the nozzle came so

@@ -23,10 +23,9 @@ from printmend.picture.paper import PAPER
 from printmend.printer import Printer, read_printer
 from printmend.promise.apply import believe
 from printmend.promise.budget import parse_budget
-from printmend.promise.effects import EARLY, Drawn, Effect
+from printmend.promise.effects import EARLY, DrawnCause, Effect
 from printmend.promise.misfit import misfit_section
-from printmend.promise.predict import DRAWS, Errors, Promise, _Side, _summed_up, _thinned, shape_of
-from printmend.promise.predict import Path as Places
+from printmend.promise.predict import DRAWS, Errors, PathPlaces, Promise, _Side, _summed_up, _thinned, shape_of
 from printmend.promise.scale import in_words, scale_words
 from printmend.promise.unexplained import unexplained
 from printmend.repair import check_gcode, mend_gcode
@@ -296,7 +295,7 @@ def test_a_shape_is_not_worse_for_lying_elsewhere() -> None:
     angle, nothing = np.linspace(0, 2 * np.pi, 40, endpoint=False), np.zeros((40, 2))
     tangent = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     off = -3.0 * tangent[:, 1] + 0.1 * np.sin(5 * angle)
-    path = Places(nothing, tangent, off, nothing, np.ones(40))
+    path = PathPlaces(nothing, tangent, off, nothing, np.ones(40))
     known = Errors(1.1 * float(np.sqrt(np.mean(off**2))), 3.0, 3.2)
     alone, rng = np.zeros(DRAWS), np.random.default_rng(0)
     whole, shape = (_summed_up(_Side(path, off, {}, {}, known, signed=True), placed, alone, rng)[0]
@@ -305,7 +304,7 @@ def test_a_shape_is_not_worse_for_lying_elsewhere() -> None:
     assert shape.rms_mm == pytest.approx(0.1 / np.sqrt(2), rel=0.2)
     assert shape.rms_mm <= shape.max_mm
     assert shape.planning_rms_mm == pytest.approx(shape.rms_mm)
-    many = Places(*(np.repeat(each, 40, axis=0) for each in (nothing, tangent, off, nothing, np.ones(40))))
+    many = PathPlaces(*(np.repeat(each, 40, axis=0) for each in (nothing, tangent, off, nothing, np.ones(40))))
     many = replace(many, off_mm=many.off_mm * (1 + (np.arange(1600) % 7 == 0)))
     for placed in (True, False):
         few, all_of = (each.off_mm if placed else shape_of(each) for each in (_thinned(many, placed), many))
@@ -322,10 +321,11 @@ def test_what_is_summed_up_at_once_is_what_each_drawn_machine_prints(rng: np.ran
     angle, weight, off = rng.uniform(0, 7, 40), rng.uniform(1, 2, 40), rng.normal(0, 0.1, 40)
     tangent = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     causes = {
-        name: Drawn(rng.normal(0, 0.05, (40, k)), rng.standard_normal((k, DRAWS))) for name, k in (("a", 3), ("b", 2))
+        name: DrawnCause(rng.normal(0, 0.05, (40, k)), rng.standard_normal((k, DRAWS)))
+        for name, k in (("a", 3), ("b", 2))
     }
-    local = {"motion": Drawn(rng.uniform(0, 1e-4, (40, 2)), rng.uniform(0, 1, (2, DRAWS)))}
-    path = Places(np.zeros((40, 2)), tangent, off, np.zeros((40, 2)), weight)
+    local = {"motion": DrawnCause(rng.uniform(0, 1e-4, (40, 2)), rng.uniform(0, 1, (2, DRAWS)))}
+    path = PathPlaces(np.zeros((40, 2)), tangent, off, np.zeros((40, 2)), weight)
     known = Errors(float(np.sqrt(np.average(off**2, weights=weight))), 0.2, 0.3)
     side = _Side(path, off, causes, local, known, signed=True)
     promise, rms = _summed_up(side, placed, np.zeros(DRAWS), rng)

@@ -26,7 +26,7 @@ from printmend import diagnosis
 from printmend.client import Studio, StudioError
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, Screw
 from printmend.diagnosis.advice import advise
-from printmend.diagnosis.diagnosis import Fault
+from printmend.diagnosis.diagnosis import NamedFault
 from printmend.errors import InputError
 from printmend.gcode.container import open_gcode
 from printmend.gcode.mark import is_test_print
@@ -620,7 +620,7 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     screw = " ".join(Path(inspect.getsourcefile(diagnosis.screw) or "").read_text(encoding="utf-8").split())
     for kind in _KINDS.split():
         for value, sd in ((0.02, 0.0), (-0.3, 0.05), (3.0, 0.001)):
-            one = advise(Fault("x", kind, value, sd, "mm", "words"), corexy=value > 1)
+            one = advise(NamedFault("x", kind, value, sd, "mm", "words"), corexy=value > 1)
             for text in (one.title, one.meaning, one.sure, one.repair, one.software):
                 assert _german(text), text
     seen = {"turns": 0.4, "angles": 0.4, "forward": 9, "backward": 2, "lower_angles": 0.5, "upper_angles": 1.0}

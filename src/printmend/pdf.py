@@ -25,7 +25,7 @@ Place = Sequence[float] | np.ndarray  # x and y, or width and height [2] mm
 
 
 @dataclass(frozen=True, eq=False)
-class Page:
+class PdfPage:
     """A page that is drawn on, one operator after the other."""
 
     size_mm: tuple[float, float] = A4_MM

@@ -11,6 +11,7 @@ from printmend.bench.rows import OPTIMUM, Row, row
 from printmend.bench.table1 import HEADER, Line, cells, draw_cases, lines
 from printmend.bench.trial import evaluate_rows
 from printmend.control.registry import controller as controller_of
+from printmend.corruption.sampling import Severity
 from printmend.dataset.bodies import body_files
 from printmend.protocols import Learner
 
@@ -33,7 +34,7 @@ def evaluate(
     *,
     controller: str = "optimal",
     families: Sequence[str] = ("pulley",),
-    severity: Literal["damaged", "realistic"] = "damaged",
+    severity: Severity = "damaged",
     protocol: Literal["paper", "heldout"] = "heldout",
     seed: int = 0,
     limit: int | None = None,

@@ -9,7 +9,7 @@ import csv
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from printmend.bench.case import PRINTER, Case, Result
 from printmend.bench.drawn_body import drawn_body
@@ -19,7 +19,7 @@ from printmend.bench.rows import OPTIMUM, Row, row, row_parts
 from printmend.bench.run import run
 from printmend.bench.towers import TowerStand, tower_stand
 from printmend.corruption import fault
-from printmend.corruption.sampling import check_family
+from printmend.corruption.sampling import Severity, check_family
 from printmend.errors import InputError
 from printmend.executor import HERE, Executor
 from printmend.files import replacing
@@ -35,7 +35,6 @@ COVERAGES = (0.5, 1.0, 2.5)
 TURN_MM = 40.0  # of the presets' motors; a body's size is a multiple of it
 NAIVE = "naive+greedy"
 ROWS = (NAIVE, "greybox+greedy", "greybox+optimal", "oracle+greedy", OPTIMUM)
-Severity = Literal["damaged", "realistic"]
 SEVERITIES: tuple[Severity, ...] = ("damaged", "realistic")
 
 # The purposes for which a case's generator is seeded; part of the meaning of a seed.

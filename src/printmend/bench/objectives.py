@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from printmend.bench.table1 import drawn_layers
 from printmend.body import body_of, demo_body_gcode, load_body
 from printmend.corruption import families as known_families
 from printmend.corruption import sample
+from printmend.corruption.sampling import Severity
 from printmend.dataset.bodies import digest
 from printmend.errors import InputError
 from printmend.executor import HERE, Executor
@@ -39,7 +40,7 @@ def objective_cases(
     source: Path | None,
     *,
     families: Sequence[str],
-    severity: Literal["damaged", "realistic"],
+    severity: Severity,
     layers: int,
     seed: int,
     printer: str,

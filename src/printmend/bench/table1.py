@@ -16,7 +16,7 @@ from printmend.bench.run import run
 from printmend.body import load_body
 from printmend.body.load import is_mesh
 from printmend.corruption import fault, read_corruption
-from printmend.corruption.sampling import check_family
+from printmend.corruption.sampling import Severity, check_family
 from printmend.dataset.bodies import body_rng, digest
 from printmend.dataset.build import (
     BODIES,
@@ -52,7 +52,7 @@ def draw_cases(
     *,
     protocol: Protocol,
     families: tuple[str, ...],
-    severity: Literal["damaged", "realistic"],
+    severity: Severity,
     seed: int,
     limit: int | None = None,
     sliced: Path | None = None,
@@ -173,7 +173,7 @@ def drawn_layers(
     return tuple(candidates[i] for i in sorted(drawn))
 
 
-def _severity(case: Case) -> Literal["damaged", "realistic"]:
+def _severity(case: Case) -> Severity:
     return "realistic" if case.severity == "realistic" else "damaged"
 
 

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.model import Model
+from printmend.cli.model import ModelType
 
 
 @click.command(epilog="Example: printmend check part.gcode -m printer.mend.json --against part.mended.gcode")
 @click.argument("source", metavar="PART.gcode", type=click.Path(path_type=Path, dir_okay=False, allow_dash=True))
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=Model(),
+    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=ModelType(),
     help="What `printmend learn` wrote about this printer.",
 )  # fmt: skip
 @click.option("--against", metavar="out.gcode", type=click.Path(path_type=Path, dir_okay=False),

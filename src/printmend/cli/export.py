@@ -4,12 +4,12 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.model import Model
+from printmend.cli.model import ModelType
 
 
 @click.command(epilog="Example: printmend export -m printer.mend.json --to marlin")
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=Model(),
+    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=ModelType(),
     help="What `printmend learn` wrote about this printer.",
 )  # fmt: skip
 @click.option("--to", "firmware", required=True, type=click.Choice(["klipper", "marlin", "rrf", "linuxcnc"]),

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.model import Model
+from printmend.cli.model import ModelType
 
 
 @click.command(epilog="Example: printmend history printer.mend.json --picture wear.png")
-@click.argument("model_path", metavar="NAME|printer.mend.json", type=Model())
+@click.argument("model_path", metavar="NAME|printer.mend.json", type=ModelType())
 @click.option("--picture", type=click.Path(path_type=Path, dir_okay=False), metavar="WEAR.png",
               help="Draw every fault over time, with its range and its trend.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.model import SUFFIX, Model, models_folder
+from printmend.cli.model import SUFFIX, ModelType, models_folder
 
 
 # Long because of its options, and because each kind of result is told in its own words.
@@ -22,7 +22,7 @@ from printmend.cli.model import SUFFIX, Model, models_folder
     help="[default: printer.mend.json; with --update: the old model's file]",
 )  # fmt: skip
 @click.option("--name", help="Keep the model in the user's folder under this name, for -m NAME.")
-@click.option("--update", "old", metavar="NAME|OLD.mend.json", type=Model(),
+@click.option("--update", "old", metavar="NAME|OLD.mend.json", type=ModelType(),
               help="Bring this model up to date with a second, smaller print, and say what changed.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
               help="Picks the rows looked at first in a long trace.")  # fmt: skip

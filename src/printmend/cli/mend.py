@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from printmend.cli.model import Model
+from printmend.cli.model import ModelType
 from printmend.cli.outcome import tell
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @click.command(epilog="Example: printmend mend part.gcode -m printer.mend.json --report part.html")
 @click.argument("sources", metavar="FILE|FOLDER|-...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=Model(),
+    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=ModelType(),
     help="What `printmend learn` wrote about this printer.",
 )  # fmt: skip
 @click.option("-o", "--output", metavar="FILE|FOLDER|-", type=click.Path(path_type=Path),

@@ -26,7 +26,7 @@ def models() -> Iterator[tuple[str, Path]]:
                 yield name, path
 
 
-class Model(click.ParamType):
+class ModelType(click.ParamType):
     """A model's file, or its name."""
 
     name = "model"

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from printmend.repair.many import Outcome
+    from printmend.repair.many import FileOutcome
 
 
-def tell(outcome: "Outcome", *, as_json: bool, quiet: bool) -> None:
+def tell(outcome: "FileOutcome", *, as_json: bool, quiet: bool) -> None:
     """Say what became of a file, on stderr where it was not mended; ``quiet`` leaves out what went well."""
     if as_json:
         click.echo(json.dumps(outcome.json(), ensure_ascii=False))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from printmend.cli.model import Model
+from printmend.cli.model import ModelType
 
 if TYPE_CHECKING:
     from printmend.corruption import Corruption
@@ -22,7 +22,7 @@ ALL = "all"
     "--corruption", "broken_path", type=click.Path(path_type=Path), help="A TOML file that says what is broken."
 )
 @click.option(
-    "-m", "--model", "model_path", metavar="NAME|printer.mend.json", type=Model(),
+    "-m", "--model", "model_path", metavar="NAME|printer.mend.json", type=ModelType(),
     help="A printer of your own, as `printmend learn` knows it.",
 )  # fmt: skip
 @click.option("--generations", type=click.IntRange(1, 100), default=6, show_default=True, help="Pulleys to print.")

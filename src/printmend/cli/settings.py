@@ -16,7 +16,7 @@ from typing import Any
 import click
 
 from printmend.cli.main import in_plain_words
-from printmend.cli.model import Model
+from printmend.cli.model import ModelType
 from printmend.errors import ConfigError
 
 PROJECT = Path("printmend.toml")
@@ -64,7 +64,7 @@ def _section(path: Path, names: list[str], name: str) -> dict[str, Any]:
 
 def _check(path: Path, place: str, option: click.Option, value: Any) -> None:
     """Raise `ConfigError` for what the option would refuse, in the file's words; models are looked up when needed."""
-    if isinstance(option.type, Model | click.Path):
+    if isinstance(option.type, ModelType | click.Path):
         return
     try:
         option.type_cast_value(click.Context(click.Command(None)), value)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.model import Model
+from printmend.cli.model import ModelType
 from printmend.cli.number import Finite
 
 
@@ -15,7 +15,7 @@ from printmend.cli.number import Finite
 )
 @click.argument("measured", nargs=-1, required=True, metavar="TRACE.csv|SCAN...", type=click.Path(path_type=Path))
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=Model(),
+    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=ModelType(),
     help="The model that the check print was mended with.",
 )  # fmt: skip
 @click.option("--probe", "plan_path", type=click.Path(path_type=Path), help="The plan of the check print, for SCANs.")

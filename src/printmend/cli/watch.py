@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from printmend.cli.model import Model
+from printmend.cli.model import ModelType
 from printmend.cli.number import Finite
 from printmend.cli.outcome import tell
 
@@ -14,7 +14,7 @@ from printmend.cli.outcome import tell
 @click.argument("source", metavar="IN", type=click.Path(path_type=Path, file_okay=False))
 @click.argument("target", metavar="OUT", type=click.Path(path_type=Path, file_okay=False))
 @click.option(
-    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=Model(),
+    "-m", "--model", "model_path", required=True, metavar="NAME|printer.mend.json", type=ModelType(),
     help="What `printmend learn` wrote about this printer; read again when it changes.",
 )  # fmt: skip
 @click.option("--every", "every_s", type=Finite(min=0.1, max=3600), default=2.0, show_default=True,

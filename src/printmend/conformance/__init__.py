@@ -4,6 +4,6 @@ The tests run it on all that come with printmend, `printmend conformance my_modu
 function of a candidate that raises `AssertionError` with the reason where it is not kept.
 """
 
-from printmend.conformance.run import KINDS, Outcome, conformance, kind_of
+from printmend.conformance.run import KINDS, CheckOutcome, conformance, kind_of
 
-__all__ = ["KINDS", "Outcome", "conformance", "kind_of"]
+__all__ = ["KINDS", "CheckOutcome", "conformance", "kind_of"]

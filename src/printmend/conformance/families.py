@@ -3,17 +3,17 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
-from typing import Literal
 
 import numpy as np
 
 from printmend.conformance.need import need
 from printmend.corruption import HEALTHY, Fault, fault
+from printmend.corruption.sampling import Severity
 from printmend.machine import Mechanism
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
 
-MACHINES: tuple[tuple[Literal["damaged", "realistic"], str], ...] = (
+MACHINES: tuple[tuple[Severity, str], ...] = (
     ("damaged", "ender5"),
     ("damaged", "ender3"),
     ("damaged", "corexy"),
@@ -27,30 +27,28 @@ class FamilyCandidate:
 
     name: str
 
-    def drawn(self, severity: Literal["damaged", "realistic"], seed: int = 5) -> Fault:
+    def drawn(self, severity: Severity, seed: int = 5) -> Fault:
         """Return a fault of the family, drawn from a seed."""
         return fault(self.name, np.random.default_rng(seed), severity)
 
-    def twin(self, severity: Literal["damaged", "realistic"], preset: str) -> Twin:
+    def twin(self, severity: Severity, preset: str) -> Twin:
         """Return a broken machine of the family."""
         return _twin(self, severity, preset)
 
 
 @lru_cache(maxsize=len(MACHINES))
-def _twin(candidate: FamilyCandidate, severity: Literal["damaged", "realistic"], preset: str) -> Twin:
+def _twin(candidate: FamilyCandidate, severity: Severity, preset: str) -> Twin:
     return Twin.of(candidate.drawn(severity), read_printer(preset))
 
 
-def seeds_repeat_and_differ(candidate: FamilyCandidate, severity: Literal["damaged", "realistic"]) -> None:
+def seeds_repeat_and_differ(candidate: FamilyCandidate, severity: Severity) -> None:
     """The same seed draws an equal fault, another seed another."""
     need(candidate.drawn(severity) == candidate.drawn(severity), "wanted equal faults of one seed")
     need(hash(candidate.drawn(severity)) == hash(candidate.drawn(severity)), "wanted equal faults to hash alike")
     need(candidate.drawn(severity, 5) != candidate.drawn(severity, 6), "wanted other faults of another seed")
 
 
-def tables_rise_and_are_ordered(
-    candidate: FamilyCandidate, severity: Literal["damaged", "realistic"], preset: str
-) -> None:
+def tables_rise_and_are_ordered(candidate: FamilyCandidate, severity: Severity, preset: str) -> None:
     """Every transmission has finite branches that never fall, lower ≤ upper, and that nobody can write to."""
     mechanism = candidate.twin(severity, preset).mechanism
     if not isinstance(mechanism, Mechanism):
@@ -63,7 +61,7 @@ def tables_rise_and_are_ordered(
         need((table.lower_mm <= table.upper_mm).all(), "wanted lower ≤ upper everywhere")
 
 
-def prints_another_path(candidate: FamilyCandidate, severity: Literal["damaged", "realistic"], preset: str) -> None:
+def prints_another_path(candidate: FamilyCandidate, severity: Severity, preset: str) -> None:
     """A healthy machine prints the nominal path exactly; one with this fault does not."""
     controls, start, nominal = _printed_by_a_healthy_machine(preset)
     printed = candidate.twin(severity, preset).run(controls, start)
@@ -85,9 +83,7 @@ def _printed_by_a_healthy_machine(preset: str) -> tuple[np.ndarray, np.ndarray, 
     return controls, start, nominal
 
 
-def closed_paths_of_taut_machines_close(
-    candidate: FamilyCandidate, severity: Literal["damaged", "realistic"], preset: str
-) -> None:
+def closed_paths_of_taut_machines_close(candidate: FamilyCandidate, severity: Severity, preset: str) -> None:
     """What has no play, no jumps and no gain table is a map: a path there and back ends where it began."""
     twin = candidate.twin(severity, preset)
     taut = isinstance(twin.mechanism, Mechanism) and all(table.is_taut for table in twin.mechanism.transmissions)

@@ -13,7 +13,7 @@ _LONGEST = 200  # characters of a reason
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CheckOutcome:
     """A check and what it found: ``reason`` is None where the candidate keeps it."""
 
     check: str
@@ -46,7 +46,7 @@ def kind_of(name: str) -> str:
     raise ConfigError(name, wanted=wanted, came=f"one of type {type(found).__name__}", todo="see `printmend.protocols`")
 
 
-def conformance(name: str) -> Iterator[Outcome]:
+def conformance(name: str) -> Iterator[CheckOutcome]:
     """Yield the outcome of every check on a learner, a controller or a family of faults, one after the other.
 
     Raises `ConfigError` for a name that is nothing of that kind.
@@ -72,14 +72,14 @@ def conformance(name: str) -> Iterator[Outcome]:
         yield from _outcomes(checks.CHECKS, checks.FamilyCandidate(name))
 
 
-def _outcomes(checks: dict, candidate: object) -> Iterator[Outcome]:
+def _outcomes(checks: dict, candidate: object) -> Iterator[CheckOutcome]:
     for label, check in checks.items():
         try:
             check(candidate)
         except Exception as error:  # a plug-in may raise anything
-            yield Outcome(label, _said(error))
+            yield CheckOutcome(label, _said(error))
         else:
-            yield Outcome(label, None)
+            yield CheckOutcome(label, None)
 
 
 def _said(error: Exception) -> str:

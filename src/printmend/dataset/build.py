@@ -17,12 +17,13 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 import printmend
 from printmend.body.generated import LICENCE
+from printmend.corruption.sampling import Severity, check_family
 from printmend.dataset.bodies import digest
 from printmend.dataset.parquet import SCHEMA, digest_of, write_body, write_print
 from printmend.dataset.thingi10k import licence_beside
@@ -43,7 +44,7 @@ class Recipe:
 
     corruptions: int
     families: tuple[str, ...]
-    severity: Literal["damaged", "realistic"]
+    severity: Severity
     seed: int
     printer: str = "ender5"
     timeout_s: float = 600.0
@@ -70,7 +71,6 @@ class _Task:
 
 def check_recipe(recipe: Recipe) -> None:
     """Raise `InputError` for a printer or a family that is not known, and for too many corruptions or none."""
-    from printmend.corruption.sampling import check_family
 
     check_preset(recipe.printer)
     for family in recipe.families:

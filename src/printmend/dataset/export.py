@@ -3,12 +3,12 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from printmend.body import load_body
 from printmend.corruption import sample
+from printmend.corruption.sampling import Severity
 from printmend.dataset.bodies import body_rng, digest, thinned
 from printmend.dataset.reference import MAX_CORRUPTIONS, write_reference
 from printmend.errors import InputError, PrintmendError
@@ -32,7 +32,7 @@ def export_reference(
     corruptions: int,
     seed: int,
     layers: int | None = None,
-    severity: Literal["damaged", "realistic"] = "damaged",
+    severity: Severity = "damaged",
     tick: Callable[[str], None] = lambda name: None,
 ) -> Exported:
     """Write the bodies in ``files``, each with two of ``corruptions`` random gain tables, in the published layout.

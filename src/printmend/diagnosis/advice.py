@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from printmend.diagnosis.diagnosis import Fault
+from printmend.diagnosis.diagnosis import NamedFault
 
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations
 REPAIR_MM, SOON_MM = 0.5, 0.1  # effect on a print above which a part should be replaced, or looked at
@@ -23,7 +23,7 @@ class Advice:
     software: str
 
 
-def advise(fault: Fault, *, corexy: bool = False) -> Advice:
+def advise(fault: NamedFault, *, corexy: bool = False) -> Advice:
     """Return the advice for one fault."""
     where = f"Motor {fault.part.upper()}" if corexy and fault.part != "frame" else fault.part.upper()
     size = abs(fault.value)
@@ -39,7 +39,7 @@ def advise(fault: Fault, *, corexy: bool = False) -> Advice:
     return Advice(title, meaning, _sure(fault), effect, urgency, repair, software)
 
 
-def _sure(fault: Fault) -> str:
+def _sure(fault: NamedFault) -> str:
     """Say how sure a fault is, and between which values it lies (two standard deviations)."""
     if fault.sd <= 0:
         return "seen; its size is an estimate without an error bar"
@@ -55,7 +55,7 @@ Said = tuple[str, str, float, str, str]
 _CARRIES = "printmend carries all of it: mend each file."
 
 
-def _scale(where: str, fault: Fault, size: float) -> Said:
+def _scale(where: str, fault: NamedFault, size: float) -> Said:
     effect = size / 100 * SPAN_MM
     word = "large" if fault.value > 0 else "small"
     repair = (
@@ -69,7 +69,7 @@ def _scale(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
-def _harmonic(where: str, fault: Fault, size: float) -> Said:
+def _harmonic(where: str, fault: NamedFault, size: float) -> Said:
     k = int(fault.kind.split("-")[1])
     effect = size / k
     if k == 1:
@@ -86,7 +86,7 @@ def _harmonic(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
-def _play(where: str, fault: Fault, size: float) -> Said:
+def _play(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} belt has play",
         f"After each change of direction {where} stands still for {size:.2f} mm.",
@@ -96,7 +96,7 @@ def _play(where: str, fault: Fault, size: float) -> Said:
     )
 
 
-def _loose(where: str, fault: Fault, size: float) -> Said:
+def _loose(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} belt is loose on an uneven pulley",
         f"After each change of direction {where} stands still for about {size:.2f} mm, more at some angles.",
@@ -106,7 +106,7 @@ def _loose(where: str, fault: Fault, size: float) -> Said:
     )
 
 
-def _by_angle(where: str, fault: Fault, size: float) -> Said:
+def _by_angle(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} pulley is loose on its shaft",
         f"After each change of direction {where} stands still for about {size:.2f} mm; how much depends on the angle.",
@@ -116,7 +116,7 @@ def _by_angle(where: str, fault: Fault, size: float) -> Said:
     )
 
 
-def _friction(where: str, fault: Fault, size: float) -> Said:
+def _friction(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} runs stiffly, and its belt stretches",
         f"After a change of direction {where} lags by {size:.2f} mm, more the farther it is from the motor.",
@@ -126,7 +126,7 @@ def _friction(where: str, fault: Fault, size: float) -> Said:
     )
 
 
-def _elastic(where: str, fault: Fault, size: float) -> Said:
+def _elastic(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} belt stretches",
         "The pulley's error is felt near the motor and fades along the belt.",
@@ -134,7 +134,7 @@ def _elastic(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
-def _ripple(where: str, fault: Fault, size: float) -> Said:
+def _ripple(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} motor steps unevenly",
         f"Micro-steps are uneven by {size:.3f} mm.",
@@ -142,7 +142,7 @@ def _ripple(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
-def _drift(where: str, fault: Fault, size: float) -> Said:
+def _drift(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} stretches unevenly along the bed",
         f"The scale changes along {where}, by up to {size:.2f} mm.",
@@ -150,7 +150,7 @@ def _drift(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
-def _warp(where: str, fault: Fault, size: float) -> Said:
+def _warp(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} runs unevenly along its way",
         f"Along {where} the print swings by up to {size:.2f} mm, at the same places each time but not once a turn of "
@@ -162,7 +162,7 @@ def _warp(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
-def _period(where: str, fault: Fault, size: float) -> Said:
+def _period(where: str, fault: NamedFault, size: float) -> Said:
     length = fault.kind.removeprefix("period-")
     return (
         f"{where} swings every {length} mm",
@@ -174,7 +174,7 @@ def _period(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
-def _offset(where: str, fault: Fault, size: float) -> Said:
+def _offset(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} is shifted",
         f"Everything lies {size:.2f} mm to one side: shapes are right.",
@@ -182,7 +182,7 @@ def _offset(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
-def _skew(where: str, fault: Fault, size: float) -> Said:
+def _skew(where: str, fault: NamedFault, size: float) -> Said:
     effect = SPAN_MM * math.tan(math.radians(size))
     return (
         "The frame is not square",
@@ -193,7 +193,7 @@ def _skew(where: str, fault: Fault, size: float) -> Said:
     )
 
 
-def _bow(where: str, fault: Fault, size: float) -> Said:
+def _bow(where: str, fault: NamedFault, size: float) -> Said:
     return (
         "The guides are bent",
         f"Straight lines bow, by up to {size:.2f} mm in the bed's corners.",
@@ -203,7 +203,7 @@ def _bow(where: str, fault: Fault, size: float) -> Said:
     )
 
 
-def _jump(where: str, fault: Fault, size: float) -> Said:
+def _jump(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} lost its place during the print",
         f"From one point on everything lies {size:.2f} mm off: the belt jumped a tooth, or the motor missed steps.",
@@ -213,7 +213,7 @@ def _jump(where: str, fault: Fault, size: float) -> Said:
     )
 
 
-def _lead(where: str, fault: Fault, size: float) -> Said:
+def _lead(where: str, fault: NamedFault, size: float) -> Said:
     effect = size / 100 * SPAN_MM
     return (
         f"Prints come out too {'tall' if fault.value > 0 else 'low'}", f"{effect:.2f} mm on 100 mm of height.", effect,
@@ -221,28 +221,28 @@ def _lead(where: str, fault: Fault, size: float) -> Said:
     )  # fmt: skip
 
 
-def _uneven(where: str, fault: Fault, size: float) -> Said:
+def _uneven(where: str, fault: NamedFault, size: float) -> Said:
     return (
         "The Z screw lifts unevenly", f"Layers are too thick and too thin in turns, by up to {size:.2f} mm.", size,
         "Clean and grease the Z screw; replace it if that does not help.", _CARRIES,
     )  # fmt: skip
 
 
-def _backlash(where: str, fault: Fault, size: float) -> Said:
+def _backlash(where: str, fault: NamedFault, size: float) -> Said:
     return (
         "The Z nut has play", f"After each Z-hop the nozzle is {size:.2f} mm too high or too low.", size,
         "Replace the Z nut, or fit one with a spring.", _CARRIES,
     )  # fmt: skip
 
 
-def _wobble(where: str, fault: Fault, size: float) -> Said:
+def _wobble(where: str, fault: NamedFault, size: float) -> Said:
     return (
         "The Z screw is bent", f"It pushes the layers aside by {size:.2f} mm, in a pattern that repeats up the walls.",
         size, "Roll the Z screw on a flat table; replace a bent one. Loosen the guide at its upper end.", _CARRIES,
     )  # fmt: skip
 
 
-def _other(where: str, fault: Fault, size: float) -> Said:
+def _other(where: str, fault: NamedFault, size: float) -> Said:
     return f"{where}: {fault.kind}", fault.words, size if fault.unit == "mm" else 0.0, "Have a look.", _CARRIES
 
 

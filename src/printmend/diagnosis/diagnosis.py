@@ -23,7 +23,7 @@ _WORD = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
 
 
 @dataclass(frozen=True)
-class Fault:
+class NamedFault:
     """One fault of one motor or of the frame: ``kind``, ``value`` ± ``sd`` in ``unit``, and the words for it."""
 
     part: str
@@ -67,7 +67,7 @@ def doubt_of(trace: Trace) -> Doubt:
 class Diagnosis:
     """What was learned: the faults, one sentence about them, and one for each thing that the trace could not tell."""
 
-    faults: tuple[Fault, ...]
+    faults: tuple[NamedFault, ...]
     summary: str
     gaps: tuple[str, ...]
 
@@ -75,7 +75,7 @@ class Diagnosis:
 def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     """Name the faults of a learned machine."""
     parts: list[str] = []
-    faults: list[Fault] = []
+    faults: list[NamedFault] = []
     gaps: list[str] = []
     own = [
         [*drive_faults(drive, doubt, axis.mm_per_turn), *_jumps(drive, jumps)]
@@ -102,7 +102,7 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     return Diagnosis(tuple(faults), "; ".join(parts), tuple(gaps))
 
 
-def drive_faults(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[Fault]:
+def drive_faults(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault]:
     """Name the faults of one motor's drive, the pulley first; ``turn_mm`` is a turn of the printer's own."""
     return [*_scale(drive, doubt, turn_mm), *_pulley(drive, doubt), *_play(drive, doubt), *_rest(drive, doubt)]
 
@@ -115,8 +115,8 @@ def _sds(drive: LearnedDrive) -> np.ndarray:
     return sds
 
 
-def _fault(drive: LearnedDrive, kind: str, value: float, sd: float, words: str, unit: str = "mm") -> Fault:
-    return Fault(drive.name, kind, float(value), float(sd), unit, words)
+def _fault(drive: LearnedDrive, kind: str, value: float, sd: float, words: str, unit: str = "mm") -> NamedFault:
+    return NamedFault(drive.name, kind, float(value), float(sd), unit, words)
 
 
 def amount(value: float, sd: float, unit: str = "mm") -> str:
@@ -125,7 +125,7 @@ def amount(value: float, sd: float, unit: str = "mm") -> str:
     return f"{value:.{digits}f} ± {max(sd, 10.0**-digits):.{digits}f} {unit}"
 
 
-def _scale(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[Fault]:
+def _scale(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault]:
     powers, part = drive.branches.mean.powers_mm, drive.choice.design.parts["mean_powers"]
     if len(powers) < 2 or not powers[1]:
         return []
@@ -140,7 +140,7 @@ def _scale(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[Fault]:
     return [_fault(drive, "scale", percent, sd, words, "%")]
 
 
-def _pulley(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
+def _pulley(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     """Name the largest harmonics of the pulley; those of a loose belt's play are twice the pulley's odd ones."""
     design, values, sds = drive.choice.design, drive.choice.fit.posterior.values, _sds(drive)
     loose = drive.structure.play == "loose"
@@ -153,7 +153,7 @@ def _pulley(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
             if share and size > max(NAMED_SIGMAS * sd, LEAST_FAULT_MM, LEAST_EFFECT_MM * k):
                 found[int(k)] = (size, sd)
     largest = sorted(found, key=lambda k: -found[k][0])
-    faults: list[Fault] = []
+    faults: list[NamedFault] = []
     for k in sorted(largest[:NAMED_HARMONICS]):
         word = _WORD.get(k, f"harmonic {k}")
         words = f"{'pulley ' if not faults else ''}{word} {amount(*found[k])}"
@@ -165,7 +165,7 @@ def _pulley(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     return faults
 
 
-def _play(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
+def _play(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     if drive.structure.play == "none":
         return []
     low, high = drive.branches.reach_mm
@@ -187,8 +187,8 @@ def _play(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     return [_fault(drive, kind, value, sd, words)]
 
 
-def _rest(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
-    faults: list[Fault] = []
+def _rest(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
+    faults: list[NamedFault] = []
     structure, branches = drive.structure, drive.branches
     motor = np.linspace(*branches.reach_mm, 2001)
     if structure.ripple:
@@ -218,7 +218,7 @@ def _rest(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     return faults
 
 
-def _elastic(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
+def _elastic(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     """Name the largest wave that changes along the axis: by how much it changes from one end to the other."""
     branches, design = drive.branches, drive.choice.design
     span = (branches.reach_mm[1] - branches.reach_mm[0]) / 100.0
@@ -235,7 +235,7 @@ def _elastic(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     return [_fault(drive, "elastic", size, sd, words)]
 
 
-def _second(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
+def _second(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     """Name an error that repeats with another length than the turn, by its largest wave."""
     branches, design = drive.branches, drive.choice.design
     sizes = np.hypot(branches.second.cos_mm, branches.second.sin_mm)
@@ -248,7 +248,7 @@ def _second(drive: LearnedDrive, doubt: Doubt) -> list[Fault]:
     return [_fault(drive, f"period-{period_mm:.1f}", size, sd, words)]
 
 
-def _jumps(drive: LearnedDrive, jumps: tuple[Jump, ...]) -> list[Fault]:
+def _jumps(drive: LearnedDrive, jumps: tuple[Jump, ...]) -> list[NamedFault]:
     """Name what happened while the trace was printed; the model cannot mend it."""
     faults = []
     for belt, what in ((True, "skipped tooth"), (False, "loss of steps")):
@@ -262,7 +262,7 @@ def _jumps(drive: LearnedDrive, jumps: tuple[Jump, ...]) -> list[Fault]:
     return faults
 
 
-def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[Fault]:
+def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[NamedFault]:
     frame, printer = model.mechanism.frame, model.printer
     if frame.is_identity:
         return []
@@ -274,18 +274,20 @@ def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[Fault]:
     sd = float(np.hypot(sd, doubt.skew_deg))
     faults = []
     if abs(skew) > max(NAMED_SIGMAS * sd, 0.001):
-        faults.append(Fault("frame", "skew", skew, sd, "°", f"skewed by {amount(skew, sd, '°')}"))
+        faults.append(NamedFault("frame", "skew", skew, sd, "°", f"skewed by {amount(skew, sd, '°')}"))
     if any(choice.cross > 1 for choice in (drive.structure for drive in model.drives)):
         corners = np.array(
             [[x, y] for x in (printer.x.min_mm, printer.x.max_mm) for y in (printer.y.min_mm, printer.y.max_mm)]
         )
         bent = frame.apply(corners) - (frame.apply(middle[None]) + (corners - middle) @ np.stack([right, up]))
         size = float(np.linalg.norm(bent, axis=1).max())
-        faults.append(Fault("frame", "bow", size, 0.0, "mm", f"bent guides, up to {size:.2f} mm at the corners"))
+        faults.append(NamedFault("frame", "bow", size, 0.0, "mm", f"bent guides, up to {size:.2f} mm at the corners"))
     return faults
 
 
-def _skew_first(own: list[list[Fault]], crooked: list[Fault]) -> tuple[list[list[Fault]], list[Fault]]:
+def _skew_first(
+    own: list[list[NamedFault]], crooked: list[NamedFault]
+) -> tuple[list[list[NamedFault]], list[NamedFault]]:
     """Name a CoreXY's skew where its motors seem to have opposite scale errors: these come from one crooked frame.
 
     With x' = x + γy the motors' sums x ± y grow by ± γ/2; that two pulleys are wrong by so much, one too large and one
@@ -303,12 +305,12 @@ def _skew_first(own: list[list[Fault]], crooked: list[Fault]) -> tuple[list[list
         f"{'large' if a > 0 else 'small'} and B's {abs(b):.2f} % too {'large' if b > 0 else 'small'}, which looks the "
         "same)"
     )
-    fault = Fault("frame", "skew", skew, skew_sd, "°", words)
+    fault = NamedFault("frame", "skew", skew, skew_sd, "°", words)
     rest = [[each for each in found if each.kind != "scale"] for found in own]
     return rest, [fault, *(each for each in crooked if each.kind != "skew")]
 
 
-def or_a_skew(own: list[list[Fault]]) -> list[list[Fault]]:
+def or_a_skew(own: list[list[NamedFault]]) -> list[list[NamedFault]]:
     """Name the other cause of a CoreXY's wrong pulleys where nobody saw which way its x runs: motors whose scales are
     off by a and b stretch the bed by (a + b)/2 and make it lean by a − b, as a skewed frame of a wrong size does."""
     scales = [fault for found in own for fault in found if fault.kind == "scale"]

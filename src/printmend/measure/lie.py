@@ -8,6 +8,7 @@ import numpy as np
 from printmend.errors import ScanError
 from printmend.measure.register import Pose
 from printmend.measure.walls import RASTER_MM, Walls
+from printmend.picture.image import COMMON_DPI
 from printmend.picture.silhouette import COARSE_MM, Silhouette
 
 CELL_MM = 0.4  # of the pictures that are compared
@@ -18,7 +19,6 @@ TURNS_DEG, FINE_DEG = 3.0, 0.5
 AMBIGUOUS = 0.012  # by so much must one way to lie be better than all others
 SAME_TURN_DEG = 8.0  # lies nearer to each other are one
 UPRIGHT_DEG = 20.0  # as straight as a careful person lays a part
-COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
 # factors between the part and the file from and up to which the image's resolution is doubted
 SCALE_DOUBT, MOST_SCALE = 1.15, 20.0
 

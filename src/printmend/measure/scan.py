@@ -23,7 +23,7 @@ from printmend.picture.fiducials import (
     rectify,
     tagged_mm,
 )
-from printmend.picture.image import read_image
+from printmend.picture.image import COMMON_DPI, read_image
 from printmend.picture.page import (
     PHOTO,
     PHOTO_TODO,
@@ -41,7 +41,6 @@ from printmend.picture.ruler import Ruler, find_rulers
 from printmend.picture.sheet import tag_corners_mm
 from printmend.units import MM_PER_INCH
 
-COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
 SCALE_DOUBT = 1.22  # both spacing and size of the dots off by this: the resolution is wrong, not the printer
 LEAST_FOUND = 0.85  # with fewer the printer skipped steps, and marks beyond a skip could be others
 LEAST_TAG_SPREAD_MM = 60.0  # of the seen tags, along either axis

@@ -18,6 +18,8 @@ LEAST_SIDE_PX = 300  # of an image
 _SAVE: dict[str, dict[str, Any]] = {
     "PNG": {"compress_level": 1}, "JPEG": {"quality": 95}, "TIFF": {"compression": "tiff_lzw"},
 }  # fmt: skip
+# resolutions that scanners offer: a picture that is off by a whole factor was scanned at another of them
+COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
 TRUSTED_DPI = 140.0  # editors and phones write 72 or 96 into any file
 
 

@@ -10,7 +10,7 @@ from printmend.files import replacing
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Program
 from printmend.measure.plan import ProbePlan
-from printmend.pdf import BLACK, BLUE, GREY, PALE, RED, Page
+from printmend.pdf import BLACK, BLUE, GREY, PALE, RED, PdfPage
 from printmend.printer import Printer
 from printmend.printer.printer import PAUSE
 from printmend.probe.gcode import cost
@@ -63,7 +63,7 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
     used = pen_and_paper(plan) if plan.pen else f"{grams:.1f} g of filament"
     files = ", ".join(one.name for one in gcode_of(gcode, plan))
     kind += f", {len(plan.sheets)} sheets" if several else ", joined by a net" if plan.net else ""
-    page = Page()
+    page = PdfPage()
     _title(page, f"Your test print, {kind}", f"{files}: {len(plan)} dots, about {minutes:.0f} min, {used}")
     net = [plan.waypoints_mm[first : last + 1] for first, last in strokes_of(plan)]
     lines = [*net, *(sheet.waypoints_mm[1:3] for sheet in plan.sheets if not plan.pen)]
@@ -138,7 +138,7 @@ def write_layer_leaflet(
     is_part = [walls is None or _on_part(stroke, walls) for stroke in strokes]
     own = [stroke for stroke, part_of in zip(strokes, is_part, strict=True) if part_of]
     others = [stroke for stroke, part_of in zip(strokes, is_part, strict=True) if not part_of]
-    page = Page()
+    page = PdfPage()
     _title(page, "Your test print, the first layer of a part", f"{gcode.name}: made from {Path(part.name).name}")
     _bed(page, printer, own, np.empty((0, 2)), others_mm=others)
     every = np.vstack(own or strokes)
@@ -219,13 +219,13 @@ def _taped(plan: ProbePlan, papers: Sequence[Paper]) -> str:
     )
 
 
-def _title(page: Page, title: str, below: str) -> None:
+def _title(page: PdfPage, title: str, below: str) -> None:
     page.words((LEFT_MM, TOP_MM), title, 18.0, font="bold")
     page.words((LEFT_MM, TOP_MM + 8.0), below, 10.5, colour=GREY)
 
 
 def _bed(
-    page: Page, printer: Printer | None, strokes_mm: Sequence[np.ndarray], marks_mm: np.ndarray,
+    page: PdfPage, printer: Printer | None, strokes_mm: Sequence[np.ndarray], marks_mm: np.ndarray,
     papers: Sequence[Paper] = (), *, dot_mm: float = 1.2, others_mm: Sequence[np.ndarray] = (),
 ) -> Callable[[np.ndarray], np.ndarray]:  # fmt: skip
     """Draw the bed from above, its front edge below, what is printed on it, where each sheet is taped, and home.
@@ -285,7 +285,7 @@ def _bed(
     return placed
 
 
-def _cross(page: Page, at_mm: np.ndarray) -> None:
+def _cross(page: PdfPage, at_mm: np.ndarray) -> None:
     """Draw where a pen touches first."""
     page.rectangle(at_mm - 2.2, (4.4, 4.4), WHITE)
     for way in ([2.0, 2.0], [2.0, -2.0]):
@@ -300,7 +300,7 @@ def _sheet_shape(paper: Paper) -> Shape:
     return np.sort(np.array(paper.size_mm)), []
 
 
-def _glass(page: Page, words: str, shape: Shape) -> None:
+def _glass(page: PdfPage, words: str, shape: Shape) -> None:
     """Draw a scanner's open A4 glass, and true to scale what lies on it, as it is seen from above."""
     x, y = 128.0, PICTURES_MM
     (wide, high), strokes = shape
@@ -324,7 +324,7 @@ def _glass(page: Page, words: str, shape: Shape) -> None:
     page.words((x, y + GLASS_MM + 18.5), words, 9.0, colour=GREY)
 
 
-def _arrow(page: Page, start_mm: Sequence[float], end_mm: Sequence[float]) -> None:
+def _arrow(page: PdfPage, start_mm: Sequence[float], end_mm: Sequence[float]) -> None:
     a, b = np.array(start_mm), np.array(end_mm)
     along = (b - a) / np.hypot(*(b - a))
     side = np.array([-along[1], along[0]])
@@ -332,7 +332,7 @@ def _arrow(page: Page, start_mm: Sequence[float], end_mm: Sequence[float]) -> No
     page.line(np.array([b - 2.5 * along + 1.3 * side, b, b - 2.5 * along - 1.3 * side]), BLUE, 0.5)
 
 
-def _written(gcode: Path, page: Page, steps: Sequence[str]) -> Path:
+def _written(gcode: Path, page: PdfPage, steps: Sequence[str]) -> Path:
     y = STEPS_MM
     for number, step in enumerate(steps, start=1):
         words, _, command = step.partition(":  ")

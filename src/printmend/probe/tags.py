@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from printmend.files import replacing
-from printmend.pdf import Page
+from printmend.pdf import PdfPage
 from printmend.picture.sheet import BORDER_MM, PAGE_MM, TAG_MM, WINDOW_EDGE_MM, tag_cells, tag_centres_mm, window_mm
 
 INK = (0.0, 0.0, 0.0)
@@ -25,7 +25,7 @@ WORDS = (
 
 def write_sheet(path: str | Path) -> None:
     """Write the sheet as a one-page PDF of black rectangles."""
-    page = Page()
+    page = PdfPage()
     for tag, centre in enumerate(tag_centres_mm()):
         cell = TAG_MM / 8
         for row, column in np.argwhere(tag_cells(tag)):

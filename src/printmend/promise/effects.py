@@ -30,15 +30,15 @@ _MOST_WEIGHTS = 2 * len(TWO_MOTORS)  # of an effect that a file may name
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class DrawnCause:
     """One cause of what drawn machines differ in at places of a print: ``columns`` [N, K] @ ``drawn`` [K, D]."""
 
     columns: np.ndarray
     drawn: np.ndarray
 
-    def beside(self, other: "Drawn") -> "Drawn":
+    def beside(self, other: "DrawnCause") -> "DrawnCause":
         """Return the sum of both."""
-        return Drawn(np.hstack([self.columns, other.columns]), np.vstack([self.drawn, other.drawn]))
+        return DrawnCause(np.hstack([self.columns, other.columns]), np.vstack([self.drawn, other.drawn]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,36 +65,38 @@ class Effect:
         """Return the misfit at rows [N] mm, none of it absorbed."""
         return np.asarray(LAWS[self.kind](one, self.detail, self.place)[:, : len(self.weights)] @ self.weights)
 
-    def drawn(self, places: "Places", begun: np.ndarray, rng: np.random.Generator) -> "Drawn":
+    def drawn(self, places: "PrintPlaces", begun: np.ndarray, rng: np.random.Generator) -> "DrawnCause":
         """Return by how much the belt may be off at places of a new print [N, D]; ``begun`` [D] from 0 to 1 draws how
         far the print is with what comes anew each time, the same for all effects."""
         one = places.seen_by(self)
         columns = np.stack([self.law(one), absorbing(one) @ self.absorbed], axis=1)
         now = VARIES_FROM + (VARIES_TO - VARIES_FROM) * begun
         if self.state == VARIES:
-            return Drawn(columns, np.stack([now, np.full_like(now, -1.0)]))
+            return DrawnCause(columns, np.stack([now, np.full_like(now, -1.0)]))
         if self.state == EARLY and self.kind != "thermal":  # what came with time beside it is as it was then, too
             early = self.law(one.all_at(EARLY_DONE))
-            return Drawn(np.stack([columns[:, 0], early], axis=1), np.stack([now, np.full_like(now, -1.0)]))
+            return DrawnCause(np.stack([columns[:, 0], early], axis=1), np.stack([now, np.full_like(now, -1.0)]))
         if self.state == EARLY:
             return self._warming(places, columns[:, :1], now, rng)
         share = rng.normal(*SHARES[self.state], len(begun))
         if self.state == ENDED:
             share *= np.exp(rng.normal(0.0, GOES_ON, len(begun)))
         if self.state in (STAYS, SPEED):
-            return Drawn(columns, np.stack([share, -share]))
-        return Drawn(columns[:, :1], share[None])
+            return DrawnCause(columns, np.stack([share, -share]))
+        return DrawnCause(columns[:, :1], share[None])
 
-    def _warming(self, places: "Places", law: np.ndarray, now: np.ndarray, rng: np.random.Generator) -> "Drawn":
+    def _warming(
+        self, places: "PrintPlaces", law: np.ndarray, now: np.ndarray, rng: np.random.Generator
+    ) -> "DrawnCause":
         """Return what a warm-up may do to a print that was mended as of an early time of it: a printer grows as far as
         the print has gone, sooner or later than in the measured one, or is still warm from the print before."""
         share = self.detail
         early = warmed(np.array([EARLY_DONE]), share)
         if not self.way_mm:
-            return Drawn(law, now[None] - early)
+            return DrawnCause(law, now[None] - early)
         grown = np.stack([warmed(places.gone_mm * speed / self.way_mm, share) for speed in WARMING_SPEEDS], axis=1)
         which = rng.choice(len(WARMING_SPEEDS), len(now), p=WARMING_CHANCES)
-        return Drawn(law / warmed(np.ones(1), share) * (grown - early), np.eye(len(WARMING_SPEEDS))[:, which])
+        return DrawnCause(law / warmed(np.ones(1), share) * (grown - early), np.eye(len(WARMING_SPEEDS))[:, which])
 
     def json(self) -> dict[str, Any]:
         """Return plain values."""
@@ -104,7 +106,7 @@ class Effect:
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class PrintPlaces:
     """Places [N] of a new print: both motors, the bed [N, 2], the side of its belt that each motor pushes, which way
     each of a CoreXY's axes goes (0 where it is not known), and how far the print has gone there."""
 

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.machine import Mechanism, Transmission
 from printmend.promise.budget import Budget, MotorBudget
-from printmend.promise.effects import Drawn, Places
+from printmend.promise.effects import DrawnCause, PrintPlaces
 from printmend.saved import bed_middle
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
@@ -42,7 +42,7 @@ SEED = 11  # the same file and model always get the same promise
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class PathPlaces:
     """Places at even distances along an extruded path: ``wanted_mm`` [N, 2], unit ``tangent`` [N, 2], by how much the
     file as it is prints to the left of the path there, ``off_mm`` [N], the side that each motor pushed before the move,
     ``side`` [N, 2], the length that a place stands for, ``weight`` [N], its height, ``z_mm`` [N], where known, how far
@@ -110,7 +110,7 @@ class Outlook:
 
 
 def promised(
-    mechanism: Mechanism, budget: Budget, path: Path, before: Errors, after: Errors, *, at_rest: bool = False
+    mechanism: Mechanism, budget: Budget, path: PathPlaces, before: Errors, after: Errors, *, at_rest: bool = False
 ) -> Outlook | None:
     """Return what to expect, None for a path without a place. With ``at_rest`` the sides that are pushed are those of
     the path, not those of its tangents: its places are marks."""
@@ -120,7 +120,9 @@ def promised(
         return _outlook(mechanism, budget, _thinned(path, budget.placed), (before, after), at_rest)
 
 
-def _outlook(mechanism: Mechanism, budget: Budget, path: Path, errors: tuple[Errors, Errors], at_rest: bool) -> Outlook:
+def _outlook(
+    mechanism: Mechanism, budget: Budget, path: PathPlaces, errors: tuple[Errors, Errors], at_rest: bool
+) -> Outlook:
     rng = np.random.default_rng(SEED)
     aims = _aims(mechanism, path, at_rest)
     local = _local(mechanism, budget, path, rng)
@@ -130,7 +132,7 @@ def _outlook(mechanism: Mechanism, budget: Budget, path: Path, errors: tuple[Err
     if not budget.placed:
         both["homing"] = _homing(mechanism, path, rng)
     both |= push_doubt(budget.screw, path, rng)
-    doubts = [{"parameters": Drawn(each, z), **both} for each in columns]
+    doubts = [{"parameters": DrawnCause(each, z), **both} for each in columns]
     raw = _Side(path, path.off_mm, doubts[0], local, errors[0], signed=True)
     mended = _Side(path, np.zeros_like(path.off_mm), doubts[1], local, errors[1], signed=False)
     along = rng.uniform(-1.0, 1.0, DRAWS)
@@ -159,15 +161,15 @@ class _Side:
     machines, ``doubt``, and the variances across the path of what differs from place to place, ``local``; what the
     model itself says, ``known``: where ``signed``, ``off_mm`` says all of it but the largest."""
 
-    path: Path
+    path: PathPlaces
     off_mm: np.ndarray
-    doubt: dict[str, Drawn]
-    local: dict[str, Drawn]
+    doubt: dict[str, DrawnCause]
+    local: dict[str, DrawnCause]
     known: Errors
     signed: bool
 
 
-def _thinned(path: Path, placed: bool) -> Path:
+def _thinned(path: PathPlaces, placed: bool) -> PathPlaces:
     """Return `MOST_PLACES` of a path, with errors as large as those of all its places are together."""
     count = len(path.weight)
     if count <= MOST_PLACES:
@@ -176,13 +178,13 @@ def _thinned(path: Path, placed: bool) -> Path:
     edges = np.concatenate([[0], (at[1:] + at[:-1] + 1) // 2, [count]])
     weight = np.add.reduceat(path.weight, edges[:-1])
     others = (None if each is None else each[at] for each in (path.z_mm, path.gone_mm, path.ways))
-    few = Path(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, *others)
+    few = PathPlaces(path.wanted_mm[at], path.tangent[at], path.off_mm[at], path.side[at], weight, *others)
     whole_mm, seen_mm = (each.off_mm if placed else shape_of(each) for each in (path, few))
     whole2, seen2 = np.average(whole_mm**2, weights=path.weight), np.average(seen_mm**2, weights=weight)
     return replace(few, off_mm=few.off_mm * np.sqrt(whole2 / seen2)) if seen2 > NO_ERROR_MM2 else few
 
 
-def shape_of(path: Path) -> np.ndarray:
+def shape_of(path: PathPlaces) -> np.ndarray:
     """Return the errors across a path [N] without the part's place, which is the one shift of all of it that leaves the
     least."""
     normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
@@ -191,7 +193,7 @@ def shape_of(path: Path) -> np.ndarray:
     return np.asarray(path.off_mm - normal @ shift)
 
 
-def _aims(mechanism: Mechanism, path: Path, at_rest: bool) -> _Aims:
+def _aims(mechanism: Mechanism, path: PathPlaces, at_rest: bool) -> _Aims:
     printer = mechanism.printer
     belt = printer.to_motor(mechanism.frame.invert(path.wanted_mm))
     way = printer.to_motor(path.tangent)
@@ -212,7 +214,7 @@ def _motor_at(table: Transmission, belt_mm: np.ndarray, side: np.ndarray) -> np.
     return np.where(side > 0, lower, np.where(side < 0, upper, (lower + upper) / 2))
 
 
-def _across(mechanism: Mechanism, path: Path) -> np.ndarray:
+def _across(mechanism: Mechanism, path: PathPlaces) -> np.ndarray:
     """Return by how much a print moves to the left of its path for a millimetre of each belt [N, 2]."""
     normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
     return np.asarray(normal @ mechanism.printer.from_motor(np.eye(2)).T)
@@ -224,7 +226,7 @@ def _directions(motor: MotorBudget, rng: np.random.Generator) -> np.ndarray:
     return z if motor.seen >= WHOLE_TURN_SHARE else np.asarray(z * np.exp(rng.normal(*GUESSED_LOG, DRAWS)))
 
 
-def _homing(mechanism: Mechanism, path: Path, rng: np.random.Generator) -> Drawn:
+def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) -> DrawnCause:
     """Return the error across the path [N, DRAWS] of belts that came to rest somewhere in their play at home, when the
     measurement does not show where: every other one is engaged, the others lie anywhere."""
     printer = mechanism.printer
@@ -234,10 +236,10 @@ def _homing(mechanism: Mechanism, path: Path, rng: np.random.Generator) -> Drawn
         lower, upper = (float(each[0]) for each in table.branches_mm(at_home[[motor]]))
         resting = rng.uniform(0, 1, DRAWS) * (rng.uniform(0, 1, DRAWS) < LOOSE_AT_HOME_SHARE)
         shift[motor] = -printer.motor_home_direction(motor) * max(upper - lower, 0.0) * resting
-    return Drawn(_across(mechanism, path), shift)
+    return DrawnCause(_across(mechanism, path), shift)
 
 
-def push_doubt(screw: ScrewSeries | None, path: Path, rng: np.random.Generator) -> dict[str, Drawn]:
+def push_doubt(screw: ScrewSeries | None, path: PathPlaces, rng: np.random.Generator) -> dict[str, DrawnCause]:
     """Return the error across the path of what is not known of the push of Z; what it does at every height alike is in
     the planar machine's own doubt."""
     if screw is None or path.z_mm is None or not screw.push_sd_mm.any():
@@ -245,10 +247,10 @@ def push_doubt(screw: ScrewSeries | None, path: Path, rng: np.random.Generator) 
     waves = waves_of(path.z_mm, screw.lead_mm, HARMONICS)
     columns = np.hstack([-path.tangent[:, [1]] * waves, path.tangent[:, [0]] * waves])
     sd = screw.push_sd_mm.T.ravel()
-    return {"screw": Drawn(columns, sd[:, None] * rng.standard_normal((len(sd), DRAWS)))}
+    return {"screw": DrawnCause(columns, sd[:, None] * rng.standard_normal((len(sd), DRAWS)))}
 
 
-def _columns(mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, motor_mm: np.ndarray) -> np.ndarray:
+def _columns(mechanism: Mechanism, budget: Budget, path: PathPlaces, aims: _Aims, motor_mm: np.ndarray) -> np.ndarray:
     """Return the error across the path for each direction of both budgets [N, R]."""
     printer = mechanism.printer
     across, middle = _across(mechanism, path), bed_middle(printer)
@@ -265,7 +267,7 @@ def _columns(mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, moto
     return np.hstack(found)
 
 
-def _stretch(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Generator) -> dict[str, Drawn]:
+def _stretch(mechanism: Mechanism, budget: Budget, path: PathPlaces, rng: np.random.Generator) -> dict[str, DrawnCause]:
     """Return the error across the path [N, DRAWS] of what an instrument cannot tell from the printer."""
     if not budget.stretch:
         return {}
@@ -283,36 +285,36 @@ def _stretch(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Ge
     corexy = mechanism.printer.kinematics == "corexy"
     lean = across_x * y + across_y * x if corexy else 2 * across_x * y  # a cartesian x axis keeps its direction
     common, half = across_x * x + across_y * y, across_x * x - across_y * y
-    return {"instrument": Drawn(np.stack([common, half, lean], axis=1), drawn)}
+    return {"instrument": DrawnCause(np.stack([common, half, lean], axis=1), drawn)}
 
 
-def _local(mechanism: Mechanism, budget: Budget, path: Path, rng: np.random.Generator) -> dict[str, Drawn]:
+def _local(mechanism: Mechanism, budget: Budget, path: PathPlaces, rng: np.random.Generator) -> dict[str, DrawnCause]:
     """Return the variances across the path of what differs from place to place, by cause."""
     across2 = _across(mechanism, path) ** 2
     steps = np.array([axis.mm_per_step / axis.microsteps for axis in mechanism.printer.axes[:2]])
     drawn = np.stack(
         [np.maximum(rng.normal(motor.unexplained_mm2, motor.unexplained_sd_mm2, DRAWS), 0.0) for motor in budget.motors]
     )
-    unexplained = Drawn(across2, drawn * np.exp(2 * rng.normal(*ELSEWHERE_LOG, DRAWS)))
+    unexplained = DrawnCause(across2, drawn * np.exp(2 * rng.normal(*ELSEWHERE_LOG, DRAWS)))
     unshown = UNSHOWN_MM * np.exp(UNSHOWN_SD * rng.standard_normal(DRAWS))
-    motion = Drawn(np.full((len(across2), 1), 0.5), unshown[None] ** 2)
+    motion = DrawnCause(np.full((len(across2), 1), 0.5), unshown[None] ** 2)
     # Some drives stop evenly on their micro-steps, others hardly hold them or go between them.
-    rounding = Drawn((across2 @ (steps**2 / 12))[:, None], rng.uniform(*ROUNDED, DRAWS)[None] ** 2)
+    rounding = DrawnCause((across2 @ (steps**2 / 12))[:, None], rng.uniform(*ROUNDED, DRAWS)[None] ** 2)
     return {"unexplained": unexplained, "motion": motion, "rounding": rounding}
 
 
 def _effects(
-    mechanism: Mechanism, budget: Budget, path: Path, aims: _Aims, rng: np.random.Generator
-) -> dict[str, Drawn]:
+    mechanism: Mechanism, budget: Budget, path: PathPlaces, aims: _Aims, rng: np.random.Generator
+) -> dict[str, DrawnCause]:
     """Return the error across the path of what the tests of misfit found, by kind."""
     across = _across(mechanism, path)
-    found: dict[str, Drawn] = {}
+    found: dict[str, DrawnCause] = {}
     gone_mm = np.cumsum(path.weight) if path.gone_mm is None else path.gone_mm
-    places = Places(aims.before_mm, path.wanted_mm, aims.side, aims.ways, gone_mm)
+    places = PrintPlaces(aims.before_mm, path.wanted_mm, aims.side, aims.ways, gone_mm)
     begun = rng.uniform(0.0, 1.0, DRAWS)
     for effect in budget.effects:
         belt = effect.drawn(places, begun, rng)
-        moved = Drawn(across[:, [effect.motor]] * belt.columns, belt.drawn)
+        moved = DrawnCause(across[:, [effect.motor]] * belt.columns, belt.drawn)
         found[effect.kind] = found[effect.kind].beside(moved) if effect.kind in found else moved
     return found
 

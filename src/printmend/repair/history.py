@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from printmend.diagnosis.advice import REPAIR_MM, SOON_MM, advise
-from printmend.diagnosis.diagnosis import Fault, kind_words
+from printmend.diagnosis.diagnosis import NamedFault, kind_words
 from printmend.errors import ModelError
 from printmend.files import read_text, replacing
 from printmend.saved.model import SavedModel
@@ -61,7 +61,7 @@ class Trend:
     it has ``passed``, the next size ``level`` that matters, at which a print is off by ``effect_mm``, and when that is
     reached: ``crossing_s`` and its range, None where it is not in sight."""
 
-    fault: Fault
+    fault: NamedFault
     sizes: tuple[Size, ...]
     since: int
     per_month: float
@@ -208,7 +208,7 @@ def read_history(model_path: Path) -> tuple[dict[str, Any], ...]:
             event = json.loads(line)
             event["seconds"] = _seconds(event["time"])
             for fault in event.get("faults", []):
-                Fault(fault["part"], fault["kind"], float(fault["value"]), float(fault["sd"]), fault["unit"], "")
+                NamedFault(fault["part"], fault["kind"], float(fault["value"]), float(fault["sd"]), fault["unit"], "")
         except (ValueError, KeyError, TypeError, RecursionError):
             raise ModelError(
                 path, wanted="a JSON object with a time in every line", came=f"another in line {number}", todo=_TODO
@@ -280,7 +280,7 @@ def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
         fell = sizes[k - 1].value - sizes[k].value
         if sizes[k].value < REPAIRED * sizes[k - 1].value and fell > 4 * np.hypot(sizes[k].sd, sizes[k - 1].sd):
             since = k
-    fault = Fault(part, kind, sizes[-1].value, sizes[-1].sd, unit, "")
+    fault = NamedFault(part, kind, sizes[-1].value, sizes[-1].sd, unit, "")
     run = sizes[since:]
     if len(run) < LEAST_RUN:
         passed, ahead_mm = _passed(fault, run, None)
@@ -294,7 +294,7 @@ def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
     misfit = float(np.sum(((values - here - slope * months) / sd) ** 2) / max(len(run) - 2, 1))
     covariance = covariance * max(misfit, 1.0)
     slope_sd = float(np.sqrt(covariance[1, 1]))
-    fault = Fault(part, kind, max(here, 0.0), float(np.sqrt(covariance[0, 0])), unit, "")
+    fault = NamedFault(part, kind, max(here, 0.0), float(np.sqrt(covariance[0, 0])), unit, "")
     grows = slope > TREND_SIGMAS * slope_sd
     passed, ahead_mm = _passed(fault, run, slope if grows else None)
     level = _level(fault, ahead_mm)
@@ -304,7 +304,7 @@ def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
     return Trend(fault, sizes, since, slope, slope_sd, passed, level, ahead_mm, crossing, earliest, latest)
 
 
-def _passed(fault: Fault, run: Sequence[Size], slope: float | None) -> tuple[Passed | None, float]:
+def _passed(fault: NamedFault, run: Sequence[Size], slope: float | None) -> tuple[Passed | None, float]:
     """Return what a fault has passed, and by how many mm it shifts a print at the next size that matters.
 
     Where it grows by ``slope`` a month its trend says when; else the straight line between the last measurement of
@@ -342,9 +342,9 @@ def _crossing(
     return at((level - here) / slope), at(float(low)), at(float(high))
 
 
-def _level(fault: Fault, effect_mm: float) -> float:
+def _level(fault: NamedFault, effect_mm: float) -> float:
     """Return the size of a fault of this kind at which it shifts a print by ``effect_mm``."""
-    unit = Fault(fault.part, fault.kind, 1.0, 0.1, fault.unit, "")
+    unit = NamedFault(fault.part, fault.kind, 1.0, 0.1, fault.unit, "")
     return effect_mm / max(advise(unit).effect_mm, 1e-9)
 
 

@@ -23,7 +23,7 @@ _MARK = ".mended"
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class FileOutcome:
     """What became of a file: ``mended``, or the ``error`` and its exit ``code`` (2 or 3, 1 for a fault of ours).
 
     ``test_print`` is true of a test print of ours that was copied as it is, ``already`` of a file that was left alone
@@ -138,7 +138,7 @@ def mend_files(
     spare_test_prints: bool = False,
     spare_done: Collection[Path] = (),
     jobs: int = 1,
-) -> Iterator[Outcome]:
+) -> Iterator[FileOutcome]:
     """Mend each source to its target, ``jobs`` at a time; yield what became of them, in their order.
 
     ``spare_test_prints`` copies a test print of ours as it is: mending it makes a check print, for which nobody asked.
@@ -147,7 +147,7 @@ def mend_files(
     taken: set[Path] = set()
     lock = threading.Lock()
 
-    def mend(source: Path, target: Path) -> Outcome:
+    def mend(source: Path, target: Path) -> FileOutcome:
         try:
             with lock:
                 if target.resolve() in taken:
@@ -159,20 +159,20 @@ def mend_files(
                     )
                 taken.add(target.resolve())
             if source in spare_done and is_done(source, target, model):
-                return Outcome(source, target if target.exists() else source, already=True)
+                return FileOutcome(source, target if target.exists() else source, already=True)
             if not overwrite:
                 refuse_overwriting(target, source)
             if spare_test_prints and is_test_print(source):
                 with source.open("rb") as plain, replacing(target, "wb") as copy:
                     shutil.copyfileobj(plain, copy, 1 << 20)
-                return Outcome(source, target, test_print=True)
-            return Outcome(source, target, mend_gcode(source, model, target, force=force, fineness=fineness))
+                return FileOutcome(source, target, test_print=True)
+            return FileOutcome(source, target, mend_gcode(source, model, target, force=force, fineness=fineness))
         except PrintmendError as error:
-            return Outcome(source, target, error=str(error), code=error.exit_code)
+            return FileOutcome(source, target, error=str(error), code=error.exit_code)
         except OSError as error:
-            return Outcome(source, target, error=f"{source}: {reason(error)}", code=2)
+            return FileOutcome(source, target, error=f"{source}: {reason(error)}", code=2)
         except Exception as error:  # one file must not cost the others
-            return Outcome(source, target, error=f"{source}: {type(error).__name__}: {error}", code=1)
+            return FileOutcome(source, target, error=f"{source}: {type(error).__name__}: {error}", code=1)
 
     with ThreadPoolExecutor(jobs) as pool:  # the kernels run beside each other
         yield from pool.map(mend, sources, targets)

@@ -9,7 +9,7 @@ import numpy as np
 from printmend.invert import Planner
 from printmend.invert import layout as k
 from printmend.promise.budget import parse_budget
-from printmend.promise.predict import Errors, Path, Promise, promised, shape_of, without_doubt
+from printmend.promise.predict import Errors, PathPlaces, Promise, promised, shape_of, without_doubt
 from printmend.promise.words import in_a_line
 from printmend.saved.model import SavedModel
 from printmend.units import counted
@@ -82,7 +82,7 @@ class Prediction:
     heights: tuple[Heights, Heights] | None = None
     advice: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    path: Path | None = field(default=None, repr=False)
+    path: PathPlaces | None = field(default=None, repr=False)
     gain_mm: np.ndarray | None = field(default=None, repr=False)
 
     @property
@@ -257,7 +257,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     )  # fmt: skip
 
 
-def _shape2(path: Path) -> dict[float | None, float]:
+def _shape2(path: PathPlaces) -> dict[float | None, float]:
     """Return the mean square error of the places of each height (None: of all) without the part's place."""
     left2 = shape_of(path) ** 2
     found: dict[float | None, float] = {None: float(np.average(left2, weights=path.weight))}
@@ -287,9 +287,9 @@ def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     return (f"{most} is {name}: see what `printmend learn` said of it.",)
 
 
-def _path(samples: np.ndarray, layer_z_mm: np.ndarray) -> Path:
+def _path(samples: np.ndarray, layer_z_mm: np.ndarray) -> PathPlaces:
     found = samples[1 : 1 + int(samples[0, k.P_COUNT])]
-    return Path(
+    return PathPlaces(
         found[:, [k.P_X, k.P_Y]].copy(), found[:, [k.P_TX, k.P_TY]].copy(), found[:, k.P_OFF].copy(),
         found[:, k.P_SIDE : k.P_SIDE + 2].copy(), found[:, k.P_WEIGHT].copy(),
         layer_z_mm[found[:, k.P_LAYER].astype(np.int64)],

@@ -19,8 +19,7 @@ from printmend.measure.whose import check_origin
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.promise.budget import Budget, parse_budget
-from printmend.promise.predict import Errors, Outlook, Promise, promised
-from printmend.promise.predict import Path as Places
+from printmend.promise.predict import Errors, Outlook, PathPlaces, Promise, promised
 from printmend.repair.history import remember
 from printmend.repair.learned import ROUND, known_digests
 from printmend.repair.update import Updated, update
@@ -198,7 +197,7 @@ def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook,
     off = (raw - wanted)[known]
     gone_mm = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(wanted, axis=0).T))])[known]
     # each mark counts along x and along y; across a path along x lies y, across one along y lies −x
-    path = Places(
+    path = PathPlaces(
         np.repeat(wanted[known], 2, axis=0),
         np.tile(np.eye(2), (len(off), 1)),
         np.stack([off[:, 1], -off[:, 0]], axis=1).ravel(),

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
-from printmend.repair.many import Outcome, is_gcode_name, mend_files
+from printmend.repair.many import FileOutcome, is_gcode_name, mend_files
 from printmend.saved import SavedModel, read_model
 
 JOURNAL = ".printmend-watch.jsonl"
@@ -51,7 +51,7 @@ class Watch:
             else:
                 self.ours.add(seen[0])
 
-    def look(self) -> list[Outcome]:
+    def look(self) -> list[FileOutcome]:
         """Mend what is new and has not changed since the last look."""
         found = self._found()
         ready = [seen for seen in sorted(found) if seen in self.last and self.done.get(seen[0]) != seen]
@@ -74,7 +74,7 @@ class Watch:
                 continue
         return found
 
-    def _mend(self, seen: Seen) -> Outcome | None:
+    def _mend(self, seen: Seen) -> FileOutcome | None:
         source, target = self.source / seen[0], self.target / seen[0]
         target.parent.mkdir(parents=True, exist_ok=True)
         if seen[0] not in self.ours and not target.exists():  # what it writes itself it may write again
@@ -138,7 +138,7 @@ class Watch:
         return known
 
 
-def watch(job: Watch, *, every_s: float, once: bool, tell: Callable[[Outcome], None]) -> int:
+def watch(job: Watch, *, every_s: float, once: bool, tell: Callable[[FileOutcome], None]) -> int:
     """Look every ``every_s`` seconds, for ever or ``once`` (two looks); return the worst exit code of this run."""
     job._model()
     worst, looks = 0, 0

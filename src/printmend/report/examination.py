@@ -7,7 +7,7 @@ import numpy as np
 
 import printmend
 from printmend.diagnosis.advice import Advice, advise
-from printmend.diagnosis.diagnosis import Fault
+from printmend.diagnosis.diagnosis import NamedFault
 from printmend.diagnosis.portrait import Portrait, portrait
 from printmend.diagnosis.standard import Circle, Positioning, circle, positioning
 from printmend.errors import InputError, TraceError
@@ -123,7 +123,7 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
     corexy = printer.kinematics == "corexy"
     order = list(URGENCY)
     names = ("part", "kind", "value", "sd", "unit")
-    faults = [Fault(**{name: one[name] for name in names}, words="") for one in saved.document["diagnosis"]]
+    faults = [NamedFault(**{name: one[name] for name in names}, words="") for one in saved.document["diagnosis"]]
     all_advice = [advise(fault, corexy=corexy) for fault in faults]
     advice = [one for one in all_advice if one.effect_mm >= LEAST_ADVICE_MM or one.urgency != "software"]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))

@@ -24,7 +24,7 @@ _BEFORE = 400  # moves that are printed before a layer, so that its play is enga
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class DrawnLayer:
     """A layer's beads, ``lines`` [K] of [N, 2] mm as printed, and how far each lies from where it belongs [K] mm."""
 
     lines: Sequence[np.ndarray]
@@ -45,8 +45,8 @@ class PartView:
     minutes: tuple[float, float]
     layer: int
     z_mm: float
-    before: Drawn
-    after: Drawn
+    before: DrawnLayer
+    after: DrawnLayer
     seams_mm: np.ndarray
 
 
@@ -107,11 +107,11 @@ def _fullest(moves: Moves, drawn: np.ndarray) -> int:
     return int(inner.start + np.argmax(paths[inner]))
 
 
-def _printed(moves: Moves, layer: int, mechanism: Mechanism, wanted: shapely.STRtree, *, aligned: bool) -> Drawn:
+def _printed(moves: Moves, layer: int, mechanism: Mechanism, wanted: shapely.STRtree, *, aligned: bool) -> DrawnLayer:
     """Print a layer of a file and measure how far from the wanted lines it lies."""
     mine = np.flatnonzero(moves.layer == layer)
     if not len(mine):
-        return Drawn([], np.zeros(0))
+        return DrawnLayer([], np.zeros(0))
     chosen = np.arange(max(mine[0] - _BEFORE, 0), mine[-1] + 1)
     start, end = moves.start_mm[chosen], moves.end_mm[chosen]
     count = np.maximum(np.ceil(np.linalg.norm((end - start)[:, :2], axis=1) / _PITCH_MM), 1).astype(np.int64)
@@ -128,7 +128,7 @@ def _printed(moves: Moves, layer: int, mechanism: Mechanism, wanted: shapely.STR
     off = np.zeros(len(points))
     (at, _), found = wanted.query_nearest(points, return_distance=True, all_matches=False)
     off[at] = found
-    return Drawn(list(np.stack([printed[begin], printed[last]], axis=1)), off)
+    return DrawnLayer(list(np.stack([printed[begin], printed[last]], axis=1)), off)
 
 
 def _new_seams(wanted: Moves, given: Moves, layer: int) -> np.ndarray:

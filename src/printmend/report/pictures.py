@@ -16,7 +16,7 @@ from printmend.draw.colours import draw_coloured
 from printmend.draw.drive import LEAST_UNROUND_MM, draw_fit, draw_hull, draw_play
 from printmend.draw.figure import INK
 from printmend.report.examination import Examination
-from printmend.report.part_view import Drawn, PartView
+from printmend.report.part_view import DrawnLayer, PartView
 
 MOST_POINTS = 3000  # of a curve
 _EVEN_MM = 0.02  # play that varies by less along the axis is a number, not a picture
@@ -50,7 +50,7 @@ def part_picture(view: PartView) -> Group:
     both = np.concatenate([np.concatenate(each.lines) for each in (view.before, view.after) if len(each.lines)])
     corners = both.min(axis=0), both.max(axis=0)
 
-    def draw(drawn: Drawn, title: str, seams: np.ndarray) -> Figure:
+    def draw(drawn: DrawnLayer, title: str, seams: np.ndarray) -> Figure:
         high_in = 3.7 * float(np.clip((wide := corners[1] - corners[0])[1] / max(wide[0], 1e-6), 0.3, 1.4)) + 1.15
         figure, axes = new_figure(1, width_in=3.8, height_in=high_in)
         figure.subplots_adjust(left=0.02, right=0.98, top=1 - 0.35 / high_in, bottom=0.8 / high_in)

@@ -19,7 +19,7 @@ from starlette.concurrency import run_in_threadpool
 
 from printmend import __version__
 from printmend.errors import InputError
-from printmend.studio.jobs import Studio
+from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import KEY, FaultsIn, Health, JobCard, Preset, Preview, Problem, Upload
 from printmend.studio.store import DONE, HALF, NotThereError
 
@@ -34,12 +34,12 @@ PROBLEMS: dict[int | str, dict[str, Any]] = {
 router = APIRouter(prefix="/api", responses=PROBLEMS)
 
 
-def studio_of(request: Request) -> Studio:
+def studio_of(request: Request) -> StudioState:
     """Return the studio that a request came to."""
     return request.app.state.studio
 
 
-Here = Annotated[Studio, Depends(studio_of)]
+Here = Annotated[StudioState, Depends(studio_of)]
 Key = Annotated[str, Where(pattern=KEY)]
 
 
@@ -128,7 +128,7 @@ def jobs(here: Here, printer: Annotated[str | None, Query(pattern=KEY)] = None) 
     return cards
 
 
-def card(here: Studio, key: str, waiting: list[str] | None = None) -> JobCard:
+def card(here: StudioState, key: str, waiting: list[str] | None = None) -> JobCard:
     """Return a job as the API shows it; ``waiting`` is the queue, where it is known already."""
     job = here.jobs.look(key)
     files = job.get("files") or (job["result"] or {}).get("files", [])

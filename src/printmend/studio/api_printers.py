@@ -17,7 +17,7 @@ from printmend.printer.convert import convert, printer_text
 from printmend.printer.toml import parse_printer
 from printmend.studio.api import PROBLEMS, Here, Key, card, plain_name
 from printmend.studio.host import FILE, find_host, keep_host, read_host
-from printmend.studio.jobs import Studio
+from printmend.studio.jobs import StudioState
 from printmend.studio.shapes import (
     Distance,
     HostCard,
@@ -45,12 +45,12 @@ _NOTES = "notes.json"
 _OFFERED = (PRINTER, PROBE, PLAN, MODEL, TOWER, TOWER_TABLE)
 
 
-def _folder(here: Studio, key: str) -> Path:
+def _folder(here: StudioState, key: str) -> Path:
     here.store.printer(key)
     return here.store.path("printer", key)
 
 
-def _card(here: Studio, row: dict[str, Any]) -> PrinterCard:
+def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
     folder = here.store.path("printer", row["id"])
     printer = read_printer(folder / PRINTER)
     learned = [job for job in here.store.jobs(printer=row["id"]) if job["kind"] == "learn" and job["result"]][::-1]
@@ -106,7 +106,7 @@ def add(here: Here, new: NewPrinter) -> PrinterCard:
     return _card(here, here.store.printer(key))
 
 
-def _described(here: Studio, new: NewPrinter) -> tuple[Printer, tuple[str, ...]]:
+def _described(here: StudioState, new: NewPrinter) -> tuple[Printer, tuple[str, ...]]:
     from printmend.printer import preset_names
 
     if new.preset is not None and new.preset not in preset_names():
@@ -243,7 +243,7 @@ def _need(folder: Path, name: str, todo: str) -> None:
         raise InputError("this printer", wanted=name, came="none yet", todo=todo)
 
 
-def _scans(here: Studio, scans: ScansIn) -> dict[str, Any]:
+def _scans(here: StudioState, scans: ScansIn) -> dict[str, Any]:
     rows = [here.store.upload(key) for key in scans.uploads]
     given = {"dpi": scans.dpi, "distance_mm": scans.distance_mm}
     return {"scans": [{"upload": row["id"], "name": plain_name(row["name"])} for row in rows], **given}
@@ -275,7 +275,7 @@ def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
     return card(here, here.jobs.submit("learn", key, params))
 
 
-def _distances(here: Studio, key: str) -> Any:
+def _distances(here: StudioState, key: str) -> Any:
     from printmend.learn.callipers import choose_distances
     from printmend.measure import read_plan
 

@@ -18,7 +18,7 @@ from printmend import __version__
 from printmend.errors import PrintmendError, RefusedError
 from printmend.studio import api, api_printers
 from printmend.studio.guard import LOOPBACK, Guard, TooLargeError
-from printmend.studio.jobs import Jobs, Studio
+from printmend.studio.jobs import Jobs, StudioState
 from printmend.studio.store import NotThereError, Store
 
 PAGE = Path(__file__).parent / "page"
@@ -51,7 +51,7 @@ def create_app(
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         store = Store(folder)
         jobs = Jobs(store, workers=workers, cluster=cluster)
-        app.state.studio = Studio(store, jobs)
+        app.state.studio = StudioState(store, jobs)
         yield
         jobs.close()
         store.close()

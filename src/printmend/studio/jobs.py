@@ -175,7 +175,7 @@ class _Remote:
 
 
 @dataclass(frozen=True, eq=False)
-class Studio:
+class StudioState:
     """What the routes work with."""
 
     store: Store

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from printmend.diagnosis.advice import Advice, advise
-from printmend.diagnosis.diagnosis import Fault
+from printmend.diagnosis.diagnosis import NamedFault
 from printmend.machine import Mechanism
 from printmend.promise.misfit import misfit_words
 from printmend.promise.scale import scale_words
@@ -46,7 +46,7 @@ def advice_of(document: Mapping[str, Any]) -> list[tuple[dict[str, Any], Advice]
     corexy = document["printer"]["kinematics"] == "corexy"
     named = ("part", "kind", "value", "sd", "unit")
     return [
-        (fault, advise(Fault(**{name: fault[name] for name in named}, words=""), corexy=corexy))
+        (fault, advise(NamedFault(**{name: fault[name] for name in named}, words=""), corexy=corexy))
         for fault in document.get("diagnosis", [])
     ]
 

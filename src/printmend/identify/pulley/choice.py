@@ -15,7 +15,7 @@ from printmend.identify.drive import Design, Rows, contacts
 from printmend.identify.drive.fit import Fit, Posterior, robust_weights
 from printmend.identify.drive.select import HARMONICS, Choice
 from printmend.identify.drive.sight import sight
-from printmend.identify.pulley.fit import LEAST_LEFT_MM, OutlineFit, Places, fitted_outline
+from printmend.identify.pulley.fit import LEAST_LEFT_MM, MotorPlaces, OutlineFit, fitted_outline
 from printmend.identify.pulley.outline import ANY_PULLEY, OUTLINES, ROUND, EggOutline, FlatOutline, Outline
 from printmend.identify.pulley.shapes import ANGLES, series
 from printmend.saved import SCALE_MM
@@ -86,7 +86,7 @@ def _applies(choice: Choice) -> bool:
     return plain and not structure.friction and (structure.scale or structure.pulley != "none")
 
 
-def _places(rows: Rows, choice: Choice) -> Places:
+def _places(rows: Rows, choice: Choice) -> MotorPlaces:
     """Return what was measured at the last contacts; what the frame adds is subtracted with the grey box's estimate."""
     touch, post = choice.fit.touch, choice.fit.posterior
     weight = robust_weights(rows, touch.residual_mm, max(post.sigma_mm, NOISELESS_MM), drop=True)
@@ -117,12 +117,12 @@ def _places(rows: Rows, choice: Choice) -> Places:
     columns = np.column_stack([np.ones(len(motor)), side / 2] if played else [np.ones(len(motor))])
     radius = rows.period_mm / TURN_RAD
     angle = motor / radius - half
-    return Places(
+    return MotorPlaces(
         radius, motor, angle, side, mean, columns, np.array(OFFSET_PLAY_SD_MM)[: columns.shape[1]], count, noise
     )
 
 
-def _believed(places: Places) -> list[OutlineFit]:
+def _believed(places: MotorPlaces) -> list[OutlineFit]:
     """Return the outlines that are believed, the most likely first."""
     found = [fitted_outline(outline, places) for outline in OUTLINES]
     best = max(each.log_evidence for each in found)
@@ -138,7 +138,7 @@ def _believed(places: Places) -> list[OutlineFit]:
     return [each for each in passed if each.outline in ROUND] if passed and passed[0].outline in ROUND else passed
 
 
-def _is_patternless(found: OutlineFit, places: Places) -> bool:
+def _is_patternless(found: OutlineFit, places: MotorPlaces) -> bool:
     """Tell whether the residuals, in the order of their angles, look like noise."""
     if found.left_mm <= ARITHMETIC_MM:
         return True
@@ -154,7 +154,7 @@ def _is_settled(found: OutlineFit) -> bool:
 
 
 def _posterior(
-    design: Design, start: np.ndarray, choice: Choice, rows: Rows, places: Places, believed: list[OutlineFit]
+    design: Design, start: np.ndarray, choice: Choice, rows: Rows, places: MotorPlaces, believed: list[OutlineFit]
 ) -> Posterior:
     """Mix the outlines by their evidence; return the mean [P] and covariance [P, P] of the grey box's parameters."""
     shares = np.exp([each.log_evidence - believed[0].log_evidence for each in believed])
@@ -171,7 +171,7 @@ def _posterior(
 
 
 def _lowered(
-    found: OutlineFit, design: Design, start: np.ndarray, rows: Rows, places: Places, loose: bool
+    found: OutlineFit, design: Design, start: np.ndarray, rows: Rows, places: MotorPlaces, loose: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return an outline as parameters [P] of the grey box, and their covariance [P, P]."""
     q, count = found.q, len(found.q)

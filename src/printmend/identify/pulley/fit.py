@@ -24,7 +24,7 @@ SAME_VARIANCE_LOG = 0.05  # a smaller change of that variance's logarithm ends t
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class MotorPlaces:
     """The measured places of one motor, G of them, each the mean of its rows.
 
     ``angle_rad`` [G] is the angle from which the outline has unwound, ``error_mm`` [G] how far the belt is ahead of
@@ -64,7 +64,7 @@ class OutlineFit:
     log_evidence: float
 
 
-def fitted_outline(outline: Outline, places: Places) -> OutlineFit:
+def fitted_outline(outline: Outline, places: MotorPlaces) -> OutlineFit:
     """Fit an outline from each of its starts; return the best fit."""
     starts = list(outline.starts())
     if len(starts) > 1:
@@ -75,7 +75,7 @@ def fitted_outline(outline: Outline, places: Places) -> OutlineFit:
     return _with_variance(outline, places, starts[0])
 
 
-def _with_variance(outline: Outline, places: Places, q: np.ndarray) -> OutlineFit:
+def _with_variance(outline: Outline, places: MotorPlaces, q: np.ndarray) -> OutlineFit:
     """Fit an outline from parameters near the best, in turn with the variance of what it leaves at a place."""
     variance, noise = FIRST_LEFT_MM**2, places.noise_mm**2 / places.rows
     for _ in range(MOST_VARIANCE_ROUNDS):
@@ -113,7 +113,7 @@ class _Solution:
 class _Problem:
     """An outline to fit to places, with a given variance [mm²] of what it leaves at them."""
 
-    def __init__(self, outline: Outline, places: Places, variance: float) -> None:
+    def __init__(self, outline: Outline, places: MotorPlaces, variance: float) -> None:
         self.outline, self.places = outline, places
         self.root = 1 / np.sqrt(variance + places.noise_mm**2 / places.rows)
         self.spread = np.concatenate([outline.spread, places.spread])
