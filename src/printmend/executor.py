@@ -9,6 +9,7 @@ import logging
 import multiprocessing
 import os
 import threading
+import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -22,6 +23,7 @@ Value = TypeVar("Value")
 
 _CONNECT_S = 10.0  # until a scheduler counts as silent
 _ANSWERED_S = 2.0  # by then the answer of a worker that is ended has left it
+_RESTARTED_S = 60.0  # by then a worker of this machine that was lost has started again, even on a busy one
 _ONE_THREAD = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -174,7 +176,9 @@ class Cluster:
                 log = logging.getLogger("distributed.scheduler")
                 log.addFilter(_is_news)
                 stack.callback(log.removeFilter, _is_news)
-                yield stack.enter_context(Client(cluster))
+                client = stack.enter_context(Client(cluster))
+                stack.callback(_wait_until_started, client, int(count))
+                yield client
             else:
                 yield stack.enter_context(self._connected())
 
@@ -190,6 +194,13 @@ class Cluster:
             came = f"{type(error).__name__}: {error}"
             todo = "start `dask scheduler`, or correct the address"
             raise InputError("--cluster", wanted=f"a scheduler at {self.address}", came=came, todo=todo) from None
+
+
+def _wait_until_started(client: Any, workers: int) -> None:
+    """Wait until as many workers stand: Dask cannot close a cluster in which a lost one is being started again."""
+    until = time.monotonic() + _RESTARTED_S
+    while len(client.nthreads()) < workers and time.monotonic() < until:
+        time.sleep(0.1)
 
 
 def _is_news(record: logging.LogRecord) -> bool:
