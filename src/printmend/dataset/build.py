@@ -71,7 +71,6 @@ class _Task:
 
 def check_recipe(recipe: Recipe) -> None:
     """Raise `InputError` for a printer or a family that is not known, and for too many corruptions or none."""
-
     check_preset(recipe.printer)
     for family in recipe.families:
         check_family(family)
