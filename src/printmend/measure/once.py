@@ -13,6 +13,7 @@ from printmend.path import Trace
 
 LEAST_ROWS = 10  # rows that are called repeated
 LEAST_SHARE = 0.45  # of the measured rows: of a table that was pasted twice nearly half are copies
+RANDOM_SDS = 3.0  # standard deviations of chance within which rows count as being in no order
 _DIGITS = 16  # of a digest
 _FARTHEST_MM = 1e6  # what is said to lie farther off, is a mistake, and lies there
 
@@ -21,7 +22,8 @@ def counted_once(trace: Trace) -> tuple[Trace, int]:
     """Return the trace with copies of measured rows left unmeasured, and how many there were.
 
     The commanded motion stays: what was a copy is passed without being measured. A way back over places that measure
-    the same is no copy. Nothing is changed where fewer rows are copies than a second paste makes.
+    the same is no copy, but rows that repeat others in no order at all are: no print comes back to its places so.
+    Nothing is changed where fewer rows are copies than a second paste makes.
     """
     seen = np.isfinite(_measured(trace)).any(axis=1)
     columns = _everything(trace)
@@ -31,6 +33,9 @@ def counted_once(trace: Trace) -> tuple[Trace, int]:
     before, after = np.append(-1, row[:-1]), np.append(row[1:], -1)
     # a row and a neighbour of it again: on a way back over the same places the neighbours change sides
     copies = np.flatnonzero(seen & (_again(row, before) | _again(row, after) | (row == before)))
+    repeating = np.flatnonzero(seen & _again(row, np.zeros_like(row)))
+    if len(repeating) >= LEAST_ROWS and in_no_order(trace.commanded_mm[repeating]):
+        copies = repeating
     if len(copies) < max(LEAST_ROWS, LEAST_SHARE * seen.sum()):
         return trace, 0
     left = {}
@@ -39,6 +44,17 @@ def counted_once(trace: Trace) -> tuple[Trace, int]:
             left[name] = values.copy()
             left[name][copies] = np.nan
     return replace(trace, **left), len(copies)
+
+
+def in_no_order(places_mm: np.ndarray) -> bool:
+    """Say whether places [N, 2] come in a random order.
+
+    A nozzle goes from neighbour to neighbour; in a random order, neighbours in the table are as far from each other as
+    any two rows (mean over n of them: to 1/√n); back and forth across the bed they are farther.
+    """
+    shuffled = places_mm[np.random.default_rng(0).permutation(len(places_mm))]
+    step_mm, any_mm = (float(np.hypot(*np.diff(each, axis=0).T).mean()) for each in (places_mm, shuffled))
+    return abs(step_mm - any_mm) <= RANDOM_SDS / np.sqrt(len(places_mm)) * any_mm
 
 
 def _again(row: np.ndarray, beside: np.ndarray) -> np.ndarray:

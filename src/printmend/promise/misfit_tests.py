@@ -16,6 +16,7 @@ from printmend.identify.drive.period import NEAR_SHARE, TOOTH_MM
 from printmend.identify.drive.second import own_columns
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
 from printmend.learn.greybox.rows import motor_rows
+from printmend.measure.once import RANDOM_SDS, in_no_order
 from printmend.path import Trace
 from printmend.promise.apply import observed_stretch
 from printmend.promise.effects import EARLY, EARLY_DONE, ENDED, LEARNED, SPEED, STAYS, VARIES, Effect, absorbing
@@ -48,7 +49,6 @@ ALIKE_SHARE_COREXY = 0.25  # one motor's pulley leans both of a CoreXY's axes, t
 TILTED_SHARE = 2.0  # times what lies along the axis that moved must lie across it
 MOVED_MM, HOME_SD_MM = 0.3, 0.05  # a plate lies shifted from there on; the most doubt of the error at home
 MOST_LEFT_SHARE = 0.35  # share of an uneven belt's squares that one period may leave
-RANDOM_SDS = 3.0  # standard deviations of chance within which rows count as being in no order
 TWO_VALUED = 1.65  # kurtosis below which residuals take one of two values: even chances of a range give 1.8
 NOISE_KURTOSIS = 3.0  # kurtosis of Gaussian noise
 LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # root mean square of two values, and of other residuals, worth a word
@@ -417,16 +417,11 @@ def _unfit(box: GreyboxModel, trace: Trace) -> list[Misfit]:
 def _random_order(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     """Say where rows that are in no order leave what play leaves where its direction is not known: one of two values.
 
-    A nozzle goes from neighbour to neighbour; in a random order, neighbours in the table are as far from each other as
-    any two rows (mean over n of them: to 1/√n); back and forth across the bed they are farther. Errors that last from
-    row to row, as lost steps do, say that the order is the print's all the same.
+    Errors that last from row to row, as lost steps do, say that the order is the print's all the same.
     """
-    points = trace.commanded_mm
-    shuffled = points[np.random.default_rng(0).permutation(len(points))]
-    step_mm, any_mm = (float(np.hypot(*np.diff(each, axis=0).T).mean()) for each in (points, shuffled))
     residual, known, lost = _lost(box)
     kept = residual[known & ~lost]
-    if len(kept) < LEAST_ROWS or abs(step_mm - any_mm) > RANDOM_SDS / np.sqrt(len(points)) * any_mm:
+    if len(kept) < LEAST_ROWS or not in_no_order(trace.commanded_mm):
         return []
     freed = kept - kept.mean(axis=0)
     lasting = (freed[1:] * freed[:-1]).sum(axis=0) / np.maximum(np.square(freed).sum(axis=0), 1e-18)
