@@ -106,7 +106,9 @@ def test_a_copy_counts_once_and_a_second_measurement_twice(rng: np.random.Genera
     there = np.linspace(10, 190, 40)
     way = np.concatenate([there, there[::-1]])[:, None] * [1.0, 0.5]
     back = Trace(way, 1.01 * way)  # no play, no noise: both ways measure the same
-    for trace, copies in ((once, 0), (twice, len(commanded)), (again, 0), (layered, 0), (back, 0)):
+    shuffled = rng.permutation(np.hstack([twice.commanded_mm, twice.measured_mm]))
+    mixed = Trace(shuffled[:, :2], shuffled[:, 2:])  # pasted twice and then put in no order: no neighbours tell
+    for trace, copies in ((once, 0), (twice, 40), (again, 0), (layered, 0), (back, 0), (mixed, 40)):
         left, count = counted_once(trace)
         assert (count, len(left), int(left.measured_rows.sum())) == (copies, len(trace), len(trace) - copies)
     assert digest_of(once) == digest_of(replace(once, measured_mm=np.round(measured, 6))) != digest_of(twice)
@@ -115,8 +117,9 @@ def test_a_copy_counts_once_and_a_second_measurement_twice(rng: np.random.Genera
 def test_bom_crlf_spaces_quotes_and_unknown_columns_do_no_harm(tmp_path):
     commanded, measured = points()
     plain = read_trace(table(tmp_path, lines(commanded, measured)), PRINTER)
+    notes = ("good", 'a 0.4" nozzle', '"good, but ""faint"""', "")
     rows = "".join(
-        f'"{m[0]:.6f}", {c[0]:.6f} ,note {i},{c[1]:.6f},{m[1]:.6f}\r\n'
+        f'"{m[0]:.6f}", {c[0]:.6f} ,{notes[i % 4]},{c[1]:.6f},{m[1]:.6f}\r\n'
         for i, (c, m) in enumerate(zip(commanded, measured, strict=True))
     )
     odd = "\ufeffx_measured_mm, x_mm ,remark,y_mm,y_measured_mm\r\n" + rows + "\r\n"
@@ -190,6 +193,9 @@ COMMANDED, MEASURED = points()
         (lines(COMMANDED, MEASURED[:, ::-1]), "swapped"),
         (lines(COMMANDED, [[220, 0]] + MEASURED * [-1, 1]), "x mirrored"),
         (HEADER + "\n0,5,0,5,0,5,0,5\n" * 20, "4 cells a row.*decimal point"),
+        (HEADER + ",note\n" + "0,5,0,5,good, but faint\n" * 20, "5 cells a row.*a text that has a comma in quotes"),
+        (_with_row('5,5,"5,5'), "quote in line 21 that is not closed"),
+        (_with_row('5,5,5,5,"lost') + '\n6,6,6,6,"', "quote in line 21 that is not closed"),
         (b"\xff\xfe\x00\x01", "UTF-8"),
     ],
 )

@@ -127,7 +127,7 @@ def _readings(
             drawn.append(reading)
         if look is not None and not readings:
             look(reading)
-        # the pixels of one scan at a time
+        # the pixels of one scan at a time, beside those of the first where an overlay is drawn over them
         readings.append(_without_image(reading))
         notes.append(_described(reading, several=len(plan.sheets) > 1))
     return readings, notes

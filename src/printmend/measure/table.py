@@ -189,8 +189,9 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None]
     if any(cell.strip() for cell in cells[len(names) :]):
         raise TraceError(
             path, wanted=f"{len(names)} cells a row, as the header has", came=f"{len(cells)} in the first one",
-            todo="write numbers with a decimal point; a comma begins a new cell",
+            todo="write numbers with a decimal point, and a text that has a comma in quotes: a comma begins a new cell",
         )  # fmt: skip
+    _check_quotes(path, rest)
     wanted = [name for name in KNOWN if name in names]
     places = [names.index(name) for name in wanted]
     values = _parse_fast(rest, places)
@@ -232,6 +233,17 @@ def _check_header(path: Path, names: list[str], line: str) -> None:
     known = [name for name in names if name in KNOWN]
     if twice := sorted({name for name in known if known.count(name) > 1}):
         raise TraceError(path, wanted=f"one column {twice[0]}", came="two", todo="remove one of them")
+
+
+def _check_quotes(path: Path, text: bytes) -> None:
+    """Refuse a quote that is not closed in its line: it would take the rows below into its cell."""
+    for number, line in enumerate(text.split(b"\n") if b'"' in text else (), start=2):
+        is_odd = line.count(b'"') % 2 and len(line) < csv.field_size_limit()
+        if is_odd and len(list(csv.reader([line.decode(), ""]))) == 1:
+            raise TraceError(
+                path, wanted="a row a line", came=f"a quote in line {number} that is not closed there",
+                todo="close it, or take it away",
+            )  # fmt: skip
 
 
 def _parse_fast(text: bytes, places: list[int]) -> np.ndarray | None:
