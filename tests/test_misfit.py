@@ -39,7 +39,7 @@ from printmend.promise.misfit_tests import (
     of_the_end,
     unrest_mm,
 )
-from printmend.repair.learned import learn_model
+from printmend.repair.learned import learn_model, report
 from printmend.saved import Wave, branches_of, read_model, write_model
 from printmend.twin import Twin
 
@@ -219,6 +219,8 @@ def test_a_healthy_printer_that_warms_up_a_little_is_left_alone() -> None:
     left_out = model.document["promise"]["left_out"]
     assert [each["part"] for each in left_out] == ["A line", "B line"]
     assert model.document["promise"]["motors"]["b"]["unexplained_mm2"] > 0.9 * left_out[1]["value"] ** 2
+    for left, words in zip(left_out, report(model).splitlines()[-2:], strict=True):
+        assert f"{left['part'][0]} has an error of scale and place of {left['value']:.3f} mm" in words
 
 
 def test_what_a_corexys_rails_do_is_no_noise(rng: np.random.Generator) -> None:

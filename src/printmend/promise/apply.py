@@ -7,7 +7,7 @@ the rest stays out. The weighed sets together are what is believed of the printe
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,6 +36,7 @@ PLACES_COMPARED = 400  # of a motor's reach
 # How far what drifts evenly has gone from its mean when the print ends, for an RMS size of 1: a scale that is no larger
 # may be of another time than the next print's.
 DRIFTED = 3**0.5
+LINE = " line"  # after a motor's name: its offset, scale and changes of scale
 _PART_WORDS = {
     "mean": "pulley",
     "ripple": "micro-step ripple",
@@ -145,13 +146,27 @@ def _still(fit: GreyboxModel, unrest_mm: float, placed: bool) -> Acting:
         if size_mm <= most_mm and out_mm > SETTLED_MM:
             mine[powers], still_mm2[motor] = 0.0, out_mm**2
             mine[powers.start] = shift_mm
+            part = f"{drive.name.upper()}{LINE}"
             why = "no more than what changed while it was printed"
-            left_out.append(LeftOut(f"{drive.name.upper()} line", round(out_mm, 5), round(unrest_mm, 5), "mm", why))
+            left_out.append(LeftOut(part, round(out_mm, 5), round(unrest_mm, 5), "mm", why))
         values.append(mine)
     if not left_out:
         return Acting(fit, (), None)
     first, second = still_mm2
     return Acting(_rebuilt(fit, values, placed), tuple(left_out), None, still_mm2=(first, second))
+
+
+def still_words(document: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return a sentence for each motor whose line a model leaves as it is, because the printer drifts as much."""
+    section = document.get("promise")
+    left_out = section.get("left_out") if isinstance(section, dict) else None
+    return tuple(
+        f"note: {part.removesuffix(LINE)} has an error of scale and place of {each['value']:.3f} mm, no more than what "
+        "changed by itself while this was printed: mending leaves it as it is"
+        for each in (left_out if isinstance(left_out, list) else ())
+        if isinstance(each, dict) and isinstance(part := each.get("part"), str) and part.endswith(LINE)
+        and isinstance(each.get("value"), int | float)
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.promise.apply import acting
+from printmend.promise.apply import acting, still_words
 from printmend.promise.effects import Effect
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_rows import in_order, repeated
@@ -380,6 +380,7 @@ def report(model: SavedModel) -> str:
             *lines,
             *scale_words(model),
             *misfit_words(model.document),
+            *still_words(model.document),
             *(f"not told by this trace: {gap}" for gap in gaps),
             *todo(gaps),
         ]

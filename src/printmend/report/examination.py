@@ -14,6 +14,7 @@ from printmend.errors import InputError, TraceError
 from printmend.learn.greybox import GreyboxModel
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.promise.apply import still_words
 from printmend.promise.misfit import misfit_words
 from printmend.promise.predict import Promise
 from printmend.promise.scale import scale_words
@@ -137,7 +138,7 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
         flat.commanded_mm[shown], (flat.measured_mm - flat.commanded_mm)[shown], after[shown],
         None if part is None else part.name, None if part is None else check_gcode(part, saved),
         len(all_advice) - len(advice), learned.beyond,
-        (*scale_words(saved), *misfit_words(saved.document)), expectation(saved, flat),
+        (*scale_words(saved), *misfit_words(saved.document), *still_words(saved.document)), expectation(saved, flat),
     )  # fmt: skip
 
 
