@@ -171,6 +171,12 @@ def test_a_lens_that_bends_no_more_than_a_photo_does_is_not_mended() -> None:
     assert "scale that changes along the axis" in bent.findings[0]
 
 
+def test_an_axis_that_never_moved_says_nothing() -> None:
+    still = measured(HEALTHY, 0.002, 3)
+    still = replace(still, commanded_mm=still.commanded_mm * [1, 0], measured_mm=still.measured_mm * [1, 0])
+    assert is_healthy(learn_model(replace(still, instrument=PAPER, placed=False), ENDER3))
+
+
 def test_a_scale_that_no_scanner_has_is_mended(part: Path) -> None:
     skewed = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.015, skew_deg=1.0))
     model = learn_model(scanned(measured(skewed, 0.01, 4), np.diag([0.0005, 0.0003])), ENDER3)

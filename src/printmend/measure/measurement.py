@@ -88,21 +88,18 @@ def _measured(
         kept = "the x axis keeps its direction" if plan.kinematics == "cartesian" else "the motors share the turn"
         notes.append(f"position and turn are those that fit the commanded marks best ({kept})")
         span = choose_span(plan, measured)
-        if span is not None:
+        if span is not None and distance_mm is not None:
             widths = [_of_marks(_widths(reading), plan.sheet_of == reading.sheet) for reading in readings]
-            widths_mm = mean_of(np.stack(widths))
-            dots_mm = widths_mm[list(span)] if distance_mm is not None else np.zeros(2)
-            if distance_mm is not None:
-                measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
-                notes.append(note)
-            elif not any(reading.rulers for reading in readings):
-                wanted, wanted_mm = span, math.dist(*measured[list(span)]) + float(plan.big_dot_mm)
-                notes.append(asked(plan, span, wanted_mm, readings[0].scale))
+            dots_mm = mean_of(np.stack(widths))[list(span)]
+            measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
+            notes.append(note)
+        elif span is not None and not any(reading.rulers for reading in readings):
+            wanted, wanted_mm = span, math.dist(*measured[list(span)]) + float(plan.big_dot_mm)
+            notes.append(asked(plan, span, wanted_mm, readings[0].scale))
     finally:  # also where a later scan cannot be read
         if overlay is not None and drawn:
             own = np.flatnonzero(plan.sheet_of == drawn[0].sheet).tolist()
-            shown = wanted is not None and own.count(wanted[0]) + own.count(wanted[1]) == 2
-            draw_overlay(overlay, drawn[0], tuple(map(own.index, wanted)) if wanted and shown else ())
+            draw_overlay(overlay, drawn[0], tuple(map(own.index, wanted)) if wanted and {*wanted} <= {*own} else ())
     if plan.pen:  # a circle says where the pen went round, not where it came to rest
         measured[plan.big], sigma[plan.big] = np.nan, np.nan
     return Measurement(plan, measured, sigma, tuple(notes), instrument, wanted, wanted_mm)

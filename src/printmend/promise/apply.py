@@ -337,28 +337,28 @@ def _waves(fit: GreyboxModel, motor: int, values: np.ndarray, instrument: Instru
     design, branches = drive.choice.design, drive.branches
     motor_mm = np.linspace(*branches.reach_mm, PLACES_COMPARED)
     mean, play = design.columns(motor_mm, branches.period_mm, branches.middle_mm)
-    found = []
+    seen = []
     for name, word in _PART_WORDS.items():
         mask = design.mask(name) if name != "play" else design.mask("play_powers", "play")
-        if not values[mask].any():
-            continue
         columns = play if name == "play" else mean
-        size = float(np.sqrt(np.mean((columns[:, mask] @ values[mask]) ** 2)))
-        if size <= WAVE_FACTOR * instrument.wave_mm:
-            values[mask] = 0.0
-            part = f"{drive.name.upper()} {word}"
-            found.append(LeftOut(part, round(size, 5), instrument.wave_mm, "mm", "no more than the instrument makes"))
+        seen.append((mask, _rms(columns[:, mask] @ values[mask]), word))
     drift, bent = design.mask("mean_powers"), design.mask("cross")
     drift[design.parts["mean_powers"].start :][:2] = False
+    changes, line = mean[:, drift] @ values[drift], np.vander(motor_mm, 2)
+    seen.append((drift, _rms(changes - line @ np.linalg.lstsq(line, changes, rcond=None)[0]), "changing scale"))
     bent[design.parts["cross"]] = [p + q > 1 for p, q in CROSS[: len(design.cross)]]
-    line = np.polynomial.Polynomial.fit(motor_mm, changes := mean[:, drift] @ values[drift], 1)
-    sizes = float(np.sqrt(np.mean((changes - line(motor_mm)) ** 2))), float(np.linalg.norm(values[bent]))
-    for mask, size, word in ((drift, sizes[0], "changing scale"), (bent, sizes[1], "bent guides")):
+    seen.append((bent, float(np.linalg.norm(values[bent])), "bent guides"))
+    found = []
+    for mask, size, word in seen:
         if 0 < size <= WAVE_FACTOR * instrument.wave_mm:
             values[mask] = 0.0
             part = f"{drive.name.upper()} {word}"
             found.append(LeftOut(part, round(size, 5), instrument.wave_mm, "mm", "no more than the instrument makes"))
     return found
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _rebuilt(fit: GreyboxModel, values: list[np.ndarray], placed: bool) -> GreyboxModel:

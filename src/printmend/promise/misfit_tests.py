@@ -96,12 +96,17 @@ def _looked_at(box: GreyboxModel, trace: Trace) -> Iterator[tuple[int, Rows, Sid
         touch = drive.choice.fit.touch
         if len(touch.at) != len(trace):
             continue
-        used = np.flatnonzero((rows[motor].weight > 0) & (touch.at >= 0))
-        used = used[:: max(1, len(used) // MOST_ROWS)]
+        used = _used(rows[motor], touch.at)
         if len(used) < LEAST_ROWS:
             continue
         one = sideways(rows, motor, trace.commanded_mm, touch.side).at(used)
         yield motor, rows[motor], one, used, _near(touch.residual_mm[used])
+
+
+def _used(rows: Rows, at: np.ndarray) -> np.ndarray:
+    """Return some rows that were measured and touch a branch, ``at`` [N] being where or −1."""
+    used = np.flatnonzero((rows.weight > 0) & (at >= 0))
+    return used[:: max(1, len(used) // MOST_ROWS)]
 
 
 def unrest_mm(box: GreyboxModel, trace: Trace) -> float:
@@ -109,12 +114,9 @@ def unrest_mm(box: GreyboxModel, trace: Trace) -> float:
     chosen for the model: a drift, however slow, from the mean of the print; 0 where nothing surely did."""
     sizes = [0.0]
     for motor, rows, one, used, near in _looked_at(box, trace):
-        drive, seen = box.drives[motor], one.at(near)
-        residual = drive.choice.fit.touch.residual_mm[used][near]
-        sigma, basis = _spread_mm(residual), own_columns(drive.choice, rows, used[near])
-        left = np.clip(residual, -CLIP_SIGMAS * sigma, CLIP_SIGMAS * sigma)
-        left = left - basis @ (basis.T @ left)
-        spare = max(len(left) - basis.shape[1], 1)
+        choice, seen = box.drives[motor].choice, one.at(near)
+        basis = own_columns(choice, rows, used[near])
+        left, spare = _left(choice.fit.touch.residual_mm[used][near], basis)
         tried = [_tried(motor, each, seen, left, basis, spare, SURE_NATS) for each in in_time()]
         sizes += [max(((c.nats, c.size_mm) for c in tried if c is not None and c.size_mm < LEAST_COST_MM),
                       default=(0.0, 0.0))[1]]  # fmt: skip
@@ -170,10 +172,7 @@ def _repeated(
 def _explained(
     motor: int, offered: list[Candidate], one: Sideways, residual_mm: np.ndarray, basis: np.ndarray
 ) -> list[Cause]:
-    sigma = _spread_mm(residual_mm)
-    left = np.clip(residual_mm, -CLIP_SIGMAS * sigma, CLIP_SIGMAS * sigma)
-    left = left - basis @ (basis.T @ left)
-    spare = max(len(left) - basis.shape[1], 1)
+    sigma, (left, spare) = _spread_mm(residual_mm), _left(residual_mm, basis)
     found: list[Cause] = []
     while len(found) < MOST_CAUSES:
         tried = [_tried(motor, each, one, left, basis, spare, SURE_NATS) for each in offered]
@@ -192,6 +191,14 @@ def _explained(
         basis = np.column_stack([basis, more])
         left = left - more @ (more.T @ left)
     return found
+
+
+def _left(residual_mm: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return clipped residuals [M] without what a fit's own parts, an orthonormal ``basis`` [M, Q], explain of them,
+    and how many numbers these leave free."""
+    most_mm = CLIP_SIGMAS * _spread_mm(residual_mm)
+    left = np.clip(residual_mm, -most_mm, most_mm)
+    return left - basis @ (basis.T @ left), max(len(left) - basis.shape[1], 1)
 
 
 def _tried(
@@ -243,13 +250,13 @@ def effects_of(
     ``state`` is what the model makes of those in time."""
     rows = motor_rows(trace, box.printer, box.periods_mm)
     effects, explained = [], np.zeros((len(trace), 2))
-    spans = [[float(each.min()), float(each.max())] for each in (*_motors(rows), *trace.commanded_mm.T)]
+    ways = [*(row.motor_mm for row in rows), *trace.commanded_mm.T]
+    spans = [[float(each.min()), float(each.max())] for each in ways]
     way_mm = round(float(np.hypot(*np.diff(trace.commanded_mm, axis=0).T).sum()), 1)
     for cause in causes:
         drive, kind = box.drives[cause.motor], cause.candidate.kind
         one = sideways(rows, cause.motor, trace.commanded_mm, drive.choice.fit.touch.side)
-        used = np.flatnonzero((rows[cause.motor].weight > 0) & (drive.choice.fit.touch.at >= 0))
-        used = used[:: max(1, len(used) // MOST_ROWS)]
+        used = _used(rows[cause.motor], drive.choice.fit.touch.at)
         done = cause.candidate.columns(one) @ cause.weights
         basis = own_columns(drive.choice, rows[cause.motor], used)
         taken = basis @ (basis.T @ done[used])
@@ -268,10 +275,6 @@ def effects_of(
             )
         )  # fmt: skip
     return tuple(effects), explained
-
-
-def _motors(rows: list[Rows]) -> list[np.ndarray]:
-    return [row.motor_mm for row in rows]
 
 
 def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: str = VARIES) -> tuple[Misfit, ...]:

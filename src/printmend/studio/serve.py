@@ -29,7 +29,7 @@ def serve(
     """Serve until Ctrl-C. Another ``host`` than this computer needs a token, which ``told`` hears once.
 
     ``names`` are further names by which browsers reach it; ``cluster`` runs the jobs elsewhere (see `executor`). Raises
-    `InputError` where the port is not free, or nobody answers at the cluster's address.
+    `InputError` where the port is not free, another studio has the folder, or nobody answers at the cluster's address.
     """
     remote = None if cluster is None else cast(Cluster, executor(1, cluster))
     token = None if host in LOOPBACK else secrets.token_urlsafe(24)

@@ -79,7 +79,7 @@ def unpack(packed, out):
 
 @entry
 def pack(text, no_spaces, out):
-    """Encode whole lines into ``out``, which has room for twice the length and 16 more; return the bytes written.
+    """Encode whole lines into ``out``, which has room for twice the length, 6 a line and 16; return the bytes written.
 
     Lines of comment are written plainly, between commands that switch packing off and on.
     """
