@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play
+from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ModelError, RefusedError, TraceError
 from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
@@ -423,6 +423,29 @@ def test_a_scanners_doubt_hides_no_change_of_the_machine(
     assert verdict.kept == kept, verdict.words
     anew = update_words(verdict, Updated(bent, (), ("X",)))
     assert ("is not the one" in anew) != kept  # what keeps its promise is of this machine
+
+
+OTHER = Corruption((Drive(pulley=Ellipse(7.0, 5.8, 0.3)), Drive(pulley=EccentricBore(0.5, 2.5), belt=Play(0.5))))
+
+
+@pytest.mark.parametrize(
+    ("machine", "is_mended", "words"),
+    [
+        (BENT, True, "kept"),
+        (BENT, False, "Was the mended file printed"),
+        (LOOSER, True, "Bring the model up to date"),
+        (LOOSER, False, "Was the mended file printed"),
+        (OTHER, True, "Is it another printer's"),
+        (OTHER, False, "Is it another printer's"),
+    ],
+)
+def test_another_printers_table_without_a_name_is_asked_whose_it_is(
+    bent: SavedModel, machine: Corruption, is_mended: bool, words: str
+) -> None:
+    wanted = stairs(300)
+    printed = Twin.of(machine, ENDER3).follow(mended_mm(bent, wanted) if is_mended else wanted)
+    noise = np.random.default_rng(9).normal(0, 0.03, wanted.shape)
+    assert words in verify(bent, Trace(wanted, printed + noise, homed=True)).words
 
 
 def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path: Path) -> None:

@@ -132,6 +132,17 @@ def test_play_that_grew_is_found(old: SavedModel, shift_mm: float) -> None:
     assert errors[0] <= 1.02 * min(errors)
 
 
+def test_a_table_that_the_old_model_does_not_help_with_is_asked_whose_it_is(old: SavedModel) -> None:
+    drives = (Drive(belt=Play(0.6)), Drive(pulley=EccentricBore(0.9, 3.0), belt=Play(0.1)))
+    other = update(old, printed(Corruption(drives), 400, 5, small=False), rng=np.random.default_rng(0))
+    assert other.words.endswith("is this measurement of the same printer, with other parts?")
+    assert other.missed_mm is not None
+    assert other.missed_mm[0] > other.missed_mm[1]
+    for now in (machine(), machine(play_x=1.2, play_y=0.9), Corruption((machine().drives[0], drives[1]))):
+        grown = update(old, printed(now, 400, 5, small=False), rng=np.random.default_rng(0))
+        assert grown.missed_mm is None
+
+
 def test_skew_that_grew_is_found(old: SavedModel) -> None:
     trace = printed(replace(machine(), frame=CrookedFrame(skew_deg=0.3)), 300, 6)
     (change,) = update(old, trace, rng=np.random.default_rng(0)).changes

@@ -37,7 +37,7 @@ from printmend.learn.greybox import (
     with_belts,
 )
 from printmend.learn.walls import with_walls
-from printmend.machine.mechanism import Mechanism
+from printmend.machine import Mechanism, print_from_home
 from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.path import Trace
@@ -81,12 +81,14 @@ class Change:
 @dataclass(frozen=True, eq=False)
 class Updated:
     """The new model, what changed, and the motors that had to be learned anew; ``is_known`` where the model was learned
-    from this measurement, and stays as it was."""
+    from this measurement, and stays as it was. ``missed_mm`` is how far the measurement lies from where the old model
+    has it and from where a printer without faults would, root mean square, where the old model is no help."""
 
     model: SavedModel
     changes: tuple[Change, ...]
     anew: tuple[str, ...]
     is_known: bool = False
+    missed_mm: tuple[float, float] | None = None
 
     @property
     def words(self) -> str:
@@ -97,6 +99,12 @@ class Updated:
         rows += [f"{name} is not the one that the old model knew: learned anew" for name in self.anew]
         if len(self.anew) == len(self.model.printer.motors):
             rows.append("nothing of the old model is left: is this measurement of the same printer?")
+        elif self.missed_mm is not None:
+            old_mm, healthy_mm = self.missed_mm
+            rows.append(
+                f"the old model is {old_mm:.3f} mm off, a printer without faults {healthy_mm:.3f}: is this measurement "
+                "of the same printer, with other parts?"
+            )
         return "\n".join(rows or ["nothing changed by more than this trace can tell"])
 
 
@@ -191,7 +199,20 @@ def _updated(
         ),
         tuple(changes),
         names,
+        missed_mm=_missed_mm(old, trace),
     )  # fmt: skip
+
+
+def _missed_mm(old: SavedModel, trace: Trace) -> tuple[float, float] | None:
+    """Return how far a measurement lies from where an old model has it and from where a printer without faults would,
+    wherever the plate lay; None where the old model is nearer, as it is to a printer whose fault has grown."""
+    known = trace.measured_rows
+    if not known.any():
+        return None
+    wanted = trace.commanded_mm
+    both = (print_from_home(old.mechanism, wanted), wanted)
+    left, whole = (float(np.sqrt(np.var((trace.measured_mm - each)[known], axis=0).sum())) for each in both)
+    return (left, whole) if left**2 - whole**2 > PLAIN_MM**2 else None
 
 
 def _section(old: SavedModel, changes: list[Change], anew: tuple[str, ...]) -> dict[str, Any]:

@@ -29,16 +29,18 @@ LEAST_MARKS = 10  # measured, of the check print
 _LEAST_SIGMA_MM = 0.002  # of a mark: no scan is read better
 _STRETCHED_PERCENT = 0.01  # less of it is not worth a word
 _NOISE_DOUBT = 0.15  # share to which the noise of a measurement is known
-_UNMENDED_SHARE = 0.9  # of the error before mending: what is as far off was hardly mended
+_UNMENDED_SHARE = 0.9  # of the error before mending: what is as far off was hardly mended,
+_ALIKE_SHARE = 0.5  # if it lies where the model has the unmended print, to this share of its error
 _SURE_SIGMAS = 2.0  # standard deviations that a measured error may exceed its promise by
 
 
 @dataclass(frozen=True)
 class Verdict:
     """Distances of the marks from where they were wanted, root mean square [mm]: unmended as the model says
-    (``before_mm``), as measured now with its standard deviation, and as was promised with its 90 % range. ``placed``:
-    they contain where on the bed the print lies; else a shift of the whole is taken off, and ``stretch_percent`` of
-    scale that may as well be the instrument's own."""
+    (``before_mm``), as measured now with its standard deviation, and as was promised with its 90 % range;
+    ``unlike_mm`` is how far they lie from where the model has them unmended. ``placed``: they contain where on the bed
+    the print lies; else a shift of the whole is taken off, and ``stretch_percent`` of scale that may as well be the
+    instrument's own."""
 
     marks: int
     before_mm: float
@@ -47,6 +49,7 @@ class Verdict:
     promised_mm: float
     promised_low_mm: float
     promised_high_mm: float
+    unlike_mm: float
     placed: bool
     stretch_percent: float = 0.0
 
@@ -73,7 +76,12 @@ class Verdict:
         if self.kept:
             return f"{numbers}: kept ({self.marks} marks)"
         if self.now_mm > _UNMENDED_SHARE * self.before_mm:
-            return f"{numbers}: broken, and as far off as before mending. Was the mended file printed?"
+            if self.unlike_mm < _ALIKE_SHARE * self.now_mm:
+                return f"{numbers}: broken, and as far off as before mending. Was the mended file printed?"
+            return (
+                f"{numbers}: broken, and as far off as before mending, but not as this printer was. Is it another "
+                "printer's? Else a part was replaced or came loose: learn from a new test print"
+            )
         return f"{numbers}: broken. Bring the model up to date with this measurement (-o), and mend again"
 
     def json(self) -> dict[str, Any]:
@@ -117,6 +125,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
         error = error - error.mean(axis=0)
         off = off - off.mean(axis=0)
         error, stretch = _unstretched(error, trace, model.printer.kinematics == "corexy", sigma)
+    unlike = error - off
     square = np.sum(error**2, axis=1)
     noise2 = ROUND**2 * sigma**2
     now2 = float(square.mean()) - noise2
@@ -132,7 +141,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     before_mm = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
     return Verdict(
         len(known), before_mm, now, now_sd, ROUND * after.rms_mm, ROUND * after.rms_low_mm, ROUND * after.rms_high_mm,
-        placed, stretch,
+        float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - noise2, 0.0))), placed, stretch,
     )  # fmt: skip
 
 

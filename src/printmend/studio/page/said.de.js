@@ -195,6 +195,7 @@ export const sentences = [
   ["the model was learned from this very measurement: it is counted once, and nothing changes", "Das Modell ist aus eben dieser Messung gelernt: Sie zählt einmal, und nichts ändert sich"],
   ["nothing changed by more than this trace can tell", "Nichts hat sich um mehr geändert, als diese Messung zeigen kann", "nothing changed by more than this measurement can tell"],
   ["nothing of the old model is left: is this measurement of the same printer?", "Vom alten Modell ist nichts geblieben: Ist das eine Messung desselben Druckers?"],
+  ["the old model is {a} mm off, a printer without faults {b}: is this measurement of the same printer, with other parts?", "Das alte Modell liegt {a} mm daneben, ein Drucker ohne Fehler {b}: Ist das eine Messung desselben Druckers, mit anderen Teilen?"],
   ["{a} is not the one that the old model knew: learned anew", "{a} ist nicht mehr so, wie das alte Modell es kannte: neu gelernt"],
   ["{a} grew from {b} to {c} (± {d})", "{a} wuchs von {b} auf {c} (± {d})"],
   ["{a} shrank from {b} to {c} (± {d})", "{a} schrumpfte von {b} auf {c} (± {d})"],
