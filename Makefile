@@ -45,9 +45,18 @@ kernels: $(STAMP)
 	$(BIN)/python tools/ship_kernels.py
 	@touch $(KERNELS)
 
+# Where PYTHON= asks for another Python than .venv was made by, .venv is made anew; where nothing is asked for, it stays.
+ifneq ($(origin PYTHON),file)
+base = $(shell $(1) -c 'import sys; print(sys.version, sys.base_prefix)' 2>&1)
+ifneq ($(call base,$(PYTHON)),$(if $(wildcard $(BIN)/python),$(call base,$(BIN)/python)))
+ANEW := --clear
+.PHONY: $(OWNER)
+endif
+endif
+
 $(OWNER): owner.lock pip.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "printmend needs Python 3.11 or newer; set PYTHON=/path/to/python3" >&2; exit 2; }
-	@$(PYTHON) -m venv .venv || { echo "python's venv is missing: apt-get install python3-venv" >&2; exit 2; }
+	@$(PYTHON) -m venv $(ANEW) .venv || { echo "python's venv is missing: apt-get install python3-venv" >&2; exit 2; }
 	$(PIP) --require-hashes --no-deps -r pip.lock
 	$(PIP) --require-hashes --no-deps -r owner.lock
 	$(PIP) --no-build-isolation --no-deps -e .

@@ -1,6 +1,7 @@
 """The public names; what `help(printmend)` shows runs in integrations/tests/test_chains.py."""
 
 import ast
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -8,6 +9,8 @@ from pathlib import Path
 import pytest
 
 import printmend
+
+ROOT = Path(__file__).parents[1]
 
 
 def test_names_are_sorted_and_each_is_where_the_stub_says() -> None:
@@ -37,3 +40,26 @@ def test_the_package_runs_as_a_program() -> None:
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == "printmend: No such command 'nonsense'; see printmend --help\n"
+
+
+@pytest.mark.parametrize("asked", ["none", "its own", "another"])
+def test_another_python_makes_the_environment_anew(asked: str, tmp_path: Path) -> None:
+    (tmp_path / "Makefile").write_bytes((ROOT / "Makefile").read_bytes())
+    for name in ("owner.lock", "pip.lock", "requirements.lock", "pyproject.toml"):
+        (tmp_path / name).touch()
+    made = tmp_path / ".venv"
+    (made / "bin").mkdir(parents=True)
+    (made / "bin" / "python").symlink_to(sys.executable)
+    for stamp in (".owner-stamp", ".stamp"):
+        (made / stamp).touch()
+    other = tmp_path / "python9"
+    other.write_text("#!/bin/sh\necho 3.99 /elsewhere\n")
+    other.chmod(0o755)
+    python = {"none": [], "its own": [f"PYTHON={sys.executable}"], "another": [f"PYTHON={other}"]}[asked]
+    plain = {name: value for name, value in os.environ.items() if name != "PYTHON"}
+    told = subprocess.run(  # noqa: S603 - our own
+        ["make", "-n", "lint", *python],  # noqa: S607
+        cwd=tmp_path, env=plain, capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert ("-m venv --clear .venv" in told) == (asked == "another")
+    assert "ruff check" in told
