@@ -19,7 +19,6 @@ from printmend.draw import (
     draw_histogram,
     draw_layer,
     draw_log_histogram,
-    draw_path,
     draw_solid,
     new_figure,
     printed_layer,
@@ -27,7 +26,7 @@ from printmend.draw import (
 )
 from printmend.draw.body import project
 from printmend.draw.figure import points_per_unit
-from printmend.draw.path import runs
+from printmend.draw.path import add_beads, runs
 from printmend.printer import Printer
 from tests.bodies import circle_body
 
@@ -88,15 +87,15 @@ def test_a_bead_is_as_wide_as_it_says(axes: Axes) -> None:
     axes.set_xlim(0, 10)
     axes.set_ylim(0, 10)
     axes.set_aspect("equal")
-    draw_path(axes, np.array([[0, 5], [10, 5]]), width_mm=2.0)
+    add_beads(axes, [np.array([[0, 5], [10, 5]])], np.zeros((1, 3)), bead_mm=2.0, order=0)
     box = axes.get_position()
     inches = min(box.width, box.height) * 5.0
-    assert axes.lines[0].get_linewidth() == pytest.approx(2.0 / 10 * inches * 72)
+    assert axes.collections[0].get_linewidths()[0] == pytest.approx(2.0 / 10 * inches * 72)
     assert points_per_unit(axes) == pytest.approx(inches * 72 / 10)
 
 
-def test_layer_with_target_and_error_along_an_axis(layers: list[PrintedLayer], axes: Axes) -> None:
-    assert draw_layer(axes, layers[0], colours=COLOURS, target_mm=layers[0].points_mm + 1) is axes
+def test_a_layer_and_the_error_along_an_axis(layers: list[PrintedLayer], axes: Axes) -> None:
+    assert draw_layer(axes, layers[0], colours=COLOURS) is axes
     other = new_figure()[1][0]
     x = np.concatenate([np.arange(50.0), np.arange(50.0, 0, -1)])
     assert draw_axis_error(other, x, x + 0.1 * np.sign(np.gradient(x)), axis_name="x") is other

@@ -34,14 +34,14 @@ class Summary:
     worst_ratio: float | None = None
 
 
-def summary(results: Sequence[Result], reference: Sequence[Result] = (), *, name: str = "rmse_steps") -> Summary:
-    """Summarise one figure of ``results`` and compare it with ``reference``'s, case by case."""
-    known: dict[Case, float] = {item.case: item.values[name] for item in reference if item.error is None}
+def summary(results: Sequence[Result], reference: Sequence[Result] = ()) -> Summary:
+    """Summarise the RMSE [steps] of ``results`` and compare it with ``reference``'s, case by case."""
+    known: dict[Case, float] = {item.case: item.values["rmse_steps"] for item in reference if item.error is None}
     good = [item for item in results if item.error is None]
     failures = len(results) - len(good)
     if not good:
         return Summary(len(results), failures)
-    values = np.array([item.values[name] for item in good], float)
+    values = np.array([item.values["rmse_steps"] for item in good], float)
     found = {"mean": values.mean(), "median": np.median(values), "p95": np.percentile(values, 95)}
     both = [(value, known[item.case]) for item, value in zip(good, values, strict=True) if item.case in known]
     if both:

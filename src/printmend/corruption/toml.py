@@ -31,6 +31,7 @@ from printmend.corruption.shaft import Ripple, SetScrew
 from printmend.corruption.warp import Warp
 from printmend.errors import ConfigError
 from printmend.files import read_text
+from printmend.printer.toml import refuse_unknown
 
 SECTIONS: dict[str, tuple[type, ...]] = {
     "pulley": PULLEYS,
@@ -59,7 +60,7 @@ def parse_corruption(text: str, *, subject: str) -> Corruption:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ConfigError(subject, wanted="a corruption in TOML", came=f"broken TOML ({error})", todo=_TODO) from None
-    _refuse_unknown(table, {*_MOTORS, "frame", "z"}, subject, "the top level")
+    refuse_unknown(table, {*_MOTORS, "frame", "z"}, subject, "the top level")
     drives = [Drive(), Drive()]
     for name in table.keys() & _MOTORS.keys():
         if drives[_MOTORS[name]] != Drive():
@@ -71,7 +72,7 @@ def parse_corruption(text: str, *, subject: str) -> Corruption:
     if "z" in table:
         if not isinstance(table["z"], dict):
             raise ConfigError(subject, wanted="a section [z.screw]", came=repr(table["z"]), todo=_TODO)
-        _refuse_unknown(table["z"], {"screw"}, subject, "[z]")
+        refuse_unknown(table["z"], {"screw"}, subject, "[z]")
         if "screw" in table["z"]:
             screw = _value(table["z"]["screw"], (Screw,), "[z.screw]", subject)
     return Corruption((drives[0], drives[1]), crooked, screw)
@@ -80,7 +81,7 @@ def parse_corruption(text: str, *, subject: str) -> Corruption:
 def _drive(table: Any, name: str, subject: str) -> Drive:
     if not isinstance(table, dict):
         raise ConfigError(subject, wanted=f"sections like [{name}.pulley]", came=repr(table), todo=_TODO)
-    _refuse_unknown(table, set(SECTIONS), subject, f"[{name}]")
+    refuse_unknown(table, set(SECTIONS), subject, f"[{name}]")
     return Drive(**{key: _value(part, SECTIONS[key], f"[{name}.{key}]", subject) for key, part in table.items()})
 
 
@@ -92,7 +93,7 @@ def _value(table: Any, types: tuple[type, ...], section: str, subject: str) -> A
     if kind not in kinds:
         raise ConfigError(subject, wanted=f"{section} kind out of {', '.join(kinds)}", came=repr(kind), todo=_TODO)
     fields = {item.name: item for item in dataclasses.fields(kinds[kind])}
-    _refuse_unknown(table, {*fields, "kind"}, subject, section)
+    refuse_unknown(table, {*fields, "kind"}, subject, section)
     required = [name for name, item in fields.items() if item.default is dataclasses.MISSING]
     if missing := [name for name in required if name not in table]:
         raise ConfigError(subject, wanted=f"{missing[0]} in {section}", came="no such key", todo=_TODO)
@@ -105,16 +106,6 @@ def _value(table: Any, types: tuple[type, ...], section: str, subject: str) -> A
         return kinds[kind](**{name: value for name, value in table.items() if name != "kind"})
     except ConfigError as error:
         raise ConfigError(f"{subject} {section}", wanted=error.wanted, came=error.came, todo=error.todo) from None
-
-
-def _refuse_unknown(table: dict, known: set[str], subject: str, section: str) -> None:
-    if unknown := sorted(set(table) - known):
-        raise ConfigError(
-            subject,
-            wanted=f"only {', '.join(sorted(known))} in {section}",
-            came=f"the unknown key {unknown[0]!r}",
-            todo="remove or correct it",
-        )
 
 
 def corruption_toml(corruption: Corruption) -> str:

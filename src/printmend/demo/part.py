@@ -2,7 +2,6 @@
 
 import contextlib
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,10 +66,7 @@ def cam_gcode(printer: Printer) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def run_part(
-    printer: Printer, folder: Path, *, seed: int, corruption: Corruption = DAMAGE,
-    tick: Callable[[str], None] = lambda what: None,
-) -> PartDemo:  # fmt: skip
+def run_part(printer: Printer, folder: Path, *, seed: int, corruption: Corruption = DAMAGE) -> PartDemo:
     """Run the chain through files in ``folder``, as an owner would."""
     folder.mkdir(parents=True, exist_ok=True)
     twin, source, target = Twin.of(corruption, printer), folder / "part.gcode", folder / "part.mended.gcode"
@@ -79,22 +75,17 @@ def run_part(
     ideal = contour.run(read_gcode(source, printer=printer), twin)
     cuts = np.flatnonzero(np.diff(np.concatenate([[False], ideal.extruding, [False]]).astype(int)))
     strokes = [ideal.printed_mm[first : last + 1] for first, last in zip(cuts[::2], cuts[1::2], strict=True)]
-    tick("first layer printed")
     scan = render_layer(strokes, bead_mm=BEAD_MM + 2 * SWELL_MM, rng=np.random.default_rng(seed), degradations=DEFAULT)
     write_image(folder / "scan.png", scan, dpi=600.0)
-    tick("scanned")
     measured = measure_part(folder / "scan.png", source, printer, overlay=folder / "seen.png")
     write_trace(folder / "trace.csv", measured.trace)
-    tick("outlines measured")
     model = learn_model(measured.trace, printer, rng=np.random.default_rng(seed))
     write_model(folder / "printer.mend.json", model)
-    tick("fault learned")
     target.unlink(missing_ok=True)
     with contextlib.suppress(RefusedError):
         mend_gcode(source, model, target)
     mended = contour.run(read_gcode(target, printer=printer), twin) if target.exists() else ideal
     (before, shift), (after, shift_after) = (contour.contour_error(ideal, one) for one in (ideal, mended))
-    tick("part mended and printed")
     walls = measured.trace.commanded_mm[measured.trace.wall_rows]
     return PartDemo(
         measured, model, before, after, (shift, shift_after), ideal, mended, (walls.min(axis=0), walls.max(axis=0))

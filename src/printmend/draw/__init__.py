@@ -4,7 +4,7 @@ from printmend.draw.axis import draw_axis_error
 from printmend.draw.body import draw_above, draw_solid
 from printmend.draw.figure import comparison, new_figure, save
 from printmend.draw.histogram import draw_histogram, draw_log_histogram
-from printmend.draw.path import PrintedLayer, draw_layer, draw_path, printed_layer
+from printmend.draw.path import PrintedLayer, draw_layer, printed_layer
 
 __all__ = [
     "PrintedLayer",
@@ -14,7 +14,6 @@ __all__ = [
     "draw_histogram",
     "draw_layer",
     "draw_log_histogram",
-    "draw_path",
     "draw_solid",
     "new_figure",
     "printed_layer",

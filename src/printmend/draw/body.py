@@ -7,8 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, to_rgb
 
 from printmend.draw.figure import ERROR_COLOURS, INK, draw_scale_bar, fit_view, plain
-from printmend.draw.path import PrintedLayer, add_beads, runs
+from printmend.draw.path import BEAD_MM, PrintedLayer, add_beads, runs
 
+SOLID_BEAD_MM = 0.45  # width of a bead in the solid view: a little wider, so that no light shows between layers
 _AZIMUTH, _ELEVATION = np.radians(-60.0), np.radians(38.0)
 
 
@@ -17,7 +18,6 @@ def draw_above(
     layers: Sequence[PrintedLayer],
     *,
     colours: Normalize,
-    bead_mm: float = 0.4,
     view_mm: np.ndarray | None = None,
 ) -> Axes:
     """Draw a body from above, the higher layers over the lower; ``view_mm`` [2, 2] fixes the corners shown."""
@@ -26,7 +26,7 @@ def draw_above(
     for order, layer in enumerate(layers):
         lines, errors = runs(layer.points_mm, layer.extruding, layer.error_mm)
         if lines:
-            add_beads(axes, lines, ERROR_COLOURS(colours(errors))[:, :3], bead_mm=bead_mm, order=order)
+            add_beads(axes, lines, ERROR_COLOURS(colours(errors))[:, :3], bead_mm=BEAD_MM, order=order)
     return draw_scale_bar(plain(axes))
 
 
@@ -35,7 +35,6 @@ def draw_solid(
     layers: Sequence[PrintedLayer],
     *,
     colours: Normalize,
-    bead_mm: float = 0.45,
     view_mm: np.ndarray | None = None,
 ) -> Axes:
     """Draw a body as its stacked beads, seen obliquely from above and lit from the left; see `draw_above`.
@@ -54,7 +53,7 @@ def draw_solid(
         # The lid is seen full on; the walls below it are darker, so that the solid stands out.
         light = _light(lines)[:, None] * (1.0 if layer.z_mm >= top_mm else 0.85)
         colour = light * ERROR_COLOURS(colours(errors))[:, :3] + (1 - light) * ink
-        add_beads(axes, lines, colour, bead_mm=bead_mm, order=order)
+        add_beads(axes, lines, colour, bead_mm=SOLID_BEAD_MM, order=order)
     return draw_scale_bar(plain(axes))
 
 

@@ -25,15 +25,10 @@ def new_figure(columns: int = 1, *, width_in: float = 5.0, height_in: float = 5.
 
 
 def comparison(
-    titles: Sequence[str],
-    draw: Sequence[Callable[[Axes], Axes]],
-    *,
-    title: str,
-    colours: Normalize | None,
-    height_in: float = 4.6,
+    titles: Sequence[str], draw: Sequence[Callable[[Axes], Axes]], *, title: str, colours: Normalize | None
 ) -> Figure:
     """Return a row of pictures with one colour bar of error [mm] under them: the paper's Fig. 1 and 5."""
-    figure, axes = new_figure(len(draw), width_in=4.4, height_in=height_in)
+    figure, axes = new_figure(len(draw), width_in=4.4, height_in=4.6)
     figure.subplots_adjust(left=0.01, right=0.99, top=0.84, bottom=0.15, wspace=0.02)
     figure.suptitle(title, color=INK, fontsize=13, y=0.98)
     for one, name, draw_one in zip(axes, titles, draw, strict=True):

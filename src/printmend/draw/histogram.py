@@ -8,26 +8,28 @@ from matplotlib.ticker import MaxNLocator
 
 from printmend.draw.figure import INK, PALETTE, quiet
 
+_CLIP_STEPS, _BINS = 100.0, 50  # of the paper's own figure
+_LOG_BINS = 40
 _MANY = 30  # bodies in one bin, beside which single ones are not seen
 
 
-def draw_histogram(axes: Axes, rmse_steps: np.ndarray, *, name: str, clip: float = 100.0, bins: int = 50) -> Axes:
-    """Draw the bodies' RMSE [steps] as the paper does: one model, values above ``clip`` counted in the last bin.
+def draw_histogram(axes: Axes, rmse_steps: np.ndarray, *, name: str) -> Axes:
+    """Draw the bodies' RMSE [steps] as the paper does: one model, values above 100 counted in the last bin.
 
     The axis ends at the largest error where none is above; many bodies are counted on a logarithmic axis, so that the
     few with large errors are seen, too.
     """
     values = np.asarray(rmse_steps, float)
-    beyond = int((values > clip).sum())
-    end = clip if beyond else max(float(values.max(initial=0.0)), 1e-3)
+    beyond = int((values > _CLIP_STEPS).sum())
+    end = _CLIP_STEPS if beyond else max(float(values.max(initial=0.0)), 1e-3)
     counts, _, _ = axes.hist(
         np.minimum(values, end),
-        bins=np.linspace(0, end, bins + 1).tolist(),
+        bins=np.linspace(0, end, _BINS + 1).tolist(),
         color=PALETTE[0],
         edgecolor="white",
         linewidth=0.4,
     )
-    said = f", clipped at {clip:g} ({beyond} of {len(values)} above)" if beyond else ""
+    said = f", clipped at {_CLIP_STEPS:g} ({beyond} of {len(values)} above)" if beyond else ""
     axes.set_xlabel(f"RMSE of a body [full steps]{said}", fontsize=9)
     if np.max(counts) >= _MANY:
         axes.set_yscale("log")
@@ -40,7 +42,7 @@ def draw_histogram(axes: Axes, rmse_steps: np.ndarray, *, name: str, clip: float
     return quiet(axes)
 
 
-def draw_log_histogram(axes: Axes, rmse_steps: Mapping[str, np.ndarray], *, bins: int = 40) -> Axes:
+def draw_log_histogram(axes: Axes, rmse_steps: Mapping[str, np.ndarray]) -> Axes:
     """Draw every model's RMSE [steps] unclipped over one logarithmic axis, a strip a model, its median marked.
 
     Each strip is scaled to its own height; the numbers on the right are the medians. What is below a hundredth of the
@@ -50,7 +52,7 @@ def draw_log_histogram(axes: Axes, rmse_steps: Mapping[str, np.ndarray], *, bins
     low, high = 0.1, 1.0
     if len(positive):
         low, high = max(float(positive.min()), float(np.median(positive)) / 100), float(positive.max())
-    edges = np.geomspace(low / 1.05, high * 1.05, bins + 1)
+    edges = np.geomspace(low / 1.05, high * 1.05, _LOG_BINS + 1)
     counts = [np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0] for values in rmse_steps.values()]
     strips = np.arange(len(counts))[::-1]
     for strip, count, values in zip(strips, counts, rmse_steps.values(), strict=True):

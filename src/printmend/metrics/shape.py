@@ -22,28 +22,10 @@ def contour_error(target: np.ndarray, printed: np.ndarray) -> ContourError:
     """Measure how far printed points [N, 2] lie from the polyline ``target`` [M, 2], whatever the timing.
 
     Unlike RMSE it forgives a print that runs early or late along the right line. Not symmetric: parts of the target
-    that were never printed do not count (`hausdorff` sees them).
+    that were never printed do not count.
     """
     distance = _distances(_points(printed), _points(target))
     return ContourError(float(np.sqrt(np.mean(distance**2))), float(np.percentile(distance, 95)), float(distance.max()))
-
-
-@dataclass(frozen=True)
-class Hausdorff:
-    """The largest of the two directed distances between two polylines, and the larger of their 95th percentiles."""
-
-    max: float
-    p95: float
-
-
-def hausdorff(target: np.ndarray, printed: np.ndarray) -> Hausdorff:
-    """Measure the Hausdorff distance of two polylines [N, 2], [M, 2]: vertices of each against the other's line.
-
-    ``max`` is shapely's ``hausdorff_distance``; ``p95`` forgives the worst 5 % of the vertices.
-    """
-    target, printed = _points(target), _points(printed)
-    there, back = _distances(printed, target), _distances(target, printed)
-    return Hausdorff(float(max(there.max(), back.max())), float(max(np.percentile(there, 95), np.percentile(back, 95))))
 
 
 def frechet(target: np.ndarray, printed: np.ndarray) -> float:

@@ -67,7 +67,7 @@ def parse_printer(text: str, *, subject: str) -> Printer:
         other = is_klipper(text) or is_slicer_profile(text)
         todo = f"it reads as another program's: `printmend printer {subject} > mine.toml` makes one" if other else _TODO
         raise ConfigError(subject, wanted="a printer in TOML", came=f"broken TOML ({error})", todo=todo) from None
-    _refuse_unknown(table, _KEYS, subject, "the top level")
+    refuse_unknown(table, _KEYS, subject, "the top level")
     name, kinematics = table.get("name", subject), table.get("kinematics")
     if not isinstance(name, str):
         raise ConfigError(subject, wanted="name as text", came=repr(name), todo=_TODO)
@@ -98,7 +98,7 @@ def _axis(table: Any, name: str, subject: str) -> Axis:
     if not isinstance(table, dict):
         raise ConfigError(subject, wanted=f"a section [{name}]", came="none", todo=_TODO)
     section = f"[{name}]"
-    _refuse_unknown(table, _AXIS_KEYS, subject, section)
+    refuse_unknown(table, _AXIS_KEYS, subject, section)
     if missing := sorted(_AXIS_KEYS - set(table)):
         raise ConfigError(subject, wanted=f"{missing[0]} in {section}", came="no such key", todo=_TODO)
     for key in _NUMBERS:
@@ -138,7 +138,8 @@ def _axis(table: Any, name: str, subject: str) -> Axis:
     return Axis(name=name, **table)
 
 
-def _refuse_unknown(table: dict, known: set[str], subject: str, section: str) -> None:
+def refuse_unknown(table: dict, known: set[str], subject: str, section: str) -> None:
+    """Raise `ConfigError` for a key of a table that is none of the ``known`` ones."""
     if unknown := sorted(set(table) - known):
         raise ConfigError(
             subject,

@@ -230,7 +230,7 @@ def update_words(verdict: Verdict, newer: Updated) -> str:
     return "the model was brought up to date" if verdict.kept and newer.anew else newer.words
 
 
-def updated(model: SavedModel, trace: Trace, *, rng: np.random.Generator | None = None) -> Updated:
+def updated(model: SavedModel, trace: Trace) -> Updated:
     """Bring the model up to date with a mended check print: what was really commanded is what mending had made of it.
 
     Raises `ModelError` for a model that is no grey box, `TraceError` as `learn_model` does.
@@ -254,7 +254,7 @@ def updated(model: SavedModel, trace: Trace, *, rng: np.random.Generator | None 
         commanded, trace.measured_mm, sigma_mm=trace.sigma_mm, homed=trace.homed, placed=trace.placed,
         instrument=trace.instrument, normal=trace.normal, offset_mm=offset,
     )  # fmt: skip
-    return update(model, made, rng=np.random.default_rng(0) if rng is None else rng)
+    return update(model, made, rng=np.random.default_rng(0))
 
 
 def remember_verdict(model_path: Path, model: SavedModel, verdict: Verdict) -> Path:

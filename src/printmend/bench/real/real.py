@@ -36,6 +36,7 @@ Guess = Callable[[int, np.ndarray], np.ndarray]
 TABLE, FLOOR = "real", "floor"
 ROWS = ("raw", "copy", "plain", "shipped", "ours", "periodic", FLOOR)
 BLIND = ("plain", "ours", FLOOR)
+_PLAIN_HARMONICS = 8  # of a turn that the plain fit knows
 _SAMPLES = 2  # averaged into one before learning: it is three times faster and no less accurate
 
 
@@ -245,9 +246,7 @@ def _averaged(values: np.ndarray) -> np.ndarray:
     return values[:whole].reshape(-1, _SAMPLES).mean(axis=1)
 
 
-def plain_fit(
-    traces: Sequence[tuple[np.ndarray, np.ndarray]], *, harmonics: int = 8
-) -> Callable[[np.ndarray], np.ndarray]:
+def plain_fit(traces: Sequence[tuple[np.ndarray, np.ndarray]]) -> Callable[[np.ndarray], np.ndarray]:
     """Return the least-squares harmonics of (angle, error) [N] mm of one direction as a function of the angle [N] mm.
 
     Each trace has a line of its own. The travel of a turn is the best of `turns_mm`.
@@ -258,13 +257,13 @@ def plain_fit(
                             for n in range(len(traces))], axis=1)  # fmt: skip
 
     def columns(angle_mm: np.ndarray, turn_mm: float) -> np.ndarray:
-        angle = np.outer(angle_mm, np.arange(1, harmonics + 1)) * (2 * np.pi / turn_mm)
+        angle = np.outer(angle_mm, np.arange(1, _PLAIN_HARMONICS + 1)) * (2 * np.pi / turn_mm)
         return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
 
     def fitted(turn_mm: float) -> tuple[float, float, np.ndarray]:
         design = np.concatenate([columns(angle_mm, turn_mm), lines], axis=1)
         weights = np.linalg.lstsq(design, error_mm, rcond=None)[0]
-        return float(((error_mm - design @ weights) ** 2).sum()), turn_mm, weights[: 2 * harmonics]
+        return float(((error_mm - design @ weights) ** 2).sum()), turn_mm, weights[: 2 * _PLAIN_HARMONICS]
 
     grid = turns_mm(float(np.ptp(angle_mm)))
     at = int(np.argmin([fitted(turn)[0] for turn in grid]))

@@ -58,11 +58,6 @@ class HybridModel(MachineLearned):
     left_mm: np.ndarray | None = None
 
     @property
-    def is_plain(self) -> bool:
-        """Whether nothing was added to the grey box."""
-        return self.world is None and self.residuals == (None, None)
-
-    @property
     def left_and_doubt(self) -> tuple[np.ndarray | None, tuple[float, float]]:
         """What is left of each row, ``left_mm``, and the variance of what was added to either motor [mm²]."""
         first, second = (0.0 if each is None else each.doubt_mm2 for each in self.residuals)
