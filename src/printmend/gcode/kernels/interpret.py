@@ -17,7 +17,7 @@ from printmend.gcode.kernels.commands import (
 from printmend.gcode.kernels.klipper import long_command
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.plain import plain_move
-from printmend.gcode.kernels.spline import CURVES_A_LINE, MOST_CHORDS, chords_of, curves_in, put_chords
+from printmend.gcode.kernels.spline import CURVES_A_LINE, chords_of, most_records, put_chords
 from printmend.gcode.kernels.statement import (
     EXTENDED,
     LAST_MOVE,
@@ -30,8 +30,6 @@ from printmend.gcode.kernels.statement import (
 from printmend.gcode.kernels.text import (
     CR,
     LF,
-    OPEN,
-    QUOTE,
     SEMICOLON,
     SPACE,
     is_blank,
@@ -117,17 +115,6 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n):
 
 
 @inner
-def _code_end(buf, p, stop):
-    """Return where a line's comment begins, which holds no statements; after a remark or a text, which may hold any
-    sign, the line's end."""
-    while p < stop and buf[p] != SEMICOLON:
-        if buf[p] == OPEN or buf[p] == QUOTE:
-            return stop
-        p += 1
-    return p
-
-
-@inner
 def _after_blanks(buf, p, stop):
     while p < stop and is_blank(buf[p]):
         p += 1
@@ -172,7 +159,7 @@ def interpret(buf, begin, end, numbers, counts, records):
 
     ``buf`` uint8, ``numbers`` float64 [NUMBERS] and ``counts`` int64 [COUNTS] are the machine's state and are
     advanced; ``records`` is an array of RECORD. It stops before a line whose statements may not fit in ``records``
-    (a line of L bytes needs at most L/2 + 2, and `MOST_CHORDS` for each G5): call again with the rest.
+    (see `most_records`): call again with the rest.
     """
     values = np.zeros(26)
     scratch = np.zeros(1, STATEMENT)
@@ -197,8 +184,7 @@ def interpret(buf, begin, end, numbers, counts, records):
             after += 1
         elif after > stop:  # a lone carriage return ends a line too
             after = stop + 1
-        code = _code_end(buf, p, stop)
-        if (code - p) // 2 + 2 + MOST_CHORDS * curves_in(buf, p, code) > capacity - n:
+        if most_records(buf, p, stop) > capacity - n:
             break
         n = _line(buf, p, stop, after, scratch[0], values, numbers, counts, records, n)
         counts.line += 1

@@ -9,7 +9,7 @@ import numpy as np
 
 from printmend.gcode.kernels.commands import begin_record, finish_record
 from printmend.gcode.kernels.layout import *
-from printmend.gcode.kernels.text import upper
+from printmend.gcode.kernels.text import OPEN, QUOTE, SEMICOLON
 from printmend.jit import inner
 
 CURVE_MM = 0.005  # how far a chord may be off the curve: half of the tolerance of mending, as where arcs become chords
@@ -20,20 +20,25 @@ _CONTROLS = WORD_I | WORD_J | WORD_P | WORD_Q
 
 
 @inner
-def curves_in(buf, p, stop):
-    """Return how many curves buf[p:stop] may hold, at the most `CURVES_A_LINE`.
+def most_records(buf, p, stop):
+    """Return how many records the line buf[p:stop] may become: one for two bytes, and `MOST_CHORDS` for each curve.
 
-    Every way to write a number that is read as 5 (`G05`, `G+5.0`, `G4.96`) has 4 or 5 as its first digit but zeros.
+    Every way to write a number that is read as 5 (`G05`, `G+5.0`, `G4.96`) has 4 or 5 as its first digit but zeros. A
+    comment holds no statements; but after a remark or a text, which may hold any sign, all is counted.
     """
-    found = 0
+    begin, found, inside = p, 0, False
     while p < stop:
-        letter = upper(buf[p])
+        byte = buf[p]
+        if byte == SEMICOLON and not inside:
+            break
         p += 1
-        if letter == 71:  # G
+        if byte in (OPEN, QUOTE):
+            inside = True
+        elif byte == 71 or byte == 103:  # G
             while p < stop and buf[p] in (ZERO, PLUS, MINUS, POINT):
                 p += 1
             found += p < stop and buf[p] in (FOUR, FIVE)
-    return min(found, CURVES_A_LINE)
+    return (p - begin) // 2 + 2 + MOST_CHORDS * min(found, CURVES_A_LINE)
 
 
 @inner
