@@ -92,9 +92,9 @@ def mark_error_mm(table: np.ndarray, moves: list, printed: list[np.ndarray]) -> 
 STEPS_TO_PLACE = 6  # towards the place and turn at which a part's outline is missed least
 
 
-def placed_error_mm(ideal: list, made: list, way: list[np.ndarray]) -> tuple[float, float, float]:
-    """Return RMS and p95 of the contour error with the part's place and turn on the bed taken off, and by how much its
-    middle was off: a scan tells neither where a plate lay nor how it was turned."""
+def placed_error_mm(ideal: list, made: list, way: list[np.ndarray]) -> tuple[float, float, float, float]:
+    """Return RMS and p95 of the contour error with the part's place and turn on the bed taken off, by how much its
+    middle was off, and the largest error: a scan tells neither where a plate lay nor how it was turned."""
     layers = []
     for z in sorted({move.z_mm for move in ideal if move.extruding}):
         lines = np.array([[m.start_mm, m.end_mm] for m in ideal if _draws(m) and m.z_mm == z])
@@ -102,7 +102,7 @@ def placed_error_mm(ideal: list, made: list, way: list[np.ndarray]) -> tuple[flo
         layers.append((lines, shapely.STRtree(shapely.linestrings(lines)), points))
     middle = bounds_middle(made, way)
     moved = bounds_middle(ideal, [np.array([m.end_mm]) for m in ideal]) - middle
-    turn_rad, best = 0.0, (np.inf, np.inf, np.inf)
+    turn_rad, best = 0.0, (np.inf, np.inf, np.inf, np.inf)
     for _ in range(STEPS_TO_PLACE):
         cos, sin = np.cos(turn_rad), np.sin(turn_rad)
         errors, rows = [], []
@@ -118,7 +118,8 @@ def placed_error_mm(ideal: list, made: list, way: list[np.ndarray]) -> tuple[flo
             rows.append(np.column_stack([normal, turned, (off * normal).sum(axis=1)]))
             errors.append(np.hypot(*off.T))
         error, table = np.concatenate(errors), np.concatenate(rows)
-        best = min(best, (float(np.sqrt(np.mean(error**2))), float(np.quantile(error, 0.95)), float(np.hypot(*moved))))
+        rms_mm, p95_mm = float(np.sqrt(np.mean(error**2))), float(np.quantile(error, 0.95))
+        best = min(best, (rms_mm, p95_mm, float(np.hypot(*moved)), float(error.max())))
         step = np.linalg.lstsq(table[:, :3], table[:, 3], rcond=None)[0]
         moved, turn_rad = moved + step[:2], turn_rad + float(step[2])
     return best

@@ -139,15 +139,18 @@ def judge(kind: str, preset: str, family: str, number: int, seed: int, noise_mm:
             back = np.eye(2) if placed else np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
             as_it_is_mm = across_mm(ideal, [each @ back for each in way], placed)
         if not placed:
-            true.append(placed_error_mm(ideal, commands, way)[0])
+            rms_mm, _, _, most_mm = placed_error_mm(ideal, commands, way)
         else:
-            true.append(float(np.sqrt(np.mean(contour_error_mm(ideal, commands, way) ** 2))))
+            off_mm = contour_error_mm(ideal, commands, way)
+            rms_mm, most_mm = float(np.sqrt(np.mean(off_mm**2))), float(off_mm.max())
+        true.append(rms_mm)
     promise = said.after if output.exists() else said.before
     return {
         "kind": kind, "printer": preset, "family": family, "base": base, "number": number,
         "written": output.exists(), "changed": output.exists() and output.read_bytes() != source.read_bytes(),
         "before_mm": true[0], "after_mm": true[1], "expected_mm": promise.rms_mm, "low_mm": promise.rms_low_mm,
         "high_mm": promise.rms_high_mm, "made_of": promise.made_of,
+        "most_mm": most_mm, "most_said_mm": promise.max_mm,
         "as_it_is_mm": as_it_is_mm,
         "as_it_is_said_mm": [said.before.rms_low_mm, said.before.rms_mm, said.before.rms_high_mm],
         "fault": f"{named[0][0]} | {named[1][0]} {frame}",

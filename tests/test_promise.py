@@ -1,6 +1,7 @@
 """What a model promises: the budget, the range, what may act; each against a machine that is known."""
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +26,19 @@ from printmend.promise.apply import believe
 from printmend.promise.budget import parse_budget
 from printmend.promise.effects import EARLY, DrawnCause, Effect
 from printmend.promise.misfit import misfit_section
-from printmend.promise.predict import DRAWS, Errors, PathPlaces, Promise, _Side, _summed_up, _thinned, shape_of
+from printmend.promise.predict import (
+    DRAWS,
+    Errors,
+    PathPlaces,
+    Promise,
+    _directions,
+    _largest_of,
+    _Side,
+    _summed_up,
+    _thinned,
+    promised,
+    shape_of,
+)
 from printmend.promise.scale import in_words, scale_words
 from printmend.promise.unexplained import unexplained
 from printmend.repair import check_gcode, mend_gcode
@@ -83,7 +96,8 @@ def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part:
     truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(BENT, ENDER3))
     assert 0.5 * after["rms_low_mm"] < truth.after.rms_mm < after["rms_high_mm"] < 0.04  # the twin has no micro-steps
     assert after["rms_low_mm"] < after["rms_mm"] < after["rms_high_mm"]
-    assert after["rms_mm"] < after["p95_mm"] < after["max_mm"] < 0.08
+    assert after["rms_mm"] < after["p95_mm"] < after["max_mm"] < 0.12
+    assert after["rms_high_mm"] < after["max_mm"]
     before = plain["before"]
     assert before["rms_low_mm"] < truth.before.rms_mm < before["rms_high_mm"]
     said = done.prediction.summary()
@@ -145,6 +159,58 @@ def test_the_budget_follows_the_machine(bent: SavedModel) -> None:
             for side in (-1.0, 1.0):
                 column = motor.columns(at, at - 110, 0 * at, np.full(len(at), side))[:, which]
                 assert np.abs(mean - side * (play - 50.0) / 2 - column).max() < 1e-6
+
+
+@pytest.mark.parametrize("count", [0.4, 1.0, 300.0, 50_000.0])
+def test_the_largest_of_many_normal_values(count: float) -> None:
+    uniform = np.array([0.01, 0.3, 0.5, 0.95, 0.999])
+    below = [0.5 * (1 + math.erf(each / math.sqrt(2))) for each in _largest_of(np.full(5, count), uniform)]
+    assert np.power(below, count) == pytest.approx(uniform, abs=1e-3)
+
+
+def test_a_longer_print_has_a_larger_largest_error(bent: SavedModel) -> None:
+    budget, error = parse_budget(bent), Errors(0.002, 0.004, 0.006)
+    assert budget is not None
+    angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    tangent = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+    most_mm = []
+    for length_mm in (1.0, 100.0):  # of each place: 0.4 m, and 40 m of lines over the same places
+        path = PathPlaces(
+            110 + 30 * np.stack([np.cos(angle), np.sin(angle)], axis=1), tangent, np.zeros(400), np.sign(tangent),
+            np.full(400, length_mm),
+        )  # fmt: skip
+        outlook = promised(bent.mechanism, budget, path, error, error)
+        assert outlook is not None
+        most_mm.append(outlook.after.max_mm)
+    assert 1.15 * most_mm[0] < most_mm[1] < 2 * most_mm[0]
+
+
+def test_a_part_left_out_is_there_in_few_machines(bent: SavedModel, rng: np.random.Generator) -> None:
+    budget = parse_budget(bent)
+    assert budget is not None
+    motor = replace(
+        budget.motors[0], factor_mm=np.ones((budget.motors[0].design.size, 5)), left_out=((2, 0.1), (1, 0.5))
+    )
+    z = np.hstack([_directions(motor, rng) for _ in range(200)])
+    assert np.mean(z != 0, axis=1) == pytest.approx([1, 1, 0.1, 0.1, 0.5], abs=0.01)
+    assert np.var(z, axis=1) == pytest.approx(np.ones(5), abs=0.06)  # the same variance as if it were always there
+    assert ((z[2] != 0) == (z[3] != 0)).all()  # one part: both of its directions, or none
+
+
+def test_what_was_left_out_is_read_with_its_chance() -> None:
+    way = stairs(250)
+    trace = Trace(way, way + np.random.default_rng(5).normal(0, 0.05, way.shape), homed=True)
+    model = learn_model(trace, ENDER3)
+    section = json.loads(json.dumps(model.document["promise"]))
+    for motor in section["motors"].values():
+        directions = len(next(iter(motor["factor_mm"].values()))[0])
+        assert motor["left_out"]
+        assert 1 <= sum(count for count, _ in motor["left_out"]) < directions
+        assert all(0.003 < chance < 1 for _, chance in motor["left_out"])
+    for wrong in ([[99, 0.5]], [[1, 0.0]], [[1.5, 0.5]], [[1]], "all"):
+        section["motors"]["x"]["left_out"] = wrong
+        with pytest.raises(ModelError):
+            parse_budget(replace(model, document={**model.document, "promise": section}))
 
 
 def test_no_scanner_mends_a_healthy_printer(part: Path) -> None:

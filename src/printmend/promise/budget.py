@@ -25,6 +25,8 @@ class MotorBudget:
     """What is not known of one motor: its parameters may be off by ``factor_mm`` [P, R] @ z, z ~ N(0, 1).
 
     ``seen`` is the share of its turn that was measured: the rest is a guess, and so is how good it is.
+    ``left_out`` are the numbers of the last directions, and the chance p that they are there at all: each a part that
+    the fit left out. Their factors are √p of what the part does, so that F Fᵀ is the variance of all.
     ``design`` says which parameters there are; ``reach_mm`` beyond which powers above the first go on straight.
     ``unexplained_mm2`` and ``unexplained_sd_mm2`` are the variance of what no parameter follows, and its doubt.
     """
@@ -37,6 +39,7 @@ class MotorBudget:
     unexplained_mm2: float
     unexplained_sd_mm2: float
     seen: float = 1.0
+    left_out: tuple[tuple[int, float], ...] = ()
 
     def columns(self, motor_mm: np.ndarray, own_mm: np.ndarray, other_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
         """Return by how much the belt would be off for each of the R directions [N, R].
@@ -153,7 +156,18 @@ def _motor(section: Any, subject: str) -> MotorBudget:
         abs(number(section, "unexplained_mm2", subject)),
         abs(number(section, "unexplained_sd_mm2", subject)),
         number(section, "seen", subject) if "seen" in section else 1.0,
+        _left_out(section, factor.shape[1], subject),
     )
+
+
+def _left_out(section: dict[str, Any], directions: int, subject: str) -> tuple[tuple[int, float], ...]:
+    rows = section_of(section, "left_out", list, subject) if "left_out" in section else []
+    found = [numbers({"row": row}, "row", subject, 2) for row in rows]
+    if any(len(each) != 2 or each[0] < 1 or each[0] % 1 or not 0 < each[1] <= 1 for each in found):
+        refuse(subject, "numbers of directions with their chances", "something else")
+    if sum(each[0] for each in found) > directions:
+        refuse(subject, f"parts left out with at most {directions} directions", "more")
+    return tuple((int(count), float(chance)) for count, chance in found)
 
 
 def _factor(tables: dict[str, Any], design: Design, subject: str) -> np.ndarray:

@@ -16,6 +16,7 @@ from printmend.promise.unexplained import unexplained
 from printmend.twin import Twin
 
 KEPT_VARIANCE_SHARE = 0.998  # share of the variance on the bed that the kept directions have
+LEAST_CHANCE = 0.003  # that a part which was left out is there: fewer than one drawn machine of `predict.DRAWS` has it
 NO_PARTS: dict[str, Any] = {"cross": 0, "warp": 0, "warp_span_mm": [0.0, 1.0]}
 DOUBTED_SHARE = 0.05  # of the variance that only a learned remainder explains: it may be otherwise in another print
 PLACES_COMPARED = 400  # on the bed at which that variance is looked at
@@ -101,12 +102,7 @@ def motor_section(
     drive: LearnedDrive, printer: Printer, motor: int, unexplained_mm2: float, sd_mm2: float
 ) -> dict[str, Any]:
     """Return one motor's budget as plain values."""
-    design, covariance = _joined(drive)
-    values, axes = np.linalg.eigh(covariance)
-    root = axes * np.sqrt(np.maximum(values, 0.0))
-    plain = MotorBudget(
-        design, root, drive.branches.period_mm, drive.branches.middle_mm, drive.branches.reach_mm, 0.0, 0.0
-    )
+    design, parts = _joined(drive)
     low, high = printer.motor_range_mm(motor)
     motor_mm = np.linspace(low, high, PLACES_COMPARED)
     own = motor_mm - bed_middle(printer)[motor]
@@ -114,11 +110,24 @@ def motor_section(
     low, high = printer.motor_range_mm(1 - motor)
     other = low + (high - low) * step - bed_middle(printer)[1 - motor]
     side = np.where(np.arange(PLACES_COMPARED) % 2, 1.0, -1.0)
-    _, spread, turned = np.linalg.svd(plain.columns(motor_mm, own, other, side), full_matrices=False)
-    share = np.cumsum(spread**2) / max(float(np.sum(spread**2)), 1e-300)
-    kept = min(int(np.searchsorted(share, KEPT_VARIANCE_SHARE)) + 1, DIRECTIONS, len(turned))
-    factor = root @ turned[:kept].T
+    turned, spreads = [], []
+    for _, covariance in parts:
+        values, axes = np.linalg.eigh(covariance)
+        root = axes * np.sqrt(np.maximum(values, 0.0))
+        plain = MotorBudget(
+            design, root, drive.branches.period_mm, drive.branches.middle_mm, drive.branches.reach_mm, 0.0, 0.0
+        )
+        _, spread, axes = np.linalg.svd(plain.columns(motor_mm, own, other, side), full_matrices=False)
+        turned.append(root @ axes.T)
+        spreads.append(spread**2)
+    ranked = np.sort(np.concatenate(spreads))[::-1]
+    share = np.cumsum(ranked) / max(float(ranked.sum()), 1e-300)
+    kept = min(int(np.searchsorted(share, KEPT_VARIANCE_SHARE)) + 1, DIRECTIONS, len(ranked))
+    counts = [int(np.sum(spread >= ranked[kept - 1])) for spread in spreads]
+    counts[0] = max(counts[0], 1)
+    factor = np.hstack([each[:, :count] for each, count in zip(turned, counts, strict=True)])
     layout = {name: list(map(int, getattr(design, name))) for name in LAYOUT if getattr(design, name)}
+    left_out = [[count, round(chance, 4)] for (chance, _), count in zip(parts[1:], counts[1:], strict=True) if count]
     powers = {"mean_powers": design.mean_powers, "play_powers": design.play_powers, "cross": len(design.cross)}
     return {
         "parameters": {
@@ -128,28 +137,33 @@ def motor_section(
             "warp_span_mm": list(design.warp_span_mm),
             **({"second_mm": design.second_mm} if design.second_harmonics else {}),
         },
-        "period_mm": plain.period_mm,
-        "middle_mm": plain.middle_mm,
-        "reach_mm": [round(float(value), 6) for value in plain.reach_mm],
+        "period_mm": drive.branches.period_mm,
+        "middle_mm": drive.branches.middle_mm,
+        "reach_mm": [round(float(value), 6) for value in drive.branches.reach_mm],
         "factor_mm": {
             name: [[float(f"{value:.4g}") for value in row] for row in factor[part]]
             for name, part in design.parts.items()
             if part.stop > part.start and name != "start"
         },
+        **({"left_out": left_out} if left_out else {}),
         "seen": round(drive.sight.angles, 3),
         "unexplained_mm2": float(f"{unexplained_mm2:.4g}"),
         "unexplained_sd_mm2": float(f"{sd_mm2:.4g}"),
     }
 
 
-def _joined(drive: LearnedDrive) -> tuple[Design, np.ndarray]:
-    """Return the columns of the chosen parts and of those left out, and the covariance [P, P] of all of them."""
+def _joined(drive: LearnedDrive) -> tuple[Design, list[tuple[float, np.ndarray]]]:
+    """Return the columns of the chosen parts and of those left out, and over them the covariance [P, P] of the chosen
+    ones with chance 1, then what each of those left out adds to it, and the chance that it does."""
     chosen = drive.choice.design
-    designs = [chosen] if drive.left_out is None else [chosen, drive.left_out.design]
     post = drive.choice.fit.posterior
     own = np.zeros((chosen.size, chosen.size))
     own[np.ix_(post.active, post.active)] = post.covariance
-    covariances = [own] if drive.left_out is None else [own, drive.left_out.covariance]
+    terms = [(1.0, chosen, own)]
+    if drive.left_out is not None:
+        likely = [each for each in drive.left_out.parts if each[0] > LEAST_CHANCE]
+        terms += [(chance, drive.left_out.design, chance * covariance) for chance, covariance in likely]
+    designs = [design for _, design, _ in terms]
 
     def waves(name: str) -> tuple[int, ...]:
         return tuple(sorted({k for each in designs for k in getattr(each, name)}))
@@ -168,10 +182,11 @@ def _joined(drive: LearnedDrive) -> tuple[Design, np.ndarray]:
         second_harmonics=waves("second_harmonics"),
         second_mm=chosen.second_mm,
     )
-    total = np.zeros((joined.size, joined.size))
-    for design, covariance in zip(designs, covariances, strict=True):
+    found = []
+    for chance, design, covariance in terms:
         place = joined.moved(np.eye(design.size), design)  # [own, joined]
-        total += place.T @ covariance @ place
-    start = joined.parts["start"]
-    total[start], total[:, start] = 0.0, 0.0
-    return joined, total
+        total = place.T @ covariance @ place
+        start = joined.parts["start"]
+        total[start], total[:, start] = 0.0, 0.0
+        found.append((chance, total))
+    return joined, found

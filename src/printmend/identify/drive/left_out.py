@@ -5,7 +5,8 @@ small. So the chosen model is averaged with each model that has one part more, a
 
     variance = C + Σ p (C' − C + δ²),   p = 1/(1 + exp(evidence − evidence'))
 
-where δ is the difference of the two models (Hoeting et al., Bayesian model averaging, Stat. Sci. 14, 1999).
+where δ is the difference of the two models (Hoeting et al., Bayesian model averaging, Stat. Sci. 14, 1999). That is its
+variance; the average itself is a mixture: with the chance 1 − p a part does nothing at all.
 """
 
 from collections.abc import Iterator
@@ -22,11 +23,17 @@ from printmend.identify.drive.select import EVERYTHING, TRIAL_HARMONICS, Choice,
 class OmittedParts:
     """What the parts that were left out add to the uncertainty of a motor's branches.
 
-    ``covariance`` [P, P] mm² is over the parameters of ``design``; it comes on top of that of the chosen parts.
+    Each of ``parts`` is the chance p of one that is there after all, and the covariance [P, P] mm² over the parameters
+    of ``design`` that it has then; it comes on top of that of the chosen parts.
     """
 
     design: Design
-    covariance: np.ndarray
+    parts: tuple[tuple[float, np.ndarray], ...]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """The covariance [P, P] of all of them together, none of them known to be there."""
+        return np.asarray(sum((chance * each for chance, each in self.parts), np.zeros((self.design.size,) * 2)))
 
     def variances(self, columns: np.ndarray) -> np.ndarray:
         """Return the variances [N] mm² that parameters with this covariance give to places with columns [N, P]."""
@@ -44,7 +51,7 @@ def left_out(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> OmittedPart
     normal = normal_equations(design, values, rows, fit.touch, weight).tempered(fit.share)
     own = mine.active(design)
     chosen = solve(design, normal, own, post.prior, post.sigma_mm, rounds=2)
-    covariance = np.zeros((design.size, design.size))
+    parts = []
     for structure in _larger(mine):
         more = structure.active(design) | own
         if more.sum() == own.sum():
@@ -54,8 +61,10 @@ def left_out(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> OmittedPart
         added = larger.covariance + np.outer(shift, shift)
         inside = own[more]
         added[np.ix_(inside, inside)] -= chosen.covariance
-        covariance[np.ix_(more, more)] += np.exp(-np.logaddexp(0.0, chosen.log_evidence - larger.log_evidence)) * added
-    return OmittedParts(design, covariance)
+        covariance = np.zeros((design.size, design.size))
+        covariance[np.ix_(more, more)] = added
+        parts.append((float(np.exp(-np.logaddexp(0.0, chosen.log_evidence - larger.log_evidence))), covariance))
+    return OmittedParts(design, tuple(parts))
 
 
 def _larger(mine: Structure) -> Iterator[Structure]:
