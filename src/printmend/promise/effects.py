@@ -1,7 +1,8 @@
-"""What a misfit may do to a new print: its own law, looked at where that print goes, as large as it may be there.
+"""What a misfit may do to a new print: its law is evaluated at the new print's places, with a random size.
 
-A gantry that racks moves a part in the middle of the bed by nothing, and one at its end by much; a printer that warms
-up is cold again when the next print begins. So a promise holds a misfit's law, not its size on the measured print.
+A gantry that racks does not move a part in the middle of the bed, but moves one at the bed's end by much. A printer
+that warms up is cold again when the next print begins. So a promise holds a misfit's law, not its size on the measured
+print.
 """
 
 from collections.abc import Mapping
@@ -10,28 +11,32 @@ from typing import Any
 
 import numpy as np
 
-from printmend.promise.laws import LAWS, LONG_MM, TWO_MOTORS, Sideways, warmed
+from printmend.promise.laws import LAWS, LONG_MM, TWO_MOTORS, LawRows, warmed
 from printmend.saved.values import number, numbers, refuse, section_of
 
 STAYS, SPEED, ENDED, VARIES, EARLY, LEARNED = "stays", "speed", "ended", "varies", "early", "learned"
-# Mean and standard deviation of how much of a law a new print has: what stays, what depends on speed, what was taken
-# out as it was at the end of the measured print and may go on, and what was learned as a part of another kind.
+# Mean and standard deviation of the share of a law's measured size that a new print has, by what becomes of the misfit:
+# it stays; it depends on speed; the model was learned as of the end of the measured print, so that only its further
+# growth is left (ended); or the model took it in as a part of another kind (learned).
 SHARES = {STAYS: (1.0, 0.25), SPEED: (0.5, 0.3), ENDED: (0.0, 0.1), LEARNED: (0.0, 0.12)}
-GOES_ON = 0.7  # standard deviation of the logarithm of how much what ended may go on
-# What comes anew with every print, as warmth does: a new one may be anywhere on its way. The model is of the whole
-# measured print (varies), or of as early a time as most parts are printed at (early).
+GOES_ON = 0.7  # standard deviation of the logarithm of a factor on the share of ENDED: some go on for much longer
+# Some misfits begin anew with every print, as warming does. The time at which a new part is printed is drawn evenly
+# between these shares of the measured print's length.
 VARIES_FROM, VARIES_TO = 0.1, 1.0
-EARLY_DONE = 0.108  # of the measured print
-# How much sooner than the measured one another print warms up, the last is still warm from before; the chances of each.
+# Share of the measured print's length at which a model of state EARLY describes the printer: early, for most parts are
+# smaller than the measured print.
+EARLY_DONE = 0.108
+# How many times as fast as the measured print another one warms up, and the probability of each; the last stands for a
+# printer that is still warm from the print before.
 WARMING_SPEEDS = (0.6, 1.0, 1.4, 1.9, 2.6, 4.0, 1e6)
 WARMING_CHANCES = (0.14, 0.25, 0.22, 0.17, 0.13, 0.06, 0.03)
-LONGEST_MM = 1e9  # no measured print went further
-_MOST_WEIGHTS = 2 * len(TWO_MOTORS)  # of an effect that a file may name
+LONGEST_MM = 1e9  # a model file may name no longer way of the measured print
+_MOST_WEIGHTS = 2 * len(TWO_MOTORS)  # a model file may name no more weights of an effect
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnCause:
-    """One cause of what drawn machines differ in at places of a print: ``columns`` [N, K] @ ``drawn`` [K, D]."""
+    """Errors of one cause at N places of a print, for D drawn machines: ``columns`` [N, K] @ ``drawn`` [K, D]."""
 
     columns: np.ndarray
     drawn: np.ndarray
@@ -43,7 +48,10 @@ class DrawnCause:
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """A misfit of one ``motor``: its ``kind``'s law with ``weights`` [Q] mm, and what becomes of it, ``state``.
+    """A misfit of one ``motor``: its size is the law of its ``kind`` times ``weights`` [Q] mm.
+
+    ``state`` says what becomes of it in the next print (`SHARES`, `VARIES`, `EARLY`); ``detail`` and ``place`` are the
+    law's parameters.
 
     ``absorbed`` [3] mm is how much of it the model has taken in: as an offset, as play, as a scale. ``spans_mm``
     [4, 2] are the ends, in the measured print, of the motor's and the other motor's way and of the bed's axes;
@@ -61,19 +69,22 @@ class Effect:
     period_mm: float
     way_mm: float = 0.0
 
-    def law(self, one: Sideways) -> np.ndarray:
-        """Return the misfit at rows [N] mm, none of it absorbed."""
+    def law(self, one: LawRows) -> np.ndarray:
+        """Return the misfit at rows [N] mm, what the model took in included."""
         return np.asarray(LAWS[self.kind](one, self.detail, self.place)[:, : len(self.weights)] @ self.weights)
 
     def drawn(self, places: "PrintPlaces", begun: np.ndarray, rng: np.random.Generator) -> "DrawnCause":
-        """Return by how much the belt may be off at places of a new print [N, D]; ``begun`` [D] from 0 to 1 draws how
-        far the print is with what comes anew each time, the same for all effects."""
+        """Return by how much the belt may be off at places of a new print [N, D].
+
+        ``begun`` [D], from 0 to 1, draws how far a misfit that begins anew with each print has come; all effects of a
+        drawn machine share it.
+        """
         one = places.seen_by(self)
         columns = np.stack([self.law(one), absorbing(one) @ self.absorbed], axis=1)
         now = VARIES_FROM + (VARIES_TO - VARIES_FROM) * begun
         if self.state == VARIES:
             return DrawnCause(columns, np.stack([now, np.full_like(now, -1.0)]))
-        if self.state == EARLY and self.kind != "thermal":  # what came with time beside it is as it was then, too
+        if self.state == EARLY and self.kind != "thermal":  # the model is of that early time for every other kind, too
             early = self.law(one.all_at(EARLY_DONE))
             return DrawnCause(np.stack([columns[:, 0], early], axis=1), np.stack([now, np.full_like(now, -1.0)]))
         if self.state == EARLY:
@@ -88,8 +99,10 @@ class Effect:
     def _warming(
         self, places: "PrintPlaces", law: np.ndarray, now: np.ndarray, rng: np.random.Generator
     ) -> "DrawnCause":
-        """Return what a warm-up may do to a print that was mended as of an early time of it: a printer grows as far as
-        the print has gone, sooner or later than in the measured one, or is still warm from the print before."""
+        """Return the error that warming leaves in a print that was mended for the state at `EARLY_DONE`.
+
+        The printer warms up as the print goes on, faster or slower than in the measured print (`WARMING_SPEEDS`).
+        """
         share = self.detail
         early = warmed(np.array([EARLY_DONE]), share)
         if not self.way_mm:
@@ -107,8 +120,12 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class PrintPlaces:
-    """Places [N] of a new print: both motors, the bed [N, 2], the side of its belt that each motor pushes, which way
-    each of a CoreXY's axes goes (0 where it is not known), and how far the print has gone there."""
+    """N places of a new print, as the laws need them.
+
+    ``motor_mm`` [N, 2] are the motors' positions, ``bed_mm`` [N, 2] the places on the bed, ``side`` [N, 2] the side of
+    its belt that each motor pushes, ``ways`` [N, 2] the directions of a CoreXY's axes (0 where not known), ``gone_mm``
+    [N] the length of the print up to there.
+    """
 
     motor_mm: np.ndarray
     bed_mm: np.ndarray
@@ -116,11 +133,11 @@ class PrintPlaces:
     ways: np.ndarray
     gone_mm: np.ndarray
 
-    def seen_by(self, effect: Effect) -> Sideways:
-        """Return the places as the rows of a print that is done, in the measures of the one that was measured."""
+    def seen_by(self, effect: Effect) -> LawRows:
+        """Return the places as rows for the laws, in coordinates of the measured print, its time at the end."""
         own, other = self.motor_mm[:, effect.motor], self.motor_mm[:, 1 - effect.motor]
         spans = effect.spans_mm
-        return Sideways(
+        return LawRows(
             motor_mm=own,
             period_mm=effect.period_mm,
             done=np.ones(len(own)),
@@ -135,8 +152,8 @@ class PrintPlaces:
         )
 
 
-def absorbing(one: Sideways) -> np.ndarray:
-    """Return the columns [N, 3] of what most models have: an offset, play, a scale."""
+def absorbing(one: LawRows) -> np.ndarray:
+    """Return the columns [N, 3] of an offset, play and a scale, by which most models take a misfit in."""
     return np.stack([np.ones(len(one.side)), one.side, one.own], axis=1)
 
 

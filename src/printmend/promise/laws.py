@@ -1,4 +1,4 @@
-"""The laws of misfits: what each does to a motor's belt, by time, direction, half of the bed, period."""
+"""The laws of misfits: each says how the error of a motor's belt depends on time, direction, place or period."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,16 +8,20 @@ import numpy as np
 from printmend.units import TURN_RAD
 
 WARMING = 0.25  # time constant of a machine that warms up, as a share of the print, where none is known
-LONG_MM = 10.0  # moves longer than this have reached their speed
+LONG_MM = 10.0  # on longer moves the head reaches the commanded speed
 TWO_MOTORS = (1, 2, 3)  # harmonics of a pulley that may differ between the two motors of an axis
 
 
 @dataclass(frozen=True, eq=False)
-class Sideways:
-    """One motor's rows as the tests see them, all [N] but two: the share of the print that is ``done``, the ``side`` of
-    the belt that is touched, the motor's place ``own`` and that of the bed's axes ``beds`` [N, 2] from −1 to 1, which
-    way the other motor last went, ``across``, the length of the last move on the bed, ``move_mm``, which way the bed's
-    axes last went, ``ways`` [N, 2], and the place there, ``bed_mm`` [N, 2]."""
+class LawRows:
+    """The N rows of one motor, as the laws need them.
+
+    ``motor_mm`` are its positions and ``period_mm`` its turn; ``done`` is the share of the print's length up to a row,
+    ``side`` the side of the belt that is pushed. ``own``, ``other`` and ``beds`` [N, 2] are the places of this motor,
+    of the other one and of the bed's axes, each scaled to −1…1 over the print. ``across`` is the direction in which the
+    other motor last moved, ``ways`` [N, 2] those of the bed's axes; ``move_mm`` is the length of the last move and
+    ``bed_mm`` [N, 2] the place on the bed.
+    """
 
     motor_mm: np.ndarray
     period_mm: float
@@ -31,17 +35,17 @@ class Sideways:
     ways: np.ndarray
     bed_mm: np.ndarray
 
-    def at(self, rows: np.ndarray) -> "Sideways":
+    def at(self, rows: np.ndarray) -> "LawRows":
         """Return some of the rows."""
         picked = {name: value[rows] if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
-        return Sideways(**picked)
+        return LawRows(**picked)
 
-    def all_at(self, done: float) -> "Sideways":
+    def all_at(self, done: float) -> "LawRows":
         """Return the same rows as if all were printed when this share of the print is done."""
-        return Sideways(**{**vars(self), "done": np.full_like(self.done, done)})
+        return LawRows(**{**vars(self), "done": np.full_like(self.done, done)})
 
 
-def _upper(one: Sideways, axis: float, place: float) -> np.ndarray:
+def _upper(one: LawRows, axis: float, place: float) -> np.ndarray:
     """Tell which rows lie in the upper part of one of the bed's axes."""
     return (one.beds[:, int(axis)] > place) * 1.0
 
@@ -56,19 +60,19 @@ def warmed(done: np.ndarray, share: float) -> np.ndarray:
     return np.asarray(1 - np.exp(-done / (share or WARMING)))
 
 
-def _thermal(one: Sideways, share: float, _: float) -> np.ndarray:
-    """Return how a machine that warms up grows, and how its end stop moves away from where it grows from."""
+def _thermal(one: LawRows, share: float, _: float) -> np.ndarray:
+    """Return the columns of a warming machine: its parts expand, and its end stop moves away from the fixed point."""
     grown = warmed(one.done, share)
     return np.stack([one.own * grown, grown], axis=1)
 
 
-def _rail(one: Sideways, axis: float, _: float) -> np.ndarray:
-    """Return the play of one of the bed's axes, as it was from the first point on and as it grew."""
+def _rail(one: LawRows, axis: float, _: float) -> np.ndarray:
+    """Return the columns of one rail's play: a constant part, and a part that grows evenly during the print."""
     way = one.ways[:, int(axis)]
     return np.stack([way, way * one.done], axis=1)
 
 
-Law = Callable[[Sideways, float, float], np.ndarray]  # rows, detail, place → columns [N, Q]
+Law = Callable[[LawRows, float, float], np.ndarray]  # rows, detail, place → columns [N, Q]
 LAWS: dict[str, Law] = {
     "linear": lambda s, _, __: s.done[:, None],
     "step": lambda s, share, _: (s.done > share)[:, None] * 1.0,

@@ -1,4 +1,4 @@
-"""What is looked for that no part of a machine's model follows, and one motor's rows as the laws see them."""
+"""The candidates that the tests of misfit try, each a law with its parameters, and the rows that the laws are given."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,35 +8,35 @@ import numpy as np
 from printmend.identify.drive.design import Rows
 from printmend.identify.drive.second import other_periods_mm
 from printmend.path import last_way
-from printmend.promise.laws import LAWS, Sideways
+from printmend.promise.laws import LAWS, LawRows
 
 BREAKS = np.linspace(0.1, 0.9, 17)  # shares of the print after which a step is looked for
 CREEPS = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)  # time constants, as shares of the print
-WARMINGS = (0.1, 0.25, 0.7)  # the same, of a machine that warms up: some of them, so that none fits a creep better
-WARMING_ODDS = 20.0  # against growth from end to end, where a shift that comes with time explains as much
-HALVES = np.linspace(-0.4, 0.4, 9)  # where one half of the bed may end and the other begin, the span from −1 to 1
-SEEN_SHARE = 0.8  # of a motor's span: longer periods do not show
+WARMINGS = (0.1, 0.25, 0.7)  # the same for warming: few, because with more of them one would fit a creep better
+WARMING_ODDS = 20.0  # prior odds of a mere shift in time against warming, which also expands the machine
+HALVES = np.linspace(-0.4, 0.4, 9)  # tried borders between two halves of the bed, whose span is −1 to 1
+SEEN_SHARE = 0.8  # share of a motor's span that a period may have: longer ones do not show
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One thing that may be: its ``kind``, how many like it are tried, and the ``detail`` and ``place`` of its law."""
+    """A law that is tried: its ``kind``, its parameters ``detail`` and ``place``, how many of its kind are tried."""
 
     kind: str
     tried: int = 1
     detail: float = 0.0
     place: float = 0.0
 
-    def columns(self, one: Sideways) -> np.ndarray:
-        """Return what it may do to each row, as columns [N, Q]."""
+    def columns(self, one: LawRows) -> np.ndarray:
+        """Return the law's columns [N, Q] at the rows."""
         return LAWS[self.kind](one, self.detail, self.place)
 
 
-def sideways(motors: list[Rows], which: int, commanded_mm: np.ndarray, side: np.ndarray) -> Sideways:
-    """Return one motor's rows as the tests see them."""
+def law_rows(motors: list[Rows], which: int, commanded_mm: np.ndarray, side: np.ndarray) -> LawRows:
+    """Return the rows of one motor as the laws need them."""
     rows, other = motors[which], motors[1 - which]
     done = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(commanded_mm, axis=0).T))])
-    return Sideways(
+    return LawRows(
         rows.motor_mm,
         rows.period_mm,
         done / max(float(done[-1]), 1e-9),
@@ -52,7 +52,7 @@ def sideways(motors: list[Rows], which: int, commanded_mm: np.ndarray, side: np.
 
 
 def in_time() -> Iterator[Candidate]:
-    """Yield what comes with time and shifts places."""
+    """Yield the candidates that shift places in the course of time."""
     yield Candidate("linear")
     for share in BREAKS:
         yield Candidate("step", len(BREAKS), float(share))
@@ -62,7 +62,7 @@ def in_time() -> Iterator[Candidate]:
         yield Candidate("thermal", int(WARMING_ODDS * len(WARMINGS)), share)
 
 
-def candidates(one: Sideways, *, corexy: bool) -> Iterator[Candidate]:
+def candidates(one: LawRows, *, corexy: bool) -> Iterator[Candidate]:
     """Yield everything that is looked for. What a rail does is what a motor's belt does, but for a CoreXY's."""
     yield from in_time()
     for kind in ("wear", "direction", "racking-across", "speed"):

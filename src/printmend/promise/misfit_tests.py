@@ -1,4 +1,4 @@
-"""Does the model fit? What its residuals still hold, by time, direction, half of the bed, period; where it is silent.
+"""Tests of whether a model fits: causes that show in its residuals, points that it leaves out, places never measured.
 
 The residuals of each motor, and every column that is looked for, are freed of what the model's own parts can follow.
 The column that then explains most is believed where it does so by more than chance, allowing for how many were tried
@@ -20,34 +20,38 @@ from printmend.measure.once import RANDOM_SDS, in_no_order
 from printmend.path import Trace
 from printmend.promise.apply import observed_stretch
 from printmend.promise.effects import EARLY, EARLY_DONE, ENDED, LEARNED, SPEED, STAYS, VARIES, Effect, absorbing
-from printmend.promise.laws import Sideways, warmed
+from printmend.promise.laws import LawRows, warmed
 from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
-from printmend.promise.misfit_columns import Candidate, candidates, in_time, sideways
+from printmend.promise.misfit_columns import Candidate, candidates, in_time, law_rows
 
-MOST_ROWS = 1500  # rows of a motor that are looked at: more take time and say the same
-LEAST_ROWS = 60  # rows below which nothing is looked for
-QUARTERS = 4  # of a print: growth is looked for where each of them
-LEAST_ROWS_A_QUARTER, LEAST_SPREAD_SHARE = 40, 0.3  # has so many rows, over this share of the motor's places
-MOST_CAUSES = 3  # causes that are named for each motor
+MOST_ROWS = 1500  # most rows of a motor that are tested: more take time and say the same
+LEAST_ROWS = 60  # with fewer rows nothing is tested
+# Growth is tested only where each of so many parts of the print has at least so many rows, spread over at least this
+# share of the motor's span.
+QUARTERS, LEAST_ROWS_A_QUARTER, LEAST_SPREAD_SHARE = 4, 40, 0.3
+MOST_CAUSES = 3  # most causes that are named for one motor
 SURE_NATS = 14.0  # log likelihood that a cause must gain, beyond the logarithm of how many are tried
-LEAST_COST_MM = 0.018  # root mean square error on a print that a cause must make: an owner does not see less
+LEAST_COST_MM = 0.018  # least RMS error on a print that a cause must make to be named: an owner does not see less
 WARNED_MM = 0.03  # a cause of that size or more is a warning, a smaller one a note
-NOISE_SHARE = 0.3  # of the noise: a cause that is smaller is of no use to know
+NOISE_SHARE = 0.3  # a cause must have this share of the noise at least: a smaller one is of no use to know
 LEAST_OWN_SHARE = 0.05  # share of a column that the model's own parts must leave, for it to be told from them
-LEAST_OWN_SHARE_OF_SPEED = 0.02  # the same of one that hardly differs: a probe's moves are about as long
-ONE_SIGMA_SHARE, LEAST_SPREAD_MM = 0.6827, 1e-6  # of Gaussian residuals within a standard deviation; the least of it
+LEAST_OWN_SHARE_OF_SPEED = 0.02  # the same for the law of speed, whose column hardly varies: a probe's moves are alike
+ONE_SIGMA_SHARE = 0.6827  # share of Gaussian residuals within one standard deviation
+LEAST_SPREAD_MM = 1e-6  # smallest standard deviation of residuals: it is divided by
 CLIP_SIGMAS = 4.0  # standard deviations beyond which a residual is an outlier
-LOST_SIGMAS = 6.0  # a place that is off by more standard deviations was measured wrongly,
-LOST_MM = 0.05  # if it is off by more than this, too
-FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3  # shares of the points: a note, a warning, a refusal from there on
+LOST_SIGMAS, LOST_MM = 6.0, 0.05  # a point whose residual exceeds both limits was measured wrongly
+# Shares of such points from which on they are a note, a warning, a refusal.
+FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3
 UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # a model that leaves this share of the error, and as many mm, does not fit
 MOST_JUMPS = 4  # skipped teeth and lost steps in a print, beyond which its end is no better known than its beginning
 ONE_WAVE_SHARE = 0.15  # waves of one rail whose lengths differ by less are one, which both motors show
 IN_TIME = ("linear", "step", "creep", "wear", "thermal")
-TURNED_DEG, ALIKE_SHARE = 0.1, 0.6  # a plate lies turned where both axes lean by so much, the less by this share;
-ALIKE_SHARE_COREXY = 0.25  # one motor's pulley leans both of a CoreXY's axes, towards each other
-TILTED_SHARE = 2.0  # times what lies along the axis that moved must lie across it
-MOVED_MM, HOME_SD_MM = 0.3, 0.05  # a plate lies shifted from there on; the most doubt of the error at home
+# A plate lay turned where both axes lean by so many degrees in the same sense, the smaller by at least this share of
+# the larger. On a CoreXY the share is smaller, because one bad pulley leans both axes towards each other.
+TURNED_DEG, ALIKE_SHARE, ALIKE_SHARE_COREXY = 0.1, 0.6, 0.25
+TILTED_SHARE = 2.0  # the head tilts where its error across the axis that moved is so many times the error along it
+MOVED_MM = 0.3  # a plate lay shifted by this much at least
+HOME_SD_MM = 0.05  # … where the error at home is known to this standard deviation
 MOST_LEFT_SHARE = 0.35  # share of an uneven belt's squares that one period may leave
 TWO_VALUED = 1.65  # kurtosis below which residuals take one of two values: even chances of a range give 1.8
 NOISE_KURTOSIS = 3.0  # kurtosis of Gaussian noise
@@ -88,9 +92,9 @@ def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
     return tuple(found)
 
 
-def _looked_at(box: GreyboxModel, trace: Trace) -> Iterator[tuple[int, Rows, Sideways, np.ndarray, np.ndarray]]:
-    """Yield each motor that has rows enough: its rows, those used of them as the laws see them, which, and which of
-    these are no outliers."""
+def _looked_at(box: GreyboxModel, trace: Trace) -> Iterator[tuple[int, Rows, LawRows, np.ndarray, np.ndarray]]:
+    """Yield for each motor that has rows enough: its rows, the used ones for the laws, their numbers, and which of them
+    are no outliers."""
     rows = motor_rows(trace, box.printer, box.periods_mm)
     for motor, drive in enumerate(box.drives):
         touch = drive.choice.fit.touch
@@ -99,19 +103,21 @@ def _looked_at(box: GreyboxModel, trace: Trace) -> Iterator[tuple[int, Rows, Sid
         used = _used(rows[motor], touch.at)
         if len(used) < LEAST_ROWS:
             continue
-        one = sideways(rows, motor, trace.commanded_mm, touch.side).at(used)
+        one = law_rows(rows, motor, trace.commanded_mm, touch.side).at(used)
         yield motor, rows[motor], one, used, _near(touch.residual_mm[used])
 
 
 def _used(rows: Rows, at: np.ndarray) -> np.ndarray:
-    """Return some rows that were measured and touch a branch, ``at`` [N] being where or −1."""
+    """Return the rows to test: measured, with a contact (``at`` [N]: its row or −1), at most some `MOST_ROWS`."""
     used = np.flatnonzero((rows.weight > 0) & (at >= 0))
     return used[:: max(1, len(used) // MOST_ROWS)]
 
 
 def unrest_mm(box: GreyboxModel, trace: Trace) -> float:
-    """Return the RMS size of what surely changed in time while the print was made, where it is so small that no time is
-    chosen for the model: a drift, however slow, from the mean of the print; 0 where nothing surely did."""
+    """Return the RMS size [mm] of a small drift during the print; 0 where none is certain.
+
+    It is for drifts that are too small for the model to be made for one time of the print, its beginning or its end.
+    """
     sizes = [0.0]
     for motor, rows, one, used, near in _looked_at(box, trace):
         choice, seen = box.drives[motor].choice, one.at(near)
@@ -124,21 +130,25 @@ def unrest_mm(box: GreyboxModel, trace: Trace) -> float:
 
 
 def _near(residual_mm: np.ndarray) -> np.ndarray:
-    """Return the rows [M] that are looked at: all, but the outliers where there are so many that together they would
-    look like something."""
+    """Tell which rows [M] are tested: all, unless outliers are so many that together they would look like a pattern."""
     outlier = np.abs(residual_mm) > CLIP_SIGMAS * _spread_mm(residual_mm)
     return np.flatnonzero(~outlier) if outlier.mean() > MANY_LOST else np.arange(len(residual_mm))
 
 
 def _spread_mm(residual_mm: np.ndarray) -> float:
-    """Return what as many residuals do not exceed as one standard deviation of Gaussian ones: a third of wild points
-    does not change it much, and a pattern in one half of the rows, as of play that wears on one side, is not wild."""
+    """Return a standard deviation by quantile: 68 % of the residuals are not larger.
+
+    Unlike one by the median, it includes a pattern in half of the rows, as of play that wears on one side; a third of
+    outliers hardly changes it.
+    """
     return max(float(np.quantile(np.abs(residual_mm), ONE_SIGMA_SHARE)), LEAST_SPREAD_MM)
 
 
-def _shows_growth(one: Sideways) -> bool:
-    """Say whether both ends of a motor's way were printed again and again: few walls, each printed once, show where
-    they are wrong, but not that this came with time."""
+def _shows_growth(one: LawRows) -> bool:
+    """Say whether the rows can show growth in time: each quarter of the print covers much of the motor's way.
+
+    A few walls that were each printed once show that they are wrong, but not that this came with time.
+    """
     for quarter in range(QUARTERS):
         own = one.own[np.floor(np.minimum(one.done, 1 - 1e-9) * QUARTERS) == quarter]
         if len(own) < LEAST_ROWS_A_QUARTER:
@@ -150,7 +160,7 @@ def _shows_growth(one: Sideways) -> bool:
 
 
 def _repeated(
-    motor: int, offered: list[Candidate], one: Sideways, drive: LearnedDrive, rows: Rows, used: np.ndarray
+    motor: int, offered: list[Candidate], one: LawRows, drive: LearnedDrive, rows: Rows, used: np.ndarray
 ) -> list[Cause]:
     """Return the period of what was learned as an error that repeats nothing, where it does repeat."""
     design, values = drive.choice.design, drive.choice.fit.posterior.values
@@ -170,7 +180,7 @@ def _repeated(
 
 
 def _explained(
-    motor: int, offered: list[Candidate], one: Sideways, residual_mm: np.ndarray, basis: np.ndarray
+    motor: int, offered: list[Candidate], one: LawRows, residual_mm: np.ndarray, basis: np.ndarray
 ) -> list[Cause]:
     sigma, (left, spare) = _spread_mm(residual_mm), _left(residual_mm, basis)
     found: list[Cause] = []
@@ -194,18 +204,22 @@ def _explained(
 
 
 def _left(residual_mm: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return clipped residuals [M] without what a fit's own parts, an orthonormal ``basis`` [M, Q], explain of them,
-    and how many numbers these leave free."""
+    """Return clipped residuals [M] less their projection on a fit's own parts, and the degrees of freedom left.
+
+    ``basis`` [M, Q] is an orthonormal basis of the parts' columns.
+    """
     most_mm = CLIP_SIGMAS * _spread_mm(residual_mm)
     left = np.clip(residual_mm, -most_mm, most_mm)
     return left - basis @ (basis.T @ left), max(len(left) - basis.shape[1], 1)
 
 
 def _tried(
-    motor: int, candidate: Candidate, one: Sideways, left: np.ndarray, basis: np.ndarray, spare: int, least_nats: float
+    motor: int, candidate: Candidate, one: LawRows, left: np.ndarray, basis: np.ndarray, spare: int, least_nats: float
 ) -> Cause | None:
-    """Return what a candidate explains of what is ``left``; None for what the fit's own parts explain as well, or
-    what brings no more than ``least_nats``."""
+    """Return the cause that a candidate makes of the residuals ``left``.
+
+    None where the fit's own parts could explain it as well, and where it gains no more than ``least_nats``.
+    """
     columns = candidate.columns(one)
     whole = float(np.square(columns - columns.mean(axis=0)).sum())
     freed = columns - basis @ (basis.T @ columns)
@@ -225,9 +239,10 @@ def _tried(
 
 
 def of_the_end(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tuple[Trace, str] | None:
-    """Return the trace as it would be had all of it been printed at one time, and which; None where nothing changed.
+    """Return the trace as if all of it had been printed at one time, and which time; None where nothing changed.
 
-    What gives way stays so: the end. A printer that warms up is cold again when the next print begins: early.
+    Where something gave way it stays so, and the time is the end. A printer that warmed up is cold again when the next
+    print begins, and the time is early.
     """
     timed = [cause for cause in causes if cause.candidate.kind in IN_TIME and cause.size_mm > LEAST_COST_MM]
     if not timed or sum(len(jumps) for jumps in box.jumps) > MOST_JUMPS:
@@ -237,7 +252,7 @@ def of_the_end(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tu
     moved = np.zeros(trace.measured_mm.shape)
     for cause in timed:
         touch = box.drives[cause.motor].choice.fit.touch
-        one = sideways(rows, cause.motor, trace.commanded_mm, touch.side)
+        one = law_rows(rows, cause.motor, trace.commanded_mm, touch.side)
         law = cause.candidate.columns
         moved[:, cause.motor] += (law(one.all_at(EARLY_DONE if state == EARLY else 1.0)) - law(one)) @ cause.weights
     return replace(trace, measured_mm=trace.measured_mm + np.asarray(box.printer.from_motor(moved))), state
@@ -246,8 +261,10 @@ def of_the_end(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tu
 def effects_of(
     box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: str = VARIES
 ) -> tuple[tuple[Effect, ...], np.ndarray]:
-    """Return what causes may do to a new print, and what they do to the rows of this one, motor by motor [N, 2] mm;
-    ``state`` is what the model makes of those in time."""
+    """Return the effects that causes may have on a new print, and their errors in this one's rows, by motor [N, 2] mm.
+
+    ``state`` is the state of the causes that come with time: which time the model is made for.
+    """
     rows = motor_rows(trace, box.printer, box.periods_mm)
     effects, explained = [], np.zeros((len(trace), 2))
     ways = [*(row.motor_mm for row in rows), *trace.commanded_mm.T]
@@ -255,7 +272,7 @@ def effects_of(
     way_mm = round(float(np.hypot(*np.diff(trace.commanded_mm, axis=0).T).sum()), 1)
     for cause in causes:
         drive, kind = box.drives[cause.motor], cause.candidate.kind
-        one = sideways(rows, cause.motor, trace.commanded_mm, drive.choice.fit.touch.side)
+        one = law_rows(rows, cause.motor, trace.commanded_mm, drive.choice.fit.touch.side)
         used = _used(rows[cause.motor], drive.choice.fit.touch.at)
         done = cause.candidate.columns(one) @ cause.weights
         basis = own_columns(drive.choice, rows[cause.motor], used)
@@ -278,7 +295,10 @@ def effects_of(
 
 
 def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: str = VARIES) -> tuple[Misfit, ...]:
-    """Return causes, points left out and places never seen as findings; ``state`` is what became of those in time."""
+    """Return causes, points left out and places never measured as findings.
+
+    ``state`` is the state of the causes that come with time: which time the model is made for.
+    """
     found = []
     tilts = {kind: _tilts(causes, kind) for kind in ("rail-play", "rail-racking")}
     for cause in _once(causes):
@@ -303,7 +323,7 @@ def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: 
 
 
 def _once(causes: tuple[Cause, ...]) -> list[Cause]:
-    """Return causes without the smaller of two that both motors show of one rail."""
+    """Return the causes; of two that both motors show of the same rail the larger alone."""
     found: list[Cause] = []
     for cause in causes:
         at = next((at for at, other in enumerate(found) if _is_one_rails(cause.candidate, other.candidate)), None)
@@ -322,9 +342,12 @@ def _is_one_rails(one: Candidate, other: Candidate) -> bool:
 
 
 def _tilts(causes: tuple[Cause, ...], kind: str) -> dict[int, float]:
-    """Return by how much [mm] a CoreXY's head is off along the other axis after one of the bed's axes turned round, for
-    each axis that moves both motors alike by that, everywhere or at the ends, as ``kind`` has it: a rail of its own
-    would lag along itself."""
+    """Return by axis of a CoreXY's bed by how much [mm] the head is off across it after that axis turned round.
+
+    Listed are the axes with mostly such errors, which come of a tilting head; an axis with play of its own would lag
+    along itself. ``kind`` is "rail-play" for errors that are the same everywhere, "rail-racking" for those that grow
+    towards the ends.
+    """
     found = {}
     for axis in range(2):
         lag = [0.0, 0.0]
@@ -352,7 +375,7 @@ def _severity(cause: Cause) -> str:
 
 
 def _one_of_each(found: list[Misfit]) -> list[Misfit]:
-    """Join what both motors have."""
+    """Return one finding for each kind: those of both motors are joined."""
     joined: dict[str, Misfit] = {}
     for each in found:
         if (old := joined.get(each.kind)) is not None:
@@ -404,7 +427,7 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
 
 
 def _unfit(box: GreyboxModel, trace: Trace) -> list[Misfit]:
-    """Say where a model does not follow its own measurement."""
+    """Return a refusal where a model leaves too much of its own measurement's errors."""
     left, whole = box.residual_after_mm, box.residual_before_mm
     if left < max(UNFIT_MM, UNFIT_SHARE * whole):
         return []

@@ -18,29 +18,30 @@ from printmend.promise.effects import DrawnCause, PrintPlaces
 from printmend.saved import bed_middle
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
-DRAWS = 256  # machines that the measurement allows
-RANKED_DRAWS = 128  # of these, for the quantiles over the places of a path
-MOST_PLACES = 512  # of the path that are looked at, at most: 2048 change no figure by more than another seed does
-LOW, HIGH = 0.05, 0.95
-ROUNDED = (0.0, 1.1)
-# Mean and standard deviation of the logarithm of how much larger a pattern that no model follows is in another print
-# than what the fit of this one left of it: a fit takes some of it in, and another path meets it otherwise.
+DRAWS = 256  # number of machines that are drawn from what the measurement allows
+RANKED_DRAWS = 128  # number of these of which the quantiles over the places of a path are taken
+MOST_PLACES = 512  # most places of a path that are evaluated: 2048 change no figure by more than another seed does
+LOW, HIGH = 0.05, 0.95  # quantiles of the drawn machines that bound the 90 % range
+ROUNDED = (0.0, 1.1)  # range of the factor on the variance of rounding to micro-steps, which is 1 for even rounding
+# An unexplained pattern may be larger or smaller in another print than the fit of this one left of it, because a fit
+# takes some of it in and another path meets other parts of it: mean and standard deviation of the factor's logarithm.
 ELSEWHERE_LOG = (0.0, 0.6)
-# Share of what no part follows that mended moves may add to it: they meet it otherwise than the plain ones.
+# Mended moves differ from the plain ones and meet an unexplained pattern elsewhere: the share of it that this may add.
 OTHERWISE_SHARE = 0.7
-# What marks at rest do not show, as ringing, sticking, a loose nozzle: median [mm] over both axes, and the standard
-# deviation of its logarithm. Most printers have hardly any, some have 0.03 mm.
+# Errors of motion, as ringing, sticking or a loose nozzle, do not show in marks at which the head rests: their assumed
+# median [mm] over both axes, and the standard deviation of its logarithm. Most printers have hardly any, some 0.03 mm.
 UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.8
-# Length over which what differs from place to place stays alike: ringing swings over 1 to 3 mm, a loose nozzle more.
+# Length over which an error that differs from place to place stays alike: ringing swings over 1 to 3 mm, a loose nozzle
+# over more.
 CELL_MM = 2.0
-LASTING = ("unexplained", "motion")  # what differs from place to place, but not at random as rounding does
+LASTING = ("unexplained", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
 NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
-WHOLE_TURN_SHARE = 0.95  # of a turn that counts as all of it
-# Mean and standard deviation of the logarithm of how much larger the doubt of a pulley seen in part is than it says
-# itself: what nobody saw is mostly nothing, and now and then a flat.
+WHOLE_TURN_SHARE = 0.95  # a pulley of which this share of a turn was measured counts as measured whole
+# The stated doubt of a pulley that was measured in part is multiplied by a random factor, because the rest is mostly
+# round and now and then has a flat: mean and standard deviation of the factor's logarithm.
 GUESSED_LOG = (-0.5, 1.4)
 LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
-STANDS_SHARE = 1e-6  # the share of a move below which a motor stands still
+STANDS_SHARE = 1e-6  # a motor that goes less than this share of a move's length stands still
 _BEYOND = np.linspace(-6.0, 8.0, 1401)  # normal values, and minus the logarithm of the chance of larger ones
 _BEYOND_LOG = np.array([-math.log(0.5 * math.erfc(each / math.sqrt(2))) for each in _BEYOND])
 SEED = 11  # the same file and model always get the same promise
@@ -48,11 +49,14 @@ SEED = 11  # the same file and model always get the same promise
 
 @dataclass(frozen=True, eq=False)
 class PathPlaces:
-    """Places at even distances along an extruded path: ``wanted_mm`` [N, 2], unit ``tangent`` [N, 2], by how much the
-    file as it is prints to the left of the path there, ``off_mm`` [N], the side that each motor pushed before the move,
-    ``side`` [N, 2], the length that a place stands for, ``weight`` [N], its height, ``z_mm`` [N], where known, how far
-    the print has gone there, ``gone_mm`` [N], None where the weights add up to that, and which way the bed's axes last
-    went, ``ways`` [N, 2], None where the tangent tells."""
+    """N places at even distances along an extruded path.
+
+    ``wanted_mm`` [N, 2] are the places on the bed and ``tangent`` [N, 2] the path's unit directions. ``off_mm`` [N] is
+    by how much the file as it is prints to the left of the path, ``side`` [N, 2] the side of its belt that each motor
+    pushed before the move, ``weight`` [N] the length of path that a place stands for. ``z_mm`` [N] is its height, where
+    known; ``gone_mm`` [N] the length of the print up to there, None where it is the sum of the weights; ``ways`` [N, 2]
+    the last direction of each of the bed's axes, None where the tangent tells.
+    """
 
     wanted_mm: np.ndarray
     tangent: np.ndarray
@@ -105,9 +109,9 @@ def without_doubt(errors: Errors) -> Promise:
 class Outlook:
     """What to expect of a file as it is (``before``) and mended (``after``).
 
-    ``gain_mm`` [DRAWS] is by how much mending surely lowers the error of each drawn machine, in shape and, where the
-    measurement says where that is, in place: what nothing explains may be worse for other moves, and goes neither with
-    what is known nor against it.
+    ``gain_mm`` [DRAWS] is by how much mending lowers the RMS error of each drawn machine: that of the shape, and of the
+    place, too, where the measurement knows it. It is estimated with caution: an unexplained pattern may be larger for
+    the mended moves, and counts as independent of the errors that are known.
     """
 
     before: Promise
@@ -118,8 +122,11 @@ class Outlook:
 def promised(
     mechanism: Mechanism, budget: Budget, path: PathPlaces, before: Errors, after: Errors, *, at_rest: bool = False
 ) -> Outlook | None:
-    """Return what to expect, None for a path without a place. With ``at_rest`` the sides that are pushed are those of
-    the path, not those of its tangents: its places are marks."""
+    """Return what to expect of both files, None for an empty path.
+
+    With ``at_rest`` the places are marks, and the sides that the motors push are those that the path states; else they
+    follow from its tangents.
+    """
     if not len(path.weight) or path.weight.sum() <= 0:
         return None
     with threadpool_limits(1, user_api="blas"):  # the products are small: a second thread would only be waited for
@@ -151,8 +158,8 @@ def _outlook(
 
 @dataclass(frozen=True, eq=False)
 class _Aims:
-    """Where the motors are at each place [N, 2] before and after mending, the belts [N, 2], the sides pushed [N, 2],
-    which way the bed's axes go [N, 2]."""
+    """The motors' positions before and after mending, the belts' positions, the sides that are pushed and the bed's
+    axes' directions, all [N, 2]."""
 
     before_mm: np.ndarray
     after_mm: np.ndarray
@@ -163,9 +170,12 @@ class _Aims:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One of the two files: errors across the path that are sure, ``off_mm`` [N]; by cause the errors of the drawn
-    machines, ``doubt``, and the variances across the path of what differs from place to place, ``local``; what the
-    model itself says, ``known``: where ``signed``, ``off_mm`` says all of it but the largest."""
+    """One of the two files, and its errors across the path.
+
+    ``off_mm`` [N] are those that the model predicts. By cause, ``doubt`` holds the errors of the drawn machines and
+    ``local`` the variances of what differs from place to place. ``known`` is the model's own summary; where ``signed``,
+    ``off_mm`` holds all of that but the largest error.
+    """
 
     path: PathPlaces
     off_mm: np.ndarray
@@ -176,7 +186,7 @@ class _Side:
 
 
 def _thinned(path: PathPlaces, placed: bool) -> PathPlaces:
-    """Return `MOST_PLACES` of a path, with errors as large as those of all its places are together."""
+    """Return `MOST_PLACES` of a path's places, their predicted errors scaled to the RMS of those of all places."""
     count = len(path.weight)
     if count <= MOST_PLACES:
         return path
@@ -191,8 +201,7 @@ def _thinned(path: PathPlaces, placed: bool) -> PathPlaces:
 
 
 def shape_of(path: PathPlaces) -> np.ndarray:
-    """Return the errors across a path [N] without the part's place, which is the one shift of all of it that leaves the
-    least."""
+    """Return the errors across a path [N] less the best shift of the whole part: the errors of its shape."""
     normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
     root = np.sqrt(path.weight)
     shift = np.linalg.lstsq(normal * root[:, None], path.off_mm * root, rcond=None)[0]
@@ -238,8 +247,11 @@ def _directions(motor: MotorBudget, rng: np.random.Generator) -> np.ndarray:
 
 
 def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) -> DrawnCause:
-    """Return the error across the path [N, DRAWS] of belts that came to rest somewhere in their play at home, when the
-    measurement does not show where: every other one is engaged, the others lie anywhere."""
+    """Return the errors across the path of N places and `DRAWS` machines that homing leaves.
+
+    Where the measurement does not show where a belt rested in its play at home, half of the drawn machines have it
+    engaged, and the others anywhere in its play.
+    """
     printer = mechanism.printer
     at_home = printer.to_motor(np.array(printer.home_mm))
     shift = np.zeros((2, DRAWS))
@@ -251,8 +263,10 @@ def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) ->
 
 
 def push_doubt(screw: ScrewSeries | None, path: PathPlaces, rng: np.random.Generator) -> dict[str, DrawnCause]:
-    """Return the error across the path of what is not known of the push of Z; what it does at every height alike is in
-    the planar machine's own doubt."""
+    """Return the errors across the path that come of the doubt about the Z screw's push.
+
+    The part of it that is the same at every height belongs to the planar machine's doubt.
+    """
     if screw is None or path.z_mm is None or not screw.push_sd_mm.any():
         return {}
     waves = waves_of(path.z_mm, screw.lead_mm, HARMONICS)
@@ -279,7 +293,7 @@ def _columns(mechanism: Mechanism, budget: Budget, path: PathPlaces, aims: _Aims
 
 
 def _stretch(mechanism: Mechanism, budget: Budget, path: PathPlaces, rng: np.random.Generator) -> dict[str, DrawnCause]:
-    """Return the error across the path [N, DRAWS] of what an instrument cannot tell from the printer."""
+    """Return the errors across the path of N places and `DRAWS` machines that the instrument's own errors leave."""
     if not budget.stretch:
         return {}
     weights = np.array([weight for weight, _, _ in budget.stretch])
@@ -331,12 +345,12 @@ def _effects(
 
 
 def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Generator) -> tuple[Promise, np.ndarray]:
-    """Return the promise, and the RMS errors [DRAWS] with what nothing explains independent of what is known.
+    """Return the promise, and the RMS errors [DRAWS] if unexplained errors were independent of the predicted ones.
 
-    All of them are quadratic forms of what was drawn: the products of the columns are summed along the path once. What
-    nothing explains of a file as it is, `LASTING`, goes with what is known or against it: ``along`` [DRAWS] is drawn as
-    the cosine between two directions in space is, evenly from −1 to 1, for errors of a path are two shifts and a growth
-    before all.
+    All of them are quadratic forms of the drawn numbers, so the products of the columns are summed along the path once.
+    In a file as it is, the unexplained errors (`LASTING`) may add to the predicted ones or cancel them: ``along``
+    [DRAWS] is the cosine between the two. It is drawn evenly from −1 to 1, as between two random directions in space,
+    because the errors of a path are mostly combinations of three: two shifts and a change of scale.
     """
     weight = side.path.weight / side.path.weight.sum()
     normal = np.stack([-side.path.tangent[:, 1], side.path.tangent[:, 0]], axis=1)
@@ -387,10 +401,11 @@ def _square(products: np.ndarray, drawn: np.ndarray) -> np.ndarray:
 def _extremes(
     side: _Side, columns: np.ndarray, drawn: np.ndarray, shift: np.ndarray | None, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """Return the 95th percentile along the path, the median of some drawn machines, and the error that in `HIGH` of
-    them no place exceeds; without what a ``shift`` of the whole part takes off, where only its shape counts.
+    """Return the 95th percentile along the path, the median of some drawn machines, and the error that no place
+    exceeds in `HIGH` of them.
 
-    A place stands for as many independent errors as its length holds `CELL_MM`.
+    Where only the shape counts, ``shift`` is taken off first: the best shift of the whole part. A place stands for as
+    many independent errors as its length holds `CELL_MM`.
     """
     some = slice(RANKED_DRAWS)
     error = columns[:, 2:] @ drawn[:, some]

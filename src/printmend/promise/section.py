@@ -18,8 +18,10 @@ from printmend.twin import Twin
 KEPT_VARIANCE_SHARE = 0.998  # share of the variance on the bed that the kept directions have
 LEAST_CHANCE = 0.003  # that a part which was left out is there: fewer than one drawn machine of `predict.DRAWS` has it
 NO_PARTS: dict[str, Any] = {"cross": 0, "warp": 0, "warp_span_mm": [0.0, 1.0]}
-DOUBTED_SHARE = 0.05  # of the variance that only a learned remainder explains: it may be otherwise in another print
-PLACES_COMPARED = 400  # on the bed at which that variance is looked at
+# Share of the variance that only a learned remainder explains which counts as not known: the remainder may differ in
+# another print.
+DOUBTED_SHARE = 0.05
+PLACES_COMPARED = 400  # number of places along a motor's way at which the kept directions are compared
 
 
 def promise_section(
@@ -31,9 +33,9 @@ def promise_section(
 ) -> dict[str, Any]:
     """Return the budget of what acts of a learned machine as plain values: the section ``promise`` of its file.
 
-    ``explained_mm`` [N, 2] is what misfits that were found do to each row, motor by motor: they are told apart.
-    ``left_mm`` [N, 2] is what is left where more was learned than the parts of ``acts``; None for no more.
-    ``doubt_mm2`` is the variance of what was, by the scatter of the points that it was learned from.
+    ``explained_mm`` [N, 2] is the effect of the misfits that were found on each row of both motors; it is no part of
+    what stays unexplained. ``left_mm`` [N, 2] are the residuals where a remainder was learned beyond the parts of
+    ``acts``, None where none was. ``doubt_mm2`` is the variance of that remainder by the scatter of its points.
     """
     fit = acts.fit
     rows = motor_rows(trace, fit.printer, fit.periods_mm)
@@ -62,9 +64,9 @@ def promise_section(
 
 
 def instrument_scatter_mm(trace: Trace) -> float | None:
-    """Return the standard deviation of each coordinate that a measurement says of itself, None where it says none.
+    """Return the standard deviation of a coordinate that the instrument states, None where it states none.
 
-    Walls are judged by how they scatter, which says nothing of what does so.
+    None for walls, too: their stated deviation was estimated from their own scatter, the printer's included.
     """
     stated = np.zeros(0) if trace.sigma_mm is None else trace.sigma_mm[trace.measured_rows]
     stated = stated[np.isfinite(stated) & (stated > 0)]
@@ -74,9 +76,9 @@ def instrument_scatter_mm(trace: Trace) -> float | None:
 
 
 def residual_section(mechanism: Mechanism, trace: Trace) -> dict[str, Any]:
-    """Return the budget of a machine whose learner tells nothing of its doubt: all that it leaves of its own trace.
+    """Return the budget of a machine whose learner states no doubt: all of its residuals count as unexplained.
 
-    Noise is in it, so that no less is promised than is true.
+    The measurement's noise is included, so the promise is rather too cautious than too good.
     """
     printer = mechanism.printer
     known = trace.measured_rows
@@ -153,8 +155,11 @@ def motor_section(
 
 
 def _joined(drive: LearnedDrive) -> tuple[Design, list[tuple[float, np.ndarray]]]:
-    """Return the columns of the chosen parts and of those left out, and over them the covariance [P, P] of the chosen
-    ones with chance 1, then what each of those left out adds to it, and the chance that it does."""
+    """Return the columns of the chosen parts and of those left out, and a list of chances and covariances [P, P].
+
+    The first is the covariance of the chosen parts, with chance 1; each further one is what a part that was left out
+    adds to it, with the chance that the part is there.
+    """
     chosen = drive.choice.design
     post = drive.choice.fit.posterior
     own = np.zeros((chosen.size, chosen.size))

@@ -1,4 +1,4 @@
-"""What the residuals of a fit hold beyond white noise: the error that no part of the model follows.
+"""The variance of what the residuals of a fit hold beyond white noise: a pattern that no part of the model follows.
 
 White noise averages out over a block of L rows, a pattern longer than that does not: with c₀ = mean r² and block means
 r̄, s² = (L mean r̄² − c₀)/(L − 1) estimates the variance of the pattern, and has the standard deviation
@@ -15,12 +15,15 @@ import numpy as np
 from printmend.identify.drive import Rows
 from printmend.identify.drive.fit import robust_sigma_mm
 
-BLOCK_ROWS = (2, 4, 8, 16, 32)
-USUAL_BLOCK_ROWS = 24  # of a pattern that is too small to be seen
-LEAST_BLOCKS = 6  # of rows to speak of a pattern
-SURE_SIGMAS = 4.5  # standard deviations: of some thirty estimates the largest counts
-WILD_SIGMAS = 4.0  # residuals beyond so many standard deviations are outliers
-DOUBTED_SCATTER = 2.0  # times what an instrument says of its scatter may be it: the coarsest scans come to 1.5
+BLOCK_ROWS = (2, 4, 8, 16, 32)  # tried block lengths L [rows]
+USUAL_BLOCK_ROWS = 24  # assumed length [rows] of a pattern that is too small to be seen
+LEAST_BLOCKS = 6  # an estimate needs so many blocks of rows at least
+# By how many standard deviations an estimate must exceed 0: many, for the largest of some thirty estimates is taken.
+SURE_SIGMAS = 4.5
+OUTLIER_SIGMAS = 4.0  # residuals beyond so many standard deviations are outliers
+# Factor by which the scatter may exceed what the instrument states before the excess is the printer's own. The coarsest
+# scans come to 1.5.
+DOUBTED_SCATTER = 2.0
 
 
 @dataclass(frozen=True)
@@ -32,13 +35,16 @@ class Unexplained:
 
 
 def unexplained(rows: Rows, residual_mm: np.ndarray, side: np.ndarray, scatter_mm: float | None = None) -> Unexplained:
-    """Return the largest pattern in residuals [N] (NaN where nothing was measured), ``side`` [N] the contacts', or all
-    that the instrument's own standard deviation along the motor, ``scatter_mm``, is too small for (None: not known)."""
+    """Return the largest pattern in residuals [N] mm, NaN where nothing was measured.
+
+    ``side`` [N] is the side of the belt that is touched. ``scatter_mm`` is the standard deviation along the motor that
+    the instrument states, None where it states none; where the residuals scatter far more, all the excess counts.
+    """
     known = np.flatnonzero((rows.weight > 0) & np.isfinite(residual_mm))
     residual = residual_mm[known]
     if len(residual) < 2 * LEAST_BLOCKS:
         return Unexplained(0.0, float(np.mean(residual**2)) if len(residual) else 0.0)
-    most = WILD_SIGMAS * robust_sigma_mm(residual)
+    most = OUTLIER_SIGMAS * robust_sigma_mm(residual)
     residual = np.clip(residual, -most, most)
     whole = float(np.mean(residual**2))
     least = Unexplained(0.0, _sd(whole, USUAL_BLOCK_ROWS, len(residual)))
@@ -65,7 +71,7 @@ def _sd(whole_mm2: float, length: int, count: int) -> float:
 
 
 def _orders(rows: Rows, side: np.ndarray, known: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield the orders in which a pattern may show."""
+    """Yield the orders of the rows in which a pattern may show."""
     yield np.arange(len(known))
     touched, motor = side[known], rows.motor_mm[known]
     own, other = rows.own_mm[known], rows.other_mm[known]
