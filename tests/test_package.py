@@ -1,6 +1,7 @@
 """The public names; what `help(printmend)` shows runs in integrations/tests/test_chains.py."""
 
 import ast
+import itertools
 import os
 import subprocess
 import sys
@@ -63,3 +64,21 @@ def test_another_python_makes_the_environment_anew(asked: str, tmp_path: Path) -
     ).stdout  # fmt: skip
     assert ("-m venv --clear .venv" in told) == (asked == "another")
     assert "ruff check" in told
+
+
+def test_a_long_function_says_why() -> None:
+    """No function is above 60 lines or 10 parameters unless the reason stands above it."""
+    without = []
+    for path in sorted((ROOT / "src" / "printmend").rglob("*.py")):
+        text = path.read_text()
+        lines = text.splitlines()
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                first = min([node.lineno, *(each.lineno for each in node.decorator_list)])
+                beside = list(itertools.takewhile(lambda line: line.startswith("#"), reversed(lines[: first - 1])))
+                above = "\n".join(lines[: first - 1])
+                many = len([*node.args.args, *node.args.kwonlyargs]) > 10
+                long = node.end_lineno - node.lineno >= 60
+                if (many and "parameters" not in above) or (long and not any("Long" in line for line in beside)):
+                    without.append(f"{path.name}:{node.lineno} {node.name}")
+    assert not without

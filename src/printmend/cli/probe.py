@@ -34,7 +34,7 @@ class Glass(click.ParamType):
         return float(found[1]), float(found[2])
 
 
-# Long because of its options, and because it says what each thing that it writes is for.
+# Long, and of many parameters, because of its options, and because it says what each thing that it writes is for.
 @click.command(epilog="Example: printmend probe --printer ender3 -o probe.gcode")
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml", help="A preset or your own printer.")
 @click.option("--size", "size_mm", type=Finite(min=30), help="Side of the square of marks in mm [default: the bed]")

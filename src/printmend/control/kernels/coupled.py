@@ -26,7 +26,8 @@ from printmend.jit import entry, inner
 _CHUNK = 16
 
 
-# Its many parameters are the arrays of one motor's `window`, as Python has them.
+# Its many parameters are the arrays of one motor's `window`, as Python has them. Long because the sliding minimum over
+# a row and the two places at which a belt is caught read the same tick's arrays.
 @entry
 def arrivals(wanted, weight, price, places, first, last, low, high, left, right, reach, out):
     """Fill out [T + 1, R, W] with the least cost of being in state (k, m) at tick t and of all ticks after it.

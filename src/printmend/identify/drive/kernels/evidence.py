@@ -6,7 +6,8 @@ from printmend.identify.drive.kernels.triangular import cholesky, invert_lower
 from printmend.jit import entry
 
 
-# Its many parameters are the equations, the prior and the three arrays that it fills.
+# Its many parameters are the equations, the prior and the three arrays that it fills. Long because each round of the
+# fixed point goes through prior, factor, solution and scales, on the same scratch arrays.
 @entry(error_model="numpy")
 def settle(
     matrix, slope, pull, about, square, count, usual, group, most, scales, sigma2, floor2, share, rounds,
