@@ -183,8 +183,13 @@ def test_a_process_is_the_ridge_solution_of_its_columns() -> None:
     data = Points(motor, side, truth + rng.normal(0, 0.02, 400), np.ones(400), np.zeros(400, int), 40.0, 0.1,
                   np.linspace(0, 1, 400))  # fmt: skip
     kind, reach = Kind("smooth", 5.0, sides=True), (-20.0, 120.0)
-    design = process_columns(kind, motor, side, 40.0, reach)
-    weights = process(design, np.sqrt(column_variances(kind, reach)), data)
+    design, root = process_columns(kind, motor, side, 40.0, reach), np.sqrt(column_variances(kind, reach))
+    weights, doubt_mm2 = process(design, root, data)
+    slope, scaled = root * (design.T @ (data.residual_mm - design @ weights)), weights / root
+    share = slope @ scaled / (scaled @ scaled)
+    np.testing.assert_allclose(slope, share * scaled, atol=1e-9)
+    settled = np.linalg.eigvalsh((design * root).T @ (design * root)).clip(0)
+    assert doubt_mm2 == pytest.approx(np.mean(data.residual_mm**2) * (settled / (settled + share)).sum() / 400)
     found = fit_residual(kind, data, reach, np.arange(0.0, 100.1, 0.2), seed=0)
     np.testing.assert_allclose(design @ weights, found.at_mm(motor, side), atol=2e-4)
     assert np.sqrt(np.mean((found.at_mm(motor, side) - truth) ** 2)) < 0.012

@@ -228,20 +228,16 @@ def column_variances(kind: Kind, reach_mm: tuple[float, float]) -> np.ndarray:
     return np.tile(power, 2) if kind.sides else power
 
 
-def process(design: np.ndarray, root: np.ndarray, data: Points) -> np.ndarray:
-    """Return the weights [P] of a Gaussian process by ridge regression; its variance and the noise are learned, too.
+def process(design: np.ndarray, root: np.ndarray, data: Points) -> tuple[np.ndarray, float]:
+    """Return the weights [P] of a Gaussian process by ridge regression, its variance and the noise learned, too, and
+    the variance of what it says at its points: a point's share for each parameter that they settle, all that the points
+    scatter taken for noise. That is too much where a pattern is larger than the noise.
 
     ``design`` [M, P] are its columns, ``root`` [P] the roots of their prior variances.
     """
-    return _weights(_gram(design * root, data), root)
-
-
-def _doubt_mm2(design: np.ndarray, root: np.ndarray, data: Points) -> float:
-    """Return the variance of a process at its points: the noise's share for each parameter that they settle."""
     gram = _gram(design * root, data)
-    values = np.maximum(np.linalg.eigvalsh(gram.matrix), 0.0)
-    known = float((values / (values + _noise_share(gram))).sum())
-    return float(gram.square / gram.count * known / gram.count)
+    weights, settled = _ridge(gram)
+    return root * weights, gram.square / gram.count * settled / gram.count
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,17 +259,8 @@ def _gram(scaled: np.ndarray, data: Points) -> _Gram:
     return _Gram(weighted.T @ scaled, weighted.T @ clipped, float(data.weight @ clipped**2), float(data.weight.sum()))
 
 
-def _weights(gram: _Gram, root: np.ndarray) -> np.ndarray:
-    return root * _solved(gram, _noise_share(gram))
-
-
-def _solved(gram: _Gram, share: float) -> np.ndarray:
-    """Return the weights of scaled columns for noise of so many times their variance."""
-    return np.asarray(np.linalg.solve(gram.matrix + share * np.eye(len(gram.slope)), gram.slope))
-
-
-def _noise_share(gram: _Gram) -> float:
-    """Return how many times the variance of the scaled columns' weights the noise has."""
+def _ridge(gram: _Gram) -> tuple[np.ndarray, float]:
+    """Return the weights [P] of scaled columns, and how many of them the points settle."""
     values, vectors = np.linalg.eigh(gram.matrix)
     values, slope = np.maximum(values, 0.0), vectors.T @ gram.slope
     noise = size = max(gram.square / gram.count, LEAST_SIGMA_MM**2)
@@ -283,7 +270,7 @@ def _noise_share(gram: _Gram) -> float:
         left = max(gram.square - 2 * float(slope @ weights) + float(values @ weights**2), 0.0)
         noise = max(left / max(gram.count - known, 1.0), LEAST_SIGMA_MM**2)
         size = max(float(weights @ weights) / max(known, 1e-6), 1e-12)
-    return noise / size
+    return vectors @ (slope / (values + noise / size)), float((values / (values + noise / size)).sum())
 
 
 def trees(data: Points, seed: int) -> Any:
@@ -328,15 +315,14 @@ def held_out(kind: Kind, data: Points, fold: np.ndarray, reach_mm: tuple[float, 
         return guess
     if kind == DRIFT:
         scaled = drift_columns(data)
-        root = np.ones(scaled.shape[1])
     else:
-        root = np.sqrt(column_variances(kind, reach_mm))
-        scaled = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm) * root
+        columns = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm)
+        scaled = columns * np.sqrt(column_variances(kind, reach_mm))
         scaled = _beside_drift(scaled, data) if kind.timed else scaled
     grams = [_gram(scaled[held], data.where(held)) for held in masks]
     whole = _Gram(*(sum(getattr(gram, name) for gram in grams) for name in vars(grams[0])))
     for held, gram in zip(masks, grams, strict=True):
-        guess[held] = scaled[held] @ (_weights(whole.less(gram), root) / root)
+        guess[held] = scaled[held] @ _ridge(whole.less(gram))[0]
     return guess
 
 
@@ -409,6 +395,6 @@ def fit_residual(
     else:
         design = process_columns(kind, data.motor_mm, data.side, data.turn_mm, reach_mm)
         design, root = _beside_drift(design, data) if kind.timed else design, np.sqrt(column_variances(kind, reach_mm))
-        weights, doubt_mm2 = process(design, root, data), _doubt_mm2(design, root, data)
+        weights, doubt_mm2 = process(design, root, data)
         low, high = (process_columns(kind, b.motor_mm, b.side, b.turn_mm, reach_mm) @ weights for b in branches)
     return Residual((kind,), grid_mm, (low + high) / 2, high - low, data.turn_mm, doubt_mm2)
