@@ -19,21 +19,22 @@ from printmend.machine import Frame, Mechanism
 from printmend.path import Instrument, Trace
 from printmend.saved import SCALE_MM, SavedModel, branches_of
 
-SCALE_SD, SKEW_SD = 0.02, 0.01  # of a scale and of half a skew [rad] that are faults
-FAULT_ODDS = np.exp(-2.0)  # of each fault
-# Of a fault that an instrument is hardly told from: its size as a share of the above. It does not act.
+SCALE_SD, SKEW_SD = 0.02, 0.01  # prior standard deviations of a faulty scale and of half a faulty skew [rad]
+FAULT_ODDS = np.exp(-2.0)  # prior odds of each fault
+# A slight fault has this share of these standard deviations: it is believed as a doubt, but does not act, because it
+# can hardly be told from the instrument's own error.
 SLIGHT_SHARE = 0.1
 # Where `_faults` lists the frame's skew, and the scales of a CoreXY's motors; and of the sets that mix kinds of scales
 # the only two that are tried: both motors' with the x axis's or the y axis's.
 SKEW, MOTORS = 1, (4, 5)
 BOTH_MOTORS_AND_AXIS = ((2, *MOTORS), (3, *MOTORS))
 MOTORS_ODDS = np.exp(-2.0)  # of both motors' scales being wrong, each by its own amount: a skewed frame looks the same
-LEAST_WEIGHT = 1e-3  # weight of a set of faults that counts
-SETTLED_MM = 1e-6  # a smaller error of a scale is none
-SETTLED_SHARE = 1e-5  # share to which a fit without a part knows that it is none
-WAVE_FACTOR = 3.0  # times the unevenness of the instrument: a smaller wave may be its own
-PLACES_COMPARED = 400  # of a motor's reach
-# How far what drifts evenly has gone from its mean when the print ends, for an RMS size of 1: a scale that is no larger
+LEAST_WEIGHT = 1e-3  # sets of faults of a smaller weight are left out
+SETTLED_MM = 1e-6  # a smaller error along the bed counts as none
+SETTLED_SHARE = 1e-5  # a smaller scale, or doubt of one, counts as none: what rounding leaves
+WAVE_FACTOR = 3.0  # a wave smaller than so many times the instrument's own unevenness does not act: it may be that
+PLACES_COMPARED = 400  # number of places over a motor's reach at which its errors are looked at
+# What drifts evenly ends so many times its RMS size from its mean. A scale that is no larger than the drift at the end
 # may be of another time than the next print's.
 DRIFTED = 3**0.5
 LINE = " line"  # after a motor's name: its offset, scale and changes of scale
@@ -81,7 +82,7 @@ class Believed:
 
 @dataclass(frozen=True, eq=False)
 class Acting:
-    """The machine that may act, what was left out of the one that was learned, what is believed of its stretch.
+    """The machine that may act, the parts of the learned one that were left out, and the belief about its stretch.
 
     ``still_mm2`` is the variance on the bed of what was left out of either motor because the printer drifts as much;
     ``turn_rad`` is by how much a CoreXY's skewed frame turns what it prints, clockwise, where a measurement that knows

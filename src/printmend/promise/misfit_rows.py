@@ -24,20 +24,20 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.misfit import NOTE, WARNING, Misfit
 
-LEAST_ROWS = 24  # measured rows
+LEAST_ROWS = 24  # with fewer measured rows nothing is looked for
 LEAST_SPREAD_MM = 20.0  # spread of the places below which nothing is looked for
-MOST_SHIFT_ROWS = 12  # rows either way
-MOST_ROWS_FOLLOWED = 3000  # measured rows
+MOST_SHIFT_ROWS = 12  # largest shift that is tried, either way
+MOST_ROWS_FOLLOWED = 3000  # most measured rows whose shifts are followed; of more, every n-th
 MOST_ROWS_MAPPED = 20_000  # measured rows that a rough map looks at
-LEAST_SCALE_MM = 0.05  # the least that a rough map leaves
-MOST_NATS_A_PLACE = 12.0  # nats that one place may cost at most
+LEAST_SCALE_MM = 0.05  # smallest standard deviation that is assumed of what a rough map leaves
+MOST_NATS_A_PLACE = 12.0  # one place costs no more, however far it is off: an outlier decides nothing
 CHANGE_NATS = 30.0  # nats for each change of the shift
 LEAST_NATS_SAVED = 60.0  # nats that a history of shifts must save
-HISTORY_ROUNDS = 3  # of a history, the first under a rough map
-BETTER_SHARE = 0.5  # by this factor must the rows put right fit better
+HISTORY_ROUNDS = 3  # rounds of finding shifts: the first under a rough map, the others under the drives learned then
+BETTER_SHARE = 0.5  # rows put right must leave less than this share of what the rows as they came leave
 CLOSE_SHARE = 0.2  # shuffled places are told apart where they are missed by less than this share of their distance
 LEAST_MATCHED_SHARE = 0.98  # share of shuffled rows that must find one place of their own
-GAIN_SD, LEAN_SD = 0.2, 0.05  # of the rough map: what damaged printers do
+GAIN_SD, LEAN_SD = 0.2, 0.05  # prior deviations of a rough map's scales from 1 and leans [rad], as of damaged printers
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +239,7 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Learned:
-    """What roughly learned drives leave of a trace, a mean distance, and where they have every row [N, 2]."""
+    """Roughly learned drives: the mean distance that they leave, ``left_mm``, and where they print every row [N, 2]."""
 
     left_mm: float
     places_mm: np.ndarray

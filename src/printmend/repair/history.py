@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from printmend.draw.history import Wear
 
 YEAR_S = 365.25 * 86400.0
-LEAST_SD = 0.003  # of a fault's size [mm, % or °]: two prints of one machine differ by this
-ABSENT_SD = 0.015  # what may hide where a fault was not found
+LEAST_SD = 0.003  # least standard deviation of a fault's size [mm, % or °]: two prints of one machine differ by this
+ABSENT_SD = 0.015  # standard deviation of the size [mm, % or °] of a fault that was not found
 TREND_SIGMAS = 2.0  # standard deviations of a slope that is a trend
-REPAIRED = 0.5  # a size that falls below this share of the last was repaired
-FARTHEST_YEARS = 20.0  # that wear is foretold
+REPAIRED = 0.5  # a fault whose size falls below this share of the last was repaired
+FARTHEST_YEARS = 20.0  # wear is foretold no further
 PLAYS = ("play", "friction", "loose-belt", "play-by-angle")
 LEAST_RUN = 3  # measurements since the last repair that tell a trend
 MOST_DRAWN, DRAWN_YEARS = 4, 3.0

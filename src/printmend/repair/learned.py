@@ -35,9 +35,9 @@ AUTO = "auto"
 _HYBRIDS = (AUTO, "hybrid")
 Planar = TypeVar("Planar", bound=WorldModel)
 FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's is moved there
-MOST_DOUBT_MM = 0.5  # of the error at home, for a trace that does not show home
-ROUND = 2**0.5  # a distance on the bed has two coordinates
-LEAST_POWER_MM = 1e-9  # of a scale that does not act: what rounding leaves of it
+MOST_DOUBT_MM = 0.5  # with a larger doubt of the error at home, an origin is not moved there
+PLANE_FACTOR = 2**0.5  # RMS distance on the bed, in standard deviations of one coordinate
+LEAST_POWER_MM = 1e-9  # a smaller coefficient of a power above the 0th counts as none: it is what rounding leaves
 DIGESTS = "measurements"  # the document's key of what tells the measurements that it was learned from
 Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
 _TOWER_TODO = "A tower of two turns of the Z screw, measured at several heights, shows the rest: see docs/owners.md."
@@ -356,8 +356,8 @@ def findings(diagnosis: Diagnosis) -> tuple[str, ...]:
 def scatter_words(model: SavedModel) -> str:
     """Say by how much measured points scatter, and whose that is: only an instrument that tells its own scatter tells
     it from a printer's that lays each dot anew."""
-    found, trace = ROUND * model.noise_mm, model.document.get("trace", {})
-    own = ROUND * float(trace["instrument_mm"]) if "instrument_mm" in trace else None
+    found, trace = PLANE_FACTOR * model.noise_mm, model.document.get("trace", {})
+    own = PLANE_FACTOR * float(trace["instrument_mm"]) if "instrument_mm" in trace else None
     if own is None:
         return f"measuring, or the printer from dot to dot, scatters by {found:.3f} mm"
     if found <= DOUBTED_SCATTER * own:

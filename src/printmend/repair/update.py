@@ -55,14 +55,18 @@ PHASES = 48  # tried turns of the pulley on its shaft
 DRIFTS = (
     Drift(0.02, 0.02, 0.1), Drift(1, 0.02, 0.1), Drift(1, 1, 0.1), Drift(1, 1, 1), Drift(3, 3, 5), Drift(5, 5, 25),
 )  # fmt: skip
-SYMMETRIC_SHARE = 0.98  # of the best match of a turned pulley: as good
-SAME_PLACE = 0.002  # homing repeats to hundredths of a millimetre; a plate on a scanner does not
+SYMMETRIC_SHARE = 0.98  # a turn of the pulley that matches to this share of the best match is as good
+SAME_PLACE = (
+    0.002  # share of the usual drift of a print's place where it lay as the old one did: homing repeats to 0.01 mm
+)
 FIT_PASSES = 8  # most rounds of fitting
-REPLACED = 0.85  # of the noise: where learning anew leaves less than this, the old model was of another part
-RESIZED_PERCENT = 1.0  # a change of scale beyond that is said
-REFUTED_RATIO = 1.3  # times the residual of a fresh fit: the old model is wrong
-LEAST_SKEW_DEG, BOTH_FACTOR = 0.02, 2**0.5  # two measurements, each with its own doubt
-CHANGED_MM, PLAIN_MM = 0.01, 0.05  # changes below are not worth a word; changes above need two decimals
+REPLACED = 0.85  # where learning anew leaves less than this share of the noise, the part was replaced
+RESIZED_PERCENT = 1.0  # a pulley whose scale changed by more has another size
+REFUTED_RATIO = 1.3  # an old model that leaves so many times the residual of a fresh fit is wrong
+LEAST_SKEW_DEG = 0.02  # a smaller change of the skew is not worth a word
+BOTH_FACTOR = 2**0.5  # standard deviation of a difference, whose two measurements have the same doubt each
+CHANGED_MM = 0.01  # a smaller change is not worth a word
+PLAIN_MM = 0.05  # a larger change is plain: it is told with two decimals
 
 
 @dataclass(frozen=True)

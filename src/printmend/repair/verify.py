@@ -21,7 +21,7 @@ from printmend.printer import Printer
 from printmend.promise.budget import Budget, parse_budget
 from printmend.promise.predict import Errors, Outlook, PathPlaces, Promise, promised
 from printmend.repair.history import remember
-from printmend.repair.learned import ROUND, known_digests
+from printmend.repair.learned import PLANE_FACTOR, known_digests
 from printmend.repair.update import Updated, update
 from printmend.saved import SavedModel
 
@@ -127,7 +127,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
         error, stretch = _unstretched(error, trace, model.printer.kinematics == "corexy", sigma)
     unlike = error - off
     square = np.sum(error**2, axis=1)
-    noise2 = ROUND**2 * sigma**2
+    noise2 = PLANE_FACTOR**2 * sigma**2
     now2 = float(square.mean()) - noise2
     now2_sd = float(np.hypot(square.std() / np.sqrt(len(known)), 2 * _NOISE_DOUBT * noise2))
     now = float(np.sqrt(max(now2, 0.0)))
@@ -140,7 +140,8 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     after = outlook.after
     before_mm = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
     return Verdict(
-        len(known), before_mm, now, now_sd, ROUND * after.rms_mm, ROUND * after.rms_low_mm, ROUND * after.rms_high_mm,
+        len(known), before_mm, now, now_sd,
+        PLANE_FACTOR * after.rms_mm, PLANE_FACTOR * after.rms_low_mm, PLANE_FACTOR * after.rms_high_mm,
         float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - noise2, 0.0))), placed, stretch,
     )  # fmt: skip
 
@@ -188,9 +189,9 @@ def expectation(model: SavedModel, trace: Trace) -> Promise | None:
     if budget is None or not trace.measured_rows.any():
         return None
     after = _of_marks(model, budget, trace)[0].after
-    made = {name: ROUND * share for name, share in after.made_of.items()}
+    made = {name: PLANE_FACTOR * share for name, share in after.made_of.items()}
     sizes = ("rms_mm", "p95_mm", "max_mm", "rms_low_mm", "rms_high_mm", "shape_rms_mm", "planning_rms_mm")
-    return replace(after, made_of=made, **{name: ROUND * getattr(after, name) for name in sizes})
+    return replace(after, made_of=made, **{name: PLANE_FACTOR * getattr(after, name) for name in sizes})
 
 
 def _sides(trace: Trace, printer: Printer) -> np.ndarray:
