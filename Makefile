@@ -1,11 +1,13 @@
 # Two commands: `make demo` shows the main job, `make test` runs the tests.
 # `make setup` builds .venv from requirements.lock, as every other target does when it is absent or stale, and compiles.
-# `make demo` begins with owner.lock, the part of it that owners' commands and the demonstrations need.
+# `make demo` begins with core.lock, the part of it that learns and mends, and goes on with owner.lock, what owners' commands
+# and the demonstrations need.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.stamp
+CORE := .venv/.core-stamp
 OWNER := .venv/.owner-stamp
-KERNELS := .venv/.kernels-stamp
+BEGUN := .venv/.begun-read .venv/.begun-plan
 # Of the libraries' Python only what is imported is compiled, by who imports it first.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 HOSTS := .venv-hosts
@@ -14,13 +16,15 @@ export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: demo paper test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
 
-demo: $(KERNELS)
+# While the rest is being installed, both cores compile what both demonstrations would.
+demo:
+	@$(MAKE) --no-print-directory -j3 $(BEGUN) $(OWNER)
 	@$(BIN)/printmend demo --part >.venv/part.txt & part=$$!; trap 'kill $$part' INT TERM; $(BIN)/printmend demo; one=$$?; \
 	wait $$part; other=$$?; cat .venv/part.txt; exit $$((one | other))
 
-# Half a minute, once: else the demonstrations would compile it, one after the other. An edit does not make it anew.
-$(KERNELS): $(OWNER)
-	$(BIN)/python tools/ship_kernels.py --demo
+# An edit does not make them anew: the demonstrations compile what changed.
+.venv/.begun-%: $(CORE)
+	$(BIN)/python tools/begin_demo.py $*
 	@touch $@
 
 # The paper again, on bodies that are made here: data set, Table I, Fig. 1 to 6, then the families, self-repair and the
@@ -43,23 +47,26 @@ setup: kernels
 # A minute or two, once: what learn, check, mend, the planners and the demonstrations run is compiled here, not when they are first used.
 kernels: $(STAMP)
 	$(BIN)/python tools/ship_kernels.py
-	@touch $(KERNELS)
 
 # Where PYTHON= asks for another Python than .venv was made by, .venv is made anew; where nothing is asked for, it stays.
 ifneq ($(origin PYTHON),file)
 base = $(shell $(1) -c 'import sys; print(sys.version, sys.base_prefix)' 2>&1)
 ifneq ($(call base,$(PYTHON)),$(if $(wildcard $(BIN)/python),$(call base,$(BIN)/python)))
 ANEW := --clear
-.PHONY: $(OWNER)
+.PHONY: $(CORE)
 endif
 endif
 
-$(OWNER): owner.lock pip.lock pyproject.toml
+$(CORE): core.lock pip.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "printmend needs Python 3.11 or newer; set PYTHON=/path/to/python3" >&2; exit 2; }
 	@$(PYTHON) -m venv $(ANEW) .venv || { echo "python's venv is missing: apt-get install python3-venv" >&2; exit 2; }
 	$(PIP) --require-hashes --no-deps -r pip.lock
-	$(PIP) --require-hashes --no-deps -r owner.lock
+	$(PIP) --require-hashes --no-deps -r core.lock
 	$(PIP) --no-build-isolation --no-deps -e .
+	@touch $@
+
+$(OWNER): owner.lock $(CORE)
+	$(PIP) --require-hashes --no-deps -r owner.lock
 	@touch $@
 
 $(STAMP): requirements.lock $(OWNER)
@@ -132,13 +139,14 @@ integrations: $(STAMP) hosts
 studio-vendor:
 	tools/studio_vendor/build.sh src/printmend/studio/page
 
-# Needs uv on PATH (pip install uv). Writes the lock files, hashes included, for every platform. owner.lock is a part of
-# requirements.lock (a test compares them), with what installs the sources; pip.lock is a pip that needs half the time of
+# Needs uv on PATH (pip install uv). Writes the lock files, hashes included, for every platform. core.lock is a part of
+# owner.lock and that of requirements.lock (a test compares them), with what installs the sources; pip.lock is a pip that needs half the time of
 # the one that comes with Python 3.11.
 LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header
 lock:
 	$(LOCK) pyproject.toml --extra dev -o requirements.lock
 	echo pip | $(LOCK) - -o pip.lock
+	printf 'editables\nhatchling\n' | $(LOCK) pyproject.toml - -c requirements.lock -o core.lock
 	printf 'editables\nhatchling\n' | $(LOCK) pyproject.toml - --extra report,scan,studio,trees -c requirements.lock -o owner.lock
 
 clean:

@@ -34,14 +34,16 @@ def locked(name: str) -> dict[str, set[str]]:
 
 
 def test_what_make_demo_installs_is_a_part_of_the_lock_and_has_all_that_it_needs() -> None:
-    whole, owner = locked("requirements.lock"), locked("owner.lock")
+    whole, owner, core = locked("requirements.lock"), locked("owner.lock"), locked("core.lock")
     assert all(hashes and hashes == whole[pinned] for pinned, hashes in owner.items())
+    assert all(hashes == owner[pinned] for pinned, hashes in core.items())
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
     wanted = [item for extra in ("scan", "report", "trees", "studio") for item in extras[extra]]
-    names = {re.split(r"[>\[]", item)[0] for item in [*project["dependencies"], *wanted]} - {"printmend"}
-    pinned = {one.split("==")[0] for one in owner}
-    assert {name.replace("_", "-") for name in names} | {"editables", "hatchling"} <= pinned
+    for items, lock in (project["dependencies"], core), ([*project["dependencies"], *wanted], owner):
+        names = {re.split(r"[>\[]", item)[0] for item in items} - {"printmend"}
+        pinned = {one.split("==")[0] for one in lock}
+        assert {name.replace("_", "-") for name in names} | {"editables", "hatchling"} <= pinned
 
 
 def test_every_module_is_in_the_extra_that_is_named() -> None:

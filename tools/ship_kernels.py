@@ -1,14 +1,12 @@
 """Compile what learn, check, mend, planners and demonstrations need into src/printmend/compiled, for wheel or clone.
 
-    .venv/bin/python tools/ship_kernels.py [--demo]
+    .venv/bin/python tools/ship_kernels.py
 
 As many processes as there are cores share the work. What is there already and still fits its source is left alone; what
-fits no longer is removed. With --demo only what learn, check and mend need is made, for machines whose Z screw is
-straight, and nothing is removed.
+fits no longer is removed.
 """
 
 import os
-import sys
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -18,11 +16,11 @@ LEARNED = {"lightgbm": "gain-table", "lightgbm-axis": "gain-table", "meta": "pul
 Task = tuple[Callable[[str], None], str]
 
 
-def main(demo: bool) -> None:
+def main() -> None:
     """Fill the folder; print what each part of the work compiled, and the sum."""
     from printmend.shipped import shipped
 
-    work = [one[:1] for one in tasks()[:2]] if demo else tasks()
+    work = tasks()
     entries, seconds = 0, 0.0
     with tempfile.TemporaryDirectory(prefix="printmend-") as empty:
         os.environ["NUMBA_CACHE_DIR"] = empty  # read when a process imports numba
@@ -32,17 +30,13 @@ def main(demo: bool) -> None:
                 print(f"{said}: {count} compiled in {took_s:.0f} s", flush=True)
                 entries, seconds = entries + count, seconds + took_s
                 shipped.used.update(used)
-    if not demo:
-        shipped.forget_others()
+    shipped.forget_others()
     size = sum(path.stat().st_size for path in shipped.folder.iterdir())
     print(f"{entries} compiled in {seconds:.0f} s; {len(shipped.used)} in {shipped.folder}: {size / 1e6:.1f} MB")
 
 
 def tasks() -> list[list[Task]]:
-    """Return the work: what shares kernels stands together, for one process, and what takes longest comes first.
-
-    The first two begin with what `make demo` needs.
-    """
+    """Return the work: what shares kernels stands together, for one process, and what takes longest comes first."""
     from printmend.control.registry import controller_names
     from printmend.repair.warm import STEPS
 
@@ -141,4 +135,4 @@ def print_and_play(_: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:] == ["--demo"])
+    main()
