@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 
 from printmend.draw import (
@@ -55,14 +54,15 @@ def test_runs_cover_each_extruded_segment_once_and_no_travel(rng: np.random.Gene
     lines, errors = runs(points, extruding, np.arange(201.0))
     drawn = {tuple(np.concatenate(pair)) for line in lines for pair in pairwise(line)}
     assert drawn == {tuple(np.concatenate([points[t], points[t + 1]])) for t in np.flatnonzero(extruding)}
-    assert len(errors) == len(lines)
+    number = {x: t for t, x in enumerate(points[:, 0])}  # which is its error, too
+    assert errors == pytest.approx([np.mean([number[x] for x in line[:, 0]]) for line in lines])
     assert sum(len(line) - 1 for line in lines) == extruding.sum()
 
 
 @pytest.mark.parametrize("draw", [draw_above, draw_solid])
 def test_a_body_is_drawn_within_its_axes(draw, layers: list[PrintedLayer], axes: Axes) -> None:
     assert draw(axes, layers, colours=COLOURS) is axes
-    shown = [line for item in axes.collections if isinstance(item, LineCollection) for line in item.get_segments()]
+    shown = [path.vertices for item in axes.collections for path in item.get_paths()]
     points = np.concatenate(shown)
     assert len(shown) >= 3 * 20
     assert (points >= [axes.get_xlim()[0], axes.get_ylim()[0]]).all()

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import Normalize
+from matplotlib.path import Path
 
 from printmend.draw.figure import ERROR_COLOURS, draw_scale_bar, fit_view, plain, points_per_unit
 from printmend.path import Layer, frozen
@@ -41,20 +42,24 @@ def runs(points: np.ndarray, extruding: np.ndarray, error: np.ndarray) -> tuple[
     """Cut a path [T + 1, 2] into extruded polylines of a few segments, each with its mean error [K]."""
     first = np.flatnonzero(extruding & ~np.concatenate([[False], extruding[:-1]]))
     last = np.flatnonzero(extruding & ~np.concatenate([extruding[1:], [False]])) + 1
-    lines, errors = [], []
-    for begin, end in zip(first.tolist(), last.tolist(), strict=True):
-        for at in range(begin, end, _RUN):
-            until = min(at + _RUN, end)
-            lines.append(points[at : until + 1])
-            errors.append(error[at : until + 1].mean())
-    return lines, np.array(errors)
+    cuts = [
+        (at, min(at + _RUN, end) + 1)
+        for begin, end in zip(first.tolist(), last.tolist(), strict=True)
+        for at in range(begin, end, _RUN)
+    ]
+    total = np.concatenate([[0.0], np.cumsum(error)])
+    begin, end = np.array(cuts, np.int64).reshape(-1, 2).T
+    return [points[at:until] for at, until in cuts], (total[end] - total[begin]) / (end - begin)
 
 
 def add_beads(axes: Axes, lines: list, colours: np.ndarray, *, bead_mm: float, order: int) -> None:
     """Add polylines as beads: a dark edge below, a lighter ridge above, so that neighbours can be told apart."""
     width = bead_mm * points_per_unit(axes)
+    paths = [Path(line) for line in lines]
     for share, light, above in ((1.0, 0.72, 0.0), (0.62, 1.0, 0.5)):
-        drawn = LineCollection(lines, colors=light * colours, linewidths=share * width, zorder=order + above)
+        drawn = PathCollection(
+            paths, edgecolors=light * colours, facecolors="none", linewidths=share * width, zorder=order + above
+        )
         axes.add_collection(drawn, autolim=False)
 
 
