@@ -19,6 +19,15 @@ def onto_bed(coefficients: np.ndarray, origin: np.ndarray, scale: np.ndarray, pl
     return place + coefficients @ terms
 
 
+def waved(waves: np.ndarray, origin: np.ndarray, scale: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """What wavy guides add: Σ c cos(kw) + d sin(kw) in x and in y, w the divided place along an axis (eq. 14)."""
+    moved, divided = np.zeros(2), (place + origin) / scale
+    for axis, rate, *sizes in waves:
+        angle = rate * divided[int(axis)]
+        moved += np.reshape(sizes, (2, 2)) @ [np.cos(angle), np.sin(angle)]
+    return moved
+
+
 def branch_at(table: np.ndarray, first: float, pitch: float, m: float) -> float:
     """A table between its entries, and with slope 1 beyond them."""
     last = first + pitch * (len(table) - 1)

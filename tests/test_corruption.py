@@ -145,6 +145,17 @@ def test_skew_is_a_shear(ender5: Printer) -> None:
     np.testing.assert_allclose(moved, [[10.0, 0.0], [10.0 + 100 * math.tan(math.radians(2)), 100.0]], atol=1e-12)
 
 
+def test_a_wavy_guide_pushes_its_axis_along_the_other(ender5: Printer) -> None:
+    frame = CrookedFrame(x_wave_mm=0.2, x_wave_period_mm=100.0, x_wave_phase_rad=0.5, y_wave_mm=-0.1).lower(
+        (110.0, 80.0)
+    )
+    place = np.array([[30.0, 105.0], [147.5, 80.0]])
+    x_mm = 30 + 0.2 * np.sin(2 * np.pi * 0.25 + 0.5), 147.5 + 0.2 * np.sin(0.5)
+    y_mm = 105 - 0.1 * np.sin(2 * np.pi * -80 / 150), 80 - 0.1 * np.sin(2 * np.pi * 37.5 / 150)
+    np.testing.assert_allclose(frame.apply(place), np.stack([x_mm, y_mm], axis=1), atol=1e-12)
+    np.testing.assert_allclose(frame.invert(frame.apply(place)), place, atol=1e-8)
+
+
 def test_frame_inverts(ender5: Printer, rng: np.random.Generator) -> None:
     frame = CrookedFrame(3.0, 1.04, 0.97, 0.5, -0.4).lower((110.0, 110.0))
     xy = rng.uniform(0, 220, (200, 2))

@@ -17,7 +17,7 @@ from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
 from printmend.learn.greybox.previous import remember
 from printmend.machine.mechanism import healthy_mechanism
-from printmend.path import Instrument, Trace, last_way
+from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.probe.probe import keep_plan
@@ -39,7 +39,8 @@ from printmend.promise.misfit_tests import (
     of_the_end,
     unrest_mm,
 )
-from printmend.repair.learned import learn_model, report
+from printmend.repair.learned import learn, learn_model, report
+from printmend.repair.update import update
 from printmend.saved import Wave, branches_of, read_model, write_model
 from printmend.twin import Twin
 
@@ -242,6 +243,30 @@ def test_what_a_corexys_rails_do_is_no_noise(rng: np.random.Generator) -> None:
     places = PrintPlaces(corexy.to_motor(points), points, still, still, np.linspace(0, 100, len(points)))
     waves = [each.law(places.seen_by(each)) for each in effects if each.kind == "rail-wave"]
     assert np.std(corexy.from_motor(np.stack(waves, axis=1))[:, 0]) == pytest.approx(np.std(wave), rel=0.15)
+
+
+@pytest.mark.parametrize("preset", ["corexy", "ender3"])
+def test_wavy_guides_are_mended_and_the_motors_stay_healthy(preset: str, rng: np.random.Generator) -> None:
+    """On a CoreXY pulleys and belts can follow them where the test print went, and would wave parts elsewhere."""
+    printer, size = read_printer(preset), np.array([0.09, 0.06])
+    low, high = np.array([[axis.min_mm, axis.max_mm] for axis in (printer.x, printer.y)]).T
+    points = np.vstack([[printer.home_mm], rng.uniform(low + 10, high - 10, (900, 2))])
+
+    def pushed(place: np.ndarray) -> np.ndarray:
+        return size * np.sin(place[:, ::-1] * (2 * np.pi / np.array([134.0, 190.0])) + np.array([0.7, 2.0]))
+
+    trace = Trace(points, points + pushed(points) + rng.normal(0, 0.03, points.shape), homed=True)
+    learned = learn(trace, printer)
+    waves = learned.saved.mechanism.frame.waves
+    assert sorted(waves[:, :2].tolist()) == [[0.0, pytest.approx(190, rel=0.1)], [1.0, pytest.approx(134, rel=0.04)]]
+    assert learned.box is not None
+    assert all(drive.branches.is_healthy or not drive.structure.waves for drive in learned.box.drives)
+    assert np.abs(learned.saved.mechanism.frame.apply(points) - points - pushed(points)).std() < 0.012
+    assert report(learned.saved).count("The model carries it") == 2
+    again = update(learned.saved, replace(trace, measured_mm=trace.measured_mm + 1e-4), rng=rng).model
+    assert np.array_equal(again.mechanism.frame.waves, waves)
+    scanned = replace(trace, placed=False, instrument=replace(FLATBED, wave_mm=0.01))
+    assert not len(learn(scanned, printer).saved.mechanism.frame.waves)  # the scanner's carriage may be as uneven
 
 
 def test_both_motors_of_a_rail_say_it_once_and_each_length_is_said() -> None:

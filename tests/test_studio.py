@@ -614,7 +614,7 @@ def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:
 
 _KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle friction elastic ripple drift warp
 offset
-skew bow jump lead periodic-1 backlash wobble-1"""
+skew bow wavy jump lead periodic-1 backlash wobble-1"""
 
 
 def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
@@ -637,9 +637,12 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
                  "racking-across"):  # fmt: skip
         for weight in (-0.2, 0.3):
             cause = SimpleNamespace(
-                weights=np.array([weight]), size_mm=0.1, candidate=SimpleNamespace(kind=kind, detail=0.25, place=0.0)
-            )
-            assert _german(misfit_tests._words(cause, "X", ("x", "y"))), kind  # type: ignore[arg-type]
+                motor=0, weights=np.array([weight]), size_mm=0.1,
+                candidate=SimpleNamespace(kind=kind, detail=0.25, place=float(kind == "rail-wave")),
+            )  # fmt: skip
+            for motors in (("x", "y"), ("a", "b")):
+                assert _german(misfit_tests._words(cause, motors)), kind  # type: ignore[arg-type]
+    assert _german(misfit_tests.CARRIED)
     seen, shifts = np.arange(0, 40, 2), np.repeat([0, 1, 0, -2, 3], 4)
     order = [misfit_rows._history_words(seen[:count], shifts[:count]) for count in (8, 12, 16, 20)]
     for put in (*order, *(f"the {rows} were in the reversed order" for rows in ("rows", "measured rows"))):

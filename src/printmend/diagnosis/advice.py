@@ -203,6 +203,16 @@ def _bow(where: str, fault: NamedFault, size: float) -> Said:
     )
 
 
+def _wavy(where: str, fault: NamedFault, size: float) -> Said:
+    return (
+        "The guides are wavy",
+        f"Straight lines snake, by up to {size:.2f} mm.",
+        size,
+        "Look along the rods or rails; replace a bent one." if size >= SOON_MM else "Nothing to replace.",
+        _CARRIES,
+    )
+
+
 def _jump(where: str, fault: NamedFault, size: float) -> Said:
     return (
         f"{where} lost its place during the print",
@@ -249,6 +259,6 @@ def _other(where: str, fault: NamedFault, size: float) -> Said:
 _SAY = {
     "scale": _scale, "harmonic": _harmonic, "play": _play, "loose-belt": _loose, "play-by-angle": _by_angle,
     "friction": _friction, "elastic": _elastic, "ripple": _ripple, "drift": _drift, "warp": _warp, "offset": _offset,
-    "period": _period, "skew": _skew, "bow": _bow, "jump": _jump, "jumps": _jump,
+    "period": _period, "skew": _skew, "bow": _bow, "wavy": _wavy, "jump": _jump, "jumps": _jump,
     "lead": _lead, "periodic": _uneven, "backlash": _backlash, "wobble": _wobble,
 }  # fmt: skip

@@ -11,7 +11,9 @@ import numpy as np
 from printmend.identify.drive import ALL_SEEN, Jump
 from printmend.identify.drive.period import TOOTH_MM
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
+from printmend.machine import Frame
 from printmend.path import Trace
+from printmend.printer import Printer
 
 NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations
 LEAST_FAULT_MM = 0.002  # … and than this: smaller faults move no print
@@ -19,6 +21,7 @@ NAMED_HARMONICS = 3  # of a pulley at most, the largest ones
 OPPOSITE_SHARE = 0.05  # share of two scale errors' difference that their sum may be for them to count as opposite
 LEAST_SHOWN_MM = 0.005  # of what is said to two digits
 LEAST_EFFECT_MM = 0.003  # on a print, for waves: no print shows less
+PLACES_OF_WAVES = 41  # along either axis of the bed, at which wavy guides are looked at
 _WORD = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
 
 
@@ -266,13 +269,14 @@ def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[NamedFault]:
     frame, printer = model.mechanism.frame, model.printer
     if frame.is_identity:
         return []
+    frame, wavy = replace(frame, waves=frame.waves[:0]), _wavy(frame, printer)
     middle = np.array([(printer.x.min_mm + printer.x.max_mm) / 2, (printer.y.min_mm + printer.y.max_mm) / 2])
     right, up = (frame.apply(middle + step) - frame.apply(middle - step) for step in np.eye(2))
     right, up = right / 2, up / 2
     skew = float(np.degrees(np.arctan2(up[0], up[1]) + np.arctan2(right[1], right[0])))
     sd = float(np.degrees(np.hypot(_skew_sd(model.drives[0]), _skew_sd(model.drives[1]))))
     sd = float(np.hypot(sd, doubt.skew_deg))
-    faults = []
+    faults = [*wavy]
     if abs(skew) > max(NAMED_SIGMAS * sd, 0.001):
         faults.append(NamedFault("frame", "skew", skew, sd, "°", f"skewed by {amount(skew, sd, '°')}"))
     if any(choice.cross > 1 for choice in (drive.structure for drive in model.drives)):
@@ -283,6 +287,18 @@ def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[NamedFault]:
         size = float(np.linalg.norm(bent, axis=1).max())
         faults.append(NamedFault("frame", "bow", size, 0.0, "mm", f"bent guides, up to {size:.2f} mm at the corners"))
     return faults
+
+
+def _wavy(frame: Frame, printer: Printer) -> list[NamedFault]:
+    """Name guides that are wavy, by how far they push at most."""
+    if not len(frame.waves):
+        return []
+    x, y = (np.linspace(axis.min_mm, axis.max_mm, PLACES_OF_WAVES) for axis in (printer.x, printer.y))
+    pushed = frame.waves_at_mm(np.stack(np.meshgrid(x, y), axis=-1))
+    size = float(np.linalg.norm(pushed, axis=-1).max())
+    lengths = " and ".join(f"{wave[1]:.0f}" for wave in frame.waves)
+    words = f"wavy guides, up to {size:.2f} mm, every {lengths} mm"
+    return [NamedFault("frame", "wavy", size, 0.0, "mm", words)]
 
 
 def _skew_first(

@@ -1,7 +1,7 @@
 """How the belts of two motors reach the bed, as a value: CoreXY mixing and a crooked frame, in any unit."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,31 +17,35 @@ class BedMap:
     for belts at (x, y), and y' with b_pq (physics.md eq. 13 and 14).
 
     ``terms`` [2, 10] are a and b in the order of `Frame.exponents`, ``origin`` [2] is (x0, y0) and ``scale`` [2] is
-    (Lx, Ly), all in one unit: mm, or full steps.
+    (Lx, Ly), all in one unit: mm, or full steps. ``waves`` [K, 6] are added: the axis that each runs along, its angle
+    a unit of that axis's divided place, and its cosine and sine in x and in y.
     """
 
     corexy: bool
     terms: np.ndarray
     origin: np.ndarray
     scale: np.ndarray
+    waves: np.ndarray = field(default_factory=lambda: np.zeros((0, law.WAVE_FIELDS)))
 
     def __post_init__(self) -> None:
-        for name in ("terms", "origin", "scale"):
+        for name in ("terms", "origin", "scale", "waves"):
             object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), float)))
 
     @cached_property
     def is_straight(self) -> bool:
         """Say whether the frame leaves every place where it is."""
-        return not self.terms.any()
+        return not self.terms.any() and not len(self.waves)
 
     @property
     def values(self) -> np.ndarray:
-        """The map as the kernels take it [26]; see `kernels.bed`."""
-        values = np.empty(law.BED_FIELDS)
+        """The map as the kernels take it [51]; see `kernels.bed`."""
+        values = np.zeros(law.BED_FIELDS)
         values[law.BED_COREXY], values[law.BED_FRAMED] = self.corexy, not self.is_straight
         values[law.BED_ORIGIN : law.BED_ORIGIN + 2] = self.origin
         values[law.BED_SCALE : law.BED_SCALE + 2] = self.scale
-        values[law.BED_TERMS :] = self.terms.ravel()
+        values[law.BED_TERMS : law.BED_WAVES] = self.terms.ravel()
+        values[law.BED_WAVES] = len(self.waves)
+        values[law.BED_WAVE : law.BED_WAVE + self.waves.size] = self.waves.ravel()
         return values
 
     def anchored(self, place: np.ndarray) -> "BedMap":
@@ -50,7 +54,7 @@ class BedMap:
             return self
         values = self.values
         run.anchor(values, float(place[0]), float(place[1]))
-        return BedMap(self.corexy, values[law.BED_TERMS :].reshape(2, 10), self.origin, self.scale)
+        return replace(self, terms=values[law.BED_TERMS : law.BED_WAVES].reshape(2, 10))
 
     def printed(self, belts: np.ndarray) -> np.ndarray:
         """Return the places on the bed [..., 2] of the motors' belts [..., 2]."""

@@ -150,7 +150,8 @@ def lattice_bed(mechanism: Mechanism) -> BedMap:
     printer, bed = mechanism.printer, mechanism.bed
     pitch_mm = np.array(printer.mm_per_step)
     origin = np.array([printer.x.min_mm, printer.y.min_mm]) / pitch_mm
-    return BedMap(bed.corexy, bed.terms / pitch_mm[:, None], origin, bed.scale / pitch_mm)
+    waves = bed.waves / np.array([1.0, 1.0, *pitch_mm[[0, 0, 1, 1]]])
+    return BedMap(bed.corexy, bed.terms / pitch_mm[:, None], origin, bed.scale / pitch_mm, waves)
 
 
 def run_motors(motors: tuple[LatticeMotor, ...], moves: np.ndarray) -> np.ndarray:

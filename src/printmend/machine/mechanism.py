@@ -20,8 +20,10 @@ import numpy as np
 from printmend.errors import ConfigError
 from printmend.machine.bed import BedMap
 from printmend.machine.kernels import run
+from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS, WAVE_RATE
 from printmend.path import frozen
 from printmend.printer import Printer
+from printmend.units import TURN_RAD
 
 _MOST_Z_PLACES = 5_000_000  # of the tables of a screw; 300 mm of a lead of 8 mm at 128 a step are a million
 
@@ -102,29 +104,40 @@ def z_grid_mm(printer: Printer) -> tuple[np.ndarray, float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The map from belt positions to the bed: the identity plus low-order cross terms (physics.md eq. 14).
+    """The map from belt positions to the bed: the identity, low-order cross terms, waves (physics.md eq. 14).
 
-        x' = x + Σ_{p+q ≤ 3} a_pq (x/L)^p (y/L)^q          L = ``scale_mm``; y' likewise with b_pq
+        x' = x + Σ_{p+q ≤ 3} a_pq (x/L)^p (y/L)^q + Σ_k c_k cos(2πs/P) + d_k sin(2πs/P)          y' likewise
 
-    ``coefficients_mm`` [2, 10] in the order of `Frame.exponents`. Skew, axis scale, straightness and yaw fit.
+    L is ``scale_mm`` and s one of x and y. ``coefficients_mm`` [2, 10] in the order of `Frame.exponents`. Skew, axis
+    scale, straightness and yaw fit. ``waves`` [K, 6], of rails that are not straight, at most `MOST_WAVES` of them: the
+    axis s of each (0 or 1), its length P mm, and its c and d in x, then in y, mm.
     """
 
     coefficients_mm: np.ndarray = field(default_factory=lambda: np.zeros((2, 10)))
     scale_mm: float = 100.0
+    waves: np.ndarray = field(default_factory=lambda: np.zeros((0, WAVE_FIELDS)))
 
     exponents = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients_mm", frozen(np.asarray(self.coefficients_mm, float)))
+        object.__setattr__(self, "waves", frozen(np.asarray(self.waves, float)))
+        if self.waves.shape[1:] != (WAVE_FIELDS,) or len(self.waves) > MOST_WAVES:
+            raise ValueError(f"wanted at most {MOST_WAVES} waves of {WAVE_FIELDS} numbers, got {self.waves.shape}")
 
     @property
     def is_identity(self) -> bool:
-        return not self.coefficients_mm.any()
+        return not self.coefficients_mm.any() and not len(self.waves)
 
     def terms(self, xy_mm: np.ndarray) -> np.ndarray:
         """Return the monomials [..., 10] at bed positions [..., 2]."""
         x, y = np.asarray(xy_mm)[..., 0] / self.scale_mm, np.asarray(xy_mm)[..., 1] / self.scale_mm
         return np.stack([x**p * y**q for p, q in self.exponents], axis=-1)
+
+    def waves_at_mm(self, xy_mm: np.ndarray) -> np.ndarray:
+        """Return what the waves alone add [..., 2] to positions given by the belts [..., 2]."""
+        alone = Frame(np.zeros((2, 10)), self.scale_mm, self.waves)
+        return np.asarray(alone.apply(xy_mm) - xy_mm)
 
     @cached_property
     def _straight_motors(self) -> BedMap:
@@ -132,7 +145,9 @@ class Frame:
 
     def bed_map(self, *, corexy: bool) -> BedMap:
         """Return the frame behind two motors, in mm: how their belts reach the bed."""
-        return BedMap(corexy, self.coefficients_mm, np.zeros(2), np.full(2, self.scale_mm))
+        waves = self.waves.copy()
+        waves[:, WAVE_RATE] = TURN_RAD * self.scale_mm / waves[:, WAVE_RATE]
+        return BedMap(corexy, self.coefficients_mm, np.zeros(2), np.full(2, self.scale_mm), waves)
 
     def apply(self, xy_mm: np.ndarray) -> np.ndarray:
         """Map positions given by the belts [..., 2] to positions on the bed [..., 2]."""

@@ -377,7 +377,7 @@ def _rebuilt(fit: GreyboxModel, values: list[np.ndarray], placed: bool) -> Greyb
         post = replace(drive.choice.fit.posterior, values=mine)
         choice = replace(drive.choice, fit=replace(drive.choice.fit, posterior=post))
         drives.append(replace(drive, branches=branches, choice=choice))
-    frame = frame_of(fit.printer, [drive.choice for drive in drives])
+    frame = replace(frame_of(fit.printer, [drive.choice for drive in drives]), waves=fit.mechanism.frame.waves)
     tables = (drives[0].branches.lower(fit.printer, 0), drives[1].branches.lower(fit.printer, 1))
     mechanism = Mechanism(fit.printer, tables, frame, rest_share=fit.mechanism.rest_share)
     return replace(fit, mechanism=mechanism, drives=(drives[0], drives[1]))

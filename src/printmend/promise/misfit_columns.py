@@ -7,7 +7,7 @@ import numpy as np
 
 from printmend.identify.drive.design import Rows
 from printmend.identify.drive.second import other_periods_mm
-from printmend.path import last_way
+from printmend.path import Trace, last_way
 from printmend.promise.laws import LAWS, LawRows
 
 BREAKS = np.linspace(0.1, 0.9, 17)  # shares of the print after which a step is looked for
@@ -62,8 +62,20 @@ def in_time() -> Iterator[Candidate]:
         yield Candidate("thermal", int(WARMING_ODDS * len(WARMINGS)), share)
 
 
-def candidates(one: LawRows, *, corexy: bool) -> Iterator[Candidate]:
-    """Yield everything that is looked for. What a rail does is what a motor's belt does, but for a CoreXY's."""
+def wavy_axes(motor: int, trace: Trace, *, corexy: bool) -> tuple[int, ...]:
+    """Return the axes of the bed along which a wave of a guide would show in a motor as in no part of its drive.
+
+    Both motors of a CoreXY show both; another motor shows what pushes its axis along the other one, where no uneven
+    instrument can have made it.
+    """
+    if corexy:
+        return (0, 1)
+    return () if trace.instrument_doubt.wave_mm else (1 - motor,)
+
+
+def candidates(one: LawRows, wavy: tuple[int, ...], *, corexy: bool) -> Iterator[Candidate]:
+    """Yield everything that is looked for; ``wavy`` are the axes along which a guide's wave is. What a rail does along
+    itself is what a motor's belt does, but for a CoreXY's."""
     yield from in_time()
     for kind in ("wear", "direction", "racking-across", "speed"):
         yield Candidate(kind)
@@ -79,7 +91,7 @@ def candidates(one: LawRows, *, corexy: bool) -> Iterator[Candidate]:
     periods = other_periods_mm(one.period_mm, SEEN_SHARE * float(np.ptp(one.motor_mm)))
     for period in periods:
         yield Candidate("second-period", len(periods), float(period))
-    for axis in range(2 * corexy):
+    for axis in wavy:
         waves = other_periods_mm(one.period_mm, SEEN_SHARE * float(np.ptp(one.bed_mm[:, axis])))[::2]
         for period in waves:
             yield Candidate("rail-wave", 2 * len(waves), float(period), axis)

@@ -22,7 +22,7 @@ from printmend.promise.apply import observed_stretch
 from printmend.promise.effects import EARLY, EARLY_DONE, ENDED, LEARNED, SPEED, STAYS, VARIES, Effect, absorbing
 from printmend.promise.laws import LawRows, warmed
 from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
-from printmend.promise.misfit_columns import Candidate, candidates, in_time, law_rows
+from printmend.promise.misfit_columns import Candidate, candidates, in_time, law_rows, wavy_axes
 
 MOST_ROWS = 1500  # most rows of a motor that are tested: more take time and say the same
 LEAST_ROWS = 60  # with fewer rows nothing is tested
@@ -57,6 +57,7 @@ TWO_VALUED = 1.65  # kurtosis below which residuals take one of two values: even
 NOISE_KURTOSIS = 3.0  # kurtosis of Gaussian noise
 LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # root mean square of two values, and of other residuals, worth a word
 COVERED_SHARE = 0.6  # share of an axis of the bed that the print must span
+CARRIED = "The model carries it"
 UNSEEN = "unseen"  # the kind of the note about the rest
 
 
@@ -77,12 +78,15 @@ class Cause:
     nats: float
 
 
-def causes_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
-    """Return what the residuals of a grey box hold beyond noise."""
+def causes_of(box: GreyboxModel, trace: Trace, *, guides: bool = False) -> tuple[Cause, ...]:
+    """Return what the residuals of a grey box hold beyond noise; with ``guides`` a wave of any printer's guide counts,
+    else a CoreXY's alone: what is left of one half of the bed being off beside a bent frame looks like one."""
     found: list[Cause] = []
     for motor, rows, one, used, near in _looked_at(box, trace):
         drive = box.drives[motor]
-        offered = list(candidates(one, corexy=box.printer.kinematics == "corexy"))
+        corexy = box.printer.kinematics == "corexy"
+        wavy = wavy_axes(motor, trace, corexy=corexy) if guides or corexy else ()
+        offered = list(candidates(one, wavy, corexy=corexy))
         if not _shows_growth(one.at(near)):
             offered = [each for each in offered if each.kind != "thermal"]
         basis = own_columns(drive.choice, rows, used[near])
@@ -167,7 +171,7 @@ def _repeated(
     mean, _ = design.columns(rows.motor_mm[drive.choice.fit.touch.at[used]], rows.period_mm, rows.origin_mm)
     part = design.parts["warp"]
     uneven = mean[:, part] @ values[part]
-    basis = own_columns(drive.choice, rows, used, without=("warp",))
+    basis = own_columns(drive.choice, rows, used, design.mask("warp"))
     left = uneven - basis @ (basis.T @ uneven)
     periods = [each for each in offered if each.kind == "second-period"]
     tried = [_tried(motor, each, one, left, basis, len(left), -np.inf) for each in periods]
@@ -267,9 +271,6 @@ def effects_of(
     """
     rows = motor_rows(trace, box.printer, box.periods_mm)
     effects, explained = [], np.zeros((len(trace), 2))
-    ways = [*(row.motor_mm for row in rows), *trace.commanded_mm.T]
-    spans = [[float(each.min()), float(each.max())] for each in ways]
-    way_mm = round(float(np.hypot(*np.diff(trace.commanded_mm, axis=0).T).sum()), 1)
     for cause in causes:
         drive, kind = box.drives[cause.motor], cause.candidate.kind
         one = law_rows(rows, cause.motor, trace.commanded_mm, drive.choice.fit.touch.side)
@@ -283,31 +284,45 @@ def effects_of(
         mine = state if kind in IN_TIME else other
         if mine in (STAYS, SPEED, VARIES):
             explained[:, cause.motor] += done - absorbing(one) @ absorbed
-        ends = spans if cause.motor == 0 else [spans[1], spans[0], *spans[2:]]
-        candidate = cause.candidate
-        effects.append(
-            Effect(
-                kind, cause.motor, cause.weights, float(candidate.detail), candidate.place, mine, absorbed,
-                np.array(ends), rows[cause.motor].period_mm, way_mm,
-            )
-        )  # fmt: skip
+        effects.append(effect_of(cause, rows, trace, mine, absorbed))
     return tuple(effects), explained
 
 
-def found_in(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: str = VARIES) -> tuple[Misfit, ...]:
-    """Return causes, points left out and places never measured as findings.
+def effect_of(cause: Cause, rows: list[Rows], trace: Trace, state: str, absorbed: np.ndarray) -> Effect:
+    """Return a cause as the effect that it has on new prints, in the measures of this one."""
+    spans = [
+        [float(each.min()), float(each.max())] for each in (*(row.motor_mm for row in rows), *trace.commanded_mm.T)
+    ]
+    way_mm = round(float(np.hypot(*np.diff(trace.commanded_mm, axis=0).T).sum()), 1)
+    ends = spans if cause.motor == 0 else [spans[1], spans[0], *spans[2:]]
+    one = cause.candidate
+    return Effect(
+        one.kind, cause.motor, cause.weights, float(one.detail), one.place, state, absorbed, np.array(ends),
+        rows[cause.motor].period_mm, way_mm,
+    )  # fmt: skip
 
-    ``state`` is the state of the causes that come with time: which time the model is made for.
-    """
-    found = []
+
+def found_in(
+    box: GreyboxModel,
+    trace: Trace,
+    causes: tuple[Cause, ...],
+    state: str = VARIES,
+    carried: tuple[Cause, ...] = (),
+) -> tuple[Misfit, ...]:
+    """Return causes, points left out and places never seen as findings; ``state`` is what became of those in time,
+    ``carried`` are those that the model knows."""
+    motors = box.printer.motors
+    found = [
+        Misfit(cause.candidate.kind, NOTE, cause.size_mm, cause.nats, f"{_words(cause, motors)}. {CARRIED}")
+        for cause in _once(carried)
+    ]
     tilts = {kind: _tilts(causes, kind) for kind in ("rail-play", "rail-racking")}
     for cause in _once(causes):
         kind = cause.candidate.kind
         if kind in tilts and (axis := int(cause.candidate.detail)) in tilts[kind]:
             found.append(_tilted(cause, axis, tilts[kind][axis]))
             continue
-        words = _words(cause, box.drives[cause.motor].name.upper(), box.printer.motors)
-        found.append(Misfit(kind, _severity(cause), cause.size_mm, cause.nats, words))
+        found.append(Misfit(kind, _severity(cause), cause.size_mm, cause.nats, _words(cause, motors)))
     joined = [
         replace(each, words=f"{each.words}{_OF_WHEN.get(state, '')}") if each.kind in IN_TIME else each
         for each in _one_of_each(found)
@@ -388,7 +403,8 @@ def _one_of_each(found: list[Misfit]) -> list[Misfit]:
     return list(joined.values())
 
 
-def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
+def _words(cause: Cause, motors: tuple[str, ...]) -> str:
+    name = motors[cause.motor].upper()
     weight, detail = float(cause.weights[0]), cause.candidate.detail
     other = next((each.upper() for each in motors if each.upper() != name), "")
     is_wave = cause.candidate.kind == "rail-wave"
@@ -419,7 +435,10 @@ def _words(cause: Cause, name: str, motors: tuple[str, ...]) -> str:
         f"pulleys that differ by {2 * cause.size_mm:.2f} mm",
         "rail-racking": f"{name} shows a head that lags along {half} at one end of {'XY'[1 - axis]} and runs ahead at "
         f"the other, by {2 * abs(weight):.2f} mm there and back: the gantry racks",
-        "rail-wave": f"an error repeats every {detail:.1f} mm along {half}, {cause.size_mm:.3f} mm, "
+        "rail-wave": f"{name} is off by a wave of {cause.size_mm:.3f} mm that repeats every {detail:.1f} mm along "
+        f"{half}: a guide that is not straight"
+        if name == "XY"[1 - axis]
+        else f"an error repeats every {detail:.1f} mm along {half}, {cause.size_mm:.3f} mm, "
         "whichever motor turns: a rail, or an idler on the gantry",
         "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {cause.size_mm:.3f} mm: an idler or "
         "the belt, not the motor's pulley",

@@ -11,6 +11,7 @@ from printmend.diagnosis.diagnosis import Diagnosis, diagnose, doubt_of
 from printmend.diagnosis.screw import ScrewFound, find_screw
 from printmend.errors import ConfigError
 from printmend.identify.drive import ALL_SEEN
+from printmend.identify.drive.select import AS_GOOD_SHARE
 from printmend.learn import learner
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
 from printmend.learn.hybrid import HybridModel, with_residuals
@@ -24,7 +25,17 @@ from printmend.promise.apply import acting, still_words
 from printmend.promise.effects import Effect
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_rows import in_order, repeated
-from printmend.promise.misfit_tests import IN_TIME, as_printed, causes_of, effects_of, found_in, of_the_end, unrest_mm
+from printmend.promise.misfit_tests import (
+    IN_TIME,
+    Cause,
+    as_printed,
+    causes_of,
+    effects_of,
+    found_in,
+    of_the_end,
+    unrest_mm,
+)
+from printmend.promise.rails import is_printers, rail_effects, rails_of, waves_of, without_rails
 from printmend.promise.scale import scale_words
 from printmend.promise.section import instrument_scatter_mm, promise_section, residual_section
 from printmend.promise.unexplained import DOUBTED_SCATTER
@@ -150,17 +161,52 @@ def _of_the_end(
 ) -> tuple[WorldModel, Trace, tuple[Misfit, ...], tuple[tuple[Effect, ...], np.ndarray]]:
     """Return the model, learned again as of the print's end where something changed for good, what does not fit, and
     what that may do to new prints."""
+    fit, box, trace, rails = _beside_rails(fit, box, trace, learn)
     causes = causes_of(box, trace)
+    bent = rail_effects(box, trace, rails)
+    carried, other = (rails, ()) if is_printers(trace) else ((), rails)
     if (later := of_the_end(box, trace, causes)) is not None:
         moved, state = later
-        again = learn(moved)
+        again = _waved(learn(moved), box.mechanism.frame.waves)
         if (newer := _box_of(again)) is not None and newer.residual_after_mm <= box.residual_after_mm:
             timed = tuple(cause for cause in causes if cause.candidate.kind in IN_TIME)
             stay = tuple(cause for cause in causes_of(newer, moved) if cause.candidate.kind not in IN_TIME)
             gone, _ = effects_of(newer, moved, timed, state)
             effects, explained = effects_of(newer, moved, stay)
-            return again, moved, found_in(newer, moved, (*timed, *stay), state), ((*gone, *effects), explained)
-    return fit, trace, found_in(box, trace, causes), effects_of(box, trace, causes)
+            misfits = found_in(newer, moved, (*other, *timed, *stay), state, carried)
+            return again, moved, misfits, ((*bent, *gone, *effects), explained)
+    effects, explained = effects_of(box, trace, causes)
+    return fit, trace, found_in(box, trace, (*other, *causes), carried=carried), ((*bent, *effects), explained)
+
+
+def _beside_rails(
+    fit: WorldModel, box: GreyboxModel, trace: Trace, learn: Callable[[Trace], WorldModel]
+) -> tuple[WorldModel, GreyboxModel, Trace, tuple[Cause, ...]]:
+    """Return the model learned again from a trace without what wavy guides do, with these in its frame where they are
+    the printer's, that trace, and the waves; what was given, and no waves, where the motors explain the trace as
+    well."""
+    if not (rails := rails_of(box, trace)):
+        return fit, box, trace, ()
+    freed = without_rails(box, trace, rails)
+    again = learn(freed)
+    newer = _box_of(again)
+    if newer is None or newer.residual_after_mm > AS_GOOD_SHARE * box.residual_after_mm:
+        return fit, box, trace, ()
+    if not is_printers(trace):
+        return again, newer, freed, rails
+    again = _waved(again, waves_of(box.printer, rails))
+    return again, _box_of(again) or newer, freed, rails
+
+
+def _waved(fit: Planar, waves: np.ndarray) -> Planar:
+    """Return a learned machine whose frame has these waves [K, 6]."""
+
+    def on(mechanism: Mechanism) -> Mechanism:
+        return replace(mechanism, frame=replace(mechanism.frame, waves=waves))
+
+    if isinstance(fit, HybridModel):
+        return replace(fit, box=_waved(fit.box, waves), mechanism=on(fit.mechanism))
+    return replace(fit, mechanism=on(fit.mechanism)) if isinstance(fit, GreyboxModel) else fit
 
 
 def fit_beside_screw(
@@ -189,7 +235,7 @@ def _completed(fit: WorldModel, trace: Trace, printer: Printer, model: str, rng:
         return fit
     fit = with_residuals(fit, trace, seed=int(rng.integers(2**31)))
     if model == AUTO and not fit.findings and _is_partial(fit.box):
-        return learner("prior").fit(trace, printer, rng=rng)
+        return _waved(learner("prior").fit(trace, printer, rng=rng), fit.box.mechanism.frame.waves)
     return fit
 
 
@@ -282,10 +328,14 @@ def greybox_model(
 def _said_of(trace: Trace, fit: GreyboxModel, left_mm: float) -> dict[str, Any]:
     """Return what a saved model tells of its measurement: rows, errors before and after, the instrument's scatter."""
     scatter_mm = instrument_scatter_mm(trace)
+    off_mm = trace.measured_mm - trace.commanded_mm
+    if len(fit.mechanism.frame.waves):  # the trace is free of these
+        off_mm = off_mm + fit.mechanism.frame.waves_at_mm(trace.commanded_mm)
+    before_mm = float(np.sqrt(np.mean(np.square(off_mm[trace.measured_rows]).sum(axis=1))))
     return {
         "rows": len(trace),
         "measured": fit.measured,
-        "residual_before_mm": round(fit.residual_before_mm, 6),
+        "residual_before_mm": round(before_mm, 6),
         "residual_after_mm": round(left_mm, 6),
         **({} if scatter_mm is None else {"instrument_mm": round(scatter_mm, 6)}),
     }
@@ -301,7 +351,7 @@ def _turned(mechanism: Mechanism, clockwise_rad: float) -> Frame:
     coefficients[:, Frame.exponents.index((0, 0))] += middle - turn @ middle
     for axis, powers in enumerate(((1, 0), (0, 1))):
         coefficients[:, Frame.exponents.index(powers)] += frame.scale_mm * (turn - np.eye(2))[:, axis]
-    return Frame(coefficients, frame.scale_mm)
+    return replace(frame, coefficients_mm=coefficients)
 
 
 def _anchored(fit: GreyboxModel, trace: Trace) -> tuple[Mechanism, tuple[Branches, Branches]]:

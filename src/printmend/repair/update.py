@@ -42,9 +42,11 @@ from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.promise.effects import LEARNED, parse_effects
 from printmend.promise.misfit import NOTE, Misfit, misfit_section
 from printmend.promise.misfit_rows import repeated
 from printmend.promise.misfit_tests import UNSEEN, causes_of, effects_of, found_in
+from printmend.promise.rails import freed
 from printmend.repair.history import Ageing
 from printmend.repair.learned import DIGESTS, greybox_model, known_digests
 from printmend.repair.screw_update import screw_changes, seen_screw, with_seen_screw
@@ -127,7 +129,8 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
         trace, copies = counted_once(trace)
         trace = with_walls(trace, old.printer)
         screw = seen_screw(old, trace)
-        updated = _updated(old, screw.trace, rng, ageing, digest, repeated(trace, copies))
+        guides_mm = old.mechanism.frame.waves_at_mm(trace.commanded_mm)
+        updated = _updated(old, freed(screw.trace, guides_mm), rng, ageing, digest, repeated(trace, copies))
         changes = tuple(
             Change("Z", words=f"Z {one['kind']} was {one['before']:.3f}, is {one['now']:.3f} {one['unit']}", **one)
             for one in screw_changes(old, screw)
@@ -179,7 +182,7 @@ def _updated(
             replace(row, origin_mm=drive.branches.middle_mm, period_mm=drive.branches.period_mm) if new else row
             for row, drive, new in zip(rows, fresh.drives, anew, strict=True)
         ]
-    fit = _with_sight(model_of(trace, printer, rows, chosen), past, anew)
+    fit = _with_sight(model_of(trace, printer, rows, chosen), past, anew, old.mechanism.frame.waves)
     changes = [
         change
         for motor, one in enumerate(past)
@@ -188,12 +191,7 @@ def _updated(
     ]
     names = tuple(name.upper() for name, new in zip(printer.motors, anew, strict=True) if new)
     details: dict[str, Any] = {"update": _section(old, changes, names)}
-    causes = causes_of(fit, trace)
-    effects, explained = effects_of(fit, trace, causes)
-    found = found_in(fit, trace, causes)
-    if not any(anew):  # the old print's places stay seen, however small the new one is
-        found = (*(each for each in found if each.kind != UNSEEN), *_never_seen(old))
-    details["misfit"] = misfit_section((*said, *found), effects)
+    details["misfit"], explained = _misfit(old, fit, trace, said, is_anew=any(anew))
     details[DIGESTS] = [*known_digests(old), digest]
     gaps = [gap for gap in old.findings[1:] if not any(gap.startswith(f"{name} ") for name in names)]
     return Updated(
@@ -229,20 +227,36 @@ def _section(old: SavedModel, changes: list[Change], anew: tuple[str, ...]) -> d
     return {"from": old.digest, "changes": plain, "anew": list(anew)}
 
 
-def _never_seen(old: SavedModel) -> list[Misfit]:
-    """Return what an old model said of places that were never measured."""
+def _misfit(
+    old: SavedModel, fit: GreyboxModel, trace: Trace, said: tuple[Misfit, ...], *, is_anew: bool
+) -> tuple[dict[str, Any], np.ndarray]:
+    """Return the section of what does not fit, and what that does to the rows, motor by motor [N, 2] mm."""
+    causes = causes_of(fit, trace)
+    effects, explained = effects_of(fit, trace, causes)
+    found = found_in(fit, trace, causes)
+    if not is_anew:  # the old print's places stay seen, however small the new one is
+        found = (*(each for each in found if each.kind != UNSEEN), *_still_said(old, UNSEEN))
+    # a new print is learned without the old model's wavy guides
+    guides = tuple(each for each in parse_effects(old.document) if (each.kind, each.state) == ("rail-wave", LEARNED))
+    found = (*(_still_said(old, "rail-wave") if guides else ()), *found)
+    return misfit_section((*said, *found), (*guides, *effects)), explained
+
+
+def _still_said(old: SavedModel, kind: str) -> list[Misfit]:
+    """Return what an old model said that a new print does not tell: places never measured, guides."""
     section = old.document.get("misfit")
     rows = section.get("found", []) if isinstance(section, dict) else []
-    words = [str(row.get("words")) for row in rows if isinstance(row, dict) and row.get("kind") == UNSEEN]
-    return [Misfit(UNSEEN, NOTE, 0.0, 0.0, each) for each in words]
+    words = [str(row.get("words")) for row in rows if isinstance(row, dict) and row.get("kind") == kind]
+    return [Misfit(kind, NOTE, 0.0, 0.0, each) for each in words]
 
 
 def _turns_mm(past: list[Remembered]) -> tuple[float, float]:
     return (past[0].branches.period_mm, past[1].branches.period_mm)
 
 
-def _with_sight(fit: GreyboxModel, past: list[Remembered], anew: list[bool]) -> GreyboxModel:
-    """Keep what the old print saw of axes and turns: a small print must not make the rest unknown."""
+def _with_sight(fit: GreyboxModel, past: list[Remembered], anew: list[bool], guides: np.ndarray) -> GreyboxModel:
+    """Keep what the old print saw of axes, turns and ``guides``, the frame's waves [K, 6]: a small print must not make
+    the rest unknown."""
     drives, tables = [], []
     for motor, (drive, one, new) in enumerate(zip(fit.drives, past, anew, strict=True)):
         (low, high), (old_low, old_high) = drive.branches.reach_mm, one.branches.reach_mm
@@ -251,7 +265,7 @@ def _with_sight(fit: GreyboxModel, past: list[Remembered], anew: list[bool]) -> 
         drive = replace(drive, branches=replace(drive.branches, reach_mm=reach), sight=seen)
         drives.append(drive)
         tables.append(drive.branches.lower(fit.printer, motor))
-    mechanism = Mechanism(fit.printer, (tables[0], tables[1]), fit.mechanism.frame)
+    mechanism = Mechanism(fit.printer, (tables[0], tables[1]), replace(fit.mechanism.frame, waves=guides))
     return replace(fit, mechanism=mechanism, drives=(drives[0], drives[1]))
 
 

@@ -19,6 +19,7 @@ from printmend import __version__
 from printmend.errors import ConfigError, ModelError
 from printmend.files import read_text, replacing
 from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
+from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.printer import Printer
 from printmend.printer.toml import parse_printer
 from printmend.saved.branches import Branches, Wave
@@ -28,6 +29,7 @@ from printmend.saved.values import TODO, check_notes, number, numbers, refuse, r
 
 FORMAT = "printmend model"
 VERSION = 2  # of a file with a screw
+LEAST_WAVE_MM = 10.0  # length of a rail's wave: a shorter one is no bend
 _WITHOUT_SCREW = 1  # what is written for a machine whose Z is as designed: every printmend reads it
 MAX_ENTRIES = 1_000_000  # entries of one table that a file may have; 500 mm by sixteenths of a 0.2 mm step are 40 000
 MAX_HARMONICS = 1024  # harmonics of a wave that a file may have
@@ -289,7 +291,8 @@ def _wave_section(wave: Wave) -> dict[str, Any]:
 
 def _frame_section(frame: Frame) -> dict[str, Any]:
     x_mm, y_mm = frame.coefficients_mm
-    return {"scale_mm": frame.scale_mm, "x_mm": rounded(x_mm), "y_mm": rounded(y_mm)}
+    waves = {"waves": rounded(frame.waves)} if len(frame.waves) else {}
+    return {"scale_mm": frame.scale_mm, "x_mm": rounded(x_mm), "y_mm": rounded(y_mm), **waves}
 
 
 def _printer(table: dict[str, Any], subject: str) -> Printer:
@@ -374,4 +377,12 @@ def _frame(section: Any, subject: str) -> Frame:
     scale_mm = number(section, "scale_mm", f"{subject} [frame]")
     if len(rows[0]) != 10 or len(rows[1]) != 10 or scale_mm <= 0:
         refuse(f"{subject} [frame]", "ten coefficients a row and a positive scale_mm", "something else")
-    return Frame(np.array(rows), scale_mm)
+    waves = section.get("waves", [])
+    if not isinstance(waves, list) or len(waves) > MOST_WAVES:
+        refuse(f"{subject} [frame]", f"at most {MOST_WAVES} waves", "something else")
+    each = [numbers({"wave": wave}, "wave", f"{subject} [frame]", WAVE_FIELDS) for wave in waves]
+    if any(len(wave) != WAVE_FIELDS or wave[0] not in (0, 1) or wave[1] < LEAST_WAVE_MM for wave in each):
+        refuse(
+            f"{subject} [frame]", f"waves of an axis, at least {LEAST_WAVE_MM:g} mm and four sizes", "something else"
+        )
+    return Frame(np.array(rows), scale_mm, np.array(each).reshape(-1, WAVE_FIELDS))

@@ -88,12 +88,19 @@ def other_periods_mm(turn_mm: float, longest_mm: float) -> np.ndarray:
     return np.asarray(PERIODS_MM[apart & (longest_mm > PERIODS_MM)])
 
 
-def own_columns(choice: Choice, rows: Rows, used: np.ndarray, without: tuple[str, ...] = ()) -> np.ndarray:
-    """Return an orthonormal basis [M, B] of what a fit's own parts can follow at the rows ``used`` [M]."""
+def columns_of(choice: Choice, rows: Rows, used: np.ndarray) -> np.ndarray:
+    """Return what each parameter of a fit does to the rows ``used`` [M], as columns [M, P]."""
     design, touch = choice.design, choice.fit.touch
     mean, play = design.columns(rows.motor_mm[touch.at[used]], rows.period_mm, rows.origin_mm)
     columns = mean + touch.side[used, None] / 2 * play
     columns[:, design.parts["cross"]] = cross_columns(design, rows, used)
-    columns = np.column_stack([np.ones(len(used)), columns[:, choice.fit.posterior.active & ~design.mask(*without)]])
+    return columns
+
+
+def own_columns(choice: Choice, rows: Rows, used: np.ndarray, without: np.ndarray | None = None) -> np.ndarray:
+    """Return an orthonormal basis [M, B] of what a fit's own parts can follow at the rows ``used`` [M]; parameters that
+    ``without`` [P] marks are none of them."""
+    active = choice.fit.posterior.active if without is None else choice.fit.posterior.active & ~without
+    columns = np.column_stack([np.ones(len(used)), columns_of(choice, rows, used)[:, active]])
     basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(basis[:, sizes > 1e-5 * sizes[0]])

@@ -208,7 +208,7 @@ def _cross_mm(design: Design, model: SavedModel, motor: int) -> np.ndarray:
         return np.zeros(0)
     bed = _grid_mm(printer)
     at = (printer.to_motor(bed) - bed_middle(printer)) / SCALE_MM
-    moved = printer.to_motor(frame.apply(bed) - bed)[:, motor]
+    moved = printer.to_motor(frame.apply(bed) - bed - frame.waves_at_mm(bed))[:, motor]
     columns = np.stack([at[:, motor] ** p * at[:, 1 - motor] ** q for p, q in design.cross], axis=1)
     return np.linalg.lstsq(columns, moved, rcond=None)[0]
 

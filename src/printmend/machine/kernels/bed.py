@@ -1,15 +1,21 @@
 """How the belts of two motors reach the bed: CoreXY mixing, then a crooked frame (physics.md eq. 13 and 14).
 
-What is needed for it lies in 26 numbers of a flat array ``values`` from index ``at`` on, the fields BED_*, so that it
+What is needed for it lies in 51 numbers of a flat array ``values`` from index ``at`` on, the fields BED_*, so that it
 can stand by itself or inside another kernel's array. `Frame.bed_map` and `LatticeFrame.bed_map` make it. The unit is
 the caller's: mm, or full steps.
 """
 
+import math
+
 from printmend.jit import inner
 
 # 1 or 0: the motors are those of a CoreXY · 1 or 0: the frame is crooked · what is added to x and y, and what they are
-# divided by, before the polynomials · the polynomials of x and of y [2, 10], in the order of `Frame.exponents`
-BED_COREXY, BED_FRAMED, BED_ORIGIN, BED_SCALE, BED_TERMS, BED_FIELDS = 0, 1, 2, 4, 6, 26
+# divided by, before the polynomials · the polynomials of x and of y [2, 10], in the order of `Frame.exponents` · how
+# many waves there are · these, WAVE_* each
+BED_COREXY, BED_FRAMED, BED_ORIGIN, BED_SCALE, BED_TERMS, BED_WAVES, BED_WAVE, BED_FIELDS = 0, 1, 2, 4, 6, 26, 27, 51
+MOST_WAVES = 4
+# 0 or 1: the wave runs along x or y · its angle a unit of the divided place · cosine and sine in x, and in y
+WAVE_AXIS, WAVE_RATE, WAVE_X, WAVE_Y, WAVE_FIELDS = 0, 1, 2, 4, 6
 _Y = 10  # the polynomial of y comes so many numbers after that of x
 # Newton's method stops at a distance of this, far below what a float64 of a bed resolves after a few steps.
 _SAME, _STEPS = 1e-10, 20
@@ -59,13 +65,47 @@ def _derivatives(values, k, p, q):
 
 
 @inner(error_model="numpy", _nrt=False)
+def _waved(values, at, p, q):
+    """Return what bent rails add to x and to y."""
+    x, y = 0.0, 0.0
+    for wave in range(int(values[at + BED_WAVES])):
+        k = at + BED_WAVE + WAVE_FIELDS * wave
+        angle = values[k + WAVE_RATE] * (p if values[k + WAVE_AXIS] == 0.0 else q)
+        cos, sin = math.cos(angle), math.sin(angle)
+        x += values[k + WAVE_X] * cos + values[k + WAVE_X + 1] * sin
+        y += values[k + WAVE_Y] * cos + values[k + WAVE_Y + 1] * sin
+    return x, y
+
+
+@inner(error_model="numpy", _nrt=False)
+def _waved_derivatives(values, at, p, q):
+    """Return the derivatives of `_waved`: of x by p and by q, of y by p and by q."""
+    xp, xq, yp, yq = 0.0, 0.0, 0.0, 0.0
+    for wave in range(int(values[at + BED_WAVES])):
+        k = at + BED_WAVE + WAVE_FIELDS * wave
+        rate = values[k + WAVE_RATE]
+        along_x = values[k + WAVE_AXIS] == 0.0
+        angle = rate * (p if along_x else q)
+        cos, sin = rate * math.cos(angle), rate * math.sin(angle)
+        x = values[k + WAVE_X + 1] * cos - values[k + WAVE_X] * sin
+        y = values[k + WAVE_Y + 1] * cos - values[k + WAVE_Y] * sin
+        if along_x:
+            xp, yp = xp + x, yp + y
+        else:
+            xq, yq = xq + x, yq + y
+    return xp, xq, yp, yq
+
+
+@inner(error_model="numpy", _nrt=False)
 def onto_bed(values, at, x, y):
-    """Map a place given by the belts to the bed: the place plus the frame's polynomials of it."""
+    """Map a place given by the belts to the bed: the place plus the frame's polynomials and waves of it."""
     if values[at + BED_FRAMED] == 0.0:
         return x, y
     p = (x + values[at + BED_ORIGIN]) / values[at + BED_SCALE]
     q = (y + values[at + BED_ORIGIN + 1]) / values[at + BED_SCALE + 1]
-    return x + _polynomial(values, at + BED_TERMS, p, q), y + _polynomial(values, at + BED_TERMS + _Y, p, q)
+    by_x, by_y = _waved(values, at, p, q)
+    x += _polynomial(values, at + BED_TERMS, p, q) + by_x
+    return x, y + _polynomial(values, at + BED_TERMS + _Y, p, q) + by_y
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -77,7 +117,8 @@ def slopes(values, at, x, y):
     p, q = (x + values[at + BED_ORIGIN]) / wide, (y + values[at + BED_ORIGIN + 1]) / deep
     xp, xq = _derivatives(values, at + BED_TERMS, p, q)
     yp, yq = _derivatives(values, at + BED_TERMS + _Y, p, q)
-    return 1.0 + xp / wide, xq / deep, yp / wide, 1.0 + yq / deep
+    wxp, wxq, wyp, wyq = _waved_derivatives(values, at, p, q)
+    return 1.0 + (xp + wxp) / wide, (xq + wxq) / deep, (yp + wyp) / wide, 1.0 + (yq + wyq) / deep
 
 
 @inner(error_model="numpy", _nrt=False)
