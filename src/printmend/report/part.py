@@ -131,13 +131,13 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
     )
     if prediction.unknown:
         said.append(
-            f"{prediction.unknown} printing moves are left as they are{prediction.where_unknown}: words that cannot be "
-            "read, or the file does not say where the head is there."
+            f"Left as written: {counted(prediction.unknown, 'printing move')}{prediction.where_unknown}, for words "
+            "that cannot be read, or because the file does not say where the head is there."
         )
     if prediction.splines:
         said.append(
-            f"{prediction.splines} curves (G5) are left as they are, as wrong as before: the file does not say where "
-            "they begin, or leaves out I J or P Q."
+            f"Left as written, as wrong as before: {counted(prediction.splines, 'curve')} (G5), because the file does "
+            "not say where such a curve begins, or leaves out I J or P Q."
         )
     return [*prediction.advice, *(f"{each[0].upper()}{each[1:]}." for each in prediction.warnings), *said]
 
