@@ -58,9 +58,8 @@ DRIFTS = (
     Drift(0.02, 0.02, 0.1), Drift(1, 0.02, 0.1), Drift(1, 1, 0.1), Drift(1, 1, 1), Drift(3, 3, 5), Drift(5, 5, 25),
 )  # fmt: skip
 SYMMETRIC_SHARE = 0.98  # a turn of the pulley that matches to this share of the best match is as good
-SAME_PLACE = (
-    0.002  # share of the usual drift of a print's place where it lay as the old one did: homing repeats to 0.01 mm
-)
+# Share of the usual drift of a print's place, where it lay as the old one did: homing repeats to 0.01 mm.
+SAME_PLACE = 0.002
 FIT_PASSES = 8  # most rounds of fitting
 REPLACED = 0.85  # where learning anew leaves less than this share of the noise, the part was replaced
 RESIZED_PERCENT = 1.0  # a pulley whose scale changed by more has another size
