@@ -29,6 +29,7 @@ from printmend.promise.misfit_columns import Candidate
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import (
     Cause,
+    _near,
     _once,
     _tilted,
     _tilts,
@@ -202,6 +203,22 @@ def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> N
         moved = (later[0].measured_mm - trace.measured_mm)[[1, -1]]
         wanted = np.array([[0.21, 0.0], [0.0, 0.0]]) if kind == "linear" else np.array([[0.0, 0.12], [0.0, 0.0]])
         assert moved == pytest.approx(wanted, abs=0.03)
+
+
+def test_a_table_without_the_rows_of_one_end_says_nothing_of_speed() -> None:
+    """Where rows were deleted the next one comes after a long move, and from another side than the table says."""
+    rng, probe = np.random.default_rng(1), design_probe(PRINTER)
+    trace = probe.trace(probe.marks_mm)
+    places = Twin.of(Corruption((Drive(belt=Play(1.0)), Drive(belt=Play(1.0)))), PRINTER).follow(trace.commanded_mm)
+    measured = places + rng.normal(0, 0.03, places.shape)
+    measured[~trace.measured_rows] = np.nan
+    kept = trace.commanded_mm[:, 1] >= 110
+    trace = Trace(trace.commanded_mm[kept], measured[kept])
+    box = Greybox().fit(trace, PRINTER, rng=rng)
+    assert {each.kind for each in found_in(box, trace, causes_of(box, trace))} == {"left-out", "unseen"}
+    residual = np.append(rng.normal(0, 0.03, 300), np.ones(80))
+    for wild, looked_at in ((3, 300), (15, 315), (80, 300)):  # single rows, a pattern of few rows, too many
+        assert len(_near(residual[: 300 + wild])) == looked_at
 
 
 def test_a_healthy_printer_that_warms_up_a_little_is_left_alone() -> None:

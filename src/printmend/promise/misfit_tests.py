@@ -42,6 +42,7 @@ CLIP_SIGMAS = 4.0  # standard deviations beyond which a residual is an outlier
 LOST_SIGMAS, LOST_MM = 6.0, 0.05  # a point whose residual exceeds both limits was measured wrongly
 # Shares of such points from which on they are a note, a warning, a refusal.
 FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3
+SINGLE = 0.03  # share of outliers up to which they are single rows, not a pattern
 UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # a model that leaves this share of the error, and as many mm, does not fit
 MOST_JUMPS = 4  # skipped teeth and lost steps in a print, beyond which its end is no better known than its beginning
 ONE_WAVE_SHARE = 0.15  # waves of one rail whose lengths differ by less are one, which both motors show
@@ -134,9 +135,11 @@ def unrest_mm(box: GreyboxModel, trace: Trace) -> float:
 
 
 def _near(residual_mm: np.ndarray) -> np.ndarray:
-    """Tell which rows [M] are tested: all, unless outliers are so many that together they would look like a pattern."""
+    """Tell which rows [M] are tested: all, unless outliers are so many that together they would look like a pattern, or
+    so few that they are single rows: where some of a table were deleted, the nozzle came to the next ones from
+    elsewhere, and after a long move."""
     outlier = np.abs(residual_mm) > CLIP_SIGMAS * _spread_mm(residual_mm)
-    return np.flatnonzero(~outlier) if outlier.mean() > MANY_LOST else np.arange(len(residual_mm))
+    return np.arange(len(residual_mm)) if SINGLE < outlier.mean() <= MANY_LOST else np.flatnonzero(~outlier)
 
 
 def _spread_mm(residual_mm: np.ndarray) -> float:
