@@ -227,6 +227,18 @@ def test_no_scanner_mends_a_healthy_printer(part: Path) -> None:
         assert left_out[0]["value"] == pytest.approx(100 * np.trace(stretch) / 2, abs=0.02)
 
 
+def test_a_scanners_stretch_is_no_uneven_belt() -> None:
+    """Beside the smallest wave of its carriage, which no one turn of the plate tells from a belt's."""
+    trace = measured(HEALTHY, 0.005, 3)
+    seen = scanned(trace, np.diag([0.002, 0.0013]))
+    for wave_mm in (0.0, 0.012):
+        wave = wave_mm * np.sin(2 * np.pi * seen.commanded_mm[:, 1:] / 85) * [0.0, 1.0]
+        model = learn_model(replace(seen, measured_mm=seen.measured_mm + wave), ENDER3)
+        middle = np.linspace(60, 160, 200)
+        off = [table.branches_mm(middle)[0] - middle for table in model.mechanism.transmissions]
+        assert max(np.ptp(each) for each in off) < 3 * wave_mm + 1e-6, wave_mm
+
+
 def test_a_lens_that_bends_no_more_than_a_photo_does_is_not_mended() -> None:
     seen = scanned(measured(HEALTHY, 0.002, 3), np.zeros((2, 2)), PAPER)
     bend_mm = 0.01 * ((seen.commanded_mm - 110) / 100) ** 2

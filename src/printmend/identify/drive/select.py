@@ -179,16 +179,18 @@ def refined(rows: Rows, found: Choice) -> Choice:
     return Choice(found.structure, found.design, fit)
 
 
-def prune(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Structure:
+def prune(rows: Rows, found: Choice, ripple: tuple[int, ...], *, scaled: bool = False) -> Structure:
     """Fit all parts at once, then drop one by one those that do not pay; return what remains.
 
     The part that repeats nothing can imitate all others where a trace is short. So it is offered only where the
-    residuals have a pattern, or in place of parts that grow along the axis, which may imitate it under noise.
+    residuals have a pattern, or in place of parts that grow along the axis, which may imitate it under noise. With
+    ``scaled``, for an instrument that knows no scale, a scale stays beside it: else that of the instrument, which acts
+    on no print, would pass for an error that repeats nothing.
     """
     most = supported(rows, EVERYTHING)
-    structure, share = _chosen(rows, found, ripple, most)
+    structure, share = _chosen(rows, found, ripple, most, scaled=scaled)
     if share < PATTERN_SHARE * rows.independent or structure.drift or structure.elastic:
-        warped = _chosen(rows, found, ripple, replace(most, warp_mm=WARPS_MM[0]))[0]
+        warped = _chosen(rows, found, ripple, replace(most, warp_mm=WARPS_MM[0]), scaled=scaled)[0]
         if warped.warp_mm:
             structure = _likelier(rows, found, ripple, structure, warped)
     return _repeating(rows, found, ripple, structure)
@@ -220,7 +222,9 @@ def _repeating(rows: Rows, found: Choice, ripple: tuple[int, ...], structure: St
     return simple if losses[1] <= AS_GOOD_SHARE * losses[0] + AS_GOOD_MM else structure
 
 
-def _chosen(rows: Rows, found: Choice, ripple: tuple[int, ...], base: Structure) -> tuple[Structure, float]:
+def _chosen(
+    rows: Rows, found: Choice, ripple: tuple[int, ...], base: Structure, *, scaled: bool
+) -> tuple[Structure, float]:
     """Return what remains of ``base``, and the share of independent residuals of the fit with all of ``base``.
 
     Contacts adapt to the play that a model has: at the contacts of a machine with play a taut one looks worse than it
@@ -230,13 +234,14 @@ def _chosen(rows: Rows, found: Choice, ripple: tuple[int, ...], base: Structure)
     design = base.design(TRIAL_HARMONICS, ripple, rows.reach_mm)
     values = design.moved(found.fit.posterior.values, found.design)
     prior = replace(found.fit.posterior.prior, floor_mm=SELECT_LEAST_SIGMA_MM)
-    played, full = _pruned(rows, design, base, values, prior)
+    played, full = _pruned(rows, design, base, values, prior, scaled=scaled)
     play_mm = full.posterior.values[design.parts["play_powers"]]
     if played.play == "none" or play_mm[0] > SURE_PLAY_SIGMAS * full.posterior.sigma_mm:
         return played, full.share
     without = replace(base, play="none", friction=False)
     values = full.posterior.values * without.active(design)
-    taut, loser = _pruned(rows, design, without, values, replace(full.posterior.prior, floor_mm=SELECT_LEAST_SIGMA_MM))
+    prior = replace(full.posterior.prior, floor_mm=SELECT_LEAST_SIGMA_MM)
+    taut, loser = _pruned(rows, design, without, values, prior, scaled=scaled)
     ours, theirs = (
         _evidence(rows, design, structure, fit, full.share) for structure, fit in ((played, full), (taut, loser))
     )
@@ -250,7 +255,9 @@ def _evidence(rows: Rows, design: Design, structure: Structure, start: Fit, shar
     return _posterior(design, fit.normal.tempered(share), structure, fit.posterior).log_evidence
 
 
-def _pruned(rows: Rows, design: Design, base: Structure, values: np.ndarray, prior: Prior) -> tuple[Structure, Fit]:
+def _pruned(
+    rows: Rows, design: Design, base: Structure, values: np.ndarray, prior: Prior, *, scaled: bool
+) -> tuple[Structure, Fit]:
     """Return what remains of ``base`` when parts that do not pay are dropped, and the fit of all of it."""
     full = refine(design, rows, values, base.active(design), prior=_prior(prior, base), passes=5, rounds=2)
     normal = full.normal.tempered(full.share)
@@ -274,6 +281,7 @@ def _pruned(rows: Rows, design: Design, base: Structure, values: np.ndarray, pri
             smaller = [replace(best, **change) for change in choice]
             smaller = [structure for structure in smaller if structure.active(design).sum() < post.active.sum()]
             smaller = [structure for structure in smaller if structure.offset or not structure.waves]
+            smaller = [structure for structure in smaller if structure.scale or not (scaled and structure.warp_mm)]
             smaller = [structure for structure in smaller if PLAYS.index(structure.play) <= PLAYS.index(best.play)]
             tried = [(_posterior(design, normal, structure, post), structure) for structure in smaller]
             if not tried:

@@ -69,7 +69,7 @@ def fit_greybox(
     searched, rounded = _rounded(_searched(trial.rows(full)), printer)
     without_jumps, jumps = _without_jumps(searched, printer)
     ripples = [visible_ripple(row, ripple_harmonics(printer, motor)) for motor, row in enumerate(without_jumps.rows)]
-    chosen = _with_frame(_with_parts(without_jumps, ripples), ripples)
+    chosen = _with_frame(_with_parts(without_jumps, ripples, scaled=not trace.instrument_doubt.is_exact), ripples)
     if not trial.is_whole:
         jumps = tuple(trial.in_full(taken) for taken in jumps)
         chosen = _on_all_rows(on_micro_steps(full, printer) if rounded else full, jumps, chosen, ripples)
@@ -132,11 +132,11 @@ def _without_jumps(stage: Stage, printer: Printer) -> tuple[Stage, tuple[tuple[J
     return Stage(rows, [choice for _, choice in pairs]).placed(), tuple(jumps for jumps, _ in pairs)
 
 
-def _with_parts(stage: Stage, ripples: list[Ripple]) -> Stage:
-    """Choose the parts of either drive, and fit them with all harmonics."""
+def _with_parts(stage: Stage, ripples: list[Ripple], *, scaled: bool) -> Stage:
+    """Choose the parts of either drive, and fit them with all harmonics; ``scaled`` is that of `prune`."""
     chosen = []
     for (row, found), ripple in zip(stage, ripples, strict=True):
-        structure = _glimpsed(row, prune(row, found, ripple))
+        structure = _glimpsed(row, prune(row, found, ripple, scaled=scaled))
         choice = with_second(row, fitted(row, structure, ripple, found, passes=SEARCH_PASSES), ripple)
         seen_in_part = GLIMPSED_TURN < sight(row, choice.fit.touch).angles < ALL_SEEN
         chosen.append(folded(row, choice, ripple) if seen_in_part else choice)
