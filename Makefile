@@ -14,13 +14,16 @@ HOSTS := .venv-hosts
 # Bytecode is kept, in folders that git ignores: else each worker of the tests would compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo paper test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
+.PHONY: demo begun paper test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
 
 # While the rest is being installed, both cores compile what both demonstrations would.
 demo:
-	@$(MAKE) --no-print-directory -j3 $(BEGUN) $(OWNER)
+	@$(MAKE) --no-print-directory -j3 begun
 	@$(BIN)/printmend demo --part >.venv/part.txt & part=$$!; trap 'kill $$part' INT TERM; $(BIN)/printmend demo; one=$$?; \
 	wait $$part; other=$$?; cat .venv/part.txt; exit $$((one | other))
+
+begun: $(BEGUN) $(OWNER)
+	@:
 
 # An edit does not make them anew: the demonstrations compile what changed.
 .venv/.begun-%: $(CORE)
