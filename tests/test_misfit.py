@@ -23,7 +23,7 @@ from printmend.probe import design_probe
 from printmend.probe.probe import keep_plan
 from printmend.promise import misfit_rows, predict
 from printmend.promise.budget import parse_budget
-from printmend.promise.effects import EARLY, Effect, PrintPlaces
+from printmend.promise.effects import EARLY, ENDED, Effect, PrintPlaces
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_columns import Candidate
 from printmend.promise.misfit_rows import in_order
@@ -343,6 +343,11 @@ def test_a_short_print_is_promised_to_be_as_warm_as_it_gets(rng: np.random.Gener
     drift = replace(effect, kind="linear", weights=np.array([0.1]))  # beside it: the model has the first tenth of it
     drawn = drift.drawn(PrintPlaces(ends, ends, still, still, np.full(2, 1e3)), np.ones(400), rng)
     assert drawn.columns @ drawn.drawn == pytest.approx(np.full((2, 400), 0.1 * (1 - 0.108)))
+    slipping = replace(drift, state=ENDED)  # a set screw that slipped evenly to the end stops then, or goes on as fast
+    drawn = slipping.drawn(PrintPlaces(ends, ends, still, still, np.array([0.0, 1e4])), np.ones(4000), rng)
+    begins_mm, ends_mm = drawn.columns @ drawn.drawn
+    assert np.abs(begins_mm).mean() < 0.02
+    assert np.quantile(ends_mm - begins_mm, (0.25, 0.75)) == pytest.approx([0.0, 0.1], abs=0.01)
 
 
 @pytest.mark.parametrize(("turn_mm", "said"), [(42.0, "a pulley of 21 teeth"), (39.5, "steps a millimetre")])

@@ -20,6 +20,9 @@ STAYS, SPEED, ENDED, VARIES, EARLY, LEARNED = "stays", "speed", "ended", "varies
 # growth is left (ended); or the model took it in as a part of another kind (learned).
 SHARES = {STAYS: (1.0, 0.25), SPEED: (0.5, 0.3), ENDED: (0.0, 0.1), LEARNED: (0.0, 0.12)}
 GOES_ON = 0.7  # standard deviation of the logarithm of a factor on the share of ENDED: some go on for much longer
+# What grew evenly until the measured print ended stops with this probability; else it goes on in a new print as fast,
+# to a factor whose logarithm has this standard deviation, for as long as the measured print was at most.
+EVENLY, STOPS, SPEED_LOG_SD = ("linear", "wear"), 0.5, 0.4
 # Some misfits begin anew with every print, as warming does. The time at which a new part is printed is drawn evenly
 # between these shares of the measured print's length.
 VARIES_FROM, VARIES_TO = 0.1, 1.0
@@ -92,6 +95,10 @@ class Effect:
         share = rng.normal(*SHARES[self.state], len(begun))
         if self.state == ENDED:
             share *= np.exp(rng.normal(0.0, GOES_ON, len(begun)))
+        if self.state == ENDED and self.kind in EVENLY and self.way_mm:
+            more = columns[:, :1] * np.minimum(places.gone_mm / self.way_mm, 1.0)[:, None]
+            goes_on = (rng.random(len(begun)) > STOPS) * np.exp(rng.normal(0.0, SPEED_LOG_SD, len(begun)))
+            return DrawnCause(np.hstack([columns[:, :1], more]), np.stack([share, goes_on]))
         if self.state in (STAYS, SPEED):
             return DrawnCause(columns, np.stack([share, -share]))
         return DrawnCause(columns[:, :1], share[None])
