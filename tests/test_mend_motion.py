@@ -109,6 +109,16 @@ def test_no_move_becomes_more_pieces_than_there_is_room_for(mechanism, arc: byte
     assert 1000 < first[end] - first[end - 1] < 1.5 * layout.CHORDS_A_RECORD
 
 
+@MODELS
+@pytest.mark.parametrize(
+    "line", [b"G2 X80 Y60 I10 J0 P99 Z0.2 E50\n", b"G5 X80 Y60 I3 J9 P-3 Q9 Z1 E3\n", b"G1 X80 E9\n"]
+)
+def test_a_line_from_beyond_all_printers_is_left(mechanism, line: bytes) -> None:
+    prediction = mended(START + b"G1 Z999999999999999 F1800\n" + line, mechanism)[1]
+    assert prediction.unknown > 0
+    assert prediction.commands < 1100
+
+
 def test_vase() -> None:
     t = np.linspace(0, 6 * np.pi, 240)
     rows = [

@@ -12,6 +12,7 @@ from printmend.jit import inner
 ARC, X0, Y0, Z0, X1, Y1, Z1, CA, CB, PHI, SWEEP, R0, R1, PLANE, LENGTH, SHARE, LEAST = range(17)
 CURVE = 17
 _TURN = 2.0 * np.pi
+HIGHEST_MM = 1e4  # no printer is higher: a line of such a length would be cut and looked at for hours
 _LOOKS = 24  # places of an arc at which it is asked whether it leaves the bed
 
 
@@ -84,6 +85,8 @@ def place(curve, t):
 @inner(error_model="numpy", _nrt=False)
 def stays_near(model, curve):
     """Say whether all of a curve lies where the model knows the machine."""
+    if not max(abs(curve[Z0]), abs(curve[Z1])) <= HIGHEST_MM:
+        return False
     if curve[ARC] == 0.0:
         return is_near(model, curve[X0], curve[Y0]) and is_near(model, curve[X1], curve[Y1])
     for i in range(_LOOKS + 1):
