@@ -446,6 +446,16 @@ def test_points_left_out_a_turned_plate_and_unseen_places_are_said(rng: np.rando
     assert set(misfit_section(tuple(found.values()))) == {"found", "effects"}
 
 
+def test_a_bent_and_skewed_frame_is_not_taken_for_a_turned_plate(rng: np.random.Generator) -> None:
+    printer = read_printer("voron2-250")
+    once = measured_once(rng, count=600)
+    places = once.commanded_mm * 250 / 220
+    u, v = (places - 120).T / 100
+    bent = np.stack([-0.72 * v + 0.12 * v**2, 0.14 * u**2], axis=1)
+    trace = Trace(places, places + bent - bent[0] + rng.normal(0, 0.02, places.shape), homed=True)
+    assert as_printed(Greybox().fit(trace, printer, rng=rng), trace)[0].placed
+
+
 def test_a_shifted_plate_is_learned_as_one_whose_place_is_not_known(rng: np.random.Generator) -> None:
     once = measured_once(rng, count=300)
     shifted = replace(once, measured_mm=once.measured_mm + np.array([0.9, -0.6]))

@@ -13,7 +13,7 @@ import numpy as np
 from printmend.identify.drive.design import Rows
 from printmend.identify.drive.fit import independent_share, robust_sigma_mm
 from printmend.identify.drive.period import NEAR_SHARE, TOOTH_MM
-from printmend.identify.drive.second import own_columns
+from printmend.identify.drive.second import columns_of, own_columns
 from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
 from printmend.learn.greybox.rows import motor_rows
 from printmend.measure.once import RANDOM_SDS, in_no_order
@@ -561,11 +561,12 @@ def as_printed(box: GreyboxModel, trace: Trace) -> tuple[Trace, tuple[Misfit, ..
     """
     if not trace.placed or trace.wall_rows.any():
         return trace, ()
-    found = (*_turned(box), *_moved(box, trace))
+    turned_deg = _turn_deg(box, trace)
+    found = (*_turned(box, turned_deg), *_moved(box, trace))
     if not found:
         return trace, ()
     instrument = trace.instrument_doubt
-    if not (turn := -np.radians(_turn_deg(box))):
+    if not (turn := -np.radians(turned_deg)):
         return replace(trace, placed=False, instrument=instrument), found
     middle = np.nanmean(trace.measured_mm, axis=0)
     back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
@@ -573,9 +574,29 @@ def as_printed(box: GreyboxModel, trace: Trace) -> tuple[Trace, tuple[Misfit, ..
     return replace(trace, measured_mm=measured, placed=False, instrument=instrument), found
 
 
-def _turn_deg(box: GreyboxModel) -> float:
-    """Return by how much both axes are turned alike [°], 0 where they are not."""
-    matrix = observed_stretch(box).matrix
+def _turn_deg(box: GreyboxModel, trace: Trace) -> float:
+    """Return by how much both axes are turned alike [°], 0 where they are not, or only at one place of a bent frame."""
+    everywhere = _alike_deg(_mean_slopes(box, trace), box)
+    return _alike_deg(observed_stretch(box).matrix, box) if everywhere else 0.0
+
+
+def _mean_slopes(box: GreyboxModel, trace: Trace) -> np.ndarray:
+    """Return the linear error [2, 2] that is nearest to a frame and its motors' scales over what was measured."""
+    rows = motor_rows(trace, box.printer, box.periods_mm)
+    touched = [drive.choice.fit.touch.at >= 0 for drive in box.drives]
+    used = np.flatnonzero(trace.measured_rows & touched[0] & touched[1])
+    off = np.zeros((len(used), 2))
+    for motor, drive in enumerate(box.drives):
+        smooth = drive.choice.design.mask("mean_powers", "cross")
+        off[:, motor] = (
+            columns_of(drive.choice, rows[motor], used)[:, smooth] @ drive.choice.fit.posterior.values[smooth]
+        )
+    columns = np.column_stack([trace.commanded_mm[used], np.ones(len(used))])
+    return np.asarray(np.linalg.lstsq(columns, np.asarray(box.printer.from_motor(off)), rcond=None)[0][:2].T)
+
+
+def _alike_deg(matrix: np.ndarray, box: GreyboxModel) -> float:
+    """Return by how much a linear error [2, 2] turns both axes alike [°], 0 where it does not."""
     turns = np.degrees([np.arctan(matrix[1, 0]), np.arctan(-matrix[0, 1])])
     corexy = box.printer.kinematics == "corexy"
     least, most = np.abs(turns).min(), np.abs(turns).max()
@@ -583,8 +604,8 @@ def _turn_deg(box: GreyboxModel) -> float:
     return float(np.sign(turns[0]) * ((least + most) / 2 if corexy else least)) if alike else 0.0
 
 
-def _turned(box: GreyboxModel) -> list[Misfit]:
-    if not (both := _turn_deg(box)):
+def _turned(box: GreyboxModel, both: float) -> list[Misfit]:
+    if not both:
         return []
     size = float(np.radians(abs(both)) * np.hypot(box.printer.x.length_mm, box.printer.y.length_mm) / 4)
     words = (
