@@ -17,6 +17,7 @@ from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
 from printmend.learn.greybox.previous import remember
 from printmend.machine.mechanism import healthy_mechanism
+from printmend.measure import write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import read_printer
 from printmend.probe import design_probe
@@ -89,6 +90,22 @@ def test_shuffled_marks_are_put_back_and_shuffled_lines_refused(rng: np.random.G
     assert np.array_equal(again.trace.measured_mm[known], marks[known])
     with pytest.raises(TraceError, match="the same points in another order"):
         in_order(Trace(trace.commanded_mm, rng.permutation(trace.measured_mm)), PRINTER)
+
+
+@pytest.mark.parametrize(("order", "said"), [("reversed", "in the reversed order"), ("any", "in another order")])
+def test_a_table_in_another_order_reaches_who_can_say_so(order: str, said: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    plan = design_probe(PRINTER)
+    marks = Twin.of(sample("pulley-play", rng, "realistic"), PRINTER).follow(plan.waypoints_mm) + rng.normal(
+        0, 0.02, (len(plan.waypoints_mm), 2)
+    )
+    spoiled = marks[::-1] if order == "reversed" else rng.permutation(marks)
+    write_trace(tmp_path / "t.csv", Trace(plan.waypoints_mm, spoiled))
+    result = CliRunner().invoke(
+        group, ["learn", str(tmp_path / "t.csv"), "--printer", "ender5", "-o", str(tmp_path / "m.json")]
+    )
+    assert (result.exception is None) == (order == "reversed")
+    assert said in f"{result.output}{result.exception}"
 
 
 def test_rows_in_order_stay_as_they_are(rng: np.random.Generator) -> None:
