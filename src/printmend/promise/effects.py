@@ -14,11 +14,12 @@ import numpy as np
 from printmend.promise.laws import LAWS, LONG_MM, TWO_MOTORS, LawRows, warmed
 from printmend.saved.values import number, numbers, refuse, section_of
 
-STAYS, SPEED, ENDED, VARIES, EARLY, LEARNED = "stays", "speed", "ended", "varies", "early", "learned"
+STAYS, SPEED, ENDED, VARIES, EARLY = "stays", "speed", "ended", "varies", "early"
+LEARNED, CARRIED = "learned", "carried"
 # Mean and standard deviation of the share of a law's measured size that a new print has, by what becomes of the misfit:
 # it stays; it depends on speed; the model was learned as of the end of the measured print, so that only its further
-# growth is left (ended); or the model took it in as a part of another kind (learned).
-SHARES = {STAYS: (1.0, 0.25), SPEED: (0.5, 0.3), ENDED: (0.0, 0.1), LEARNED: (0.0, 0.12)}
+# growth is left (ended); the model took it in as a part of another kind (learned), or of its own (carried).
+SHARES = {STAYS: (1.0, 0.25), SPEED: (0.5, 0.3), ENDED: (0.0, 0.1), LEARNED: (0.0, 0.12), CARRIED: (0.0, 0.05)}
 GOES_ON = 0.7  # standard deviation of the logarithm of a factor on the share of ENDED: some go on for much longer
 # What grew evenly until the measured print ended stops with this probability; else it goes on in a new print as fast,
 # to a factor whose logarithm has this standard deviation, for as long as the measured print was at most.

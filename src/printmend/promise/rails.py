@@ -20,7 +20,7 @@ from printmend.learn.greybox.rows import motor_rows
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.promise.effects import LEARNED, STAYS, Effect
+from printmend.promise.effects import CARRIED, STAYS, Effect
 from printmend.promise.laws import LawRows
 from printmend.promise.misfit_columns import Candidate, law_rows, wavy_axes
 from printmend.promise.misfit_tests import CLIP_SIGMAS, LEAST_COST_MM, MOST_ROWS, SURE_NATS, Cause, causes_of, effect_of
@@ -230,8 +230,8 @@ def waves_of(printer: Printer, rails: tuple[Cause, ...]) -> np.ndarray:
 
 
 def rail_effects(box: GreyboxModel, trace: Trace, rails: tuple[Cause, ...]) -> tuple[Effect, ...]:
-    """Return what the rails may do to new prints: the printer's are in the model, but no better known than a part of
-    another kind; what may be the instrument's is not."""
+    """Return what the rails may do to new prints: the printer's are in the model, to a share of them; what may be the
+    instrument's is not."""
     rows = motor_rows(trace, box.printer, box.periods_mm)
-    state = LEARNED if is_printers(trace) else STAYS
+    state = CARRIED if is_printers(trace) else STAYS
     return tuple(effect_of(rail, rows, trace, state, np.zeros(3)) for rail in rails)

@@ -42,7 +42,7 @@ from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.promise.effects import LEARNED, parse_effects
+from printmend.promise.effects import CARRIED, parse_effects
 from printmend.promise.misfit import NOTE, Misfit, misfit_section
 from printmend.promise.misfit_rows import repeated
 from printmend.promise.misfit_tests import UNSEEN, causes_of, effects_of, found_in
@@ -236,7 +236,7 @@ def _misfit(
     if not is_anew:  # the old print's places stay seen, however small the new one is
         found = (*(each for each in found if each.kind != UNSEEN), *_still_said(old, UNSEEN))
     # a new print is learned without the old model's wavy guides
-    guides = tuple(each for each in parse_effects(old.document) if (each.kind, each.state) == ("rail-wave", LEARNED))
+    guides = tuple(each for each in parse_effects(old.document) if (each.kind, each.state) == ("rail-wave", CARRIED))
     found = (*(_still_said(old, "rail-wave") if guides else ()), *found)
     return misfit_section((*said, *found), (*guides, *effects)), explained
 
