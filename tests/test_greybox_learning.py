@@ -154,7 +154,12 @@ def test_learns_every_family_from_the_probe(family: str, preset: str) -> None:
     low, high = np.array([printer.x.min_mm, printer.y.min_mm]), np.array([printer.x.max_mm, printer.y.max_mm])
     way = np.concatenate([[printer.home_mm], low + (high - low) * rng.random((800, 2))])
     difference = follow(model.mechanism, way) - twin.follow(way)
-    assert np.sqrt(np.mean(np.sum(difference[50:] ** 2, axis=1))) < 0.03
+    squares_mm2 = np.sum(difference[50:] ** 2, axis=1)
+    marked = plan.waypoints_mm[plan.rows]
+    inside = ((way[50:] > marked.min(axis=0)) & (way[50:] < marked.max(axis=0))).all(axis=1)
+    assert np.sqrt(np.mean(squares_mm2[inside])) < 0.025
+    # how what repeats nothing goes on beyond the marks, they do not show
+    assert np.sqrt(np.mean(squares_mm2)) < (0.04 if family == "smooth" else 0.03)
     assert model.jumps == ((), ())
 
 

@@ -46,7 +46,7 @@ def test_the_package_runs_as_a_program() -> None:
 @pytest.mark.parametrize("asked", ["none", "its own", "another"])
 def test_another_python_makes_the_environment_anew(asked: str, tmp_path: Path) -> None:
     (tmp_path / "Makefile").write_bytes((ROOT / "Makefile").read_bytes())
-    for name in ("owner.lock", "pip.lock", "requirements.lock", "pyproject.toml"):
+    for name in ("core.lock", "owner.lock", "pip.lock", "requirements.lock", "pyproject.toml"):
         (tmp_path / name).touch()
     made = tmp_path / ".venv"
     (made / "bin").mkdir(parents=True)

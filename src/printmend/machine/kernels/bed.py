@@ -5,7 +5,7 @@ can stand by itself or inside another kernel's array. `Frame.bed_map` and `Latti
 the caller's: mm, or full steps.
 """
 
-import math
+import numpy as np
 
 from printmend.jit import inner
 
@@ -71,7 +71,7 @@ def _waved(values, at, p, q):
     for wave in range(int(values[at + BED_WAVES])):
         k = at + BED_WAVE + WAVE_FIELDS * wave
         angle = values[k + WAVE_RATE] * (p if values[k + WAVE_AXIS] == 0.0 else q)
-        cos, sin = math.cos(angle), math.sin(angle)
+        cos, sin = np.cos(angle), np.sin(angle)
         x += values[k + WAVE_X] * cos + values[k + WAVE_X + 1] * sin
         y += values[k + WAVE_Y] * cos + values[k + WAVE_Y + 1] * sin
     return x, y
@@ -86,7 +86,7 @@ def _waved_derivatives(values, at, p, q):
         rate = values[k + WAVE_RATE]
         along_x = values[k + WAVE_AXIS] == 0.0
         angle = rate * (p if along_x else q)
-        cos, sin = rate * math.cos(angle), rate * math.sin(angle)
+        cos, sin = rate * np.cos(angle), rate * np.sin(angle)
         x = values[k + WAVE_X + 1] * cos - values[k + WAVE_X] * sin
         y = values[k + WAVE_Y + 1] * cos - values[k + WAVE_Y] * sin
         if along_x:
