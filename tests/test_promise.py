@@ -308,6 +308,27 @@ def test_a_scan_of_a_skewed_corexy_leaves_the_direction_of_x(part: Path) -> None
     assert truth.after.rms_mm < 0.03 < 0.3 < truth.before.rms_mm
 
 
+def test_a_scan_knows_a_corexys_skew_better_than_its_scales() -> None:
+    corexy, skewed = read_printer("corexy"), Corruption((Drive(), Drive()), frame=CrookedFrame(skew_deg=0.5))
+    model = learn_model(scanned(measured(skewed, 0.01, 4, 300, corexy), np.zeros((2, 2))), corexy)
+    (skew,) = (fault for fault in model.document["diagnosis"] if fault["kind"] == "skew")
+    assert abs(skew["value"]) == pytest.approx(0.5, abs=0.06)
+    assert 0.02 < skew["sd"] < 0.1
+    assert "frame skewed by" in model.findings[0]
+
+
+def test_a_scanned_check_print_with_more_play_breaks_the_promise() -> None:
+    """The promise of what is compared without the scanner's stretch does not hold that stretch."""
+    model = learn_model(scanned(measured(BENT, 0.01, 3), np.diag([0.001, 0.0005])), ENDER3)
+    wanted = stairs(300)
+    printed = Twin.of(BENT, ENDER3).follow(mended_mm(model, wanted))
+    worn = printed + 0.1 * np.stack([np.zeros(len(wanted)), last_way(wanted[:, 1])], axis=1)
+    noise = np.random.default_rng(9).normal(0, 0.01, wanted.shape)
+    same, other = (verify(model, scanned(Trace(wanted, each + noise), np.zeros((2, 2)))) for each in (printed, worn))
+    assert (same.kept, other.kept) == (True, False)
+    assert other.promised_high_mm < 0.08 < other.now_mm
+
+
 def test_what_is_believed_of_a_stretch() -> None:
     exact = 1e-10 * np.eye(3)
     doubtful, none, _ = believe(np.array([0.0015, 0.0, 0.0]), exact, FLATBED, False)

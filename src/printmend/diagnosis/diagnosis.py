@@ -17,6 +17,7 @@ from printmend.printer import Printer
 
 NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations
 LEAST_FAULT_MM = 0.002  # … and than this: smaller faults move no print
+LEAST_SCALE_PERCENT = 0.005  # a smaller wrong scale is not named
 NAMED_HARMONICS = 3  # of a pulley at most, the largest ones
 OPPOSITE_SHARE = 0.05  # share of two scale errors' difference that their sum may be for them to count as opposite
 LEAST_SHOWN_MM = 0.005  # of what is said to two digits
@@ -86,7 +87,7 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     ]
     crooked = _frame_faults(model, doubt)
     if model.printer.kinematics == "corexy":
-        own, crooked = _skew_first(own, crooked)
+        own, crooked = _skew_first(model, doubt, own, crooked)
         own = own if doubt.placed or crooked else or_a_skew(own)
     for drive, found in zip(model.drives, own, strict=True):
         faults += found
@@ -133,7 +134,7 @@ def _scale(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault
     if len(powers) < 2 or not powers[1]:
         return []
     percent, sd = float(powers[1]), float(np.hypot(_sds(drive)[part][1], doubt.scale_percent))  # mm in 100 mm
-    if abs(percent) < NAMED_SIGMAS * sd or abs(percent) < 0.005:
+    if abs(percent) < NAMED_SIGMAS * sd or abs(percent) < LEAST_SCALE_PERCENT:
         return []
     learned_mm = drive.branches.period_mm  # of a pulley, if it has teeth: else of an idler or the belt
     toothed = abs(learned_mm / TOOTH_MM - round(learned_mm / TOOTH_MM)) < 1e-9
@@ -302,20 +303,23 @@ def _wavy(frame: Frame, printer: Printer) -> list[NamedFault]:
 
 
 def _skew_first(
-    own: list[list[NamedFault]], crooked: list[NamedFault]
+    model: GreyboxModel, doubt: Doubt, own: list[list[NamedFault]], crooked: list[NamedFault]
 ) -> tuple[list[list[NamedFault]], list[NamedFault]]:
     """Name a CoreXY's skew where its motors seem to have opposite scale errors: these come from one crooked frame.
 
     With x' = x + γy the motors' sums x ± y grow by ± γ/2; that two pulleys are wrong by so much, one too large and one
-    too small, is a coincidence. Both are said, the likelier first.
+    too small, is a coincidence. Both are said, the likelier first. What the motors' scales have in common is doubted as
+    the instrument's scale, and what they differ by as its lean: a scan knows right angles better than lengths.
     """
-    scales = [next((fault for fault in found if fault.kind == "scale"), None) for found in own]
-    if scales[0] is None or scales[1] is None:
+    scales = [drive.branches.mean.powers_mm for drive in model.drives]  # the second: mm in 100 mm
+    if any(len(powers) < 2 or abs(powers[1]) < LEAST_SCALE_PERCENT for powers in scales):
         return own, crooked
-    (a, b), sd = (fault.value for fault in scales if fault), float(np.hypot(scales[0].sd, scales[1].sd))
-    if a * b >= 0 or abs(a + b) > max(NAMED_SIGMAS * sd, OPPOSITE_SHARE * abs(a - b)):
+    (a, b), sd = (float(powers[1]) for powers in scales), _scales_sd(model)
+    skew, skew_sd = float(np.degrees((a - b) / 100)), float(np.hypot(np.degrees(sd / 100), doubt.skew_deg))
+    common_sd = float(np.hypot(sd, 2 * doubt.scale_percent))
+    alike = abs(a + b) > max(NAMED_SIGMAS * common_sd, OPPOSITE_SHARE * abs(a - b))
+    if a * b >= 0 or alike or abs(skew) < NAMED_SIGMAS * skew_sd:
         return own, crooked
-    skew, skew_sd = float(np.degrees((a - b) / 100)), float(np.degrees(sd / 100))
     words = (
         f"skewed by {amount(skew, skew_sd, '°')} (or, less likely, motor A's pulley is {abs(a):.2f} % too "
         f"{'large' if a > 0 else 'small'} and B's {abs(b):.2f} % too {'large' if b > 0 else 'small'}, which looks the "
@@ -324,6 +328,11 @@ def _skew_first(
     fault = NamedFault("frame", "skew", skew, skew_sd, "°", words)
     rest = [[each for each in found if each.kind != "scale"] for found in own]
     return rest, [fault, *(each for each in crooked if each.kind != "skew")]
+
+
+def _scales_sd(model: GreyboxModel) -> float:
+    """Return the standard deviation [%] of the sum of both motors' scales by the scatter of the points alone."""
+    return float(np.hypot(*(_sds(drive)[drive.choice.design.parts["mean_powers"]][1] for drive in model.drives)))
 
 
 def or_a_skew(own: list[list[NamedFault]]) -> list[list[NamedFault]]:
