@@ -154,6 +154,7 @@ def test_one_self_contained_file(folder: Path, examined: Examination, tmp_path: 
     )  # two motors and their pulleys, the bed twice, a circle, layers
     assert "reversal error B" in page
     assert "expanded, k = 2" in page
+    assert "combined, of nine prints in ten" in page
     assert "<script" not in page
     assert "http" not in page
     assert "part &lt;1&gt;.gcode" in page
