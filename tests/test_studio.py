@@ -39,7 +39,9 @@ from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
 from printmend.promise import misfit_rows, misfit_tests
+from printmend.promise import words as promise_words
 from printmend.promise.apply import still_words
+from printmend.promise.laws import LAWS
 from printmend.promise.scale import in_words
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo
@@ -643,6 +645,9 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
             for motors in (("x", "y"), ("a", "b")):
                 assert _german(misfit_tests._words(cause, motors)), kind  # type: ignore[arg-type]
     assert _german(misfit_tests.CARRIED)
+    inner = (PAGE / "said.de.js").read_text(encoding="utf-8")
+    for kind in LAWS:
+        assert f'"{promise_words.in_words(kind)}": "' in inner, kind
     seen, shifts = np.arange(0, 40, 2), np.repeat([0, 1, 0, -2, 3], 4)
     order = [misfit_rows._history_words(seen[:count], shifts[:count]) for count in (8, 12, 16, 20)]
     for put in (*order, *(f"the {rows} were in the reversed order" for rows in ("rows", "measured rows"))):

@@ -13,6 +13,15 @@ _CAUSES = {
     "rounding": ("micro-steps", "the motors' micro-steps", "B"),
     "planning": ("planning", "how closely mending follows the wanted path", "B"),
 }  # fmt: skip
+# what the tests of misfit found, by its kind
+_MISFITS = {
+    "linear": "an even drift", "step": "a sudden shift", "creep": "something that gives way", "wear": "play that grows",
+    "thermal": "warming up", "direction": "a head that tilts", "racking-across": "a gantry that racks",
+    "racking": "a gantry that racks", "rail-racking": "a gantry that racks", "rail-play": "play of a rail",
+    "rail-wave": "wavy guides", "speed": "fast moves", "halves": "the two halves of the bed",
+    "halves-play": "the two halves of the bed", "two-motors": "two motors of one axis",
+    "second-period": "an idler or the belt",
+}  # fmt: skip
 _LEAST_MM = 0.0005  # a smaller share is not said in a line
 
 
@@ -20,11 +29,15 @@ def in_a_table(cause: str) -> tuple[str, str]:
     """Return a cause in words, and its type; what the tests of misfit found is called by its kind."""
     if cause in _CAUSES:
         return _CAUSES[cause][1:]
-    return f"what does not fit ({cause.replace('-', ' ')})", "A"
+    return f"what does not fit ({in_words(cause)})", "A"
+
+
+def in_words(cause: str) -> str:
+    """Return a cause in a few words."""
+    return _CAUSES[cause][0] if cause in _CAUSES else _MISFITS.get(cause, cause.replace("-", " "))
 
 
 def in_a_line(made_of: Mapping[str, float]) -> str:
     """Return what an expected error is made of, the largest first: ``the scanner 0.004, micro-steps 0.001``."""
     shares = sorted(made_of.items(), key=lambda item: -item[1])
-    words = [(_CAUSES[name][0] if name in _CAUSES else name.replace("-", " "), share) for name, share in shares]
-    return ", ".join(f"{name} {share:.3f}" for name, share in words if share >= _LEAST_MM)
+    return ", ".join(f"{in_words(name)} {share:.3f}" for name, share in shares if share >= _LEAST_MM)

@@ -10,7 +10,7 @@ from printmend.invert import Planner
 from printmend.invert import layout as k
 from printmend.promise.budget import parse_budget
 from printmend.promise.predict import Errors, PathPlaces, Promise, promised, shape_of, without_doubt
-from printmend.promise.words import in_a_line
+from printmend.promise.words import in_a_line, in_words
 from printmend.saved.model import SavedModel
 from printmend.units import counted
 
@@ -284,7 +284,7 @@ def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         return (f"{most} is the scale of the scanner: give `printmend measure` the --distance that it asks for.",)
     if name == "unexplained":
         return (f"{most} follows no known fault: a mended check print shows what it does (`printmend verify`).",)
-    return (f"{most} is {name}: see what `printmend learn` said of it.",)
+    return (f"{most} is {in_words(name)}: see what `printmend learn` said of it.",)
 
 
 def _path(samples: np.ndarray, layer_z_mm: np.ndarray) -> PathPlaces:
