@@ -13,7 +13,7 @@ from printmend.cli.measure import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
-from printmend.measure.measurement import SETTLED_AXES, measure_scans
+from printmend.measure.measurement import SETTLED_AXES, measure_scans, wave_left_mm
 from printmend.measure.plan import ProbePlan
 from printmend.picture.image import read_image, write_image
 from printmend.picture.page import exposure
@@ -272,3 +272,17 @@ def test_overlapping_scans_of_a_large_plate_are_joined(tmp_path, plan, printed):
 def test_a_damaged_note_of_the_camera_is_as_none(damaged: bytes, tmp_path: Path) -> None:
     Image.new("RGB", (300, 300)).save(tmp_path / "scan.jpg", exif=damaged)
     assert exposure(tmp_path / "scan.jpg") == (False, None)
+
+
+def test_what_two_turned_scans_disagree_in_says_how_uneven_the_scanner_is(rng: np.random.Generator) -> None:
+    marks = np.stack(np.meshgrid(np.arange(0, 190, 8.0), np.arange(0, 190, 8.0)), axis=-1).reshape(-1, 2)
+    print_mm = marks + 0.1 * np.sin(marks[:, ::-1] / 6)  # the printer's own, the same in both
+
+    def seen(wave_mm: float, along: int) -> np.ndarray:
+        carriage = wave_mm * np.sin(2 * np.pi * marks[:, along] / 90)
+        return print_mm + carriage[:, None] * np.eye(2)[along] + rng.normal(0, 0.006, marks.shape)
+
+    assert wave_left_mm([seen(0.0, 0), seen(0.0, 1)], marks) < 0.0015
+    # an amplitude of 0.05 in one coordinate of either scan: 0.025 RMS of a coordinate, by √2 less in the mean of two
+    assert wave_left_mm([seen(0.05, 0), seen(0.05, 1)], marks) == pytest.approx(0.0177, rel=0.15)
+    assert wave_left_mm([seen(0.05, 0)], marks) == 0.0

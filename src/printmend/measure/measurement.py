@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
 from printmend.measure.distance import asked, choose_span, scaled_by, scaled_by_rulers
@@ -173,6 +174,7 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     on_bed = [np.where(one[:, None], place[number], np.nan) for place, one in zip(laid, seen, strict=True)]
     sigmas = [_of_marks(reading.sigma_mm, own) for reading, own in zip(readings, mine, strict=True)]
     measured, sigma = _merged(on_bed, sigmas)
+    instrument = replace(instrument, wave_mm=max(instrument.wave_mm, wave_left_mm(on_bed, plan.marks_mm)))
     rulers = [(one.stretched(stretch), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
     measured, instrument, said = scaled_by_rulers(rulers, measured, instrument)
     return measured, sigma, instrument, [*notes, *said]
@@ -183,6 +185,25 @@ def _of_marks(values: np.ndarray, own: np.ndarray) -> np.ndarray:
     every = np.full(len(own), np.nan)
     every[own] = values
     return every
+
+
+def wave_left_mm(on_bed: Sequence[np.ndarray], marks_mm: np.ndarray) -> float:
+    """Return how uneven the mean of scans [K × [M, 2]] still is, RMS of a coordinate, by what they disagree in.
+
+    The print is the same in all of them. Errors of reading differ from mark to mark, an uneven carriage makes
+    neighbours differ alike: the covariance of neighbours' differences between two scans is twice the variance of one
+    scan's unevenness, and four times that of the mean of two.
+    """
+    found = [0.0]
+    for other in on_bed[1:]:
+        apart = on_bed[0] - other
+        both = np.isfinite(apart).all(axis=1)
+        if both.sum() < LEAST_MARKS:
+            continue
+        apart = apart[both] - apart[both].mean(axis=0)
+        _, near = cKDTree(marks_mm[both]).query(marks_mm[both], k=2)
+        found.append(float((apart * apart[near[:, 1]]).sum(axis=1).mean()) / 2)
+    return math.sqrt(max(max(found), 0.0) / (2 * len(on_bed)))
 
 
 def instrument_on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bool) -> Instrument:
