@@ -23,7 +23,16 @@ from printmend.printer import Printer
 from printmend.promise.effects import CARRIED, STAYS, Effect
 from printmend.promise.laws import LawRows
 from printmend.promise.misfit_columns import Candidate, law_rows, wavy_axes
-from printmend.promise.misfit_tests import CLIP_SIGMAS, LEAST_COST_MM, MOST_ROWS, SURE_NATS, Cause, causes_of, effect_of
+from printmend.promise.misfit_tests import (
+    CLIP_SIGMAS,
+    LEAST_COST_MM,
+    LEAST_ROWS,
+    MOST_ROWS,
+    SURE_NATS,
+    Cause,
+    causes_of,
+    effect_of,
+)
 from printmend.units import TURN_RAD
 
 PERIODS_MM = np.geomspace(40.0, 400.0, 120)  # of a wave; a shorter one is no bend, a longer one a bent frame
@@ -60,6 +69,9 @@ def rails_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
     """Return the waves of the guides, every motor's share of each, where there surely is one; else nothing."""
     causes = causes_of(box, trace, guides=True)
     if trace.wall_rows.any() or not any(cause.candidate.kind == "rail-wave" for cause in causes):
+        return ()
+    touches = [drive.choice.fit.touch for drive in box.drives]
+    if any(len(touch.at) != len(trace) or (touch.at >= 0).sum() < LEAST_ROWS for touch in touches):
         return ()
     rows = motor_rows(trace, box.printer, box.periods_mm)
     tried = []
