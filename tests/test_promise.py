@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
 
 from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play
@@ -23,7 +25,7 @@ from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.picture.paper import PAPER
 from printmend.printer import Printer, read_printer
 from printmend.promise.apply import believe
-from printmend.promise.budget import parse_budget
+from printmend.promise.budget import DIRECTIONS, parse_budget
 from printmend.promise.effects import EARLY, DrawnCause, Effect
 from printmend.promise.misfit import misfit_section
 from printmend.promise.predict import (
@@ -40,6 +42,7 @@ from printmend.promise.predict import (
     shape_of,
 )
 from printmend.promise.scale import in_words, scale_words
+from printmend.promise.section import KEPT_VARIANCE_SHARE, kept_directions
 from printmend.promise.unexplained import unexplained
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
@@ -590,3 +593,20 @@ def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     assert "printmend probe" in advice_of(bent, wide)[0]
     assert "--distance" in advice_of(bent, replace(wide, made_of={"instrument": 0.05}))[0]
     assert advice_of(bent, replace(wide, rms_high_mm=0.02)) == ()
+
+
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=6), st.integers(0, 2**32 - 1), st.booleans())
+def test_no_more_directions_are_kept_than_a_file_may_hold(sizes: list[int], seed: int, own_is_sure: bool) -> None:
+    rng = np.random.default_rng(seed)
+    spreads = [np.sort(rng.choice([0.0, 1e-6, 1.0], n) * rng.random(n).round(1))[::-1] for n in sizes]
+    if own_is_sure:  # every part that was left out outweighs what was chosen
+        spreads[0] = spreads[0] * 1e-9
+
+    counts = kept_directions(spreads)
+
+    assert counts[0] >= 1
+    assert sum(counts) <= DIRECTIONS
+    assert all(count <= size for count, size in zip(counts, sizes, strict=True))
+    if sum(counts) < DIRECTIONS:
+        lost = sum(each[count:].sum() for each, count in zip(spreads, counts, strict=True))
+        assert lost <= (1 - KEPT_VARIANCE_SHARE) * sum(each.sum() for each in spreads) + 1e-12

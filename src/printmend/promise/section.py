@@ -122,11 +122,7 @@ def motor_section(
         _, spread, axes = np.linalg.svd(plain.columns(motor_mm, own, other, side), full_matrices=False)
         turned.append(root @ axes.T)
         spreads.append(spread**2)
-    ranked = np.sort(np.concatenate(spreads))[::-1]
-    share = np.cumsum(ranked) / max(float(ranked.sum()), 1e-300)
-    kept = min(int(np.searchsorted(share, KEPT_VARIANCE_SHARE)) + 1, DIRECTIONS, len(ranked))
-    counts = [int(np.sum(spread >= ranked[kept - 1])) for spread in spreads]
-    counts[0] = max(counts[0], 1)
+    counts = kept_directions(spreads)
     factor = np.hstack([each[:, :count] for each, count in zip(turned, counts, strict=True)])
     layout = {name: list(map(int, getattr(design, name))) for name in LAYOUT if getattr(design, name)}
     left_out = [[count, round(chance, 4)] for (chance, _), count in zip(parts[1:], counts[1:], strict=True) if count]
@@ -152,6 +148,20 @@ def motor_section(
         "unexplained_mm2": float(f"{unexplained_mm2:.4g}"),
         "unexplained_sd_mm2": float(f"{sd_mm2:.4g}"),
     }
+
+
+def kept_directions(spreads: list[np.ndarray]) -> list[int]:
+    """Return how many leading directions of each part are kept, from the variances of each part's, largest first.
+
+    The first of the first part, of what was chosen, is in any case, and after it the largest of all up to
+    `KEPT_VARIANCE_SHARE` of the sum, at most `DIRECTIONS` in all.
+    """
+    variances = np.concatenate(spreads)
+    owner = np.repeat(np.arange(len(spreads)), [len(each) for each in spreads])
+    order = np.concatenate([[0], 1 + np.argsort(-variances[1:], kind="stable")])
+    share = np.cumsum(variances[order]) / max(float(variances.sum()), 1e-300)
+    kept = min(int(np.searchsorted(share, KEPT_VARIANCE_SHARE)) + 1, DIRECTIONS)
+    return np.bincount(owner[order[:kept]], minlength=len(spreads)).tolist()
 
 
 def _joined(drive: LearnedDrive) -> tuple[Design, list[tuple[float, np.ndarray]]]:
