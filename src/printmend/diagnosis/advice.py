@@ -194,23 +194,16 @@ def _skew(where: str, fault: NamedFault, size: float) -> Said:
 
 
 def _bow(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        "The guides are bent",
-        f"Straight lines bow, by up to {size:.2f} mm in the bed's corners.",
-        size,
-        "Look along the rods or rails; replace a bent one." if size >= SOON_MM else "Nothing to replace.",
-        _CARRIES,
-    )
+    return _guides("The guides are bent", f"Straight lines bow, by up to {size:.2f} mm in the bed's corners.", size)
 
 
 def _wavy(where: str, fault: NamedFault, size: float) -> Said:
-    return (
-        "The guides are wavy",
-        f"Straight lines snake, by up to {size:.2f} mm.",
-        size,
-        "Look along the rods or rails; replace a bent one." if size >= SOON_MM else "Nothing to replace.",
-        _CARRIES,
-    )
+    return _guides("The guides are wavy", f"Straight lines snake, by up to {size:.2f} mm.", size)
+
+
+def _guides(title: str, meaning: str, size: float) -> Said:
+    repair = "Look along the rods or rails; replace a bent one." if size >= SOON_MM else "Nothing to replace."
+    return title, meaning, size, repair, _CARRIES
 
 
 def _jump(where: str, fault: NamedFault, size: float) -> Said:

@@ -30,7 +30,6 @@ from printmend.promise.misfit_tests import (
     MOST_ROWS,
     SURE_NATS,
     Cause,
-    causes_of,
     effect_of,
 )
 from printmend.units import TURN_RAD
@@ -65,9 +64,9 @@ class _Seen:
         return replace(self, left_mm=left, basis=np.column_stack([self.basis, more]))
 
 
-def rails_of(box: GreyboxModel, trace: Trace) -> tuple[Cause, ...]:
-    """Return the waves of the guides, every motor's share of each, where there surely is one; else nothing."""
-    causes = causes_of(box, trace, guides=True)
+def rails_of(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tuple[Cause, ...]:
+    """Return the waves of the guides, every motor's share of each, where ``causes``, guides among them, have one; else
+    nothing."""
     if trace.wall_rows.any() or not any(cause.candidate.kind == "rail-wave" for cause in causes):
         return ()
     touches = [drive.choice.fit.touch for drive in box.drives]

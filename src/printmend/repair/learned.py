@@ -161,8 +161,10 @@ def _of_the_end(
 ) -> tuple[WorldModel, Trace, tuple[Misfit, ...], tuple[tuple[Effect, ...], np.ndarray]]:
     """Return the model, learned again as of the print's end where something changed for good, what does not fit, and
     what that may do to new prints."""
-    fit, box, trace, rails = _beside_rails(fit, box, trace, learn)
-    causes = causes_of(box, trace)
+    causes = causes_of(box, trace, guides=True)
+    fit, box, trace, rails = _beside_rails(fit, box, trace, causes, learn)
+    if any(cause.candidate.kind == "rail-wave" for cause in causes):  # else no guide's wave was told from the others
+        causes = causes_of(box, trace)
     bent = rail_effects(box, trace, rails)
     carried, other = (rails, ()) if is_printers(trace) else ((), rails)
     if (later := of_the_end(box, trace, causes)) is not None:
@@ -180,12 +182,12 @@ def _of_the_end(
 
 
 def _beside_rails(
-    fit: WorldModel, box: GreyboxModel, trace: Trace, learn: Callable[[Trace], WorldModel]
+    fit: WorldModel, box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], learn: Callable[[Trace], WorldModel]
 ) -> tuple[WorldModel, GreyboxModel, Trace, tuple[Cause, ...]]:
     """Return the model learned again from a trace without what wavy guides do, with these in its frame where they are
     the printer's, that trace, and the waves; what was given, and no waves, where the motors explain the trace as
     well."""
-    if not (rails := rails_of(box, trace)):
+    if not (rails := rails_of(box, trace, causes)):
         return fit, box, trace, ()
     freed = without_rails(box, trace, rails)
     again = learn(freed)
