@@ -33,9 +33,11 @@ def command(
     """Compare a check print with what was promised, and note the result in the model's history.
 
     The check print is the G-code of a probe, mended with the model and printed. TRACE.csv has the places that were
-    wanted and the measured ones. The history lies beside the model, printer.mend.history.jsonl.
+    wanted and the measured ones. The history lies beside the model, printer.mend.history.jsonl. A promise that is
+    broken ends with exit code 3.
     """
     from printmend.cli.outputs import spare
+    from printmend.errors import RefusedError
     from printmend.measure import read_plan, read_trace
     from printmend.repair.history import history_of
     from printmend.repair.verify import remember_verdict, update_words, updated, verify
@@ -64,8 +66,10 @@ def command(
         write_model(output, newer.model)
     if as_json:
         click.echo(json.dumps({**verdict.json(), "history": str(history)}))
-        return
-    click.echo(verdict.words)
-    if newer is not None:
-        click.echo(f"{update_words(verdict, newer)}\nwritten: {output}")
-    click.echo(f"noted in {history}")
+    else:
+        click.echo(verdict.words)
+        if newer is not None:
+            click.echo(f"{update_words(verdict, newer)}\nwritten: {output}")
+        click.echo(f"noted in {history}")
+    if not verdict.kept:
+        click.get_current_context().exit(RefusedError.exit_code)
