@@ -66,7 +66,8 @@ def test_a_trace_without_any_error_is_learned(tmp_path: Path, offset_mm: float, 
 
 def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:
     fault = Corruption((Drive(pulley=EccentricBore(0.21, 1.0), belt=Play(0.35)), Drive()))
-    done = run("learn", trace_file(tmp_path, fault), "--printer", "ender3", "-o", tmp_path / "m.json")
+    path = tmp_path / "left Ender.json"
+    done = run("learn", trace_file(tmp_path, fault), "--printer", "ender3", "-o", path)
     assert done.exit_code == 0, done.output
     first, second, comes, last = done.output.strip().splitlines()
     assert first.startswith("X pulley eccentric 0.2")
@@ -74,9 +75,9 @@ def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:
     assert "belt play 0.3" in first
     assert first.endswith("; Y healthy")
     assert float(second.split("scatters by ")[1].split()[0]) == pytest.approx(np.hypot(0.05, 0.05), rel=0.1)
-    assert comes.startswith("next: printmend mend part.gcode -m")
-    assert last == f"written: {tmp_path / 'm.json'}"
-    model = read_model(tmp_path / "m.json")
+    assert comes == f"next: printmend mend part.gcode -m '{path}' --report part.html"
+    assert last == f"written: {path}"
+    model = read_model(path)
     assert not model.is_healthy
     values = {fault["kind"]: fault for fault in model.document["diagnosis"]}
     assert values["harmonic-1"]["value"] == pytest.approx(0.21, abs=4 * values["harmonic-1"]["sd"])

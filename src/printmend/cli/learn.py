@@ -1,6 +1,7 @@
 """`printmend learn`: from a measured print to the fault of the machine."""
 
 import json
+import shlex
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -90,7 +91,7 @@ def command(
     if as_json:
         click.echo(json.dumps({"output": str(output), "digest": model.digest, **model.summary}, ensure_ascii=False))
     else:
-        comes = f"next: printmend mend part.gcode -m {name or output} --report part.html"
+        comes = f"next: printmend mend part.gcode -m {shlex.quote(str(name or output))} --report part.html"
         if refusals(model.document):
             comes = "next: put right what the refusal names, and learn again; `mend` takes nothing with this model"
         elif is_healthy(model):
