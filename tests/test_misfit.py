@@ -13,9 +13,11 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.diagnosis import NamedFault
 from printmend.errors import InputError, TraceError
+from printmend.identify.drive.sight import sight
 from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
 from printmend.learn.greybox.previous import remember
+from printmend.learn.greybox.rows import motor_rows
 from printmend.machine.mechanism import healthy_mechanism
 from printmend.measure import write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
@@ -32,6 +34,7 @@ from printmend.promise.misfit_tests import (
     Cause,
     _near,
     _once,
+    _one_border,
     _tilted,
     _tilts,
     as_printed,
@@ -317,6 +320,32 @@ def test_both_motors_of_a_rail_say_it_once_and_each_length_is_said() -> None:
     assert _tilts(tuple(against), "rail-racking") == {0: pytest.approx(0.1)}
     words = _tilted(against[0], 0, 0.1).words
     assert words.startswith("where Y comes to lie depends on which way X moved before, the more the nearer to its ends")
+
+
+def test_one_border_of_two_halves_is_said_once() -> None:
+    def cause(motor: int, kind: str, size_mm: float, axis: float, place: float) -> Cause:
+        return Cause(motor, Candidate(kind, 1, axis, place), np.array([0.1]), size_mm, 20.0)
+
+    one, beside = cause(1, "halves", 0.06, 0.0, 0.0), cause(1, "halves", 0.02, 0.0, 0.1)
+    others = (
+        cause(0, "halves", 0.02, 0.0, 0.1), cause(1, "halves", 0.02, 1.0, 0.1), cause(1, "halves-play", 0.02, 0.0, 0.1),
+        cause(1, "halves", 0.02, 0.0, -0.4), cause(1, "step", 0.02, 0.0, 0.1),
+    )  # fmt: skip
+    assert _one_border((beside, one, *others)) == (one, *others)
+
+
+def test_home_shows_nothing_of_the_way_to_the_first_point(rng: np.random.Generator) -> None:
+    points = np.vstack([[PRINTER.home_mm], rng.uniform(104, 116, (400, 2))])
+    twin = Twin.of(sample("pulley-play", rng), PRINTER)
+    trace = Trace(points, twin.follow(points) + rng.normal(0, 0.05, points.shape), homed=True)
+    box = Greybox().fit(trace, PRINTER, rng=rng)
+    (unseen,) = (each for each in found_in(box, trace, ()) if each.kind == "unseen")
+    assert unseen.words.startswith("only X from 104 to 116 mm of 0 to 220 and Y from 104 to 116 mm of 0 to 220")
+    for rows, drive in zip(motor_rows(trace, PRINTER, box.periods_mm), box.drives, strict=True):
+        touch = drive.choice.fit.touch
+        at, side = touch.at.copy(), touch.side.copy()
+        at[0], side[0] = 0, 1  # a belt that rested against its pulley at home
+        assert sight(rows, replace(touch, at=at, side=side)).turns < 0.35  # 12 mm of a turn of 40 mm
 
 
 def test_play_that_wears_on_one_side_is_no_heap_of_wild_points(rng: np.random.Generator) -> None:

@@ -22,7 +22,7 @@ from printmend.promise.apply import observed_stretch
 from printmend.promise.effects import EARLY, EARLY_DONE, ENDED, LEARNED, SPEED, STAYS, VARIES, Effect, absorbing
 from printmend.promise.laws import LawRows, warmed
 from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
-from printmend.promise.misfit_columns import Candidate, candidates, in_time, law_rows, wavy_axes
+from printmend.promise.misfit_columns import HALVES, Candidate, candidates, in_time, law_rows, wavy_axes
 
 MOST_ROWS = 1500  # most rows of a motor that are tested: more take time and say the same
 LEAST_ROWS = 60  # with fewer rows nothing is tested
@@ -320,7 +320,7 @@ def found_in(
         for cause in _once(carried)
     ]
     tilts = {kind: _tilts(causes, kind) for kind in ("rail-play", "rail-racking")}
-    for cause in _once(causes):
+    for cause in _once(_one_border(causes)):
         kind = cause.candidate.kind
         if kind in tilts and (axis := int(cause.candidate.detail)) in tilts[kind]:
             found.append(_tilted(cause, axis, tilts[kind][axis]))
@@ -350,6 +350,22 @@ def _once(causes: tuple[Cause, ...]) -> list[Cause]:
         elif cause.size_mm > found[at].size_mm:
             found[at] = cause
     return found
+
+
+def _one_border(causes: tuple[Cause, ...]) -> tuple[Cause, ...]:
+    """Return the causes without the smaller of two neighbouring borders of one motor's halves: the first one that was
+    tried lay beside the true border, and the second makes up for that."""
+
+    def is_less(one: Cause, other: Cause) -> bool:
+        mine, its = one.candidate, other.candidate
+        return (
+            mine.kind in ("halves", "halves-play")
+            and (mine.kind, mine.detail, one.motor) == (its.kind, its.detail, other.motor)
+            and abs(mine.place - its.place) < 1.5 * (HALVES[1] - HALVES[0])
+            and one.size_mm < other.size_mm
+        )
+
+    return tuple(one for one in causes if not any(is_less(one, other) for other in causes))
 
 
 def _is_one_rails(one: Candidate, other: Candidate) -> bool:
@@ -637,8 +653,8 @@ def _moved(box: GreyboxModel, trace: Trace) -> list[Misfit]:
 
 
 def _unseen(box: GreyboxModel, trace: Trace) -> list[Misfit]:
-    """Say which part of the bed was never measured."""
-    known = trace.measured_rows
+    """Say which part of the bed was never measured; home, where every print begins, shows nothing of the way there."""
+    known = trace.measured_rows & ((np.arange(len(trace)) > 0) | (not trace.homed))
     parts = []
     for axis, name, places in zip((box.printer.x, box.printer.y), "XY", trace.commanded_mm[known].T, strict=True):
         low, high = float(places.min()), float(places.max())

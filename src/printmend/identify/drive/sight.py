@@ -22,11 +22,11 @@ GLIMPSED_TURN = 0.15  # a smaller share of a turn says nothing about a pulley's 
 class Sight:
     """What the measured rows could see of one motor.
 
-    ``turns`` is the span of its contacts in turns. ``angles`` is the share of one turn in which some contact was
-    measured, ``lower_angles`` and ``upper_angles`` that of either branch; ``forward`` and ``backward`` count the
-    measured rows in contact with either. ``reversals`` counts how often the motor turned back, ``unsure`` the measured
-    rows before the first contact. ``crosses`` says whether the other motor moved by itself, too: if not, a crooked
-    frame looks like a wrong scale.
+    ``turns`` is the span of its contacts in turns, without the first row, which is home. ``angles`` is the share of one
+    turn in which some contact was measured, ``lower_angles`` and ``upper_angles`` that of either branch; ``forward``
+    and ``backward`` count the measured rows in contact with either. ``reversals`` counts how often the motor turned
+    back, ``unsure`` the measured rows before the first contact. ``crosses`` says whether the other motor moved by
+    itself, too: if not, a crooked frame looks like a wrong scale.
     """
 
     turns: float
@@ -89,7 +89,7 @@ def sight(rows: Rows, touch: Contacts) -> Sight:
         seen |= hit
         shares.append(float(hit.mean()))
         counts.append(int(used.sum()))
-    place = rows.motor_mm[touch.at[measured & (touch.side != 0)]]
+    place = rows.motor_mm[touch.at[measured & (touch.side != 0) & (touch.at > 0)]]
     span = float(np.ptp(place)) if len(place) else 0.0
     # Whatever its neighbours, a span shorter than a turn leaves the rest of the turn unseen.
     turns_seen = span / rows.period_mm
