@@ -41,7 +41,7 @@ def steps_moved(text: str, printer: Printer, bed: np.ndarray, offset: np.ndarray
         forward, last = False, motors[0, i]
         for n, to in enumerate(motors[:, i]):
             forward, last = to > last if to != last else forward, to
-            steps[n, i] = (to + (lash.get(letter, 0.0) if forward else 0.0)) * new[letter]
+            steps[n, i] = (to + (lash.get(letter, 0.0) if forward else 0.0)) * new.get(letter, healthy[i])
     return steps / healthy
 
 
@@ -175,3 +175,19 @@ def test_a_stretched_frame_is_scale(firmware: str) -> None:
     motors = FIRMWARES[firmware](dict(export.files), ENDER3, bed)
     left = 0.41 if firmware == "klipper" else 0.003
     assert error_mm(mechanism, bed, motors) < left < error_mm(mechanism, bed, ENDER3.to_motor(bed))
+
+
+@pytest.mark.parametrize("firmware", ["marlin", "rrf"])
+def test_a_setting_that_stays_as_it_is_is_not_written(firmware: str) -> None:
+    """The owner's own steps a millimetre and backlash are not the preset's: what is not changed has no word."""
+    mechanism = Corruption((Drive(belt=Play(0.4)), Drive())).lower(ENDER3).homed()
+    assert isinstance(mechanism, Mechanism)
+    ((_, text),) = EXPORTS[firmware](mechanism).files
+    assert "M92" not in text
+    assert words(text, "M425") == {"X": 0.4} | ({"F": 1.0} if firmware == "marlin" else {"S": 1.0})
+    half = Corruption((Drive(), Drive(pulley=WrongRadius(1.02 * RADIUS_MM)))).lower(ENDER3).homed()
+    assert isinstance(half, Mechanism)
+    ((_, text),) = EXPORTS[firmware](half).files
+    assert list(words(text, "M92")) == ["Y"]
+    assert "to undo now: M92 Y80.00000 (or" in text
+    assert "M425" not in text

@@ -123,16 +123,18 @@ def export_klipper(mechanism: Mechanism, simple: Simple | None = None) -> Export
 
 
 def export_marlin(mechanism: Mechanism, simple: Simple | None = None) -> Export:
-    """Return M92, M852 and M425; backlash only where motors are axes."""
+    """Return M92, M852 and M425, none for what stays as it is; backlash only where motors are axes."""
     simple, printer = simple or simple_part(mechanism), mechanism.printer
-    play = printer.kinematics == "cartesian" and any(simple.play_mm)
-    lines = [_steps_line(printer, simple)]
+    play = _play_words(printer, simple)
+    lines = [f"M92 {steps} ; steps a millimetre"] if (steps := _steps_words(printer, simple.gain)) else []
     if simple.skew:
         lines.append(f"M852 I{simple.skew:.6f} ; skew")
     if play:
-        lines.append(f"M425 F1 X{simple.play_mm[0]:.4f} Y{simple.play_mm[1]:.4f} ; backlash")
-    lines += _undo(printer, ["M852 I0"] * bool(simple.skew) + ["M425 F0"] * play)
-    return _export(mechanism, (("marlin.gcode", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=play))
+        lines.append(f"M425 F1 {play} ; backlash")
+    lines += _undo(printer, simple, ["M852 I0"] * bool(simple.skew) + ["M425 F0"] * bool(play))
+    return _export(
+        mechanism, (("marlin.gcode", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=bool(play))
+    )
 
 
 def export_rrf(mechanism: Mechanism, simple: Simple | None = None) -> Export:
@@ -142,14 +144,17 @@ def export_rrf(mechanism: Mechanism, simple: Simple | None = None) -> Export:
     backlash over S times itself, ten times by default; S1 takes it up at once.
     """
     simple, printer = simple or simple_part(mechanism), mechanism.printer
-    play = printer.kinematics == "cartesian" and any(simple.play_mm)
-    lines = [_steps_line(printer, simple)]
+    play = _play_words(printer, simple)
+    lines = [f"M92 {steps} ; steps a millimetre"] if (steps := _steps_words(printer, simple.gain)) else []
     if simple.skew:
         lines.append(f"M556 S{SKEW_SIDE_MM:.0f} X{-SKEW_SIDE_MM * simple.skew:.4f} ; skew")
     if play:
-        lines.append(f"M425 X{simple.play_mm[0]:.4f} Y{simple.play_mm[1]:.4f} S1 ; backlash")
-    lines += _undo(printer, ["M556 S100 X0"] * bool(simple.skew) + ["M425 X0 Y0"] * play)
-    return _export(mechanism, (("config.g", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=play))
+        lines.append(f"M425 {play} S1 ; backlash")
+    none = " ".join(f"{word[0]}0" for word in play.split())
+    lines += _undo(printer, simple, ["M556 S100 X0"] * bool(simple.skew) + [f"M425 {none}"] * bool(play))
+    return _export(
+        mechanism, (("config.g", "\n".join(lines) + "\n"),), _simple_drive(mechanism, simple, play=bool(play))
+    )
 
 
 def export_linuxcnc(mechanism: Mechanism) -> Export:
@@ -201,21 +206,29 @@ def remainder(export: Export) -> str:
     return "\n".join([said, *(f"left out: {each}" for each in export.left_out)])
 
 
-def _undo(printer: Printer, more: list[str]) -> list[str]:
+def _undo(printer: Printer, simple: Simple, more: list[str]) -> list[str]:
     """Return comments that say how to undo the settings, and that nothing stores them."""
-    healthy = _steps_line(printer, Simple((1.0, 1.0), (0.0, 0.0), 0.0)).split(" ;")[0]
+    healthy = [f"M92 {steps}" for steps in [_steps_words(printer, simple.gain, (1.0, 1.0))] if steps]
     return [
         "; these hold until the printer restarts: nothing here stores them in the firmware",
-        f"; to undo now: {', '.join([healthy, *more])} (or the values that your firmware had)",
+        f"; to undo now: {', '.join([*healthy, *more])} (or the values that your firmware had)",
     ]
 
 
-def _steps_line(printer: Printer, simple: Simple) -> str:
-    steps = [
-        axis.steps_per_turn * axis.microsteps / (axis.mm_per_turn * gain)
-        for axis, gain in zip(printer.axes[:2], simple.gain, strict=True)
-    ]
-    return f"M92 X{steps[0]:.5f} Y{steps[1]:.5f} ; steps a millimetre"
+def _steps_words(printer: Printer, gain: tuple[float, float], new: tuple[float, float] | None = None) -> str:
+    """Return the steps a millimetre of those motors whose gain is not 1, at the gains ``new`` (these without it)."""
+    return " ".join(
+        f"{letter}{axis.steps_per_turn * axis.microsteps / (axis.mm_per_turn * value):.5f}"
+        for letter, axis, old, value in zip("XY", printer.axes[:2], gain, new or gain, strict=True)
+        if old != 1.0
+    )
+
+
+def _play_words(printer: Printer, simple: Simple) -> str:
+    """Return the backlash of those axes that have any; nothing where motors are no axes."""
+    if printer.kinematics != "cartesian":
+        return ""
+    return " ".join(f"{letter}{play:.4f}" for letter, play in zip("XY", simple.play_mm, strict=True) if play)
 
 
 def _inverse(table: Transmission, branch: np.ndarray, wanted: np.ndarray) -> np.ndarray:
