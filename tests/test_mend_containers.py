@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from printmend.corruption import HEALTHY
+from printmend.corruption import HEALTHY, Corruption, Drive, Play
 from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.gcode.container import open_gcode
 from printmend.gcode.machine import Flavour
 from printmend.gcode.read import read_gcode
+from printmend.machine import Mechanism
+from printmend.printer import read_printer
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judged
 from printmend.saved import exact_model
@@ -230,6 +232,23 @@ def test_bgcode(corpus: Path, tmp_path: Path) -> None:
         mend_gcode(output, exactly(BENT), output)
 
 
+@pytest.mark.parametrize(
+    ("preset", "said"),
+    [
+        ("prusa-mk3s", "MK3S"), ("prusa-mk3s", "Original Prusa i3 MK3S & MK3S+"), ("prusa-mini", "MINI"),
+        ("voron2-250", "Voron V2.4 250mm"), ("ender3-v2", "ENDER3V2"), ("cr10s", "Creality CR-10S"), ("taz6", "TAZ6"),
+        ("i3-mega", "I3MEGA"), ("ender5", "ENDER5"), ("corexy", "ENDER5"),
+    ],
+)  # fmt: skip
+def test_a_printer_named_as_slicers_name_it_is_itself(tmp_path: Path, preset: str, said: str) -> None:
+    source = tmp_path / "part.gcode"
+    source.write_bytes(f"; printer_model = {said}\n".encode() + SQUARE)
+    broken = Corruption((Drive(belt=Play(0.4)), Drive())).lower(read_printer(preset))
+    assert isinstance(broken, Mechanism)
+    mend_gcode(source, exactly(broken), tmp_path / "out.gcode")
+    assert (tmp_path / "out.gcode").exists()
+
+
 def test_bad_crc(corpus: Path, tmp_path: Path) -> None:
     source = corpus / "gcode" / "prusa3d__Prusa-Firmware-Buddy" / "test_bad_crc_gcode.bgcode"
     with pytest.raises(GcodeError, match="CRC"):
@@ -241,6 +260,12 @@ def test_bad_crc(corpus: Path, tmp_path: Path) -> None:
     ("header", "named"),
     [
         ("; printer_model = ENDER5\n", "ENDER5"),
+        ("; printer_model = MK3S\n", "MK3S"),
+        ("; printer_settings_id = Original Prusa MK4S 0.4 nozzle\n", "MK4S"),
+        ("; printer_model = Voron V2.4 300mm\n", "Voron"),
+        ("; printer_model = Creality Ender-3 Pro\n", ""),
+        ("; printer_settings_id = Dominic's printer plus\n", ""),
+        ("; printer_settings_id = &\n", ""),
         ("; bed_shape = 0x0,300x0,300x300,0x300\n", "300, 300"),
         ("; printer_model = MK4S\n; bed_shape = 0x0,250x0,250x210,0x210\n", "of MK4S"),
         ("; Bed left:0 right:300 top:300 bottom:0\n; Bed type: fixed\n; Target: Voron V2.4 300mm\n", "of Voron V2.4"),

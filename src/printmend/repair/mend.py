@@ -1,5 +1,6 @@
 """Mend a G-code file, or only say what mending would do."""
 
+import re
 import shutil
 import sys
 import tempfile
@@ -31,8 +32,10 @@ _DOTS = (
 )
 _BED_OFF_MM = 30.0  # slicers' beds and presets differ by less where the printer is the same
 _BED_DIFFERS_MM = 15.0  # … and where the file names a printer that bears no word of the model's, by this at most
-_GENERIC = {"300", "xl"}  # words that name no printer
+_GENERIC = {"300", "corexy", "plus"}  # words of presets' names that name no printer
+_TELLING_LETTERS = 4  # of a single word of a preset's name that stands for its printer, as MK3S does
 _HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print
+_WORD = re.compile(r"[^\W_]+")
 AS_USUAL = Fineness()
 Progress = Callable[[int], None]
 Watch = Callable[[Part, Plan], Plan]  # what is told of each program's plan, and may look on while it is carried out
@@ -245,10 +248,9 @@ def _refuse_other_printer(file: GcodeFile, model: SavedModel, prediction: Predic
 def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
     """Raise `ModelError` where a file says that it is for another printer than the model's."""
     todo = f"use the model of the printer that this file is for, or --force if it is this {printer.name}"
-    mine = _model_word(printer.name)
-    presets = preset_names() if said.names else ()
-    others = {_model_word(read_printer(preset).name) for preset in presets} - _GENERIC
-    stranger = bool(said.names) and mine in others and not any(mine in _plain(name) for name in said.names)
+    mine, others = _name_words(printer) if said.names else (set(), set())
+    plain = [_plain(name) for name in said.names]
+    stranger = bool(mine) and not any(word in name for word in mine for name in plain)
     if said.bed_mm is not None:
         own = ((printer.x.min_mm, printer.y.min_mm), (printer.x.max_mm, printer.y.max_mm))
         off_mm = float(np.abs(np.subtract(own, said.bed_mm)).max())
@@ -265,12 +267,31 @@ def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
             if least < axis.min_mm - _OUTSIDE_MM or most > axis.max_mm + _OUTSIDE_MM:
                 wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
                 raise ModelError(name, wanted=wanted, came=f"a header from {least:g} to {most:g} mm", todo=todo)
-    if mine not in others:
-        return
-    for other in said.names:
-        plain = _plain(other)
-        if mine not in plain and any(each in plain for each in others):
+    for other in said.names if mine else ():
+        starts = [_plain(other[found.start() :]) for found in _WORD.finditer(other)]
+        if not any(word in _plain(other) for word in mine) and any(start.startswith(tuple(others)) for start in starts):
             raise ModelError(name, wanted=f"G-code for {printer.name}", came=f"G-code for {other}", todo=todo)
+
+
+def _name_words(printer: Printer) -> tuple[set[str], set[str]]:
+    """Return the words by which a file would name a preset's printer, and those by which it would name another's; none
+    of either for a printer that is no preset.
+
+    They are the names without their maker, and what single words no other preset has.
+    """
+    names = {read_printer(preset).name for preset in preset_names()}
+    own = _model_word(printer.name)
+    others = [name for name in names if _model_word(name) != own]
+    if len(others) == len(names) or own in _GENERIC:
+        return set(), set()
+    known = set().union(*map(_telling, others))
+    mine = {own} | (_telling(printer.name) - known)
+    return mine, (known - _telling(printer.name) | {_model_word(name) for name in others}) - _GENERIC
+
+
+def _telling(name: str) -> set[str]:
+    words = {_plain(word) for word in name.split()}
+    return {word for word in words if len(word) >= _TELLING_LETTERS} - _GENERIC
 
 
 def _plain(name: str) -> str:
