@@ -128,6 +128,14 @@ def test_bom_crlf_spaces_quotes_and_unknown_columns_do_no_harm(tmp_path):
     np.testing.assert_array_equal(plain.measured_mm, other.measured_mm)
 
 
+@pytest.mark.parametrize("end", [",", ",,", ", ,"])
+def test_lines_that_all_end_with_commas_have_empty_cells_there(tmp_path: Path, end: str) -> None:
+    head, *rows = lines(*points()).splitlines()
+    plain = read_trace(table(tmp_path, "\n".join([head, *rows])), PRINTER)
+    more = read_trace(table(tmp_path, "\n".join([head, *(row + end for row in rows)])), PRINTER)
+    np.testing.assert_array_equal(plain.measured_mm, more.measured_mm)
+
+
 def test_empty_cells_mean_not_measured(tmp_path):
     commanded, measured = points()
     text = lines(commanded, measured).splitlines()
@@ -192,7 +200,10 @@ COMMANDED, MEASURED = points()
         (lines(COMMANDED, MEASURED).replace("x_mm,y_mm", "x_mm,x_mm,y_mm"), "one column x_mm"),
         (lines(COMMANDED, MEASURED[:, ::-1]), "swapped"),
         (lines(COMMANDED, [[220, 0]] + MEASURED * [-1, 1]), "x mirrored"),
-        (HEADER + "\n0,5,0,5,0,5,0,5\n" * 20, "4 cells a row.*decimal point"),
+        (HEADER + "\n0,5,0,5,0,5,0,5\n" * 20, "4 cells a row.*8 cells in line 2.*decimal point"),
+        (_with_row("12,5,30,12.4,30.1"), "4 cells a row.*5 cells in line 21.*decimal point"),
+        (_with_row("12,5,30,,"), "5 cells in line 21"),  # not measured: what is too much is empty
+        (_with_row("0,5,0,5,0,5,0,5").replace("\n", ",\n").replace("measured_mm,\n", "measured_mm\n"), "line 21"),
         (HEADER + ",note\n" + "0,5,0,5,good, but faint\n" * 20, "5 cells a row.*a text that has a comma in quotes"),
         (_with_row('5,5,"5,5'), "quote in line 21 that is not closed"),
         (_with_row('5,5,5,5,"lost') + '\n6,6,6,6,"', "quote in line 21 that is not closed"),

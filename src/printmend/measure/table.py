@@ -189,12 +189,8 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None]
     _check_header(path, names, first.decode())
     line = next((line for line in io.BytesIO(rest) if line.strip()), b"").decode().strip()
     cells = next(csv.reader([line]), []) if len(line) < csv.field_size_limit() else []
-    if any(cell.strip() for cell in cells[len(names) :]):
-        raise TraceError(
-            path, wanted=f"{len(names)} cells a row, as the header has", came=f"{len(cells)} in the first one",
-            todo="write numbers with a decimal point, and a text that has a comma in quotes: a comma begins a new cell",
-        )  # fmt: skip
     _check_quotes(path, rest)
+    _check_width(path, rest, len(names), len(cells))
     wanted = [name for name in KNOWN if name in names]
     places = [names.index(name) for name in wanted]
     values = _parse_fast(rest, places)
@@ -246,6 +242,24 @@ def _check_quotes(path: Path, text: bytes) -> None:
             raise TraceError(
                 path, wanted="a row a line", came=f"a quote in line {number} that is not closed there",
                 todo="close it, or take it away",
+            )  # fmt: skip
+
+
+def _check_width(path: Path, text: bytes, width: int, first: int) -> None:
+    """Refuse a row of more cells than the header's ``width``: after a decimal comma numbers stand in the next cell.
+
+    Cells beyond may be empty, as where each line ends with a comma, if all rows have as many as the ``first`` one.
+    """
+    for number, line in enumerate(text.split(b"\n"), start=2):
+        if (first <= width and line.count(b",") < width) or len(line) >= csv.field_size_limit():
+            continue
+        cells = [cell.strip() for cell in next(csv.reader([line.decode()]), [])]
+        is_wide = len(cells) > width or first > width
+        if any(cells) and is_wide and (len(cells) != first or any(cells[width:])):
+            raise TraceError(
+                path, wanted=f"{width} cells a row, as the header has", came=f"{len(cells)} cells in line {number}",
+                todo="write numbers with a decimal point, and a text that has a comma in quotes: a comma begins a new "
+                "cell",
             )  # fmt: skip
 
 

@@ -367,7 +367,6 @@ export default [
   ["{a} that are possible together", "{a}, die zusammen möglich sind"],
   ["leave these columns out", "Diese Spalten weglassen"],
   ["{a} cells a row, as the header has", "{a} Zellen je Zeile, wie die erste Zeile sie hat"],
-  ["{a} in the first one", "{a} in der ersten"],
   ["write numbers with a decimal point, and a text that has a comma in quotes: a comma begins a new cell", "Zahlen mit Dezimalpunkt schreiben und einen Text mit Komma in Anführungszeichen: Ein Komma beginnt eine neue Zelle"],
   ["cells separated by commas", "Zellen mit Kommas dazwischen"],
   ["semicolons", "Strichpunkte"],
