@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,9 +15,9 @@ from printmend.draw import (
     PrintedLayer,
     comparison,
     draw_above,
+    draw_alike,
     draw_axis_error,
     draw_histogram,
-    draw_layer,
     draw_log_histogram,
     draw_solid,
     new_figure,
@@ -94,8 +95,16 @@ def test_a_bead_is_as_wide_as_it_says(axes: Axes) -> None:
     assert points_per_unit(axes) == pytest.approx(inches * 72 / 10)
 
 
-def test_a_layer_and_the_error_along_an_axis(layers: list[PrintedLayer], axes: Axes) -> None:
-    assert draw_layer(axes, layers[0], colours=COLOURS) is axes
+def test_prints_that_are_compared_have_one_scale(layers: list[PrintedLayer]) -> None:
+    wide = replace(layers[0], points_mm=layers[0].points_mm * [1.1, 1.0])
+    _, panels = new_figure(2)
+    for one, draw in zip(panels, draw_alike([layers[0], wide], colours=COLOURS), strict=True):
+        draw(one)
+    assert points_per_unit(panels[0]) == pytest.approx(points_per_unit(panels[1]))
+    assert panels[0].get_xlim() == panels[1].get_xlim()
+
+
+def test_the_error_along_an_axis() -> None:
     other = new_figure()[1][0]
     x = np.concatenate([np.arange(50.0), np.arange(50.0, 0, -1)])
     assert draw_axis_error(other, x, x + 0.1 * np.sign(np.gradient(x)), axis_name="x") is other

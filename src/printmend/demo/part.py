@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 
 from printmend.bench import contour
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
-from printmend.draw import PrintedLayer, comparison, draw_layer, save
+from printmend.draw import PrintedLayer, comparison, draw_alike, save
 from printmend.draw.figure import INK, PALETTE
 from printmend.errors import RefusedError
 from printmend.files import replacing
@@ -148,7 +148,7 @@ def write_figure(done: PartDemo, folder: Path) -> Path:
     ]  # fmt: skip
     figure = comparison(
         titles,
-        [scan, fault, *(lambda axes, one=one: draw_layer(axes, one, colours=colours) for one in drawn)],
+        [scan, fault, *draw_alike(drawn, colours=colours)],
         title="One scan of a part's first layer, and the printer prints it right", colours=colours,
     )  # fmt: skip
     return save(figure, folder / "first-layer.png")

@@ -1,7 +1,6 @@
 """The owner's way as a demonstration: probe → broken twin → scan → measure → learn → mend → the twin again."""
 
 import contextlib
-import functools
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -164,7 +163,7 @@ def write_pictures(done: ScanDemo, folder: Path) -> list[Path]:
     """Draw the part's layer before and after; return what lies in the folder."""
     from matplotlib.colors import Normalize
 
-    from printmend.draw import PrintedLayer, comparison, draw_layer, save
+    from printmend.draw import PrintedLayer, comparison, draw_alike, save
 
     layer = done.ideal.layers[len(done.ideal.layers) // 2]
     strokes = done.ideal.strokes_mm(layer)
@@ -182,9 +181,8 @@ def write_pictures(done: ScanDemo, folder: Path) -> list[Path]:
     titles = [
         "wanted", f"as it is: typically {done.before.rms:.2f} mm off", f"mended: typically {done.after.rms:.3f} mm off",
     ]  # fmt: skip
-    draw = [functools.partial(draw_layer, layer=one, colours=colours) for one in pictures]
     title = "a part that was not learned from, on the broken printer"
-    figure = comparison(titles, draw, title=title, colours=colours)
+    figure = comparison(titles, draw_alike(pictures, colours=colours), title=title, colours=colours)
     picture = save(figure, folder / "before-after.png")
     names = ("probe.gcode", *SCANS, "overlay.png", "trace.csv", "printer.mend.json", "part.mended.gcode")
     return [*(folder / name for name in names if (folder / name).exists()), picture]

@@ -1,6 +1,7 @@
 """Whole bodies, from above and as a solid seen from the side: the paper's Fig. 5 and Fig. 1."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,6 +29,12 @@ def draw_above(
         if lines:
             add_beads(axes, lines, ERROR_COLOURS(colours(errors))[:, :3], bead_mm=BEAD_MM, order=order)
     return draw_scale_bar(plain(axes))
+
+
+def draw_alike(layers: Sequence[PrintedLayer], *, colours: Normalize) -> list[Callable[[Axes], Axes]]:
+    """Return what draws each layer from above, all at one scale."""
+    view_mm = above_view(layers)
+    return [partial(draw_above, layers=[one], colours=colours, view_mm=view_mm) for one in layers]
 
 
 def draw_solid(

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection, PathCollection
-from matplotlib.colors import Normalize
+from matplotlib.collections import PathCollection
 from matplotlib.path import Path
 
-from printmend.draw.figure import ERROR_COLOURS, draw_scale_bar, fit_view, plain, points_per_unit
+from printmend.draw.figure import points_per_unit
 from printmend.path import Layer, frozen
 from printmend.printer import Printer
 
@@ -61,15 +60,3 @@ def add_beads(axes: Axes, lines: list, colours: np.ndarray, *, bead_mm: float, o
             paths, edgecolors=light * colours, facecolors="none", linewidths=share * width, zorder=order + above
         )
         axes.add_collection(drawn, autolim=False)
-
-
-def draw_layer(axes: Axes, layer: PrintedLayer, *, colours: Normalize) -> Axes:
-    """Draw one layer from above at bead width, coloured by error."""
-    fit_view(axes, layer.points_mm.min(axis=0), layer.points_mm.max(axis=0))
-    lines, errors = runs(layer.points_mm, layer.extruding, layer.error_mm)
-    width = BEAD_MM * points_per_unit(axes)
-    axes.add_collection(
-        LineCollection(lines, array=errors, cmap=ERROR_COLOURS, norm=colours, linewidths=width, capstyle="round"),
-        autolim=False,
-    )
-    return draw_scale_bar(plain(axes))
