@@ -286,15 +286,13 @@ def test_turns_against_the_slow_twin(mechanism) -> None:
     both = [turns(s, points[:, k], points[:, 1 - k], slack[k]) for k in range(2)]
     settled = [agreed(both[k], both[1 - k], s, points, max(slack)) for k in range(2)]
     for motor in range(2):
-        found = planner._run[layout.TURN + motor * layout.TURNS :][: layout.TURNS]
-        found = found[: int(np.argmax(np.isinf(found[:, layout.TURN_BEGIN])))]
+        found = planner._run.turns[motor]
+        found = found[: int(np.argmax(np.isinf(found["begin"])))]
         way = settled[motor], settled[1 - motor], s, points[:, motor], points[:, 1 - motor]
         wanted = [turn[:3] for turn in joined(*way)]
-        kernel = found[
-            -len(wanted) :, [layout.TURN_BEGIN, layout.TURN_END, layout.TURN_TREND]
-        ]  # one more where the belt lay loose
+        kernel = np.stack([found[name][-len(wanted) :] for name in ("begin", "end", "trend")], axis=1)
         assert len(wanted) > 5
-        assert 0 <= len(found) - len(wanted) <= 1
+        assert 0 <= len(found) - len(wanted) <= 1  # one more where the belt lay loose
         assert kernel == pytest.approx(np.array(wanted), abs=1e-3)
 
 

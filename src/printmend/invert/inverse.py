@@ -138,11 +138,11 @@ class Planner:
     counts: np.record
     errors: np.ndarray
     layers: np.ndarray
-    samples: np.ndarray
+    samples: np.record
     _ring: list[tuple[np.ndarray, np.ndarray]]
-    _curve: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
-    _moved: np.ndarray = field(default_factory=lambda: np.zeros(CURVE))
-    _run: np.ndarray = field(default_factory=lambda: np.zeros((k.RUN_ROWS, k.RUN)))
+    _curve: np.record = field(default_factory=lambda: record(CURVE))
+    _moved: np.record = field(default_factory=lambda: record(CURVE))
+    _run: np.record = field(default_factory=lambda: record(k.RUN))
     _turn: int = 0
 
     @property
@@ -173,7 +173,7 @@ class Planner:
         """
         need = int(self.counts.layer) + 2 + len(records) - begin
         if need > len(self.layers):
-            self.layers = np.concatenate([self.layers, np.zeros((need, k.LAYER))])
+            self.layers = np.concatenate([self.layers, np.zeros(need, k.LAYER)])
         self._turn = (self._turn + 1) % len(self._ring)
         first, pieces = self._ring[self._turn]
         if len(records) >= len(first):
@@ -198,7 +198,7 @@ def start(mechanism: Mechanism, *, quantum_mm: float = 0.001, tolerance_mm: floa
     counts.layer = counts.mark = -1
     return Planner(
         lookup(mechanism, tolerance_mm), quantum_mm, state, counts, np.zeros((2, k.ERROR_BINS)),
-        np.zeros((256, k.LAYER)), np.zeros((1 + k.SAMPLES, k.SAMPLE)),
+        np.zeros(256, k.LAYER), record(k.SAMPLES),
         [(np.zeros(1 << 14, np.int64), np.empty(_PIECES + k.PIECES_A_RECORD, PIECE)) for _ in range(PLANS_AT_ONCE + 1)],
     )  # fmt: skip
 

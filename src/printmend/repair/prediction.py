@@ -188,17 +188,17 @@ def prediction_of(planner: Planner) -> Prediction:
     """Sum up what a planner has seen of a file."""
     counts, state = planner.counts, planner.state
     layers = planner.layers[: int(counts.layer) + 1]
-    length = float(layers[:, k.L_LENGTH].sum())
+    length = float(layers["length"].sum())
     low_mm, high_mm = state.print_low, state.print_high
     bed_mm = planner.bed_mm
     errors, heights = [], []
     for which in (0, 1):
-        square = float(layers[:, k.L_SQUARE + which].sum())
-        most = float(layers[:, k.L_MOST + which].max(initial=0.0))
+        square = float(layers["square"][:, which].sum())
+        most = float(layers["most"][:, which].max(initial=0.0))
         errors.append(Errors((square / length) ** 0.5 if length else 0.0, _quantile(planner.errors[which], most), most))
         square, most = (
-            float(layers[:, k.L_RISE + which].sum()),
-            float(layers[:, k.L_RISE_MOST + which].max(initial=0.0)),
+            float(layers["rise_square"][:, which].sum()),
+            float(layers["rise_most"][:, which].max(initial=0.0)),
         )
         heights.append(Heights((square / length) ** 0.5 if length else 0.0, most))
     return Prediction(
@@ -227,7 +227,7 @@ def prediction_of(planner: Planner) -> Prediction:
         on_bed=bool((low_mm > bed_mm[0] - _EDGE_MM).all() and (high_mm < bed_mm[1] + _EDGE_MM).all()),
         unknown_lines=tuple(int(line) for line in counts.unknown_at[: counts.unknown]),
         heights=(heights[0], heights[1]) if planner.has_screw else None,
-        path=_path(planner.samples, layers[:, k.L_Z]),
+        path=_path(planner.samples, layers["z"]),
     )
 
 
@@ -287,12 +287,11 @@ def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     return (f"{most} is {in_words(name)}: see what `printmend learn` said of it.",)
 
 
-def _path(samples: np.ndarray, layer_z_mm: np.ndarray) -> PathPlaces:
-    found = samples[1 : 1 + int(samples[0, k.P_COUNT])]
+def _path(samples: np.record, layer_z_mm: np.ndarray) -> PathPlaces:
+    found = samples.kept[: samples.count]
     return PathPlaces(
-        found[:, [k.P_X, k.P_Y]].copy(), found[:, [k.P_TX, k.P_TY]].copy(), found[:, k.P_OFF].copy(),
-        found[:, k.P_SIDE : k.P_SIDE + 2].copy(), found[:, k.P_WEIGHT].copy(),
-        layer_z_mm[found[:, k.P_LAYER].astype(np.int64)],
+        found["place"].copy(), found["tangent"].copy(), found["off"].copy(), found["side"].copy(),
+        found["weight"].copy(), layer_z_mm[found["layer"]],
     )  # fmt: skip
 
 
@@ -309,18 +308,18 @@ def _quantile(histogram: np.ndarray, most: float) -> float:
     return float(min((at + part) * k.ERROR_BIN_MM, most))
 
 
-def _layer(row: np.ndarray, has_screw: bool) -> dict[str, float]:
-    length = row[k.L_LENGTH]
-    squares = row[k.L_SQUARE : k.L_SQUARE + 2] / length if length else np.zeros(2)
+def _layer(row: np.void, has_screw: bool) -> dict[str, float]:
+    length = row["length"]
+    squares = row["square"] / length if length else np.zeros(2)
     layer = {
-        "z_mm": round(float(row[k.L_Z]), 4),
+        "z_mm": round(float(row["z"]), 4),
         "length_mm": round(float(length), 3),
         "before_rms_mm": float(squares[0] ** 0.5),
-        "before_max_mm": float(row[k.L_MOST]),
+        "before_max_mm": float(row["most"][0]),
         "after_rms_mm": float(squares[1] ** 0.5),
-        "after_max_mm": float(row[k.L_MOST + 1]),
+        "after_max_mm": float(row["most"][1]),
     }
     if has_screw:
-        rises = row[k.L_RISE : k.L_RISE + 2] / length if length else np.zeros(2)
+        rises = row["rise_square"] / length if length else np.zeros(2)
         layer["before_height_rms_mm"], layer["after_height_rms_mm"] = np.sqrt(rises).tolist()
     return layer

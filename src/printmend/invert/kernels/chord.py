@@ -3,18 +3,13 @@
 import numpy as np
 
 from printmend.invert.kernels.curve import (
-    ARC,
-    LEAST,
-    LENGTH,
-    R0,
-    SWEEP,
     aside_and_along,
     is_flat_arc,
     norm,
     place,
 )
 from printmend.invert.kernels.layout import (
-    ALONG,
+    ALONG_PER_ASIDE,
     FILAMENT_AREA_MM2,
     MAX_AREA_MM2,
     TINY_ADVANCE_MM,
@@ -29,19 +24,19 @@ from printmend.invert.kernels.lookup import (
 from printmend.invert.kernels.state import followed, middle, motor_along
 from printmend.jit import inner
 
-SHORT_MM = 0.4  # a chord that bulges by half the tolerance is as short where the path's radius is 4 mm
-_FAR_MM = 12.0  # beyond that a chord is searched for from the curvature nearby
+SHORT_MM = 0.4  # chords below this may bulge twice as far; on a radius of 4 mm all are shorter
+_FAR_MM = 12.0  # for how much of a motor's way the curvature of its tables is looked up
 
 
 @inner(error_model="numpy", _nrt=False)
 def _bulge(model, length):
-    """Return how far a chord of that length may bulge: short ones twice as far, as they cost the firmware its speed."""
+    """Return how far a chord of that length may bulge; short ones may twice as far, or the firmware would go slowly."""
     return model.head.chord * (2.0 if length < SHORT_MM else 1.0)
 
 
 @inner(error_model="numpy", _nrt=False)
 def ends(model, curve, state, mode0, mode1, t):
-    """Return the motor positions of the place at t."""
+    """Return the motor positions at t of the curve, on its way from where the motors are."""
     x, y, _ = place(curve, t)
     u0, u1 = wanted(model, x, y)
     return motor_along(model, state, 0, mode0, u0, t), motor_along(model, state, 1, mode1, u1, t)
@@ -49,12 +44,12 @@ def ends(model, curve, state, mode0, mode1, t):
 
 @inner(error_model="numpy", _nrt=False)
 def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
-    """Return the largest error of a chord as a multiple of what is allowed."""
-    samples = max(3, np.int64(np.ceil(min((end - t) * curve[LENGTH], 4096.0) / model.head.sample)))
+    """Return the largest error of the chord from t to ``end``, where the motors are at (m0, m1), by what is allowed."""
+    samples = max(3, np.int64(np.ceil(min((end - t) * curve.length, 4096.0) / model.head.sample)))
     from0, from1 = state.mended.m[0], state.mended.m[1]
     now0, now1 = middle(state, 0), middle(state, 1)
     held = (1 if mode0 == 0 else 0) + (1 if mode1 == 0 else 0)
-    aside_most = _bulge(model, (end - t) * curve[LENGTH]) + held * model.head.chord  # one that stands is off by as much
+    aside_most = _bulge(model, (end - t) * curve.length) + held * model.head.chord  # one that stands is off by as much
     worst = 0.0
     for i in range(1, samples + 1):
         s = i / (samples + 1)
@@ -63,7 +58,7 @@ def _score(model, curve, state, mode0, mode1, t, end, m0, m1, start_error):
         x, y = printed(model, a, b)
         aside, along = aside_and_along(curve, x, y, t + s * (end - t))
         spare = (1.0 - s) * start_error
-        worst = max(worst, aside / (aside_most + spare), along / (ALONG * model.head.chord + spare))
+        worst = max(worst, aside / (aside_most + spare), along / (ALONG_PER_ASIDE * model.head.chord + spare))
     return worst
 
 
@@ -101,11 +96,11 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
 
     It ends at ``stop``, where the belts are wanted at (u0, u1), or before.
     """
-    length = curve[LENGTH]
-    shortest = curve[LEAST] / length
+    length = curve.length
+    shortest = curve.least / length
     m0, m1 = motor_along(model, state, 0, mode0, u0, stop), motor_along(model, state, 1, mode1, u1, stop)
-    if curve[ARC] != 0.0 and not is_flat_arc(curve):  # what is looked at below is only seen from above
-        step = np.sqrt(8.0 * model.head.chord / max(curve[R0], model.head.chord)) / abs(curve[SWEEP])
+    if curve.arc != 0.0 and not is_flat_arc(curve):  # what is looked at below is only seen from above
+        step = np.sqrt(8.0 * model.head.chord / max(curve.r0, model.head.chord)) / abs(curve.sweep)
         stop = min(stop, t + max(step, shortest))
         m0, m1 = ends(model, curve, state, mode0, mode1, stop)
     whole = stop - t
@@ -117,7 +112,7 @@ def chord(model, curve, state, mode0, mode1, t, stop, u0, u1, advance):
     bend0, bend1 = sharpest(model, 0, from0, from0 + far0), sharpest(model, 1, from1, from1 + far1)
     bound = norm(bend0 * d0 * d0, bend1 * d1 * d1)  # 8 times the sagitta, at the most
     if is_flat_arc(curve):
-        bound += whole * whole * abs(curve[SWEEP]) * length
+        bound += whole * whole * abs(curve.sweep) * length
     elif is_framed(model):
         bound += model.head.frame_bend * whole * whole * length * length
     step = whole

@@ -11,10 +11,6 @@ from printmend.invert.kernels.chord import (
     chord,
 )
 from printmend.invert.kernels.curve import (
-    CA,
-    CB,
-    LENGTH,
-    SHARE,
     distance,
     is_flat_arc,
     place,
@@ -23,20 +19,9 @@ from printmend.invert.kernels.layout import (
     ASTRAY_MM,
     CLAMP_MM,
     HOLD_MM,
+    LOOK_CLOSER_MM,
     NEAR_MM,
-    RUN_AT,
-    RUN_TREND,
     SAME_FEED,
-    SEEN_MM,
-    TURN_BEGIN,
-    TURN_CORNER,
-    TURN_END,
-    TURN_FROM,
-    TURN_RISE,
-    TURN_SHARE,
-    TURN_TIP,
-    TURN_TO,
-    TURN_TREND,
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
@@ -63,13 +48,14 @@ from printmend.invert.kernels.state import (
 )
 from printmend.jit import inner
 
-# Gauss's places and weights of three: exact for the square of a parabola, which is what a chord's error is.
-NODES = (0.1127016653792583, 0.5, 0.8872983346207417)
-WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
+# Places and weights of Gauss's quadrature with three places: exact for the square of a parabola, a chord's error.
+GAUSS_PLACES = (0.1127016653792583, 0.5, 0.8872983346207417)
+GAUSS_WEIGHTS = (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 
 
 @inner(error_model="numpy", _nrt=False)
 def put(pieces, n, kind, x, y, z, share, feed):
+    """Write piece n without an arc's centre; return the number of the next."""
     p = pieces[n]
     p.kind, p.x, p.y, p.z, p.share, p.feed = kind, x, y, z, share, feed
     p.c0 = p.c1 = np.nan
@@ -78,7 +64,7 @@ def put(pieces, n, kind, x, y, z, share, feed):
 
 @inner(error_model="numpy", _nrt=False)
 def _feed(state, record, ratio):
-    """Return the F that keeps the speed along the wanted path; a change that nobody can see is not written."""
+    """Return the F for a command ``ratio`` times as long as its path; a change that nobody can see is not written."""
     feed = record.feed * min(max(ratio, 0.2), 5.0)
     if abs(feed - record.feed) <= SAME_FEED * record.feed:
         feed = record.feed
@@ -107,16 +93,16 @@ def _dead_move(model, state, pieces, n, record, m0, m1, z, quantum):
 @inner(error_model="numpy", _nrt=False)
 def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row, layers, errors):
     """Write the piece of an extruding move from t to end, and add up its error; the caller sets an arc's centre."""
-    length = (end - t) * curve[LENGTH]
+    length = (end - t) * curve.length
     from0, from1 = state.mended.m[0], state.mended.m[1]
     end_x, end_y, end_z = place(curve, end)
     samples = samples_of(model, length)
-    fine = state.error > SEEN_MM  # a chord bulges: its middle alone would stand for more than its error
-    nodes = 3 if fine else 1
+    fine = state.error > LOOK_CLOSER_MM  # a chord bulges: its middle alone would stand for more than its error
+    places = 3 if fine else 1
     most = 0.0
-    for j in range(nodes * samples):
-        node = j % 3 if fine else 1
-        s = (j // nodes + NODES[node]) / samples
+    for j in range(places * samples):
+        gauss = j % 3 if fine else 1
+        s = (j // places + GAUSS_PLACES[gauss]) / samples
         if kind == PIECE_ARC:  # shifted as a whole: the same place of the shifted curve
             arc_x, arc_y, _ = place(curve, t + s * (end - t))
             a, b = to_motors(model, arc_x - end_x, arc_y - end_y)
@@ -127,10 +113,10 @@ def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row
         error, _ = distance(curve, at_x, at_y)
         most = max(most, error)
         error = with_doubt(state.mended, error)
-        note(layers, row, errors, 1, error, length / samples * (WEIGHTS[node] if fine else 1.0))
+        note(layers, row, errors, 1, error, length / samples * (GAUSS_WEIGHTS[gauss] if fine else 1.0))
     state.error = most
     arrive(model, state, m0, m1)
-    if most > SEEN_MM:
+    if most > LOOK_CLOSER_MM:
         at_x, at_y = printed(model, middle(state, 0), middle(state, 1))
         error, _ = distance(curve, at_x, at_y)
         note(layers, row, errors, 1, error, 0.0)
@@ -139,7 +125,7 @@ def draw(model, curve, state, pieces, n, record, kind, t, end, m0, m1, x, y, row
         from_x, from_y = from_motors(model, from0, from1)
         rise = end_z - place(curve, t)[2]
         ratio = np.sqrt((x - from_x) ** 2 + (y - from_y) ** 2 + rise * rise) / length
-    return put(pieces, n, kind, x, y, end_z, (end - t) * curve[SHARE], _feed(state, record, ratio))
+    return put(pieces, n, kind, x, y, end_z, (end - t) * curve.share, _feed(state, record, ratio))
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -162,26 +148,27 @@ def _arc(model, curve, state, pieces, n, record, t, stop, mode0, mode1, row, lay
         return n
     # A quarter's outermost places are its ends: they being inside the bed, all of it is.
     n = draw(model, curve, state, pieces, n, record, PIECE_ARC, t, stop, m0, m1, x, y, row, layers, errors)
-    pieces[n - 1].c0, pieces[n - 1].c1 = curve[CA] + shift_x, curve[CB] + shift_y
+    pieces[n - 1].c0, pieces[n - 1].c1 = curve.ca + shift_x, curve.cb + shift_y
     return n
 
 
 @inner(error_model="numpy", _nrt=False)
-def _ahead(run, k, s):
+def _next_turn_place(run, k, s):
     """Pass the turns of motor k that end at s of the run or before; return where the next one begins or ends."""
-    turn = np.int64(run[0, RUN_AT + k])
-    while run[turn, TURN_END] <= s + NEAR_MM:
-        run[0, RUN_TREND + k] = run[turn, TURN_TREND]
-        turn += 1
-    run[0, RUN_AT + k] = turn
-    return run[turn, TURN_BEGIN] if run[turn, TURN_BEGIN] > s + NEAR_MM else run[turn, TURN_END]
+    turns, next_turn = run.turns[k], run.turn[k]
+    while turns[next_turn].end <= s + NEAR_MM:
+        run.trend[k] = turns[next_turn].trend
+        next_turn += 1
+    run.turn[k] = next_turn
+    turn = turns[next_turn]
+    return turn.begin if turn.begin > s + NEAR_MM else turn.end
 
 
 @inner(error_model="numpy", _nrt=False)
-def _tip(run, k, s):
+def _overshoot(run, k, s):
     """Return by how much motor k's belt goes too far at s of the run, where its next turn begins."""
-    turn = np.int64(run[0, RUN_AT + k])
-    return run[turn, TURN_TIP] if abs(run[turn, TURN_BEGIN] - s) <= NEAR_MM else 0.0
+    turn = run.turns[k, run.turn[k]]
+    return turn.tip if abs(turn.begin - s) <= NEAR_MM else 0.0
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -191,24 +178,24 @@ def _engage(model, state, counts, run, k, start, end, s, stop, begin, span):
     ``begin`` and ``span`` say where on the run the curve begins, and how long it is.
     """
     m = state.mended.m[k]
-    turn = np.int64(run[0, RUN_AT + k])
+    turn = run.turns[k, run.turn[k]]
     state.crossing[k] = 0.0
     anywhere = counts.anywhere != 0
-    if run[turn, TURN_BEGIN] > s + NEAR_MM or anywhere or not is_sure(state, k):
+    if turn.begin > s + NEAR_MM or anywhere or not is_sure(state, k):
         hold = 2.0 * model.head.chord
-        return prepare(model, state, k, start, end, anywhere, run[0, RUN_TREND + k], hold)
-    if np.isnan(run[turn, TURN_FROM]):
-        trend, rise = run[turn, TURN_TREND], run[turn, TURN_RISE]
+        return prepare(model, state, k, start, end, anywhere, run.trend[k], hold)
+    if np.isnan(turn.motor_begin):
+        trend, rise = turn.trend, turn.rise
         now = middle(state, k)
         if trend * rise > 0.0:
             now += rise
         to = backward(model, k, LOWER if trend > 0 else UPPER, now)
-        run[turn, TURN_FROM], run[turn, TURN_TO] = m, to if trend * (to - m) > 0.0 else m
+        turn.motor_begin, turn.motor_end = m, to if trend * (to - m) > 0.0 else m
         counts.takeups += 1
-    at, to, corner = run[turn, TURN_BEGIN], run[turn, TURN_END], run[turn, TURN_CORNER]
-    m_at, m_to = run[turn, TURN_FROM], run[turn, TURN_TO]
+    at, to, corner = turn.begin, turn.end, turn.corner
+    m_at, m_to = turn.motor_begin, turn.motor_end
     if at < corner < to:
-        m_corner = m_at + run[turn, TURN_SHARE] * (m_to - m_at)
+        m_corner = m_at + turn.share * (m_to - m_at)
         if s > corner - NEAR_MM:
             at, m_at = corner, m_corner
         else:
@@ -228,10 +215,10 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
     ``begin`` and ``span`` say where on the ``run`` the curve begins, and how long it is there.
     """
     t = 0.0
-    length = curve[LENGTH]
+    length = curve.length
     while t < 1.0:
         s = begin + t * span
-        stop = (min(_ahead(run, 0, s), _ahead(run, 1, s)) - begin) / span
+        stop = (min(_next_turn_place(run, 0, s), _next_turn_place(run, 1, s)) - begin) / span
         if not (1.0 - stop) * span > NEAR_MM:
             stop = 1.0
         x, y, z = place(curve, t)
@@ -239,7 +226,7 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
         x, y, _ = place(curve, stop)
         e0, e1 = wanted(model, x, y)
         last = begin + stop * span
-        e0, e1 = e0 + _tip(run, 0, last), e1 + _tip(run, 1, last)
+        e0, e1 = e0 + _overshoot(run, 0, last), e1 + _overshoot(run, 1, last)
         anywhere = counts.anywhere != 0
         unsure = anywhere or not is_sure(state, 0) or not is_sure(state, 1)
         mode0, first0, second0 = _engage(model, state, counts, run, 0, s0, e0, s, last, begin, span)
@@ -262,7 +249,7 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
                 n, t = done, stop
                 continue
         while t < stop:
-            end, m0, m1 = chord(model, curve, state, mode0, mode1, t, stop, e0, e1, record.advance * curve[SHARE])
+            end, m0, m1 = chord(model, curve, state, mode0, mode1, t, stop, e0, e1, record.advance * curve.share)
             x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
             n = draw(model, curve, state, pieces, n, record, PIECE_LINE, t, end, m0, m1, x, y, row, layers, errors)
             # Where the way to its start was held back already, only the error tells.

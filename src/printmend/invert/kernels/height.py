@@ -18,26 +18,9 @@ from printmend.gcode.kernels.layout import (
     SAVED_SLOTS,
     WORD_Z,
 )
-from printmend.invert.kernels.curve import (
-    ARC,
-    CA,
-    CB,
-    PLANE,
-    R0,
-    R1,
-    SWEEP,
-    X0,
-    X1,
-    Y0,
-    Y1,
-    Z0,
-    Z1,
-    is_flat_arc,
-)
+from printmend.invert.kernels.curve import copy_curve, is_flat_arc
 from printmend.invert.kernels.layout import (
     HOME_MM,
-    L_RISE,
-    L_RISE_MOST,
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
@@ -83,8 +66,9 @@ def lift_raw(model, state, counts, z):
 def note_height(layers, row, which, error, weight):
     """Add one sample of the error in height, before (0) or after (1) mending."""
     error = min(abs(error), 1e6)
-    layers[row, L_RISE + which] += weight * error * error
-    layers[row, L_RISE_MOST + which] = max(layers[row, L_RISE_MOST + which], error)
+    layer = layers[row]
+    layer.rise_square[which] += weight * error * error
+    layer.rise_most[which] = max(layer.rise_most[which], error)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -96,8 +80,8 @@ def commanded(model, record, m, quantum):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _open(model, belts):
-    """The nut may be anywhere in its play."""
+def _loosen_nut(model, belts):
+    """Note that the nut of the screw may be anywhere in its play."""
     belts.low[ZED] = forward(model, ZED, LOWER, belts.m[ZED])
     belts.high[ZED] = forward(model, ZED, UPPER, belts.m[ZED])
     belts.side[ZED] = 0.0
@@ -112,8 +96,8 @@ def find(model, state, counts, record, quantum):
     m = commanded(model, record, (backward(model, ZED, LOWER, z) + backward(model, ZED, UPPER, z)) / 2, quantum)
     counts.height = 1
     state.mended.m[ZED], state.raw.m[ZED] = m, z
-    _open(model, state.mended)
-    _open(model, state.raw)
+    _loosen_nut(model, state.mended)
+    _loosen_nut(model, state.raw)
     return m
 
 
@@ -124,7 +108,7 @@ def _settle_home(model, belts, z):
     branch = LOWER if side > 0 else UPPER
     at_home = abs(forward(model, ZED, branch, model.head.z_home) - model.head.z_home) <= HOME_MM
     belts.m[ZED] = z
-    _open(model, belts)
+    _loosen_nut(model, belts)
     if at_home:
         belts.low[ZED] = belts.high[ZED] = forward(model, ZED, branch, z)
         belts.side[ZED] = side
@@ -157,7 +141,7 @@ def height_event(model, state, counts, r):
         # where the firmware went to a height of the file as it is written now, ours is another
         counts.height = counts.height and known and r.z0 == r.z1
         if counts.height:
-            _open(model, state.mended)
+            _loosen_nut(model, state.mended)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -173,7 +157,7 @@ def follow_copied_height(model, state, counts, r):
 @inner(error_model="numpy", _nrt=False)
 def is_flat(curve):
     """Say whether a curve stays at its height, so that the push on its way is one."""
-    return curve[PLANE] == 0.0 and curve[Z0] == curve[Z1]
+    return curve.plane == 0.0 and curve.z0 == curve.z1
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -181,12 +165,12 @@ def parts_of(model, curve):
     """Return into how many straight parts a curve that rises has to be cut, so that the push is linear on each."""
     if is_flat(curve):
         return 1
-    rise, chords = abs(curve[Z1] - curve[Z0]), 0.0
-    if curve[ARC] != 0.0:
-        radius = max(curve[R0], curve[R1])
-        chords = abs(curve[SWEEP]) * np.sqrt(radius / (4.0 * model.head.chord))
-        if curve[PLANE] != 0.0:
-            rise += radius * abs(curve[SWEEP])
+    rise, chords = abs(curve.z1 - curve.z0), 0.0
+    if curve.arc != 0.0:
+        radius = max(curve.r0, curve.r1)
+        chords = abs(curve.sweep) * np.sqrt(radius / (4.0 * model.head.chord))
+        if curve.plane != 0.0:
+            rise += radius * abs(curve.sweep)
     return max(1, np.int64(min(np.ceil(max(rise / model.head.rise, chords)), 1e9)))
 
 
@@ -199,16 +183,15 @@ def is_too_long(model, curve):
 @inner(error_model="numpy", _nrt=False)
 def aim(model, curve, moved, m0, m1):
     """Fill ``moved`` with where the belts must go for a curve, the motor of Z going from m0 to m1; its Z is m."""
-    for i in range(len(curve)):
-        moved[i] = curve[i]
+    copy_curve(curve, moved)
     x0, y0 = push(model, m0)
     x1, y1 = push(model, m1)
-    moved[X0] -= x0
-    moved[Y0] -= y0
-    moved[X1] -= x1
-    moved[Y1] -= y1
+    moved.x0 -= x0
+    moved.y0 -= y0
+    moved.x1 -= x1
+    moved.y1 -= y1
     if is_flat_arc(curve):
-        moved[CA] -= x1
-        moved[CB] -= y1
-    if curve[PLANE] == 0.0:
-        moved[Z0], moved[Z1] = m0, m1
+        moved.ca -= x1
+        moved.cb -= y1
+    if curve.plane == 0.0:
+        moved.z0, moved.z1 = m0, m1

@@ -30,13 +30,6 @@ from printmend.gcode.kernels.layout import (
     WORD_Z,
 )
 from printmend.invert.kernels.curve import (
-    LEAST,
-    LENGTH,
-    R0,
-    SHARE,
-    SWEEP,
-    Z0,
-    Z1,
     line_distance,
     place,
     set_line,
@@ -71,13 +64,7 @@ from printmend.invert.kernels.layout import (
     CHORDS_A_RECORD,
     CLAMP_MM,
     HOLD_MM,
-    L_LENGTH,
-    LEG_TO,
     PIECES_A_RECORD,
-    RUN_BEGIN,
-    RUN_END,
-    RUN_LEG,
-    RUN_TRAVEL,
     UNKNOWN_LINES,
 )
 from printmend.invert.kernels.lookup import (
@@ -108,13 +95,13 @@ from printmend.invert.kernels.travel import arrival, arriving_push, plan_travel
 from printmend.invert.kernels.turns import survey
 from printmend.jit import entry, inner
 
-LOOKS_FROM_HOME = 256  # parts into which a line from home is cut to look at: 1.2 mm each at the most on a bed of 220 mm
+LOOKS_FROM_HOME = 256  # places of a line from home that are looked at: 1.2 mm apart at the most on a bed of 220 mm
 
 
 # The kernels here, in `draw` and in `predict` have many parameters: the arrays of one file's way through the planner,
 # which `Planner` allocates once, and the record in hand.
 @inner(error_model="numpy", _nrt=False)
-def _come(model, state, counts, pieces, n, record, e0, e1, z, quantum):
+def _come_from_unknown(model, state, counts, pieces, n, record, e0, e1, z, quantum):
     """Come from an unknown place to one short of belt positions (e0, e1): return (n, m0, m1), how to go on from there.
 
     Then both belts are engaged before anything is extruded, were it only a prime on the spot. Each motor comes from the
@@ -142,7 +129,7 @@ def _come(model, state, counts, pieces, n, record, e0, e1, z, quantum):
 
 @inner(error_model="numpy", _nrt=False)
 def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0, to1):
-    """Write a move that draws nothing: only its end must be right.
+    """Write a move that draws nothing, of which only the end must be right.
 
     ``to0`` and ``to1`` are where the motors go on a leg of a planned travel, else NaN: as far as their belts have to.
     """
@@ -156,7 +143,7 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0
         m0 = travel_motor(model, state, 0, s0, e0) if np.isnan(to0) else to0
         m1 = travel_motor(model, state, 1, s1, e1) if np.isnan(to1) else to1
     elif came:
-        n, m0, m1 = _come(model, state, counts, pieces, n, record, e0, e1, z, quantum)
+        n, m0, m1 = _come_from_unknown(model, state, counts, pieces, n, record, e0, e1, z, quantum)
     else:
         m0 = (backward(model, 0, LOWER, e0) + backward(model, 0, UPPER, e0)) / 2
         m1 = (backward(model, 1, LOWER, e1) + backward(model, 1, UPPER, e1)) / 2
@@ -170,8 +157,8 @@ def _travel(model, curve, state, counts, pieces, n, record, t, end, quantum, to0
 
 
 @inner(error_model="numpy", _nrt=False)
-def _stand(model, state, pieces, n, record, quantum):
-    """Write a move that names the place where the head is: that is now another number."""
+def _name_place_again(model, state, pieces, n, record, quantum):
+    """Write a move that names the place where the head is, as the number that it has on the mended machine."""
     x, y, m0, m1, _ = command(model, state.mended.m[0], state.mended.m[1], record, quantum)
     arrive(model, state, m0, m1)
     state.feed = record.feed
@@ -179,7 +166,7 @@ def _stand(model, state, pieces, n, record, quantum):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _go(model, state, counts, pieces, n, record, kind, x, y, m, quantum, free):
+def _move_z(model, state, counts, pieces, n, record, kind, x, y, m, quantum, free):
     """Write a move that draws nothing: the motor of Z goes to m, and the nozzle to (x, y) whatever the screw pushes.
 
     Where it is ``free`` to be elsewhere, because a travel follows, x and y stand.
@@ -211,19 +198,21 @@ def _go(model, state, counts, pieces, n, record, kind, x, y, m, quantum, free):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _rise(model, state, counts, pieces, n, records, count, i, quantum):
+def _raise(model, state, counts, pieces, n, records, count, i, quantum):
     """Write a move that stands still in x and y, or names Z alone: the belts go against the push of the new height."""
     record = records[i]
     if not record.flags & FLAG_KNOWN_Z1:
         counts.height = 0
-        return n if not record.words & (WORD_X | WORD_Y) else _stand(model, state, pieces, n, record, quantum)
+        if not record.words & (WORD_X | WORD_Y):
+            return n
+        return _name_place_again(model, state, pieces, n, record, quantum)
     lift_raw(model, state, counts, record.z1)
     m = find(model, state, counts, record, quantum)
     free = False
     if counts.known != 0 and counts.anywhere == 0:
         seen, moves, _, _ = arrival(model, records, count, i)
         free = seen and moves
-    return _go(model, state, counts, pieces, n, record, PIECE_LINE, record.x1, record.y1, m, quantum, free)
+    return _move_z(model, state, counts, pieces, n, record, PIECE_LINE, record.x1, record.y1, m, quantum, free)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -231,10 +220,10 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
     """Write an extruding move of a machine with a bad screw: a curve that rises is cut where the push bends."""
     if not record.flags & FLAG_KNOWN_Z1:
         counts.height = 0
-        begin, span = run[0, RUN_BEGIN], curve[LENGTH]
+        begin, span = run.begin, curve.length
         return extrude(model, curve, state, counts, pieces, n, record, row, layers, errors, quantum, run, begin, span)
     if counts.height == 0:
-        curve[Z0] = curve[Z1]
+        curve.z0 = curve.z1
         find(model, state, counts, record, quantum)
     parts = parts_of(model, curve)
     for part in range(parts):
@@ -242,9 +231,9 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
         x1, y1, z1 = place(curve, (part + 1.0) / parts)
         mode, first, second = prepare(model, state, ZED, z0, z1, False, 0.0, HOLD_MM)
         if first != state.mended.m[ZED]:
-            n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, first, quantum, False)
+            n = _move_z(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, first, quantum, False)
         if second != state.mended.m[ZED]:
-            n = _go(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, second, quantum, False)
+            n = _move_z(model, state, counts, pieces, n, record, PIECE_TRAVEL, x0, y0, second, quantum, False)
         m0, m1 = state.mended.m[ZED], commanded(model, record, motor_at(model, state, ZED, mode, z1), quantum)
         if mode == 0:
             m1 = m0
@@ -254,11 +243,11 @@ def _extrude_in_space(model, curve, moved, state, counts, pieces, n, record, row
             px, py = push(model, m0)
             qx, qy = push(model, m1)
             set_line(moved, x0 - px, y0 - py, m0, x1 - qx, y1 - qy, m1)
-            moved[SHARE], moved[LEAST] = 1.0 / parts, curve[LEAST]
-        begin, span = run[0, RUN_BEGIN] + part / parts * curve[LENGTH], curve[LENGTH] / parts
+            moved.share, moved.least = 1.0 / parts, curve.least
+        begin, span = run.begin + part / parts * curve.length, curve.length / parts
         n = extrude(model, moved, state, counts, pieces, n, record, row, layers, errors, quantum, run, begin, span)
         lift(model, state, m1)
-        note_height(layers, row, 1, middle(state, ZED) - z1, curve[LENGTH] / parts)
+        note_height(layers, row, 1, middle(state, ZED) - z1, curve.length / parts)
     return n
 
 
@@ -269,7 +258,7 @@ def _note_copied(model, curve, state, counts, pieces, n, record, records, count,
     row = layer_of(state, counts, layers, record) if drawn else 0
     predict_raw(model, curve, state, counts, records, count, i, drawn, row, layers, errors, samples, None)
     if drawn and not record.flags & FLAG_RELATIVE:
-        layers[row, L_LENGTH] += curve[LENGTH]
+        layers[row].length += curve.length
         m0, m1 = to_motors(model, record.x1, record.y1)
         x, y = record.x1, record.y1
         draw(model, curve, state, pieces, n, record, PIECE_LINE, 0.0, 1.0, m0, m1, x, y, row, layers, errors)
@@ -277,7 +266,8 @@ def _note_copied(model, curve, state, counts, pieces, n, record, records, count,
 
 
 @inner(error_model="numpy", _nrt=False)
-def _cover(low, high, x, y):
+def _extend(low, high, x, y):
+    """Move the corners of a rectangle so that (x, y) lies in it."""
     low[0], low[1] = min(low[0], x), min(low[1], y)
     high[0], high[1] = max(high[0], x), max(high[1], y)
 
@@ -302,7 +292,7 @@ def _from_home(model, record, m0, m1):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _leave(counts, record, extruding):
+def _count_left(counts, record, extruding):
     """Count an extruding move that stays as it is, or whose start nobody knows, and keep the lines of the first."""
     if extruding and counts.unknown < UNKNOWN_LINES:
         counts.unknown_at[counts.unknown] = record.line + 1
@@ -318,17 +308,17 @@ def mend(
 
     Record i becomes pieces[first[i]:first[i + 1]]; ``first`` int64 [count + 1] counts from the beginning of ``pieces``,
     an array of PIECE. It stops before a record whose pieces may not fit: call again with what is left.
-    ``state`` and ``counts``, records of STATE and COUNTS, pass from call to call; ``curve`` and ``moved`` [CURVE] are
-    scratch, ``moved`` is None for a machine whose Z screw is perfect: its kernels are then not compiled either.
-    ``layers`` [L, LAYER] must have room for counts.layer + 2 + (count − begin) rows; ``errors`` [2, ERROR_BINS] are
-    histograms of mm of path. ``quantum`` [mm] is the grid of the numbers that will be written; ``samples`` are places
-    along the extruded path. ``run`` [RUN_ROWS, RUN] is scratch: the connected path that is being drawn.
+    ``state`` and ``counts``, records of STATE and COUNTS, pass from call to call; ``curve`` and ``moved``, records of
+    CURVE, are scratch, ``moved`` is None for a machine whose Z screw is perfect: its kernels are then not compiled.
+    ``layers`` [L] of LAYER must have room for counts.layer + 2 + (count − begin); ``errors`` [2, ERROR_BINS] are
+    histograms of mm of path. ``quantum`` [mm] is the grid of the numbers that will be written; ``samples``, a
+    record of SAMPLES, holds places along the extruded path. ``run``, one of RUN, is scratch: the path being drawn.
 
     A motion record without a piece is to be copied as it is.
     """
     n = 0
     i = begin
-    run[0, RUN_END] = run[0, RUN_TRAVEL] = begin
+    run.end = run.travel_end = begin
     while i < count and n + PIECES_A_RECORD < len(pieces):
         r = records[i]
         first[i] = n
@@ -341,35 +331,35 @@ def mend(
             continue
         still = not arc and r.x0 == r.x1 and r.y0 == r.y1
         if still and r.advance > 0.0 and r.flags & FLAG_KNOWN_X1 and r.flags & FLAG_KNOWN_Y1:
-            _cover(state.print_low, state.print_high, r.x1, r.y1)
+            _extend(state.print_low, state.print_high, r.x1, r.y1)
         if still and not r.words & (WORD_X | WORD_Y):
             if moved is not None:
                 if r.words & WORD_Z and r.flags & FLAG_OPAQUE:
                     follow_copied_height(model, state, counts, r)
                 elif r.words & WORD_Z:
-                    n = _rise(model, state, counts, pieces, n, records, count, i - 1, quantum)
+                    n = _raise(model, state, counts, pieces, n, records, count, i - 1, quantum)
             continue
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
         extruding = r.flags & FLAG_EXTRUDING != 0
         counts.moves += 1
         if extruding and known:
             counts.extruding += 1
-            _cover(state.low, state.high, r.x1, r.y1)
-            _cover(state.print_low, state.print_high, r.x1, r.y1)
+            _extend(state.low, state.high, r.x1, r.y1)
+            _extend(state.print_low, state.print_high, r.x1, r.y1)
             if r.flags & FLAG_KNOWN_X0 and r.flags & FLAG_KNOWN_Y0:
-                _cover(state.print_low, state.print_high, r.x0, r.y0)
+                _extend(state.print_low, state.print_high, r.x0, r.y0)
         if still and known and counts.known != 0 and not r.flags & FLAG_OPAQUE:
             if moved is not None:
-                n = _rise(model, state, counts, pieces, n, records, count, i - 1, quantum)
+                n = _raise(model, state, counts, pieces, n, records, count, i - 1, quantum)
             else:
-                n = _stand(model, state, pieces, n, r, quantum)
+                n = _name_place_again(model, state, pieces, n, r, quantum)
             continue
         trace(curve, r)
         left = not known or r.flags & FLAG_OPAQUE != 0 or not stays_near(model, curve)
         if moved is not None:
             left = left or is_too_long(model, curve)
         if left:
-            _leave(counts, r, extruding)
+            _count_left(counts, r, extruding)
             if moved is None and known and counts.known != 0 and r.kind == KIND_LINEAR and stays_near(model, curve):
                 _note_copied(model, curve, state, counts, pieces, n, r, records, count, i - 1, layers, errors, samples)
             follow_copied(model, state, counts, r, known)
@@ -390,28 +380,28 @@ def mend(
             state.travel_feed = r.feed
         predict_raw(model, curve, state, counts, records, count, i - 1, drawn, row, layers, errors, samples, moved)
         if drawn:
-            layers[row, L_LENGTH] += curve[LENGTH]
-            if i > run[0, RUN_END]:
+            layers[row].length += curve.length
+            if i > run.end:
                 px = py = 0.0
                 if moved is not None:
                     px, py = push(model, state.mended.m[ZED])
                 survey(model, state, counts, records, count, i - 1, curve, run, px, py, moved is None)
                 trace(curve, r)
-            length = curve[LENGTH]
-            curve[LEAST] = max(curve[LEAST], r.feed * model.head.period)
+            length = curve.length
+            curve.least = max(curve.least, r.feed * model.head.period)
             if moved is not None:
                 n = _extrude_in_space(
                     model, curve, moved, state, counts, pieces, n, r, row, layers, errors, quantum, run
                 )
             else:
-                at = run[0, RUN_BEGIN]
+                at = run.begin
                 n = extrude(model, curve, state, counts, pieces, n, r, row, layers, errors, quantum, run, at, length)
-            run[0, RUN_BEGIN] += length
+            run.begin += length
         else:
-            _leave(counts, r, extruding)
+            _count_left(counts, r, extruding)
             parts = 1
             if arc:  # what draws nothing needs no better than this
-                parts = min(max(4, np.int64(abs(curve[SWEEP]) * np.sqrt(curve[R0] / 0.4))), CHORDS_A_RECORD)
+                parts = min(max(4, np.int64(abs(curve.sweep) * np.sqrt(curve.r0 / 0.4))), CHORDS_A_RECORD)
             way = curve
             seen = sure and not arc and counts.anywhere == 0
             push_x = push_y = 0.0
@@ -433,11 +423,11 @@ def mend(
                     seen = False
             to0 = to1 = np.nan
             if seen:
-                if i > run[0, RUN_TRAVEL]:
+                if i > run.travel_end:
                     plan_travel(model, state, records, count, i - 1, run, push_x, push_y)
-                leg = np.int64(run[0, RUN_LEG])
-                to0, to1 = run[leg, LEG_TO], run[leg, LEG_TO + 1]
-                run[0, RUN_LEG] = leg + 1.0
+                leg = run.legs[run.leg]
+                to0, to1 = leg.motor[0], leg.motor[1]
+                run.leg += 1
             for part in range(parts):
                 at, to = part / parts, (part + 1.0) / parts
                 n = _travel(model, way, state, counts, pieces, n, r, at, to, quantum, to0, to1)

@@ -4,13 +4,6 @@ import numpy as np
 
 from printmend.gcode.kernels.layout import FLAG_EXTRUDING, KIND_CCW, KIND_CW, KIND_LINEAR
 from printmend.invert.kernels.curve import (
-    ARC,
-    LENGTH,
-    X0,
-    X1,
-    Y0,
-    Y1,
-    Z1,
     distance,
     line_distance,
     norm,
@@ -20,23 +13,8 @@ from printmend.invert.kernels.height import lift_raw, note_height
 from printmend.invert.kernels.layout import (
     ERROR_BIN_MM,
     ERROR_BINS,
-    L_MOST,
-    L_SQUARE,
-    L_Z,
-    P_COUNT,
-    P_GAP,
-    P_LAYER,
-    P_OFF,
-    P_SIDE,
-    P_SINCE,
-    P_TX,
-    P_TY,
-    P_WEIGHT,
-    P_X,
-    P_Y,
-    SAMPLE,
-    SAMPLES,
-    WALK_MM,
+    KEPT_SAMPLES,
+    NEAREST_REACH_MM,
 )
 from printmend.invert.kernels.lookup import printed, to_motors
 from printmend.invert.kernels.state import pull
@@ -53,8 +31,9 @@ def samples_of(model, length):
 def note(layers, row, errors, which, error, weight):
     """Add one sample of the contour error, before (0) or after (1) mending."""
     error = min(error, 1e6)
-    layers[row, L_SQUARE + which] += weight * error * error
-    layers[row, L_MOST + which] = max(layers[row, L_MOST + which], error)
+    layer = layers[row]
+    layer.square[which] += weight * error * error
+    layer.most[which] = max(layer.most[which], error)
     errors[which, min(np.int64(error * (1.0 / ERROR_BIN_MM)), ERROR_BINS - 1)] += weight
 
 
@@ -76,7 +55,7 @@ def _nearest(records, count, i, curve, x, y):
     step = 1 if t > 1.0 else -1
     walked = 0.0
     j = i + step
-    while 0 <= j < count and walked < WALK_MM:
+    while 0 <= j < count and walked < NEAREST_REACH_MM:
         r = records[j]
         if r.kind == KIND_LINEAR and r.flags & FLAG_EXTRUDING:
             d, foot = line_distance(r.x0, r.y0, r.x1, r.y1, x, y)
@@ -104,19 +83,19 @@ def keep(samples, state, curve, s, length, x, y, row):
 
     Where there is no more room every other place goes, and the distance doubles.
     """
-    samples[0, P_SINCE] += length
-    if samples[0, P_SINCE] < samples[0, P_GAP]:
+    samples.since += length
+    if samples.since < samples.gap:
         return
-    if samples[0, P_COUNT] == SAMPLES:
+    kept = samples.kept
+    if samples.count == KEPT_SAMPLES:
         total = 0.0
-        for j in range(SAMPLES // 2):
-            weight = samples[1 + 2 * j, P_WEIGHT] + samples[2 + 2 * j, P_WEIGHT]
-            for field in range(SAMPLE):
-                samples[1 + j, field] = samples[1 + 2 * j, field]
-            samples[1 + j, P_WEIGHT] = weight
+        for j in range(KEPT_SAMPLES // 2):
+            weight = kept[2 * j].weight + kept[2 * j + 1].weight
+            kept[j] = kept[2 * j]
+            kept[j].weight = weight
             total += weight
-        samples[0, P_COUNT] = SAMPLES // 2
-        samples[0, P_GAP] = max(2.0 * samples[0, P_GAP], total / (SAMPLES // 2))
+        samples.count = KEPT_SAMPLES // 2
+        samples.gap = max(2.0 * samples.gap, total / (KEPT_SAMPLES // 2))
     wanted_x, wanted_y, _ = place(curve, s)
     step = min(0.01, 0.5 - abs(s - 0.5))
     ahead_x, ahead_y, _ = place(curve, s + step)
@@ -125,30 +104,30 @@ def keep(samples, state, curve, s, length, x, y, row):
     tx, ty = 1.0, 0.0
     if along > 0.0:
         tx, ty = (ahead_x - behind_x) / along, (ahead_y - behind_y) / along
-    samples[0, P_COUNT] += 1
-    at = np.int64(samples[0, P_COUNT])
-    samples[at, P_X], samples[at, P_Y], samples[at, P_TX], samples[at, P_TY] = wanted_x, wanted_y, tx, ty
-    samples[at, P_OFF] = (y - wanted_y) * tx - (x - wanted_x) * ty
-    samples[at, P_SIDE], samples[at, P_SIDE + 1] = state.mended.side[0], state.mended.side[1]
-    samples[at, P_LAYER], samples[at, P_WEIGHT] = row, samples[0, P_SINCE]
-    samples[0, P_SINCE] = 0.0
+    sample = kept[samples.count]
+    samples.count += 1
+    sample.place[0], sample.place[1], sample.tangent[0], sample.tangent[1] = wanted_x, wanted_y, tx, ty
+    sample.off = (y - wanted_y) * tx - (x - wanted_x) * ty
+    sample.side[0], sample.side[1] = state.mended.side[0], state.mended.side[1]
+    sample.layer, sample.weight = row, samples.since
+    samples.since = 0.0
 
 
 # Its many parameters are the arrays of one file's way through `mend`, handed on as they are.
 @inner(error_model="numpy", _nrt=False)
 def predict_raw(model, curve, state, counts, records, count, i, noted, row, layers, errors, samples, moved):
     """Print a move as the file has it; where ``noted``, add up its distance to the wanted path."""
-    straight = curve[ARC] == 0.0
+    straight = curve.arc == 0.0
     looks = 0
     push_x = push_y = 0.0
     if noted:
-        looks = samples_of(model, curve[LENGTH])
+        looks = samples_of(model, curve.length)
     elif not straight:
         looks = 16
     for j in range(looks):
         s = (j + 0.5) / looks
         if straight:
-            x, y = curve[X0] + s * (curve[X1] - curve[X0]), curve[Y0] + s * (curve[Y1] - curve[Y0])
+            x, y = curve.x0 + s * (curve.x1 - curve.x0), curve.y0 + s * (curve.y1 - curve.y0)
         else:
             x, y, _ = place(curve, s)
         follow_raw(model, state, x, y)
@@ -156,18 +135,18 @@ def predict_raw(model, curve, state, counts, records, count, i, noted, row, laye
             _, _, z = place(curve, s)
             push_x, push_y, risen = lift_raw(model, state, counts, z)
             if noted:
-                note_height(layers, row, 0, risen - z, curve[LENGTH] / looks)
+                note_height(layers, row, 0, risen - z, curve.length / looks)
         if noted:
             a = (state.raw.low[0] + state.raw.high[0]) / 2
             b = (state.raw.low[1] + state.raw.high[1]) / 2
             x, y = printed(model, a, b)
             x, y = x + push_x, y + push_y
             error = with_doubt(state.raw, _nearest(records, count, i, curve, x, y))
-            note(layers, row, errors, 0, error, curve[LENGTH] / looks)
-            keep(samples, state, curve, s, curve[LENGTH] / looks, x, y, row)
-    follow_raw(model, state, curve[X1], curve[Y1])
+            note(layers, row, errors, 0, error, curve.length / looks)
+            keep(samples, state, curve, s, curve.length / looks, x, y, row)
+    follow_raw(model, state, curve.x1, curve.y1)
     if moved is not None:
-        lift_raw(model, state, counts, curve[Z1])
+        lift_raw(model, state, counts, curve.z1)
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -181,6 +160,5 @@ def layer_of(state, counts, layers, record):
         counts.layer += 1
         counts.mark = record.layer
         state.layer_z = record.z1
-        layers[counts.layer] = 0.0
-        layers[counts.layer, L_Z] = record.z1
+        layers[counts.layer].z = record.z1
     return counts.layer

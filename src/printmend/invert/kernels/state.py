@@ -16,12 +16,12 @@ from printmend.invert.kernels.lookup import (
 )
 from printmend.jit import inner
 
-LAG = 4.0  # times the tolerance of a turn: how far off a belt may be behind it, pushed the way it is going
+LAG_PER_TOLERANCE = 4.0  # how far a belt may be off behind a turn while it is pushed the way it is going, per tolerance
 
 
 @inner(error_model="numpy", _nrt=False)
 def open_interval(model, belts):
-    """The belts may be anywhere in their play: the interval from ``low`` to ``high`` becomes all of it."""
+    """Note that both belts may be anywhere in their play: the intervals from ``low`` to ``high`` become all of it."""
     for k in range(2):
         belts.side[k] = 0.0
         belts.low[k] = forward(model, k, LOWER, belts.m[k])
@@ -60,11 +60,13 @@ def settle_home(model, belts, axes, x, y):
 
 @inner(error_model="numpy", _nrt=False)
 def middle(state, k):
+    """Return the middle of where belt k of the mended machine may be."""
     return (state.mended.low[k] + state.mended.high[k]) / 2
 
 
 @inner(error_model="numpy", _nrt=False)
 def is_sure(state, k):
+    """Say whether it is known where belt k of the mended machine is."""
     return state.mended.high[k] - state.mended.low[k] <= HOLD_MM
 
 
@@ -91,7 +93,7 @@ def pull(model, belts, k, to):
 
 @inner(error_model="numpy", _nrt=False)
 def arrive(model, state, m0, m1):
-    """Move both motors, and what they pull."""
+    """Move both motors of the mended machine, and the belts that they pull."""
     if m0 != state.mended.m[0]:
         pull(model, state.mended, 0, m0)
     if m1 != state.mended.m[1]:
@@ -127,7 +129,9 @@ def prepare(model, state, k, start, end, anywhere, trend, hold):
     if not anywhere and is_sure(state, k):
         now = middle(state, k)
         off = abs(now - start)
-        behind = trend != 0.0 and 1.5 * hold < off <= LAG * hold  # a turn: there the belt waits for the path
+        behind = (
+            trend != 0.0 and 1.5 * hold < off <= LAG_PER_TOLERANCE * hold
+        )  # a turn: there the belt waits for the path
         if behind and abs(backward(model, k, LOWER if trend > 0 else UPPER, now) - m) <= HOLD_MM:
             return (np.int64(trend) if trend * (end - now) > 0.0 else 0), m, m
         if off <= 1.5 * hold:

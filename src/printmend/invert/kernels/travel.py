@@ -21,14 +21,8 @@ from printmend.gcode.kernels.layout import (
 from printmend.invert.kernels.curve import norm
 from printmend.invert.kernels.height import ZED, push
 from printmend.invert.kernels.layout import (
-    LEG_BELT,
-    LEG_LENGTH,
-    LEG_TO,
+    ARRIVED_MM,
     LEGS,
-    NODE,
-    RUN_LEG,
-    RUN_TRAVEL,
-    SURE_MM,
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
@@ -42,8 +36,8 @@ from printmend.invert.kernels.lookup import (
 from printmend.invert.kernels.state import is_sure, middle
 from printmend.jit import inner
 
-TRIED = 3  # legs that are tried for a crossing, the longest first
-AHEAD = 256  # records in which the end of a travel is looked for
+LEGS_TRIED = 3  # for a crossing, the longest first
+RECORDS_AHEAD = 256  # among which the end of a travel is looked for
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -51,7 +45,7 @@ def arrival(model, records, count, i):
     """Return (seen, moves, z, way) of the travel to which record i belongs: whether its end is seen, whether it goes on
     in x or y from there, at which height the next line is drawn, and the sign of the way in Z to there, 0 for none."""
     moves, way = False, 0.0
-    for j in range(i, min(count, i + AHEAD)):
+    for j in range(i, min(count, i + RECORDS_AHEAD)):
         r = records[j]
         if not _is_move(r) or not r.flags & FLAG_KNOWN_Z1:
             break
@@ -92,12 +86,12 @@ def plan_travel(model, state, records, count, i, run, across, along):
         elif r.flags & FLAG_EXTRUDING or not is_near(model, r.x1, r.y1):
             break
         else:
-            leg = run[NODE + n]
-            leg[LEG_BELT], leg[LEG_BELT + 1] = wanted(model, r.x1 - across, r.y1 - along)
-            leg[LEG_LENGTH], leg[LEG_TO], leg[LEG_TO + 1] = norm(r.x1 - r.x0, r.y1 - r.y0), np.nan, np.nan
+            leg = run.legs[n]
+            leg.belt[0], leg.belt[1] = wanted(model, r.x1 - across, r.y1 - along)
+            leg.length, leg.motor[0], leg.motor[1] = norm(r.x1 - r.x0, r.y1 - r.y0), np.nan, np.nan
             n += 1
         j += 1
-    run[0, RUN_TRAVEL], run[0, RUN_LEG] = max(j, i + 1), NODE
+    run.travel_end, run.leg = max(j, i + 1), 0
     if n < 2:
         return
     while j < count and _is_move(records[j]) and _is_still(records[j]):
@@ -105,25 +99,27 @@ def plan_travel(model, state, records, count, i, run, across, along):
     next0 = next1 = 0.0
     if j < count and _is_move(records[j]) and records[j].flags & FLAG_EXTRUDING:
         next0, next1 = wanted(model, records[j].x1 - across, records[j].y1 - along)
-        next0, next1 = next0 - run[NODE + n - 1, LEG_BELT], next1 - run[NODE + n - 1, LEG_BELT + 1]
+        next0, next1 = next0 - run.legs[n - 1].belt[0], next1 - run.legs[n - 1].belt[1]
     for k in range(2):
         if is_sure(state, k) and not is_taut(model, k):
-            _lag(model, state, run, k, n, next0 if k == 0 else next1)
+            _choose_leg(model, state, run, k, n, next0 if k == 0 else next1)
 
 
 @inner(error_model="numpy", _nrt=False)
 def _is_move(r):
+    """Say whether a record is a straight move that can be planned."""
     known = r.flags & FLAG_KNOWN_X1 != 0 and r.flags & FLAG_KNOWN_Y1 != 0
     return r.kind == KIND_LINEAR and known and r.flags & FLAG_OPAQUE == 0
 
 
 @inner(error_model="numpy", _nrt=False)
 def _is_still(r):
+    """Say whether a record stands still in x and y."""
     return r.x0 == r.x1 and r.y0 == r.y1
 
 
 @inner(error_model="numpy", _nrt=False)
-def _lag(model, state, run, k, n, ahead):
+def _choose_leg(model, state, run, k, n, ahead):
     """Choose on which leg motor k crosses, to the side on which it drives its belt along the line behind the travel.
 
     ``ahead`` is how far [mm] the belt goes along that line; where no leg serves, the other side is tried.
@@ -134,32 +130,32 @@ def _lag(model, state, run, k, n, ahead):
     side = 1.0 if lag > 0.0 else -1.0
     if abs(ahead) > 2.0 * model.head.chord:
         side = 1.0 if ahead > 0.0 else -1.0
-    end = run[NODE + n - 1, LEG_BELT + k]
+    end = run.legs[n - 1].belt[k]
     for _ in range(2):
         longest = np.inf
-        for _ in range(min(TRIED, n)):
+        for _ in range(min(LEGS_TRIED, n)):
             crossed, length = n - 1, -1.0
             for leg in range(n):
-                if length < run[NODE + leg, LEG_LENGTH] < longest:
-                    crossed, length = leg, run[NODE + leg, LEG_LENGTH]
+                if length < run.legs[leg].length < longest:
+                    crossed, length = leg, run.legs[leg].length
             longest = length
-            if abs(_go_along(model, run, k, n, m, now, lag, side, crossed) - end) <= SURE_MM:
+            if abs(_cross_on_leg(model, run, k, n, m, now, lag, side, crossed) - end) <= ARRIVED_MM:
                 return
         side = -side
-    _go_along(model, run, k, n, m, now, lag, side, n - 1)
-    run[NODE + n - 1, LEG_TO + k] = np.nan
+    _cross_on_leg(model, run, k, n, m, now, lag, side, n - 1)
+    run.legs[n - 1].motor[k] = np.nan
 
 
 @inner(error_model="numpy", _nrt=False)
-def _go_along(model, run, k, n, m, belt, lag, side, crossed):
+def _cross_on_leg(model, run, k, n, m, belt, lag, side, crossed):
     """Write where motor k goes if it crosses to ``side`` on a leg; return where its belt, now at ``belt``, will end.
 
     ``lag`` is where in its slack the motor is until then, from −1 where it pulls to 1 where it pushes.
     """
-    end = run[NODE + n - 1, LEG_BELT + k]
+    end = run.legs[n - 1].belt[k]
     slack = abs(backward(model, k, LOWER, end) - backward(model, k, UPPER, end))
     for leg in range(n):
-        u = run[NODE + leg, LEG_BELT + k]
+        u = run.legs[leg].belt[k]
         if leg < crossed:
             pushed, pulled = backward(model, k, LOWER, u), backward(model, k, UPPER, u)
             to = (pushed + pulled + lag * (pushed - pulled)) / 2.0
@@ -168,5 +164,5 @@ def _go_along(model, run, k, n, m, belt, lag, side, crossed):
                 u = end  # beyond it the belt would only have to come back
             to = backward(model, k, LOWER if side > 0.0 else UPPER, u)
         belt = max(belt, forward(model, k, LOWER, to)) if to > m else min(belt, forward(model, k, UPPER, to))
-        run[NODE + leg, LEG_TO + k] = m = to
+        run.legs[leg].motor[k] = m = to
     return belt
