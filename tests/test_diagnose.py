@@ -89,8 +89,7 @@ def test_a_wrong_pulley_of_a_corexy_may_be_a_skewed_frame_of_a_wrong_size() -> N
     ("learned_mm", "words"), [(14.8, "6.3796 ± 0.0001 mm instead of 6.366"), (32.0, "instead of 5.093")]
 )
 def test_an_idlers_turn_makes_no_other_pulley(learned_mm: float, words: str) -> None:
-    post = SimpleNamespace(active=np.ones(2, bool), covariance=1e-8 * np.eye(2))
-    design = SimpleNamespace(parts={"mean_powers": slice(0, 2)}, size=2)
+    post, design = SimpleNamespace(sds=np.full(2, 1e-4)), SimpleNamespace(scale_at=1)
     powers = SimpleNamespace(powers_mm=np.array([0.0, 0.21]))
     drive = SimpleNamespace(
         name="a", branches=SimpleNamespace(period_mm=learned_mm, mean=powers),

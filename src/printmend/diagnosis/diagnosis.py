@@ -111,14 +111,6 @@ def drive_faults(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[Name
     return [*_scale(drive, doubt, turn_mm), *_pulley(drive, doubt), *_play(drive, doubt), *_rest(drive, doubt)]
 
 
-def _sds(drive: LearnedDrive) -> np.ndarray:
-    """Return the standard deviation of every parameter [P] of the drive's fit."""
-    post = drive.choice.fit.posterior
-    sds = np.zeros(drive.choice.design.size)
-    sds[post.active] = np.sqrt(np.diag(post.covariance))
-    return sds
-
-
 def _fault(drive: LearnedDrive, kind: str, value: float, sd: float, words: str, unit: str = "mm") -> NamedFault:
     return NamedFault(drive.name, kind, float(value), float(sd), unit, words)
 
@@ -130,10 +122,10 @@ def amount(value: float, sd: float, unit: str = "mm") -> str:
 
 
 def _scale(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault]:
-    powers, part = drive.branches.mean.powers_mm, drive.choice.design.parts["mean_powers"]
+    powers = drive.branches.mean.powers_mm
     if len(powers) < 2 or not powers[1]:
         return []
-    percent, sd = float(powers[1]), float(np.hypot(_sds(drive)[part][1], doubt.scale_percent))  # mm in 100 mm
+    percent, sd = float(powers[1]), float(np.hypot(_scale_sd(drive), doubt.scale_percent))  # mm in 100 mm
     if abs(percent) < NAMED_SIGMAS * sd or abs(percent) < LEAST_SCALE_PERCENT:
         return []
     learned_mm = drive.branches.period_mm  # of a pulley, if it has teeth: else of an idler or the belt
@@ -146,12 +138,12 @@ def _scale(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault
 
 def _pulley(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     """Name the largest harmonics of the pulley; those of a loose belt's play are twice the pulley's odd ones."""
-    design, values, sds = drive.choice.design, drive.choice.fit.posterior.values, _sds(drive)
+    design, values, sds = drive.choice.design, drive.choice.fit.posterior.values, drive.choice.fit.posterior.sds
     loose = drive.structure.play == "loose"
     found: dict[int, tuple[float, float]] = {}
     for name, share in (("mean", 1.0), ("play", 0.5 if loose else 0.0)):
         for i, k in enumerate(design.waves(name)):
-            at = [design.parts[f"{name}_{wave}"].start + i for wave in ("cos", "sin")]
+            at = design.wave_at(name, i)
             size = float(np.hypot(*values[at])) * share * k
             sd = float(np.hypot(np.sqrt(np.mean(sds[at] ** 2)), doubt.wave_mm)) * share * k
             if share and size > max(NAMED_SIGMAS * sd, LEAST_FAULT_MM, LEAST_EFFECT_MM * k):
@@ -175,8 +167,8 @@ def _play(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     low, high = drive.branches.reach_mm
     motor = np.linspace(low, high, 2001)
     _, play = drive.branches.errors_mm(motor)
-    part = drive.choice.design.parts["play_powers"]
-    value, sd = float(play.mean()), float(np.hypot(_sds(drive)[part][0], doubt.wave_mm / 2))
+    sd = float(np.hypot(drive.choice.fit.posterior.sds[drive.choice.design.play_at], doubt.wave_mm / 2))
+    value = float(play.mean())
     smallest, largest = float(play.min()), float(play.max())
     if drive.structure.play == "constant" and not drive.structure.friction:
         return [_fault(drive, "play", value, sd, f"belt play {amount(value, sd)}")]
@@ -215,8 +207,8 @@ def _rest(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
         if size >= LEAST_SHOWN_MM:
             faults.append(_fault(drive, "warp", size, 0.0, words))
     if structure.offset and not (structure.scale or structure.pulley != "none" or structure.play != "none" or faults):
-        part = drive.choice.design.parts["mean_powers"]
-        value, sd = float(branches.mean.powers_mm[0]), float(_sds(drive)[part][0])
+        value = float(branches.mean.powers_mm[0])
+        sd = float(drive.choice.fit.posterior.sds[drive.choice.design.place_at])
         if doubt.placed and abs(value) > LEAST_FAULT_MM:
             faults.append(_fault(drive, "offset", value, sd, f"shifted by {amount(value, sd)}"))
     return faults
@@ -230,8 +222,8 @@ def _elastic(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     if not len(sizes):
         return []
     largest = int(np.argmax(sizes))
-    at = [design.parts[f"elastic_{part}"].start + largest for part in ("cos", "sin")]
-    size, sd = float(sizes[largest]) * span, float(np.sqrt(np.mean(_sds(drive)[at] ** 2))) * span
+    sds = drive.choice.fit.posterior.sds[design.wave_at("elastic", largest)]
+    size, sd = float(sizes[largest]) * span, float(np.sqrt(np.mean(sds**2))) * span
     sd = float(np.hypot(sd, 2 * doubt.wave_mm))  # two ends, each with its own
     if size < max(NAMED_SIGMAS * sd, LEAST_EFFECT_MM):
         return []
@@ -246,8 +238,8 @@ def _second(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     if not sizes.any():
         return []
     largest, period_mm = int(np.argmax(sizes)), branches.second_mm
-    at = [design.parts[f"second_{part}"].start + largest for part in ("cos", "sin")]
-    size, sd = float(sizes[largest]), float(np.hypot(np.sqrt(np.mean(_sds(drive)[at] ** 2)), doubt.wave_mm))
+    sds = drive.choice.fit.posterior.sds[design.wave_at("second", largest)]
+    size, sd = float(sizes[largest]), float(np.hypot(np.sqrt(np.mean(sds**2)), doubt.wave_mm))
     words = f"idler or belt uneven, every {period_mm:.1f} mm, by {amount(size, sd)}"
     return [_fault(drive, f"period-{period_mm:.1f}", size, sd, words)]
 
@@ -332,7 +324,7 @@ def _skew_first(
 
 def _scales_sd(model: GreyboxModel) -> float:
     """Return the standard deviation [%] of the sum of both motors' scales by the scatter of the points alone."""
-    return float(np.hypot(*(_sds(drive)[drive.choice.design.parts["mean_powers"]][1] for drive in model.drives)))
+    return float(np.hypot(_scale_sd(model.drives[0]), _scale_sd(model.drives[1])))
 
 
 def or_a_skew(own: list[list[NamedFault]]) -> list[list[NamedFault]]:
@@ -351,9 +343,15 @@ def or_a_skew(own: list[list[NamedFault]]) -> list[list[NamedFault]]:
     return [[replace(each, words=words) if each is named else each for each in found] for found in own]
 
 
+def _scale_sd(drive: LearnedDrive) -> float:
+    """Return the standard deviation [%] of one motor's scale by the scatter of the points alone."""
+    return float(drive.choice.fit.posterior.sds[drive.choice.design.scale_at])
+
+
 def _skew_sd(drive: LearnedDrive) -> float:
-    part = drive.choice.design.parts["cross"]
-    return float(_sds(drive)[part][0]) / 100.0 if part.stop > part.start else 0.0
+    """Return the standard deviation [rad] of the lean of one motor's axis, 0 where no frame was fitted."""
+    design = drive.choice.design
+    return float(drive.choice.fit.posterior.sds[design.cross_at]) / 100.0 if design.cross else 0.0
 
 
 def _gaps(drive: LearnedDrive) -> list[str]:

@@ -91,15 +91,14 @@ def hull_mm(drive: LearnedDrive) -> np.ndarray:
     The spans of a loose belt see the pulley from both sides (eq. 6); then the forward branch is one of them.
     """
     branches, design, values = drive.branches, drive.choice.design, drive.choice.fit.posterior.values
-    sds = np.zeros(design.size)
-    sds[drive.choice.fit.posterior.active] = np.sqrt(np.diag(drive.choice.fit.posterior.covariance))
+    sds = drive.choice.fit.posterior.sds
     psi = np.arange(ANGLES) * (TURN_RAD / ANGLES)
     support = np.full(ANGLES, branches.period_mm / TURN_RAD * (1.0 + _scale_percent(drive) / 100.0))
     near = (branches.reach_mm[0] - branches.middle_mm) / 100.0  # an elastic belt shows most where the motor is near
     shares = {"mean": 1.0, "play": -0.5 if drive.structure.play == "loose" else 0.0, "elastic": near}
     for wave, share in shares.items():
         for i, k in enumerate(design.waves(wave)):
-            at = [design.parts[f"{wave}_{part}"].start + i for part in ("cos", "sin")]
+            at = design.wave_at(wave, i)
             # A slope is k times as noisy as the error itself: what is not sure would only fray the picture.
             if np.hypot(*values[at]) > NAMED_SIGMAS * np.sqrt(np.mean(sds[at] ** 2)):
                 # d/dθ of cos kθ and sin kθ at θ = −ψ

@@ -194,7 +194,7 @@ def _found(
     x, y = ((trace.commanded_mm - printer.from_motor(bed_middle(printer))) / 100.0).T
     skew, swell, turn = values[2 * design.size :]
     printed += np.stack([y, np.zeros_like(y)] if printer.kinematics == "cartesian" else [x, -y], axis=1) * skew
-    gains = [motor * design.size + design.parts["mean_powers"].start + 1 for motor in range(2)]
+    gains = [motor * design.size + design.scale_at for motor in range(2)]
     scale_sd = float(np.sqrt(covariance[np.ix_(gains, gains)].sum())) / 2 / 100.0
     residual = np.where(np.abs(left) < LOST_SIGMAS * sigma, left, np.nan)
     return WallFit(printed, float(swell), float(turn) / 100.0, residual, sigma, scale_sd)

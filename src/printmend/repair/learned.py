@@ -449,9 +449,7 @@ def _uncertainty(drive: LearnedDrive) -> dict[str, Any]:
     """Return the standard deviations of a drive's parameters, and of its branches where the trace went."""
     motor = np.linspace(*drive.branches.reach_mm, 201)
     lower, upper = drive.sd_mm(motor)
-    post, design = drive.choice.fit.posterior, drive.choice.design
-    sds = np.zeros(design.size)
-    sds[post.active] = np.sqrt(np.diag(post.covariance))
+    sds, design = drive.choice.fit.posterior.sds, drive.choice.design
     return {
         "structure": {key: value for key, value in vars(drive.structure).items() if value not in (False, "none", 0)},
         "branch_sd_mm": round(float(np.sqrt(np.mean(np.concatenate([lower, upper]) ** 2))), 6),

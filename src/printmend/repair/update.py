@@ -296,7 +296,7 @@ def _is_other(rows: Rows, past: Remembered, fresh: Choice, updated: Choice) -> b
     healthy motor where the old model's fault can no longer be seen.
     """
     ratio = fresh.fit.posterior.sigma_mm / updated.fit.posterior.sigma_mm
-    at = past.design.parts["mean_powers"].start + 1
+    at = past.design.scale_at
     resized = abs(updated.fit.posterior.values[at] - past.values[at]) > RESIZED_PERCENT
     if ratio < (1.0 if resized else REPLACED):
         return True
@@ -375,7 +375,7 @@ def _placed(past: Remembered, values: np.ndarray, rows: Rows) -> np.ndarray:
     """Shift the prior's mean to where the plate was measured, so that the first contacts are right."""
     residual = contacts(past.design, values, rows).residual_mm
     placed = values.copy()
-    placed[past.design.parts["mean_powers"].start] += float(np.nanmedian(residual))
+    placed[past.design.place_at] += float(np.nanmedian(residual))
     return placed
 
 
@@ -387,7 +387,7 @@ def _unneeded(past: Remembered, fit: Fit) -> np.ndarray:
     at = np.flatnonzero(post.active)
     for names in parts:
         new = design.mask(*names) & ~past.known & post.active
-        new[design.parts["mean_powers"].start] = False  # the plate's place is always open
+        new[design.place_at] = False  # the plate's place is always open
         if not new.any():
             continue
         inside = np.isin(at, np.flatnonzero(new))
@@ -402,11 +402,10 @@ def _unneeded(past: Remembered, fit: Fit) -> np.ndarray:
 def _is_only_placed(past: Remembered, fit: Fit) -> bool:
     """Tell whether a motor that was healthy still is: all that is left is a place which measuring alone explains."""
     post = fit.posterior
-    place = past.design.parts["mean_powers"].start
+    place = past.design.place_at
     if past.values.any() or np.delete(post.values, place).any() or not post.active[place]:
         return False
-    sd = float(np.sqrt(post.covariance.diagonal()[post.active[:place].sum()]))  # of the active ones
-    return abs(float(post.values[place])) < NAMED_SIGMAS * sd
+    return abs(float(post.values[place])) < NAMED_SIGMAS * float(post.sds[place])
 
 
 def _structure(past: Remembered, active: np.ndarray) -> Structure:
@@ -417,7 +416,7 @@ def _structure(past: Remembered, active: np.ndarray) -> Structure:
     cross = max((p + q for p, q in np.array(design.cross)[active[parts["cross"]]].tolist()), default=0)
     return Structure(
         offset=True,
-        scale=bool(active[parts["mean_powers"]][1]),
+        scale=bool(active[design.scale_at]),
         drift=design.mean_powers > 2,
         cross=cross,
         ripple=bool(design.ripple),
@@ -436,9 +435,7 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
     ``doubt`` is what the points of each of both measurements share: two scans differ by more than their marks do.
     """
     design, post = past.design, now.fit.posterior
-    sds = np.zeros(design.size)
-    sds[post.active] = np.sqrt(np.diag(post.covariance))
-    found = []
+    sds, found = post.sds, []
 
     def compare(kind: str, what: str, before: float, after: float, sd: float, unit: str, least: float) -> None:
         if abs(after - before) > max(NAMED_SIGMAS * sd, least):
@@ -448,15 +445,15 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
             words = f"{name} {what} {verb} from {old:.{digits}f} to {new:.{digits}f}{space}{unit} (± {sd:.3f})"
             found.append(Change(name, kind, before, after, sd, unit, words))
 
-    at = design.parts["play_powers"].start
+    at = design.play_at
     known, seen = (max(float(values[at]), 0.0) for values in (past.values, post.values))  # as the tables have it
     compare("play", "belt play", known, seen, float(np.hypot(past.sds[at], sds[at])), "mm",
             CHANGED_MM)  # fmt: skip
-    at = design.parts["mean_powers"].start + 1
+    at = design.scale_at
     sd = float(np.linalg.norm([past.sds[at], sds[at], BOTH_FACTOR * doubt.scale_percent]))
     compare("scale", "scale error", past.values[at], post.values[at], sd, "%", 0.02)
     if design.cross and design.cross[0] == (0, 1):  # mm in 100 mm
-        at = design.parts["cross"].start
+        at = design.cross_at
         before, after = (float(np.degrees(np.arctan(values[at] / 100))) for values in (past.values, post.values))
         sd = float(np.hypot(np.degrees(np.hypot(past.sds[at], sds[at]) / 100), BOTH_FACTOR * doubt.skew_deg))
         compare("skew", "axis' skew", before, after, sd, "°", LEAST_SKEW_DEG)
@@ -465,7 +462,7 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
         words = f"{name} pulley turned on its shaft by {amount(turn, turn_sd, '°')}"
         found.append(Change(name, "phase", 0.0, turn, turn_sd, "°", words))
     for i, k in enumerate(design.waves("mean")[:4]):
-        both = [design.parts[f"mean_{part}"].start + i for part in ("cos", "sin")]
+        both = design.wave_at("mean", i)
         before, after = (float(np.hypot(*v[both])) * k for v in (past.values, post.values))
         sd = float(np.sqrt(np.mean(past.sds[both] ** 2 + sds[both] ** 2) + 2 * doubt.wave_mm**2)) * k
         shape = {1: "eccentricity", 2: "ovalness", 3: "three corners", 4: "four corners"}[int(k)]

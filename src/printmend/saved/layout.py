@@ -73,6 +73,33 @@ class Design:
         """The number of columns that are no harmonics of mean, play or elastic: they come first."""
         return self.parts["mean_cos"].start
 
+    @property
+    def place_at(self) -> int:
+        """The number of the parameter that shifts the whole belt: the constant of the mean."""
+        return self.parts["mean_powers"].start
+
+    @property
+    def scale_at(self) -> int:
+        """The number of the parameter that is the belt's scale [mm in 100 mm]: the slope of the mean."""
+        return self.place_at + 1
+
+    @property
+    def play_at(self) -> int:
+        """The number of the parameter that is the play at the axis' middle: the constant of the play."""
+        return self.parts["play_powers"].start
+
+    @property
+    def cross_at(self) -> int:
+        """The number of the first of the frame's terms: the skew, where there is one."""
+        return self.parts["cross"].start
+
+    def wave_at(self, name: str, which: int) -> list[int]:
+        """Return the numbers of cosine and sine of one harmonic of ripple, second, mean, play or elastic.
+
+        ``which`` counts from 0 within `waves` of that name: it is not the harmonic itself.
+        """
+        return [self.parts[f"{name}_{wave}"].start + which for wave in ("cos", "sin")]
+
     @cached_property
     def harmonic(self) -> np.ndarray:
         """The harmonic of every parameter [P], 0 where it has none."""

@@ -211,7 +211,7 @@ def _assemble(design: Design, bins: np.ndarray, cross: np.ndarray, gram: np.ndar
         for other in names[: i + 1]:
             j = design.waves(other)
             both = _sided(trig[:, power + blocks[other][1]], sides + blocks[other][0])
-            at = [design.parts[f"{group}_{wave}"].start for group in (name, other) for wave in ("cos", "sin")]
+            at = [*design.wave_at(name, 0), *design.wave_at(other, 0)]
             kernels.put_products(both, k, j, *at, full)
     return full[:count, :count], full[:count, count]
 

@@ -112,6 +112,13 @@ class Posterior:
     prior: Prior
     log_evidence: float
 
+    @property
+    def sds(self) -> np.ndarray:
+        """The standard deviation of every parameter [P], 0 where inactive."""
+        sds = np.zeros(len(self.values))
+        sds[self.active] = np.sqrt(np.diag(self.covariance))
+        return sds
+
 
 def solve(
     design: Design, normal: Normal, active: np.ndarray, prior: Prior, sigma_mm: float, *, rounds: int

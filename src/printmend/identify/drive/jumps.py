@@ -249,7 +249,7 @@ def _steps(rows: Rows, design: Design, values: np.ndarray, axis: Axis) -> tuple[
         offset = np.zeros(len(rows))
         for k, size in zip(at, sizes, strict=True):
             offset[measured[k] :] += size
-    gain = 1.0 + float(values[design.parts["mean_powers"]][1]) / 100.0
+    gain = 1.0 + float(values[design.scale_at]) / 100.0
     return (
         [int(measured[k]) for k in at],
         list(map(float, sizes)),
@@ -317,4 +317,4 @@ def _increments(
             values = np.linalg.solve(matrix + precision, (steps.T @ (weight * wanted)) / sigma**2)
         left = wanted - steps @ values
     loss = float(np.minimum(np.abs(left), least_mm).mean())
-    return Increments(values, left, loss, 1.0 + float(values[design.parts["mean_powers"]][1]) / 100.0)
+    return Increments(values, left, loss, 1.0 + float(values[design.scale_at]) / 100.0)

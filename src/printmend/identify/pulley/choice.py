@@ -185,7 +185,7 @@ def _lowered(
     # Offset and play are chosen such that the series lies on the outline at the measured places.
     mean, play = design.columns(places.motor_mm, rows.period_mm, rows.origin_mm)
     columns = mean + places.side[:, None] / 2 * play
-    rest = [design.parts[part].start for part in ("mean_powers", "play_powers")][: len(found.rest)]
+    rest = [design.place_at, design.play_at][: len(found.rest)]
     columns[:, rest] = 0.0
     value, slope = found.outline.unwound(q, places.angle_rad)
     at = places.radius_mm * value + places.columns @ found.rest
@@ -220,7 +220,7 @@ def to_parameters(design: Design, period_mm: float, *, loose: bool = False) -> n
     """
     radius_mm = period_mm / TURN_RAD
     to = np.zeros((design.size, 1 + 2 * HARMONICS))
-    to[design.parts["mean_powers"].start + 1, 0] = SCALE_MM
+    to[design.scale_at, 0] = SCALE_MM
     k = np.arange(HARMONICS)
     to[design.parts["mean_sin"].start + k, 1 + k] = radius_mm
     to[design.parts["mean_cos"].start + k, 1 + HARMONICS + k] = radius_mm

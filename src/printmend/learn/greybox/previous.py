@@ -71,7 +71,7 @@ class Remembered:
     def covariance(self, phase_rad: float, drift: "Drift") -> np.ndarray:
         """Return the prior's covariance [P, P] mm²: what was unsure, and what may have changed since."""
         moved = drift_mm(self.design)
-        moved[self.design.parts["mean_powers"].start] *= drift.place
+        moved[self.design.place_at] *= drift.place
         moved[self.design.parts["play_powers"]] *= drift.play
         moved[self.design.parts["cross"]] *= drift.scale
         moved[self.design.parts["mean_powers"]][1:] *= drift.scale
@@ -89,7 +89,7 @@ def aged(past: Remembered, years: float, grown: Mapping[str, tuple[float, float]
     """
     values, design = past.values.copy(), past.design
     variance = past.sds**2 + (WALK_A_YEAR * drift_mm(design)) ** 2 * years
-    places = {"play": design.parts["play_powers"].start, "scale": design.parts["mean_powers"].start + 1}
+    places = {"play": design.play_at, "scale": design.scale_at}
     for kind, (more, sd) in grown.items():
         at = places[kind]
         if past.known[at]:

@@ -72,7 +72,7 @@ def with_learned_pulley(rows: Rows, choice: Choice, mixture: Mixture) -> Choice:
 def _posterior(design: Design, normal: Normal, sigma_mm: float, period_mm: float, mixture: Mixture) -> Posterior:
     """Return the posterior of all parameters, with the mixture as the prior of those of the pulley's shape."""
     shape = np.zeros(design.size, bool)
-    shape[design.parts["mean_powers"].start + 1] = True
+    shape[design.scale_at] = True
     shape |= design.mask("mean")
     rest = ~shape
     unit = to_parameters(design, period_mm)[shape]  # [1 + 2K, D]: parameters = unit @ θ
