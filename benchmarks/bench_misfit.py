@@ -33,7 +33,9 @@ NAMES = {
     "shifted-1": {"rows-shifted"}, "shifted-3": {"rows-shifted"}, "half-shifted-1": {"rows-shifted"},
     "table-shifted-1": {"rows-shifted"}, "swapped": {"refused"}, "mirrored": {"refused"}, "inches": {"refused"},
     "turned-1": {"turned", "moved"}, "outliers-5": {"left-out"}, "outliers-20": {"left-out"}, "half-bed": {"unseen"},
+    "preset": {"printer"},
 }  # fmt: skip
+OTHERS = {"ender3": "corexy", "ender5": "voron2-250", "corexy": "cr10s"}  # whose print the kind "preset" is taken for
 QUIET = {"unseen", "moved"}  # true of many good traces
 
 
@@ -45,8 +47,11 @@ def said(kind: str, preset: str, probe: str, cost_mm: float, rng: np.random.Gene
     print_of = made.sized(kind, one, path, cost_mm, seed) if kind in made.SIZED else made.printed(one, path)
     table = made.table_of(print_of, float(rng.choice([0.02, 0.05])), rng, dots)
     table = made.TABLES[kind](table, rng) if kind in made.TABLES else table
+    printer = read_printer(OTHERS[preset] if kind == "preset" else preset)
     try:
-        model = learn_model(Trace(table[:, :2], table[:, 2:], homed=True), read_printer(preset))
+        model = learn_model(
+            Trace(table[:, :2], table[:, 2:], homed=bool((table[0, :2] == printer.home_mm).all())), printer
+        )
     except TraceError:
         return {"refused"}
     idlers = {"second-period" for each in model.document["diagnosis"] if each["kind"].startswith("period-")}
@@ -59,7 +64,7 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=6)
     parser.add_argument("--cost-mm", type=float, default=0.06)
     parser.add_argument("--preset", choices=sorted(made.BEDS), action="append")
-    parser.add_argument("--kind", choices=("none", *made.SIZED, *made.TABLES), action="append")
+    parser.add_argument("--kind", choices=("none", "preset", *made.SIZED, *made.TABLES), action="append")
     options = parser.parse_args()
     print(f"{'misfit':16} {'draws':>5} {'named':>6} {'found':>6}  said")
     with tempfile.TemporaryDirectory() as folder:
@@ -68,7 +73,7 @@ def main() -> None:
             file = Path(folder) / f"{preset}.gcode"
             subprocess.run([PRINTMEND, "probe", "--printer", preset, "-o", str(file)], check=True, capture_output=True)  # noqa: S603 — our own program
             probes[preset] = file.read_text()
-        for kind in options.kind or ("none", *made.SIZED, *made.TABLES):
+        for kind in options.kind or ("none", "preset", *made.SIZED, *made.TABLES):
             heard = [
                 said(kind, preset, text, options.cost_mm, np.random.default_rng([options.seed, draw, number]))
                 for number, (preset, text) in enumerate(probes.items())

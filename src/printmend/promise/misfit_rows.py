@@ -74,14 +74,16 @@ def in_order(trace: Trace, printer: Printer) -> InOrder:
         return InOrder(trace)
     if _goes_backwards(trace, printer):
         again = _turned_round(trace, printer)
-        if _learned(again, printer).left_mm < BETTER_SHARE * (left_mm := _learned(trace, printer).left_mm):
+        if learned_roughly(again, printer).left_mm < BETTER_SHARE * (
+            left_mm := learned_roughly(trace, printer).left_mm
+        ):
             return _put_right(again, "the rows were in the reversed order", left_mm, kind="rows-reversed")
     plain = _map(commanded, measured)
     plain_mm = _missed_mm(plain, commanded, measured)
     backwards = _map(commanded, measured[::-1])
     if _missed_mm(backwards, commanded, measured[::-1]) < BETTER_SHARE * plain_mm:
         again = _with(trace, seen, measured[::-1])
-        if _learned(again, printer).left_mm < BETTER_SHARE * _learned(trace, printer).left_mm:
+        if learned_roughly(again, printer).left_mm < BETTER_SHARE * learned_roughly(trace, printer).left_mm:
             return _put_right(again, "the measured rows were in the reversed order", plain_mm, kind="rows-reversed")
     shifted = _shifted(trace, seen, printer, _mapped(plain, trace.commanded_mm))
     if shifted is not None:
@@ -165,9 +167,9 @@ def _shifted(trace: Trace, seen: np.ndarray, printer: Printer, places_mm: np.nda
     for _ in range(HISTORY_ROUNDS):
         learned = None
         for again, words in _undone(trace, seen, places_mm):
-            one = _learned(again, printer)
+            one = learned_roughly(again, printer)
             if not np.isfinite(least_mm):
-                least_mm = BETTER_SHARE * _learned(trace, printer).left_mm
+                least_mm = BETTER_SHARE * learned_roughly(trace, printer).left_mm
             if one.left_mm < least_mm:
                 best, least_mm, learned = (again, words), one.left_mm, one
         if learned is None:
@@ -238,14 +240,15 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Learned:
+class RoughlyLearned:
     """Roughly learned drives: the mean distance that they leave, ``left_mm``, and where they print every row [N, 2]."""
 
     left_mm: float
     places_mm: np.ndarray
 
 
-def _learned(trace: Trace, printer: Printer) -> _Learned:
+def learned_roughly(trace: Trace, printer: Printer) -> RoughlyLearned:
+    """Return the drives' main parts alone, of a long trace as some of its rows show them."""
     full = [replace(row, period_mm=likeliest_period_mm(row)) for row in motor_rows(trace, printer)]
     with threadpool_limits(1, user_api="blas"):
         found = [main_parts(row) for row in trial_of(full, np.random.default_rng(0)).rows(full)]
@@ -255,7 +258,7 @@ def _learned(trace: Trace, printer: Printer) -> _Learned:
         cross = cross_columns(choice.design, row, slice(None)) @ values[choice.design.parts["cross"]]
         belts.append(contacts(choice.design, values, row).belt_mm + cross)
     places = np.asarray(printer.from_motor(np.stack(belts, axis=1)))
-    return _Learned(sum(choice.fit.loss_mm for choice in found), places)
+    return RoughlyLearned(sum(choice.fit.loss_mm for choice in found), places)
 
 
 def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:

@@ -138,11 +138,11 @@ def _near(residual_mm: np.ndarray) -> np.ndarray:
     """Tell which rows [M] are tested: all, unless outliers are so many that together they would look like a pattern, or
     so few that they are single rows: where some of a table were deleted, the nozzle came to the next ones from
     elsewhere, and after a long move."""
-    outlier = np.abs(residual_mm) > CLIP_SIGMAS * _spread_mm(residual_mm)
+    outlier = np.abs(residual_mm) > CLIP_SIGMAS * spread_mm(residual_mm)
     return np.arange(len(residual_mm)) if SINGLE < outlier.mean() <= MANY_LOST else np.flatnonzero(~outlier)
 
 
-def _spread_mm(residual_mm: np.ndarray) -> float:
+def spread_mm(residual_mm: np.ndarray) -> float:
     """Return a standard deviation by quantile: 68 % of the residuals are not larger.
 
     Unlike one by the median, it includes a pattern in half of the rows, as of play that wears on one side; a third of
@@ -189,7 +189,7 @@ def _repeated(
 def _explained(
     motor: int, offered: list[Candidate], one: LawRows, residual_mm: np.ndarray, basis: np.ndarray
 ) -> list[Cause]:
-    sigma, (left, spare) = _spread_mm(residual_mm), _left(residual_mm, basis)
+    sigma, (left, spare) = spread_mm(residual_mm), _left(residual_mm, basis)
     found: list[Cause] = []
     while len(found) < MOST_CAUSES:
         tried = [_tried(motor, each, one, left, basis, spare, SURE_NATS) for each in offered]
@@ -215,7 +215,7 @@ def _left(residual_mm: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, int]:
 
     ``basis`` [M, Q] is an orthonormal basis of the parts' columns.
     """
-    most_mm = CLIP_SIGMAS * _spread_mm(residual_mm)
+    most_mm = CLIP_SIGMAS * spread_mm(residual_mm)
     left = np.clip(residual_mm, -most_mm, most_mm)
     return left - basis @ (basis.T @ left), max(len(left) - basis.shape[1], 1)
 

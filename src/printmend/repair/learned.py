@@ -24,6 +24,7 @@ from printmend.printer import Printer
 from printmend.promise.apply import acting, still_words
 from printmend.promise.effects import Effect
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
+from printmend.promise.misfit_printer import another_printers
 from printmend.promise.misfit_rows import in_order, repeated
 from printmend.promise.misfit_tests import (
     IN_TIME,
@@ -162,6 +163,7 @@ def _of_the_end(
     """Return the model, learned again as of the print's end where something changed for good, what does not fit, and
     what that may do to new prints."""
     causes = causes_of(box, trace, guides=True)
+    whose = another_printers(box, trace, causes)
     fit, box, trace, rails = _beside_rails(fit, box, trace, causes, learn)
     if any(cause.candidate.kind == "rail-wave" for cause in causes):  # else no guide's wave was told from the others
         causes = causes_of(box, trace)
@@ -176,9 +178,10 @@ def _of_the_end(
             gone, _ = effects_of(newer, moved, timed, state)
             effects, explained = effects_of(newer, moved, stay)
             misfits = found_in(newer, moved, (*other, *timed, *stay), state, carried)
-            return again, moved, misfits, ((*bent, *gone, *effects), explained)
+            return again, moved, (*whose, *misfits), ((*bent, *gone, *effects), explained)
     effects, explained = effects_of(box, trace, causes)
-    return fit, trace, found_in(box, trace, (*other, *causes), carried=carried), ((*bent, *effects), explained)
+    misfits = found_in(box, trace, (*other, *causes), carried=carried)
+    return fit, trace, (*whose, *misfits), ((*bent, *effects), explained)
 
 
 def _beside_rails(

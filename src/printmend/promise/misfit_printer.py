@@ -1,0 +1,69 @@
+"""Whose print is it? A table that a printer of the other kinematics explains far better than the printer it is said
+to be of.
+
+Pulleys and play of a printer with a motor for each axis go with x and y, those of a CoreXY with x + y and x − y: each
+leaves much of what the other one does. So drives of the other kinematics, roughly learned, are held against the model
+with all its parts and every cause that was found beside them. A healthy printer's table could be either's.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.identify.drive.fit import independent_share, robust_sigma_mm
+from printmend.learn.greybox.model import GreyboxModel
+from printmend.path import Trace
+from printmend.promise.effects import VARIES
+from printmend.promise.misfit import WARNING, Misfit
+from printmend.promise.misfit_rows import learned_roughly
+from printmend.promise.misfit_tests import CLIP_SIGMAS, LEAST_ROWS, Cause, effects_of, spread_mm
+
+LEAST_MM2 = 1e-12  # added to mean squares: those of an exact trace are 0
+LEAST_NATS = 100.0  # log likelihood that the other kinematics must gain
+# They must leave less than this share of what the model leaves: less beside a CoreXY's, whose rails may have play.
+BETTER_SHARE = {"cartesian": 0.7, "corexy": 0.5}
+
+
+def another_printers(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tuple[Misfit, ...]:
+    """Return a warning where a printer of the other kinematics explains the trace far better than the model and the
+    ``causes`` that were found beside it.
+
+    A guide's wave is none of these: it pushes an axis across itself, which no drive of that axis does.
+    """
+    residual = [drive.choice.fit.touch.residual_mm for drive in box.drives]
+    if trace.wall_rows.any() or any(len(each) != len(trace) for each in residual):
+        return ()
+    own = np.stack(residual, axis=1)
+    _, explained = effects_of(box, trace, tuple(each for each in causes if each.candidate.kind != "rail-wave"), VARIES)
+    is_corexy = box.printer.kinematics == "corexy"
+    other = replace(box.printer, kinematics="cartesian" if is_corexy else "corexy")
+    theirs_mm = trace.measured_mm - learned_roughly(trace, other).places_mm
+    known = np.isfinite(own).all(axis=1) & np.isfinite(theirs_mm).all(axis=1)
+    if known.sum() < LEAST_ROWS:
+        return ()
+    ours = [_squares(np.asarray(box.printer.from_motor(each[known]))) for each in (own, own - explained)]
+    our, their = min(ours, key=np.linalg.det), _squares(theirs_mm[known])
+    share = min(independent_share(each, robust_sigma_mm(each)) for each in theirs_mm[known].T)
+    nats = share * float(known.sum()) / 2 * float(np.log(np.linalg.det(our) / np.linalg.det(their)))
+    ours_mm, left_mm = (float(np.sqrt(np.trace(each))) for each in (our, their))
+    if nats < LEAST_NATS or left_mm > BETTER_SHARE[box.printer.kinematics] * ours_mm:
+        return ()
+    if is_corexy:
+        words = (
+            f"the table looks as if a printer with a motor for each axis made it, no CoreXY: such a one leaves "
+            f"{left_mm:.2f} mm unexplained, this one {ours_mm:.2f}. If it is another printer's, learn again with that "
+            "--printer; if not, the rails or the head have play, not the belts"
+        )
+    else:
+        words = (
+            f"the table looks as if a CoreXY made it, no printer with a motor for each axis: that leaves {left_mm:.2f} "
+            f"mm unexplained, this one {ours_mm:.2f}. If it is another printer's, learn again with that --printer"
+        )
+    return (Misfit("printer", WARNING, ours_mm, nats, words),)
+
+
+def _squares(residual_mm: np.ndarray) -> np.ndarray:
+    """Return the mean squares and products [2, 2] mm² of residuals [M, 2], outliers counting as less."""
+    most_mm = CLIP_SIGMAS * np.array([spread_mm(each) for each in residual_mm.T])
+    clipped = np.clip(residual_mm, -most_mm, most_mm)
+    return np.asarray(clipped.T @ clipped / len(clipped) + LEAST_MM2 * np.eye(2))
