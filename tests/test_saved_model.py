@@ -1,16 +1,19 @@
 """printer.mend.json: what is written is read back, and everything else ends in one clear line."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from printmend.corruption import HEALTHY, sample
+from printmend.corruption import HEALTHY, Corruption, Drive, sample
 from printmend.errors import ModelError
+from printmend.files import MAX_TEXT_BYTES
 from printmend.machine import Frame, Mechanism
 from printmend.printer import read_printer
 from printmend.saved import Branches, Wave
 from printmend.saved.model import (
+    MOST_WRITTEN,
     branches_of,
     exact_model,
     model_text,
@@ -53,6 +56,21 @@ def test_exact_models_are_read_back(family: str, name: str, tmp_path) -> None:
         assert (np.diff(got.lower_mm) >= 0).all()
         assert (got.lower_mm <= got.upper_mm).all()
     assert np.abs(truth.frame.coefficients_mm - again.mechanism.frame.coefficients_mm).max() < 1e-8
+
+
+def test_tables_of_a_printer_with_fine_steps_are_read_back() -> None:
+    """They are written as coarsely as a file may have them: 220 mm at 256 to each of 400 steps are 1.7 million."""
+    fine = {"microsteps": 256, "steps_per_turn": 400}
+    printer = replace(ENDER3, x=replace(ENDER3.x, **fine), y=replace(ENDER3.y, **fine))
+    worn = sample("smooth", np.random.default_rng(3)).drives[0]
+    truth = Corruption((worn, Drive())).lower(printer)
+    text = model_text(exact_model(truth))
+    assert 4 * len(text) < MAX_TEXT_BYTES  # tables of both sides of both motors
+    got = parse_model(text, subject="text").mechanism.transmissions[0]
+    assert len(got.lower_mm) <= MOST_WRITTEN
+    bed_mm = np.linspace(0.0, 220.0, 5001)
+    want, read = (each.branches_mm(bed_mm)[0] for each in (truth.homed().transmissions[0], got))
+    assert np.abs(want - read).max() < 1e-6
 
 
 def test_series_are_read_back_to_the_same_tables() -> None:
