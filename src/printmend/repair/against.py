@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -17,9 +18,24 @@ from printmend.saved import exact_model
 from printmend.twin.twin import Twin
 
 _CHORD_MM = 0.002  # how far an arc's chords may lie from it
-_SAMPLE_MM = 0.5  # of path between two places that are judged
-_SAME_FILAMENT = 0.01  # share by which two files' filament may differ
-_NEAR_MM, _STRETCH_RATIO = 5.0, 8  # of path before and after a stretch of filament; a stretch is so many times that
+_SAMPLE_MM = 0.5  # most path between two places that are judged
+_FILAMENT_SHARE = 0.01  # most by which the filament of the two files may differ, as a share
+# A rising path is judged stretch by stretch, each against the wanted path of the same filament and a little more.
+_NEAR_MM = 5.0  # that little more: length of wanted path before and after a stretch
+_STRETCH_RATIO = 8  # length of a stretch, in `_NEAR_MM`
+
+
+class _Places(NamedTuple):
+    """Places [S] along the extruded path of a file, as they are printed.
+
+    ``layer`` is the layer of the wanted path that a place belongs to, ``distance_mm`` how far it lies from that path,
+    ``length_mm`` the length of path that it stands for, and ``rise_mm`` by how much it lies too high.
+    """
+
+    layer: np.ndarray
+    distance_mm: np.ndarray
+    length_mm: np.ndarray
+    rise_mm: np.ndarray
 
 
 def judge_gcode(source: str | Path, output: str | Path, twin: Twin) -> Prediction:
@@ -50,7 +66,7 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
             came=f"{given.layer.max(initial=-1) + 1}", todo="give the file that was made from it",
         )  # fmt: skip
     used, got = _advance(wanted).sum(), _advance(given).sum()
-    if not same and abs(got - used) > _SAME_FILAMENT * used:
+    if not same and abs(got - used) > _FILAMENT_SHARE * used:
         raise GcodeError(
             output, wanted=f"the {used:.1f} mm of filament of {source}", came=f"{got:.1f} mm",
             todo="give the file that was made from it",
@@ -60,36 +76,39 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
     layers = []
     for number, old in enumerate(prediction.layers):
         row = dict(old)
-        for name, (layer, distance, weight, rise) in (("before", before), ("after", after)):
-            mine = layer == number
+        for name, places in (("before", before), ("after", after)):
+            mine = places.layer == number
             if mine.any():
-                row[f"{name}_rms_mm"] = _rms(distance[mine], weight[mine])
-                row[f"{name}_max_mm"] = float(distance[mine].max())
+                row[f"{name}_rms_mm"] = _rms(places.distance_mm[mine], places.length_mm[mine])
+                row[f"{name}_max_mm"] = float(places.distance_mm[mine].max())
                 if mechanism.screw is not None:
-                    row[f"{name}_height_rms_mm"] = _rms(rise[mine], weight[mine])
+                    row[f"{name}_height_rms_mm"] = _rms(places.rise_mm[mine], places.length_mm[mine])
         layers.append(row)
     heights = None
     if mechanism.screw is not None:
-        heights = (_heights(*before[2:]), _heights(*after[2:]))
+        heights = (_heights(before), _heights(after))
     return replace(
-        prediction, before=without_doubt(_errors(*before[1:3])), after=without_doubt(_errors(*after[1:3])),
+        prediction, before=without_doubt(_errors(before)), after=without_doubt(_errors(after)),
         layers=tuple(layers), commands=len(given), distance_to="the nearest wanted line of its layer", heights=heights,
     )  # fmt: skip
 
 
 def _is_sloped(moves: Moves) -> bool:
+    """Tell whether any extruding move rises or falls, as those of a spiral vase do."""
     return bool((moves.start_mm[moves.extruding, 2] != moves.end_mm[moves.extruding, 2]).any())
 
 
-def _rms(error: np.ndarray, weight: np.ndarray) -> float:
-    return float(np.sqrt(np.average(error**2, weights=weight)))
+def _rms(error_mm: np.ndarray, length_mm: np.ndarray) -> float:
+    return float(np.sqrt(np.average(error_mm**2, weights=length_mm)))
 
 
-def _heights(weight: np.ndarray, rise: np.ndarray) -> Heights:
-    return Heights(_rms(rise, weight), float(np.abs(rise).max())) if len(rise) else Heights(0.0, 0.0)
+def _heights(places: _Places) -> Heights:
+    rise_mm = places.rise_mm
+    return Heights(_rms(rise_mm, places.length_mm), float(np.abs(rise_mm).max())) if len(rise_mm) else Heights(0.0, 0.0)
 
 
-def _errors(distance: np.ndarray, weight: np.ndarray) -> Errors:
+def _errors(places: _Places) -> Errors:
+    distance, weight = places.distance_mm, places.length_mm
     if not len(distance):
         return Errors(0.0, 0.0, 0.0)
     order = np.argsort(distance)
@@ -99,10 +118,8 @@ def _errors(distance: np.ndarray, weight: np.ndarray) -> Errors:
     return Errors(_rms(distance, weight), p95, float(distance.max()))
 
 
-def _distances(
-    wanted: Moves, given: Moves, mechanism: Mechanism
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return (layer, distance to the wanted path, weight, error in height) [S] along the extruded path of ``given``.
+def _distances(wanted: Moves, given: Moves, mechanism: Mechanism) -> _Places:
+    """Return the printed places along the extruded path of ``given``, each with its distance from ``wanted``.
 
     Where a bad screw gives a layer's commands several heights, what is printed after so much filament belongs to the
     layer that the wanted path has there; on a rising path to a short stretch of it.
@@ -134,7 +151,7 @@ def _distances(
         foot = shapely.line_locate_point(strings[line], points[at], normalized=True)
         low, high = wanted.start_mm[lines, 2][line], wanted.end_mm[lines, 2][line]
         rise[mine[at]] = printed[mine[at], 2] - (low + foot * (high - low))
-    return layer, distance, weight, rise
+    return _Places(layer, distance, weight, rise)
 
 
 def _advance(moves: Moves) -> np.ndarray:

@@ -25,14 +25,19 @@ if TYPE_CHECKING:
     from printmend.draw.history import Wear
 
 YEAR_S = 365.25 * 86400.0
+MONTH_S = YEAR_S / 12
 LEAST_SD = 0.003  # least standard deviation of a fault's size [mm, % or °]: two prints of one machine differ by this
 ABSENT_SD = 0.015  # standard deviation of the size [mm, % or °] of a fault that was not found
 TREND_SIGMAS = 2.0  # standard deviations of a slope that is a trend
-REPAIRED = 0.5  # a fault whose size falls below this share of the last was repaired
+REPAIRED_SHARE = 0.5  # a fault whose size falls below this share of the last was repaired, if the fall is sure
+REPAIRED_SIGMAS = 4.0  # standard deviations that a sure fall has
 FARTHEST_YEARS = 20.0  # wear is foretold no further
+# The kinds of fault that are forms of play.
 PLAYS = ("play", "friction", "loose-belt", "play-by-angle")
-LEAST_RUN = 3  # measurements since the last repair that tell a trend
-MOST_DRAWN, DRAWN_YEARS = 4, 3.0
+LEAST_RUN = 3  # measurements since the last repair; fewer tell no trend
+MOST_DRAWN = 4  # faults in the picture, the worst
+DRAWN_YEARS = 3.0  # how far past the last measurement the picture goes
+CROSSING_DRAWS = 2000  # lines drawn to see when a trend reaches a level: a quantile of 5 % is then known to 0.5 %
 _TODO = "move it away; the model itself does not need it"
 
 
@@ -102,13 +107,13 @@ class Trend:
             return ""
         when = "before the first measurement" if self.passed.when_s is None else f"about {_month(self.passed.when_s)}"
         means = f"since then prints are off by {self.passed.effect_mm:g} mm or more for it"
-        return f"; it passed {self._said(self.passed.level)} {when}: {means}. {self._advice(self.fault.value)}"
+        return f"; it passed {self._size_words(self.passed.level)} {when}: {means}. {self._advice(self.fault.value)}"
 
     @property
     def _ahead_words(self) -> str:
         if self.crossing_s is None:
             return ""
-        said = f"it will reach {self._said(self.level)} about {_month(self.crossing_s)}"
+        said = f"it will reach {self._size_words(self.level)} about {_month(self.crossing_s)}"
         if self.earliest_s is not None:
             late = "not for years" if self.latest_s is None else _month(self.latest_s)
             said += f" (between {_month(self.earliest_s)} and {late})"
@@ -116,7 +121,7 @@ class Trend:
             return f"; {said}, and prints off by {self.effect_mm:g} mm for it: {self._advice(self.level)}"
         return f" {said[0].upper()}{said[1:]}, and prints off by {self.effect_mm:g} mm"
 
-    def _said(self, level: float) -> str:
+    def _size_words(self, level: float) -> str:
         return f"{level:.2f} {self.fault.unit}"
 
     def _advice(self, size: float) -> str:
@@ -223,13 +228,13 @@ def trends_of(events: Sequence[Mapping[str, Any]]) -> tuple[Trend, ...]:
     names: dict[tuple[str, str], tuple[str, str]] = {}
     for event in seen:
         for fault in event["faults"]:
-            family = _family(fault["kind"])
+            family = _fault_family(fault["kind"])
             names[(fault["part"], family)] = (fault["kind"] if family == "period" else family, fault["unit"])
     found = []
     for (part, family), (kind, unit) in names.items():
         sizes = []
         for event in seen:
-            one = [each for each in event["faults"] if (each["part"], _family(each["kind"])) == (part, family)]
+            one = [each for each in event["faults"] if (each["part"], _fault_family(each["kind"])) == (part, family)]
             value, sd = (one[0]["value"], one[0]["sd"]) if one else (0.0, ABSENT_SD)
             sizes.append(Size(float(event["seconds"]), abs(float(value)), max(float(sd), LEAST_SD)))
         found.append(_trend(part, kind, unit, tuple(sizes)))
@@ -245,28 +250,31 @@ def ageing_of(model_path: Path, when: datetime | None = None) -> Ageing | None:
     if not events:
         return None
     last = max(float(event["seconds"]) for event in events)
-    months = max((when or datetime.now(UTC)).timestamp() - last, 0.0) / (YEAR_S / 12)
+    months = max((when or datetime.now(UTC)).timestamp() - last, 0.0) / MONTH_S
     grown: dict[tuple[str, str], tuple[float, float]] = {}
     for trend in trends_of(events):
         if trend.fault.kind in (*PLAYS, "scale") and len(trend.sizes) - trend.since >= LEAST_RUN:
             more = trend.per_month if trend.is_sure else 0.0
             slope_sd = trend.per_month_sd if trend.is_sure else np.hypot(trend.per_month, trend.per_month_sd)
-            sd = float(np.hypot(slope_sd * months, _walk(trend) * np.sqrt(months)))
-            grown[trend.fault.part.upper(), _family(trend.fault.kind)] = (more * months, sd)
+            sd = float(np.hypot(slope_sd * months, _random_walk(trend) * np.sqrt(months)))
+            grown[trend.fault.part.upper(), _fault_family(trend.fault.kind)] = (more * months, sd)
     return Ageing(months, grown)
 
 
-def _walk(trend: Trend) -> float:
-    """Return by how much a fault strays from its trend, per root of a month: what its doubts do not explain."""
+def _random_walk(trend: Trend) -> float:
+    """Return the random walk of a fault about its trend, as a standard deviation after one month.
+
+    It is what the fault strays between measurements beyond what the doubt of each of them explains.
+    """
     run = trend.sizes[trend.since :]
-    months = np.diff([one.time_s for one in run]) / (YEAR_S / 12)
+    months = np.diff([one.time_s for one in run]) / MONTH_S
     strayed = np.diff([one.value for one in run]) - trend.per_month * months
     doubt2 = np.square([one.sd for one in run])
     excess = float(np.sum(strayed**2 - doubt2[1:] - doubt2[:-1]))
     return float(np.sqrt(max(excess, 0.0) / max(float(months.sum()), 1e-6)))
 
 
-def _family(kind: str) -> str:
+def _fault_family(kind: str) -> str:
     """Return the fault that a kind is a form of: play may look constant today and loose tomorrow, and the length with
     which an idler repeats (period-31.4) comes out a little other each time."""
     if kind.startswith("period-"):
@@ -275,10 +283,15 @@ def _family(kind: str) -> str:
 
 
 def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
+    """Fit a straight line through a fault's sizes since its last repair, each weighed by its doubt.
+
+    Where they scatter about the line by more than their doubts, the line's own doubt grows by as much.
+    """
     since = 0
     for k in range(1, len(sizes)):
         fell = sizes[k - 1].value - sizes[k].value
-        if sizes[k].value < REPAIRED * sizes[k - 1].value and fell > 4 * np.hypot(sizes[k].sd, sizes[k - 1].sd):
+        fall_sd = np.hypot(sizes[k].sd, sizes[k - 1].sd)
+        if sizes[k].value < REPAIRED_SHARE * sizes[k - 1].value and fell > REPAIRED_SIGMAS * fall_sd:
             since = k
     fault = NamedFault(part, kind, sizes[-1].value, sizes[-1].sd, unit, "")
     run = sizes[since:]
@@ -286,7 +299,7 @@ def _trend(part: str, kind: str, unit: str, sizes: tuple[Size, ...]) -> Trend:
         passed, ahead_mm = _passed(fault, run, None)
         return Trend(fault, sizes, since, 0.0, np.inf, passed, _level(fault, ahead_mm), ahead_mm, None, None, None)
     now = run[-1].time_s
-    months = np.array([(one.time_s - now) / (YEAR_S / 12) for one in run])
+    months = np.array([(one.time_s - now) / MONTH_S for one in run])
     values, sd = np.array([one.value for one in run]), np.array([one.sd for one in run])
     columns = np.stack([np.ones(len(run)), months], axis=1) / sd[:, None]
     covariance = np.linalg.pinv(columns.T @ columns)
@@ -317,7 +330,7 @@ def _passed(fault: NamedFault, run: Sequence[Size], slope: float | None) -> tupl
     level = _level(fault, effects_mm[-1])
     when_s = None
     if slope is not None:
-        when_s = run[-1].time_s - (fault.value - level) / slope * YEAR_S / 12
+        when_s = run[-1].time_s - (fault.value - level) / slope * MONTH_S
     elif smaller := [k for k, one in enumerate(run[:-1]) if one.value < level]:
         before, after = run[smaller[-1]], run[smaller[-1] + 1]
         share = (level - before.value) / max(after.value - before.value, 1e-9)
@@ -331,13 +344,13 @@ def _crossing(
     here: float, slope: float, covariance: np.ndarray, level: float, now_s: float
 ) -> tuple[float | None, float | None, float | None]:
     """Return when a line reaches a level and the 90 % range of that (Fieller's would be exact; drawn lines do)."""
-    drawn = np.random.default_rng(0).multivariate_normal([here, slope], covariance, 2000)
+    drawn = np.random.default_rng(0).multivariate_normal([here, slope], covariance, CROSSING_DRAWS)
     with np.errstate(divide="ignore", invalid="ignore"):
         months = np.where(drawn[:, 1] > 0, np.maximum(level - drawn[:, 0], 0.0) / drawn[:, 1], np.inf)
     low, high = np.quantile(months, (0.05, 0.95), method="nearest")
 
     def at(month: float) -> float | None:
-        return now_s + month * YEAR_S / 12 if month < 12 * FARTHEST_YEARS else None
+        return now_s + month * MONTH_S if month < 12 * FARTHEST_YEARS else None
 
     return at((level - here) / slope), at(float(low)), at(float(high))
 
@@ -390,7 +403,7 @@ def _drawn(trend: Trend) -> "Wear":
     farthest = last + DRAWN_YEARS * YEAR_S
     if trend.is_sure:
         ends = trend.sizes[trend.since].time_s, min(trend.crossing_s or last, farthest)
-        low, high = (trend.fault.value + trend.per_month * (end - last) / (YEAR_S / 12) for end in ends)
+        low, high = (trend.fault.value + trend.per_month * (end - last) / MONTH_S for end in ends)
         line = (ends[0], low), (ends[1], high)
     if trend.earliest_s is not None and trend.earliest_s < farthest:
         reached = trend.earliest_s, min(trend.latest_s or farthest, farthest)

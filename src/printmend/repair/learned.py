@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.diagnosis.diagnosis import Diagnosis, diagnose, doubt_of
+from printmend.diagnosis.diagnosis import diagnose, doubt_of
 from printmend.diagnosis.screw import ScrewFound, find_screw
 from printmend.errors import ConfigError
 from printmend.identify.drive import ALL_SEEN
@@ -48,7 +48,7 @@ _HYBRIDS = (AUTO, "hybrid")
 Planar = TypeVar("Planar", bound=WorldModel)
 FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's is moved there
 MOST_DOUBT_MM = 0.5  # with a larger doubt of the error at home, an origin is not moved there
-PLANE_FACTOR = 2**0.5  # RMS distance on the bed, in standard deviations of one coordinate
+PLANE_FACTOR = 2**0.5  # RMS distance on the bed over the standard deviation of one coordinate
 LEAST_POWER_MM = 1e-9  # a smaller coefficient of a power above the 0th counts as none: it is what rounding leaves
 DIGESTS = "measurements"  # the document's key of what tells the measurements that it was learned from
 Z_SAID = "z"  # the document's key of what was said of Z, kind by kind
@@ -96,7 +96,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     ordered = in_order(near_bed(with_walls(trace, printer)), printer)
     ordered = replace(ordered, found=(*repeated(trace, copies), *ordered.found))
     trace = ordered.trace
-    fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
+    fit, found = fit_beside_screw(trace, printer, lambda clean: _fit_planar(clean, printer, model, rng), rng=rng)
     moved: tuple[Misfit, ...] = ()
     if (box := _box_of(fit)) is not None:
         again, moved = as_printed(box, trace)
@@ -107,7 +107,9 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
                 flat = replace(found.trace, placed=again.placed, instrument=again.instrument)
                 found = replace(found, trace=flat)
         elif moved:
-            fit, found = fit_beside_screw(trace, printer, lambda clean: _planar(clean, printer, model, rng), rng=rng)
+            fit, found = fit_beside_screw(
+                trace, printer, lambda clean: _fit_planar(clean, printer, model, rng), rng=rng
+            )
     flat = trace if found is None else found.trace
     if (box := _box_of(fit)) is None or _is_partial(box):
         fit = _completed(fit, flat, printer, model, rng)
@@ -116,19 +118,19 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         is_whole = not _is_partial(box)  # then what it leaves is learned once, of the time that the model is to be of
 
         def anew(clean: Trace) -> WorldModel:
-            newer = _planar(clean, printer, model, rng)
+            newer = _fit_planar(clean, printer, model, rng)
             return newer if is_whole else _completed(newer, clean, printer, model, rng)
 
-        fit, flat, misfits, (effects, explained) = _of_the_end(fit, box, flat, anew)
+        fit, flat, misfits, (effects, explained) = _learned_with_causes(fit, box, flat, anew)
         box = _box_of(fit) or box
         fit = _completed(fit, flat, printer, model, rng) if is_whole else fit
-        # what is too small to be said is not worth a model that a second print cannot bring up to date
+        # A hybrid cannot be brought up to date by a second print: it must bring findings that are worth telling.
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
         more = {"misfit": misfit_section((*ordered.found, *moved, *misfits), effects), DIGESTS: list(digests)}
         drifting_mm = unrest_mm(box, flat)
         saved = greybox_model(box, flat, hybrid=hybrid, more=more, explained_mm=explained, drifting_mm=drifting_mm)
         if found is not None and not found.is_silent:
-            saved = told(saved, found, found.series, trace)
+            saved = with_screw_found(saved, found, found.series, trace)
         return Learned(saved, box, flat, () if hybrid is None else hybrid.findings)
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
@@ -157,21 +159,25 @@ def near_bed(trace: Trace) -> Trace:
     return replace(trace, measured_mm=trace.measured_mm - shift)
 
 
-def _of_the_end(
+def _learned_with_causes(
     fit: WorldModel, box: GreyboxModel, trace: Trace, learn: Callable[[Trace], WorldModel]
 ) -> tuple[WorldModel, Trace, tuple[Misfit, ...], tuple[tuple[Effect, ...], np.ndarray]]:
-    """Return the model, learned again as of the print's end where something changed for good, what does not fit, and
-    what that may do to new prints."""
+    """Ask what causes the misfit of a fit, and learn again where the answer makes that better.
+
+    A trace is freed of the waves of guides, and where something changed for good during the print, all of it is put as
+    it was at the print's end. Returns the model, the trace that it was learned from, the misfits that are left to tell,
+    and what these may do to new prints with what they explain of the rows [N, 2] mm, motor by motor.
+    """
     causes = causes_of(box, trace, guides=True)
     whose = another_printers(box, trace, causes)
-    fit, box, trace, rails = _beside_rails(fit, box, trace, causes, learn)
+    fit, box, trace, rails = _learned_without_guides(fit, box, trace, causes, learn)
     if any(cause.candidate.kind == "rail-wave" for cause in causes):  # else no guide's wave was told from the others
         causes = causes_of(box, trace)
     bent = rail_effects(box, trace, rails)
     carried, other = (rails, ()) if is_printers(trace) else ((), rails)
     if (later := of_the_end(box, trace, causes)) is not None:
         moved, state = later
-        again = _waved(learn(moved), box.mechanism.frame.waves)
+        again = _with_guide_waves(learn(moved), box.mechanism.frame.waves)
         if (newer := _box_of(again)) is not None and newer.residual_after_mm <= box.residual_after_mm:
             timed = tuple(cause for cause in causes if cause.candidate.kind in IN_TIME)
             stay = tuple(cause for cause in causes_of(newer, moved) if cause.candidate.kind not in IN_TIME)
@@ -184,12 +190,15 @@ def _of_the_end(
     return fit, trace, (*whose, *misfits), ((*bent, *effects), explained)
 
 
-def _beside_rails(
+def _learned_without_guides(
     fit: WorldModel, box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], learn: Callable[[Trace], WorldModel]
 ) -> tuple[WorldModel, GreyboxModel, Trace, tuple[Cause, ...]]:
-    """Return the model learned again from a trace without what wavy guides do, with these in its frame where they are
-    the printer's, that trace, and the waves; what was given, and no waves, where the motors explain the trace as
-    well."""
+    """Learn again from a trace that is freed of what wavy guides do to it.
+
+    Returns the model, its grey box, the freed trace and the causes that are guides. The model's frame has the waves
+    where the guides are the printer's own and not the instrument's. Where the motors alone explain the trace as well,
+    it returns what was given, and no causes.
+    """
     if not (rails := rails_of(box, trace, causes)):
         return fit, box, trace, ()
     freed = without_rails(box, trace, rails)
@@ -199,18 +208,18 @@ def _beside_rails(
         return fit, box, trace, ()
     if not is_printers(trace):
         return again, newer, freed, rails
-    again = _waved(again, waves_of(box.printer, rails))
+    again = _with_guide_waves(again, waves_of(box.printer, rails))
     return again, _box_of(again) or newer, freed, rails
 
 
-def _waved(fit: Planar, waves: np.ndarray) -> Planar:
+def _with_guide_waves(fit: Planar, waves: np.ndarray) -> Planar:
     """Return a learned machine whose frame has these waves [K, 6]."""
 
     def on(mechanism: Mechanism) -> Mechanism:
         return replace(mechanism, frame=replace(mechanism.frame, waves=waves))
 
     if isinstance(fit, HybridModel):
-        return replace(fit, box=_waved(fit.box, waves), mechanism=on(fit.mechanism))
+        return replace(fit, box=_with_guide_waves(fit.box, waves), mechanism=on(fit.mechanism))
     return replace(fit, mechanism=on(fit.mechanism)) if isinstance(fit, GreyboxModel) else fit
 
 
@@ -229,18 +238,25 @@ def fit_beside_screw(
     return model if found is None or found.trace is trace else fit(found.trace), found
 
 
-def _planar(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> WorldModel:
-    """Learn x and y, of a hybrid the grey box alone: what it leaves is learned once, when the trace is settled."""
+def _fit_planar(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> WorldModel:
+    """Learn x and y; of a hybrid the grey box alone.
+
+    What the grey box leaves is learned once, when the trace is settled (`_completed`).
+    """
     return learner("greybox" if model in _HYBRIDS else model).fit(trace, printer, rng=rng)
 
 
 def _completed(fit: WorldModel, trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> WorldModel:
-    """Return a hybrid's grey box with what it leaves, or with a likely shape of what was not seen."""
+    """Return a hybrid's grey box with the residuals that it leaves.
+
+    Where it leaves none to speak of and a motor was not seen over its whole turn, ``auto`` takes the likeliest shape of
+    the rest of the pulley instead.
+    """
     if model not in _HYBRIDS or not isinstance(fit, GreyboxModel):
         return fit
     fit = with_residuals(fit, trace, seed=int(rng.integers(2**31)))
     if model == AUTO and not fit.findings and _is_partial(fit.box):
-        return _waved(learner("prior").fit(trace, printer, rng=rng), fit.box.mechanism.frame.waves)
+        return _with_guide_waves(learner("prior").fit(trace, printer, rng=rng), fit.box.mechanism.frame.waves)
     return fit
 
 
@@ -255,7 +271,7 @@ def left_over_mm(box: GreyboxModel) -> np.ndarray:
     return np.asarray(box.printer.from_motor(residual))
 
 
-def told(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace: Trace) -> SavedModel:
+def with_screw_found(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace: Trace) -> SavedModel:
     """Add to a planar model what was found of Z; ``trace`` is the one with the push in it."""
     summary, *gaps = model.findings
     faults = [*model.document.get("diagnosis", []), *found.faults]
@@ -269,6 +285,7 @@ def told(model: SavedModel, found: ScrewFound, series: ScrewSeries | None, trace
 
 
 def _is_partial(fit: GreyboxModel) -> bool:
+    """Tell whether a motor was not seen over its whole turn."""
     return any(drive.sight.angles < ALL_SEEN for drive in fit.drives)
 
 
@@ -307,7 +324,7 @@ def greybox_model(
             {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
             for f in diagnosis.faults
         ],
-        "trace": _said_of(trace, fit, (hybrid or fit).residual_after_mm),
+        "trace": _trace_section(trace, fit, (hybrid or fit).residual_after_mm),
         "uncertainty": {drive.name: _uncertainty(drive) for drive in fit.drives},
         "promise": promise_section(acts, trace, explained_mm, *(() if hybrid is None else hybrid.left_and_doubt)),
         **(more or {}),
@@ -330,7 +347,7 @@ def greybox_model(
     )
 
 
-def _said_of(trace: Trace, fit: GreyboxModel, left_mm: float) -> dict[str, Any]:
+def _trace_section(trace: Trace, fit: GreyboxModel, left_mm: float) -> dict[str, Any]:
     """Return what a saved model tells of its measurement: rows, errors before and after, the instrument's scatter."""
     scatter_mm = instrument_scatter_mm(trace)
     off_mm = trace.measured_mm - trace.commanded_mm
@@ -401,11 +418,6 @@ def known_digests(model: SavedModel) -> tuple[str, ...]:
     """Return the digests of the measurements that a model was learned from, where it says them."""
     digests = model.document.get(DIGESTS)
     return tuple(map(str, digests)) if isinstance(digests, list) else ()
-
-
-def findings(diagnosis: Diagnosis) -> tuple[str, ...]:
-    """Return the diagnosis as sentences, the summary first."""
-    return (diagnosis.summary, *diagnosis.gaps)
 
 
 def scatter_words(model: SavedModel) -> str:

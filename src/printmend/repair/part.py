@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.errors import ScanError
 from printmend.gcode.read import Program, read_gcode
-from printmend.learn.walls import WallFit, fit_walls
+from printmend.learn.walls import LEAST_WALLS, WallFit, fit_walls
 from printmend.measure.distance import scaled_by_rulers
 from printmend.measure.lie import Lie, find_lie
 from printmend.measure.measurement import instrument_on_bed
@@ -29,15 +29,20 @@ from printmend.picture.silhouette import Silhouette, find_edges, find_silhouette
 from printmend.printer import Printer
 from printmend.units import MM_PER_INCH
 
-# How far a ray looks [mm], and with how many harmonics the model may bend then.
+# Round by round, how far a ray looks [mm], and how many harmonics of a turn the model has.
 CAPTURES: tuple[tuple[float, int], ...] = ((3.0, 1), (2.0, 2), (1.5, 4), (1.0, 8), (0.8, 12), (0.6, 12), (0.6, 12))
-LEAST_FOUND = 0.6  # of the walls, at last
-LARGEST_SIGMA_MM = 0.12  # walls that scatter more about the model are not those of this file
+LEAST_FOUND_SHARE = 0.6  # of the walls that a scan can show; with fewer it is another part
+LARGEST_SIGMA_MM = 0.12  # walls that scatter by more about the model are not those of this file
 EDGE_SIGMA_MM = 0.01  # standard deviation of an edge: no scan is read better
-MOST_HEIGHT_SEEN_MM = 0.04  # of a wall that faces the camera: beyond, its foot is taken for its edge
-OVERLAY_PX, ENLARGED = 2000, 10.0
-PALER, WHITER = 0.35, 160.0  # of the image under an overlay, so that marks stand out from dark plastic, too
-SEEN, MISSED, OFF = (0, 110, 0), (30, 30, 220), (230, 80, 0)
+MOST_HEIGHT_SEEN_MM = (
+    0.04  # a wall whose side the camera sees broader than this is left out: its foot is taken for its edge
+)
+OVERLAY_PX = 2000  # longer side of an overlay
+ENLARGED = 10.0  # times that an overlay enlarges what a wall lies off
+# Grey levels under an overlay become gain·level + grey, so that marks stand out from dark plastic, too.
+PALE_GAIN, PALE_GREY = 0.35, 160.0
+FOUND_COLOUR, MISSING_COLOUR, ERROR_COLOUR = (0, 110, 0), (30, 30, 220), (230, 80, 0)  # blue, green, red
+FINE = 16.0  # OpenCV draws in sixteenths of a pixel with shift=4
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +83,7 @@ def measure_part(
         match = _matched(silhouette, walls, lie, printer, page)
     edges, fit = match.edges, match.fit
     found, shown = int(np.isfinite(edges.offset_mm).sum()), int((~edges.hidden).sum())
-    if found < LEAST_FOUND * shown or fit.sigma_mm > LARGEST_SIGMA_MM:
+    if found < LEAST_FOUND_SHARE * shown or fit.sigma_mm > LARGEST_SIGMA_MM:
         raise ScanError(
             path, wanted="the walls of this file where it commands them",
             came=f"{found} of {shown} that scatter by {fit.sigma_mm:.2f} mm",
@@ -148,11 +153,12 @@ class _Match:
 
 
 def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, page: Page) -> _Match:
+    """Find the walls and learn the machine from them in turn, with ever shorter rays."""
     pose, printed, swell, fit = lie.pose, walls.commanded_mm, 0.0, None
     eye = None if page.eye_mm is None else page.eye_mm - np.array([*silhouette.corner_mm, 0.0])
     for capture_mm, harmonics in CAPTURES:
         edges = _look(silhouette, walls, pose, printed, swell, capture_mm, eye)
-        if np.isfinite(edges.offset_mm).sum() < 40:
+        if np.isfinite(edges.offset_mm).sum() < LEAST_WALLS:
             raise ScanError(
                 "the scan", wanted="edges along the part's walls", came="hardly any", todo="scan it again at 600 dpi"
             )
@@ -222,8 +228,7 @@ def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> No
     """Draw every wall place that was met, every one that was missed, and how far walls lie off, enlarged."""
     factor = min(1.0, OVERLAY_PX / max(silhouette.image.shape[:2]))
     picture = cv2.resize(silhouette.image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    picture = (picture.astype(np.float32) * PALER + WHITER).astype(np.uint8)
-    fine = 16.0
+    picture = (picture.astype(np.float32) * PALE_GAIN + PALE_GREY).astype(np.uint8)
     shown = ~edges.hidden
     off = np.nan_to_num(edges.offset_mm[shown])[:, None] * ENLARGED * silhouette.px_per_mm * edges.out_px[shown]
     ends = (edges.at_px[shown] + off) * factor
@@ -235,18 +240,18 @@ def _draw(path: Path, silhouette: Silhouette, walls: Walls, edges: _Edges) -> No
     corner = np.array([left, top])
     places, tips = edges.at_px[shown] * factor + corner, ends + corner
     thin = max(1, round(max(picture.shape[:2]) / 1000))
-    for at, end, offset in zip(places * fine, tips * fine, edges.offset_mm[shown], strict=True):
+    for at, end, offset in zip(places * FINE, tips * FINE, edges.offset_mm[shown], strict=True):
         place, tip = (tuple(int(v) for v in point) for point in (at, end))
         if not np.isfinite(offset):
-            cv2.circle(picture, place, int(4 * thin * fine), MISSED, thin, cv2.LINE_AA, 4)
+            cv2.circle(picture, place, int(4 * thin * FINE), MISSING_COLOUR, thin, cv2.LINE_AA, 4)
             continue
-        cv2.line(picture, place, tip, OFF, thin, cv2.LINE_AA, 4)
-        cv2.circle(picture, place, int(1.7 * thin * fine), SEEN, -1, cv2.LINE_AA, 4)
+        cv2.line(picture, place, tip, ERROR_COLOUR, thin, cv2.LINE_AA, 4)
+        cv2.circle(picture, place, int(1.7 * thin * FINE), FOUND_COLOUR, -1, cv2.LINE_AA, 4)
     lost = int((np.isnan(edges.offset_mm) & ~edges.hidden).sum())
     items = [
-        ("places of walls that were found", SEEN),
-        (f"how far they lie out or in, enlarged {ENLARGED:.0f} times", OFF),
-        *([(f"not found: {lost}", MISSED)] if lost else []),
+        ("places of walls that were found", FOUND_COLOUR),
+        (f"how far they lie out or in, enlarged {ENLARGED:.0f} times", ERROR_COLOUR),
+        *([(f"not found: {lost}", MISSING_COLOUR)] if lost else []),
     ]
     picture = with_legend(picture, items)
     write_image(path, picture, dpi=MM_PER_INCH * silhouette.px_per_mm * factor)

@@ -14,13 +14,13 @@ from printmend.promise.words import in_a_line, in_words
 from printmend.saved.model import SavedModel
 from printmend.units import counted
 
-_EDGE_MM = 0.5  # a print that is this little beyond the bed's edge, as slicers round it, is on it
-_GAIN_MM = 0.0005  # a smaller gain is none
+_EDGE_MM = 0.5  # a print that is less than this beyond the bed's edge, as slicers round it, is on the bed
+_LEAST_GAIN_MM = 0.0005  # a smaller gain is none: the numbers in a file resolve no more
 _NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
-_WORTH_MM = 0.03  # an expected error that may be larger than this is worth another print
+_WORTH_ADVICE_MM = 0.03  # an expected error that may be larger than this is worth another print
 _MAIN_SHARE = 0.5  # share of an expected error that must be one part's for it to be named
-_PROBE = "A whole `printmend probe`, printed and measured, settles it."
-_WORSE_SHARE = 0.05  # of the drawn machines may print no better mended
+_PROBE_TODO = "A whole `printmend probe`, printed and measured, settles it."
+_MOST_WORSE_SHARE = 0.05  # most of the drawn machines, as a share, that may print no better mended
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,12 @@ class Prediction:
     def is_better(self) -> bool:
         """Say whether mending surely gains more than the resolution of the numbers in the file."""
         if self.gain_mm is not None and self.heights is None:
-            return float(np.median(self.gain_mm)) > _GAIN_MM and float(np.quantile(self.gain_mm, _WORSE_SHARE)) > 0.0
+            is_gain = float(np.median(self.gain_mm)) > _LEAST_GAIN_MM
+            return is_gain and float(np.quantile(self.gain_mm, _MOST_WORSE_SHARE)) > 0.0
         before, after = self.before.rms_mm, self.after.rms_mm
         if self.heights is not None:
             before, after = math.hypot(before, self.heights[0].rms_mm), math.hypot(after, self.heights[1].rms_mm)
-        return before - after > _GAIN_MM
+        return before - after > _LEAST_GAIN_MM
 
     @property
     def chance_of_none(self) -> float:
@@ -227,7 +228,7 @@ def prediction_of(planner: Planner) -> Prediction:
         on_bed=bool((low_mm > bed_mm[0] - _EDGE_MM).all() and (high_mm < bed_mm[1] + _EDGE_MM).all()),
         unknown_lines=tuple(int(line) for line in counts.unknown_at[: counts.unknown]),
         heights=(heights[0], heights[1]) if planner.has_screw else None,
-        path=_path(planner.samples, layers["z"]),
+        path=_path_places(planner.samples, layers["z"]),
     )
 
 
@@ -241,7 +242,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     if outlook is None:
         return prediction
     layers = []
-    shape2 = {} if budget.placed else _shape2(prediction.path)
+    shape2 = {} if budget.placed else _square_shape_errors(prediction.path)
     for row in prediction.layers:
         more = dict(row)
         for name, whole in (("before", outlook.before), ("after", outlook.after)):
@@ -257,7 +258,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     )  # fmt: skip
 
 
-def _shape2(path: PathPlaces) -> dict[float | None, float]:
+def _square_shape_errors(path: PathPlaces) -> dict[float | None, float]:
     """Return the mean square error of the places of each height (None: of all) without the part's place."""
     left2 = shape_of(path) ** 2
     found: dict[float | None, float] = {None: float(np.average(left2, weights=path.weight))}
@@ -270,7 +271,7 @@ def _shape2(path: PathPlaces) -> dict[float | None, float]:
 
 def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     """Say what most of a mended print's doubt comes from, where it is worth another print or measurement."""
-    if after.rms_high_mm < _WORTH_MM:
+    if after.rms_high_mm < _WORTH_ADVICE_MM:
         return ()
     shares = {name: (size / max(after.rms_mm, 1e-9)) ** 2 for name, size in after.made_of.items()}
     name = max(shares, key=lambda each: shares[each])
@@ -279,7 +280,7 @@ def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     most = "most of what is left"
     if name == "parameters":
         gaps = [gap for gap in model.findings[1:] if "turn" in gap]
-        return (f"{most} is what the test print did not show. {gaps[0] if gaps else _PROBE}",)
+        return (f"{most} is what the test print did not show. {gaps[0] if gaps else _PROBE_TODO}",)
     if name == "instrument":
         return (f"{most} is the scale of the scanner: give `printmend measure` the --distance that it asks for.",)
     if name == "unexplained":
@@ -287,7 +288,7 @@ def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     return (f"{most} is {in_words(name)}: see what `printmend learn` said of it.",)
 
 
-def _path(samples: np.record, layer_z_mm: np.ndarray) -> PathPlaces:
+def _path_places(samples: np.record, layer_z_mm: np.ndarray) -> PathPlaces:
     found = samples.kept[: samples.count]
     return PathPlaces(
         found["place"].copy(), found["tangent"].copy(), found["off"].copy(), found["side"].copy(),

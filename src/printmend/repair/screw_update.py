@@ -8,7 +8,7 @@ import numpy as np
 from printmend.diagnosis.diagnosis import NAMED_SIGMAS
 from printmend.diagnosis.screw import KINDS, ScrewFound, find_screw, heights_mm, without_push
 from printmend.path import Trace
-from printmend.repair.learned import Z_SAID, told
+from printmend.repair.learned import Z_SAID, with_screw_found
 from printmend.saved import SavedModel, ScrewSeries, screw_of, with_screw
 from printmend.twin import Twin
 
@@ -21,7 +21,7 @@ def seen_screw(old: SavedModel, trace: Trace) -> ScrewFound:
     printed_mm = Twin(replace(old.mechanism, screw=None)).follow(trace.commanded_mm)
     found = find_screw(trace, old.printer, None, lambda clean: clean.measured_mm - printed_mm)
     if found is not None and (series := screw_of(old)) is not None:
-        found = _news(old, series, found)
+        found = _better_known(old, series, found)
     if found is not None and "wobble" in found.said:
         return found
     z_mm, screw = heights_mm(trace, old.printer), old.mechanism.screw
@@ -39,7 +39,7 @@ def with_seen_screw(old: SavedModel, model: SavedModel, found: ScrewFound, trace
         _merged(screw_of(old), found), found.trace, {kind: said[kind] for kind in KINDS if kind in said}, missing,
         (*faults, *found.faults),
     )  # fmt: skip
-    return told(with_screw(model, None, findings=planar, details={}), merged, merged.series, trace)
+    return with_screw_found(with_screw(model, None, findings=planar, details={}), merged, merged.series, trace)
 
 
 def screw_changes(old: SavedModel, found: ScrewFound) -> list[dict[str, Any]]:
@@ -56,8 +56,8 @@ def screw_changes(old: SavedModel, found: ScrewFound) -> list[dict[str, Any]]:
     return changes
 
 
-def _news(old: SavedModel, known: ScrewSeries, found: ScrewFound) -> ScrewFound:
-    """Leave out what the old model knows better, and the trace does not deny."""
+def _better_known(old: SavedModel, known: ScrewSeries, found: ScrewFound) -> ScrewFound:
+    """Leave out of ``found`` what the old model knows more surely and the new trace does not contradict."""
     new, said = found.series or ScrewSeries.healthy(known.lead_mm), dict(found.said)
     away = {
         "lead": 100 * abs(new.lead_error - known.lead_error),

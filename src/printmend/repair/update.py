@@ -52,8 +52,9 @@ from printmend.repair.learned import DIGESTS, greybox_model, known_digests
 from printmend.repair.screw_update import screw_changes, seen_screw, with_seen_screw
 from printmend.saved.model import SavedModel
 
-PHASES = 48  # tried turns of the pulley on its shaft
-# From a machine that stayed as it was to one with another pulley; the evidence chooses.
+PHASES = 48  # angles by which the pulley may have turned on its shaft that are tried
+TURNED_SHARE = 0.5  # another angle must leave less than this share of the residual: pulleys rarely turn
+# How far a machine may have drifted, from one that stayed as it was to one with another pulley. The evidence chooses.
 DRIFTS = (
     Drift(0.02, 0.02, 0.1), Drift(1, 0.02, 0.1), Drift(1, 1, 0.1), Drift(1, 1, 1), Drift(3, 3, 5), Drift(5, 5, 25),
 )  # fmt: skip
@@ -61,13 +62,15 @@ SYMMETRIC_SHARE = 0.98  # a turn of the pulley that matches to this share of the
 # Share of the usual drift of a print's place, where it lay as the old one did: homing repeats to 0.01 mm.
 SAME_PLACE = 0.002
 FIT_PASSES = 8  # most rounds of fitting
-REPLACED = 0.85  # where learning anew leaves less than this share of the noise, the part was replaced
+REPLACED_SHARE = 0.85  # where learning anew leaves less than this share of the noise, the part was replaced
 RESIZED_PERCENT = 1.0  # a pulley whose scale changed by more has another size
-REFUTED_RATIO = 1.3  # an old model that leaves so many times the residual of a fresh fit is wrong
+REFUTED_RATIO = 1.3  # an old model that leaves so many times the residual of a fresh fit is wrong …
+ALIKE_RATIO = 1.25  # … if the fresh fit leaves less than so many times the noise of the updated one
 LEAST_SKEW_DEG = 0.02  # a smaller change of the skew is not worth a word
-BOTH_FACTOR = 2**0.5  # standard deviation of a difference, whose two measurements have the same doubt each
-CHANGED_MM = 0.01  # a smaller change is not worth a word
-PLAIN_MM = 0.05  # a larger change is plain: it is told with two decimals
+LEAST_RESCALE_PERCENT = 0.02  # and no smaller change of the scale
+DIFFERENCE_FACTOR = 2**0.5  # standard deviation of the difference of two measurements over that of each
+LEAST_CHANGE_MM = 0.01  # a smaller change is not worth a word
+PLAIN_CHANGE_MM = 0.05  # a larger change is plain: it is told with two decimals
 
 
 @dataclass(frozen=True)
@@ -165,12 +168,12 @@ def _updated(
         replace(row, origin_mm=one.branches.middle_mm)
         for row, one in zip(motor_rows(trace, printer, _turns_mm(past)), past, strict=True)
     ]
-    chosen = [_learn_on(row, one) for row, one in zip(rows, prior, strict=True)]
+    chosen = [_updated_choice(row, one) for row, one in zip(rows, prior, strict=True)]
     if any(choice.structure.cross for choice in chosen):
         rows = with_belts(rows, chosen)
-        chosen = [_learn_on(row, one) for row, one in zip(rows, prior, strict=True)]
+        chosen = [_updated_choice(row, one) for row, one in zip(rows, prior, strict=True)]
     anew = [
-        _is_other(row, one, drive.choice, choice)
+        _is_replaced(row, one, drive.choice, choice)
         for row, one, drive, choice in zip(rows, prior, fresh.drives, chosen, strict=True)
     ]
     if any(anew):
@@ -189,8 +192,8 @@ def _updated(
         for change in _changes(printer.motors[motor].upper(), one, chosen[motor], doubt_of(trace))
     ]
     names = tuple(name.upper() for name, new in zip(printer.motors, anew, strict=True) if new)
-    details: dict[str, Any] = {"update": _section(old, changes, names)}
-    details["misfit"], explained = _misfit(old, fit, trace, said, is_anew=any(anew))
+    details: dict[str, Any] = {"update": _update_section(old, changes, names)}
+    details["misfit"], explained = _misfit_told(old, fit, trace, said, is_anew=any(anew))
     details[DIGESTS] = [*known_digests(old), digest]
     gaps = [gap for gap in old.findings[1:] if not any(gap.startswith(f"{name} ") for name in names)]
     return Updated(
@@ -213,10 +216,10 @@ def _missed_mm(old: SavedModel, trace: Trace) -> tuple[float, float] | None:
     wanted = trace.commanded_mm
     both = (print_from_home(old.mechanism, wanted), wanted)
     left, whole = (float(np.sqrt(np.var((trace.measured_mm - each)[known], axis=0).sum())) for each in both)
-    return (left, whole) if left**2 - whole**2 > PLAIN_MM**2 else None
+    return (left, whole) if left**2 - whole**2 > PLAIN_CHANGE_MM**2 else None
 
 
-def _section(old: SavedModel, changes: list[Change], anew: tuple[str, ...]) -> dict[str, Any]:
+def _update_section(old: SavedModel, changes: list[Change], anew: tuple[str, ...]) -> dict[str, Any]:
     """Return what the updated model's file says of the update."""
     plain = [
         {"part": c.part, "kind": c.kind, "before": round(c.before, 6), "now": round(c.now, 6), "sd": round(c.sd, 6),
@@ -226,7 +229,7 @@ def _section(old: SavedModel, changes: list[Change], anew: tuple[str, ...]) -> d
     return {"from": old.digest, "changes": plain, "anew": list(anew)}
 
 
-def _misfit(
+def _misfit_told(
     old: SavedModel, fit: GreyboxModel, trace: Trace, said: tuple[Misfit, ...], *, is_anew: bool
 ) -> tuple[dict[str, Any], np.ndarray]:
     """Return the section of what does not fit, and what that does to the rows, motor by motor [N, 2] mm."""
@@ -268,15 +271,17 @@ def _with_sight(fit: GreyboxModel, past: list[Remembered], anew: list[bool], gui
     return replace(fit, mechanism=mechanism, drives=(drives[0], drives[1]))
 
 
-def _learn_on(rows: Rows, past: Remembered) -> Choice:
-    """Return the motor's posterior: the phase that fits best, the likeliest drift, no new part without support."""
+def _updated_choice(rows: Rows, past: Remembered) -> Choice:
+    """Return what a motor's drive is like by now, given the old one as the prior.
+
+    It takes the angle of the pulley that fits best, the likeliest drift, and no new part without support.
+    """
     phases = np.arange(PHASES) * (2 * np.pi / PHASES)
     phase = 0.0
     if past.values[past.design.mask("mean")].any():
-        # A pulley that did not turn is by far the likeliest: another phase must halve the residual.
         losses = [_loss_mm(past, past.turned(float(turn)), rows) for turn in phases]
         best = int(np.argmin(losses))
-        phase = float(phases[best]) if losses[best] < 0.5 * losses[0] else 0.0
+        phase = float(phases[best]) if losses[best] < TURNED_SHARE * losses[0] else 0.0
     active = np.ones(past.design.size, bool)
     fit = _likeliest(rows, past, active, phase)
     if (unneeded := _unneeded(past, fit)).any():
@@ -289,7 +294,7 @@ def _learn_on(rows: Rows, past: Remembered) -> Choice:
     return Choice(_structure(past, active), past.design, fit)
 
 
-def _is_other(rows: Rows, past: Remembered, fresh: Choice, updated: Choice) -> bool:
+def _is_replaced(rows: Rows, past: Remembered, fresh: Choice, updated: Choice) -> bool:
     """Say whether a fresh fit should take the place of the updated one: the old model was of another part.
 
     Either it leaves clearly less noise (any less where the pulley has another size: none grows by wear), or it finds a
@@ -298,13 +303,13 @@ def _is_other(rows: Rows, past: Remembered, fresh: Choice, updated: Choice) -> b
     ratio = fresh.fit.posterior.sigma_mm / updated.fit.posterior.sigma_mm
     at = past.design.scale_at
     resized = abs(updated.fit.posterior.values[at] - past.values[at]) > RESIZED_PERCENT
-    if ratio < (1.0 if resized else REPLACED):
+    if ratio < (1.0 if resized else REPLACED_SHARE):
         return True
     values = past.values.copy()
     if not resized:  # another scanner's scale is no other part
         values[at] = updated.fit.posterior.values[at]
     refuted = _loss_mm(past, values, rows) > REFUTED_RATIO * fresh.fit.loss_mm
-    return _is_healthy(fresh) and refuted and ratio < 1.25
+    return _is_healthy(fresh) and refuted and ratio < ALIKE_RATIO
 
 
 def _is_healthy(choice: Choice) -> bool:
@@ -440,7 +445,7 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
     def compare(kind: str, what: str, before: float, after: float, sd: float, unit: str, least: float) -> None:
         if abs(after - before) > max(NAMED_SIGMAS * sd, least):
             verb = "grew" if abs(after) > abs(before) else "shrank"
-            digits, space = 2 if abs(after - before) >= PLAIN_MM else 3, "" if unit == "°" else " "
+            digits, space = 2 if abs(after - before) >= PLAIN_CHANGE_MM else 3, "" if unit == "°" else " "
             old, new = (round(value, digits) + 0.0 for value in (before, after))  # never −0
             words = f"{name} {what} {verb} from {old:.{digits}f} to {new:.{digits}f}{space}{unit} (± {sd:.3f})"
             found.append(Change(name, kind, before, after, sd, unit, words))
@@ -448,16 +453,16 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
     at = design.play_at
     known, seen = (max(float(values[at]), 0.0) for values in (past.values, post.values))  # as the tables have it
     compare("play", "belt play", known, seen, float(np.hypot(past.sds[at], sds[at])), "mm",
-            CHANGED_MM)  # fmt: skip
+            LEAST_CHANGE_MM)  # fmt: skip
     at = design.scale_at
-    sd = float(np.linalg.norm([past.sds[at], sds[at], BOTH_FACTOR * doubt.scale_percent]))
-    compare("scale", "scale error", past.values[at], post.values[at], sd, "%", 0.02)
+    sd = float(np.linalg.norm([past.sds[at], sds[at], DIFFERENCE_FACTOR * doubt.scale_percent]))
+    compare("scale", "scale error", past.values[at], post.values[at], sd, "%", LEAST_RESCALE_PERCENT)
     if design.cross and design.cross[0] == (0, 1):  # mm in 100 mm
         at = design.cross_at
         before, after = (float(np.degrees(np.arctan(values[at] / 100))) for values in (past.values, post.values))
-        sd = float(np.hypot(np.degrees(np.hypot(past.sds[at], sds[at]) / 100), BOTH_FACTOR * doubt.skew_deg))
+        sd = float(np.hypot(np.degrees(np.hypot(past.sds[at], sds[at]) / 100), DIFFERENCE_FACTOR * doubt.skew_deg))
         compare("skew", "axis' skew", before, after, sd, "°", LEAST_SKEW_DEG)
-    turn, turn_sd = _turned(past, post, sds, doubt.wave_mm)
+    turn, turn_sd = _pulley_turn(past, post, sds, doubt.wave_mm)
     if _keeps_shape(past, post) and abs(turn) > max(NAMED_SIGMAS * turn_sd, _least_turn_deg(past)):
         words = f"{name} pulley turned on its shaft by {amount(turn, turn_sd, '°')}"
         found.append(Change(name, "phase", 0.0, turn, turn_sd, "°", words))
@@ -466,7 +471,7 @@ def _changes(name: str, past: Remembered, now: Choice, doubt: Doubt) -> list[Cha
         before, after = (float(np.hypot(*v[both])) * k for v in (past.values, post.values))
         sd = float(np.sqrt(np.mean(past.sds[both] ** 2 + sds[both] ** 2) + 2 * doubt.wave_mm**2)) * k
         shape = {1: "eccentricity", 2: "ovalness", 3: "three corners", 4: "four corners"}[int(k)]
-        compare(f"harmonic-{k}", f"pulley's {shape}", before, after, sd, "mm", max(CHANGED_MM, LEAST_FAULT_MM * k))
+        compare(f"harmonic-{k}", f"pulley's {shape}", before, after, sd, "mm", max(LEAST_CHANGE_MM, LEAST_FAULT_MM * k))
     return found
 
 
@@ -480,10 +485,10 @@ def _keeps_shape(past: Remembered, post: Posterior) -> bool:
 def _least_turn_deg(past: Remembered) -> float:
     """Return the turn [°] of the pulley that moves a print by twice the least change worth a word."""
     size_mm = float(np.linalg.norm(past.values[past.design.mask("mean")]))
-    return float(np.degrees(2 * CHANGED_MM / max(size_mm, CHANGED_MM)))
+    return float(np.degrees(2 * LEAST_CHANGE_MM / max(size_mm, LEAST_CHANGE_MM)))
 
 
-def _turned(past: Remembered, post: Posterior, sds: np.ndarray, wave_mm: float) -> tuple[float, float]:
+def _pulley_turn(past: Remembered, post: Posterior, sds: np.ndarray, wave_mm: float) -> tuple[float, float]:
     """Return by how many degrees the pulley turned: the largest correlation of old and new harmonics; and its sd."""
     cos_at, sin_at = past.design.parts["mean_cos"], past.design.parts["mean_sin"]
     k = past.design.waves("mean")

@@ -25,13 +25,13 @@ from printmend.repair.learned import PLANE_FACTOR, known_digests
 from printmend.repair.update import Updated, update
 from printmend.saved import SavedModel
 
-LEAST_MARKS = 10  # measured, of the check print
-_LEAST_SIGMA_MM = 0.002  # of a mark: no scan is read better
-_STRETCHED_PERCENT = 0.01  # less of it is not worth a word
-_NOISE_DOUBT = 0.15  # share to which the noise of a measurement is known
-_UNMENDED_SHARE = 0.9  # of the error before mending: what is as far off was hardly mended,
-_ALIKE_SHARE = 0.5  # if it lies where the model has the unmended print, to this share of its error
-_SURE_SIGMAS = 2.0  # standard deviations that a measured error may exceed its promise by
+LEAST_MARKS = 10  # measured marks of a check print; fewer tell nothing
+_LEAST_SIGMA_MM = 0.002  # smallest standard deviation of a mark: no scan is read better
+_LEAST_STRETCH_PERCENT = 0.01  # a smaller stretch by the instrument is not worth a word
+_NOISE_SD_SHARE = 0.15  # standard deviation of the stated noise of a measurement, as a share of it
+_UNMENDED_SHARE = 0.9  # a print with more than this share of the error before mending was hardly mended …
+_SAME_FAULT_SHARE = 0.5  # … if, of its error, less than this share is unlike the unmended print of the model
+_SURE_SIGMAS = 2.0  # standard deviations by which a measured error may exceed its promise and keep it
 
 
 @dataclass(frozen=True)
@@ -71,12 +71,12 @@ class Verdict:
             f"{self.before_mm:.3f} mm before, {now} now, "
             f"{self.promised_low_mm:.3f}–{self.promised_high_mm:.3f} was promised"
         )
-        if abs(self.stretch_percent) >= _STRETCHED_PERCENT:
+        if abs(self.stretch_percent) >= _LEAST_STRETCH_PERCENT:
             numbers += f" (a scale of {self.stretch_percent:+.2f} % may be the scanner's own and is taken off)"
         if self.kept:
             return f"{numbers}: kept ({self.marks} marks)"
         if self.now_mm > _UNMENDED_SHARE * self.before_mm:
-            if self.unlike_mm < _ALIKE_SHARE * self.now_mm:
+            if self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm:
                 return f"{numbers}: broken, and as far off as before mending. Was the mended file printed?"
             return (
                 f"{numbers}: broken, and as far off as before mending, but not as this printer was. Is it another "
@@ -116,7 +116,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
         )  # fmt: skip
     placed = trace.placed and budget.placed
     # the instrument's stretch is taken off what was measured: neither is it in the promise for these marks
-    outlook, off = _of_marks(model, budget if placed else replace(budget, stretch=()), trace)
+    outlook, off = _outlook_at_marks(model, budget if placed else replace(budget, stretch=()), trace)
     error = (trace.measured_mm - trace.commanded_mm)[known]
     sigmas = np.empty(0) if trace.sigma_mm is None else trace.sigma_mm[known]
     stated = sigmas[np.isfinite(sigmas)]
@@ -130,10 +130,10 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     square = np.sum(error**2, axis=1)
     noise2 = PLANE_FACTOR**2 * sigma**2
     now2 = float(square.mean()) - noise2
-    now2_sd = float(np.hypot(square.std() / np.sqrt(len(known)), 2 * _NOISE_DOUBT * noise2))
+    now2_sd = float(np.hypot(square.std() / np.sqrt(len(known)), 2 * _NOISE_SD_SHARE * noise2))
     now = float(np.sqrt(max(now2, 0.0)))
     now_sd = float(np.sqrt(max(now2, 0.0) + now2_sd)) - now
-    play, play_sd = _from_play(error, trace, model.printer)
+    play, play_sd = _error_from_play(error, trace, model.printer)
     # what surely goes with direction is no noise, however much of that is
     if play - _SURE_SIGMAS * play_sd > max(now - _SURE_SIGMAS * now_sd, 0.0):
         now = max(now, play)
@@ -147,7 +147,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     )  # fmt: skip
 
 
-def _from_play(error_mm: np.ndarray, trace: Trace, printer: Printer) -> tuple[float, float]:
+def _error_from_play(error_mm: np.ndarray, trace: Trace, printer: Printer) -> tuple[float, float]:
     """Return how much of the errors of the measured marks [N, 2] goes with the way that the motors came, root mean
     square, and its standard deviation by the scatter of the marks themselves."""
     sides = _sides(trace, printer)
@@ -189,7 +189,7 @@ def expectation(model: SavedModel, trace: Trace) -> Promise | None:
     budget = parse_budget(model)
     if budget is None or not trace.measured_rows.any():
         return None
-    after = _of_marks(model, budget, trace)[0].after
+    after = _outlook_at_marks(model, budget, trace)[0].after
     made = {name: PLANE_FACTOR * share for name, share in after.made_of.items()}
     sizes = ("rms_mm", "p95_mm", "max_mm", "rms_low_mm", "rms_high_mm", "shape_rms_mm", "planning_rms_mm")
     return replace(after, made_of=made, **{name: PLANE_FACTOR * getattr(after, name) for name in sizes})
@@ -201,7 +201,7 @@ def _sides(trace: Trace, printer: Printer) -> np.ndarray:
     return np.stack(sides, axis=1)[trace.measured_rows]
 
 
-def _of_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook, np.ndarray]:
+def _outlook_at_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook, np.ndarray]:
     """Return what to expect of the measured marks [N], across the path, and how far each is off unmended [N, 2]."""
     wanted, printer, known = trace.commanded_mm, model.printer, trace.measured_rows
     raw = print_from_home(model.mechanism, wanted)
