@@ -29,7 +29,7 @@ from printmend.promise.budget import parse_budget
 from printmend.promise.effects import EARLY, ENDED, Effect, PrintPlaces
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_columns import Candidate
-from printmend.promise.misfit_printer import another_printers
+from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import (
     Cause,
@@ -485,6 +485,22 @@ def test_a_table_of_the_other_kinematics_is_named(made_by: str, said_of: str, rn
         assert "learn again with that --printer" in said
         assert "made it" not in report(learned(drive, true).saved)
     assert "made it" not in report(learned(Drive(), wrong).saved)
+
+
+def test_a_table_that_begins_at_another_printers_home_is_said_to(rng: np.random.Generator) -> None:
+    points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (60, 2))])
+    measured = points + rng.normal(0, 0.03, points.shape)
+    unknown = np.vstack([[np.nan, np.nan], measured[1:]])
+    for seen, printer, said in (
+        (unknown, read_printer("ender3"), True), (unknown, PRINTER, False), (measured, read_printer("ender3"), False),
+        (unknown, read_printer("cr10s"), True),
+    ):  # fmt: skip
+        trace = Trace(points, seen, homed=printer is PRINTER)
+        assert bool(another_home(trace, printer)) == said
+        assert bool(another_home(Trace(points[1:], unknown[1:]), printer)) is False
+    assert "begins at (220, 220), where other printers home, not at (0, 0)" in report(
+        learn_model(Trace(points, unknown), read_printer("ender3"))
+    )
 
 
 @pytest.mark.parametrize("spoiled", [*CHANGES, "rail-play", "rail-wave"])

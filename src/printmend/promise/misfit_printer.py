@@ -12,9 +12,11 @@ import numpy as np
 
 from printmend.identify.drive.fit import independent_share, robust_sigma_mm
 from printmend.learn.greybox.model import GreyboxModel
+from printmend.measure.table import AT_HOME_MM
 from printmend.path import Trace
+from printmend.printer import Printer, preset_names, read_printer
 from printmend.promise.effects import VARIES
-from printmend.promise.misfit import WARNING, Misfit
+from printmend.promise.misfit import NOTE, WARNING, Misfit
 from printmend.promise.misfit_rows import learned_roughly
 from printmend.promise.misfit_tests import CLIP_SIGMAS, LEAST_ROWS, Cause, effects_of, spread_mm
 
@@ -60,6 +62,24 @@ def another_printers(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...])
             f"mm unexplained, this one {ours_mm:.2f}. If it is another printer's, learn again with that --printer"
         )
     return (Misfit("printer", WARNING, ours_mm, nats, words),)
+
+
+def another_home(trace: Trace, printer: Printer) -> tuple[Misfit, ...]:
+    """Return a note where a table begins, unmeasured, where other printers that come with the program home."""
+    first = trace.commanded_mm[0]
+    if trace.measured_rows[0] or _is_at(first, printer):
+        return ()
+    if not any(_is_at(first, read_printer(name)) for name in preset_names()):
+        return ()
+    words = (
+        f"the table begins at ({first[0]:g}, {first[1]:g}), where other printers home, not at ({printer.home_mm[0]:g}, "
+        f"{printer.home_mm[1]:g}): if this print began there, learn again with the --printer that homes there"
+    )
+    return (Misfit("home", NOTE, 0.0, 0.0, words),)
+
+
+def _is_at(place_mm: np.ndarray, printer: Printer) -> bool:
+    return bool(np.abs(place_mm - np.array(printer.home_mm)).max() <= AT_HOME_MM)
 
 
 def _squares(residual_mm: np.ndarray) -> np.ndarray:

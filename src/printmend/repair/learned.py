@@ -24,7 +24,7 @@ from printmend.printer import Printer
 from printmend.promise.apply import acting, still_words
 from printmend.promise.effects import Effect
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
-from printmend.promise.misfit_printer import another_printers
+from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order, repeated
 from printmend.promise.misfit_tests import (
     IN_TIME,
@@ -94,7 +94,8 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     digests = (digest_of(trace),)
     trace, copies = counted_once(trace)
     ordered = in_order(near_bed(with_walls(trace, printer)), printer)
-    ordered = replace(ordered, found=(*repeated(trace, copies), *ordered.found))
+    began = another_home(ordered.trace, printer)
+    ordered = replace(ordered, found=(*repeated(trace, copies), *ordered.found, *began))
     trace = ordered.trace
     fit, found = fit_beside_screw(trace, printer, lambda clean: _fit_planar(clean, printer, model, rng), rng=rng)
     moved: tuple[Misfit, ...] = ()
