@@ -1,5 +1,6 @@
 """The diagnosis as a document: the right faults, the right advice, a true picture of the pulley, one whole file."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,7 +14,7 @@ from printmend.diagnosis.advice import advise
 from printmend.diagnosis.diagnosis import Doubt, NamedFault, _scale, or_a_skew
 from printmend.errors import GcodeError, InputError, TraceError
 from printmend.measure.table import read_trace, write_trace
-from printmend.path import Trace
+from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.repair.learned import learn_model
@@ -138,6 +139,25 @@ def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Pat
     assert "reversal error B" not in page
 
 
+def test_a_wave_that_does_not_act_is_not_drawn(rng: np.random.Generator) -> None:
+    """A wave as small as the scanner's own unevenness is left out of the model: its report draws none."""
+    slight = Corruption((Drive(pulley=EccentricBore(0.007)), Drive(pulley=EccentricBore(0.1))))
+    exact = probe_trace(slight, ENDER3, noise_mm=0.005)
+    scanned = examine(replace(exact, instrument=FLATBED, placed=False), ENDER3, rng=rng)
+    waves = [np.ptp(one.error_mm[0] - one.level(one.motor_mm)) for one in scanned.portraits]
+    assert waves == [pytest.approx(0.0, abs=1e-9), pytest.approx(0.2, abs=0.01)]
+    found = examine(replace(exact, instrument=Instrument()), ENDER3, rng=rng).portraits[0]
+    assert np.ptp(found.error_mm[0] - found.level(found.motor_mm)) == pytest.approx(0.014, abs=0.003)
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+def test_a_chart_over_layers_needs_two(examined: Examination, layers: int, tmp_path: Path) -> None:
+    assert examined.prediction is not None
+    prediction = replace(examined.prediction, layers=examined.prediction.layers[:1] * layers)
+    write_examination(tmp_path / "report.html", replace(examined, prediction=prediction))
+    assert ("layer by layer" in (tmp_path / "report.html").read_text()) == (layers > 1)
+
+
 def test_one_self_contained_file(folder: Path, examined: Examination, tmp_path: Path) -> None:
     for name in ("report.html", "report.pdf"):
         write_examination(tmp_path / name, examined)
@@ -148,9 +168,7 @@ def test_one_self_contained_file(folder: Path, examined: Examination, tmp_path: 
     assert "repair soon: X pulley is off its centre" in result.output
     assert "mended" in result.output
     page = (tmp_path / "report.html").read_text()
-    assert (
-        page.count("data:image/svg+xml;base64,") == 8
-    )  # two motors and their pulleys, the bed twice, a circle, layers
+    assert page.count("data:image/svg+xml;base64,") == 7  # two motors and their pulleys, the bed twice, a circle
     assert "reversal error B" in page
     assert "expanded, k = 2" in page
     assert "combined, of nine prints in ten" in page

@@ -1,6 +1,6 @@
 """One motor's learned drive as curves to look at: its error and play along the axis, and the shape of its pulley."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,6 +8,8 @@ from printmend.diagnosis.diagnosis import NAMED_SIGMAS
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.promise.apply import acting
+from printmend.saved import Branches
 from printmend.units import TURN_RAD
 
 POINTS = 1201  # of a curve
@@ -46,17 +48,23 @@ class Portrait:
 
 
 def portrait(model: GreyboxModel, motor: int, trace: Trace) -> Portrait:
-    """Return the curves of one motor, and the points of the trace that it was learned from."""
+    """Return the curves of one motor, and the points of the trace that it was learned from.
+
+    Of its waves and its play only what acts is drawn; its line is the learned one, as the points have it.
+    """
     drive, printer = model.drives[motor], model.printer
+    acts = acting(model, trace).fit.drives[motor]
     at = np.linspace(*drive.branches.reach_mm, POINTS)
-    error, play = _errors_mm(drive, at)
+    powers = acts.branches.mean.powers_mm.copy()
+    powers[:2] = drive.branches.mean.powers_mm[:2]
+    error, play = _errors_mm(replace(acts.branches, mean=replace(acts.branches.mean, powers_mm=powers)), at)
     design, post = drive.choice.design, drive.choice.fit.posterior
     columns = design.columns(at, drive.branches.period_mm, drive.branches.middle_mm)[1][:, post.active]
     play_sd = np.sqrt(np.einsum("ij,jk,ik->i", columns, post.covariance, columns))
     place, off, side = _points(drive, printer, motor, trace)
     return Portrait(
         drive.name.upper(), drive.branches.period_mm, at, error, np.stack(drive.sd_mm(at)), play, play_sd,
-        drive.noise_mm, place, off, side, hull_mm(drive), drive.branches.period_mm / TURN_RAD,
+        drive.noise_mm, place, off, side, hull_mm(acts), drive.branches.period_mm / TURN_RAD,
         _scale_percent(drive),
     )  # fmt: skip
 
@@ -66,8 +74,8 @@ def _scale_percent(drive: LearnedDrive) -> float:
     return float(powers[1]) if len(powers) > 1 else 0.0
 
 
-def _errors_mm(drive: LearnedDrive, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    mean, play = drive.branches.errors_mm(motor_mm)
+def _errors_mm(branches: Branches, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    mean, play = branches.errors_mm(motor_mm)
     return np.stack([mean - play / 2, mean + play / 2]), play
 
 
@@ -79,7 +87,7 @@ def _points(
     # A point says something about the place of its last contact, which play may have left behind.
     place = printer.to_motor(trace.commanded_mm)[touch.at[used], motor]
     side = (touch.side[used] > 0).astype(int)
-    error, _ = _errors_mm(drive, place)
+    error, _ = _errors_mm(drive.branches, place)
     return place, error[side, np.arange(len(used))] + touch.residual_mm[used], side
 
 

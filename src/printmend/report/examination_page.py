@@ -43,7 +43,7 @@ def _body(examination: Examination) -> str:
     part = ""
     if examination.prediction is not None:
         part = f"<h2>Your part: {say(examination.part or '')}</h2>{table(part_rows(examination.prediction))}"
-        if examination.prediction.layers:
+        if len(examination.prediction.layers) > 1:
             part += picture(layers_picture(examination.prediction.layers, examination.part or ""))
         part += "".join(f"<p>Before you print: {say(each)}</p>" for each in examination.prediction.advice)
     gaps = ""

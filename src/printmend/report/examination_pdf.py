@@ -40,7 +40,7 @@ def _blocks(examination: Examination) -> list[Block]:
     found += [Card("What does not fit", "", _COLOURS["soon"], (("", one),)) for one in examination.misfit]
     if (prediction := examination.prediction) is not None:
         found += [Words("heading", f"Your part: {examination.part}"), Numbers("", part_rows(prediction))]
-        if prediction.layers:
+        if len(prediction.layers) > 1:
             found.append(_drawn(layers_picture(prediction.layers, examination.part or "")))
         found += [Words("text", f"Before you print: {each}") for each in prediction.advice]
     if gaps := closing(examination):

@@ -65,7 +65,7 @@ def _page(source: str, model: SavedModel, prediction: Prediction, output: Path |
     if view is not None:
         body += f"<h2>The part</h2>{picture(part_picture(view))}"
     body += f"<h2>How far it is off</h2>{table(part_rows(prediction))}"
-    if prediction.layers:
+    if len(prediction.layers) > 1:
         body += picture(layers_picture(prediction.layers, name))
     if prediction.gain_mm is not None:
         body += f"<h2>What the expectation is made of</h2><p>{say(budget.SAID)}</p>"
