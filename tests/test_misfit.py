@@ -414,6 +414,32 @@ def test_the_turn_of_another_pulley_is_learned(turn_mm: float, said: str, rng: n
     assert said in found[0].words
 
 
+@pytest.mark.parametrize(("name", "count", "seed"), [("ender3", 2000, 101), ("ender3", 601, 105), ("corexy", 601, 105)])
+def test_corners_and_wide_play_are_no_other_turn(name: str, count: int, seed: int) -> None:
+    """What a cornered pulley does when its belt hangs through by millimetres resembles another length of the turn."""
+    rng, printer = np.random.default_rng(seed), read_printer(name)
+    points = np.vstack([[0.0, 0.0], rng.uniform(10, 200, (count, 2))])
+    twin = Twin.of(sample("pulley-loose", rng), printer)
+    trace = Trace(points, twin.follow(points) + rng.normal(0, 0.03, points.shape), homed=True)
+    box = Greybox().fit(trace, printer, rng=rng)
+    assert box.periods_mm == (40.0, 40.0)
+    assert box.residual_after_mm < 0.05
+
+
+@pytest.mark.parametrize("teeth", [16, 19, 21])
+@pytest.mark.parametrize(("size_mm", "play_mm"), [(0.06, 0.0), (0.2, 0.2)])
+def test_a_whole_number_of_teeth_is_found_where_contacts_hide_it(
+    teeth: int, size_mm: float, play_mm: float, rng: np.random.Generator
+) -> None:
+    axes = [replace(axis, mm_per_turn=2.0 * teeth) for axis in (PRINTER.x, PRINTER.y)]
+    drives = tuple(Drive(pulley=EccentricBore(size_mm, phase), belt=Play(play_mm)) for phase in (1.0, 2.0))
+    twin = Twin.of(Corruption((drives[0], drives[1])), replace(PRINTER, x=axes[0], y=axes[1]))
+    points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 200, (600, 2))])
+    trace = Trace(points, twin.follow(points) + rng.normal(0, 0.03, points.shape), homed=True)
+    box = Greybox().fit(trace, PRINTER, rng=rng)
+    assert box.periods_mm == pytest.approx((2 * teeth, 2 * teeth), rel=0.002)
+
+
 def test_an_idler_is_a_part_that_the_evidence_switches_on(rng: np.random.Generator, tmp_path: Path) -> None:
     """It is learned beside the pulley, goes on where nothing was measured, and comes back from the model's file."""
     trace = measured_once(rng, count=700)

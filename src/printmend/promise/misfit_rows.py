@@ -14,8 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.errors import TraceError
 from printmend.identify.drive.design import contacts, cross_columns
-from printmend.identify.drive.period import likeliest_period_mm
-from printmend.identify.drive.select import main_parts
+from printmend.identify.drive.turn import roughly_turned
 from printmend.learn.greybox.rows import FARTHEST_MM, motor_rows, trial_of
 from printmend.measure.axes import AXES_TODO, wrong_axes
 from printmend.measure.table import AT_HOME_MM
@@ -249,16 +248,17 @@ class RoughlyLearned:
 
 def learned_roughly(trace: Trace, printer: Printer) -> RoughlyLearned:
     """Return the drives' main parts alone, of a long trace as some of its rows show them."""
-    full = [replace(row, period_mm=likeliest_period_mm(row)) for row in motor_rows(trace, printer)]
+    full = motor_rows(trace, printer)
+    some = trial_of(full, np.random.default_rng(0)).rows(full)
     with threadpool_limits(1, user_api="blas"):
-        found = [main_parts(row) for row in trial_of(full, np.random.default_rng(0)).rows(full)]
+        found = [roughly_turned(*each) for each in zip(full, some, strict=True)]
     belts = []
-    for row, choice in zip(full, found, strict=True):
-        values = choice.fit.posterior.values
-        cross = cross_columns(choice.design, row, slice(None)) @ values[choice.design.parts["cross"]]
-        belts.append(contacts(choice.design, values, row).belt_mm + cross)
+    for row, (period_mm, choice) in zip(full, found, strict=True):
+        values, turning = choice.fit.posterior.values, replace(row, period_mm=period_mm)
+        cross = cross_columns(choice.design, turning, slice(None)) @ values[choice.design.parts["cross"]]
+        belts.append(contacts(choice.design, values, turning).belt_mm + cross)
     places = np.asarray(printer.from_motor(np.stack(belts, axis=1)))
-    return RoughlyLearned(sum(choice.fit.loss_mm for choice in found), places)
+    return RoughlyLearned(sum(choice.fit.loss_mm for _, choice in found), places)
 
 
 def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:

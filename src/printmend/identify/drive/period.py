@@ -60,8 +60,7 @@ def likeliest_period_mm(rows: Rows) -> float:
     tried = 1 / np.arange(1 / longest, 1 / PERIODS_MM[0], step)
     teeth = TOOTH_MM * np.arange(np.ceil(PERIODS_MM[0] / TOOTH_MM), longest / TOOTH_MM)
     tried = np.concatenate([tried, teeth])
-    ratio = np.maximum(tried, rows.period_mm) / np.minimum(tried, rows.period_mm)
-    tried = tried[np.abs(ratio / np.rint(ratio) - 1) > ALIKE_SHARE]
+    tried = tried[~_divides(tried, rows.period_mm)]
 
     def lefts(columns: np.ndarray, *, fading: bool = True) -> Lefts:
         fixed, along = np.ascontiguousarray(columns.T), plain[1]
@@ -79,6 +78,8 @@ def likeliest_period_mm(rows: Rows) -> float:
         return near
     one_left = partial(_of_one, left)
     found = _simplest(sharpened(tried[np.argmin(left(tried))], step, one_left), count, one_left)
+    if _divides(np.array([found]), rows.period_mm)[0]:  # the printer's turn has it as a harmonic
+        return rows.period_mm
     after = one_left(found)
     both = _of_one(lefts(own), found)
     if after - both > OWN_SHARE * (before - both):  # the printer's own turn is there, and something else beside it
@@ -88,6 +89,12 @@ def likeliest_period_mm(rows: Rows) -> float:
     nats = count / 2 * np.log(before / max(after, 1e-12)) - np.log(len(tried))
     explained_mm = np.sqrt(max(before - after, 0.0) / weight.sum())
     return float(found) if nats > LEAST_NATS and explained_mm > LEAST_GAIN_MM else rows.period_mm
+
+
+def _divides(lengths_mm: np.ndarray, period_mm: float) -> np.ndarray:
+    """Say which lengths [L] are a whole part of a turn, or a multiple of it."""
+    ratio = np.maximum(lengths_mm, period_mm) / np.minimum(lengths_mm, period_mm)
+    return np.asarray(np.abs(ratio / np.rint(ratio) - 1) <= ALIKE_SHARE)
 
 
 def _calibrated(

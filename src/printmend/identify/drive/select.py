@@ -179,6 +179,15 @@ def refined(rows: Rows, found: Choice) -> Choice:
     return Choice(found.structure, found.design, fit)
 
 
+def coarsely_fitted(rows: Rows, structure: Structure, start: Choice) -> Choice:
+    """Fit a structure with few harmonics, from the values of a fit that need not know the turn's length."""
+    design = structure.design(COARSE_HARMONICS, (), rows.reach_mm)
+    values = design.moved(start.fit.posterior.values, start.design)
+    prior = _prior(Prior(), structure)
+    fit = refine(design, rows, values, structure.active(design), prior=prior, passes=3, rounds=1, drop=False)
+    return Choice(structure, design, fit)
+
+
 def prune(rows: Rows, found: Choice, ripple: tuple[int, ...], *, scaled: bool = False) -> Structure:
     """Fit all parts at once, then drop one by one those that do not pay; return what remains.
 

@@ -14,10 +14,10 @@ from threadpoolctl import threadpool_limits
 from printmend.identify.drive import Jump, Rows, jumped
 from printmend.identify.drive.jumps import find_jumps
 from printmend.identify.drive.left_out import left_out
-from printmend.identify.drive.period import likeliest_period_mm
 from printmend.identify.drive.second import with_second
-from printmend.identify.drive.select import Choice, Structure, fitted, folded, main_parts, prune, refined
+from printmend.identify.drive.select import Choice, Structure, fitted, folded, prune, refined
 from printmend.identify.drive.sight import ALL_SEEN, GLIMPSED_TURN, check_follows, sight
+from printmend.identify.drive.turn import turned
 from printmend.identify.pulley import outlined
 from printmend.learn.greybox.model import GreyboxModel, model_of
 from printmend.learn.greybox.rows import (
@@ -64,9 +64,10 @@ def fit_greybox(
     full = motor_rows(trace, printer)
     for row, name in zip(full, printer.motors, strict=True):
         check_follows(row, name)
-    full = [replace(row, period_mm=likeliest_period_mm(row)) for row in full]
     trial = trial_of(full, rng)
-    searched, rounded = _rounded(_searched(trial.rows(full)), printer)
+    found = [turned(*each) for each in zip(full, trial.rows(full), strict=True)]
+    full = [replace(row, period_mm=period_mm) for row, (period_mm, _) in zip(full, found, strict=True)]
+    searched, rounded = _rounded(Stage(trial.rows(full), [choice for _, choice in found]), printer)
     without_jumps, jumps = _without_jumps(searched, printer)
     ripples = [visible_ripple(row, ripple_harmonics(printer, motor)) for motor, row in enumerate(without_jumps.rows)]
     chosen = _with_frame(_with_parts(without_jumps, ripples, scaled=not trace.instrument_doubt.is_exact), ripples)
@@ -102,11 +103,6 @@ class Stage:
             for (row, choice), ripple in zip(self, ripples, strict=True)
         ]
         return Stage(self.rows, again)
-
-
-def _searched(rows: list[Rows]) -> Stage:
-    """Find the contacts of either motor, and the main parts of its drive."""
-    return Stage(rows, [main_parts(row) for row in rows])
 
 
 def _rounded(stage: Stage, printer: Printer) -> tuple[Stage, bool]:

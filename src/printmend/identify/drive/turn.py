@@ -1,0 +1,81 @@
+"""How long a motor's turn is, and the main parts of its drive with it.
+
+What `period` says of it knows no contacts, so that wide play and a pulley with corners may look like another length, or
+hide one. Here the main parts are fitted with their contacts: a length that is no better then is not believed, and where
+a pattern is left along the belt, every whole number of teeth near the printer's is tried.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.identify.drive.design import Rows
+from printmend.identify.drive.fit import independent_share, robust_sigma_mm
+from printmend.identify.drive.period import (
+    AS_GOOD_NATS,
+    LEAST_NATS,
+    LEAST_TURNS,
+    TOOTH_MM,
+    likeliest_period_mm,
+    sharpened,
+)
+from printmend.identify.drive.second import with_second
+from printmend.identify.drive.select import PART_NATS, Choice, coarsely_fitted, likelier, main_parts
+
+NEAR_TURNS = (0.65, 1.5)  # shares of the printer's turn between which whole numbers of teeth are tried
+LEAST_LEFT_MM = 0.01  # mean residual below which no other turn is looked for: corners between harmonics leave as much
+NO_PATTERN_SHARE = 0.9  # share of independent residuals above which no other turn is looked for
+CALIBRATED_SHARE = 0.01  # first step, as a share of a turn, in which calibrated steps a millimetre are looked for
+
+
+def turned(rows: Rows, some: Rows) -> tuple[float, Choice]:
+    """Return how long the motor's turn is [mm], and the main parts of ``some`` of its ``rows``."""
+    period_mm, found = roughly_turned(rows, some)
+    if found.fit.loss_mm < LEAST_LEFT_MM or _share(some, found) > NO_PATTERN_SHARE:
+        return period_mm, found
+    toothed_mm = _toothed(some, period_mm, found)
+    toothed = main_parts(replace(some, period_mm=toothed_mm))
+    if _share(some, toothed) * _nats(some, found, toothed) < LEAST_NATS:
+        return period_mm, found
+    beside = with_second(some, main_parts(some), ())  # the printer's own turn, and an idler
+    return (period_mm, found) if likelier(beside, toothed) > PART_NATS else (toothed_mm, toothed)
+
+
+def roughly_turned(rows: Rows, some: Rows) -> tuple[float, Choice]:
+    """Return what `turned` does, without the search among whole numbers of teeth."""
+    found = main_parts(some)
+    if (period_mm := likeliest_period_mm(rows)) == rows.period_mm:
+        return period_mm, found
+    other = main_parts(replace(some, period_mm=period_mm))
+    return (period_mm, other) if _nats(some, found, other) > AS_GOOD_NATS else (rows.period_mm, found)
+
+
+def _toothed(rows: Rows, period_mm: float, found: Choice) -> float:
+    """Return the best turn among ``period_mm``, with which ``found`` was fitted, the whole numbers of teeth near the
+    printer's, and lengths near the best of these."""
+    structure = replace(found.structure, pulley="all", offset=True, warp_mm=0.0)
+
+    def left_mm(length_mm: float) -> float:
+        return coarsely_fitted(replace(rows, period_mm=length_mm), structure, found).fit.loss_mm
+
+    shortest, longest = (share * rows.period_mm / TOOTH_MM for share in NEAR_TURNS)
+    longest = min(longest, float(np.ptp(rows.motor_mm[rows.weight > 0])) / LEAST_TURNS / TOOTH_MM)
+    best_mm = min([period_mm, *(TOOTH_MM * np.arange(np.ceil(shortest), longest))], key=left_mm)
+    sharper_mm = sharpened(best_mm, CALIBRATED_SHARE / best_mm, left_mm)
+    gained = np.count_nonzero(rows.weight) * np.log(left_mm(best_mm) / max(left_mm(sharper_mm), 1e-12))
+    return float(sharper_mm if gained > AS_GOOD_NATS else best_mm)
+
+
+def _nats(rows: Rows, one: Choice, other: Choice) -> float:
+    """Return by how much another fit's residuals, of Laplace's distribution, are likelier."""
+    return float(np.count_nonzero(rows.weight) * np.log(one.fit.loss_mm / max(other.fit.loss_mm, 1e-12)))
+
+
+def _share(rows: Rows, choice: Choice) -> float:
+    """Return the share of residuals that are independent along the belt, either way by itself: 1 without a pattern."""
+    touch = choice.fit.touch
+    used = np.flatnonzero((rows.weight > 0) & (touch.at >= 0))
+    if not len(used):
+        return 1.0
+    along = used[np.lexsort((rows.motor_mm[touch.at[used]], touch.side[used]))]
+    return independent_share(touch.residual_mm[along], robust_sigma_mm(touch.residual_mm[along]))
