@@ -45,7 +45,7 @@ def test_kept_and_shipped_code_runs_until_a_helper_of_another_file_is_edited(tmp
     assert run("nothing", NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="") == ["N8 G1 X1", "0", ""]
     assert len(list((copy / "compiled").glob("*.nbc"))) == 1
     helper = copy / "gcode" / "kernels" / "text.py"
-    helper.write_text(helper.read_text().replace("return np.int64(byte) - 48", "return np.int64(byte) - 47"))
+    helper.write_text(helper.read_text().replace("return np.int64(byte) - ZERO", "return np.int64(byte) - ZERO + 1"))
     assert run() == ["N9 G1 X1", "1", ""]
     assert run() == ["N9 G1 X1", "0", ""]
     for kind in ("nbi", "nbc"):  # an index that older code or a full disk left, then its code

@@ -18,14 +18,14 @@ from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
 
 MAGIC = b"GCDE"  # the first bytes of a binary G-code file
-GCODE, SLICER_METADATA, THUMBNAIL = 1, 2, 5
-_KINDS = 6  # of blocks that the format knows
+GCODE, SLICER_METADATA, THUMBNAIL = 1, 2, 5  # kinds of blocks
+_BLOCK_KINDS = 6  # that the format knows
 _HEADER = struct.Struct("<4sIH")
 _BLOCK = struct.Struct("<HHI")
 _WINDOWS = {2: 11, 3: 12}  # heatshrink: compression → window bits; the look-ahead has 4
 _MAX_BLOCK_BYTES = 64 << 20  # thumbnails are the largest blocks, and far below
 _MAX_RATIO, _RATIO_MATTERS_BYTES = 300, 32 << 20  # deflate cannot reach 1100; real files stay below 20
-_TEXT_BYTES = 65535  # of G-code in a block, as slicers write it
+_TEXT_BYTES = 65535  # of G-code in a block: slicers write as much
 _TODO = "slice or copy the file again"
 
 
@@ -62,7 +62,7 @@ def read_blocks(handle: IO[bytes], name: str, *, checked: bool) -> Iterator[Bloc
         if len(head) < _BLOCK.size:
             raise _cut_off(name)
         kind, compression, size = _BLOCK.unpack(head)
-        if kind >= _KINDS or compression > 3 or size > _MAX_BLOCK_BYTES:
+        if kind >= _BLOCK_KINDS or compression > 3 or size > _MAX_BLOCK_BYTES:
             came = f"type {kind}, compression {compression}, {size} bytes"
             raise GcodeError(name, wanted="a bgcode block", came=came, todo=_TODO)
         length = size

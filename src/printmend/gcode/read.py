@@ -131,13 +131,13 @@ def larger(capacity: int, name: str = "G-code") -> int:
     return 2 * capacity
 
 
-# What a guess at E has to explain: filament that runs back while the head moves, more of it than any nozzle melts, or
-# an E that is named and pushes none in most moves. In some of them it does so in good files of either kind: they name
-# their E on travels, too.
-_ENOUGH_MOVES = 20
+# A reading of E is implausible where it makes moves pull filament back while the head moves, or melt more than a nozzle
+# can, or where most moves name an E that pushes none: in good files some do, which name their E on travels, too. The
+# shares are choices of ours.
+_ENOUGH_MOVES = 20  # of which a share is taken
 _IMPLAUSIBLE_SHARE = 0.1  # of the moves, up to which a reading of E is believed
-_MOST_SHARE = 0.5  # of the moves: where more extrude nothing, that speaks against a reading of E, too
-_TOP_SHARE = 0.1
+_IDLE_SHARE = 0.5  # of the moves: where more push nothing, that speaks against a reading of E, too
+_TOP_SHARE = 0.1  # of a text: what stands there holds for all that is printed
 _FILAMENT_PER_MM = 3.0  # of path: no nozzle takes more
 _SAME_MM = 1e-6  # of filament: two rules whose readings of a move differ by less read it alike
 
@@ -250,13 +250,13 @@ def _implausible_share(pushed_mm: np.ndarray, length_mm: np.ndarray, among: np.n
         return 0.0
     wrong = float(np.mean((pushed_mm < 0) | (pushed_mm > _FILAMENT_PER_MM * length_mm)))
     none = float(np.mean(pushed_mm == 0))
-    return wrong + none if none > _MOST_SHARE else wrong
+    return wrong + none if none > _IDLE_SHARE else wrong
 
 
 def moves_of(records: np.ndarray) -> Moves:
     """Turn records into moves; lines that only set F are left out, E moves are kept."""
     motion = np.isin(records["kind"], (k.KIND_LINEAR, k.KIND_CW, k.KIND_CCW))
-    idle = (records["kind"] == k.KIND_LINEAR) & (records["words"] & _MOTION_WORDS == 0)
+    idle = (records["kind"] == k.KIND_LINEAR) & (records["words"] & (k.WORDS_XYZ | k.WORD_E) == 0)
     keep = motion & ~idle
     rows = records[keep]
     before = np.concatenate([[0], np.cumsum(keep)])[:-1]
@@ -283,6 +283,3 @@ def moves_of(records: np.ndarray) -> Moves:
         event=records["event"][events],
     )
     return replace(moves, layer=layers_of(moves.layer, moves.start_mm[:, 2], moves.end_mm[:, 2], moves.extruding))
-
-
-_MOTION_WORDS = 7 << 23 | 1 << 4  # X Y Z E

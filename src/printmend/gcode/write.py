@@ -68,7 +68,7 @@ def rewrite(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> It
         batch = part.batch
         if part.begin == 0:
             at = batch.begin
-        writer[k.W_NUMBERED] = batch.numbered
+        writer.numbered = batch.numbered
         texts: list[memoryview] = []
         start = part.begin
         while start < part.end:
@@ -93,12 +93,11 @@ def follow(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> Non
         pass
 
 
-def initial_writer(state: MachineState) -> np.ndarray:
+def initial_writer(state: MachineState) -> np.record:
     """Return the writer's state for a file that starts in ``state``."""
-    writer = np.zeros(k.WRITER)
-    writer[k.W_PLACE : k.W_PLACE + 3] = state.numbers.pos
-    writer[k.W_FEED] = state.numbers.feed
-    writer[k.W_MODAL] = state.counts.modal
+    writer = k.record(k.WRITER)
+    writer.place[:] = state.numbers.pos
+    writer.feed, writer.modal = state.numbers.feed, state.counts.modal
     return writer
 
 

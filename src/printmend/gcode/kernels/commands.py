@@ -21,6 +21,7 @@ def add_offsets(numbers, counts):
 
 @inner
 def e_is_relative(counts):
+    """Say whether E words are increments."""
     if counts.rule == E_EITHER:
         return counts.m83 != 0 or counts.relative != 0
     return counts.m83 != 0
@@ -41,7 +42,7 @@ def begin_record(r, begin, end, after, numbers, counts, flags):
         flags |= FLAG_INCH
     if counts.arc_absolute:
         flags |= FLAG_ARC_ABSOLUTE
-    r.flags = flags | counts.known << 4
+    r.flags = flags | counts.known * FLAG_KNOWN_X0
     r.layer, r.turns, r.plane = counts.layer, 0, counts.plane
     r.kind, r.event, r.axes = 0, 0, NO_SLOT
 
@@ -52,7 +53,7 @@ def finish_record(r, numbers, counts):
     r.x1, r.y1, r.z1 = numbers.pos[0], numbers.pos[1], numbers.pos[2]
     r.e1, r.feed = numbers.e, numbers.feed
     r.ox, r.oy, r.oz = numbers.offset[0], numbers.offset[1], numbers.offset[2]
-    r.flags = r.flags | (counts.known << 7)
+    r.flags = r.flags | counts.known * FLAG_KNOWN_X1
 
 
 # What events lose: the axes (bits) whose place is uncertain afterwards come with the event, in its higher byte.
@@ -75,7 +76,7 @@ def _goto(numbers, counts, words, unclear, values, unit, g53):
         if unclear & bit:
             counts.known &= ~(1 << axis)
         elif words & bit:
-            value = values[23 + axis] * unit
+            value = values[VALUE_X + axis] * unit
             if g53:
                 numbers.pos[axis] = value
                 counts.known |= 1 << axis
@@ -96,11 +97,11 @@ def move(r, numbers, counts, words, unclear, values, motion):
     if motion == 0:
         r.flags = r.flags | FLAG_RAPID
     if words & WORD_F:
-        numbers.feed = abs(values[5]) * unit
+        numbers.feed = abs(values[VALUE_F]) * unit
     r.kind = KIND_LINEAR if motion < 2 else (KIND_CW if motion == 2 else KIND_CCW)
     _goto(numbers, counts, words, unclear, values, unit, np.int64(r.flags & FLAG_G53))
     if words & WORD_E:
-        value = values[4] * unit
+        value = values[VALUE_E] * unit
         numbers.e = r.e0 + value if e_is_relative(counts) else value
         advance = (numbers.e - r.e0) * numbers.flow
         r.advance = advance / numbers.area if numbers.area > 0 else advance
@@ -108,18 +109,18 @@ def move(r, numbers, counts, words, unclear, values, motion):
     if motion >= 2:
         _centre(r, numbers, counts, words, values, unit, motion)
         moves = True
-        if words & WORD_P and values[15] > 1 and values[15] < 1000:
-            r.turns = np.int64(values[15]) - 1
+        if words & WORD_P and values[VALUE_P] > 1 and values[VALUE_P] < 1000:
+            r.turns = np.int64(values[VALUE_P]) - 1
     if moves and r.advance > 0:
         r.flags = r.flags | FLAG_EXTRUDING
-    if words & WORD_H and values[7] > 0:  # RRF: towards an end stop, or of one motor
+    if words & WORD_H and values[VALUE_H] > 0:  # RRF: towards an end stop, or of one motor
         r.flags = r.flags | FLAG_OPAQUE
         r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
-        counts.known &= ~(words >> 23) & 7
+        counts.known &= ~(words >> VALUE_X) & 7
     if motion < 2 and words & WORD_R and counts.flavour in (FLAVOUR_UNKNOWN, FLAVOUR_RRF):
         r.flags = r.flags | FLAG_OPAQUE  # RRF: from a stored place
         r.kind, r.event = KIND_EVENT, EVENT_UNKNOWN
-        counts.known &= ~(words >> 23) & 7
+        counts.known &= ~(words >> VALUE_X) & 7
     if unclear:
         r.flags = r.flags | FLAG_OPAQUE
         if unclear & (WORDS_XYZ | WORDS_IJK | WORD_R):
@@ -136,16 +137,16 @@ def _centre(r, numbers, counts, words, values, unit, motion):
     bit_a, bit_b = WORD_I << a, WORD_I << b
     if words & (bit_a | bit_b):
         if counts.arc_absolute:
-            r.c0 = values[8 + a] * unit + numbers.offset[a] if words & bit_a else first
-            r.c1 = values[8 + b] * unit + numbers.offset[b] if words & bit_b else second
+            r.c0 = values[VALUE_I + a] * unit + numbers.offset[a] if words & bit_a else first
+            r.c1 = values[VALUE_I + b] * unit + numbers.offset[b] if words & bit_b else second
         else:
-            r.c0 = first + (values[8 + a] * unit if words & bit_a else 0.0)
-            r.c1 = second + (values[8 + b] * unit if words & bit_b else 0.0)
+            r.c0 = first + (values[VALUE_I + a] * unit if words & bit_a else 0.0)
+            r.c1 = second + (values[VALUE_I + b] * unit if words & bit_b else 0.0)
         if r.c0 != first or r.c1 != second:
             return
     elif words & WORD_R:
         # The centre lies on the chord's bisector, at h from its middle: (2h/d)² = (4r² − d²)/d².
-        radius = values[17] * unit
+        radius = values[VALUE_R] * unit
         x, y = numbers.pos[a] - first, numbers.pos[b] - second
         square = x * x + y * y
         if square > 0 and radius != 0:
@@ -188,13 +189,13 @@ def _set_position(r, numbers, counts, words, values, code):
             counts.offset_known |= 1 << axis
             axes |= 16 | 1 << axis
         elif zero or words & (WORD_X << axis):
-            value = 0.0 if zero else values[23 + axis] * unit
+            value = 0.0 if zero else values[VALUE_X + axis] * unit
             numbers.g92[axis] += numbers.pos[axis] - value - numbers.offset[axis]
             axes |= 1 << axis
             if not counts.known & (1 << axis):
                 counts.offset_known &= ~(1 << axis)
     if zero or (words & WORD_E and code == 920):
-        numbers.e = 0.0 if zero else values[4] * unit
+        numbers.e = 0.0 if zero else values[VALUE_E] * unit
         axes |= 8
     r.axes = axes
 
@@ -243,7 +244,7 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
     elif code == 40 or code == 430 or (code == 290 and words & WORD_S):
         pass  # dwell, tool length from the table, RRF's `G29 S1` (load a map)
     elif code == 610:  # back to a stored place, or LinuxCNC's exact path
-        if (words | bare) & ~np.int64(1 << 6) or counts.flavour in (FLAVOUR_MARLIN2, FLAVOUR_RRF):
+        if (words | bare) & ~np.int64(WORD_G) or counts.flavour in (FLAVOUR_MARLIN2, FLAVOUR_RRF):
             return EVENT_UNKNOWN + ALL_LOST
     elif code in (600, 281, 301, 291, 292, 294, 220, 230):
         pass  # stored places; Bambu's and Marlin's switches
@@ -255,9 +256,9 @@ def g_command(r, numbers, counts, words, bare, unclear, values, code):
         unit = 25.4 if counts.inch else 1.0
         _goto(numbers, counts, words, unclear, values, unit, np.int64(0))
         if words & WORD_F:
-            numbers.feed = abs(values[5]) * unit
+            numbers.feed = abs(values[VALUE_F]) * unit
         if words & WORD_E:
-            numbers.e = r.e0 + values[4] * unit if e_is_relative(counts) else values[4] * unit
+            numbers.e = r.e0 + values[VALUE_E] * unit if e_is_relative(counts) else values[VALUE_E] * unit
         return EVENT_SPLINE
     else:
         r.flags = r.flags | FLAG_OPAQUE
@@ -275,11 +276,11 @@ def _g10(r, numbers, counts, words, values, code):
     if not words & WORDS_XYZ:
         return 0
     unit = 25.4 if counts.inch else 1.0
-    index = np.int64(min(max(values[15], -1.0), 99.0)) if has_p else -1
-    level = np.int64(min(max(values[11], 0.0), 99.0)) if has_l else 0
+    index = np.int64(min(max(values[VALUE_P], -1.0), 99.0)) if has_p else -1
+    level = np.int64(min(max(values[VALUE_L], 0.0), 99.0)) if has_l else 0
     for axis in range(3):
         if words & (WORD_X << axis):
-            value = values[23 + axis] * unit
+            value = values[VALUE_X + axis] * unit
             if level == 2 or level == 20:
                 work = counts.wcs if index <= 0 else index - 1
                 if 0 <= work < 9:
@@ -325,17 +326,17 @@ def m_command(r, numbers, counts, words, bare, values, code):
         counts.m83 = code == 830
     elif code == 2210:
         if words & WORD_S:
-            numbers.flow = values[18] / 100.0
+            numbers.flow = values[VALUE_S] / 100.0
     elif code == 2000:
         if words & WORD_D:
-            numbers.area = np.pi * values[3] * values[3] / 4.0
-        if words & WORD_S and values[18] == 0:
+            numbers.area = np.pi * values[VALUE_D] * values[VALUE_D] / 4.0
+        if words & WORD_S and values[VALUE_S] == 0:
             numbers.area = 0.0
     elif code == 2180 or code == 2060:
-        tool = np.int64(min(max(values[19], -1.0), 99.0)) if words & WORD_T else counts.tool
+        tool = np.int64(min(max(values[VALUE_T], -1.0), 99.0)) if words & WORD_T else counts.tool
         for axis in range(3):
             if words & (WORD_X << axis):
-                value = values[23 + axis] * (25.4 if counts.inch else 1.0)
+                value = values[VALUE_X + axis] * (25.4 if counts.inch else 1.0)
                 if code == 2060:
                     numbers.m206[axis] = value
                 elif 0 < tool < TOOLS:
@@ -344,7 +345,7 @@ def m_command(r, numbers, counts, words, bare, values, code):
             return EVENT_OFFSET
     elif code == 180 or code == 840:
         named = words | bare
-        axes = (named >> 23) & 7
+        axes = (named >> VALUE_X) & 7
         if words & WORD_S == 0 and (axes or named & WORD_E == 0):
             return EVENT_MOTORS_OFF + (axes if axes else 7) * _LOST
     elif among(code, _M_GEOMETRY):

@@ -3,17 +3,28 @@
 
 import numpy as np
 
+from printmend.gcode.kernels.ascii import (
+    CLOSE,
+    LETTER_A,
+    LETTER_E,
+    LETTER_F,
+    LETTER_G,
+    LETTER_I,
+    LETTER_X,
+    LETTER_Z,
+    OPEN,
+    PLUS,
+    QUOTE,
+    SEMICOLON,
+    SMALL_A,
+    SPACE,
+    STAR,
+    ZERO,
+)
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import (
     CAPITAL,
-    CLOSE,
-    OPEN,
-    QUOTE,
-    SEMICOLON,
-    SPACE,
     SPACED,
-    STAR,
-    digit_of,
     is_blank,
     is_digit,
     is_letter,
@@ -21,10 +32,9 @@ from printmend.gcode.kernels.text import (
     upper,
 )
 from printmend.gcode.kernels.words import (
+    DECIMALS_3,
     FIRST,
-    LETTER_G,
     SECOND,
-    THREE,
     axis_end,
     axis_value,
     cased,
@@ -74,11 +84,11 @@ def edit_statement(buf, r, piece, before, writer, out, at):
     unsafe = r.flags & (FLAG_TWICE | FLAG_EXPONENT) != 0  # firmwares read the text in different ways
     keep_feed = feed == r.feed and not r.flags & FLAG_TWICE
     p, start = r.begin, at
-    if r.flags & FLAG_MODAL and (motion != own or writer[W_MODAL] != own):
-        out[at], out[at + 1] = cased(LETTER_G, r), 48 + motion
+    if r.flags & FLAG_MODAL and (motion != own or writer.modal != own):
+        out[at], out[at + 1] = cased(LETTER_G, r), ZERO + motion
         at += 2
         if r.flags & FLAG_SPACED:
-            out[at] = 32
+            out[at] = SPACE
             at += 1
     done = 0
     added = False
@@ -95,40 +105,40 @@ def edit_statement(buf, r, piece, before, writer, out, at):
             p = min(p + 1, r.end)
         if p >= r.end or not is_letter(buf[p]):
             break
-        letter = digit_of(upper(buf[p])) + 48
-        bit = 1 << (letter - 65)
+        letter = np.int64(upper(buf[p]))
+        bit = 1 << (letter - LETTER_A)
         q = p + 1
         while q < r.end and is_blank(buf[q]):
             q += 1
-        style = (SPACED if spaced or q > p + 1 else 0) | (CAPITAL if buf[p] < 97 else 0)
+        style = (SPACED if spaced or q > p + 1 else 0) | (CAPITAL if buf[p] < SMALL_A else 0)
         _, q, found = parse_number(buf, q, r.end, style)
         if not found:
             q = p + 1
-        if letter == 71:
+        if letter == LETTER_G:
             at = copy_bytes(buf, gap, p, out, at)
             at = put_command(buf, r, motion, out, at)
         elif found and bit & (drop | done):  # of a word that comes twice the first stays
             gap, p = q, q
             continue
-        elif 88 <= letter <= 90 and r.words & bit:
-            axis = letter - 88
+        elif LETTER_X <= letter <= LETTER_Z and r.words & bit:
+            axis = letter - LETTER_X
             target = axis_value(r, piece, axis)
             at = copy_bytes(buf, gap, p + 1, out, at)
             if keeps_place(r, writer, target, axis):
                 at = copy_bytes(buf, p + 1, q, out, at)
-                writer[W_PLACE + axis] = target
+                writer.place[axis] = target
             else:
                 scaled = scaled_axis(r, writer, target, axis)
                 at = put_fixed(out, at, scaled, decimals(r))
-                writer[W_PLACE + axis] = reached(r, writer, scaled, axis)
+                writer.place[axis] = reached(r, writer, scaled, axis)
         elif bent and bit & (bit0 | bit1):
             at = copy_bytes(buf, gap, p + 1, out, at)
             at = put_fixed(out, at, centre0 if bit == bit0 else centre1, decimals(r) + 1)
         else:
-            if not added and not r.words & WORDS_XYZ and (letter == 69 or letter == 70):
+            if not added and not r.words & WORDS_XYZ and letter in (LETTER_E, LETTER_F):
                 at = add_axes(r, piece, writer, out, at)
                 added = True
-            if letter == 69 and r.words & WORD_E:
+            if letter == LETTER_E and r.words & WORD_E:
                 if piece.kind == PIECE_TRAVEL:
                     gap, p = q, q
                     continue
@@ -139,18 +149,18 @@ def edit_statement(buf, r, piece, before, writer, out, at):
                     at = put_fixed(out, at, e_scaled(r, 1.0), e_decimals(r))
                 else:
                     at = copy_bytes(buf, p + 1, q, out, at)
-            elif letter == 70 and r.words & WORD_F:
+            elif letter == LETTER_F and r.words & WORD_F:
                 at = copy_bytes(buf, gap, p + 1, out, at)
                 if keep_feed:
                     at = copy_bytes(buf, p + 1, q, out, at)
                 else:
                     scaled, places = scaled_feed(r, feed)
                     at = put_fixed(out, at, scaled, places)
-                writer[W_FEED] = feed
+                writer.feed = feed
             else:
                 at = copy_bytes(buf, gap, q, out, at)
         gap, p = q, q
-        if letter != 71 and found:
+        if letter != LETTER_G and found:
             done |= bit
         # The axes that the statement does not name follow the last one it does.
         if not added and r.words & WORDS_XYZ and done & WORDS_XYZ == r.words & WORDS_XYZ:
@@ -159,24 +169,24 @@ def edit_statement(buf, r, piece, before, writer, out, at):
     if not added:
         at = add_axes(r, piece, writer, out, at)
     if bent and not done & bit0:
-        at = put_word(out, at, r, 73 + centre_axis(r, FIRST), centre0, decimals(r) + 1)
+        at = put_word(out, at, r, LETTER_I + centre_axis(r, FIRST), centre0, decimals(r) + 1)
     if bent and not done & bit1:
-        at = put_word(out, at, r, 73 + centre_axis(r, SECOND), centre1, decimals(r) + 1)
+        at = put_word(out, at, r, LETTER_I + centre_axis(r, SECOND), centre1, decimals(r) + 1)
     if not r.words & WORD_F:
         at = put_feed(out, at, r, feed, writer)
-    writer[W_MODAL] = motion
+    writer.modal = motion
     return copy_tail(buf, r, gap, start, writer, out, at)
 
 
 @inner
 def is_plain_edit(r, piece, writer):
-    """Is `edit_plain` enough: a plain line, absolute, whose unnamed axes stay and whose feed holds?"""
+    """Say whether `edit_plain` is enough: for a plain line, absolute, whose unnamed axes stay and whose feed holds."""
     if not r.flags & FLAG_PLAIN or r.flags & (FLAG_RELATIVE | FLAG_CHECKSUM) or piece.kind != PIECE_LINE:
         return False
-    if (piece.feed > 0 and piece.feed != r.feed) or (not r.words & WORD_F and r.feed != writer[W_FEED]):
+    if (piece.feed > 0 and piece.feed != r.feed) or (not r.words & WORD_F and r.feed != writer.feed):
         return False
     for axis in range(3):
-        still = abs(axis_value(r, piece, axis) - writer[W_PLACE + axis]) <= 0.0005
+        still = abs(axis_value(r, piece, axis) - writer.place[axis]) <= 0.0005
         if not (still or r.words & (WORD_X << axis)):
             return False
     return True
@@ -192,32 +202,31 @@ def edit_plain(buf, r, piece, writer, out, at):
         letter = buf[p + 1]
         out[at], out[at + 1] = SPACE, letter
         at, p = at + 2, p + 2
-        if letter >= 88:
-            axis = np.int64(letter) - 88
+        if letter >= LETTER_X:
+            axis = np.int64(letter) - LETTER_X
             target = axis_value(r, piece, axis)
-            place = W_PLACE + axis
-            if target != axis_end(r, axis) or writer[W_SHIFT + axis] != 0.0:
-                offset = (r.ox if axis == 0 else (r.oy if axis == 1 else r.oz)) + writer[W_SHIFT + axis]
-                scaled = to_fixed(target - offset, THREE)
-                at = put_fixed(out, at, scaled, THREE)
-                writer[place] = float(scaled) / 1000.0 + offset
+            if target != axis_end(r, axis) or writer.shift[axis] != 0.0:
+                offset = (r.ox if axis == 0 else (r.oy if axis == 1 else r.oz)) + writer.shift[axis]
+                scaled = to_fixed(target - offset, DECIMALS_3)
+                at = put_fixed(out, at, scaled, DECIMALS_3)
+                writer.place[axis] = float(scaled) / 1000.0 + offset
                 while p < end and buf[p] != SPACE and buf[p] != SEMICOLON:
                     p += 1
                 continue
-            writer[place] = target
+            writer.place[axis] = target
         while p < end and buf[p] != SPACE and buf[p] != SEMICOLON:
             out[at] = buf[p]
             at, p = at + 1, p + 1
     if r.words & WORD_F:
-        writer[W_FEED] = r.feed
-    writer[W_MODAL] = 0 if r.flags & FLAG_RAPID else 1
+        writer.feed = r.feed
+    writer.modal = 0 if r.flags & FLAG_RAPID else 1
     return copy_bytes(buf, p, end, out, at)
 
 
 @inner
 def copy_tail(buf, r, gap, start, writer, out, at):
-    """Copy what follows the words: blanks, comment, checksum."""
-    if writer[W_NUMBERED] != 0 and r.flags & FLAG_CHECKSUM:
+    """Copy what follows the words: blanks, comment, checksum; a `*+` asks `renumber` for a new checksum."""
+    if writer.numbered and r.flags & FLAG_CHECKSUM:
         star = r.end - 1
         while star > gap and buf[star] != STAR:
             star -= 1
@@ -228,7 +237,7 @@ def copy_tail(buf, r, gap, start, writer, out, at):
                 same = same and out[start + k] == buf[r.begin + k]
             if same:
                 return copy_bytes(buf, star + 1, r.end, out, at)
-        out[at] = 43
+        out[at] = PLUS
         at += 1
         p = star + 1
         while p < r.end and is_digit(buf[p]):
@@ -244,11 +253,11 @@ def add_axes(r, piece, writer, out, at):
         if r.words & (WORD_X << axis):
             continue
         target = axis_value(r, piece, axis)
-        if np.isnan(writer[W_PLACE + axis]) and not r.flags & (FLAG_KNOWN_X1 << axis):
-            writer[W_PLACE + axis] = target  # nobody knows where it is: leave it there
+        if np.isnan(writer.place[axis]) and not r.flags & (FLAG_KNOWN_X1 << axis):
+            writer.place[axis] = target  # nobody knows where it is: leave it there
             continue
         scaled = scaled_axis(r, writer, target, axis)
         if wants_axis(r, writer, target, scaled, axis):
-            at = put_word(out, at, r, 88 + axis, scaled, decimals(r))
-            writer[W_PLACE + axis] = reached(r, writer, scaled, axis)
+            at = put_word(out, at, r, LETTER_X + axis, scaled, decimals(r))
+            writer.place[axis] = reached(r, writer, scaled, axis)
     return at

@@ -1,9 +1,9 @@
 # ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
 """The writer: statements and the pieces that replace their motion in, text out, byte for byte where nothing changed.
 
-The writer follows the machine that will read the output (`writer`, WRITER numbers): where it is after what was
-written (`W_PLACE`; NaN: not certain), how far G92 on a mended place shifted its coordinates (`W_SHIFT`), its modal
-feed and motion. So rounding never adds up: a relative move is written as the difference to where the machine is.
+The writer follows the machine that will read the output (`writer`, a record of WRITER): where it is after what was
+written, how far G92 on a mended place shifted its coordinates, its modal feed and motion. So rounding never adds up:
+a relative move is written as the difference to where the machine is.
 
 In files with N words the output is an intermediate text that `renumber` finishes: a new line begins with `N+`, and a
 line whose checksum has to be computed again ends in `*+`.
@@ -11,14 +11,14 @@ line whose checksum has to be computed again ends in `*+`.
 
 import numpy as np
 
+from printmend.gcode.kernels.ascii import CR, LETTER_G, ONE, PLUS, SPACE, STAR, ZERO
 from printmend.gcode.kernels.edit import copy_tail, edit_plain, edit_statement, is_plain_edit
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.row import PLAIN_WORDS, put_eol, put_line_start, put_row
-from printmend.gcode.kernels.text import STAR
-from printmend.gcode.kernels.words import LETTER_G, axis_end, cased, copy_bytes, own_motion, put_feed
+from printmend.gcode.kernels.words import axis_end, cased, copy_bytes, own_motion, put_feed
 from printmend.jit import entry, inner
 
-ROOM = 224  # more than a generated line or an edit adds: eight words of at most 22 bytes, starts and ends
+ROOM_BYTES = 224  # more than a generated line or an edit adds: eight words of at most 22 bytes, starts and ends
 
 
 @inner
@@ -29,35 +29,35 @@ def _follow(r, writer):
     for axis in range(3):
         start = r.x0 if axis == 0 else (r.y0 if axis == 1 else r.z0)
         end = axis_end(r, axis)
-        place = W_PLACE + axis
         named = moves and (r.words & (WORD_X << axis) or r.flags & FLAG_CURVE)
         if r.kind == KIND_HOME:
             if r.axes & (1 << axis):
-                writer[place], writer[W_SHIFT + axis] = end, 0.0
+                writer.place[axis], writer.shift[axis] = end, 0.0
         elif r.kind == KIND_SET:
             # The new zero counts from where the mended machine is, not from where the file thinks it is.
             if r.axes & 16:
-                writer[W_SHIFT + axis] = 0.0
-            elif r.axes & (1 << axis) and not np.isnan(writer[place]):
-                writer[W_SHIFT + axis] = writer[place] - start
+                writer.shift[axis] = 0.0
+            elif r.axes & (1 << axis) and not np.isnan(writer.place[axis]):
+                writer.shift[axis] = writer.place[axis] - start
         elif r.kind == KIND_EVENT and r.event == EVENT_SAVE:
-            writer[W_SAVED + 6 * r.axes + axis] = writer[place]
-            writer[W_SAVED + 6 * r.axes + 3 + axis] = writer[W_SHIFT + axis]
+            saved = writer.saved[r.axes]
+            saved.place[axis], saved.shift[axis] = writer.place[axis], writer.shift[axis]
         elif r.kind == KIND_EVENT and (r.event == EVENT_RESTORE or r.event == EVENT_OFFSET) and r.axes < SAVED_SLOTS:
-            writer[W_SHIFT + axis] = writer[W_SAVED + 6 * r.axes + 3 + axis]
+            saved = writer.saved[r.axes]
+            writer.shift[axis] = saved.shift[axis]
             if r.event == EVENT_RESTORE:
-                writer[place] = writer[W_SAVED + 6 * r.axes + axis]
+                writer.place[axis] = saved.place[axis]
         elif r.kind == KIND_EVENT and r.event == EVENT_RESTORE and r.flags & (FLAG_KNOWN_X1 << axis):
-            writer[place] += end - start
+            writer.place[axis] += end - start
         elif r.kind == KIND_EVENT and (not r.flags & (FLAG_KNOWN_X1 << axis) or (start != end and not named)):
-            writer[place] = np.nan
+            writer.place[axis] = np.nan
         elif named:
             if relative:
-                writer[place] += end - start
+                writer.place[axis] += end - start
             else:
-                writer[place] = end + (writer[W_SHIFT + axis] if not r.flags & FLAG_G53 else 0.0)
+                writer.place[axis] = end + (writer.shift[axis] if not r.flags & FLAG_G53 else 0.0)
     if r.words & WORD_F or r.kind == KIND_EVENT:
-        writer[W_FEED] = r.feed
+        writer.feed = r.feed
 
 
 # Long because the writer's state goes from record to record: its parts that stand alone are in `edit` and `row`.
@@ -75,43 +75,43 @@ def emit(buf, begin, records, n, first, pieces, writer, out):
     for i in range(n):
         r = records[i]
         count = first[i + 1] - first[i]
-        row = ROOM + (MAX_CODE_BYTES if r.words & ~np.uint32(PLAIN_WORDS) else 0)
+        row = ROOM_BYTES + (MAX_CODE_BYTES if r.words & ~np.uint32(PLAIN_WORDS) else 0)
         if at + r.next - p + (count + 2) * row > room:
             return i, p, at
         at = copy_bytes(buf, p, r.begin, out, at)
         p = r.end
         motion = r.kind == KIND_LINEAR or r.kind == KIND_CW or r.kind == KIND_CCW
         if r.next > r.end:
-            writer[W_CRLF] = 1.0 if r.next - r.end > 1 and buf[r.end] == 13 else 0.0
+            writer.crlf = 1 if r.next - r.end > 1 and buf[r.end] == CR else 0
         if r.flags & FLAG_RELATIVE or not motion:
             for axis in range(3):
-                if np.isnan(writer[W_PLACE + axis]):
-                    writer[W_PLACE + axis] = r.x0 if axis == 0 else (r.y0 if axis == 1 else r.z0)
+                if np.isnan(writer.place[axis]):
+                    writer.place[axis] = r.x0 if axis == 0 else (r.y0 if axis == 1 else r.z0)
         if count == 0 or not motion or r.flags & FLAG_OPAQUE:
             own = own_motion(r)
             depends = (motion or (r.kind == KIND_EVENT and r.event != EVENT_EXCLUDE)) and not r.words & WORD_F
-            if depends and r.feed > 0 and writer[W_FEED] > 0 and writer[W_FEED] != r.feed:
+            if depends and r.feed > 0 and writer.feed > 0 and writer.feed != r.feed:
                 # The file's F would still hold here: say it again.
-                out[at], out[at + 1] = cased(LETTER_G, r), 49
+                out[at], out[at + 1] = cased(LETTER_G, r), ONE
                 at = put_feed(out, at + 2, r, r.feed, writer)
-                writer[W_MODAL] = 1
-                if writer[W_NUMBERED] != 0 and r.flags & FLAG_CHECKSUM:
-                    out[at], out[at + 1] = STAR, 43
+                writer.modal = 1
+                if writer.numbered and r.flags & FLAG_CHECKSUM:
+                    out[at], out[at + 1] = STAR, PLUS
                     at += 2
                 at = put_eol(buf, r, writer, out, at)
                 at = put_line_start(r, writer, out, at)
-            if motion and r.flags & FLAG_MODAL and writer[W_MODAL] >= 0 and writer[W_MODAL] != own:
+            if motion and r.flags & FLAG_MODAL and writer.modal >= 0 and writer.modal != own:
                 start = at
-                out[at], out[at + 1] = cased(LETTER_G, r), 48 + own
+                out[at], out[at + 1] = cased(LETTER_G, r), ZERO + own
                 at += 2
                 if r.flags & FLAG_SPACED:
-                    out[at] = 32
+                    out[at] = SPACE
                     at += 1
                 at = copy_tail(buf, r, r.begin, start, writer, out, at)
             else:
                 at = copy_bytes(buf, r.begin, r.end, out, at)
             if motion and not r.flags & FLAG_CURVE:
-                writer[W_MODAL] = own
+                writer.modal = own
             _follow(r, writer)
             continue
         cumulated = 0.0

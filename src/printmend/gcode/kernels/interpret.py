@@ -3,6 +3,21 @@
 
 import numpy as np
 
+from printmend.gcode.kernels.ascii import (
+    COLON,
+    CR,
+    LETTER_B,
+    LETTER_C,
+    LETTER_G,
+    LETTER_L,
+    LETTER_M,
+    LETTER_N,
+    LETTER_T,
+    LF,
+    MINUS,
+    SEMICOLON,
+    SPACE,
+)
 from printmend.gcode.kernels.commands import (
     ALL_LOST,
     add_offsets,
@@ -18,28 +33,10 @@ from printmend.gcode.kernels.klipper import long_command
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.plain import plain_move
 from printmend.gcode.kernels.spline import CURVES_A_LINE, chords_of, most_records, put_chords
-from printmend.gcode.kernels.statement import (
-    EXTENDED,
-    LAST_MOVE,
-    LETTER_G,
-    LETTER_M,
-    LETTER_T,
-    STATEMENT,
-    read_statement,
-)
-from printmend.gcode.kernels.text import (
-    CR,
-    LF,
-    SEMICOLON,
-    SPACE,
-    is_blank,
-    is_digit,
-    starts_with,
-    upper,
-)
+from printmend.gcode.kernels.statement import EXTENDED, LAST_MOVE, STATEMENT, read_statement
+from printmend.gcode.kernels.text import is_blank, is_digit, starts_with, upper
 from printmend.jit import entry, inner
 
-LETTER_N = 78  # in ASCII
 _LAYER_CHANGE = np.frombuffer(b"LAYER_CHANGE", np.uint8)
 _CHANGE_LAYER = np.frombuffer(b"CHANGE_LAYER", np.uint8)
 _LAYER = np.frombuffer(b"LAYER", np.uint8)
@@ -53,14 +50,14 @@ def _comment(buf, p, stop, counts):
     if p >= stop:
         return
     first = upper(buf[p])
-    if first == 76 and starts_with(buf, p, stop, _LAYER):
+    if first == LETTER_L and starts_with(buf, p, stop, _LAYER):
         q = p + 5
         if starts_with(buf, p, stop, _LAYER_CHANGE):
             counts.layer += q + 7 == stop or is_blank(buf[min(q + 7, stop - 1)])
-        elif q + 1 < stop and (buf[q] == 58 or buf[q] == SPACE) and (is_digit(buf[q + 1]) or buf[q + 1] == 45):
+        elif q + 1 < stop and (buf[q] == COLON or buf[q] == SPACE) and (is_digit(buf[q + 1]) or buf[q + 1] == MINUS):
             counts.layer += 1
-    elif (first == 67 and starts_with(buf, p, stop, _CHANGE_LAYER)) or (
-        first == 66 and starts_with(buf, p, stop, _LAYER_OBJECT)
+    elif (first == LETTER_C and starts_with(buf, p, stop, _CHANGE_LAYER)) or (
+        first == LETTER_B and starts_with(buf, p, stop, _LAYER_OBJECT)
     ):
         counts.layer += 1
 
@@ -116,6 +113,7 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n):
 
 @inner
 def _after_blanks(buf, p, stop):
+    """Return what follows the blanks at p."""
     while p < stop and is_blank(buf[p]):
         p += 1
     return p

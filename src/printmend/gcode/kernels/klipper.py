@@ -3,9 +3,10 @@
 
 import numpy as np
 
+from printmend.gcode.kernels.ascii import EQUALS, SEMICOLON
 from printmend.gcode.kernels.commands import ALL_LOST
 from printmend.gcode.kernels.layout import *
-from printmend.gcode.kernels.text import SEMICOLON, among, is_letter, name_hash, parse_number, word_hash
+from printmend.gcode.kernels.text import CAPITAL, SPACED, among, is_letter, name_hash, parse_number, word_hash
 from printmend.jit import inner
 
 _SAVE, _RESTORE, _OFFSET = (
@@ -64,12 +65,12 @@ def long_command(r, buf, p, stop, numbers, counts):
             p += 1
             continue
         key, p = word_hash(buf, p, stop)
-        if p >= stop or buf[p] != 61:
+        if p >= stop or buf[p] != EQUALS:
             continue
         if key == _KEY_NAME:
             label, p = word_hash(buf, p + 1, stop)
             continue
-        value, p, found = parse_number(buf, p + 1, stop, np.int64(3))
+        value, p, found = parse_number(buf, p + 1, stop, np.int64(SPACED | CAPITAL))
         move = move or (key == _KEY_MOVE and value == 1)
         for axis in range(3):
             if found and key == _KEY_AXIS[axis]:

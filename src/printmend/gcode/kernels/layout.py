@@ -15,10 +15,8 @@ RECORD = np.dtype(
     [
         ("begin", "i8"),  # statement's first byte in the chunk, after any N word
         ("end", "i8"),  # its end, comment included, line end excluded
-        (
-            "next",
-            "i8",
-        ),  # start of what follows; buf[end:next] is the line end, empty within a line or at the file's end
+        # start of what follows; buf[end:next] is the line end, empty within a line or at the file's end
+        ("next", "i8"),
         ("line", "i8"),  # line in the file, from 0
         ("x0", "f8"),  # place before [mm]
         ("y0", "f8"),
@@ -81,17 +79,17 @@ FLAG_EXPONENT = 1 << 17  # a number is written with an exponent
 FLAG_OPAQUE = 1 << 18  # not every word is a plain number, or its code is too long: do not write it again
 FLAG_SPACED = 1 << 19  # words are separated by blanks
 FLAG_ARC_ABSOLUTE = 1 << 20  # G90.1: I J K are coordinates
+FLAG_PLAIN = 1 << 21  # written `G1 X… Y…`: upper case, one blank before each word, no word twice, millimetres
 FLAG_TWICE = 1 << 22  # a word comes twice: the last one counts
 FLAG_CURVE = 1 << 23  # a chord of a G5; all but its last one have no text of their own
-FLAG_PLAIN = 1 << 21  # written `G1 X… Y…`: upper case, one blank before each word, no word twice, millimetres
 
 # What the firmware is: the cases in which firmwares differ.
 FLAVOUR_UNKNOWN, FLAVOUR_MARLIN2, FLAVOUR_MARLIN1, FLAVOUR_KLIPPER, FLAVOUR_RRF, FLAVOUR_PRUSA = 0, 1, 2, 3, 4, 5
 E_EITHER, E_FOLLOWS, E_APART = 0, 1, 2  # how G90/G91 act on E: relative if G91 or M83; sets E too; not at all
 
-TOOLS, WORK_OFFSETS = 16, 9
-SAVED_SLOTS = 8  # of SAVE_GCODE_STATE
-NO_SLOT = 255
+TOOLS, WORK_OFFSETS = 16, 9  # tools whose offsets are kept, and G54 to G59.3
+SAVED_SLOTS = 8  # states that SAVE_GCODE_STATE can keep
+NO_SLOT = 255  # stands in a record for none of them
 _MODAL_NUMBERS = [
     ("pos", "f8", 3),  # machine place [mm]
     ("g92", "f8", 3),  # shift by G92 [mm]
@@ -141,28 +139,15 @@ COUNTS = np.dtype(
 )
 MAX_CODE_BYTES = 512  # of a statement without its comment
 
-# Bits of a record's words: 1 << (letter − A).
-WORD_D, WORD_E, WORD_F, WORD_H, WORD_I, WORD_J, WORD_K, WORD_L = (
-    1 << 3,
-    1 << 4,
-    1 << 5,
-    1 << 7,
-    1 << 8,
-    1 << 9,
-    1 << 10,
-    1 << 11,
-)
-WORD_O, WORD_P, WORD_Q, WORD_R, WORD_S, WORD_T, WORD_X, WORD_Y, WORD_Z = (
-    1 << 14,
-    1 << 15,
-    1 << 16,
-    1 << 17,
-    1 << 18,
-    1 << 19,
-    1 << 23,
-    1 << 24,
-    1 << 25,
-)
+# Where a word's value stands among the 26 that a statement may have, and its bit among a record's words: its letter's
+# place in the alphabet.
+VALUE_D, VALUE_E, VALUE_F, VALUE_G, VALUE_H, VALUE_I, VALUE_J, VALUE_K, VALUE_L = 3, 4, 5, 6, 7, 8, 9, 10, 11
+VALUE_N, VALUE_O, VALUE_P, VALUE_Q, VALUE_R, VALUE_S, VALUE_T = 13, 14, 15, 16, 17, 18, 19
+VALUE_X, VALUE_Y, VALUE_Z = 23, 24, 25
+WORD_D, WORD_E, WORD_F, WORD_G, WORD_H = 1 << VALUE_D, 1 << VALUE_E, 1 << VALUE_F, 1 << VALUE_G, 1 << VALUE_H
+WORD_I, WORD_J, WORD_K, WORD_L, WORD_N = 1 << VALUE_I, 1 << VALUE_J, 1 << VALUE_K, 1 << VALUE_L, 1 << VALUE_N
+WORD_O, WORD_P, WORD_Q, WORD_R, WORD_S = 1 << VALUE_O, 1 << VALUE_P, 1 << VALUE_Q, 1 << VALUE_R, 1 << VALUE_S
+WORD_T, WORD_X, WORD_Y, WORD_Z = 1 << VALUE_T, 1 << VALUE_X, 1 << VALUE_Y, 1 << VALUE_Z
 WORDS_XYZ, WORDS_IJK = WORD_X | WORD_Y | WORD_Z, WORD_I | WORD_J | WORD_K
 WORDS_MOVING = WORDS_XYZ | WORD_E | WORD_F
 
@@ -181,6 +166,18 @@ PIECE = np.dtype(
 )
 PIECE_LINE, PIECE_ARC, PIECE_TRAVEL = 0, 1, 2  # travel: no E, before or after the statement's own motion
 
-# writer: float64 state of the machine that reads the output.
-W_PLACE, W_SHIFT, W_FEED, W_MODAL, W_CRLF, W_NUMBERED, W_E_DEBT, W_SAVED = 0, 3, 6, 7, 8, 9, 10, 11
-WRITER = W_SAVED + 6 * SAVED_SLOTS  # for each slot the place and the shift when it was saved
+# The state of the machine that reads the output.
+_SHIFTED_PLACE = np.dtype([("place", "f8", 3), ("shift", "f8", 3)])
+WRITER = np.dtype(
+    [
+        ("place", "f8", 3),  # where it is after what was written [machine mm]; NaN where that is not certain
+        ("shift", "f8", 3),  # how far G92 on a mended place shifted its coordinates [mm]
+        ("feed", "f8"),  # modal F [mm/min]
+        ("modal", "i8"),  # the motion in force, as in COUNTS
+        ("crlf", "i8"),  # 1 where the last line ended in CR and LF
+        ("numbered", "i8"),  # 1 where lines have numbers
+        ("e_debt", "f8"),  # what rounding took of relative E so far, in steps of E
+        ("saved", _SHIFTED_PLACE, SAVED_SLOTS),  # for each slot the place and the shift when it was saved
+    ],
+    align=True,
+)

@@ -6,14 +6,13 @@ place is E's. Two 0xFF bytes and a command switch packing and that mode.
 
 import numpy as np
 
-from printmend.gcode.kernels.text import LF, SEMICOLON, SPACE
+from printmend.gcode.kernels.ascii import LETTER_E, LF, SEMICOLON, SPACE
 from printmend.jit import entry, inner
 
 _TABLE = np.frombuffer(b"0123456789. \nGX", np.uint8)
 _INDEX = np.full(256, 15, np.uint8)
 _INDEX[_TABLE] = np.arange(15)
 _SIGNAL, _PACK, _PLAIN, _RESET, _NO_SPACES, _SPACES = 255, 251, 250, 249, 247, 246
-_E = 69
 
 
 @entry
@@ -21,11 +20,8 @@ def unpack(packed, out):
     """Decode ``packed`` into ``out``, which has room for twice its length and two more; return the bytes written."""
     at = 0
     packing, no_spaces = False, False
-    signals, waiting, held = (
-        0,
-        0,
-        np.int64(-1),
-    )  # 0xFF bytes seen, whole characters to come, the character after the next one
+    # 0xFF bytes seen, whole characters to come, the character after the next one
+    signals, waiting, held = 0, 0, np.int64(-1)
     for k in range(len(packed)):
         byte = np.int64(packed[k])
         if signals == 2:
@@ -58,9 +54,9 @@ def unpack(packed, out):
             first = np.int64(_TABLE[low]) if low < 15 else np.int64(-1)
             second = np.int64(_TABLE[high]) if high < 15 else np.int64(-1)
             if no_spaces and first == SPACE:
-                first = np.int64(_E)
+                first = np.int64(LETTER_E)
             if no_spaces and second == SPACE:
-                second = np.int64(_E)
+                second = np.int64(LETTER_E)
             if first < 0:
                 waiting = 1 if second >= 0 else 2
                 held = second
@@ -124,16 +120,18 @@ def pack(text, no_spaces, out):
 
 @inner
 def _nibble(byte, no_spaces):
+    """Return the index of a character in the table, 15 for one that is not there."""
     if no_spaces:
         if byte == SPACE:
             return np.uint8(15)
-        if byte == _E:
+        if byte == LETTER_E:
             return _INDEX[SPACE]
     return _INDEX[byte]
 
 
 @inner
 def _put_command(out, at, command):
+    """Write a command to whoever unpacks."""
     out[at] = out[at + 1] = _SIGNAL
     out[at + 2] = command
     return at + 3

@@ -6,8 +6,24 @@ It does what the general way in `interpret` does to such a line, in half the tim
 
 import numpy as np
 
+from printmend.gcode.kernels.ascii import (
+    CR,
+    LETTER_E,
+    LETTER_F,
+    LETTER_G,
+    LETTER_X,
+    LETTER_Y,
+    LETTER_Z,
+    LF,
+    MINUS,
+    ONE,
+    POINT,
+    SEMICOLON,
+    SPACE,
+    ZERO,
+)
 from printmend.gcode.kernels.layout import *
-from printmend.gcode.kernels.text import CR, LF, POWERS, SEMICOLON, SPACE, digit_of
+from printmend.gcode.kernels.text import POWERS, digit_of
 from printmend.jit import inner
 
 
@@ -16,7 +32,7 @@ from printmend.jit import inner
 @inner
 def plain_move(buf, p, end, numbers, counts, records, n):
     """Obey the line at p and fill record n; return the start of the next line, or −1 if it is no plain move."""
-    if p + 4 > end or buf[p] != 71 or (buf[p + 1] != 49 and buf[p + 1] != 48) or buf[p + 2] != SPACE:
+    if p + 4 > end or buf[p] != LETTER_G or (buf[p + 1] != ONE and buf[p + 1] != ZERO) or buf[p + 2] != SPACE:
         return -1
     if counts.inch != 0:
         return -1
@@ -32,7 +48,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
         if letter == SEMICOLON:
             break
         p += 1
-        negative = buf[p] == 45
+        negative = buf[p] == MINUS
         p += negative
         first = p
         whole = np.int64(0)
@@ -43,7 +59,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
             whole = whole * 10 + digit
             p += 1
         digits, decimals = p - first, 0
-        if p < end and buf[p] == 46:
+        if p < end and buf[p] == POINT:
             p += 1
             first = p
             while p < end:
@@ -60,15 +76,15 @@ def plain_move(buf, p, end, numbers, counts, records, n):
         if negative:
             value = -value
         bit = 0
-        if letter == 88:
+        if letter == LETTER_X:
             x, bit = value, WORD_X
-        elif letter == 89:
+        elif letter == LETTER_Y:
             y, bit = value, WORD_Y
-        elif letter == 69:
+        elif letter == LETTER_E:
             e, bit = value, WORD_E
-        elif letter == 70:
+        elif letter == LETTER_F:
             f, bit = abs(value), WORD_F
-        elif letter == 90:
+        elif letter == LETTER_Z:
             z, bit = value, WORD_Z
         if bit == 0 or words & bit:
             return -1
@@ -91,8 +107,8 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     ox, oy, oz = numbers.offset[0], numbers.offset[1], numbers.offset[2]
     feed, flow, area = numbers.feed, numbers.flow, numbers.area
     layer, plane, line = counts.layer, counts.plane, counts.line
-    flags = known << 4 | FLAG_SPACED | FLAG_PLAIN
-    if buf[start + 1] == 48:
+    flags = known * FLAG_KNOWN_X0 | FLAG_SPACED | FLAG_PLAIN
+    if buf[start + 1] == ZERO:
         flags |= FLAG_RAPID
     if relative:
         flags |= FLAG_RELATIVE
@@ -108,7 +124,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     if words & WORD_Z:
         z1 = z0 + z if relative else z + oz
     if not relative:
-        named = words >> 23
+        named = words >> VALUE_X
         known = (known & ~named) | (named & sure)
     advance = 0.0
     if words & WORD_E:
@@ -120,7 +136,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
         feed = f
     if advance > 0 and (x1 != x0 or y1 != y0 or z1 != z0):
         flags |= FLAG_EXTRUDING
-    flags |= known << 7
+    flags |= known * FLAG_KNOWN_X1
 
     numbers.pos[0], numbers.pos[1], numbers.pos[2] = x1, y1, z1
     numbers.e, numbers.feed = e1, feed

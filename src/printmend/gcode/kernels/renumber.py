@@ -2,10 +2,12 @@
 
 import numpy as np
 
-from printmend.gcode.kernels.text import CR, LF, SEMICOLON, STAR, digit_of, is_blank, is_digit, upper
+from printmend.gcode.kernels.ascii import CR, LETTER_G, LETTER_M, LETTER_N, LF, ONE, PLUS, SEMICOLON, STAR, ZERO
+from printmend.gcode.kernels.text import digit_of, is_blank, is_digit, upper
 from printmend.jit import entry, inner
 
-_ROOM = 32  # what one line can gain: a number of 20 digits and a checksum of 4 bytes
+_NUMBERS = 10**12  # of lines: a longer one is cut to its last digits
+_ROOM_BYTES = 32  # what one line can gain: a number of 20 digits and a checksum of 4 bytes
 
 
 @inner
@@ -15,10 +17,16 @@ def _restart(buf, p, stop):
     −2 where there is no M110.
     """
     while p < stop and buf[p] != SEMICOLON:
-        if upper(buf[p]) == 77 and p + 3 < stop and buf[p + 1] == 49 and buf[p + 2] == 49 and buf[p + 3] == 48:
+        if (
+            upper(buf[p]) == LETTER_M
+            and p + 3 < stop
+            and buf[p + 1] == ONE
+            and buf[p + 2] == ONE
+            and buf[p + 3] == ZERO
+        ):
             p += 4
             while p < stop and buf[p] != SEMICOLON and buf[p] != STAR:
-                if upper(buf[p]) == 78 and p + 1 < stop and is_digit(buf[p + 1]):
+                if upper(buf[p]) == LETTER_N and p + 1 < stop and is_digit(buf[p + 1]):
                     return _integer(buf, p + 1, stop)[0]
                 p += 1
             return np.int64(-1)
@@ -31,7 +39,7 @@ def _integer(buf, p, stop):
     """Read digits at p: (their value, where they end)."""
     number = np.int64(0)
     while p < stop and is_digit(buf[p]):
-        number = (number * 10 + digit_of(buf[p])) % 1000000000000
+        number = (number * 10 + digit_of(buf[p])) % _NUMBERS
         p += 1
     return number, p
 
@@ -50,7 +58,7 @@ def renumber(buf, begin, end, lines, out):
         stop = p
         while stop < end and buf[stop] != LF and buf[stop] != CR:
             stop += 1
-        if at + (stop - p) + _ROOM > len(out):
+        if at + (stop - p) + _ROOM_BYTES > len(out):
             break
 
         while p < stop and is_blank(buf[p]):
@@ -59,11 +67,11 @@ def renumber(buf, begin, end, lines, out):
         first = at
         changed = False
         restart = np.int64(-2)
-        if p + 1 < stop and upper(buf[p]) == 78 and (buf[p + 1] == 43 or is_digit(buf[p + 1])):
+        if p + 1 < stop and upper(buf[p]) == LETTER_N and (buf[p + 1] == PLUS or is_digit(buf[p + 1])):
             out[at] = buf[p]
             at, p = at + 1, p + 1
             number = 0
-            if buf[p] == 43:
+            if buf[p] == PLUS:
                 lines[0] += 1
                 number = lines[1] + 1
                 changed = True
@@ -83,7 +91,7 @@ def renumber(buf, begin, end, lines, out):
             if changed:
                 at = _put_integer(out, at, number)
             lines[1] = number
-        elif p < stop and (upper(buf[p]) == 77 or upper(buf[p]) == 71):
+        elif p < stop and (upper(buf[p]) == LETTER_M or upper(buf[p]) == LETTER_G):
             restart = _restart(buf, p, stop)
             if restart > -2:
                 lines[0] = 0
@@ -95,7 +103,7 @@ def renumber(buf, begin, end, lines, out):
             if buf[q] == STAR:
                 star = q
             q += 1
-        asked = star + 1 < stop and buf[star + 1] == 43
+        asked = star + 1 < stop and buf[star + 1] == PLUS
         asked = asked and (star + 2 == stop or is_blank(buf[star + 2]) or buf[star + 2] == SEMICOLON)
         digits = star + 1
         while digits < stop and is_digit(buf[digits]):
@@ -108,7 +116,7 @@ def renumber(buf, begin, end, lines, out):
                 at, p = at + 1, p + 1
             total = 0
             for k in range(first, at):
-                total ^= digit_of(out[k]) + 48
+                total ^= np.int64(out[k])
             out[at] = STAR
             at = _put_integer(out, at + 1, total)
             p = digits
@@ -123,11 +131,12 @@ def renumber(buf, begin, end, lines, out):
 
 @inner
 def _put_integer(out, at, value):
+    """Write an integer that is not negative; return where it ends."""
     size, rest = 1, value
     while rest >= 10:
         rest //= 10
         size += 1
     for k in range(size):
-        out[at + size - 1 - k] = 48 + value % 10
+        out[at + size - 1 - k] = ZERO + value % 10
         value //= 10
     return at + size

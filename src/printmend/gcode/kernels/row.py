@@ -3,11 +3,26 @@
 
 import numpy as np
 
-from printmend.gcode.kernels.layout import *
-from printmend.gcode.kernels.text import OPEN, SEMICOLON, STAR, is_blank, is_letter, upper
-from printmend.gcode.kernels.words import (
+from printmend.gcode.kernels.ascii import (
+    CR,
+    FIVE,
+    LETTER_A,
     LETTER_E,
     LETTER_G,
+    LETTER_I,
+    LETTER_N,
+    LETTER_X,
+    LF,
+    OPEN,
+    PLUS,
+    SEMICOLON,
+    SPACE,
+    STAR,
+    THREE,
+)
+from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.text import is_blank, is_letter, upper
+from printmend.gcode.kernels.words import (
     axis_value,
     cased,
     centre_axis,
@@ -27,7 +42,7 @@ from printmend.gcode.kernels.words import (
 )
 from printmend.jit import inner
 
-PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | WORD_Q | 1 << 6 | 1 << 13  # G and N too
+PLAIN_WORDS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R | WORD_P | WORD_Q | WORD_G | WORD_N
 
 
 @inner
@@ -44,12 +59,12 @@ def put_extra(buf, r, out, at):
         p += 1
         while p < r.end and not is_letter(buf[p]) and buf[p] != SEMICOLON and buf[p] != STAR and buf[p] != OPEN:
             p += 1
-        if not (PLAIN_WORDS >> (upper(buf[start]) - 65)) & 1:
+        if not (PLAIN_WORDS >> (upper(buf[start]) - LETTER_A)) & 1:
             stop = p
             while stop > start and is_blank(buf[stop - 1]):
                 stop -= 1
             if r.flags & FLAG_SPACED:
-                out[at] = 32
+                out[at] = SPACE
                 at += 1
             at = copy_bytes(buf, start, stop, out, at)
     return at
@@ -60,10 +75,10 @@ def put_eol(buf, r, writer, out, at):
     """End a line as its statement's line ends, plainly where that has more than three bytes: it may have any number."""
     if 0 < r.next - r.end <= 3:
         return copy_bytes(buf, r.end, r.next, out, at)
-    if writer[W_CRLF] != 0:
-        out[at] = 13
+    if writer.crlf:
+        out[at] = CR
         at += 1
-    out[at] = 10
+    out[at] = LF
     return at + 1
 
 
@@ -80,18 +95,18 @@ def put_row(buf, r, piece, cumulated, before, last, writer, out, at):
     if piece.kind == PIECE_ARC:
         for second in range(2):
             scaled = scaled_centre(r, piece, writer, second)
-            at = put_word(out, at, r, 73 + centre_axis(r, second), scaled, decimals(r) + 1)
+            at = put_word(out, at, r, LETTER_I + centre_axis(r, second), scaled, decimals(r) + 1)
     for axis in range(3):
         target = axis_value(r, piece, axis)
         sure = r.words & (WORD_X << axis) or r.flags & (FLAG_KNOWN_X1 << axis)
-        if np.isnan(writer[W_PLACE + axis]) and not sure:
+        if np.isnan(writer.place[axis]) and not sure:
             continue  # nobody knows where it is: leave it there
         scaled = scaled_axis(r, writer, target, axis)
         # An arc names its end; and where it comes from an unknown place the writer's own is a guess.
         named = r.words & (WORD_X << axis) and (piece.kind == PIECE_ARC or not r.flags & (FLAG_KNOWN_X0 << axis))
         if named or wants_axis(r, writer, target, scaled, axis):
-            at = put_word(out, at, r, 88 + axis, scaled, decimals(r))
-            writer[W_PLACE + axis] = reached(r, writer, scaled, axis)
+            at = put_word(out, at, r, LETTER_X + axis, scaled, decimals(r))
+            writer.place[axis] = reached(r, writer, scaled, axis)
     if r.words & WORD_E and piece.kind != PIECE_TRAVEL:
         step = e_scaled(r, cumulated)
         if r.flags & FLAG_E_RELATIVE:
@@ -102,20 +117,20 @@ def put_row(buf, r, piece, cumulated, before, last, writer, out, at):
         return start  # shorter than the resolution: nothing to write
     at = put_feed(out, at, r, piece.feed if piece.feed > 0 else r.feed, writer)
     at = put_extra(buf, r, out, at)
-    if writer[W_NUMBERED] != 0 and r.flags & FLAG_CHECKSUM:
-        out[at], out[at + 1] = STAR, 43
+    if writer.numbered and r.flags & FLAG_CHECKSUM:
+        out[at], out[at + 1] = STAR, PLUS
         at += 2
-    writer[W_MODAL] = motion
+    writer.modal = motion
     return put_eol(buf, r, writer, out, at)
 
 
 @inner
 def put_line_start(r, writer, out, at):
     """Begin a line that the file did not have; G53 holds for one line only."""
-    if writer[W_NUMBERED] != 0 and r.flags & FLAG_NUMBERED:
-        out[at], out[at + 1], out[at + 2] = 78, 43, 32
+    if writer.numbered and r.flags & FLAG_NUMBERED:
+        out[at], out[at + 1], out[at + 2] = LETTER_N, PLUS, SPACE
         at += 3
     if r.flags & FLAG_G53:
-        out[at], out[at + 1], out[at + 2], out[at + 3] = cased(LETTER_G, r), 53, 51, 32
+        out[at], out[at + 1], out[at + 2], out[at + 3] = cased(LETTER_G, r), FIVE, THREE, SPACE
         at += 4
     return at

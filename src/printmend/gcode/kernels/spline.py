@@ -7,15 +7,28 @@ P and Q from P3 to P2; filament and height go with t (Marlin's `cubic_b_spline`)
 
 import numpy as np
 
+from printmend.gcode.kernels.ascii import (
+    FIVE,
+    FOUR,
+    LETTER_G,
+    MINUS,
+    OPEN,
+    PLUS,
+    POINT,
+    QUOTE,
+    SEMICOLON,
+    ZERO,
+)
 from printmend.gcode.kernels.commands import begin_record, finish_record
 from printmend.gcode.kernels.layout import *
-from printmend.gcode.kernels.text import OPEN, QUOTE, SEMICOLON
+from printmend.gcode.kernels.text import upper
 from printmend.jit import inner
 
-CURVE_MM = 0.005  # how far a chord may be off the curve: half of the tolerance of mending, as where arcs become chords
-MOST_CHORDS = 1024  # of one curve: more has no curve that fits on a bed
-CURVES_A_LINE = 8  # further ones of the same line stay as they are
-ZERO, FOUR, FIVE, PLUS, MINUS, POINT = 48, 52, 53, 43, 45, 46  # in ASCII
+CHORD_OFF_MM = (
+    0.005  # how far a chord may be off the curve: half of the tolerance of mending, as where arcs become chords
+)
+MOST_CHORDS = 1024  # of one curve: none that fits on a bed needs more
+CURVES_A_LINE = 8  # that are cut into chords: further ones of the line stay as they are
 _CONTROLS = WORD_I | WORD_J | WORD_P | WORD_Q
 
 
@@ -34,7 +47,7 @@ def most_records(buf, p, stop):
         p += 1
         if byte in (OPEN, QUOTE):
             inside = True
-        elif byte == 71 or byte == 103:  # G
+        elif upper(byte) == LETTER_G:
             while p < stop and buf[p] in (ZERO, PLUS, MINUS, POINT):
                 p += 1
             found += p < stop and buf[p] in (FOUR, FIVE)
@@ -56,7 +69,7 @@ def chords_of(r, s, values, numbers, counts):
     x1, y1, x2, y2 = _controls(r, s, values, numbers, counts)
     begin = np.hypot(r.x0 - 2.0 * x1 + x2, r.y0 - 2.0 * y1 + y2)
     end = np.hypot(x1 - 2.0 * x2 + numbers.pos[0], y1 - 2.0 * y2 + numbers.pos[1])
-    count = np.ceil(np.sqrt(6.0 * max(begin, end) / (8.0 * CURVE_MM)))
+    count = np.ceil(np.sqrt(6.0 * max(begin, end) / (8.0 * CHORD_OFF_MM)))
     stands = r.x0 == numbers.pos[0] and r.y0 == numbers.pos[1] and max(begin, end) == 0.0
     if not count <= MOST_CHORDS or stands:
         return 0
@@ -67,8 +80,8 @@ def chords_of(r, s, values, numbers, counts):
 def _controls(r, s, values, numbers, counts):
     """Return the places of both control points (x1, y1, x2, y2) [mm]."""
     unit = 25.4 if counts.inch else 1.0
-    i, j = values[8] if s.words & WORD_I else 0.0, values[9] if s.words & WORD_J else 0.0
-    p, q = values[15] if s.words & WORD_P else 0.0, values[16] if s.words & WORD_Q else 0.0
+    i, j = values[VALUE_I] if s.words & WORD_I else 0.0, values[VALUE_J] if s.words & WORD_J else 0.0
+    p, q = values[VALUE_P] if s.words & WORD_P else 0.0, values[VALUE_Q] if s.words & WORD_Q else 0.0
     return r.x0 + i * unit, r.y0 + j * unit, numbers.pos[0] + p * unit, numbers.pos[1] + q * unit
 
 

@@ -6,17 +6,35 @@ Letters are read one after the other; `Y-2.4e-5`, `X 10`, `X[next]`, `(remark)` 
 
 import numpy as np
 
+from printmend.gcode.kernels.ascii import (
+    BRACE,
+    BRACE_END,
+    BRACKET,
+    BRACKET_END,
+    CLOSE,
+    HASH,
+    LETTER_A,
+    LETTER_G,
+    LETTER_M,
+    LETTER_T,
+    LETTER_Z,
+    MINUS,
+    OPEN,
+    PLUS,
+    POINT,
+    QUOTE,
+    SEMICOLON,
+    SMALL_A,
+    SMALL_E,
+    SPACE,
+    STAR,
+    UNDERSCORE,
+)
 from printmend.gcode.kernels.commands import set_mode
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import (
     CAPITAL,
-    CLOSE,
-    OPEN,
-    QUOTE,
-    SEMICOLON,
-    SPACE,
     SPACED,
-    STAR,
     among,
     is_blank,
     is_digit,
@@ -26,12 +44,9 @@ from printmend.gcode.kernels.text import (
 )
 from printmend.jit import inner
 
-LETTER_A, LETTER_G, LETTER_M, LETTER_T, LETTER_Z = 65, 71, 77, 84, 90
 EXTENDED, FILLED_IN = 1, 2  # stand in for a command's letter: SET_PIN, and {…} that someone else fills in
 ASKED = -20  # the code of `T?` and `Tx`, with which the printer asks
 LAST_MOVE = 30  # G0 to G3 are moves: their codes, in tenths, go up to this
-PLUS, MINUS, POINT, HASH, BRACKET, BRACKET_END, BRACE, BRACE_END = 43, 45, 46, 35, 91, 93, 123, 125
-SMALL_A, SMALL_E, UNDERSCORE = 97, 101, 95
 
 # M commands in tenths whose argument is free text.
 _M_TEXT = np.array([1170, 1180, 230, 280, 300, 320, 360, 980, 5500, 5870, 4700, 9280, 8620, 8623, 8626, 10020])
@@ -83,6 +98,7 @@ def read_statement(buf, p, stop, s, values, numbers, counts):
 
 @inner
 def _is_of_name(byte):
+    """Say whether a character may stand in a long command's name."""
     return is_letter(byte) or byte == UNDERSCORE
 
 
@@ -98,7 +114,7 @@ def _after_remark(buf, p, stop):
 
 @inner
 def _sign(s, counts, byte):
-    """End a statement at what is no letter: a checksum, a comment, a value to be filled in, or nothing known."""
+    """End a statement at a character that is no letter: a checksum, a comment, a value to be filled in, or unknown."""
     s.over = 1
     if byte == STAR:
         s.flags |= FLAG_CHECKSUM
@@ -113,6 +129,7 @@ def _sign(s, counts, byte):
 
 @inner
 def _is_filled_in(byte):
+    """Say whether a character begins a value that someone else fills in."""
     return byte in (BRACE, BRACKET, HASH)
 
 

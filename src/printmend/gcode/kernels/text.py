@@ -2,16 +2,34 @@
 
 import numpy as np
 
+from printmend.gcode.kernels.ascii import (
+    LETTER_A,
+    LETTER_E,
+    LETTER_Z,
+    MINUS,
+    NINE,
+    OPEN,
+    PLUS,
+    POINT,
+    SEMICOLON,
+    SMALL_A,
+    SMALL_E,
+    SMALL_Z,
+    SPACE,
+    STAR,
+    TO_SMALL,
+    UNDERSCORE,
+    ZERO,
+)
 from printmend.jit import inner
 
-LF, CR, SPACE = 10, 13, 32
 SPACED, CAPITAL = 1, 2  # blanks between words; the word's letter is upper case
-SEMICOLON, OPEN, CLOSE, STAR, QUOTE = 59, 40, 41, 42, 34
 POWERS = np.array([10.0**k for k in range(23)])
 _FNV_SEED, _FNV_PRIME = np.uint64(14695981039346656037), np.uint64(1099511628211)
 
 
 def name_hash(name: str) -> np.uint64:
+    """Return the hash that `word_hash` returns of a name."""
     value = int(_FNV_SEED)
     for byte in name.encode():
         value = ((value ^ byte) * int(_FNV_PRIME)) & 0xFFFFFFFFFFFFFFFF
@@ -20,28 +38,31 @@ def name_hash(name: str) -> np.uint64:
 
 @inner
 def upper(byte):
-    return byte - 32 if 97 <= byte <= 122 else byte
+    """Return a letter's capital; any other character as it is."""
+    return byte - TO_SMALL if SMALL_A <= byte <= SMALL_Z else byte
 
 
 @inner
 def is_letter(byte):
-    return 65 <= byte <= 90 or 97 <= byte <= 122
+    """Say whether a character is a letter."""
+    return LETTER_A <= byte <= LETTER_Z or SMALL_A <= byte <= SMALL_Z
 
 
 @inner
 def is_digit(byte):
-    return 48 <= byte <= 57
+    """Say whether a character is a digit."""
+    return ZERO <= byte <= NINE
 
 
 @inner
 def digit_of(byte):
-    """The value of a digit, signed: without the cast a uint8 would make unsigned sums."""
-    return np.int64(byte) - 48
+    """Return the value of a digit, signed: without the cast a uint8 would make unsigned sums."""
+    return np.int64(byte) - ZERO
 
 
 @inner
 def is_blank(byte):
-    """Blanks are every control character and the space: a NUL in a file is passed over."""
+    """Say whether a character is passed over between words: the space and every control character, even NUL."""
     return byte <= SPACE
 
 
@@ -54,8 +75,8 @@ def parse_number(buf, p, stop, style):
     """
     start = p
     negative = False
-    if p < stop and (buf[p] == 43 or buf[p] == 45):
-        negative = buf[p] == 45
+    if p < stop and (buf[p] == PLUS or buf[p] == MINUS):
+        negative = buf[p] == MINUS
         p += 1
     first = p
     whole = np.int64(0)
@@ -66,7 +87,7 @@ def parse_number(buf, p, stop, style):
         whole = whole * 10 + digit
         p += 1
     digits, decimals = p - first, 0
-    if p < stop and buf[p] == 46:
+    if p < stop and buf[p] == POINT:
         p += 1
         first = p
         while p < stop:
@@ -79,7 +100,7 @@ def parse_number(buf, p, stop, style):
         digits += decimals
     if digits == 0:
         return 0.0, start, 0
-    if digits > 15 or (p < stop and (buf[p] == 101 or buf[p] == 69)):
+    if digits > 15 or (p < stop and (buf[p] == SMALL_E or buf[p] == LETTER_E)):
         return _parse_long(buf, start, stop, style)
     value = float(whole) / POWERS[decimals]  # both exact, so the quotient is correctly rounded
     return (-value if negative else value), p, 1
@@ -88,36 +109,36 @@ def parse_number(buf, p, stop, style):
 @inner
 def _parse_long(buf, p, stop, style):
     """Read a number of any length, with an exponent if the line's style says that it is one."""
-    negative = buf[p] == 45
-    if buf[p] == 43 or buf[p] == 45:
+    negative = buf[p] == MINUS
+    if buf[p] == PLUS or buf[p] == MINUS:
         p += 1
     whole = np.int64(0)
     significant, power, found = 0, 0, 1
     point = False
     while p < stop:
         byte = buf[p]
-        if 48 <= byte <= 57:
+        if ZERO <= byte <= NINE:
             if significant < 18:
                 whole = whole * 10 + digit_of(byte)
                 significant += 1 if whole > 0 else 0
                 power -= 1 if point else 0
             elif not point:
                 power += 1
-        elif byte == 46 and not point:
+        elif byte == POINT and not point:
             point = True
         else:
             break
         p += 1
-    if p + 1 < stop and (buf[p] == 101 or buf[p] == 69):
-        signed = buf[p + 1] == 43 or buf[p + 1] == 45
+    if p + 1 < stop and (buf[p] == SMALL_E or buf[p] == LETTER_E):
+        signed = buf[p + 1] == PLUS or buf[p + 1] == MINUS
         q = p + 2 if signed else p + 1
         first, exponent = q, 0
         while q < stop and is_digit(buf[q]) and q < first + 4:
             exponent = exponent * 10 + digit_of(buf[q])
             q += 1
         closed = q == stop or is_blank(buf[q]) or buf[q] == SEMICOLON or buf[q] == STAR or buf[q] == OPEN
-        if q > first and closed and signed and ((buf[p] == 101 and style & CAPITAL) or style & SPACED):
-            power += -exponent if buf[p + 1] == 45 else exponent
+        if q > first and closed and signed and ((buf[p] == SMALL_E and style & CAPITAL) or style & SPACED):
+            power += -exponent if buf[p + 1] == MINUS else exponent
             p, found = q, 2
     if power >= 0:
         value = float(whole) * (POWERS[power] if power <= 22 else 10.0 ** float(min(power, 300)))
@@ -153,9 +174,9 @@ def _divide(whole, power):
 
 @inner
 def word_hash(buf, p, stop):
-    """Hash of the upper-cased name at p, and where it ends."""
+    """Return the hash of the name at p, in capitals, and where it ends."""
     value = _FNV_SEED
-    while p < stop and (is_letter(buf[p]) or is_digit(buf[p]) or buf[p] == 95):
+    while p < stop and (is_letter(buf[p]) or is_digit(buf[p]) or buf[p] == UNDERSCORE):
         value = (value ^ np.uint64(upper(buf[p]))) * _FNV_PRIME
         p += 1
     return value, p
@@ -163,6 +184,7 @@ def word_hash(buf, p, stop):
 
 @inner
 def among(value, table):
+    """Say whether a value stands in a table."""
     for k in range(len(table)):  # noqa: SIM110 (numba compiles the loop, not the generator)
         if table[k] == value:
             return True
@@ -171,6 +193,7 @@ def among(value, table):
 
 @inner
 def starts_with(buf, p, stop, text):
+    """Say whether buf[p:stop] begins with a text, which is in capitals, in either case."""
     if stop - p < len(text):
         return False
     for k in range(len(text)):  # noqa: SIM110 (numba compiles the loop, not the generator)
