@@ -13,7 +13,7 @@ from printmend.cli.measure import command
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
-from printmend.measure.measurement import SETTLED_AXES, measure_scans, wave_left_mm
+from printmend.measure.measurement import SETTLED_AXES_SD, measure_scans, wave_left_mm
 from printmend.measure.plan import ProbePlan
 from printmend.picture.image import read_image, write_image
 from printmend.picture.page import exposure
@@ -161,7 +161,7 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     measurement = measure_scans([path, turned], plan)
     assert f"{turned} is the same picture as {path}: counted once" in " ".join(measurement.notes)
     assert len((tmp_path / "trace.csv").read_text().splitlines()) == len(rows)
-    assert measurement.instrument.axes_sd > SETTLED_AXES
+    assert measurement.instrument.axes_sd > SETTLED_AXES_SD
 
 
 def grey(height: int, width: int, value: int = 200) -> np.ndarray:

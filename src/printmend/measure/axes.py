@@ -3,10 +3,10 @@
 import numpy as np
 
 LEAST_RANK_CORRELATION = 0.8  # Spearman's, of a measured column and the commanded one that it belongs to
-LEAST_MARGIN = 0.25  # how much less the other column must correlate
+LEAST_MARGIN = 0.25  # by how much less the other column must correlate
 AXES_TODO = "swap the columns back, or let each axis of the measurement grow with the printer's"
 LEAST_SPREAD_MM = 15.0  # spread of an axis below which nothing can be told
-MOST_LOOKED_AT = 4000  # rows of a table, to tell which column is which
+MOST_LOOKED_AT = 4000  # rows that are looked at: more take time and say the same
 
 
 def wrong_axes(commanded_mm: np.ndarray, measured_mm: np.ndarray) -> str | None:

@@ -11,21 +11,24 @@ import numpy as np
 
 from printmend.measure.plan import ProbePlan
 
-HARMONICS_OF_TURN, COSINES_OF_BED = 10, 14
+HARMONICS_OF_TURN = 10  # waves of a pulley's turn that the rough model has
+COSINES_OF_BED = 14  # bends along an axis that it has
 SIDE_ROUNDS = 3  # how often the side of each belt and the model are found in turn
 SURE_OF_SIDE_MM = 2.5  # having moved this far, a belt is on the side it pushes, in the first round
-NEIGHBOURS = 5  # marks whose common error is a jump, not a mistake
-DOUBT_MM = 0.15  # least distance from where a mark is expected at which it is doubted
-# What damaged printers do (physics.md §3), in the order of `_columns`: origin, scale over half a bed, fading waves,
-# the pulley's waves, bends without a period; then the cross terms.
-PRIOR = np.array(
+NEIGHBOUR_MARKS = 5  # marks printed one after the other: an error that they share is a jump, not a mistake
+LEAST_DOUBT_MM = 0.15  # a mark that lies nearer than this to where it is expected is never doubted
+FIT_ROUNDS = 5  # of weighing the marks anew
+FIRST_SPREAD_MM, LEAST_SPREAD_MM = 0.5, 0.02  # of marks about the rough model: first guess, and smallest believed
+# Prior standard deviations, as large as damaged printers need (physics.md §3), in the order of `_columns`: origin,
+# scale over half a bed, fading waves, the pulley's waves, bends without a period; then terms of the other motor.
+PRIOR_SD_MM = np.array(
     [
         *(5.0, 40.0, 3.0, 3.0),
         *np.repeat(3.0 / np.arange(1, HARMONICS_OF_TURN + 1) ** 1.5, 2),
         *(5.0 / np.arange(1, COSINES_OF_BED + 1)),
     ]
 )
-CROSS_PRIOR = np.array([5.0, 2.0, 2.0, 2.0])
+CROSS_PRIOR_SD_MM = np.array([5.0, 2.0, 2.0, 2.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +89,7 @@ def _expected(
     cross = np.stack([over, over**2, over**3, over * columns[rows, 1]], axis=1)
     contact, side, sure = _contacts_by_run(motor)
     use = known & sure[rows]
-    prior = np.concatenate([PRIOR, PRIOR, CROSS_PRIOR])
+    prior = np.concatenate([PRIOR_SD_MM, PRIOR_SD_MM, CROSS_PRIOR_SD_MM])
     shared, left_out = np.zeros(len(rows)), np.full(len(rows), np.nan)
     for _ in range(SIDE_ROUNDS):
         design = np.hstack([_sided(columns[contact[rows]], side[rows]), cross])
@@ -130,14 +133,14 @@ def _robust_fit(
     Returns fit, covariance, and what each row's residual would be in a fit without it: e / (1 − leverage).
     """
     weight = np.ones(len(target))
-    scale = 0.5
-    for _ in range(5):
+    scale = FIRST_SPREAD_MM
+    for _ in range(FIT_ROUNDS):
         normal = design.T @ (weight[:, None] * design) / scale**2 + np.diag(prior_mm**-2)
         covariance = np.linalg.inv(normal)
         fit = covariance @ (design.T @ (weight * target)) / scale**2
         residual = target - design @ fit
         used, spread = weight, scale
-        scale = max(1.4826 * float(np.median(np.abs(residual))), 0.02)
+        scale = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SPREAD_MM)
         weight = 1.0 / (1.0 + (residual / (2 * scale)) ** 2)
     leverage = np.einsum("mi,ij,mj->m", design, covariance, design, optimize=True) * used / spread**2
     return fit, covariance, residual / np.maximum(1.0 - leverage, 1e-6)
@@ -167,7 +170,7 @@ def _contacts_by_play(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray,
 
 
 def _shared_error(residual: np.ndarray) -> np.ndarray:
-    """Return the error [M] that each mark shares with the NEIGHBOURS printed before it or after it, the likelier.
+    """Return the error [M] that each mark shares with the NEIGHBOUR_MARKS printed before it or after it, the likelier.
 
     A skipped tooth shifts all that is printed afterwards: the marks at such a jump agree with one side only. A mark
     that was not found takes the side before it.
@@ -180,9 +183,9 @@ def _shared_error(residual: np.ndarray) -> np.ndarray:
 
 
 def _median_before(residual: np.ndarray) -> np.ndarray:
-    """Return the median of the NEIGHBOURS known values printed before each mark, NaN where fewer than three are."""
-    padded = np.concatenate([np.full(NEIGHBOURS, np.nan), residual])
-    around = np.stack([padded[k : k + len(residual)] for k in range(NEIGHBOURS)], axis=1)
+    """Return the median of what is known of the NEIGHBOUR_MARKS before each mark, NaN where fewer than three are."""
+    padded = np.concatenate([np.full(NEIGHBOUR_MARKS, np.nan), residual])
+    around = np.stack([padded[k : k + len(residual)] for k in range(NEIGHBOUR_MARKS)], axis=1)
     count = np.isfinite(around).sum(axis=1)
     ordered = np.sort(around, axis=1)  # NaN sorts last
     last, rows = np.maximum(count, 1), np.arange(len(residual))

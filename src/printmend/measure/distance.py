@@ -17,10 +17,10 @@ from printmend.measure.plan import ProbePlan
 from printmend.path import Instrument
 from printmend.picture.ruler import Ruler
 
-LONGEST_MM, SHORTEST_MM = 145.0, 40.0  # the common callipers open 150 mm
+LONGEST_MM, SHORTEST_MM = 145.0, 40.0  # of a distance that is asked for: the common callipers open 150 mm
 READING_MM = 0.06  # standard deviation of a reading: the callipers, the hand, the rims of two dots
-NO_INSTRUMENT = 0.02  # a share beyond which the distance is of other dots
-OTHER_UNIT = 0.05  # a share within which a length in another unit is recognized
+MOST_SCALE_SHARE = 0.02  # no instrument is off by a larger share: such a distance is another one than was asked for
+UNIT_SHARE = 0.05  # a length that is right to this share in another unit is taken to be in that unit
 
 
 def choose_span(plan: ProbePlan, measured_mm: np.ndarray) -> tuple[int, int] | None:
@@ -85,7 +85,7 @@ def scaled_by(
     one, other = measured_mm[list(span)]
     seen = math.dist(one, other) + float(np.mean(dots_mm))
     excess = seen / distance_mm - 1.0  # of the image's lengths
-    if not abs(excess) <= NO_INSTRUMENT:
+    if not abs(excess) <= MOST_SCALE_SHARE:
         raise TraceError(
             "--distance", wanted=f"about {seen:.2f} mm from dot {span[0]} to dot {span[1]}, outer edges",
             came=f"{distance_mm:g}{inches(distance_mm, seen)}", todo="measure these two dots again, in mm",
@@ -147,6 +147,6 @@ def settled(
 def inches(given_mm: float, wanted_mm: float) -> str:
     """Say so where a length that should be about ``wanted_mm`` seems to be in inches or centimetres, else nothing."""
     for name, unit_mm in (("inches", 25.4), ("cm", 10.0)):
-        if abs(given_mm * unit_mm / wanted_mm - 1) < OTHER_UNIT:
+        if abs(given_mm * unit_mm / wanted_mm - 1) < UNIT_SHARE:
             return f", which looks like {name}"
     return ""

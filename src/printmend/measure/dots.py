@@ -15,14 +15,15 @@ from printmend.errors import ScanError
 from printmend.measure.plan import ProbePlan
 from printmend.path import frozen
 
-COARSE_MM = 0.085  # a pixel of the reduced picture
+COARSE_MM = 0.085  # side of a pixel of the reduced picture
 STRING_MM = 0.5  # plastic thinner than this is no dot
-NET_SHARE = 0.7  # of a dot that hangs in a net: plastic thinner than this is a thread
-BACKGROUND_MM = 5.0  # the window whose median is the plate's own colour
-RAYS, RADII = 72, 40
-MOST_DOTS = 6000  # of an image, those nearest to the wanted diameter
-LEAST_CONTRAST = 6.0  # grey levels
-SIGMA_FLOOR_MM = 0.005  # the dot itself against the nozzle that made it
+NET_SHARE = 0.7  # plastic thinner than this share of a small dot is a thread of the net that the dots hang in
+BACKGROUND_MM = 5.0  # side of the window whose median is the plate's own colour
+RAYS, RADII = 72, 40  # rays from the centre of a dot, and places along each
+REACH_RADII = 1.9  # how far a ray goes, in radii of the dot
+MOST_DOTS = 6000  # dots of an image that are looked at: those nearest to the wanted diameter
+LEAST_CONTRAST = 6.0  # grey levels between plastic and plate
+SIGMA_FLOOR_MM = 0.005  # standard deviation of a dot itself about the nozzle that made it
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +146,7 @@ def _edges(
     The edge is where the plastic would end if it ended at once: ∫ share dr, share = 1 on the dot's colour and 0 on
     the plate's around it. Noise and blur leave this integral alone.
     """
-    shares = np.linspace(0.0, 1.9, RADII + 1)[1:] - 0.95 / RADII
+    shares = np.linspace(0.0, REACH_RADII, RADII + 1)[1:] - REACH_RADII / 2 / RADII
     reach = shares[None, None, :] * radii[:, None, None]
     x = centres[:, 0, None, None] + reach * np.cos(angles)[None, :, None]
     y = centres[:, 1, None, None] + reach * np.sin(angles)[None, :, None]
@@ -167,7 +168,7 @@ def _edges(
     share = np.clip((signal - outside[:, None, None]) / contrast[:, None, None], 0.0, 1.0)
     share[:, :, shares < 0.7] = 1.0
     share[:, :, shares > 1.35] = 0.0
-    return share.sum(axis=2) * (1.9 / RADII) * radii[:, None]
+    return share.sum(axis=2) * (REACH_RADII / RADII) * radii[:, None]
 
 
 def _robust_harmonics(edge: np.ndarray, waves: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

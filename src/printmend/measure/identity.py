@@ -15,11 +15,12 @@ from scipy.spatial import cKDTree
 
 from printmend.measure.plan import ProbePlan
 
-NEAR_SHARE = 0.36  # of the pitch: how far a dot may lie from where its neighbours predict it
-SEEDS = 12  # dots with two neighbours each, from which a lattice is grown
-LATTICE_SHARE = 0.93  # of the dots in one lattice: the rest is dust
-REACH_PITCHES = 2.6  # of the pitch: the neighbours that predict
-Classes = Callable[[int, int], int]
+NEAR_PITCHES = 0.36  # how far a dot may lie from where its neighbours predict it, in pitches of the lattice
+SEEDS = 12  # dots from which a lattice is grown, one after the other
+LATTICE_SHARE = 0.93  # of the dots: a lattice that holds more of them is the one, and the rest is dust
+REACH_PITCHES = 2.6  # how far the neighbours lie that predict a dot, in pitches of the lattice
+LEAST_DOTS = 9  # of a lattice
+Classes = Callable[[int, int], int]  # which class a cell (i, j) is of: dots of one class are shifted alike
 # The eight symmetries of a square lattice, as [2, 2] integer matrices; those with determinant −1 are mirrored.
 SYMMETRIES = tuple(
     np.array(matrix)
@@ -35,15 +36,13 @@ class Match:
     """``dot`` [M] the number of the dot of each mark, −1 where it was not found.
 
     ``pitch`` is the measured lattice pitch in the unit of the dots; ``mirrored`` says that the picture shows the
-    print from below. ``agreement`` is the share of the dots whose size fits the code, ``runner_up`` that of the
-    next best placement.
+    print from below. ``agreement`` is the share of the dots whose size fits the code.
     """
 
     dot: np.ndarray
     pitch: float
     mirrored: bool
     agreement: float
-    runner_up: float
 
     @property
     def found(self) -> np.ndarray:
@@ -55,16 +54,16 @@ def identify(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> 
 
     The dots' y axis points down, as in images. Lengths may be off by a common factor: only ratios are used.
     """
-    if len(dots_mm) < 9:
+    if len(dots_mm) < LEAST_DOTS:
         return None
     pitch = lattice_pitch(dots_mm)
     cells = _grow(dots_mm, diameters_mm, pitch)
-    if len(cells) < 9:
+    if len(cells) < LEAST_DOTS:
         return None
     members = np.fromiter(cells.values(), np.int64, len(cells))
     sites = np.array(list(cells), np.int64)
     big = _is_big(diameters_mm[members], plan)
-    best, runner_up = _place(sites, big, plan)
+    best = _place(sites, big, plan)
     if best is None:
         return None
     agreement, symmetry, shift = best
@@ -76,7 +75,7 @@ def identify(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -> 
             dot[mark] = member
     dot = _without_strangers(dot, dots_mm, diameters_mm, plan)
     # Growth numbers its cells counter-clockwise in image coordinates, whose y axis points down.
-    return Match(dot, pitch, bool(np.linalg.det(symmetry) > 0), agreement, runner_up)
+    return Match(dot, pitch, bool(np.linalg.det(symmetry) > 0), agreement)
 
 
 def lattice_pitch(dots: np.ndarray) -> float:
@@ -86,16 +85,17 @@ def lattice_pitch(dots: np.ndarray) -> float:
 
 
 def _one_class(i: int, j: int) -> int:
+    """All cells are of one class."""
     return 0
 
 
 def _rows_along(i: int, j: int) -> int:
-    """The direction of motion of a cell's row when even cells (i + j) lie in rows along (1, 1)."""
+    """A cell's class is the direction in which its row was printed; even cells (i + j) lie in rows along (1, 1)."""
     return (j - i) // 2 % 2 if (i + j) % 2 == 0 else 2 + (i + j - 1) // 2 % 2
 
 
 def _rows_across(i: int, j: int) -> int:
-    """The same when even cells lie in rows along (1, −1)."""
+    """A cell's class is the direction in which its row was printed; even cells lie in rows along (1, −1)."""
     return (i + j) // 2 % 2 if (i + j) % 2 == 0 else 2 + (j - i - 1) // 2 % 2
 
 
@@ -172,7 +172,7 @@ def _grow_from(
         step = np.sqrt(abs(np.linalg.det(local)))
         distance, near = tree.query(place, k=2)
         # A second dot nearly as near leaves doubt about which of the two is meant.
-        if distance[0] > NEAR_SHARE * step or near[0] in taken or distance[1] < 1.5 * distance[0]:
+        if distance[0] > NEAR_PITCHES * step or near[0] in taken or distance[1] < 1.5 * distance[0]:
             continue
         cells[cell] = int(near[0])
         taken.add(int(near[0]))
@@ -215,10 +215,8 @@ def _is_big(diameters: np.ndarray, plan: ProbePlan) -> np.ndarray:
     return np.log(diameters) > middle
 
 
-def _place(
-    sites: np.ndarray, big: np.ndarray, plan: ProbePlan
-) -> tuple[tuple[float, np.ndarray, np.ndarray] | None, float]:
-    """Return the best (agreement, symmetry, shift) of the grown cells on the plan's sites, and the next agreement.
+def _place(sites: np.ndarray, big: np.ndarray, plan: ProbePlan) -> tuple[float, np.ndarray, np.ndarray] | None:
+    """Return the best (agreement, symmetry, shift) of the grown cells on the plan's sites; None where none stands out.
 
     The score of a placement counts the dots whose size agrees, less those that disagree, less those that fall
     outside the plan: correlations of two small pictures, by FFT.
@@ -248,8 +246,8 @@ def _place(
     scores.sort(key=lambda entry: -entry[0])
     best, second = scores[0], scores[1]
     if best[0] < 0.25 * len(sites) or best[0] < 1.3 * max(second[0], 0.0):
-        return None, second[1]
-    return (best[1], best[2], best[3]), second[1]
+        return None
+    return best[1], best[2], best[3]
 
 
 def _without_strangers(dot: np.ndarray, dots: np.ndarray, diameters: np.ndarray, plan: ProbePlan) -> np.ndarray:

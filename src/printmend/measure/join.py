@@ -9,9 +9,9 @@ from printmend.measure.plan import LEAST_SHARED, ProbePlan
 from printmend.measure.register import find_pose, turn_onto
 from printmend.measure.scan import Reading
 
-QUARTER_SINE = 0.35  # |sin| of the turn between two scans that tells the scanner's axes apart
-LEAST_APART = 0.25  # how far these spread, as a share of the pattern
-TURNINGS = 12  # how often every scan is turned onto the mean of all
+LEAST_TURN_SINE = 0.35  # |sin| of the turn between two scans below which they do not tell the scanner's axes apart
+LEAST_SPREAD_SHARE = 0.25  # share of the pattern over which the marks that join two scans must spread
+TURN_ROUNDS = 12  # how often every scan is turned onto the mean of all
 
 
 def shared_number(plan: ProbePlan) -> np.ndarray:
@@ -54,7 +54,7 @@ def scanner_axes(places_mm: Sequence[np.ndarray]) -> tuple[np.ndarray, str, bool
         double = np.array([[np.cos(2 * angle), -np.sin(2 * angle)], [np.sin(2 * angle), np.cos(2 * angle)]])
         rows.append(np.eye(2) - double)
         sines.append(abs(s))
-    if max(sines, default=0.0) < QUARTER_SINE:
+    if max(sines, default=0.0) < LEAST_TURN_SINE:
         return np.eye(2), "the scans are not turned by a quarter: the scanner's own axes stay unknown", False
     (even, skew), *_ = np.linalg.lstsq(np.vstack(rows), np.array(wanted), rcond=None)
     stretch = np.eye(2) + np.array([[even, skew], [skew, -even]])
@@ -91,7 +91,7 @@ def joined(places: Sequence[np.ndarray], readings: Sequence[Reading], plan: Prob
         best = max(left, key=lambda k: _shared(upright[k], mean).sum())
         _check_shared(_shared(upright[best], mean), readings[best], plan)
         laid[best] = _onto(upright[best], mean)
-    for _ in range(TURNINGS):
+    for _ in range(TURN_ROUNDS):
         mean = mean_of(np.stack(list(laid.values())))
         laid = {k: _onto(one, mean) for k, one in laid.items()}
     stack = np.stack([laid[k] for k in range(len(upright))])
@@ -128,7 +128,7 @@ def _onto(one: np.ndarray, mean: np.ndarray) -> np.ndarray:
 def _check_shared(both: np.ndarray, reading: Reading, plan: ProbePlan) -> None:
     marks = plan.marks_mm[both[shared_number(plan)]]
     spread = np.ptp(marks, axis=0).max() if len(marks) else 0.0
-    if both.sum() < LEAST_SHARED or spread < LEAST_APART * np.ptp(plan.marks_mm, axis=0).max():
+    if both.sum() < LEAST_SHARED or spread < LEAST_SPREAD_SHARE * np.ptp(plan.marks_mm, axis=0).max():
         raise ScanError(
             reading.path, wanted=f"at least {LEAST_SHARED} marks that another scan shows, too",
             came=f"{int(both.sum())}", todo="let neighbouring scans overlap by a third",

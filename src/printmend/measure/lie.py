@@ -11,16 +11,19 @@ from printmend.measure.walls import RASTER_MM, Walls
 from printmend.picture.image import COMMON_DPI
 from printmend.picture.silhouette import COARSE_MM, Silhouette
 
-CELL_MM = 0.4  # of the pictures that are compared
-# plastic that is narrower on average is compared with so much laid around it: a fault moves walls by their own width
-THIN_MM, THICKEN_MM = 3.0, 1.6
-LEAST_OVERLAP = 0.78  # of a part with itself, however badly printed (intersection over union)
-TURNS_DEG, FINE_DEG = 3.0, 0.5
-AMBIGUOUS = 0.012  # by so much must one way to lie be better than all others
-SAME_TURN_DEG = 8.0  # lies nearer to each other are one
+CELL_MM = 0.4  # side of a pixel of the pictures that are compared
+THIN_MM = 3.0  # a part that is narrower on average is nothing but walls: a fault moves them by their own width
+THICKEN_MM = 1.6  # such a part is compared with so much plastic laid around it
+LEAST_OVERLAP = 0.78  # of a part with its own outline, however badly printed (intersection over union)
+TURNS_DEG, FINE_DEG = 3.0, 0.5  # steps of the turns that are tried, and of the likely ones that are looked at again
+FINER_TURNS = 6  # how many likely ones these are
+TURN_ROOM = 1.45  # side of a picture that can be turned, over that of what it shows: a little more than √2
+LEAST_LEAD = 0.012  # overlap by which one way to lie must be better than another to be told from it
+SAME_TURN_DEG = 8.0  # turns that differ by less are one way to lie
 UPRIGHT_DEG = 20.0  # as straight as a careful person lays a part
-# factors between the part and the file from and up to which the image's resolution is doubted
-SCALE_DOUBT, MOST_SCALE = 1.15, 20.0
+# Factors between the sizes of part and file that are put down to the image's resolution: smaller ones may be the
+# printer's, and larger ones are another part.
+LEAST_SCALE, MOST_SCALE = 1.15, 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +48,7 @@ def find_lie(silhouette: Silhouette, walls: Walls, *, dpi: float, subject: str) 
     wanted, wanted_middle = _centred(walls.plastic, RASTER_MM, thicken_mm)
     shown, shown_middle = _centred(silhouette.mask, COARSE_MM, thicken_mm)
     side = max(*wanted.shape, *shown.shape)
-    reach = int(np.ceil(side * 1.45)) | 1
+    reach = _room(side)
     wanted, shown = _padded(wanted, reach), _padded(shown, reach)
     tried = _tried(shown, wanted[::-1])
     best = max(tried)
@@ -90,7 +93,13 @@ def _centred(mask: np.ndarray, pixel_mm: float, thicken_mm: float) -> tuple[np.n
     return cv2.warpAffine(soft, move, (size, size), flags=cv2.INTER_LINEAR), middle * pixel_mm
 
 
+def _room(side: int) -> int:
+    """Return the odd side of a picture in which one with this side can be turned."""
+    return int(np.ceil(side * TURN_ROOM)) | 1
+
+
 def _padded(picture: np.ndarray, side: int) -> np.ndarray:
+    """Return a square picture with another side, its middle kept."""
     have = len(picture)
     if have >= side:
         cut = (have - side) // 2
@@ -98,7 +107,7 @@ def _padded(picture: np.ndarray, side: int) -> np.ndarray:
     return cv2.copyMakeBorder(picture, *((side - have) // 2, side - have - (side - have) // 2) * 2, cv2.BORDER_CONSTANT)
 
 
-Try = tuple[float, bool, float]
+Try = tuple[float, bool, float]  # overlap, mirrored, turn [°]
 
 
 def _tried(shown: np.ndarray, wanted: np.ndarray) -> list[Try]:
@@ -107,7 +116,7 @@ def _tried(shown: np.ndarray, wanted: np.ndarray) -> list[Try]:
     for mirrored in (False, True):
         picture = shown[:, ::-1] if mirrored else shown
         rough = [(_overlap(picture, wanted, turn), turn) for turn in np.arange(0.0, 360.0, TURNS_DEG)]
-        for _, turn in sorted(rough, reverse=True)[:6]:
+        for _, turn in sorted(rough, reverse=True)[:FINER_TURNS]:
             for near in np.arange(turn - TURNS_DEG / 2, turn + TURNS_DEG / 2 + 0.01, FINE_DEG):
                 rough.append((_overlap(picture, wanted, float(near)), float(near)))
         found += [(overlap, mirrored, (turn + 180) % 360 - 180) for overlap, turn in rough]
@@ -115,6 +124,7 @@ def _tried(shown: np.ndarray, wanted: np.ndarray) -> list[Try]:
 
 
 def _overlap(shown: np.ndarray, wanted: np.ndarray, turn_deg: float) -> float:
+    """Return the intersection over the union of two soft masks, the shown one turned."""
     middle = (len(shown) - 1) / 2
     turned = cv2.warpAffine(
         shown, cv2.getRotationMatrix2D((middle, middle), -turn_deg, 1.0), shown.shape[::-1], flags=cv2.INTER_LINEAR
@@ -123,17 +133,18 @@ def _overlap(shown: np.ndarray, wanted: np.ndarray, turn_deg: float) -> float:
 
 
 def _pieces(plastic: np.ndarray) -> int:
+    """Return of how many pieces a mask is."""
     return cv2.connectedComponents(plastic.astype(np.uint8), connectivity=8)[0] - 1
 
 
 def _check_resolution(shown: np.ndarray, plastic: np.ndarray, thicken_mm: float, dpi: float, subject: str) -> None:
     """Refuse a part that fits at another size, which the image's resolution is to blame for."""
     scale = _across_mm(plastic, RASTER_MM) / max(_across_mm(shown, COARSE_MM), COARSE_MM)
-    if not 1 / MOST_SCALE < scale < MOST_SCALE or 1 / SCALE_DOUBT < scale < SCALE_DOUBT:
+    if not 1 / MOST_SCALE < scale < MOST_SCALE or 1 / LEAST_SCALE < scale < LEAST_SCALE:
         return
     wanted = _centred(plastic, RASTER_MM, thicken_mm)[0]
     scaled = _centred(shown, COARSE_MM * scale, thicken_mm)[0]
-    reach = int(np.ceil(max(len(wanted), len(scaled)) * 1.45)) | 1
+    reach = _room(max(len(wanted), len(scaled)))
     if max(_tried(_padded(scaled, reach), _padded(wanted, reach)[::-1]))[0] > LEAST_OVERLAP:
         likely = min(COMMON_DPI, key=lambda value: abs(np.log(value * scale / dpi)))
         raise ScanError(
@@ -167,7 +178,7 @@ def _refuse(tried: list[Try], shown_pieces: int, wanted_pieces: int, subject: st
 def _check_side(tried: list[Try], best: Try, walls: Walls, subject: str) -> None:
     """Refuse the upper side of a part whose underside was asked for, and the other way round."""
     other = max(overlap for overlap, mirrored, _ in tried if mirrored != best[1])
-    if walls.layers == 1 or best[0] - other < AMBIGUOUS:
+    if walls.layers == 1 or best[0] - other < LEAST_LEAD:
         return
     if walls.layer == 1 and not best[1]:
         raise ScanError(
@@ -181,7 +192,7 @@ def _check_side(tried: list[Try], best: Try, walls: Walls, subject: str) -> None
 def _unsure(tried: list[Try], best: Try, walls: Walls, subject: str) -> tuple[str, Try]:
     """Return what else fits as well, and the way to lie that is taken: of several the one that lies upright."""
     alike = [
-        one for one in tried if one[0] > best[0] - AMBIGUOUS
+        one for one in tried if one[0] > best[0] - LEAST_LEAD
         and (one[1] != best[1] or abs((one[2] - best[2] + 180) % 360 - 180) > SAME_TURN_DEG)
     ]  # fmt: skip
     # the underside is what a part with more layers can show

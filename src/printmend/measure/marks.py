@@ -5,23 +5,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from printmend.measure.consistency import DOUBT_MM, Expectation, Expected
+from printmend.measure.consistency import LEAST_DOUBT_MM, Expectation, Expected
 from printmend.measure.identity import Match, identify
 from printmend.measure.plan import ProbePlan
 from printmend.measure.register import Pose, find_pose
 
-LEAST_AGREEMENT = 0.85  # of the sizes with the code; a wrong placement reaches 0.75
-MOST_ROUNDS, STILL_ROUNDS = 12, 3
-FAR_MM = 1.2  # a mark expected no better than this is left until its neighbours are known
+LEAST_AGREEMENT = 0.85  # share of the sizes that agree with the code; a wrong placement reaches 0.75
+MOST_ROUNDS = 12  # of dropping marks and taking up dots
+GROWING_ROUNDS = 3  # rounds after which it goes on only while more marks are found
+MOST_TOLERANCE_MM = 1.2  # a mark whose place is known less well than this is left until its neighbours are known
 LEAST_MARKS = 9  # that must be found
-SUPPORT_REACH, LEAST_SUPPORT = 5, 0.5  # marks printed before and after, and the share of them to be found
-LEAST_RUN, LONGEST_RUN, RUN_SHARE, RUN_REACH = 8, 20, 0.8, 12
-JUMP_MM, SAME_SHIFT_MM = 9.0, 0.35
+SUPPORT_REACH = 5  # marks printed before a mark, and as many after, that support it
+LEAST_SUPPORT = 0.5  # share of them that must be found
+LEAST_RUN, LONGEST_RUN = 8, 20  # marks of a run that a jump shifted together; a longer one is cut
+RUN_SHARE = 0.8  # share of a run that must lie under its shift
+RUN_REACH = 12  # marks before and after one that may be of its run
+LONGEST_JUMP_MM = 9.0
+SAME_SHIFT_MM = 0.35  # how far a mark of a run may lie from where the run's shift puts it
 APART_MM = 0.7  # marks whose common error differs by more lie on two sides of a jump
-ODD_PLACE, ODD_MM = 2.5, 0.15  # spreads, and at least mm, from its place: after a jump that may be another mark
-RUN_EVIDENCE, RUN_MARGIN = 5.0, 4.0  # log odds of the sizes for a run, and above the next best shift
-ODD_SIZE = -3.0  # log odds of one dot whose size does not fit: it may be smeared
-HOPELESS_MM = 0.6  # beyond this spread the rough model says nothing about single marks
+ODD_SPREADS, ODD_MM = 2.5, 0.15  # after a jump, a mark this many spreads and mm from its place may be another mark
+RUN_NATS, RUN_LEAD_NATS = 5.0, 4.0  # log odds that a run's sizes must have, and have beyond the next best shift's
+ODD_SIZE_NATS = -3.0  # least log odds of one dot, whose size may not fit because it is smeared
+HOPELESS_MM = 0.6  # where marks spread by more about the rough model, it says nothing about single marks
+DOUBT_SPREADS, DOUBT_SDS = 6.0, 3.0  # a mark is doubted this many spreads and standard deviations from its place
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +60,7 @@ def read_marks(dots_mm: np.ndarray, diameters_mm: np.ndarray, plan: ProbePlan) -
         if np.array_equal(revised, dot):
             break
         grown, dot = (revised >= 0).sum() > (dot >= 0).sum(), revised
-        if not grown and round_ >= STILL_ROUNDS:
+        if not grown and round_ >= GROWING_ROUNDS:
             break
     sizes = Sizes.of(dot, diameters_mm, plan)
     _, measured = _placed(dots_mm, dot, plan, mirrored=match.mirrored)
@@ -97,7 +103,7 @@ class Sizes:
             np.log(self.share) - ((observed - large) / self.sd) ** 2 / 2,
             np.log1p(-self.share) - ((observed - small) / self.sd) ** 2 / 2,
         )
-        return np.maximum(of_mark - other, ODD_SIZE)
+        return np.maximum(of_mark - other, ODD_SIZE_NATS)
 
 
 def _vouched_for(
@@ -105,8 +111,9 @@ def _vouched_for(
 ) -> np.ndarray:
     """Drop the marks that no others confirm.
 
-    These are marks among many that are missing, marks that would be elsewhere without their own say, and, of runs of
-    marks shifted together (a skipped tooth), those beside their place and all whose sizes do not spell the code.
+    A mark is dropped where too many marks printed around it are missing, and where the others, asked without it, expect
+    it far away. Of a run of marks that a skipped tooth shifted together, those are dropped that lie beside their place,
+    and all where the sizes of the run do not spell the code.
     """
     window = np.ones(2 * SUPPORT_REACH + 1)
     beside = np.convolve(dot >= 0, window, "same") - (dot >= 0)
@@ -114,19 +121,22 @@ def _vouched_for(
     far = (np.abs(np.nan_to_num(expected.left_out_mm)) > pitch_mm / 4).any(axis=1)
     shifted = (np.abs(expected.shared_mm) > APART_MM).any(axis=1)
     with np.errstate(invalid="ignore"):
-        odd = (np.abs(measured_mm - expected.place_mm) > np.maximum(ODD_PLACE * expected.spread_mm, ODD_MM)).any(axis=1)
+        odd = (np.abs(measured_mm - expected.place_mm) > np.maximum(ODD_SPREADS * expected.spread_mm, ODD_MM)).any(
+            axis=1
+        )
     dot = np.where(far | (beside < LEAST_SUPPORT * total) | (shifted & odd), -1, dot)
     found = np.flatnonzero(dot >= 0)
     shared, evidence = expected.shared_mm[found], sizes.evidence(found, dot[found])
     for at in np.flatnonzero(np.abs(shared).max(axis=1) > APART_MM):
         near = slice(max(0, at - RUN_REACH), at + RUN_REACH + 1)
         alike = np.abs(shared[near] - shared[at]).max(axis=1) < APART_MM
-        if evidence[near][alike].sum() < RUN_EVIDENCE:
+        if evidence[near][alike].sum() < RUN_NATS:
             dot[found[at]] = -1
     return dot
 
 
 def _placed(dots_mm: np.ndarray, dot: np.ndarray, plan: ProbePlan, *, mirrored: bool) -> tuple[Pose, np.ndarray]:
+    """Return how the plate lay, by the marks found so far, and these [M, 2] on the bed."""
     found = np.full((len(plan), 2), np.nan)
     found[dot >= 0] = dots_mm[dot[dot >= 0]]
     pose = find_pose(found, plan, mirrored=mirrored)
@@ -146,7 +156,7 @@ def _revised(
     expected = known.place_mm
     if known.spread_mm.max() > HOPELESS_MM:
         return dot
-    tolerance = np.maximum(6.0 * known.spread_mm, DOUBT_MM) + 3.0 * known.unsure_mm
+    tolerance = np.maximum(DOUBT_SPREADS * known.spread_mm, LEAST_DOUBT_MM) + DOUBT_SDS * known.unsure_mm
     with np.errstate(invalid="ignore"):
         doubtful = (np.abs(measured_mm - expected) > tolerance).any(axis=1)
     dot = np.where(doubtful, -1, dot)
@@ -155,7 +165,7 @@ def _revised(
     claimed = set(dot[dot >= 0].tolist())
     for mark, candidate in sorted(zip(np.flatnonzero(dot < 0).tolist(), near.tolist(), strict=True)):
         off = np.abs(placed_mm[candidate] - expected[mark])
-        sure = (tolerance[mark] < FAR_MM).all()
+        sure = (tolerance[mark] < MOST_TOLERANCE_MM).all()
         if sure and candidate not in claimed and (off <= tolerance[mark]).all() and sizes.fits(mark, candidate):
             dot[mark] = candidate
             claimed.add(candidate)
@@ -163,9 +173,10 @@ def _revised(
 
 
 def _after_jumps(dot: np.ndarray, placed_mm: np.ndarray, expected_mm: np.ndarray, sizes: Sizes) -> np.ndarray:
-    """Find runs of marks that are missing together because the printer jumped: the shift whose sizes spell the code.
+    """Take up runs of marks that are missing together because the printer jumped.
 
-    A lattice shifted by one of its steps fits as well in place; only the sizes tell, so a run must be long enough.
+    A run is looked for under the one shift at which its sizes spell the code. A lattice that is shifted by its own
+    pitch fits as well in place; only the sizes tell it, so a run must be long enough.
     """
     dot = dot.copy()
     free = np.setdiff1d(np.arange(len(placed_mm)), dot[dot >= 0])
@@ -188,7 +199,7 @@ def _shifted_run(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return marks of a run and the free dots they are under the one shift that explains them, or none."""
     nothing = np.empty(0, np.int64), np.empty(0, np.int64)
-    near = tree.query_ball_point(expected_mm[part], JUMP_MM)
+    near = tree.query_ball_point(expected_mm[part], LONGEST_JUMP_MM)
     found: list[tuple[float, np.ndarray, np.ndarray]] = []
     for mark, ks in zip(part, near, strict=True):
         for k in ks:
@@ -201,7 +212,7 @@ def _shifted_run(
         return nothing
     best, marks, dots = max(found, key=lambda one: one[0])
     others = [score for score, _, other in found if len(np.intersect1d(dots, other)) * 2 < len(dots)]
-    if best < RUN_EVIDENCE or best - max(others, default=0.0) < RUN_MARGIN:
+    if best < RUN_NATS or best - max(others, default=0.0) < RUN_LEAD_NATS:
         return nothing
     fitting = np.array([sizes.fits(mark, dot) for mark, dot in zip(marks.tolist(), dots.tolist(), strict=True)])
     return marks[fitting], dots[fitting]

@@ -20,12 +20,14 @@ from printmend.path import Instrument, Trace
 from printmend.picture.image import with_legend, write_image
 from printmend.units import MM_PER_INCH
 
-SETTLED_AXES = 1e-4  # what two turns of the plate leave open of the scanner's axes
-JOINED = 0.85  # of all marks: where a scan shows fewer, each shows a part of the print
-DISAGREEMENT = 6.0  # standard deviations between two scans of one mark: one of them saw dirt
-SAME_PX, LEAST_MARKS = 5e-3, 10  # between the dots of two pictures, no more: one picture; marks that tell it
-OVERLAY_PX = 3000  # of the longer side of the picture that shows what was found
-ENLARGED = (1, 2, 5, 10, 20, 50)
+SETTLED_AXES_SD = 1e-4  # standard deviation (share) of the scanner's axes once two turns of the plate show them
+WHOLE_SHARE = 0.85  # of the marks: where a scan shows fewer, each scan shows a part of the print
+MOST_APART_SIGMAS = 6.0  # a mark that two scans see farther apart than this is left out: one of them saw dirt
+SAME_PICTURE_PX = 5e-3  # two pictures whose dots differ by less (RMS) are one
+LEAST_MARKS = 10  # that both show; fewer do not tell
+OVERLAY_PX = 3000  # longer side of the picture that shows what was found
+ENLARGED = (1, 2, 5, 10, 20, 50)  # times that this picture may enlarge what a mark lies off
+# Colours of what is drawn: blue, green, red.
 FOUND, MISSING, ERROR, RULER, ASKED = (60, 170, 60), (40, 40, 230), (230, 120, 30), (170, 30, 150), (200, 0, 200)
 
 
@@ -90,7 +92,7 @@ def _measured(
         notes.append(f"position and turn are those that fit the commanded marks best ({kept})")
         span = choose_span(plan, measured)
         if span is not None and distance_mm is not None:
-            widths = [_of_marks(_widths(reading), plan.sheet_of == reading.sheet) for reading in readings]
+            widths = [_among_all(_widths(reading), plan.sheet_of == reading.sheet) for reading in readings]
             dots_mm = mean_of(np.stack(widths))[list(span)]
             measured, instrument, note = scaled_by(distance_mm, span, dots_mm, measured, instrument)
             notes.append(note)
@@ -141,7 +143,7 @@ def is_same_picture(one: Reading, other: Reading) -> bool:
     if len(ours) < LEAST_MARKS:
         return False
     apart_px = [theirs - ours @ turn for turn in SYMMETRIES]
-    return min(float(np.sqrt(np.mean((one - one.mean(axis=0)) ** 2))) for one in apart_px) < SAME_PX
+    return min(float(np.sqrt(np.mean((one - one.mean(axis=0)) ** 2))) for one in apart_px) < SAME_PICTURE_PX
 
 
 def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, np.ndarray, Instrument, list[str]]:
@@ -164,7 +166,7 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
         np.where(mine[0][:, None], places[0][number], np.nan), plan, mirrored=readings[0].marks.match.mirrored
     )
     instrument = instrument_on_bed(readings[0].instrument, pose.matrix, settled=settled)
-    if len(plan.sheets) > 1 or min(int(one.sum()) for one in seen) < JOINED * together.sum():
+    if len(plan.sheets) > 1 or min(int(one.sum()) for one in seen) < WHOLE_SHARE * together.sum():
         laid, note = joined(places, readings, plan)
         notes.append(note)
     else:
@@ -172,7 +174,7 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
         others = zip(places[1:], readings[1:], strict=True)
         laid = [first, *(aligned(place, first, reading) for place, reading in others)]
     on_bed = [np.where(one[:, None], place[number], np.nan) for place, one in zip(laid, seen, strict=True)]
-    sigmas = [_of_marks(reading.sigma_mm, own) for reading, own in zip(readings, mine, strict=True)]
+    sigmas = [_among_all(reading.sigma_mm, own) for reading, own in zip(readings, mine, strict=True)]
     measured, sigma = _merged(on_bed, sigmas)
     instrument = replace(instrument, wave_mm=max(instrument.wave_mm, wave_left_mm(on_bed, plan.marks_mm)))
     rulers = [(one.stretched(stretch), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
@@ -180,7 +182,7 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     return measured, sigma, instrument, [*notes, *said]
 
 
-def _of_marks(values: np.ndarray, own: np.ndarray) -> np.ndarray:
+def _among_all(values: np.ndarray, own: np.ndarray) -> np.ndarray:
     """Return values of the marks ``own`` [M] among all of them, NaN for the others."""
     every = np.full(len(own), np.nan)
     every[own] = values
@@ -209,7 +211,7 @@ def wave_left_mm(on_bed: Sequence[np.ndarray], marks_mm: np.ndarray) -> float:
 def instrument_on_bed(instrument: Instrument, matrix: np.ndarray, *, settled: bool) -> Instrument:
     """Return how far an instrument is to be trusted along the bed's axes; ``settled``: two turns show its own."""
     if settled:
-        return replace(instrument, axes_sd=SETTLED_AXES, lean_sd=SETTLED_AXES)
+        return replace(instrument, axes_sd=SETTLED_AXES_SD, lean_sd=SETTLED_AXES_SD)
     double = 2 * np.arctan2(matrix[0, 1], matrix[0, 0])
     c, s = np.cos(double), np.sin(double)
     axes, lean = instrument.axes_sd, instrument.lean_sd
@@ -236,7 +238,7 @@ def _merged(on_bed: list[np.ndarray], sigmas: list[np.ndarray]) -> tuple[np.ndar
     merged = np.where(total > 0, 1.0 / np.sqrt(np.maximum(total, 1e-12)), np.nan)
     off = np.abs(places - mean).max(axis=2) / np.maximum(sigma, 1e-9)
     usual = max(float(np.nanmedian(off)), 1.0)
-    apart = np.nan_to_num(off).max(axis=0) > DISAGREEMENT * usual
+    apart = np.nan_to_num(off).max(axis=0) > MOST_APART_SIGMAS * usual
     mean[apart], merged[apart] = np.nan, np.nan
     return mean, merged
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from printmend.path import Trace
 
-LEAST_ROWS = 10  # rows that are called repeated
-LEAST_SHARE = 0.45  # of the measured rows: of a table that was pasted twice nearly half are copies
-RANDOM_SDS = 3.0  # standard deviations of chance within which rows count as being in no order
-_DIGITS = 16  # of a digest
-_FARTHEST_MM = 1e6  # what is said to lie farther off, is a mistake, and lies there
+LEAST_COPIES = 10  # rows that repeat others; fewer may be chance
+LEAST_COPIES_SHARE = 0.45  # share of the measured rows: of a table that was pasted twice nearly half are copies
+RANDOM_SDS = 3.0  # rows whose steps are this many standard deviations from those of chance, or fewer, are in no order
+_DIGITS = 16  # hexadecimal digits of a digest
+_FARTHEST_MM = 1e6  # a cell beyond this is a mistake, and counts as this
 
 
 def counted_once(trace: Trace) -> tuple[Trace, int]:
@@ -34,9 +34,9 @@ def counted_once(trace: Trace) -> tuple[Trace, int]:
     # a row and a neighbour of it again: on a way back over the same places the neighbours change sides
     copies = np.flatnonzero(seen & (_again(row, before) | _again(row, after) | (row == before)))
     repeating = np.flatnonzero(seen & _again(row, np.zeros_like(row)))
-    if len(repeating) >= LEAST_ROWS and in_no_order(trace.commanded_mm[repeating]):
+    if len(repeating) >= LEAST_COPIES and in_no_order(trace.commanded_mm[repeating]):
         copies = repeating
-    if len(copies) < max(LEAST_ROWS, LEAST_SHARE * seen.sum()):
+    if len(copies) < max(LEAST_COPIES, LEAST_COPIES_SHARE * seen.sum()):
         return trace, 0
     left = {}
     for name in ("measured_mm", "z_measured_mm", "normal", "offset_mm"):

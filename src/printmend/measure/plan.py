@@ -18,8 +18,8 @@ from printmend.files import read_text, replacing
 from printmend.path import Origin, Trace, frozen
 
 FORMAT, VERSION = "printmend probe", 1
-LEAST_SHARED = 25  # marks on two scans that join them
-_DIGITS = 8  # of a plan's identity
+LEAST_SHARED = 25  # marks that two scans must share to be joined
+_DIGITS = 8  # hexadecimal digits of a plan's identity
 _TODO = "write it again with `printmend probe`"
 
 

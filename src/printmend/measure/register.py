@@ -12,7 +12,8 @@ import numpy as np
 
 from printmend.measure.plan import ProbePlan
 
-LEAST_KEYSTONE_MM, SIGNS_AGREE = 0.04, 0.4  # RMS of what perspective moves, and how well its four signs agree
+LEAST_KEYSTONE_MM = 0.04  # RMS of what perspective moves; less may be the printer's own
+MOST_UNLIKE_SHARE = 0.4  # share by which the two ways to see one tilt may differ: else it is no perspective
 CAUCHY_MM = 0.3  # errors beyond this count little when the frames are aligned
 
 
@@ -82,7 +83,10 @@ def narrowing(placed_mm: np.ndarray, plan: ProbePlan) -> float:
     own, cross = np.array([fit[0, 0], fit[2, 1]]), np.array([fit[1, 1], fit[1, 0]])
     moved = np.stack([a, b], axis=1) * (np.stack([a, b], axis=1) @ cross)[:, None]
     slant = float(np.hypot(*cross))
-    if np.sqrt((moved**2).sum(axis=1).mean()) < LEAST_KEYSTONE_MM or np.hypot(*(own - cross)) > SIGNS_AGREE * slant:
+    if (
+        np.sqrt((moved**2).sum(axis=1).mean()) < LEAST_KEYSTONE_MM
+        or np.hypot(*(own - cross)) > MOST_UNLIKE_SHARE * slant
+    ):
         return 0.0
     return slant * float(np.ptp(np.stack([a, b], axis=1) @ cross / slant))
 

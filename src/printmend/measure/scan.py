@@ -41,9 +41,11 @@ from printmend.picture.ruler import Ruler, find_rulers
 from printmend.picture.sheet import tag_corners_mm
 from printmend.units import MM_PER_INCH
 
-SCALE_DOUBT = 1.22  # both spacing and size of the dots off by this: the resolution is wrong, not the printer
-LEAST_FOUND = 0.85  # with fewer the printer skipped steps, and marks beyond a skip could be others
-LEAST_TAG_SPREAD_MM = 60.0  # of the seen tags, along either axis
+MOST_SCALE_FACTOR = (
+    1.22  # where spacing and size of the dots are both off by more, the resolution is wrong, not the printer
+)
+LEAST_FOUND_SHARE = 0.85  # of the marks; with fewer the printer skipped steps, and marks beyond a skip could be others
+LEAST_TAG_SPREAD_MM = 60.0  # tags that spread less than this along either axis give a scale, but no axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +104,7 @@ def read_scan(path: str | Path, plan: ProbePlan, *, dpi: float | None = None, wh
     dots_mm, scale, instrument = _scaled(dots, tags, dpi)
     sheet, marks = _shown(dots_mm, dots.diameter_px * MM_PER_INCH / dpi, plan)
     if marks is None or _scale_ratio(dots, dots_mm, marks, dpi, plan.sheets[sheet]) is not None:
-        raise _explained(path, image, dots, marks, dpi, plan)
+        raise _resolution_error(path, image, dots, marks, dpi, plan)
     if instrument is SHEET:
         check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
     elif said_dpi is None and (share := narrowing(marks.measured_mm, plan.sheets[sheet])):
@@ -143,7 +145,7 @@ def _read_photo(
     dots_mm = corner_mm + (dots.centre_px + 0.5) / px_per_mm
     sheet, marks = _shown(dots_mm, dots.diameter_px / px_per_mm, plan)
     if marks is None:
-        raise _stranger(path, dots, plan)
+        raise _unknown_dots(path, dots, plan)
     if instrument is PHOTO:
         check_sheet(path, _scales(dots_mm, marks, plan.sheets[sheet]))
     if whole:
@@ -180,15 +182,15 @@ def _scale_ratio(dots: Dots, dots_mm: np.ndarray, marks: Marks, dpi: float, plan
     spacing = marks.match.pitch / plan.pitch_mm
     size = float(np.median(dots.diameter_px[marks.match.dot[marks.found]] / plan.diameter_mm[marks.found]))
     size *= MM_PER_INCH / dpi
-    if min(spacing, size) > SCALE_DOUBT or max(spacing, size) < 1 / SCALE_DOUBT:
+    if min(spacing, size) > MOST_SCALE_FACTOR or max(spacing, size) < 1 / MOST_SCALE_FACTOR:
         return spacing
     return None
 
 
-def _explained(
+def _resolution_error(
     path: str | Path, image: np.ndarray, dots: Dots, marks: Marks | None, dpi: float, plan: ProbePlan
 ) -> ScanError:
-    """Say whether another resolution would explain the dots."""
+    """Return the error that names the resolution at which the dots are the plan's marks, if there is one."""
     for other in sorted(COMMON_DPI, key=lambda value: abs(np.log(value / dpi))):
         if abs(np.log(other / dpi)) < 0.1:
             continue
@@ -206,10 +208,10 @@ def _explained(
                 came=f"marks {spacing:.1f} mm apart at {dpi:g} dpi",
                 todo=f"this scan seems to have {other:g} dpi: say --dpi {other:g}",
             )
-    return _stranger(path, dots, plan)
+    return _unknown_dots(path, dots, plan)
 
 
-def _stranger(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
+def _unknown_dots(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
     spacing = f" about {lattice_pitch(dots.centre_px):.0f} px apart" if len(dots) > 4 else ""
     return ScanError(
         path,
@@ -221,14 +223,14 @@ def _stranger(path: str | Path, dots: Dots, plan: ProbePlan) -> ScanError:
 
 def check_whole(path: str | Path, found: np.ndarray, plan: ProbePlan) -> None:
     """Raise `ScanError` where too few of the marks [M] were found, and say on which side."""
-    if found.mean() >= LEAST_FOUND:
+    if found.mean() >= LEAST_FOUND_SHARE:
         return
     gone, middle = plan.marks_mm[~found].mean(axis=0), plan.marks_mm.mean(axis=0)
     axis = int(np.argmax(np.abs(gone - middle)))
     side = (("left", "right"), ("front", "back"))[axis][int(gone[axis] > middle[axis])]
     raise ScanError(
         path,
-        wanted=f"at least {LEAST_FOUND:.0%} of the {len(plan)} marks",
+        wanted=f"at least {LEAST_FOUND_SHARE:.0%} of the {len(plan)} marks",
         came=f"{int(found.sum())}, most missing at the {side} of the bed",
         todo="scan the whole print, with a free margin",
     )

@@ -18,18 +18,18 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.units import counted
 
-STEP_MM = 1.2  # between the places of a wall
-RASTER_MM = 0.06  # a pixel of the drawn layer
+STEP_MM = 1.2  # distance between the places of a wall
+RASTER_MM = 0.06  # side of a pixel of the drawn layer
 CHORD_MM = 0.02  # how far an arc's chords may lie from it
-OPEN_MM = (0.15, 0.45, 0.8)  # so far from the bead must be no other plastic
-GAP_MM = 0.5  # narrower gaps between beads close when they are printed
-BLOB_MM = 1.2  # around the start and the end of a path, where beads are thick or thin
+OPEN_MM = (0.15, 0.45, 0.8)  # distances from a bead at which there must be air beside it
+GAP_MM = 0.5  # narrower gaps between beads close in print
+BLOB_MM = 1.2  # length at the start and at the end of a path where a bead is too thick or too thin
 CORNER_MM, CORNER_RAD = 0.9, 0.7  # a path that turns by more within this distance on either side is a corner
-FILAMENTS_MM = (1.75, 2.85)
-USUAL_BEAD_MM, BEAD_RANGE_MM = 0.45, (0.2, 1.6)
-LEAST_PLACES = 60  # of walls that can be seen
-LEAST_PART_MM2 = 20.0  # a smaller area is no part
-SKIRT_MM = 2.5  # no skirt is wider
+FILAMENTS_MM = (1.75, 2.85)  # diameters, the likelier first
+USUAL_BEAD_MM, BEAD_RANGE_MM = 0.45, (0.2, 1.6)  # width of a bead where the file's E makes none in that range
+LEAST_PLACES = 60  # places of walls that can be seen; with fewer there is nothing to measure
+LEAST_PART_MM2 = 20.0  # a piece with a smaller area is no part
+SKIRT_MM = 2.5  # width of the broadest skirt
 _TYPE = re.compile(rb"^;[ \t]*(?:TYPE:|FEATURE:|FEATURE )[ \t]*([^\r\n]+)", re.MULTILINE | re.IGNORECASE)
 _NO_PART = re.compile(r"skirt|brim|raft|support|custom|prime|purge|wipe|tower", re.IGNORECASE)
 _NAMED = re.compile(r"skirt|brim|raft|support|tower")  # what an owner can switch off

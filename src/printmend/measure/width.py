@@ -12,16 +12,17 @@ import cv2
 import numpy as np
 
 from printmend.errors import TraceError
-from printmend.measure.distance import LONGEST_MM, NO_INSTRUMENT, inches, open_scale, settled
+from printmend.measure.distance import LONGEST_MM, MOST_SCALE_SHARE, inches, open_scale, settled
 from printmend.measure.walls import RASTER_MM, Walls
 from printmend.path import Instrument
 
-SHORTEST_MM = 25.0  # width that callipers are asked for
+SHORTEST_MM = 25.0  # shortest width that callipers are asked for
 READING_MM = 0.03  # standard deviation of a reading over walls that the jaws lie flat on
-FACING = math.cos(math.radians(12.0))  # a wall whose normal is nearer to the direction lies flat against a jaw
-OUTERMOST_MM = 0.15  # places of a wall this near to its outermost count as there
-MOST_WIDTHS, LEAST_TURN_SINE = 2, math.sin(math.radians(44.0))
-ANGLES_DEG = (0, 90, 45, 135, 15, 30, 60, 75, 105, 120, 150, 165)
+LEAST_FACING = math.cos(math.radians(12.0))  # a wall with a normal this near to the width lies flat on a jaw
+OUTERMOST_MM = 0.15  # places of walls this near to the outermost one touch the jaw, too
+MOST_WIDTHS = 2  # that are asked for
+LEAST_TURN_SINE = math.sin(math.radians(44.0))  # two widths lie at least 44° apart, or they tell the same
+ANGLES_DEG = (0, 90, 45, 135, 15, 30, 60, 75, 105, 120, 150, 165)  # directions of widths, from X
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +59,8 @@ def choose_widths(walls: Walls) -> tuple[Width, ...]:
         along, facing = edge @ unit, walls.normal @ unit
         high, low = float((hull @ unit).max()), float((hull @ unit).min())
         ends = (
-            np.flatnonzero((facing > FACING) & (along > high - OUTERMOST_MM)),
-            np.flatnonzero((facing < -FACING) & (along < low + OUTERMOST_MM)),
+            np.flatnonzero((facing > LEAST_FACING) & (along > high - OUTERMOST_MM)),
+            np.flatnonzero((facing < -LEAST_FACING) & (along < low + OUTERMOST_MM)),
         )
         if min(map(len, ends)) and SHORTEST_MM <= high - low <= LONGEST_MM:
             found.append((degrees in (0, 90), high - low, Width(math.radians(degrees), ends)))
@@ -95,7 +96,7 @@ def scaled_by_widths(
     for distance_mm, width in zip(distances_mm, widths, strict=False):
         seen = width.across_mm(edge_mm)
         excess = seen / distance_mm - 1.0
-        if not abs(excess) <= NO_INSTRUMENT:
+        if not abs(excess) <= MOST_SCALE_SHARE:
             raise TraceError(
                 "--distance", wanted=f"about {width.across_mm(begun):.2f} mm {width.words}",
                 came=f"{distance_mm:g}{inches(distance_mm, seen)}", todo="measure it again, in mm",
