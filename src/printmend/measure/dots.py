@@ -69,7 +69,7 @@ def _coarse(
     opening = max(1, round((NET_SHARE * plan.dot_mm if plan.net else STRING_MM) / coarse_mm))
     noise = 1.4826 * float(np.median(np.abs(signal[::3, ::3])))
     level = max(5.0 * noise, LEAST_CONTRAST / 2)
-    labels, _, areas, _ = _components(signal > level, opening if plan.net else 1)
+    labels, _, areas = _components(signal > level, opening if plan.net else 1)
     diameters = np.sqrt(4 * areas / np.pi) * coarse_mm
     fitting = np.flatnonzero((diameters > least) & (diameters < most))
     if not len(fitting):
@@ -77,7 +77,7 @@ def _coarse(
     peaks = np.zeros(len(areas) + 1, np.float32)
     np.maximum.at(peaks, labels[labels > 0], signal[labels > 0])
     contrast = float(np.median(peaks[fitting + 1]))
-    _, centres, areas, _ = _components(signal > max(0.45 * contrast, level), opening)
+    _, centres, areas = _components(signal > max(0.45 * contrast, level), opening)
     diameters = np.sqrt(4 * areas / np.pi) * coarse_mm
     keep = np.flatnonzero((diameters > least) & (diameters < most))
     # A page of print or noise has far more specks than a probe has dots: the likeliest will do to see that.
@@ -113,13 +113,13 @@ def _colour_direction(excess: np.ndarray) -> np.ndarray:
     return (direction / np.linalg.norm(direction)).astype(np.float32)
 
 
-def _components(mask: np.ndarray, opening: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return labels, centres [N, 2], areas [N] and boxes [N, 4] of the connected parts, after an opening."""
+def _components(mask: np.ndarray, opening: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return labels, centres [N, 2] and areas [N] of the connected parts, after an opening."""
     mask = mask.astype(np.uint8)
     if opening > 1:
         mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (opening, opening)))
     _, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    return labels, centres[1:], stats[1:, cv2.CC_STAT_AREA].astype(float), stats[1:, :4]
+    return labels, centres[1:], stats[1:, cv2.CC_STAT_AREA].astype(float)
 
 
 def _centred(image: np.ndarray, colour: np.ndarray, seeds: np.ndarray, diameters: np.ndarray, px_per_mm: float) -> Dots:

@@ -13,9 +13,10 @@ from scipy.optimize import least_squares
 
 from printmend.picture.sheet import DICTIONARY, tag_corners_mm
 
-SEARCH_PX = 2200  # tags are looked for in a picture of this size, their corners refined at full size
-LEAST_TAGS = 4  # of the sheet that must be seen
+SEARCH_PX = 2200  # longer side of the picture in which tags are looked for; their corners are refined at full size
+LEAST_TAGS = 4  # tags of the sheet that must be seen
 NODE_PX = 16  # the lens is computed at every 16th pixel: it bends nothing in between
+# A flatbed's affine map misses the tags by less than this, or by less than so many times what a lens does.
 FLAT_MM, FLAT_RATIO = 0.03, 1.5
 
 
@@ -46,6 +47,14 @@ class Lens:
         square = (off**2).sum(axis=-1, keepdims=True)
         return self.centre_px + off * self.radius_px * (1 + self.k1 * square + self.k2 * square**2)
 
+    def sheet_axes(self, focal_px: float) -> np.ndarray:
+        """Return the columns r₁, r₂, t [3, 3] of the sheet's axes and origin before the camera, up to a factor.
+
+        The homography from the sheet is K·[r₁ r₂ t] up to a factor, with unit columns r of a rotation.
+        """
+        camera = np.array([[focal_px, 0, self.centre_px[0]], [0, focal_px, self.centre_px[1]], [0, 0, 1]])
+        return np.linalg.solve(camera, np.linalg.inv(self.homography))
+
     def to_mm(self, px: np.ndarray) -> np.ndarray:
         """Map pixels [..., 2] to the sheet."""
         return _projected(self.undistort(px), self.homography)
@@ -57,6 +66,31 @@ class Lens:
         for _ in range(12):
             px = px + (wanted - self.undistort(px))
         return px
+
+
+@dataclass(frozen=True, eq=False)
+class PictureFrame:
+    """A picture's middle and half its diagonal: in these units a lens is fitted, so that its numbers are near 1."""
+
+    centre_px: np.ndarray
+    radius_px: float
+
+    @classmethod
+    def of(cls, image_shape: tuple[int, ...]) -> "PictureFrame":
+        """Return the frame of a picture of shape [H, W, …]."""
+        centre = np.array([(image_shape[1] - 1) / 2, (image_shape[0] - 1) / 2])
+        return cls(centre, float(np.hypot(*centre)))
+
+    def first_homography(self, px: np.ndarray, mm: np.ndarray) -> np.ndarray:
+        """Return the first eight numbers of the homography that maps pixels [N, 2] to mm [N, 2], the ninth being 1."""
+        found, _ = cv2.findHomography((px - self.centre_px) / self.radius_px, mm)
+        return np.asarray((found / found[2, 2]).ravel()[:8])
+
+    def lens(self, homography: np.ndarray, k1: float, k2: float) -> Lens:
+        """Return the lens with the first eight numbers of such a homography."""
+        (x, y), radius = self.centre_px, self.radius_px
+        to_unit = np.array([[1 / radius, 0, -x / radius], [0, 1 / radius, -y / radius], [0, 0, 1]])
+        return Lens(self.centre_px, radius, k1, k2, np.append(homography, 1.0).reshape(3, 3) @ to_unit)
 
 
 def is_flat(tags: Tags, lens_error_mm: float) -> bool:
@@ -92,6 +126,7 @@ def find_tags(image: np.ndarray) -> Tags:
 
 
 def _refined(image: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return the corners [4, 2] px of one tag, refined in the image at full size."""
     side = float(np.hypot(*(corners[1] - corners[0])))
     reach = int(side) + 8
     x, y = np.maximum(corners.min(axis=0).astype(int) - reach, 0)
@@ -108,21 +143,17 @@ def fit_lens(tags: Tags, image_shape: tuple[int, ...]) -> tuple[Lens, float]:
     """Fit perspective and distortion to at least four tags; return the lens and the RMS error of the corners [mm]."""
     px = tags.corners_px.reshape(-1, 2)
     mm = tag_corners_mm()[tags.ids].reshape(-1, 2)
-    centre = np.array([(image_shape[1] - 1) / 2, (image_shape[0] - 1) / 2])
-    radius = float(np.hypot(*centre))
-    unit = (px - centre) / radius
-    start, _ = cv2.findHomography(unit, mm)
-    start = start / start[2, 2]
+    frame = PictureFrame.of(image_shape)
+    start = frame.first_homography(px, mm)
 
     def lens(values: np.ndarray) -> Lens:
-        to_unit = np.array([[1 / radius, 0, -centre[0] / radius], [0, 1 / radius, -centre[1] / radius], [0, 0, 1]])
-        return Lens(centre, radius, values[8], values[9], np.append(values[:8], 1.0).reshape(3, 3) @ to_unit)
+        return frame.lens(values[:8], values[8], values[9])
 
     def errors(values: np.ndarray) -> np.ndarray:
         # the second coefficient is held towards zero: corners alone hardly tell it from the first
         return np.append((lens(values).to_mm(px) - mm).ravel(), [0.05 * values[8], 0.2 * values[9]])
 
-    fit = least_squares(errors, np.append(start.ravel()[:8], [0.0, 0.0]), loss="huber", f_scale=0.1, x_scale="jac")
+    fit = least_squares(errors, np.append(start, [0.0, 0.0]), loss="huber", f_scale=0.1, x_scale="jac")
     rest = errors(fit.x)[:-2].reshape(-1, 2)
     return lens(fit.x), float(np.sqrt((rest**2).sum(axis=1).mean()))
 

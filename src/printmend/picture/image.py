@@ -14,13 +14,13 @@ from printmend.errors import ScanError
 from printmend.files import replacing
 
 MOST_PIXELS = 150_000_000  # A4 at 1200 dpi has 139 million
-LEAST_SIDE_PX = 300  # of an image
+LEAST_SIDE_PX = 300  # shorter side of an image; a smaller one shows nothing
 _SAVE: dict[str, dict[str, Any]] = {
     "PNG": {"compress_level": 1}, "JPEG": {"quality": 95}, "TIFF": {"compression": "tiff_lzw"},
 }  # fmt: skip
 # resolutions that scanners offer: a picture that is off by a whole factor was scanned at another of them
 COMMON_DPI = (75, 100, 150, 200, 240, 300, 400, 600, 720, 800, 1200, 1600, 2400)
-TRUSTED_DPI = 140.0  # editors and phones write 72 or 96 into any file
+TRUSTED_DPI = 140.0  # least resolution that is believed: editors and phones write 72 or 96 into any file
 
 
 def read_image(path: str | Path) -> tuple[np.ndarray, float | None]:

@@ -17,20 +17,20 @@ from printmend.errors import ScanError
 from printmend.path import FLATBED, Instrument
 from printmend.picture.fiducials import LEAST_TAGS, Lens, Tags, find_tags, fit_lens, is_flat, rectify
 from printmend.picture.image import read_image
-from printmend.picture.paper import PAPER, Sheet, find_sheet
+from printmend.picture.paper import FILM_DIAGONAL_MM, PAPER, USUAL_FOCAL_MM, Sheet, find_sheet
 from printmend.picture.sheet import BORDER_MM, TAG_MM, WINDOW_EDGE_MM, window_mm
 from printmend.units import MM_PER_INCH
 
-USUAL_DPI = 600.0  # where neither the owner nor the file says it
+USUAL_DPI = 600.0  # resolution that is taken where neither the owner nor the file states it
 # What a sheet of tags leaves open: the printer that made it, and in a photo the lens.
 SHEET = Instrument(scale_sd=0.0013, axes_sd=0.0007, lean_sd=0.0003, wave_mm=0.002)
 PHOTO = Instrument(scale_sd=0.0013, axes_sd=0.001, lean_sd=0.0005, wave_mm=0.005)
-# Focal lengths as of a film of 36 × 24 mm, and how well they are known (shares): stated, or a telephone's usual one.
-FILM_DIAGONAL_MM, USUAL_FOCAL_MM = 43.27, 27.0
-STATED_SD, USUAL_SD = 0.04, 0.15
-PAPER_RIM_MM = 3.0  # of a sheet of paper: its edge's shadow is no plastic
-INSIDE_MM = 1.0  # of the line along which the window is cut
-SCALED_SHEET, AXES_AGREE = 0.012, 0.004  # shares: a sheet scaled by more is refused, if both axes agree so well
+# Standard deviations (shares) of a focal length that the file states, and of the usual one of a telephone.
+STATED_FOCAL_SD, USUAL_FOCAL_SD = 0.04, 0.15
+PAPER_RIM_MM = 3.0  # rim of a sheet of paper that is left out: its edge's shadow is no plastic
+WINDOW_RIM_MM = 1.0  # rim of the window that is left out: the line along which it is cut
+MOST_SHEET_SCALE = 0.012  # share by which a print on the sheet may be too large or too small …
+AXES_AGREE_SHARE = 0.004  # … where x and y agree to this share: beyond, the sheet was printed to another scale
 _EXIF, _EXPOSURE, _FOCAL, _FOCAL_FILM = 0x8769, 0x829A, 0x920A, 0xA405
 PHOTO_TODO = (
     "print the sheet of tags (`printmend probe --sheet sheet.pdf`), lay the print on it, and take the photo from above "
@@ -88,7 +88,7 @@ def _photographed(
     focal_mm: float | None, tall_mm: float,
 ) -> Page:  # fmt: skip
     """Return what lies between two corners ``shown_mm`` of a sheet, ``tall_mm`` high, as a scanner would see it."""
-    doubt = USUAL_SD if focal_mm is None else STATED_SD
+    doubt = USUAL_FOCAL_SD if focal_mm is None else STATED_FOCAL_SD
     eye = _eye_mm(lens, 2 * lens.radius_px * (focal_mm or USUAL_FOCAL_MM) / FILM_DIAGONAL_MM)
     nearer = min(tall_mm / eye[2], 0.5)
     lens, low, high = _raised(lens, eye, nearer, shown_mm)
@@ -128,7 +128,7 @@ def check_sheet(path: str | Path, scales: tuple[float, float]) -> None:
     A printer whose belts are both wrong by the same share is rarer than a sheet printed to fit a page.
     """
     common = sum(scales) / 2
-    if abs(common - 1) > SCALED_SHEET and abs(scales[0] - scales[1]) < AXES_AGREE:
+    if abs(common - 1) > MOST_SHEET_SCALE and abs(scales[0] - scales[1]) < AXES_AGREE_SHARE:
         raise ScanError(
             path, wanted="the sheet of tags printed at 100 %", came=f"one that seems printed at {100 / common:.0f} %",
             todo="print it again without `fit to page`, until its line measures 100 mm; or scan without it",
@@ -154,16 +154,12 @@ def exposure(path: str | Path) -> tuple[bool, float | None]:
 def _window() -> tuple[np.ndarray, np.ndarray]:
     """Return the corners of what the sheet's window shows."""
     low = np.full(2, BORDER_MM + TAG_MM / 2 + WINDOW_EDGE_MM)
-    return low + INSIDE_MM, low + window_mm() - INSIDE_MM
+    return low + WINDOW_RIM_MM, low + window_mm() - WINDOW_RIM_MM
 
 
 def _eye_mm(lens: Lens, focal_px: float) -> np.ndarray:
-    """Return where the camera was [3] mm: above the sheet's (x, y), at the height z.
-
-    The homography from the sheet is K·[r₁ r₂ t] up to a factor, with the unit columns r of a rotation.
-    """
-    camera = np.array([[focal_px, 0, lens.centre_px[0]], [0, focal_px, lens.centre_px[1]], [0, 0, 1]])
-    columns = np.linalg.solve(camera, np.linalg.inv(lens.homography))
+    """Return where the camera was [3] mm: above the sheet's (x, y), at the height z."""
+    columns = lens.sheet_axes(focal_px)
     columns /= (np.linalg.norm(columns[:, 0]) + np.linalg.norm(columns[:, 1])) / 2
     rotation = np.stack([columns[:, 0], columns[:, 1], np.cross(columns[:, 0], columns[:, 1])], axis=1)
     place = -np.linalg.solve(rotation, columns[:, 2])

@@ -11,19 +11,21 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from printmend.path import Instrument
-from printmend.picture.fiducials import Lens
+from printmend.picture.fiducials import Lens, PictureFrame
 from printmend.units import A4_MM, LETTER_MM
 
 SHEETS_MM = {"A4": A4_MM, "letter": LETTER_MM}
 PAPER = Instrument(scale_sd=0.0015, axes_sd=0.0012, lean_sd=0.0008, wave_mm=0.008)
-SEARCH_PX = 1000  # the sheet is looked for in a picture of this size
-LEAST_SHEET_SHARE = 0.15  # share of the picture: a smaller sheet is not what was photographed
-FULL_SHARE = 0.93  # of its four-cornered outline is bright: less is no sheet
-PLACES, REACH_SHARE = 80, 0.012  # on each edge, and how far about it is looked, as a share of the picture
-MOST_OFF_MM = 0.4  # RMS of the edges from straight lines
-LEAST_OFF_MM, LEAST_KEPT = 0.1, 0.7  # places nearer than this to an edge count, and what share of them must
-ASPECT = 0.035  # share by which the sides may differ from those of a sheet
-USUAL_FOCAL = 27.0 / 43.27  # of a telephone's lens, in diagonals of the picture
+SEARCH_PX = 1000  # longer side of the picture in which the sheet is looked for
+LEAST_SHEET_SHARE = 0.15  # share of the picture that a sheet fills; a smaller one is not what was photographed
+FULL_SHARE = 0.93  # share of its four-cornered outline that is bright; with less it is no sheet
+PLACES = 80  # on each edge
+REACH_SHARE = 0.012  # how far about an edge is looked, as a share of the picture
+MOST_OFF_MM = 0.4  # RMS distance of the edges from straight lines; no sheet has more
+KEPT_MM, LEAST_KEPT_SHARE = 0.1, 0.7  # places nearer to an edge always count; the share of all that must count
+MOST_UNEVEN_SHARE = 0.035  # by which the sides may differ from those of a sheet
+FILM_DIAGONAL_MM = 43.27  # of a film of 36 × 24 mm, for which focal lengths are stated
+USUAL_FOCAL_MM = 27.0  # of a telephone's lens, on such a film
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +52,7 @@ def find_sheet(image: np.ndarray) -> Sheet | None:
         for lies in (size, size[::-1]):
             sheet = _fitted(edges, corners, np.array(lies), name, image.shape)
             uneven = _uneven(sheet.lens)
-            if sheet.error_mm < MOST_OFF_MM and uneven < ASPECT:
+            if sheet.error_mm < MOST_OFF_MM and uneven < MOST_UNEVEN_SHARE:
                 found.append((uneven, sheet))
     return min(found, key=lambda one: one[0])[1] if found else None
 
@@ -110,15 +112,12 @@ def _fitted(
     edges: list[np.ndarray], corners: np.ndarray, size_mm: np.ndarray, name: str, shape: tuple[int, ...]
 ) -> Sheet:
     """Fit perspective and one coefficient of distortion so that the edges come to lie on those of a sheet."""
-    centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
-    radius = float(np.hypot(*centre))
+    frame = PictureFrame.of(shape)
     wanted = np.array([(0, 0), (size_mm[0], 0), size_mm, (0, size_mm[1])], float)
-    start, _ = cv2.findHomography((corners - centre) / radius, wanted)
-    start = start / start[2, 2]
-    to_unit = np.array([[1 / radius, 0, -centre[0] / radius], [0, 1 / radius, -centre[1] / radius], [0, 0, 1]])
+    start = frame.first_homography(corners, wanted)
 
     def lens(values: np.ndarray) -> Lens:
-        return Lens(centre, radius, float(values[8]), 0.0, np.append(values[:8], 1.0).reshape(3, 3) @ to_unit)
+        return frame.lens(values[:8], float(values[8]), 0.0)
 
     def errors(values: np.ndarray) -> np.ndarray:
         upper, right, lower, left = (lens(values).to_mm(edge) for edge in edges)
@@ -126,22 +125,17 @@ def _fitted(
         return np.concatenate([*off, [0.5 * values[8]]])
 
     # Levenberg–Marquardt: the default method stops early in this narrow valley
-    rough = least_squares(errors, np.append(start.ravel()[:8], 0.0), method="lm", x_scale="jac").x
+    rough = least_squares(errors, np.append(start, 0.0), method="lm", x_scale="jac").x
     off = np.abs(errors(rough))
-    kept = off < np.maximum(4 * np.median(off[:-1]), LEAST_OFF_MM)  # not what lies across an edge
+    kept = off < np.maximum(4 * np.median(off[:-1]), KEPT_MM)  # not what lies across an edge
     kept[-1] = True
     fit = least_squares(lambda values: errors(values) * kept, rough, method="lm", x_scale="jac").x
     rest = errors(fit)[:-1][kept[:-1]]
-    error_mm = float(np.sqrt(np.square(rest).mean())) if kept.mean() > LEAST_KEPT else np.inf
+    error_mm = float(np.sqrt(np.square(rest).mean())) if kept.mean() > LEAST_KEPT_SHARE else np.inf
     return Sheet(lens(fit), size_mm, name, error_mm)
 
 
 def _uneven(lens: Lens) -> float:
-    """Return by which share the sheet's two sides would be unequal in length, were it what it is taken for.
-
-    The homography from the sheet is K·[r₁ r₂ t] up to a factor, with unit columns r of a rotation.
-    """
-    focal = 2 * lens.radius_px * USUAL_FOCAL
-    camera = np.array([[focal, 0, lens.centre_px[0]], [0, focal, lens.centre_px[1]], [0, 0, 1]])
-    columns = np.linalg.solve(camera, np.linalg.inv(lens.homography))
+    """Return by which share a millimetre of the sheet's two sides is unequal, were it what it is taken for."""
+    columns = lens.sheet_axes(2 * lens.radius_px * (USUAL_FOCAL_MM / FILM_DIAGONAL_MM))
     return abs(float(np.log(np.linalg.norm(columns[:, 0]) / np.linalg.norm(columns[:, 1]))))

@@ -11,20 +11,22 @@ import numpy as np
 
 from printmend.errors import ScanError
 
-FINE_PX_PER_MM = 12.0  # of the picture that is looked at
-THICKEST_MM, SHORTEST_MM, LONGEST_MM = 0.45, 1.2, 14.0  # of a line
-SLENDER_RATIO = 3.0  # length over width
-LEAST_CONTRAST = 14.0  # grey levels
-ALIKE_RAD, EDGE_MM = 0.035, 0.5  # of lines of one row: their directions, and their ends on the ruler's edge
-LEAST_LINES, LEAST_LINES_SHARE = 30, 0.7  # in a row, and of those between its first and last
-UNEVEN_SHARE = 0.06  # RMS of the lines' places, as a share of their distance
+FINE_PX_PER_MM = 12.0  # resolution of the picture in which rulers are looked for
+THICKEST_MM, SHORTEST_MM, LONGEST_MM = 0.45, 1.2, 14.0  # width and lengths of a line
+SLENDER_RATIO = 3.0  # least length of a line over its width
+LEAST_CONTRAST = 14.0  # grey levels between a line and the ruler
+SAME_WAY_RAD = 0.035  # how far the directions of the lines of one row may scatter
+EDGE_MM = 0.5  # how far the ends of its lines may lie from the ruler's edge
+LEAST_LINES = 30  # lines of a row
+LEAST_LINES_SHARE = 0.7  # of the lines between its first and last that must be seen
+MOST_UNEVEN_SHARE = 0.06  # RMS by which lines may lie off even places, as a share of their distance
 LONGER_RATIO = 1.15  # by so much each fifth or fourth line is longer than its neighbours
-MILLIMETRES, INCHES = (1.0, 0.5), (25.4 / 8, 2.54, 25.4 / 16, 1.27, 25.4 / 32)
-SCALE_SHARE = 0.02  # share: pictures are not farther off their stated scale
-OTHER_WAY = 0.8  # |cos| between two rulers that tell of different directions
-OWN_SD = 0.0004  # of a ruler's own length (share): 0.1 mm over its reach
-MOST_LINES = 6000  # in an image that may be graduations
-THICK_MM, THICK_SD_MM = 0.4, 0.4  # of rulers, printed ones and of steel
+MILLIMETRES, INCHES = (1.0, 0.5), (25.4 / 8, 2.54, 25.4 / 16, 1.27, 25.4 / 32)  # distances of lines on rulers [mm]
+SCALE_SHARE = 0.02  # share by which a picture may be off its stated scale
+SAME_WAY_COSINE = 0.8  # |cos| of the angle between two rows above which they tell of the same direction
+OWN_SD = 0.0004  # standard deviation (share) of a ruler's own length: 0.1 mm over its reach
+MOST_LINES = 6000  # that are looked at; a picture with more shows something else
+THICK_MM, THICK_SD_MM = 0.4, 0.4  # thickness of rulers, printed ones and of steel, and its standard deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,11 +43,11 @@ class Ruler:
     sd: float = OWN_SD
 
     def on_bed(self, matrix: np.ndarray) -> "Ruler":
-        """Return it turned by a matrix [2, 2]; its corners stay the picture's."""
+        """Return the ruler turned by a matrix [2, 2]; its corners stay the picture's."""
         return replace(self, along=self.along @ matrix)
 
     def in_photo(self, away_mm: float, tall_mm: float) -> "Ruler":
-        """Return it as a camera ``away_mm`` above the sheet sees it, in a picture that is to scale ``tall_mm`` above.
+        """Return the ruler as a camera ``away_mm`` above the sheet sees it; the picture is to scale ``tall_mm`` above.
 
         Its lines lie above the sheet by its thickness, nearer to the camera, and nobody says how thick it is.
         """
@@ -54,7 +56,7 @@ class Ruler:
         return replace(self, excess=(1 + self.excess) / (1 + nearer) - 1, sd=sd)
 
     def stretched(self, stretch: np.ndarray) -> "Ruler":
-        """Return it in a picture from which a stretch [2, 2] is taken off."""
+        """Return the ruler in a picture from which a stretch [2, 2] is taken off."""
         along = self.along @ np.linalg.inv(stretch).T
         longer = float(np.hypot(*along))
         return replace(self, along=along / longer, excess=(1 + self.excess) * longer - 1)
@@ -72,7 +74,7 @@ def find_rulers(image: np.ndarray, px_per_mm: float, *, subject: str) -> tuple[R
     inches, found = False, list[Ruler]()
     for kind in (cv2.MORPH_BLACKHAT, cv2.MORPH_TOPHAT):
         for row in _rows(*_lines(grey, scale, kind)):
-            if any(abs(row.along @ one.along) > OTHER_WAY for one in found):  # its other edge
+            if any(abs(row.along @ one.along) > SAME_WAY_COSINE for one in found):  # its other edge
                 continue
             for unit_mm in MILLIMETRES:
                 if abs(row.excess + 1 - unit_mm) < SCALE_SHARE * unit_mm:
@@ -125,7 +127,7 @@ def _rows(middle: np.ndarray, way: np.ndarray, length: np.ndarray) -> list[Ruler
         double = np.arctan2(2 * way[left, 0] * way[left, 1], way[left, 0] ** 2 - way[left, 1] ** 2)
         counts, bins = np.histogram(double, np.linspace(-np.pi, np.pi, 91))
         peak = (bins[np.argmax(counts)] + bins[np.argmax(counts) + 1]) / 2
-        near = left & (np.abs(np.angle(np.exp(1j * (2 * np.arctan2(way[:, 1], way[:, 0]) - peak)))) < 4 * ALIKE_RAD)
+        near = left & (np.abs(np.angle(np.exp(1j * (2 * np.arctan2(way[:, 1], way[:, 0]) - peak)))) < 4 * SAME_WAY_RAD)
         if near.sum() < LEAST_LINES:
             break
         members = _one_row(middle, way, length, np.flatnonzero(near))
@@ -153,6 +155,7 @@ def _one_row(middle: np.ndarray, way: np.ndarray, length: np.ndarray, near: np.n
 
 
 def _mean_way(way: np.ndarray) -> np.ndarray:
+    """Return the mean direction [2] of lines [N, 2], whichever way along itself each is given."""
     _, vectors = np.linalg.eigh(way.T @ way)
     return np.asarray(vectors[:, -1])
 
@@ -178,7 +181,7 @@ def _even(middle: np.ndarray, way: np.ndarray, length: np.ndarray) -> Ruler | No
             return None
     uneven = float(np.sqrt(np.square(place - start - step * number).mean())) / step
     different = len(np.unique(number))
-    if different < LEAST_LINES or different < LEAST_LINES_SHARE * (np.ptp(number) + 1) or uneven > UNEVEN_SHARE:
+    if different < LEAST_LINES or different < LEAST_LINES_SHARE * (np.ptp(number) + 1) or uneven > MOST_UNEVEN_SHARE:
         return None
     if not any(_longer(length, number, every) for every in (5, 4)):
         return None
@@ -192,6 +195,6 @@ def _even(middle: np.ndarray, way: np.ndarray, length: np.ndarray) -> Ruler | No
 
 
 def _longer(length: np.ndarray, number: np.ndarray, every: int) -> bool:
-    """Say whether each so-manieth line is longer than the others."""
+    """Say whether the lines whose number leaves one remainder by ``every`` are longer than all others."""
     usual = [float(np.median(length[number % every == k])) for k in range(every) if (number % every == k).any()]
     return len(usual) == every and sorted(usual)[-1] > LONGER_RATIO * sorted(usual)[-2]

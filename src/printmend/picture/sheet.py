@@ -10,9 +10,9 @@ from printmend.units import A4_MM
 
 PAGE_MM = A4_MM
 TAG_MM = 14.0  # the side of a tag
-BORDER_MM = 14.0  # from the paper's edge to the centres of the tags
-COLUMNS, ROWS = 4, 5
-WINDOW_EDGE_MM = 4.0  # from the tags to the window
+BORDER_MM = 14.0  # distance from the paper's edge to the centres of the tags
+COLUMNS, ROWS = 4, 5  # tags along the short and along the long sides of the frame
+WINDOW_EDGE_MM = 4.0  # distance from the tags to the window
 DICTIONARY = cv2.aruco.DICT_APRILTAG_36H11
 
 

@@ -8,15 +8,16 @@ import numpy as np
 
 from printmend.errors import ScanError
 
-COARSE_MM = 0.17  # a pixel of the reduced picture
+COARSE_MM = 0.17  # side of a pixel of the reduced picture
 SPECK_MM, GAP_MM = 0.35, 0.5  # plastic thinner than this is dirt; gaps narrower than this close
-LEAST_MM2, LEAST_PIECE_SHARE = 20.0, 0.03  # smaller pieces, of the whole and of the largest, are dirt
-LEAST_CONTRAST = 10.0  # grey levels
-MARGIN_MM = 4.0  # around the part where it is looked for
-REACH_MM = 0.45  # of the window about an edge whose integral places it
+LEAST_PIECE_MM2 = 20.0  # a piece with a smaller area is dirt …
+LEAST_PIECE_SHARE = 0.03  # … and so is one with a smaller share of the area of the largest
+LEAST_CONTRAST = 10.0  # grey levels between plastic and plate
+MARGIN_MM = 4.0  # margin around the part within which its edges are looked for
+REACH_MM = 0.45  # half the window about an edge whose integral places it
 INNER_MM, OUTER_MM = (-0.34, -0.12), (0.14, 0.45)  # where the levels of plastic and plate are read, from the edge
-RAY_STEP_MM = 0.025  # between the places of a ray across an edge
-ACROSS_MM = (-0.36, -0.24, -0.12, 0.0, 0.12, 0.24, 0.36)  # rays beside each other that are averaged
+RAY_STEP_MM = 0.025  # distance between the places of a ray across an edge
+ACROSS_MM = (-0.36, -0.24, -0.12, 0.0, 0.12, 0.24, 0.36)  # places beside a ray of the rays that are averaged with it
 CHUNK = 400  # rays followed at once
 
 
@@ -71,7 +72,7 @@ def find_silhouette(
         ruler = np.zeros(labels.shape, np.uint8)
         cv2.fillConvexPoly(ruler, np.rint(corners_mm / COARSE_MM).astype(np.int32), 1)
         areas[np.unique(labels[ruler > 0])] = 0.0
-    keep = (areas >= LEAST_MM2) & (areas >= LEAST_PIECE_SHARE * areas.max())
+    keep = (areas >= LEAST_PIECE_MM2) & (areas >= LEAST_PIECE_SHARE * areas.max())
     if not keep.any():
         raise ScanError(subject, wanted="a printed part", came="a page without one", todo="scan the printed side")
     kept = keep[labels]
@@ -136,24 +137,21 @@ def _plastic_colour(excess: np.ndarray) -> tuple[np.ndarray, float | None]:
     return direction.astype(np.float32), float(np.median(plastic @ direction)) / 2
 
 
-def find_edges(
-    silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray, capture_mm: float
-) -> tuple[np.ndarray, np.ndarray]:
+def find_edges(silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray, capture_mm: float) -> np.ndarray:
     """Return how far [S] mm from ``at_px`` [S, 2] the plastic ends along ``out_px`` [S, 2] (unit vectors, out of the
-    plastic), NaN where it does not within ``capture_mm``, and the contrast [S] there.
+    plastic), NaN where it does not within ``capture_mm``.
 
     The edge is where the plastic would end if it ended at once: the integral of its share. Blur leaves this alone.
     """
-    found, contrast = np.full(len(at_px), np.nan), np.zeros(len(at_px))
+    found = np.full(len(at_px), np.nan)
     for first in range(0, len(at_px), CHUNK):
         part = slice(first, first + CHUNK)
-        found[part], contrast[part] = _edges(silhouette, at_px[part], out_px[part], capture_mm)
-    return found, contrast
+        found[part] = _edges_at_once(silhouette, at_px[part], out_px[part], capture_mm)
+    return found
 
 
-def _edges(
-    silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray, capture_mm: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _edges_at_once(silhouette: Silhouette, at_px: np.ndarray, out_px: np.ndarray, capture_mm: float) -> np.ndarray:
+    """Return what `find_edges` does, of few enough rays for their pixels to fit in the memory."""
     scale = silhouette.px_per_mm
     reach = capture_mm + REACH_MM
     along = np.arange(-reach, reach + RAY_STEP_MM / 2, RAY_STEP_MM)
@@ -193,4 +191,4 @@ def _edges(
     share[:, offset > OUTER_MM[1] - 0.05] = 0.0
     edge = along[nearest] + (share.sum(axis=1) - margin - 0.5) * RAY_STEP_MM
     known &= step > silhouette.level
-    return np.where(known, edge, np.nan), np.where(known, step, 0.0)
+    return np.where(known, edge, np.nan)
