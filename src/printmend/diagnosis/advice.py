@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from printmend.diagnosis.diagnosis import NamedFault
 
-CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations
+CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
 REPAIR_MM, SOON_MM = 0.5, 0.1  # effect on a print above which a part should be replaced, or looked at
-SPAN_MM = 100.0  # of a part, for faults that grow with its size
+SPAN_MM = 100.0  # size of the print whose error is told, for faults that grow with it
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,15 @@ from printmend.machine import Frame
 from printmend.path import Trace
 from printmend.printer import Printer
 
-NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations
+NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations …
 LEAST_FAULT_MM = 0.002  # … and than this: smaller faults move no print
 LEAST_SCALE_PERCENT = 0.005  # a smaller wrong scale is not named
-NAMED_HARMONICS = 3  # of a pulley at most, the largest ones
+NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
 OPPOSITE_SHARE = 0.05  # share of two scale errors' difference that their sum may be for them to count as opposite
-LEAST_SHOWN_MM = 0.005  # of what is said to two digits
-LEAST_EFFECT_MM = 0.003  # on a print, for waves: no print shows less
-PLACES_OF_WAVES = 41  # along either axis of the bed, at which wavy guides are looked at
-_WORD = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
+LEAST_SHOWN_MM = 0.005  # a smaller fault whose size is said with two decimals would be said to be 0.00
+LEAST_EFFECT_MM = 0.003  # a wave that shifts a print by less is not named: no print shows it
+GUIDE_PLACES = 41  # places along either axis of the bed at which wavy guides are looked at
+_HARMONIC_WORDS = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def kind_words(kind: str) -> str:
     """Return a fault's kind in words: ``harmonic-1`` is a pulley that is eccentric."""
     name, _, order = kind.partition("-")
     if name == "harmonic" and order.isdigit():
-        return f"pulley {_WORD.get(int(order), f'harmonic {order}')}"
+        return f"pulley {_HARMONIC_WORDS.get(int(order), f'harmonic {order}')}"
     return kind
 
 
@@ -108,7 +108,7 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
 
 def drive_faults(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault]:
     """Name the faults of one motor's drive, the pulley first; ``turn_mm`` is a turn of the printer's own."""
-    return [*_scale(drive, doubt, turn_mm), *_pulley(drive, doubt), *_play(drive, doubt), *_rest(drive, doubt)]
+    return [*_scale(drive, doubt, turn_mm), *_pulley(drive, doubt), *_play(drive, doubt), *_other_faults(drive, doubt)]
 
 
 def _fault(drive: LearnedDrive, kind: str, value: float, sd: float, words: str, unit: str = "mm") -> NamedFault:
@@ -151,7 +151,7 @@ def _pulley(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     largest = sorted(found, key=lambda k: -found[k][0])
     faults: list[NamedFault] = []
     for k in sorted(largest[:NAMED_HARMONICS]):
-        word = _WORD.get(k, f"harmonic {k}")
+        word = _HARMONIC_WORDS.get(k, f"harmonic {k}")
         words = f"{'pulley ' if not faults else ''}{word} {amount(*found[k])}"
         faults.append(_fault(drive, f"harmonic-{k}", *found[k], words))
     if len(largest) > NAMED_HARMONICS and faults:
@@ -183,7 +183,7 @@ def _play(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     return [_fault(drive, kind, value, sd, words)]
 
 
-def _rest(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
+def _other_faults(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     faults: list[NamedFault] = []
     structure, branches = drive.structure, drive.branches
     motor = np.linspace(*branches.reach_mm, 2001)
@@ -286,7 +286,7 @@ def _wavy(frame: Frame, printer: Printer) -> list[NamedFault]:
     """Name guides that are wavy, by how far they push at most."""
     if not len(frame.waves):
         return []
-    x, y = (np.linspace(axis.min_mm, axis.max_mm, PLACES_OF_WAVES) for axis in (printer.x, printer.y))
+    x, y = (np.linspace(axis.min_mm, axis.max_mm, GUIDE_PLACES) for axis in (printer.x, printer.y))
     pushed = frame.waves_at_mm(np.stack(np.meshgrid(x, y), axis=-1))
     size = float(np.linalg.norm(pushed, axis=-1).max())
     lengths = " and ".join(f"{wave[1]:.0f}" for wave in frame.waves)

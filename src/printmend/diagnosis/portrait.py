@@ -12,8 +12,8 @@ from printmend.promise.apply import acting
 from printmend.saved import Branches
 from printmend.units import TURN_RAD
 
-POINTS = 1201  # of a curve
-ANGLES = 720  # of a hull's outline
+POINTS = 1201  # points of a curve
+ANGLES = 720  # points of a hull's outline
 
 
 @dataclass(frozen=True, eq=False)

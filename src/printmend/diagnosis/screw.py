@@ -20,15 +20,16 @@ from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
 KINDS = ("lead", "periodic", "backlash", "wobble")
 LEAST_WAVE_MM = 0.003  # a smaller wave is not named
-_ROUNDS = 2  # of fitting screw and belts in turn
-_WHOLE_TURN = 0.75  # of a turn of the screw: on less, a wave is no wave
-_TREND_TURNS = 2.0  # of the screw, on which a leaning tower cannot be taken for a wave
-_MOST_LAYERS = 400  # of different heights; a spiral is cut into slices
-_SLICES = 64  # a turn
-_LEAST_LAYERS, _SPARE_LAYERS = 3, 3  # to speak of heights at all; more than there are unknowns
-_TELLS_MM = 0.03  # standard deviation: a trace that is less sure does not call a screw healthy
-_SAME_PHASE = 0.02  # of a turn
-_OFF_MM = 20.0  # beyond the axis' ends no height is one
+_ROUNDS = 2  # how often belts and screw are fitted in turn
+_LEAST_TURNS = 0.75  # turns of the screw that heights must span; on fewer a wave looks like a slope
+_TREND_TURNS = 2.0  # turns of the screw from which a leaning tower is told from a wave
+_MOST_LAYERS = 400  # different heights; with more, as in a spiral, the print is cut into slices
+_SLICES_PER_TURN = 64
+_LEAST_LAYERS = 3  # different heights; fewer say nothing of Z
+_SPARE_LAYERS = 3  # by how many the layers must outnumber the unknowns
+_HEALTHY_SD_MM = 0.03  # a trace that tells a wave less well than this does not call a screw healthy
+_SAME_PHASE_TURNS = 0.02  # phases of the screw that differ by less are one
+_BEYOND_MM = 20.0  # a height that lies farther beyond the axis' ends is a mistake
 Residual = Callable[[Trace], np.ndarray]
 
 
@@ -96,7 +97,7 @@ def find_screw(
     if several:
         push = _push(z_mm, residual(trace) if left_over_mm is None else left_over_mm, printer)
         if push.faults:
-            push, clean = _in_turn(trace, z_mm, printer, residual)
+            push, clean = _push_and_planar(trace, z_mm, printer, residual)
             if not asked:
                 lift = replace(lift, gaps={"lead": "Z lead and backlash: no heights were measured (z_measured_mm)"})
     if not asked and not push.faults:  # of an ordinary print of some layers nobody asks what it says of Z
@@ -120,7 +121,7 @@ def heights_mm(trace: Trace, printer: Printer) -> np.ndarray | None:
     """Return the commanded heights [N], an empty one being the last; None where there are none."""
     if trace.z_mm is None or not np.isfinite(trace.z_mm).any():
         return None
-    low, high = printer.z.min_mm - _OFF_MM, printer.z.max_mm + _OFF_MM
+    low, high = printer.z.min_mm - _BEYOND_MM, printer.z.max_mm + _BEYOND_MM
     for name, values in (("z_mm", trace.z_mm), ("z_measured_mm", trace.z_measured_mm)):
         if values is not None and (off := (values < low) | (values > high)).any():
             raise TraceError(
@@ -132,7 +133,7 @@ def heights_mm(trace: Trace, printer: Printer) -> np.ndarray | None:
     return np.where(last >= 0, trace.z_mm[np.maximum(last, 0)], printer.z.home_mm)
 
 
-def _in_turn(trace: Trace, z_mm: np.ndarray, printer: Printer, residual: Residual) -> tuple[_Part, Trace]:
+def _push_and_planar(trace: Trace, z_mm: np.ndarray, printer: Printer, residual: Residual) -> tuple[_Part, Trace]:
     """Learn the planar machine and the push in turn, each from what the other leaves; return the push and its trace."""
     push_mm = first_push_mm(replace(trace, z_mm=z_mm), printer)
     for _ in range(_ROUNDS):
@@ -145,13 +146,13 @@ def _in_turn(trace: Trace, z_mm: np.ndarray, printer: Printer, residual: Residua
 
 
 def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> _Part:
-    """Learn how the screw lifts: first all, then again what is there for sure."""
+    """Learn how the screw lifts: first with all terms, then again with those alone that are surely there."""
     lead_mm = printer.z.mm_per_turn
     span_mm = float(np.ptp(z_mm[np.isfinite(measured_mm)]))
     gaps: dict[str, str] = {}
     active = np.ones(1 + 2 * HARMONICS, bool)
-    if span_mm < _WHOLE_TURN * lead_mm:
-        gaps["lead"] = _too_low("lead and its unevenness", span_mm, lead_mm)
+    if span_mm < _LEAST_TURNS * lead_mm:
+        gaps["lead"] = _too_low_gap("lead and its unevenness", span_mm, lead_mm)
         active[:] = False
     else:
         _check_follows(z_mm, measured_mm)
@@ -173,12 +174,12 @@ def _lift(z_mm: np.ndarray, measured_mm: np.ndarray, printer: Printer) -> _Part:
         faults.append(_fault("lead", percent, sd, "%"))
     uneven = [(k, size, float(height.sds[2 * k])) for k, size in enumerate(_sizes(height.terms[1:]), 1) if size > 0]
     if uneven:
-        said["periodic"] = "lifts unevenly by " + _often(uneven)
+        said["periodic"] = "lifts unevenly by " + _waves_words(uneven)
         faults += [_fault(f"periodic-{k}", size, sd, "mm") for k, size, sd in uneven]
     for kind, sd in (("lead", spreads[0] * span_mm), ("periodic", spreads[1])):
-        if said.get(kind) == "" and sd > _TELLS_MM:
+        if said.get(kind) == "" and sd > _HEALTHY_SD_MM:
             del said[kind]
-            gaps[kind] = _vague({"lead": "lead", "periodic": "unevenness"}[kind], float(sd))
+            gaps[kind] = _unsure_gap({"lead": "lead", "periodic": "unevenness"}[kind], float(sd))
     backlash_mm = 0.0
     if _comes_back(z_mm, measured_mm):
         backlash_mm = height.backlash_mm if height.backlash_mm > LEAST_WAVE_MM else 0.0
@@ -210,9 +211,9 @@ def _push(z_mm: np.ndarray, left_over_mm: np.ndarray, printer: Printer) -> _Part
     seen = np.isfinite(left_over_mm).all(axis=1)
     layer_z, counts, means = _layers(z_mm[seen], left_over_mm[seen], lead_mm)
     span_mm = float(np.ptp(layer_z)) if len(layer_z) else 0.0
-    if span_mm < _WHOLE_TURN * lead_mm:
-        return _Part(none, gaps={"wobble": _too_low("wobble", span_mm, lead_mm)})
-    phases = len(np.unique(np.round(layer_z / lead_mm % 1.0 / _SAME_PHASE) % round(1 / _SAME_PHASE)))
+    if span_mm < _LEAST_TURNS * lead_mm:
+        return _Part(none, gaps={"wobble": _too_low_gap("wobble", span_mm, lead_mm)})
+    phases = len(np.unique(np.round(layer_z / lead_mm % 1.0 / _SAME_PHASE_TURNS) % round(1 / _SAME_PHASE_TURNS)))
     weight = np.sqrt(np.minimum(counts, np.median(counts)))[:, None]
     trend = [(layer_z - layer_z.mean())[:, None] / lead_mm] if span_mm >= _TREND_TURNS * lead_mm else []
     for harmonics in range(HARMONICS, 0, -1):
@@ -230,15 +231,15 @@ def _push(z_mm: np.ndarray, left_over_mm: np.ndarray, printer: Printer) -> _Part
         sure = (sizes > NAMED_SIGMAS * spreads) & (sizes > LEAST_WAVE_MM)
         if harmonics > 1 and not sure[-1]:
             continue
-        if not sure[0] and spreads[0] > _TELLS_MM:
-            return _Part(none, gaps={"wobble": _vague("wobble", float(spreads[0]))})
+        if not sure[0] and spreads[0] > _HEALTHY_SD_MM:
+            return _Part(none, gaps={"wobble": _unsure_gap("wobble", float(spreads[0]))})
         if not sure[0]:
             return _Part(none, said={"wobble": ""}, sds={"wobble": float(spreads[0])})
         found, doubt = none.copy(), none.copy()
         found[: 2 * harmonics], doubt[: 2 * harmonics] = terms, sds
         waved = [(k, float(s), float(d)) for k, (s, d) in enumerate(zip(sizes, spreads, strict=True), 1)]
         faults = tuple(_fault(f"wobble-{k}", size, sd, "mm") for k, size, sd in waved)
-        said = {"wobble": "pushes the layers aside by " + _often(waved)}
+        said = {"wobble": "pushes the layers aside by " + _waves_words(waved)}
         return _Part(found, said=said, faults=faults, sds={"wobble": waved[0][2]}, doubt=doubt)
     if phases < 3 or len(layer_z) < 3 + _SPARE_LAYERS:
         came = f"{len(layer_z)} heights at {phases} angles of the screw"
@@ -250,13 +251,14 @@ def _layers(z_mm: np.ndarray, values: np.ndarray, lead_mm: float) -> tuple[np.nd
     """Return the mean height [L] of each layer, its points and their mean [L, 2]; slices where all heights differ."""
     _, layer = np.unique(np.round(z_mm, 3), return_inverse=True)
     if layer.max(initial=0) >= _MOST_LAYERS:
-        _, layer = np.unique(np.round(z_mm / lead_mm * _SLICES), return_inverse=True)
+        _, layer = np.unique(np.round(z_mm / lead_mm * _SLICES_PER_TURN), return_inverse=True)
     counts = np.bincount(layer).astype(float)
     mean = [np.bincount(layer, column) / counts for column in (z_mm, *values.T)]
     return mean[0], counts, np.stack(mean[1:], axis=1)
 
 
 def _comes_back(z_mm: np.ndarray, measured_mm: np.ndarray) -> bool:
+    """Tell whether a height was measured after the nozzle came down to it."""
     return bool((last_way(z_mm)[np.isfinite(measured_mm)] < 0).any())
 
 
@@ -265,17 +267,17 @@ def _sizes(terms: np.ndarray) -> np.ndarray:
     return np.hypot(terms[::2], terms[1::2])
 
 
-def _often(found: list[tuple[int, float, float]]) -> str:
-    """Say harmonics (k, size, sd)."""
+def _waves_words(found: list[tuple[int, float, float]]) -> str:
+    """Say how large waves are and how often a turn they come; ``found`` are (harmonic, size, sd)."""
     often = {1: "once", 2: "twice"}
     return " and ".join(f"{amount(size, sd)} {often.get(k, f'{k} times')} a turn" for k, size, sd in found)
 
 
-def _vague(what: str, sd_mm: float) -> str:
+def _unsure_gap(what: str, sd_mm: float) -> str:
     return f"Z {what}: told to ± {sd_mm:.2f} mm only; measure more heights, spread over two turns"
 
 
-def _too_low(what: str, span_mm: float, lead_mm: float) -> str:
+def _too_low_gap(what: str, span_mm: float, lead_mm: float) -> str:
     return f"Z {what}: the heights span {span_mm:.1f} mm, a turn of the screw is {lead_mm:g} mm; measure up to two"
 
 

@@ -13,19 +13,18 @@ from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
 from printmend.units import TURN_RAD
 
-TARGETS = 45  # of an axis; not so many that they meet the same few angles of a pulley
-_MARGIN = 0.04  # of the axis, at both ends: room to turn back, wider than any play
-ANGLES = 720  # of the circle
-_RADIUS = 0.4  # of the shorter axis
+TARGETS = 45  # targets along an axis; they must not meet the same few angles of a pulley
+_MARGIN_SHARE = 0.04  # share of the axis that is left free at both ends: room to turn back, wider than any play
+ANGLES = 720  # places of the circle
+_RADIUS_SHARE = 0.4  # radius of the circle, as a share of the shorter axis
 
 
 @dataclass(frozen=True, eq=False)
 class Positioning:
-    """One axis along the bed's middle: ``target_mm`` [N], and the deviations there approached going up, ``up_mm`` [N],
-    and coming back, ``down_mm`` [N] (ISO 230-2:2014, 3)."""
+    """One axis along the bed's middle: the deviations at its targets, approached going up, ``up_mm`` [N], and coming
+    back, ``down_mm`` [N] (ISO 230-2:2014, 3)."""
 
     axis: str
-    target_mm: np.ndarray
     up_mm: np.ndarray
     down_mm: np.ndarray
 
@@ -82,21 +81,23 @@ def positioning(mechanism: Mechanism, axis: int) -> Positioning:
     """Run one axis (0 is x) through its targets, up and back, with the other one in its middle."""
     printer = mechanism.printer
     mine, other = (printer.x, printer.y) if axis == 0 else (printer.y, printer.x)
-    target = np.linspace(mine.min_mm + _MARGIN * mine.length_mm, mine.max_mm - _MARGIN * mine.length_mm, TARGETS)
+    target = np.linspace(
+        mine.min_mm + _MARGIN_SHARE * mine.length_mm, mine.max_mm - _MARGIN_SHARE * mine.length_mm, TARGETS
+    )
     along = np.concatenate([[mine.min_mm], target, [mine.max_mm], target[::-1]])
     places = np.empty((len(along), 3))
     places[:, axis], places[:, 1 - axis] = along, (other.min_mm + other.max_mm) / 2
     places[:, 2] = printer.z.home_mm
     off = (print_from_home(mechanism, places) - places)[:, axis]
     up, down = off[1 : TARGETS + 1], off[TARGETS + 2 :][::-1]
-    return Positioning(mine.name, target, up - off[1], down - off[1])
+    return Positioning(mine.name, up - off[1], down - off[1])
 
 
 def circle(mechanism: Mechanism) -> Circle:
     """Run a circle both ways, each after a turn that engages the belts."""
     printer = mechanism.printer
     middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
-    radius = _RADIUS * min(printer.x.length_mm, printer.y.length_mm)
+    radius = _RADIUS_SHARE * min(printer.x.length_mm, printer.y.length_mm)
     angle = np.arange(ANGLES) * (TURN_RAD / ANGLES)
     runs = np.concatenate([-angle, -angle, [0.0], angle, angle])
     places = np.column_stack([np.cos(runs), np.sin(runs), np.zeros(len(runs))]) * radius

@@ -19,15 +19,20 @@ from printmend.saved import Design, bed_middle
 
 DESIGN = Design(mean_powers=2, play_powers=1, mean_harmonics=tuple(range(1, 13)), play_harmonics=(1, 3))
 MOST_FITS, WEIGHINGS = 14, 3  # rounds of contacts and least squares; in each, how often places are weighed anew
-SHIFT_SD_MM, SCALE_SD_MM, PLAY_SD_MM = 10.0, 0.4, 0.3  # at the start; the evidence widens all but the first
+# Prior standard deviations. The evidence scales those that are in a group (`_priors`).
+SHIFT_SD_MM, SCALE_SD_MM, PLAY_SD_MM = 10.0, 0.4, 0.3  # of a motor's shift, its scale [mm in 100], its play
 WAVE_SD_MM, WAVE_FALL = 0.1, 2.0  # of the first harmonic of a turn; the nth has 1/n to this power of it
-SWELL_SD_MM, TURN_SD, SKEW_SD_MM = 0.25, 10.0, 0.5  # of the walls, of the part's turn on the glass [mm in 100], of skew
-SCALES_RANGE = (0.02, 100.0)  # how far the evidence may move a prior's standard deviation
+SWELL_SD_MM = 0.25  # of what beads are too wide
+TURN_SD, SKEW_SD_MM = 10.0, 0.5  # of the part's turn on the glass, and of skew [mm in 100]
+NEVER_SD = 1e-6  # of what is not to be fitted
+# Groups of parameters whose prior the evidence scales together; those of play and waves are one a motor.
+NO_GROUP, SCALES, PLAYS, MEAN_WAVES, PLAY_WAVES, SKEW = 0, 1, 2, 4, 6, 8
+SCALES_RANGE = (0.02, 100.0)  # factors by which the evidence may scale a prior's standard deviation
 HUBER_SIGMAS = 2.0  # standard deviations, beyond which a place counts less
 LOST_SIGMAS = 5.0  # standard deviations, beyond which a place does not count
 LEAST_SIGMA_MM = 0.004  # smallest standard deviation of a wall's place: no scan is read better
-LEAST_WALLS = 40  # measured places of walls to learn from
-LEAST_INDEPENDENT = 0.08  # share of the places that tell something of their own
+LEAST_WALLS = 40  # measured places of walls; from fewer nothing is learned
+LEAST_INDEPENDENT = 0.08  # least share of the places that is taken to tell something of its own
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +71,7 @@ def fit_walls(trace: Trace, printer: Printer, *, turned: bool = True, harmonics:
     rows = [_rows(motor[:, i], printer, i) for i in range(2)]
     frame = _frame(trace.commanded_mm[walls], normal, printer, turned=turned)
     group, sd = _priors(design, frame.shape[1])
-    sd[-1] = TURN_SD if turned else 1e-6
+    sd[-1] = TURN_SD if turned else NEVER_SD
     values, scale, sigma = np.zeros(len(sd)), np.ones(group.max() + 1), 0.05
     weight = np.full(len(walls), INDEPENDENT_WALLS)
     best: tuple[float, WallFit] | None = None
@@ -97,8 +102,10 @@ def fit_walls(trace: Trace, printer: Printer, *, turned: bool = True, harmonics:
 
 
 def _independent(residual: np.ndarray, sigma: float) -> float:
-    """Return the share of walls [W], in their order, that tell something of their own: 1 + 2 Σ of the correlations of
-    neighbours tell the same."""
+    """Return the share of walls [W], in their order, that tell something of their own.
+
+    Where neighbours are correlated by ρ at a distance, 1 + 2 Σ ρ of them tell the same.
+    """
     clipped = np.clip(residual, -3 * sigma, 3 * sigma)
     square = float(clipped @ clipped) + 1e-12
     alike = [max(float(clipped[:-lag] @ clipped[lag:]) / square, 0.0) for lag in range(1, 9)]
@@ -106,10 +113,12 @@ def _independent(residual: np.ndarray, sigma: float) -> float:
 
 
 def _own(values: np.ndarray, design: Design, motor: int) -> np.ndarray:
+    """Return the parameters of one motor among those of both and of the frame."""
     return values[motor * design.size : (motor + 1) * design.size]
 
 
 def _rows(motor_mm: np.ndarray, printer: Printer, motor: int) -> Rows:
+    """Return the commanded rows of one motor, of which none is measured: contacts are all that is asked of them."""
     nothing = np.full(len(motor_mm), np.nan)
     middle = bed_middle(printer)
     return Rows(
@@ -129,22 +138,22 @@ def _frame(commanded: np.ndarray, normal: np.ndarray, printer: Printer, *, turne
 
 
 def _priors(design: Design, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the group [P] whose scale the evidence settles (0: none) and the prior standard deviations [P]."""
+    """Return the group of every parameter [P] and the prior standard deviations [P]."""
     count = design.size
     group, sd = np.zeros(2 * count + frame, np.int64), np.empty(2 * count + frame)
     for motor in range(2):
         at = {name: slice(part.start + motor * count, part.stop + motor * count) for name, part in design.parts.items()}
-        sd[at["start"]] = 1e-6
+        sd[at["start"]] = NEVER_SD
         sd[at["mean_powers"]] = (SHIFT_SD_MM, SCALE_SD_MM)
-        group[at["mean_powers"]] = (0, 1)
-        sd[at["play_powers"]], group[at["play_powers"]] = PLAY_SD_MM, 2 + motor
-        for kind, first in (("mean", 4), ("play", 6)):
+        group[at["mean_powers"]] = (NO_GROUP, SCALES)
+        sd[at["play_powers"]], group[at["play_powers"]] = PLAY_SD_MM, PLAYS + motor
+        for kind, first in (("mean", MEAN_WAVES), ("play", PLAY_WAVES)):
             for half in ("cos", "sin"):
                 part = at[f"{kind}_{half}"]
                 sd[part] = WAVE_SD_MM * design.waves(kind).astype(float) ** -WAVE_FALL
                 group[part] = first + motor
     sd[2 * count :] = (SKEW_SD_MM, SWELL_SD_MM, TURN_SD)
-    group[2 * count] = 8
+    group[2 * count] = SKEW
     return group, sd
 
 
