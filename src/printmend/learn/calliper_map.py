@@ -8,8 +8,9 @@ import numpy as np
 from printmend.learn.callipers import Distances
 from printmend.picture.image import write_image
 
-PX_PER_MM, MARGIN_MM = 8.0, 12.0
-INK, CHOSEN = (70, 70, 70), (30, 90, 220)
+PX_PER_MM = 8.0
+MARGIN_MM = 12.0  # around the outermost dots
+INK, CHOSEN = (70, 70, 70), (30, 90, 220)  # colours of dots and of distances: blue, green, red
 
 
 def draw_map(path: Path, distances: Distances) -> None:

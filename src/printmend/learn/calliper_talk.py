@@ -20,10 +20,10 @@ from printmend.learn.callipers import (
 from printmend.measure.plan import ProbePlan
 
 WIDE, TALL = 36, 12  # characters of the picture of the plate
-RARE_SHARE = 0.02  # share of a distance: a printer that is off by more is rarer than a slip of the hand
+RARE_SHARE = 0.02  # share of a distance by which a printer is off more rarely than a hand slips
 LEAST_DOUBTED_MM = 1.5  # a smaller surprise is not doubted: few distances often say as much wrongly of several faults
 DOUBTED_SIGMAS = 4.0  # standard deviations of what faults and reading may explain together
-ENOUGH_SPREADS = 1.5  # times the spread of a reading: a distance that is known so well tells nothing more
+ENOUGH_SPREADS = 1.5  # a distance that is known to so many standard deviations of a reading tells nothing more
 HELP = (
     "Type what the callipers show, as 146.25 or 146,25, from outer edge to outer edge (i146.25: inner edges). "
     "Enter skips it, u takes the last one back, ? says what is known so far, q ends."
@@ -68,7 +68,7 @@ def talk(
         if answer in ("u", "undo"):
             say(f"taken back: {taken.pop()[1]:g} mm" if taken else "nothing to take back")
         elif answer in ("?", "enough?", "enough"):
-            _tell(plan, pairs, taken, say)
+            _tell_estimates(plan, pairs, taken, say)
         elif not answer:
             skipped.append(best)
         else:
@@ -136,7 +136,9 @@ def _known(
     return mean, covariance
 
 
-def _tell(plan: ProbePlan, pairs: np.ndarray, taken: list[tuple[int, float, bool]], say: Callable[[str], None]) -> None:
+def _tell_estimates(
+    plan: ProbePlan, pairs: np.ndarray, taken: list[tuple[int, float, bool]], say: Callable[[str], None]
+) -> None:
     if not taken:
         say("nothing yet")
         return

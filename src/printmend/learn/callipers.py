@@ -20,12 +20,15 @@ from printmend.measure.plan import ProbePlan
 from printmend.path import frozen
 from printmend.printer import Printer
 
-MOST_DISTANCES = 12  # more try an owner's patience
+MOST_DISTANCES = 12  # distances that are asked for; more try an owner's patience
 READING_SD_MM = 0.07  # standard deviation of one reading: the callipers and the hand that holds them
 SHORTEST_MM, LONGEST_MM = 20.0, 145.0  # the common callipers open 150 mm
 SURE_OF_SIDE_MM = 4.0  # a motor that came this far one way pushes the belt with a known side: no play is wider
 SLIP_SHARE = 0.25  # a reading that differs from its distance by a larger share is a slip of the hand
 NAMES = ("scale", "play", "sine", "cosine")  # of a motor's unknowns
+# The unknowns are those of one motor, those of the other, the skew, and the width of dots.
+SKEW_AT = 2 * len(NAMES)
+UNKNOWNS = SKEW_AT + 2
 OWNERS_WORDS = {
     "scale": "scale error (+: prints too large)", "play": "belt's play",
     "sine": "pulley off its centre, sine part", "cosine": "pulley off its centre, cosine part",
@@ -82,7 +85,7 @@ class Estimate:
 def choose_distances(plan: ProbePlan) -> Distances:
     """Choose at most twelve distances between large dots that tell most about the machine."""
     pairs = measurable_pairs(plan)
-    features = _features(plan, pairs, plan.marks_mm)
+    features = slopes(plan, pairs)
     covariance = prior_covariance(plan)
     chosen: list[int] = []
     for _ in range(MOST_DISTANCES):
@@ -238,7 +241,7 @@ def mechanism(estimates: Sequence[Estimate], printer: Printer) -> Mechanism:
     values = [estimate.value if estimate.corrected else 0.0 for estimate in estimates]
     transmissions = []
     for motor in range(2):
-        scale, play, sine, cosine = values[4 * motor : 4 * motor + 4]
+        scale, play, sine, cosine = values[len(NAMES) * motor : len(NAMES) * (motor + 1)]
         grid = healthy_transmission(printer, motor).motor_mm
         phase = 2 * np.pi * grid / printer.axes[motor].mm_per_turn
         middle = grid * (1 + scale) + sine * np.sin(phase) + cosine * np.cos(phase)
@@ -247,7 +250,7 @@ def mechanism(estimates: Sequence[Estimate], printer: Printer) -> Mechanism:
         transmissions.append(Transmission(float(grid[0]), pitch, middle - half, middle + half))
     coefficients = np.zeros((2, 10))
     scale_mm = Frame().scale_mm
-    coefficients[0, Frame.exponents.index((0, 1))] = values[8] * scale_mm
+    coefficients[0, Frame.exponents.index((0, 1))] = values[SKEW_AT] * scale_mm
     return Mechanism(printer, (transmissions[0], transmissions[1]), Frame(coefficients, scale_mm)).homed()
 
 
@@ -274,21 +277,22 @@ def _prior_sd() -> np.ndarray:
 
 
 def _error_columns(plan: ProbePlan) -> np.ndarray:
-    """Return the derivative of each mark's bed position by each unknown [M, 2, 9]."""
+    """Return the derivative of each mark's bed position by each unknown but the dots' width [M, 2, 9]."""
     motors, (side, _) = plan.to_motor(plan.marks_mm), plan.motor_approaches
-    columns = np.zeros((len(plan), 2, 9))
+    columns = np.zeros((len(plan), 2, UNKNOWNS - 1))
     for motor in range(2):
         m, phase = motors[:, motor], 2 * np.pi * motors[:, motor] / plan.mm_per_turn[motor]
         for offset, column in enumerate((m, -side[:, motor] / 2, np.sin(phase), np.cos(phase))):
             belts = np.zeros((len(plan), 2))
             belts[:, motor] = column
-            columns[:, :, 4 * motor + offset] = plan.from_motor(belts)
-    columns[:, 0, 8] = plan.marks_mm[:, 1]
+            columns[:, :, len(NAMES) * motor + offset] = plan.from_motor(belts)
+    columns[:, 0, SKEW_AT] = plan.marks_mm[:, 1]
     return columns
 
 
 def _errors_mm(plan: ProbePlan, values: np.ndarray) -> np.ndarray:
-    return _error_columns(plan) @ values[:9]
+    """Return how far each mark lies off [M, 2] where the unknowns have these values."""
+    return _error_columns(plan) @ values[:-1]
 
 
 def _features(plan: ProbePlan, pairs: np.ndarray, places_mm: np.ndarray) -> np.ndarray:

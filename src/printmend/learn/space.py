@@ -17,8 +17,7 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.protocols import SpaceModel, WorldModel
 
-# Times that the planar model and the push are learned in turn, at most: until the push stays where it was.
-_MOST_ROUNDS = 3
+_MOST_ROUNDS = 3  # how often the planar model and the push are learned in turn, unless the push settles before
 _SETTLED_PUSH_MM = 0.003  # a push that changes by less has settled
 
 
@@ -44,7 +43,7 @@ def fit_space(
     height = fit_height(trace.z_mm, trace.z_measured_mm, printer)
     taken_mm, push = first_push_mm(trace, printer), None
     for _ in range(_MOST_ROUNDS):
-        planar = fit(name, _without(trace, taken_mm), printer, rng=rng)
+        planar = fit(name, _without_push(trace, taken_mm), printer, rng=rng)
         printed_mm = _planar_mm(planar, trace)
         if printed_mm is None:
             return SpaceModel(planar)
@@ -57,7 +56,7 @@ def fit_space(
     return SpaceModel(planar, screw_drive(height, push, printer))
 
 
-def _without(trace: Trace, push_mm: np.ndarray) -> Trace:
+def _without_push(trace: Trace, push_mm: np.ndarray) -> Trace:
     """Return the planar trace as it would be without the screw's push."""
     return replace(trace, measured_mm=trace.measured_mm - push_mm, z_mm=None, z_measured_mm=None)
 

@@ -78,8 +78,8 @@ def find_jumps(rows: Rows, found: Choice, axis: Axis) -> Belief:
 
     ``found`` is the fit of the rows as they are.
     """
-    calm = found.fit.loss_mm < HARMLESS_LOSS_MM or found.fit.share > WHITE_SHARE
-    if calm or int((rows.weight > 0).sum()) < 4 * COARSE_HARMONICS:
+    is_explained = found.fit.loss_mm < HARMLESS_LOSS_MM or found.fit.share > WHITE_SHARE
+    if is_explained or int((rows.weight > 0).sum()) < 4 * COARSE_HARMONICS:
         return (), found
     best: Belief = (), found
     effort = Effort.on(rows)
@@ -105,12 +105,12 @@ def _beliefs(rows: Rows, found: Choice, axis: Axis, effort: Effort) -> Iterator[
     # Many jumps show in increments, whatever else a model lacks.
     if np.abs(np.diff(found.fit.touch.residual_mm[rows.weight > 0])).max(initial=0.0) < least_mm:
         return
-    calm = _fitted_increments(rows, design, least_mm, effort)
-    if np.abs(calm.left_mm).max(initial=0.0) < least_mm:
+    between = _fitted_increments(rows, design, least_mm, effort)
+    if np.abs(between.left_mm).max(initial=0.0) < least_mm:
         return
-    yield (), _model_of(found, plain, design, calm.values)
+    yield (), _model_of(found, plain, design, between.values)
     yield (), _model_of(found, plain, design, np.zeros(design.size))
-    if jumps := _taken_out(rows, design, calm, axis, effort):
+    if jumps := _taken_out(rows, design, between, axis, effort):
         yield jumps, effort.searched(jumped(rows, jumps))
     design = uneven.design(COARSE_HARMONICS, (), rows.reach_mm)
     yield (), _model_of(found, uneven, design, _fitted_increments(rows, design, least_mm, effort).values)
@@ -140,6 +140,7 @@ def _climbed(rows: Rows, belief: Belief, best: Belief, axis: Axis, effort: Effor
 
 
 def _fitted_increments(rows: Rows, design: Design, least_mm: float, effort: Effort) -> "Increments":
+    """Return the best fit of the increments from several first guesses of the play."""
     starts = [
         _increments(rows, design, _started(design, play_mm), least_mm, MOST_PASSES, effort)
         for play_mm in STARTS_PLAY_MM
@@ -189,10 +190,10 @@ def _suspects(rows: Rows, fit: Increments, axis: Axis) -> list[tuple[Jump, ...]]
     measured = np.flatnonzero(rows.weight > 0)
     step, tooth = MISSED_STEPS * axis.mm_per_step, TOOTH_STEPS * axis.mm_per_step
     size = np.abs(fit.left_mm)
-    wild = np.flatnonzero(size > max(JUMP_SHOWS_SHARE * step, JUMP_SHOWS_SIGMAS * 1.4826 * float(np.median(size))))
-    wild = wild[np.argsort(-size[wild], kind="stable")][:MOST_SUSPECTS]
+    large = np.flatnonzero(size > max(JUMP_SHOWS_SHARE * step, JUMP_SHOWS_SIGMAS * 1.4826 * float(np.median(size))))
+    large = large[np.argsort(-size[large], kind="stable")][:MOST_SUSPECTS]
     suspects = []
-    for i in wild:
+    for i in large:
         row, options = int(measured[i]) + 1, 0
         for teeth, missed in COMBINATIONS:
             away = abs(fit.left_mm[i] - teeth * tooth - missed * step * fit.gain)
@@ -292,6 +293,7 @@ def _columns(rows: Rows, design: Design, touch: Contacts, measured: np.ndarray) 
 
 
 def _started(design: Design, play_mm: float) -> np.ndarray:
+    """Return the parameters [P] of a healthy drive but for its play."""
     values = np.zeros(design.size)
     values[design.parts["play_powers"]] = play_mm
     return values

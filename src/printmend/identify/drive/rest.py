@@ -14,7 +14,7 @@ from printmend.identify.drive.select import Choice
 
 Rests = tuple[float, float]
 CENTRED: Rests = (0.5, 0.5)
-SHARES = np.linspace(0.0, 1.0, 41)
+SHARES = np.linspace(0.0, 1.0, 41)  # places in the play that are tried
 LEAST_PLAY_MM = 0.03  # in narrower play it does not matter where the belt rests
 LEAST_SIGMA_MM = 0.01  # smallest standard deviation of a row: that of the model itself
 MOST_SQUARE = 9.0  # most that one row may cost [σ²]: an outlier says nothing

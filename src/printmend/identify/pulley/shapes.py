@@ -14,8 +14,8 @@ import numpy as np
 from printmend.corruption import sample
 from printmend.units import TURN_RAD, radius_mm
 
-HARMONICS = 32  # of a turn that a shape is known by
-ANGLES = 720  # a multiple of every symmetry below
+HARMONICS = 32  # harmonics of a turn that a shape is known by
+ANGLES = 720  # angles at which a shape is looked at: a multiple of every symmetry below
 _PHI = np.linspace(0.0, TURN_RAD, ANGLES, endpoint=False)
 _R0_MM = radius_mm(40.0)
 

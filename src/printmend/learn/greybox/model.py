@@ -121,14 +121,18 @@ def frame_of(printer: Printer, chosen: list[Choice]) -> Frame:
     return cross_frame(printer, [(choice.design.cross, found) for choice, found in zip(chosen, values, strict=True)])
 
 
+def bed_grid_mm(printer: Printer) -> np.ndarray:
+    """Return places all over the bed [25, 2]: five along each axis tell all terms of a cubic frame."""
+    x, y = (np.linspace(axis.min_mm, axis.max_mm, 5) for axis in (printer.x, printer.y))
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
 def cross_frame(printer: Printer, terms: Sequence[tuple[Sequence[tuple[int, int]], np.ndarray]]) -> Frame:
     """Return as a `Frame` what each motor adds: values [K] mm of powers of its own belt's place and of the other's, in
     100 mm from the bed's middle. Cubic in motor coordinates, hence cubic on the bed."""
     if not any(np.any(values) for _, values in terms):
         return Frame()
-    x = np.linspace(printer.x.min_mm, printer.x.max_mm, 5)
-    y = np.linspace(printer.y.min_mm, printer.y.max_mm, 5)
-    bed = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    bed = bed_grid_mm(printer)
     motor = printer.to_motor(bed) - bed_middle(printer)
     moved = np.zeros_like(motor)
     for i, (powers, values) in enumerate(terms):

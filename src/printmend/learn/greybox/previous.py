@@ -14,8 +14,8 @@ import numpy as np
 from printmend.errors import ModelError
 from printmend.identify.drive import Design, bed_middle
 from printmend.identify.drive.select import CROSS, HARMONICS
+from printmend.learn.greybox.model import bed_grid_mm
 from printmend.learn.greybox.rows import ripple_harmonics
-from printmend.printer import Printer
 from printmend.saved.branches import SCALE_MM, Branches
 from printmend.saved.model import SavedModel, branches_of
 from printmend.saved.values import number
@@ -26,6 +26,7 @@ START_MM, OFFSET_MM = 2.0, 5.0  # the belt at the start, the print's place: wher
 SCALE_PERCENT, BEND_MM = 0.2, 0.02  # the belt's length (also another scanner's scale), and a bend along the axis
 PLAY_MM, PLAY_SLOPE_MM = 0.3, 0.03  # the play, and its change along the axis [mm over 100 mm]
 CROSS_MM = 0.1  # each term of the frame, 100 mm from the bed's middle
+RIPPLE_MM = 1e-3  # each wave of the micro-step ripple
 SHAPE_MM = 0.02  # the pulley's first harmonic; harmonic k drifts by this times k^−2.5
 PHASE_RAD = 0.05  # the pulley's angle on its shaft
 WALK_A_YEAR = 0.1  # share of these that each parameter walks at random in a year
@@ -107,7 +108,7 @@ def drift_mm(design: Design) -> np.ndarray:
     drift[design.parts["cross"]] = CROSS_MM
     wave = design.harmonic > 0
     drift[wave] = SHAPE_MM * design.harmonic[wave] ** -2.5
-    drift[design.mask("ripple")] = 1e-3
+    drift[design.mask("ripple")] = RIPPLE_MM
     return drift
 
 
@@ -150,7 +151,7 @@ def remember(model: SavedModel, motor: int) -> Remembered:
         second_mm=old.second_mm,
         warp_span_mm=old.warp_span_mm,
     )
-    values, sds = _values(branches, old, model, motor), _listed(section["sd_mm"], old)
+    values, sds = _values(branches, old, model, motor), _saved_sds(section["sd_mm"], old)
     known = design.moved(np.ones(old.size), old) > 0
     seen = number(section, "angles_seen", f"the model [uncertainty {name}]", 1.0) if "angles_seen" in section else 0.0
     return Remembered(branches, design, design.moved(values, old), design.moved(sds, old), known, seen)
@@ -191,7 +192,7 @@ def _values(branches: Branches, design: Design, model: SavedModel, motor: int) -
     return values
 
 
-def _listed(sds: dict[str, Any], design: Design) -> np.ndarray:
+def _saved_sds(sds: dict[str, Any], design: Design) -> np.ndarray:
     """Return the saved standard deviations [P]; a part whose length is another counts as unknown before the drift."""
     listed = np.zeros(design.size)
     for name, part in design.parts.items():
@@ -206,13 +207,8 @@ def _cross_mm(design: Design, model: SavedModel, motor: int) -> np.ndarray:
     frame, printer = model.mechanism.frame, model.printer
     if not design.cross:
         return np.zeros(0)
-    bed = _grid_mm(printer)
+    bed = bed_grid_mm(printer)
     at = (printer.to_motor(bed) - bed_middle(printer)) / SCALE_MM
     moved = printer.to_motor(frame.apply(bed) - bed - frame.waves_at_mm(bed))[:, motor]
     columns = np.stack([at[:, motor] ** p * at[:, 1 - motor] ** q for p, q in design.cross], axis=1)
     return np.linalg.lstsq(columns, moved, rcond=None)[0]
-
-
-def _grid_mm(printer: Printer) -> np.ndarray:
-    x, y = (np.linspace(axis.min_mm, axis.max_mm, 5) for axis in (printer.x, printer.y))
-    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)

@@ -29,8 +29,8 @@ from printmend.machine.kernels import run
 from printmend.path import Trace
 from printmend.printer import Printer
 
-TABLE_PITCH_MM = 0.2  # of a residual's table: a full step of the usual motors
-MOST_STAGES = 3  # residual learners in a row, each fitted to what those before it leave
+TABLE_PITCH_MM = 0.2  # pitch of a residual's table: a full step of the usual motors
+MOST_STAGES = 3  # residuals that are learned one after the other, each of what those before it leave
 WORLD_NATS = 30.0  # log evidence that the published world must have over any machine
 EXACT_SHARE = 0.1  # that world explains all where it leaves less than this share of the machine's residual
 GOOD_ENOUGH_MM = SELECT_LEAST_SIGMA_MM  # a machine that leaves no more than this, beside noise, is good enough

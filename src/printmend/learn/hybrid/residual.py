@@ -28,23 +28,24 @@ from printmend.units import TURN_RAD
 
 log = logging.getLogger(__name__)
 
-PROCESS_LENGTHS_MM = (2.0, 5.0, 12.0, 30.0)  # of the smooth kinds
+PROCESS_LENGTHS_MM = (2.0, 5.0, 12.0, 30.0)  # lengths of the smooth kinds
 REACH_MARGIN_MM = 20.0  # how far beyond the contacts a smooth kind's cosines span
-MOST_HARMONICS = 120  # of a turn, for the periodic kind
+MOST_HARMONICS = 120  # harmonics of a turn that the periodic kind has
 FOLDS = 5  # of the cross-validation
 LEAST_BLOCKS = 4  # fewer blocks of a turn say nothing about another one
 MOST_ROWS = 4000  # rows that the cross-validation looks at
-MOST_COLUMNS = 512  # of a kind: the finest that knows directions apart is not tried along a CoreXY's long belts
-SURE_STANDARD_ERRORS = 2.0  # the gain of held-out blocks must exceed so many of its standard errors …
-FINE_STANDARD_ERRORS = 3.0  # the same of a smooth kind with few points for each of its columns:
-FEW_POINTS = 4  # fewer than these
-LEAST_SHARE_GAINED = 0.02  # … and this share of their square error
+MOST_COLUMNS = 512  # a kind with more is not tried: the finest of either direction, along a CoreXY's long belts
+# A kind is sure to help where what it gains on held-out blocks exceeds a share of their square error, and so many of
+# the gain's own standard errors: more of them for a smooth kind with few points a column.
+LEAST_SHARE_GAINED = 0.02
+SURE_STANDARD_ERRORS, FINE_STANDARD_ERRORS = 2.0, 3.0
+FEW_POINTS = 4  # points a column; with fewer they are few
 MOST_SIGMAS = 4.0  # residuals beyond so many robust standard deviations count as no larger
 CONTACT_PASSES = 2  # how often contacts and residual are found in turn
 LEAST_SIGMA_MM = 2e-4  # smallest noise that is assumed
-BOOST_ROUNDS = 60  # trees
+BOOST_ROUNDS = 60  # trees that are fitted one after the other
 DRIFT_WAVES, GROWTH_WAVES = 3, 2  # slow cosines of the print: of a shift, and of growth from end to end
-DRIFT_SHARE = 0.5  # of the gain of the best kind: what drifts so much may be all of it
+DRIFT_SHARE = 0.5  # a drift that gains this share of what the best kind does may be all of that
 
 
 @dataclass(frozen=True)
@@ -192,10 +193,12 @@ def _beside_drift(values: np.ndarray, data: Points) -> np.ndarray:
 
 
 def _without_drift(data: Points) -> Points:
+    """Return the points with residuals from which their drift is taken off."""
     return replace(data, residual_mm=_beside_drift(_clipped(data), data))
 
 
 def _clipped(data: Points) -> np.ndarray:
+    """Return the residuals [M], outliers no larger than `MOST_SIGMAS` standard deviations."""
     return np.clip(data.residual_mm, -MOST_SIGMAS * data.sigma_mm, MOST_SIGMAS * data.sigma_mm)
 
 
