@@ -12,7 +12,7 @@ import numpy as np
 
 from printmend.promise.effects import Effect, parse_effects
 from printmend.saved import CROSS, SCALE_MM, Design, SavedModel, ScrewSeries, screw_of
-from printmend.saved.values import number, numbers, refuse, section_of
+from printmend.saved.values import LARGEST, number, numbers, refuse, section_of
 
 VERSION = 1  # of the model file's section
 DIRECTIONS = 48  # of a motor's parameters that are kept at most
@@ -153,8 +153,8 @@ def _motor(section: Any, subject: str) -> MotorBudget:
         period_mm,
         number(section, "middle_mm", subject),
         (float(reach[0]), float(reach[1])),
-        abs(number(section, "unexplained_mm2", subject)),
-        abs(number(section, "unexplained_sd_mm2", subject)),
+        abs(number(section, "unexplained_mm2", subject, LARGEST**2)),
+        abs(number(section, "unexplained_sd_mm2", subject, LARGEST**2)),
         number(section, "seen", subject) if "seen" in section else 1.0,
         _left_out(section, factor.shape[1], subject),
     )

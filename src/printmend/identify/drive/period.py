@@ -61,6 +61,8 @@ def likeliest_period_mm(rows: Rows) -> float:
     teeth = TOOTH_MM * np.arange(np.ceil(PERIODS_MM[0] / TOOTH_MM), longest / TOOTH_MM)
     tried = np.concatenate([tried, teeth])
     tried = tried[~_divides(tried, rows.period_mm)]
+    if not len(tried):  # a screw's turn is a whole part of any length that is tried, or what was measured is too short
+        return rows.period_mm
 
     def lefts(columns: np.ndarray, *, fading: bool = True) -> Lefts:
         fixed, along = np.ascontiguousarray(columns.T), plain[1]
