@@ -19,7 +19,7 @@ from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
 from printmend.identify.drive import Rows
 from printmend.learn.greybox import motor_rows
-from printmend.measure.distance import scaled_by
+from printmend.measure.distance import scaled_by, settled
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.picture.paper import PAPER
@@ -593,6 +593,18 @@ def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     assert "printmend probe" in advice_of(bent, wide)[0]
     assert "--distance" in advice_of(bent, replace(wide, made_of={"instrument": 0.05}))[0]
     assert advice_of(bent, replace(wide, rms_high_mm=0.02)) == ()
+
+
+def test_a_length_that_was_given_is_not_asked_for_again() -> None:
+    """One distance settles the scale along it: a second scan, turned, what is left across it."""
+    stretched = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.0027, y_scale=1.0008))
+    doubt = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.05, 0.0, 0.001, {"planning": 0.001, "instrument": 0.049})
+    for instrument, is_known in ((FLATBED, False), (settled(0.0, 0.0, 140.0, FLATBED)[1], True)):
+        model = learn_model(scanned(measured(stretched, 0.01, 4), np.zeros((2, 2)), instrument), ENDER3)
+        scale, advice = *scale_words(model), *advice_of(model, doubt)
+        for said in (scale, advice):
+            assert ("--distance" in said) != is_known
+            assert ("second scan of the same plate" in said) == is_known
 
 
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=6), st.integers(0, 2**32 - 1), st.booleans())

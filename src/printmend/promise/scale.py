@@ -5,6 +5,7 @@ Of all that a scan tells this is what an owner can settle, and the one fault tha
 
 import numpy as np
 
+from printmend.measure.table import TOGETHER
 from printmend.promise.apply import stretch_of_model
 from printmend.promise.budget import parse_budget
 from printmend.saved import SavedModel
@@ -35,17 +36,33 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
         if isinstance(one, dict) and one.get("part") in _PARTS and isinstance(one.get("value"), int | float):
             at, factor = _PARTS[one["part"]]
             beyond[at] = one["value"] / factor
-    return (in_words(acts + to_axes @ beyond, acts, float(doubt.max())),)
+    return (in_words(acts + to_axes @ beyond, acts, float(doubt.max()), length_given=knows_a_length(model)),)
 
 
-def in_words(shown: np.ndarray, acts: np.ndarray, doubt: float) -> str:
-    """Say by which shares the print is too large in the picture in X and Y [2], which of them act [2], and how sure."""
+def knows_a_length(model: SavedModel) -> bool:
+    """Say whether a length was given to a model's scan: then its scale and its axes are known together."""
+    section = model.document.get("promise")
+    instrument = section.get("instrument") if isinstance(section, dict) else None
+    return isinstance(instrument, dict) and any(instrument.get(name) for name in TOGETHER)
+
+
+def in_words(shown: np.ndarray, acts: np.ndarray, doubt: float, *, length_given: bool = False) -> str:
+    """Say by which shares the print is too large in the picture in X and Y [2], which of them act [2], how sure that
+    is, and what would settle it beyond a length that was given."""
     seen, taken = (" and ".join(f"{100 * v:+.2f} % in {a}" for v, a in zip(each, "XY", strict=True))
                    for each in (shown, acts))  # fmt: skip
     does = f"Mending takes off {taken}" if np.abs(acts).max() >= LEAST_DOUBT / 10 else "Mending takes nothing of it off"
+    todo = (
+        "Callipers settle it: measure again with each --distance that it names; for dots with a second scan, turned by "
+        "a quarter, too"
+    )
+    if length_given:
+        todo = (
+            "Along the length that was given it is known; across that a second scan of the same plate settles it, "
+            "turned by a quarter: measure again with both scans and that length"
+        )
     return (
         f"warning: the scale is not settled: the print is {seen} too large in the picture, and nobody knows how much "
         f"of that is the picture's own (scanners: 0.1 to 0.2 %). {does}, which may be wrong by {100 * doubt:.1f} mm in "
-        "100 mm. Callipers settle it: measure again with each --distance that it names; for dots with a second scan, "
-        "turned by a quarter, too"
+        f"100 mm. {todo}"
     )

@@ -10,6 +10,7 @@ from printmend.invert import Planner
 from printmend.invert import layout as k
 from printmend.promise.budget import parse_budget
 from printmend.promise.predict import Errors, PathPlaces, Promise, promised, shape_of, without_doubt
+from printmend.promise.scale import knows_a_length
 from printmend.promise.words import in_a_line, in_words
 from printmend.saved.model import SavedModel
 from printmend.units import counted
@@ -281,6 +282,11 @@ def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     if name == "parameters":
         gaps = [gap for gap in model.findings[1:] if "turn" in gap]
         return (f"{most} is what the test print did not show. {gaps[0] if gaps else _PROBE_TODO}",)
+    if name == "instrument" and knows_a_length(model):
+        return (
+            f"{most} is the scale of the scanner across the length that was given: a second scan of the same plate, "
+            "turned by a quarter, settles it.",
+        )
     if name == "instrument":
         return (f"{most} is the scale of the scanner: give `printmend measure` the --distance that it asks for.",)
     if name == "unexplained":
