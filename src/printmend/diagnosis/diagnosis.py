@@ -10,6 +10,7 @@ import numpy as np
 
 from printmend.identify.drive import ALL_SEEN, Jump
 from printmend.identify.drive.period import TOOTH_MM
+from printmend.identify.drive.select import LEAST_ROWS_EITHER_WAY
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.machine import Frame
 from printmend.path import Trace
@@ -366,7 +367,7 @@ def _gaps(drive: LearnedDrive) -> list[str]:
             f"{name} was seen on {100 * seen.angles:.0f} % of its pulley's turn only; the rest is a guess. "
             f"{longer if seen.turns < 1 else spread}"
         )
-    if min(seen.forward, seen.backward) < 5:
+    if min(seen.forward, seen.backward) < LEAST_ROWS_EITHER_WAY:
         way = "forwards" if seen.forward > seen.backward else "backwards"
         gaps.append(f"{name} was measured moving {way} only, so its play is unknown. Print it there and back.")
     elif drive.structure.play != "none" and min(seen.lower_angles, seen.upper_angles) < ALL_SEEN <= seen.angles:

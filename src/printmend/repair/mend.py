@@ -25,16 +25,16 @@ from printmend.promise.misfit import refusals
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.saved.model import SavedModel
 
-_OUTSIDE_MM = 15.0  # purge lines and wipes lie a few millimetres beyond some beds
-_DOTS = (
+_OUTSIDE_MM = 15.0  # how far beyond the bed a file may print: purge lines and wipes lie a few millimetres beyond some
+_DOTS_WORDS = (
     "only the lines of this test print are counted here, not its dots: a dot may be off in two directions, and these "
     "figures are distances across a line"
 )
-_BED_OFF_MM = 30.0  # slicers' beds and presets differ by less where the printer is the same
-_BED_DIFFERS_MM = 15.0  # … and where the file names a printer that bears no word of the model's, by this at most
-_GENERIC = {"300", "corexy", "plus"}  # words of presets' names that name no printer
-_TELLING_LETTERS = 4  # of a single word of a preset's name that stands for its printer, as MK3S does
-_HELD_SHARE = 0.005  # of the path: a print that touches the edge of the bed is still a print
+_BED_OFF_MM = 30.0  # how far a slicer's bed and the preset's may differ where the printer is the same …
+_STRANGER_BED_OFF_MM = 15.0  # … and where the file names a printer without any word of the model's
+_GENERIC_WORDS = {"300", "corexy", "plus"}  # words of presets' names that name no printer
+_LEAST_LETTERS = 4  # of a single word of a preset's name that stands for its printer, as MK3S does
+_MOST_HELD_SHARE = 0.005  # share of the path that may be held back at the edge of the bed: that is still a print
 _WORD = re.compile(r"[^\W_]+")
 AS_USUAL = Fineness()
 Progress = Callable[[int], None]
@@ -82,9 +82,9 @@ def mend_gcode(
             return Mended(output, _predicted(planner, model, said))
         with _destination(output) as handle:
             said = []
-            file.write(handle, lambda part: _texts(part, planner, model, fineness, progress, said, watch))
+            file.write(handle, lambda part: _mended_text(part, planner, model, fineness, progress, said, watch))
             prediction = _predicted(planner, model, said, marks=1)
-            _judge(file, model, prediction, force=force)
+            _check_worth_writing(file, model, prediction, force=force)
         return Mended(output, prediction)
 
 
@@ -129,7 +129,7 @@ def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progre
 def _said_of(part: Part, state: MachineState) -> list[str | None]:
     """Return what is to be said of how a program was read, and of what is not judged in it."""
     is_probe = find_test_print(*part.hints()) == "probe"
-    return [e_warning(state), _DOTS if is_probe else None]
+    return [e_warning(state), _DOTS_WORDS if is_probe else None]
 
 
 def _predicted(planner: Planner, model: SavedModel, said: list[str | None], *, marks: int = 0) -> Prediction:
@@ -142,10 +142,11 @@ def _predicted(planner: Planner, model: SavedModel, said: list[str | None], *, m
     return replace(prediction, unknown_lines=lines, warnings=tuple(dict.fromkeys(filter(None, said))))
 
 
-def _texts(
+def _mended_text(
     part: Part, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None,
     said: list[str | None], watch: Watch | None,
 ) -> Iterator[memoryview]:  # fmt: skip
+    """Yield the text of a program as it is mended, and add to ``said`` what is to be said of how it was read."""
     state = starting_state(part, printer=model.printer)
     said += _said_of(part, state)
     planner.begin(fineness.segments_per_s(state.flavour))
@@ -154,6 +155,7 @@ def _texts(
 
 
 def _counted(chunks: Iterator[np.ndarray], progress: Progress | None) -> Iterator[np.ndarray]:
+    """Yield the chunks of a text, and tell ``progress`` how many bytes each had."""
     for chunk in chunks:
         yield chunk
         if progress is not None:
@@ -174,7 +176,7 @@ def _destination(output: Path | None) -> Iterator[IO[bytes]]:
         sys.stdout.buffer.flush()
 
 
-def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force: bool) -> None:
+def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force: bool) -> None:
     """Raise where the file should not be written."""
     _refuse_motionless(file, prediction)
     _refuse_other_printer(file, model, prediction)
@@ -193,7 +195,7 @@ def _judge(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force:
         raise RefusedError(
             file.name, wanted="extruding moves from a known place", came="none", todo="home with G28 before printing"
         )
-    if prediction.held_mm > _HELD_SHARE * prediction.length_mm:
+    if prediction.held_mm > _MOST_HELD_SHARE * prediction.length_mm:
         raise RefusedError(
             file.name, wanted="a print that this printer can reach",
             came=f"{prediction.clamped_extruding} extruding commands "
@@ -254,7 +256,7 @@ def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
     if said.bed_mm is not None:
         own = ((printer.x.min_mm, printer.y.min_mm), (printer.x.max_mm, printer.y.max_mm))
         off_mm = float(np.abs(np.subtract(own, said.bed_mm)).max())
-        if off_mm > (_BED_DIFFERS_MM if stranger else _BED_OFF_MM):
+        if off_mm > (_STRANGER_BED_OFF_MM if stranger else _BED_OFF_MM):
             for_whom = f" of {said.names[0]}" if stranger else ""
             shown = [f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) mm" for low, high in (own, said.bed_mm)]
             raise ModelError(
@@ -282,16 +284,17 @@ def _name_words(printer: Printer) -> tuple[set[str], set[str]]:
     names = {read_printer(preset).name for preset in preset_names()}
     own = _model_word(printer.name)
     others = [name for name in names if _model_word(name) != own]
-    if len(others) == len(names) or own in _GENERIC:
+    if len(others) == len(names) or own in _GENERIC_WORDS:
         return set(), set()
-    known = set().union(*map(_telling, others))
-    mine = {own} | (_telling(printer.name) - known)
-    return mine, (known - _telling(printer.name) | {_model_word(name) for name in others}) - _GENERIC
+    known = set().union(*map(_telling_words, others))
+    mine = {own} | (_telling_words(printer.name) - known)
+    return mine, (known - _telling_words(printer.name) | {_model_word(name) for name in others}) - _GENERIC_WORDS
 
 
-def _telling(name: str) -> set[str]:
+def _telling_words(name: str) -> set[str]:
+    """Return the words of a printer's name that are long enough to stand for it, in small letters and digits."""
     words = {_plain(word) for word in name.split()}
-    return {word for word in words if len(word) >= _TELLING_LETTERS} - _GENERIC
+    return {word for word in words if len(word) >= _LEAST_LETTERS} - _GENERIC_WORDS
 
 
 def _plain(name: str) -> str:
