@@ -10,12 +10,13 @@ import pytest
 
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
-from printmend.gcode.kernels import RECORD, record
+from printmend.gcode.kernels import RECORD
 from printmend.gcode.machine import Flavour, initial_state
 from printmend.gcode.read import interpret_text
 from printmend.invert import layout, lookup, start
 from printmend.invert.kernels import mend as mend_kernels
 from printmend.invert.kernels import travel as kernels
+from printmend.jit import record
 from tests import naive_mend
 from tests.mending import BENT, COREXY, ENDER3, PLAY, START, Judged, judge, mended
 

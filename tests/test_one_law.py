@@ -53,7 +53,7 @@ def _in_the_environment(mechanism: Mechanism, controls: np.ndarray) -> np.ndarra
     kernels.restart(np.array([0]), machines, tasks, fleet)
     printed, reward, done = np.empty((len(controls) + 1, 2)), np.empty(1), np.empty(1, bool)
     for t in range(len(printed)):
-        run.printed_each(fleet.beds, fleet.position, printed[t : t + 1])
+        run.printed_each(fleet.beds[0], fleet.position, printed[t : t + 1])
         if t < len(controls):
             kernels.advance(controls[t : t + 1], np.zeros(1, bool), machines, tasks, fleet, True, reward, done)
     return printed

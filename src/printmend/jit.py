@@ -74,6 +74,11 @@ def inner(function: Callable | None = None, **options: Any) -> Any:
     return _Inner(function, targetoptions={"nopython": True, **options}, pipeline_class=compiler.InnerCompiler)
 
 
+def record(kind: np.dtype) -> Any:
+    """Return one record of zeros, whose fields are its attributes; kernels change it in place."""
+    return np.zeros(1, kind).view(np.recarray)[0]
+
+
 class _Inner(CPUDispatcher):
     """A kernel that only kernels call. Called from Python, from a test, it runs as Python."""
 

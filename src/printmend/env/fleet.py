@@ -8,7 +8,7 @@ import numpy as np
 from printmend.corruption import Fault
 from printmend.errors import ConfigError, InputError
 from printmend.machine import Mechanism, lattice_bed, lattice_tables
-from printmend.machine.kernels.bed import BED_FIELDS
+from printmend.machine.kernels.bed import BED
 from printmend.path import Layer
 from printmend.printer import Printer
 from printmend.units import TURN_RAD
@@ -18,8 +18,8 @@ class Machines(NamedTuple):
     """K broken machines of one printer as arrays.
 
     ``lower`` and ``upper`` [K, 2, M] full steps: the branches of each motor's play, entry i at motor position
-    ``first[motor] + i``. ``beds`` [K · `BED_FIELDS`]: how the belts of each machine reach the bed, the values of a
-    `BedMap` one after the other. ``size`` [2]: the bed's full steps.
+    ``first[motor] + i``. ``beds`` [K] of `BED`: how the belts of each machine reach the bed. ``size`` [2]: the bed's
+    full steps.
     """
 
     lower: np.ndarray
@@ -43,8 +43,8 @@ class Fleet(NamedTuple):
     ``nominal`` [N, 2] is the sum of the controls, hence the motors' angles; ``position`` [N, 2] is where each
     motor's belt holds its carriage, the memory of the play [full steps]; ``last`` and ``direction`` [N, 2] are
     the last control and the sign of the last motion; ``squares`` [N] the sum of squared errors so far. What anchors a
-    machine where its print starts: ``shift`` [N, 2] is added to its branches, ``beds`` [N · `BED_FIELDS`] are its way
-    to the bed.
+    machine where its print starts: ``shift`` [N, 2] is added to its branches, ``beds`` [N] of `BED` are its way to
+    the bed.
     """
 
     machine: np.ndarray
@@ -83,7 +83,7 @@ def machines_of(mechanisms: Sequence[Mechanism], printer: Printer) -> Machines:
         lower=np.stack([padded(motor.lower_steps for motor in table.motors) for table in tables]),
         upper=np.stack([padded(motor.upper_steps for motor in table.motors) for table in tables]),
         first=np.array([motor.first_step for motor in tables[0].motors], np.int64),
-        beds=np.concatenate([lattice_bed(mechanism).values for mechanism in mechanisms]),
+        beds=np.array([lattice_bed(mechanism).record for mechanism in mechanisms], BED),
         size=np.array(printer.bed_steps, np.int64),
     )
 
@@ -141,7 +141,7 @@ def fleet_of(count: int) -> Fleet:
         nominal=whole(),
         position=real(),
         shift=real(),
-        beds=np.zeros(count * BED_FIELDS),
+        beds=np.zeros(count, BED),
         last=whole(),
         direction=whole(),
         squares=np.zeros(count),

@@ -7,7 +7,6 @@ import numpy as np
 
 from printmend.jit import entry, inner
 from printmend.machine.kernels import bed
-from printmend.machine.kernels.bed import BED_FIELDS
 from printmend.machine.kernels.play import anchor, clip
 
 
@@ -32,10 +31,10 @@ def restart(rows, machines, tasks, fleet):
         k = fleet.machine[n]
         x, y = tasks.starts[fleet.task[n], 0], tasks.starts[fleet.task[n], 1]
         fleet.nominal[n, 0], fleet.nominal[n, 1] = x, y
-        at = n * BED_FIELDS
-        fleet.beds[at : at + BED_FIELDS] = machines.beds[k * BED_FIELDS : (k + 1) * BED_FIELDS]
-        bed.anchor(fleet.beds, at, x, y)
-        motors = bed.to_motors(fleet.beds, at, x, y)
+        fleet.beds[n] = machines.beds[k]
+        way = fleet.beds[n]
+        bed.anchor(way, x, y)
+        motors = bed.to_motors(way, x, y)
         for axis in range(2):
             m = motors[axis]
             i = m - machines.first[axis]
@@ -64,11 +63,11 @@ def advance(controls, skip, machines, tasks, fleet, dense, reward, done):
             if moved != 0:
                 fleet.direction[n, axis] = 1 if moved > 0 else -1
             fleet.nominal[n, axis] = reached
-        at = n * BED_FIELDS
-        motors = bed.to_motors(fleet.beds, at, fleet.nominal[n, 0], fleet.nominal[n, 1])
+        way = fleet.beds[n]
+        motors = bed.to_motors(way, fleet.nominal[n, 0], fleet.nominal[n, 1])
         for axis in range(2):
             fleet.position[n, axis] = _played(machines, fleet, n, axis, motors[axis])
-        x, y = bed.printed(fleet.beds, at, fleet.position[n, 0], fleet.position[n, 1])
+        x, y = bed.printed(way, fleet.position[n, 0], fleet.position[n, 1])
         t = fleet.tick[n]
         error_x, error_y = x - tasks.targets[job, t, 0], y - tasks.targets[job, t, 1]
         points = tasks.lengths[job] + 1.0  # the start counts, as in the published evaluation
@@ -103,19 +102,18 @@ def greedy(c_max, machines, tasks, fleet, out):
     """Fill controls [N, 2]: Algorithm 1 on the true machines, all (2 c_max + 1)² candidates, first minimum wins."""
     for n in range(out.shape[0]):
         job = fleet.task[n]
-        t, at = min(fleet.tick[n], tasks.lengths[job] - 1), n * BED_FIELDS
+        t, way = min(fleet.tick[n], tasks.lengths[job] - 1), fleet.beds[n]
         best = np.inf
         for cx in range(-c_max, c_max + 1):
             for cy in range(-c_max, c_max + 1):
                 motors = bed.to_motors(
-                    fleet.beds,
-                    at,
+                    way,
                     _reached(machines, 0, fleet.nominal[n, 0], cx),
                     _reached(machines, 1, fleet.nominal[n, 1], cy),
                 )
                 a = _played(machines, fleet, n, 0, motors[0])
                 b = _played(machines, fleet, n, 1, motors[1])
-                x, y = bed.printed(fleet.beds, at, a, b)
+                x, y = bed.printed(way, a, b)
                 error_x, error_y = x - tasks.targets[job, t, 0], y - tasks.targets[job, t, 1]
                 error = error_x * error_x + error_y * error_y
                 if error < best:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.gcode import kernels as k
+from printmend.jit import record
 from printmend.printer import Printer
 
 
@@ -56,7 +57,7 @@ def initial_state(printer: Printer | None = None, flavour: Flavour = Flavour.UNK
 
     Homing goes to ``printer``'s home position, or to the origin where no printer is given.
     """
-    numbers, counts = k.record(k.NUMBERS), k.record(k.COUNTS)
+    numbers, counts = record(k.NUMBERS), record(k.COUNTS)
     if printer is not None:
         numbers.home[:] = [axis.home_mm for axis in printer.axes]
     numbers.flow = 1.0

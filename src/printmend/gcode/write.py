@@ -14,6 +14,7 @@ import numpy as np
 from printmend.gcode import kernels as k
 from printmend.gcode.machine import MachineState
 from printmend.gcode.read import larger
+from printmend.jit import record
 
 Plan = Callable[[np.ndarray, int], tuple[int, np.ndarray, np.ndarray]]
 """(records [n] of RECORD, begin) → (end, first int64 [n + 1], pieces of PIECE).
@@ -95,7 +96,7 @@ def follow(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> Non
 
 def initial_writer(state: MachineState) -> np.record:
     """Return the writer's state for a file that starts in ``state``."""
-    writer = k.record(k.WRITER)
+    writer = record(k.WRITER)
     writer.place[:] = state.numbers.pos
     writer.feed, writer.modal = state.numbers.feed, state.counts.modal
     return writer

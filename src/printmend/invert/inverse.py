@@ -4,12 +4,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from printmend.gcode.kernels import PIECE, record
+from printmend.gcode.kernels import PIECE
 from printmend.gcode.write import PLANS_AT_ONCE
 from printmend.invert.kernels import layout as k
 from printmend.invert.kernels import lookup as look
 from printmend.invert.kernels.curve import CURVE
 from printmend.invert.kernels.mend import mend
+from printmend.jit import record
 from printmend.machine import Mechanism, ScrewDrive, Transmission
 
 _PIECES = 49152  # planned at once, and the last record's
@@ -29,7 +30,7 @@ def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> look.M
     head.bed[:] = printer.x.min_mm, printer.x.max_mm, printer.y.min_mm, printer.y.max_mm
     head.shifts_only = frame.is_identity and all(map(_shifts_only, mechanism.transmissions))
     head.frame_bend = _frame_bend(mechanism)
-    head.bed_map[:] = frame.bed_map(corexy=printer.kinematics == "corexy").values
+    head.bed_map = frame.bed_map(corexy=printer.kinematics == "corexy").record
     head.home[:] = printer.home_mm
     head.home_side[:] = printer.x.home_direction, printer.y.home_direction
     head.chord = chord_mm = tolerance_mm / 2

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from printmend.jit import record
 from printmend.machine.kernels import bed as law
 from printmend.machine.kernels import run
 from printmend.path import frozen
@@ -37,24 +38,21 @@ class BedMap:
         return not self.terms.any() and not len(self.waves)
 
     @property
-    def values(self) -> np.ndarray:
-        """The map as the kernels take it [51]; see `kernels.bed`."""
-        values = np.zeros(law.BED_FIELDS)
-        values[law.BED_COREXY], values[law.BED_FRAMED] = self.corexy, not self.is_straight
-        values[law.BED_ORIGIN : law.BED_ORIGIN + 2] = self.origin
-        values[law.BED_SCALE : law.BED_SCALE + 2] = self.scale
-        values[law.BED_TERMS : law.BED_WAVES] = self.terms.ravel()
-        values[law.BED_WAVES] = len(self.waves)
-        values[law.BED_WAVE : law.BED_WAVE + self.waves.size] = self.waves.ravel()
-        return values
+    def record(self) -> np.record:
+        """The map as the kernels take it: a record of `kernels.bed.BED`."""
+        way = record(law.BED)
+        way.corexy, way.framed, way.wave_count = self.corexy, not self.is_straight, len(self.waves)
+        way.origin[:], way.scale[:], way.terms[:] = self.origin, self.scale, self.terms
+        way.waves[: len(self.waves)] = np.ascontiguousarray(self.waves).view(law.WAVE).ravel()
+        return way
 
     def anchored(self, place: np.ndarray) -> "BedMap":
         """Return the map shifted so that the frame leaves ``place`` [2], where a layer starts, where it is."""
         if self.is_straight:
             return self
-        values = self.values
-        run.anchor(values, float(place[0]), float(place[1]))
-        return replace(self, terms=values[law.BED_TERMS : law.BED_WAVES].reshape(2, 10))
+        way = self.record
+        run.anchor(way, float(place[0]), float(place[1]))
+        return replace(self, terms=way.terms)
 
     def printed(self, belts: np.ndarray) -> np.ndarray:
         """Return the places on the bed [..., 2] of the motors' belts [..., 2]."""
@@ -70,11 +68,11 @@ class BedMap:
             return places
         flat = np.ascontiguousarray(places.reshape(-1, 2))
         out = np.empty(flat.shape)
-        law_each(self.values, flat, out)
+        law_each(self.record, flat, out)
         return out.reshape(places.shape)
 
     def slopes(self, belts: np.ndarray) -> np.ndarray:
         """Return the derivatives [N, 2, 2] of the places on the bed by the motors' belts, at belts [N, 2]."""
         out = np.empty((len(belts), 2, 2))
-        run.slopes_each(self.values, np.ascontiguousarray(belts, float), out)
+        run.slopes_each(self.record, np.ascontiguousarray(belts, float), out)
         return out

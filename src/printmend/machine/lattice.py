@@ -83,7 +83,7 @@ class PlayTables:
         """The tables as kernels take them."""
         a, b = self.motors
         branches = (a.lower_steps, a.upper_steps, b.lower_steps, b.upper_steps)
-        return Lattice(a.start, b.start, a.origin_steps, b.origin_steps, *branches, self.bed.values)
+        return Lattice(a.start, b.start, a.origin_steps, b.origin_steps, *branches, self.bed.record)
 
     @property
     def is_taut(self) -> bool:

@@ -8,7 +8,7 @@ differ by a rounding. All kernels fill controls [T, 2] and imagined [T + 1, 2].
 import numpy as np
 
 from printmend.jit import entry, inner
-from printmend.machine.kernels.bed import BED_COREXY, BED_FRAMED, mixed, onto_bed, printed, to_motors, unmixed
+from printmend.machine.kernels.bed import mixed, onto_bed, printed, to_motors, unmixed
 from printmend.machine.kernels.lattice import motors_reach
 from printmend.machine.kernels.play import clip
 
@@ -104,14 +104,14 @@ def bed_errors(bed, c_max, qa, qb, target_x, target_y, x, y, errors):
     step after the other over all controls: so each is done on several at once.
     """
     width, span = 2 * c_max + 1, motors_reach(bed, c_max)
-    corexy = bed[BED_COREXY] != 0.0
+    corexy = bed.corexy != 0.0
     for i in range(width):
         for j in range(width):
             ca, cb = mixed(corexy, i - c_max, j - c_max)
             x[i * width + j], y[i * width + j] = unmixed(corexy, qa[ca + span], qb[cb + span])
-    if bed[BED_FRAMED] != 0.0:
+    if bed.framed != 0.0:
         for n in range(x.shape[0]):
-            x[n], y[n] = onto_bed(bed, 0, x[n], y[n])
+            x[n], y[n] = onto_bed(bed, x[n], y[n])
     for n in range(x.shape[0]):
         dx, dy = target_x - x[n], target_y - y[n]
         errors[n] = dx * dx + dy * dy
@@ -127,7 +127,7 @@ def plan_both(targets, machine, c_max, controls, imagined):
     x, y, errors = np.empty(width * width), np.empty(width * width), np.empty(width * width)
     ma, mb, pa, pb = machine.start_a, machine.start_b, machine.origin_a, machine.origin_b
     lower_a, upper_a, lower_b, upper_b = machine.lower_a, machine.upper_a, machine.lower_b, machine.upper_b
-    imagined[0, 0], imagined[0, 1] = printed(bed, 0, pa, pb)
+    imagined[0, 0], imagined[0, 1] = printed(bed, pa, pb)
     for t in range(targets.shape[0]):
         reach(pa, ma, span, lower_a, upper_a, qa)
         reach(pb, mb, span, lower_b, upper_b, qb)
@@ -137,12 +137,12 @@ def plan_both(targets, machine, c_max, controls, imagined):
             if errors[n] < least:
                 best, least = n, errors[n]
         cx, cy = best // width - c_max, best % width - c_max
-        ca, cb = to_motors(bed, 0, cx, cy)
+        ca, cb = to_motors(bed, cx, cy)
         controls[t, 0], controls[t, 1] = cx, cy
         pa, pb = qa[ca + span], qb[cb + span]
         ma += ca
         mb += cb
-        imagined[t + 1, 0], imagined[t + 1, 1] = printed(bed, 0, pa, pb)
+        imagined[t + 1, 0], imagined[t + 1, 1] = printed(bed, pa, pb)
 
 
 @inner(inline="always")

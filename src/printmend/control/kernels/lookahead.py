@@ -92,7 +92,7 @@ def plan_both(targets, motor_targets, following, machine, c_max, controls, imagi
     x, y, errors = np.empty(width * width), np.empty(width * width), np.empty(width * width)
     ma, mb, pa, pb = machine.start_a, machine.start_b, machine.origin_a, machine.origin_b
     lower_a, upper_a, lower_b, upper_b = machine.lower_a, machine.upper_a, machine.lower_b, machine.upper_b
-    imagined[0, 0], imagined[0, 1] = printed(bed, 0, pa, pb)
+    imagined[0, 0], imagined[0, 1] = printed(bed, pa, pb)
     for t in range(targets.shape[0]):
         reach(pa, ma, span, lower_a, upper_a, qa)
         reach(pb, mb, span, lower_b, upper_b, qb)
@@ -103,7 +103,7 @@ def plan_both(targets, motor_targets, following, machine, c_max, controls, imagi
                 nearest, least = n, errors[n]
         near_a, near_b = pa, pb
         if nearest >= 0:
-            ca, cb = to_motors(bed, 0, nearest // width - c_max, nearest % width - c_max)
+            ca, cb = to_motors(bed, nearest // width - c_max, nearest % width - c_max)
             near_a, near_b = qa[ca + span], qb[cb + span]
         goal_a, goal_b = motor_targets[t, 0], motor_targets[t, 1]
         ahead_a = direction(motor_targets[:, 0], following[0], t, near_a)
@@ -113,7 +113,7 @@ def plan_both(targets, motor_targets, following, machine, c_max, controls, imagi
             if not errors[n] <= least + _TIE:
                 continue
             cx, cy = n // width - c_max, n % width - c_max
-            ca, cb = to_motors(bed, 0, cx, cy)
+            ca, cb = to_motors(bed, cx, cy)
             value = 1e-9 * (cx * cx + cy * cy)  # rest where nothing is gained
             if ahead_a != 0:
                 value += ((lower_a if ahead_a > 0 else upper_a)[ma + ca] - goal_a) ** 2
@@ -121,9 +121,9 @@ def plan_both(targets, motor_targets, following, machine, c_max, controls, imagi
                 value += ((lower_b if ahead_b > 0 else upper_b)[mb + cb] - goal_b) ** 2
             if value < best_value:
                 best_value, best_x, best_y = value, cx, cy
-        ca, cb = to_motors(bed, 0, best_x, best_y)
+        ca, cb = to_motors(bed, best_x, best_y)
         pa, pb = qa[ca + span], qb[cb + span]
         ma += ca
         mb += cb
         controls[t, 0], controls[t, 1] = best_x, best_y
-        imagined[t + 1, 0], imagined[t + 1, 1] = printed(bed, 0, pa, pb)
+        imagined[t + 1, 0], imagined[t + 1, 1] = printed(bed, pa, pb)

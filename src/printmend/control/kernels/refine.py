@@ -73,14 +73,14 @@ def edited(shares, wanted, machine, plan, new, t, later, axis, step):
             cx += change
         else:
             cy += change
-        ca, cb = to_motors(machine.bed, 0, cx, cy)
+        ca, cb = to_motors(machine.bed, cx, cy)
         m += ca
         n += cb
         if m < 0 or n < 0 or m >= lower_a.shape[0] or n >= lower_b.shape[0]:
             return 0.0, t
         p, q = clip(p, lower_a[m], upper_a[m]), clip(q, lower_b[n], upper_b[n])
         rejoined = s >= later and p == belts[s, 0] and q == belts[s, 1]
-        x, y = printed(machine.bed, 0, p, q)
+        x, y = printed(machine.bed, p, q)
         # Where the nozzle is back, it still arrives by another way.
         saved += tick_cost(shares, wanted, s, bed[s - 1, 0], bed[s - 1, 1], bed[s, 0], bed[s, 1])
         saved -= tick_cost(shares, wanted, s, x0, y0, x, y)

@@ -1,14 +1,6 @@
 """The arrays that the kernels share: records, pieces, and the machine's state, as dtypes and constants."""
 
-from typing import Any
-
 import numpy as np
-
-
-def record(kind: np.dtype) -> Any:
-    """Return one record of zeros, whose fields are its attributes; kernels change it in place."""
-    return np.zeros(1, kind).view(np.recarray)[0]
-
 
 # One record. Positions are machine millimetres: G90/G91, G20/G21, G92, G54–G59, tool and gcode offsets are resolved.
 RECORD = np.dtype(

@@ -19,7 +19,7 @@ BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
 HEAD = np.dtype(
     [
         ("bed", "f8", 4),  # limits of x and of y [mm]
-        ("bed_map", "f8", bed.BED_FIELDS),  # how the belts reach the bed, as `machine.kernels.bed` takes it
+        ("bed_map", bed.BED),  # how the belts reach the bed, as `machine.kernels.bed` takes it
         ("shifts_only", "f8"),  # 1 or 0: constant play and nothing else
         ("bent", "f8"),  # 1 or 0: curved branches
         ("frame_bend", "f8"),  # the frame's largest curvature [1/mm]
@@ -90,13 +90,13 @@ def is_taut(model, motor):
 
 @inner(error_model="numpy", _nrt=False)
 def is_corexy(model):
-    return model.head.bed_map[bed.BED_COREXY] != 0.0
+    return model.head.bed_map.corexy != 0.0
 
 
 @inner(error_model="numpy", _nrt=False)
 def is_framed(model):
     """Say whether the frame is crooked."""
-    return model.head.bed_map[bed.BED_FRAMED] != 0.0
+    return model.head.bed_map.framed != 0.0
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -110,25 +110,25 @@ def is_near(model, x, y):
 @inner(error_model="numpy", _nrt=False)
 def to_motors(model, x, y):
     """Map a place by the belts to motor coordinates."""
-    return bed.to_motors(model.head.bed_map, 0, x, y)
+    return bed.to_motors(model.head.bed_map, x, y)
 
 
 @inner(error_model="numpy", _nrt=False)
 def from_motors(model, a, b):
     """Invert `to_motors`."""
-    return bed.from_motors(model.head.bed_map, 0, a, b)
+    return bed.from_motors(model.head.bed_map, a, b)
 
 
 @inner(error_model="numpy", _nrt=False)
 def printed(model, u0, u1):
     """Return the place on the bed for belt positions u0, u1 of the two motors."""
-    return bed.printed(model.head.bed_map, 0, u0, u1)
+    return bed.printed(model.head.bed_map, u0, u1)
 
 
 @inner(error_model="numpy", _nrt=False)
 def wanted(model, x, y):
     """Return the belt positions of the two motors that put the nozzle at (x, y) on the bed."""
-    return bed.wanted(model.head.bed_map, 0, x, y)
+    return bed.wanted(model.head.bed_map, x, y)
 
 
 @inner(error_model="numpy", _nrt=False)

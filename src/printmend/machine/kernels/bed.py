@@ -1,24 +1,38 @@
 """How the belts of two motors reach the bed: CoreXY mixing, then a crooked frame (physics.md eq. 13 and 14).
 
-What is needed for it lies in 51 numbers of a flat array ``values`` from index ``at`` on, the fields BED_*, so that it
-can stand by itself or inside another kernel's array. `Frame.bed_map` and `LatticeFrame.bed_map` make it. The unit is
-the caller's: mm, or full steps.
+What is needed for it is a record of BED, which `Frame.bed_map` and `lattice_bed` make. The unit is the caller's: mm, or
+full steps.
 """
 
 import numpy as np
 
 from printmend.jit import inner
 
-# 1 or 0: the motors are those of a CoreXY · 1 or 0: the frame is crooked · what is added to x and y, and what they are
-# divided by, before the polynomials · the polynomials of x and of y [2, 10], in the order of `Frame.exponents` · how
-# many waves there are · these, WAVE_* each
-BED_COREXY, BED_FRAMED, BED_ORIGIN, BED_SCALE, BED_TERMS, BED_WAVES, BED_WAVE, BED_FIELDS = 0, 1, 2, 4, 6, 26, 27, 51
-MOST_WAVES = 4
-# 0 or 1: the wave runs along x or y · its angle a unit of the divided place · cosine and sine in x, and in y
-WAVE_AXIS, WAVE_RATE, WAVE_X, WAVE_Y, WAVE_FIELDS = 0, 1, 2, 4, 6
-_Y = 10  # the polynomial of y comes so many numbers after that of x
-# Newton's method stops at a distance of this, far below what a float64 of a bed resolves after a few steps.
-_SAME, _STEPS = 1e-10, 20
+MOST_WAVES = 4  # of the rails of one frame
+WAVE = np.dtype(
+    [
+        ("axis", "f8"),  # 0 or 1: it runs along x or y
+        ("rate", "f8"),  # its angle a unit of the divided place [rad]
+        ("x", "f8", 2),  # what its cosine and its sine add to x
+        ("y", "f8", 2),  # and to y
+    ]
+)
+WAVE_FIELDS, WAVE_RATE = 6, 1  # numbers of a wave as a row of an array, and which of them says how long it is
+BED = np.dtype(
+    [
+        ("corexy", "f8"),  # 1 or 0: the motors are those of a CoreXY
+        ("framed", "f8"),  # 1 or 0: the frame is crooked
+        ("origin", "f8", 2),  # what is added to x and y before the polynomials and the waves,
+        ("scale", "f8", 2),  # and what they are divided by
+        ("terms", "f8", (2, 10)),  # the polynomials of x and of y, in the order of `Frame.exponents`
+        ("wave_count", "i8"),
+        ("waves", WAVE, MOST_WAVES),
+    ],
+    align=True,
+)
+# Newton's method stops at a distance of this in x and y together, in the caller's unit, or after so many steps: as it
+# doubles the digits with each, a few do on any frame near to square.
+_REACHED, _STEPS = 1e-10, 20
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -34,61 +48,60 @@ def unmixed(corexy, a, b):
 
 
 @inner(error_model="numpy", _nrt=False)
-def to_motors(values, at, x, y):
+def to_motors(way, x, y):
     """Map a place by the belts to motor coordinates, whatever the machine is."""
-    return mixed(values[at + BED_COREXY] != 0.0, x, y)
+    return mixed(way.corexy != 0.0, x, y)
 
 
 @inner(error_model="numpy", _nrt=False)
-def from_motors(values, at, a, b):
+def from_motors(way, a, b):
     """Invert `to_motors`."""
-    return unmixed(values[at + BED_COREXY] != 0.0, a, b)
+    return unmixed(way.corexy != 0.0, a, b)
 
 
 @inner(error_model="numpy", _nrt=False)
-def _polynomial(values, k, p, q):
-    """Return Σ a_ij p^i q^j, its coefficients from ``values[k]`` on."""
-    linear = values[k] + values[k + 1] * p + values[k + 2] * q
-    square = values[k + 3] * p * p + values[k + 4] * p * q + values[k + 5] * q * q
-    cubic = (values[k + 6] * p + values[k + 7] * q) * p * p + (values[k + 8] * p + values[k + 9] * q) * q * q
+def _polynomial(a, p, q):
+    """Return Σ a_ij p^i q^j for coefficients a [10]."""
+    linear = a[0] + a[1] * p + a[2] * q
+    square = a[3] * p * p + a[4] * p * q + a[5] * q * q
+    cubic = (a[6] * p + a[7] * q) * p * p + (a[8] * p + a[9] * q) * q * q
     return linear + square + cubic
 
 
 @inner(error_model="numpy", _nrt=False)
-def _derivatives(values, k, p, q):
+def _derivatives(a, p, q):
     """Return the derivatives of `_polynomial` by p and q."""
-    by_p = values[k + 1] + 2 * values[k + 3] * p + values[k + 4] * q
-    by_q = values[k + 2] + values[k + 4] * p + 2 * values[k + 5] * q
-    by_p += 3 * values[k + 6] * p * p + 2 * values[k + 7] * p * q + values[k + 8] * q * q
-    by_q += values[k + 7] * p * p + 2 * values[k + 8] * p * q + 3 * values[k + 9] * q * q
+    by_p = a[1] + 2 * a[3] * p + a[4] * q
+    by_q = a[2] + a[4] * p + 2 * a[5] * q
+    by_p += 3 * a[6] * p * p + 2 * a[7] * p * q + a[8] * q * q
+    by_q += a[7] * p * p + 2 * a[8] * p * q + 3 * a[9] * q * q
     return by_p, by_q
 
 
 @inner(error_model="numpy", _nrt=False)
-def _waved(values, at, p, q):
+def _waved(way, p, q):
     """Return what bent rails add to x and to y."""
     x, y = 0.0, 0.0
-    for wave in range(int(values[at + BED_WAVES])):
-        k = at + BED_WAVE + WAVE_FIELDS * wave
-        angle = values[k + WAVE_RATE] * (p if values[k + WAVE_AXIS] == 0.0 else q)
+    for k in range(way.wave_count):
+        wave = way.waves[k]
+        angle = wave.rate * (p if wave.axis == 0.0 else q)
         cos, sin = np.cos(angle), np.sin(angle)
-        x += values[k + WAVE_X] * cos + values[k + WAVE_X + 1] * sin
-        y += values[k + WAVE_Y] * cos + values[k + WAVE_Y + 1] * sin
+        x += wave.x[0] * cos + wave.x[1] * sin
+        y += wave.y[0] * cos + wave.y[1] * sin
     return x, y
 
 
 @inner(error_model="numpy", _nrt=False)
-def _waved_derivatives(values, at, p, q):
+def _waved_derivatives(way, p, q):
     """Return the derivatives of `_waved`: of x by p and by q, of y by p and by q."""
     xp, xq, yp, yq = 0.0, 0.0, 0.0, 0.0
-    for wave in range(int(values[at + BED_WAVES])):
-        k = at + BED_WAVE + WAVE_FIELDS * wave
-        rate = values[k + WAVE_RATE]
-        along_x = values[k + WAVE_AXIS] == 0.0
-        angle = rate * (p if along_x else q)
-        cos, sin = rate * np.cos(angle), rate * np.sin(angle)
-        x = values[k + WAVE_X + 1] * cos - values[k + WAVE_X] * sin
-        y = values[k + WAVE_Y + 1] * cos - values[k + WAVE_Y] * sin
+    for k in range(way.wave_count):
+        wave = way.waves[k]
+        along_x = wave.axis == 0.0
+        angle = wave.rate * (p if along_x else q)
+        cos, sin = wave.rate * np.cos(angle), wave.rate * np.sin(angle)
+        x = wave.x[1] * cos - wave.x[0] * sin
+        y = wave.y[1] * cos - wave.y[0] * sin
         if along_x:
             xp, yp = xp + x, yp + y
         else:
@@ -97,42 +110,41 @@ def _waved_derivatives(values, at, p, q):
 
 
 @inner(error_model="numpy", _nrt=False)
-def onto_bed(values, at, x, y):
+def onto_bed(way, x, y):
     """Map a place given by the belts to the bed: the place plus the frame's polynomials and waves of it."""
-    if values[at + BED_FRAMED] == 0.0:
+    if way.framed == 0.0:
         return x, y
-    p = (x + values[at + BED_ORIGIN]) / values[at + BED_SCALE]
-    q = (y + values[at + BED_ORIGIN + 1]) / values[at + BED_SCALE + 1]
-    by_x, by_y = _waved(values, at, p, q)
-    x += _polynomial(values, at + BED_TERMS, p, q) + by_x
-    return x, y + _polynomial(values, at + BED_TERMS + _Y, p, q) + by_y
+    p, q = (x + way.origin[0]) / way.scale[0], (y + way.origin[1]) / way.scale[1]
+    by_x, by_y = _waved(way, p, q)
+    x += _polynomial(way.terms[0], p, q) + by_x
+    return x, y + _polynomial(way.terms[1], p, q) + by_y
 
 
 @inner(error_model="numpy", _nrt=False)
-def slopes(values, at, x, y):
+def slopes(way, x, y):
     """Return the derivatives of `onto_bed` at belts (x, y): of x by x and by y, of y by x and by y."""
-    if values[at + BED_FRAMED] == 0.0:
+    if way.framed == 0.0:
         return 1.0, 0.0, 0.0, 1.0
-    wide, deep = values[at + BED_SCALE], values[at + BED_SCALE + 1]
-    p, q = (x + values[at + BED_ORIGIN]) / wide, (y + values[at + BED_ORIGIN + 1]) / deep
-    xp, xq = _derivatives(values, at + BED_TERMS, p, q)
-    yp, yq = _derivatives(values, at + BED_TERMS + _Y, p, q)
-    wxp, wxq, wyp, wyq = _waved_derivatives(values, at, p, q)
+    wide, deep = way.scale[0], way.scale[1]
+    p, q = (x + way.origin[0]) / wide, (y + way.origin[1]) / deep
+    xp, xq = _derivatives(way.terms[0], p, q)
+    yp, yq = _derivatives(way.terms[1], p, q)
+    wxp, wxq, wyp, wyq = _waved_derivatives(way, p, q)
     return 1.0 + (xp + wxp) / wide, (xq + wxq) / deep, (yp + wyp) / wide, 1.0 + (yq + wyq) / deep
 
 
 @inner(error_model="numpy", _nrt=False)
-def off_bed(values, at, x, y):
+def off_bed(way, x, y):
     """Return the place by the belts whose image on the bed is (x, y): Newton's method on `onto_bed`."""
-    if values[at + BED_FRAMED] == 0.0:
+    if way.framed == 0.0:
         return x, y
     u, v = x, y
     for _ in range(_STEPS):
-        at_x, at_y = onto_bed(values, at, u, v)
+        at_x, at_y = onto_bed(way, u, v)
         ex, ey = x - at_x, y - at_y
-        if abs(ex) + abs(ey) < _SAME:
+        if abs(ex) + abs(ey) < _REACHED:
             break
-        xx, xy, yx, yy = slopes(values, at, u, v)
+        xx, xy, yx, yy = slopes(way, u, v)
         area = xx * yy - xy * yx
         u += (yy * ex - xy * ey) / area
         v += (xx * ey - yx * ex) / area
@@ -140,23 +152,23 @@ def off_bed(values, at, x, y):
 
 
 @inner(error_model="numpy", _nrt=False)
-def printed(values, at, a, b):
+def printed(way, a, b):
     """Return the place on the bed for belts of the two motors at a and b."""
-    x, y = from_motors(values, at, a, b)
-    return onto_bed(values, at, x, y)
+    x, y = from_motors(way, a, b)
+    return onto_bed(way, x, y)
 
 
 @inner(error_model="numpy", _nrt=False)
-def wanted(values, at, x, y):
+def wanted(way, x, y):
     """Return where the belts of the two motors have to be for the place (x, y) on the bed."""
-    u, v = off_bed(values, at, x, y)
-    return to_motors(values, at, u, v)
+    u, v = off_bed(way, x, y)
+    return to_motors(way, u, v)
 
 
 @inner(error_model="numpy", _nrt=False)
-def anchor(values, at, x, y):
+def anchor(way, x, y):
     """Move the frame's constant terms so that it leaves the place (x, y), where a layer starts, where it is."""
-    if values[at + BED_FRAMED] != 0.0:
-        bed_x, bed_y = onto_bed(values, at, x, y)
-        values[at + BED_TERMS] += x - bed_x
-        values[at + BED_TERMS + _Y] += y - bed_y
+    if way.framed != 0.0:
+        bed_x, bed_y = onto_bed(way, x, y)
+        way.terms[0, 0] += x - bed_x
+        way.terms[1, 0] += y - bed_y

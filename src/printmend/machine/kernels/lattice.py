@@ -5,14 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from printmend.jit import inner
-from printmend.machine.kernels import bed
 
 
 class Lattice(NamedTuple):
     """Two motors a and b with play, full steps: where each starts in its tables, its branches, and the way to the bed.
 
     ``start_a`` is the entry of motor a's tables at which a layer starts, ``origin_a`` where its belt is then;
-    ``lower_a`` and ``upper_a`` are its branches. ``bed`` are the values of a `BedMap`.
+    ``lower_a`` and ``upper_a`` are its branches. ``bed`` is the record of a `BedMap`.
     """
 
     start_a: int
@@ -23,10 +22,10 @@ class Lattice(NamedTuple):
     upper_a: np.ndarray
     lower_b: np.ndarray
     upper_b: np.ndarray
-    bed: np.ndarray
+    bed: np.record
 
 
 @inner(error_model="numpy", _nrt=False)
-def motors_reach(values, c_max):
-    """Return how many steps a motor makes at most, for controls of at most ``c_max``; ``values`` are a `BedMap`'s."""
-    return 2 * c_max if values[bed.BED_COREXY] != 0.0 else c_max
+def motors_reach(way, c_max):
+    """Return how many steps a motor makes at most for controls of at most ``c_max``; ``way`` is a record of BED."""
+    return 2 * c_max if way.corexy != 0.0 else c_max

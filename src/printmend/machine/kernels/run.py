@@ -72,34 +72,34 @@ def push_each(entries, first, rate, motors, out):
 
 
 @entry
-def printed_each(values, belts, out):
-    """Fill out [N, 2] with the places on the bed of motors' belts [N, 2]; ``values`` are a `BedMap`'s."""
+def printed_each(way, belts, out):
+    """Fill out [N, 2] with the places on the bed of motors' belts [N, 2]; ``way`` is a `BedMap`'s record."""
     for n in range(out.shape[0]):
-        out[n, 0], out[n, 1] = bed.printed(values, 0, belts[n, 0], belts[n, 1])
+        out[n, 0], out[n, 1] = bed.printed(way, belts[n, 0], belts[n, 1])
 
 
 @entry
-def wanted_each(values, places, out):
+def wanted_each(way, places, out):
     """Fill out [N, 2] with where the motors' belts have to be for places on the bed [N, 2]."""
     for n in range(out.shape[0]):
-        out[n, 0], out[n, 1] = bed.wanted(values, 0, places[n, 0], places[n, 1])
+        out[n, 0], out[n, 1] = bed.wanted(way, places[n, 0], places[n, 1])
 
 
 @entry
-def slopes_each(values, belts, out):
+def slopes_each(way, belts, out):
     """Fill out [N, 2, 2] with the derivatives of the places on the bed by the motors' belts, at belts [N, 2]."""
     for n in range(out.shape[0]):
-        x, y = bed.from_motors(values, 0, belts[n, 0], belts[n, 1])
-        xx, xy, yx, yy = bed.slopes(values, 0, x, y)
+        x, y = bed.from_motors(way, belts[n, 0], belts[n, 1])
+        xx, xy, yx, yy = bed.slopes(way, x, y)
         # x and y follow the belts as a place follows the motors
-        out[n, 0, 0], out[n, 0, 1] = bed.from_motors(values, 0, xx, xy)
-        out[n, 1, 0], out[n, 1, 1] = bed.from_motors(values, 0, yx, yy)
+        out[n, 0, 0], out[n, 0, 1] = bed.from_motors(way, xx, xy)
+        out[n, 1, 0], out[n, 1, 1] = bed.from_motors(way, yx, yy)
 
 
 @entry
-def anchor(values, x, y):
+def anchor(way, x, y):
     """Move a frame's constant terms so that it leaves the place (x, y) where it is."""
-    bed.anchor(values, 0, x, y)
+    bed.anchor(way, x, y)
 
 
 @entry
