@@ -130,8 +130,8 @@ def test_without_play_one_step_greedy_is_optimal(ender5: Printer) -> None:
 def test_long_layers_in_blocks_are_planned_alike(preset: str, monkeypatch: pytest.MonkeyPatch) -> None:
     model = worn("egg", 5.0, read_printer(preset))
     whole = controller("optimal").plan(model, TARGETS, START)
-    monkeypatch.setattr(optimal, "_ROOM", 1)
-    monkeypatch.setattr(coupled, "_BLOCK", 50)
+    monkeypatch.setattr(optimal, "_COSTS_KEPT", 1)
+    monkeypatch.setattr(coupled, "_BLOCK_TICKS", 50)
     blocks = controller("optimal").plan(model, TARGETS, START)
     assert rmse(blocks) == pytest.approx(rmse(whole), abs=1e-9)
 

@@ -31,7 +31,7 @@ from printmend.twin import Twin
 TABLE, MARKDOWN, CSV = "families", "families.md", "families.csv"
 # Drawn from only for the tables in docs/results.md; develop with others, and take a new one after looking closer.
 TEST_SEED = 20261121
-COVERAGES = (0.5, 1.0, 2.5)
+COVERAGES = (0.5, 1.0, 2.5)  # turns of a motor that a body is across
 TURN_MM = 40.0  # of the presets' motors; a body's size is a multiple of it
 NAIVE = "naive+greedy"
 ROWS = (NAIVE, "greybox+greedy", "greybox+optimal", "oracle+greedy", OPTIMUM)
@@ -231,6 +231,7 @@ def family_tables(
 
 
 def _text(cell: Cell | None) -> str:
+    """Return a cell as text: RMSE and ratio, with a star where some cases failed."""
     if cell is None or cell.rmse_steps is None:
         return "–"
     ratio = "–" if cell.ratio is None else f"{cell.ratio:.2f}"
@@ -275,11 +276,13 @@ def write_families(folder: Path, cells: Sequence[Cell], coverages: Sequence[floa
 
 
 def _ratio(cell: Cell) -> str:
+    """Return a cell's ratio as text, with a star where some cases failed."""
     star = "*" if cell.failures else ""
     return ("–" if cell.ratio is None else f"{cell.ratio:.2f}" if cell.ratio < 99.5 else f"{cell.ratio:.0f}") + star
 
 
 def _size(cells: Sequence[Cell], label: str, family: str, printer: str) -> str:
+    """Return a row's mean RMSE for a family at each severity, over all coverages, as text."""
     means = []
     for severity in SEVERITIES:
         wanted = (label, family, severity, printer)

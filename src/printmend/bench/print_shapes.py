@@ -16,9 +16,9 @@ from printmend.probe import design_probe
 from printmend.units import TURN_RAD
 
 TURNS_MM = 100.0  # 2.5 turns of a pulley with 40 mm
-HALF_TURN_MM, CIRCLE_MM = 20.0, 20.0
-REVERSALS_MM = tuple(0.2 * steps for steps in (40, 30, 22, 16, 12, 9, 7, 5, 4, 3, 2))
-WALK_MM, WALK_STEPS = 2.0, 400
+HALF_TURN_MM, CIRCLE_RADIUS_MM = 20.0, 20.0
+REVERSALS_MM = tuple(0.2 * steps for steps in (40, 30, 22, 16, 12, 9, 7, 5, 4, 3, 2))  # at each end of the zigzag
+WALK_SD_MM, WALK_STEPS = 2.0, 400  # of the random walk: a step along an axis, and how many
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +63,13 @@ def body_program(body: Body, printer: Printer) -> Program:
 
 
 def _middle(printer: Printer) -> np.ndarray:
+    """Return the middle of the bed [2] mm."""
     return np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
 
 
 def _diagonal(span_mm: float, *, back: bool) -> Callable[[Printer, np.random.Generator], np.ndarray]:
+    """Return the path along a diagonal of that span about the middle, and ``back``."""
+
     def path(printer: Printer, rng: np.random.Generator) -> np.ndarray:
         ends = np.array([[-0.5, -0.5], [0.5, 0.5]] + [[-0.5, -0.5]] * back)
         return _middle(printer) + span_mm * ends
@@ -89,6 +92,8 @@ def _zigzag(printer: Printer, rng: np.random.Generator) -> np.ndarray:
 
 
 def _curve(x_waves: int, y_waves: int, radius_mm: float, shift: float) -> Callable:
+    """Return a Lissajous figure: how often it goes to and fro along each axis, its reach, and its shift in x."""
+
     def path(printer: Printer, rng: np.random.Generator) -> np.ndarray:
         angle = np.linspace(0.0, TURN_RAD, 721)
         return _middle(printer) + radius_mm * np.stack([np.sin(x_waves * angle + shift), np.sin(y_waves * angle)], 1)
@@ -97,14 +102,15 @@ def _curve(x_waves: int, y_waves: int, radius_mm: float, shift: float) -> Callab
 
 
 def _random_walk(printer: Printer, rng: np.random.Generator) -> np.ndarray:
-    return _middle(printer) + np.cumsum(rng.normal(0.0, WALK_MM, (WALK_STEPS, 2)), axis=0).clip(-TURNS_MM, TURNS_MM)
+    """Return a random walk about the middle."""
+    return _middle(printer) + np.cumsum(rng.normal(0.0, WALK_SD_MM, (WALK_STEPS, 2)), axis=0).clip(-TURNS_MM, TURNS_MM)
 
 
 SHAPES: dict[str, Callable[[Printer, np.random.Generator], np.ndarray]] = {
     "diagonal-and-back": _diagonal(TURNS_MM, back=True),
     "zigzag": _zigzag,
     "lissajous": _curve(2, 3, TURNS_MM / 2, TURN_RAD / 4),
-    "circle": _curve(1, 1, CIRCLE_MM, TURN_RAD / 4),
+    "circle": _curve(1, 1, CIRCLE_RADIUS_MM, TURN_RAD / 4),
     "diagonal": _diagonal(TURNS_MM, back=False),
     "half-turn": _diagonal(HALF_TURN_MM, back=True),
     "random-walk": _random_walk,

@@ -11,7 +11,7 @@ from printmend.bench.case import Case, Result
 from printmend.files import replacing
 
 Group = TypeVar("Group", bound=Hashable)
-_NOTHING = 1e-9  # full steps: a machine that only jumps is healthy when it does not, its optimum is no error at all
+_NO_ERROR_STEPS = 1e-9  # a lower RMSE is none: that of a machine that only jumps, where it does not
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ def summary(results: Sequence[Result], reference: Sequence[Result] = ()) -> Summ
     both = [(value, known[item.case]) for item, value in zip(good, values, strict=True) if item.case in known]
     if both:
         mine, best = np.array(both).T
-        perfect = best < _NOTHING
-        matched = perfect & (mine < _NOTHING)
+        perfect = best < _NO_ERROR_STEPS
+        matched = perfect & (mine < _NO_ERROR_STEPS)
         ratios = np.where(matched, 1.0, mine / np.where(perfect, 1.0, best))[matched | ~perfect]
         found["reference"] = best.mean()
-        if best.mean() >= _NOTHING:
+        if best.mean() >= _NO_ERROR_STEPS:
             found["ratio"] = mine.mean() / best.mean()
         elif matched.all():
             found["ratio"] = 1.0
@@ -101,7 +101,7 @@ def body_table(results: Sequence[Result], rows: Sequence[str]) -> str:
     return text_table(("body", *rows), [(body, *(shown(body, row) for row in rows)) for body in bodies])
 
 
-_NAMED = 3  # of the cases that failed alike
+_NAMED_CASES = 3  # of those that failed alike
 
 
 def failure_texts(results: Sequence[Result]) -> list[str]:
@@ -116,6 +116,6 @@ def failure_texts(results: Sequence[Result]) -> list[str]:
         alike.setdefault((", ".join(rows), reason), []).append(what)
     texts = []
     for (names, reason), cases in alike.items():
-        more = f" and {len(cases) - _NAMED} more" if len(cases) > _NAMED else ""
-        texts.append(f"{', '.join(cases[:_NAMED])}{more} ({names}): {reason}")
+        more = f" and {len(cases) - _NAMED_CASES} more" if len(cases) > _NAMED_CASES else ""
+        texts.append(f"{', '.join(cases[:_NAMED_CASES])}{more} ({names}): {reason}")
     return texts

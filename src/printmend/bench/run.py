@@ -87,6 +87,7 @@ def read_results(path: Path) -> list[Result]:
 
 
 def _parse(text: str, path: Path) -> Iterator[Result]:
+    """Yield the results that the lines of a file hold."""
     for number, line in enumerate(text.splitlines(), start=1):
         try:
             yield Result.of(json.loads(line))
@@ -96,4 +97,5 @@ def _parse(text: str, path: Path) -> Iterator[Result]:
 
 
 def _work(task: _Task) -> list[Result]:
+    """Evaluate a task: what a worker is sent."""
     return task.evaluate(task.case, task.rows)

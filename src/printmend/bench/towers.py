@@ -21,8 +21,7 @@ from printmend.printer import Printer
 from printmend.protocols import SpaceModel
 from printmend.twin import Twin
 
-# Z hops over what was printed: only there does Z turn back.
-HOP_MM = 0.4
+HOP_MM = 0.4  # by which Z hops over what was printed: only there does it turn back
 
 
 @dataclass(frozen=True, eq=False)

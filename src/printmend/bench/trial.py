@@ -65,6 +65,7 @@ def failed(case: Case, row: str, reason: str) -> Result:
 
 
 def _reason(error: Exception) -> str:
+    """Return in one line why a row failed."""
     if isinstance(error, ImportError):
         error = missing_extra(error) or error
     said = str(error) if isinstance(error, PrintmendError) else f"{type(error).__name__}: {error}"

@@ -169,6 +169,7 @@ def _command(error: click.ClickException) -> str:
 
 
 def _end(message: str, code: int) -> NoReturn:
+    """End the program with a line on standard error."""
     if sys.stderr is not None:
         print(f"printmend: {message}", file=sys.stderr)
     sys.exit(code)

@@ -51,6 +51,7 @@ def pages(group: click.Command) -> dict[str, str]:
 
 
 def _page(ctx: click.Context, others: list[str]) -> str:
+    """Return a command's page for `man`."""
     command, name = ctx.command, ctx.command_path.replace(" ", "-")
     lines = [
         f'.TH "{_plain(name.upper())}" 1 "" "printmend {__version__}" "printmend"', ".SH NAME",
@@ -73,6 +74,7 @@ def _page(ctx: click.Context, others: list[str]) -> str:
 
 
 def _table(title: str, rows: list[tuple[str, str]]) -> list[str]:
+    """Return a section of terms and their texts."""
     return [f".SH {title}"] + [line for term, text in rows for line in (".TP", f"\\fB{_plain(term)}\\fP", _text(text))]
 
 
@@ -90,4 +92,5 @@ def _text(text: str) -> str:
 
 
 def _plain(text: str) -> str:
+    """Return a text whose backslashes and hyphens `man` shows as they are."""
     return text.replace("\\", "\\e").replace("-", "\\-")

@@ -159,6 +159,7 @@ def _measure_by_hand(
 
 
 def _say_estimates(estimates: "tuple[Estimate, ...]", printer: "Printer | None", output: Path) -> None:
+    """Say what was measured by hand, and save the model that follows from it."""
     from printmend.learn.callipers import mechanism
     from printmend.promise.by_hand import calliper_section
     from printmend.saved import saved_model, write_model

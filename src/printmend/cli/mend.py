@@ -61,15 +61,16 @@ def command(
         if str(output) == "-" or any(str(source) == "-" for source in sources) or report is not None:
             raise click.UsageError("standard input or output and --report go with one file, without --json")
         model = read_model(model_path)
-        _many(ctx, sources, model, output, in_place, overwrite, force, fineness, jobs, as_json, quiet)
+        _mend_many(ctx, sources, model, output, in_place, overwrite, force, fineness, jobs, as_json, quiet)
         return
-    _one(sources[0], model_path, output, in_place, overwrite, report, force, fineness, quiet)
+    _mend_one(sources[0], model_path, output, in_place, overwrite, report, force, fineness, quiet)
 
 
-def _one(
+def _mend_one(
     source: Path, model_path: Path, output: Path | None, in_place: bool, overwrite: bool, report: Path | None,
     force: bool, fineness: "Fineness", quiet: bool,
 ) -> None:  # fmt: skip
+    """Mend one file and say what came of it."""
     from printmend.cli.mend_output import output_path, progress
     from printmend.cli.outputs import spare
     from printmend.repair import mend_gcode
@@ -93,10 +94,11 @@ def _one(
 
 
 # Its many parameters are the command's options.
-def _many(
+def _mend_many(
     ctx: click.Context, sources: tuple[Path, ...], model: "SavedModel", output: Path | None, in_place: bool,
     overwrite: bool, force: bool, fineness: "Fineness", jobs: int, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
+    """Mend files and folders and say what came of each."""
     from printmend.errors import InputError
     from printmend.repair.many import gcode_files, mend_files, mended_path
 

@@ -37,7 +37,7 @@ def progress(source: Path) -> Iterator[Callable[[int], None] | None]:
     """
     size = source.stat().st_size if source.is_file() else 0
     if size and os.environ.get("PRINTMEND_PROGRESS") == "1":
-        yield _lines(size)
+        yield _percent_lines(size)
         return
     if size < _LARGE_BYTES or not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         yield None
@@ -50,7 +50,8 @@ def progress(source: Path) -> Iterator[Callable[[int], None] | None]:
         yield lambda count: bar.update(task, advance=count)
 
 
-def _lines(size: int) -> Callable[[int], None]:
+def _percent_lines(size: int) -> Callable[[int], None]:
+    """Return a progress that says each new percentage in a line."""
     read = said = 0
 
     def tick(count: int) -> None:

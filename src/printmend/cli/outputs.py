@@ -22,6 +22,7 @@ def spare(outputs: tuple[Path | None, ...], inputs: tuple[Path | None, ...]) -> 
 
 
 def _same(one: Path, other: Path) -> bool:
+    """Say whether two paths are one file."""
     try:
         return os.path.samefile(one, other)
     except (OSError, ValueError):

@@ -48,6 +48,7 @@ def settings_of(names: list[str], command: Callable[[], click.Command | None], n
 
 
 def _section(path: Path, names: list[str], name: str) -> dict[str, Any]:
+    """Return a section of a settings file; nothing where there is no such file."""
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

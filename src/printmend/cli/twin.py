@@ -81,6 +81,7 @@ def command(
 def _dots(
     program: "Program", twin: "Twin", plan: "ProbePlan", dpi: float, dirt: str, seed: int, quarter_turns: int
 ) -> "np.ndarray":
+    """Return the scan of a probe's dots."""
     import numpy as np
 
     from printmend.twin.gcode import print_dots
@@ -93,6 +94,7 @@ def _dots(
 
 
 def _underside(program: "Program", twin: "Twin", dpi: float, dirt: str, seed: int, quarter_turns: int) -> "np.ndarray":
+    """Return the scan of a part's first layer, seen from below."""
     import numpy as np
 
     from printmend.measure.walls import read_walls

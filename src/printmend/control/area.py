@@ -12,10 +12,9 @@ from printmend.machine import PlayTables
 from printmend.path import Plan
 from printmend.protocols import WorldModel
 
-# Ticks between the two ends of an edit.
-_APART_TICKS = np.array([1, 2, 3, 4, 6, 9])
-# At most so many rounds, each of at most so many passes over the plan; a round that saves less than the share ends it.
-_ROUNDS, _PASSES, _LEAST_SHARE = 8, 4, 1e-6
+_APART_TICKS = np.array([1, 2, 3, 4, 6, 9])  # between the two ends of an edit
+_ROUNDS, _PASSES_A_ROUND = 8, 4  # over a plan, at most
+_LEAST_SAVING = 1e-6  # of the area, as a share: a round that saves less is the last
 
 
 @dataclass(frozen=True)
@@ -39,11 +38,11 @@ class LeastArea:
         best, least = plan, area_cost(wanted, plan.imagined_steps)
         print_ = planned_print(tables, plan, model.printer.to_motor(plan.controls.astype(np.int64)))
         for _ in range(_ROUNDS):
-            for _ in range(_PASSES):
+            for _ in range(_PASSES_A_ROUND):
                 if kernels.refine(kernels.AREA, wanted, tables.arrays, print_, c_max, _APART_TICKS) == 0:
                     break
             value = area_cost(wanted, print_.bed)
-            if value >= least * (1 - _LEAST_SHARE):
+            if value >= least * (1 - _LEAST_SAVING):
                 break
             best, least = Plan(print_.controls[1:].astype(np.int8), print_.bed.copy()), value
         return best

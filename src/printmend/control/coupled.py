@@ -14,7 +14,7 @@ from printmend.protocols import WorldModel
 
 # Ticks whose costs to go are kept at a time, and ticks beyond them that these costs still count: memory stays bounded,
 # and what happens 128 ticks later changes no choice.
-_BLOCK, _HORIZON = 1024, 128
+_BLOCK_TICKS, _HORIZON_TICKS = 1024, 128
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def plan_coupled(
 def _search(tables: PlayTables, targets: np.ndarray, known: np.ndarray, c_max: int, breadth: Breadth) -> np.ndarray:
     """Return the motors' moves [T, 2] of the cheapest plan found; ``known`` [T, 2] are those of one that works."""
     ticks = len(targets)
-    seen, weights = _seen(tables, targets)
+    seen, weights = _seen_by_motors(tables, targets)
     index, belts = followed(tables, known)
     reach = 2 * c_max if tables.bed.corexy else c_max
     windows = [window(motor, seen[:, k], belts[:, k], reach) for k, motor in enumerate(tables.motors)]
@@ -68,9 +68,9 @@ def _search(tables: PlayTables, targets: np.ndarray, known: np.ndarray, c_max: i
     states, paid, ways = plan[None, :, 0].copy(), np.zeros(1), []
     shape = int((right - left).max()), max(each.longest for each in windows)
     # One array for all blocks: the system takes its time to hand out fresh memory.
-    room = np.empty(2 * (min(ticks, _BLOCK + _HORIZON) + 1) * shape[0] * shape[1])
-    for begin in range(0, ticks, _BLOCK):
-        end, ahead = min(begin + _BLOCK, ticks), min(begin + _BLOCK + _HORIZON, ticks)
+    room = np.empty(2 * (min(ticks, _BLOCK_TICKS + _HORIZON_TICKS) + 1) * shape[0] * shape[1])
+    for begin in range(0, ticks, _BLOCK_TICKS):
+        end, ahead = min(begin + _BLOCK_TICKS, ticks), min(begin + _BLOCK_TICKS + _HORIZON_TICKS, ticks)
         count = ahead - begin + 1
         togo = room[: 2 * count * shape[0] * shape[1]].reshape(2, count, *shape)
         edges = left[:, begin : ahead + 1].copy(), right[:, begin : ahead + 1].copy()
@@ -88,7 +88,7 @@ def _search(tables: PlayTables, targets: np.ndarray, known: np.ndarray, c_max: i
         ways.append(way)
     moves, state = np.empty((ticks, 2), np.int8), int(np.argmin(paid))
     for n, way in reversed(list(enumerate(ways))):
-        state = kernels.way_back(*way, state, moves[n * _BLOCK : (n + 1) * _BLOCK])
+        state = kernels.way_back(*way, state, moves[n * _BLOCK_TICKS : (n + 1) * _BLOCK_TICKS])
     return moves.astype(np.int64)
 
 
@@ -98,7 +98,7 @@ def _padded(pair: list[np.ndarray]) -> np.ndarray:
     return np.stack([np.pad(each, (0, length - len(each)), mode="edge") for each in pair])
 
 
-def _seen(tables: PlayTables, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _seen_by_motors(tables: PlayTables, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return where the targets are for the motors' belts [T, 2], and the weights [T, 3] of e_a², e_b² and 2 e_a e_b.
 
     Near a target the squared error is eᵀ JᵀJ e in the belts' distances e, with J the derivatives of the place on the

@@ -15,9 +15,8 @@ from printmend.path import Plan
 from printmend.protocols import WorldModel
 
 # Costs kept at a time: about a megabyte, which stays in the processor's cache, whatever the layer's length.
-_ROOM = 1 << 17
-# Targets that are looked at first, where all might be.
-_SHORT = 500
+_COSTS_KEPT = 1 << 17
+_FIRST_TARGETS = 500  # that are looked at before all are
 # States of two coupled motors that are followed together. Where exhaustive searches were made, more changed nothing.
 _BREADTH = Breadth(slack=0.3, most=1.2, width=128)
 
@@ -55,7 +54,7 @@ class Optimal:
 
 def always_nearest(motor: LatticeMotor, targets: np.ndarray, belt: np.ndarray) -> bool:
     """Say whether a plan's belt [T + 1] is, at every tick, at a place nearest to its target: then no plan is better."""
-    for part in (targets[:_SHORT], targets):  # with play the answer is no, soon
+    for part in (targets[:_FIRST_TARGETS], targets):  # with play the answer is no, soon
         least = np.abs(belt[0] - part)
         for branch in (motor.lower_steps, motor.upper_steps):
             at = np.clip(np.searchsorted(branch, part), 1, len(branch) - 1)
@@ -76,7 +75,7 @@ def solve(motor: LatticeMotor, targets: np.ndarray, known: np.ndarray, c_max: in
     targets = np.ascontiguousarray(targets)  # one layout, one compilation
     kernels.search(
         targets, states.start, motor.start - states.offset, states.places, states.first, states.last, states.low,
-        states.high, states.left, states.right, c_max, _ROOM, index,
+        states.high, states.left, states.right, c_max, _COSTS_KEPT, index,
     )  # fmt: skip
     moves = np.diff(index)
     return moves.astype(np.int8), run_motors((motor,), moves[:, None])[:, 0]

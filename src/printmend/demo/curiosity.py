@@ -82,6 +82,7 @@ def run_way(
 
 
 def _trace(ways: Sequence[np.ndarray], measured: Sequence[np.ndarray]) -> Trace | None:
+    """Return what was measured so far as one trace."""
     return Trace(np.vstack(ways), np.vstack(measured), homed=True) if ways else None
 
 
@@ -111,6 +112,7 @@ def _scattered(plan: ProbePlan, printer: Printer, rng: np.random.Generator) -> P
 
 
 def _places(printer: Printer, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Draw places on the part of the bed that marks may take [N, 2] mm."""
     low, high = mark_area_mm(printer)
     return np.asarray(low + rng.random((count, 2)) * (high - low))
 

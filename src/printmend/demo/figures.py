@@ -100,6 +100,7 @@ def body_figure(shown: Shown, *, solid: bool) -> Figure:
 
 
 def _raster(draw: Callable[..., Axes], axes: Axes, **more: object) -> Axes:
+    """Draw with many lines as an image, not as vectors."""
     draw(axes, **more)
     for part in axes.collections:
         part.set_rasterized(True)
@@ -208,6 +209,7 @@ def similarity_figure() -> Figure:
 
 
 def _moved(outline: np.ndarray, move: np.ndarray) -> np.ndarray:
+    """Return an outline turned and shifted: ``move`` is x, y [mm] and an angle [rad]."""
     c, s = np.cos(move[2]), np.sin(move[2])
     return np.asarray(outline @ np.array([[c, s], [-s, c]]) + move[:2])
 

@@ -27,8 +27,8 @@ from printmend.saved import SavedModel, write_model
 from printmend.twin import Twin
 from printmend.twin.scanner import DEFAULT, render_layer
 
-BEAD_MM, HEIGHT_MM, FILAMENT_MM = 0.45, 0.2, 1.75
-SIZE_MM, HOLE_MM, STEPS = 36.0, 9.0, 240
+BEAD_MM, HEIGHT_MM, FILAMENT_MM = 0.45, 0.2, 1.75  # of a bead, and the filament's diameter
+SIZE_MM, HOLE_MM, STEPS = 36.0, 9.0, 240  # of the cam: its mean radius, its hole's, straight moves in a ring
 SWELL_MM = 0.12  # how much wider the scanned beads are than the file says
 DAMAGE = Corruption(
     (Drive(pulley=EccentricBore(0.45, 0.4), belt=Play(0.5)), Drive(pulley=Ellipse(6.9, 5.95), belt=Play(0.35)))

@@ -17,10 +17,10 @@ TEETH = 20  # as printers' motors have
 RADIUS_MM = TEETH * PITCH_MM / TURN_RAD  # where the belt's cords run
 TIP_MM = RADIUS_MM - PITCH_LINE_OFFSET_MM  # radius of the teeth's tips
 BORE_MM = 5.0  # of a NEMA 17 motor's shaft
-HUB_DIAMETER_MM, HUB_MM = 18.0, 7.0
+HUB_DIAMETER_MM, HUB_MM = 18.0, 7.0  # of the hub: its diameter and height
 FLANGE_MM, TOOTHED_MM = 1.0, 7.0  # for a belt of 6 mm
 SET_SCREW_MM = 2.5  # to be tapped M3
-BEAD_MM, LAYER_MM = 0.4, 0.2
+BEAD_MM, LAYER_MM = 0.4, 0.2  # a bead's width and height
 FEED_MM_S, FIRST_FEED_MM_S, TRAVEL_MM_S = 25.0, 15.0, 120.0
 RETRACT_MM, RETRACT_MM_S = 2.5, 30.0
 _SMOOTH_MM = 0.005  # what a bead may leave out of its line
@@ -74,6 +74,7 @@ def beads_mm(region: shapely.Polygon) -> list[np.ndarray]:
 
 
 def _bead(line_mm: np.ndarray, feed_mm_s: float) -> list[str]:
+    """Return the lines that travel to a bead's start and print it."""
     x, y = line_mm[0]
     back = f"F{RETRACT_MM_S * 60:g}"
     lines = [f"G1 E-{RETRACT_MM:g} {back}\n", f"G0 X{x:.3f} Y{y:.3f} F{TRAVEL_MM_S * 60:g}\n",

@@ -188,6 +188,7 @@ def _slack(broken: Corruption | SavedModel) -> Sequence[Drive]:
 
 
 def _replaced(drives: Sequence[Drive], hull: TabulatedHull, motors: Sequence[int]) -> tuple[Drive, Drive]:
+    """Return the drives with a printed pulley on some motors."""
     x, y = (replace(drive, pulley=hull) if motor in motors else drive for motor, drive in enumerate(drives))
     return x, y
 

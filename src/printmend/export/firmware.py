@@ -258,6 +258,7 @@ def _simple_drive(mechanism: Mechanism, simple: Simple, *, play: bool) -> Drive:
 
 
 def _export(mechanism: Mechanism, files: tuple[tuple[str, str], ...], drive: Drive) -> Export:
+    """Return files with the errors expected without and with them."""
     before = _error_mm(mechanism, lambda motors, direction: motors)
     return Export(files, before, _error_mm(mechanism, drive))
 

@@ -46,7 +46,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
     kept, left_out = whole, []
     for each in sorted(settings, key=lambda setting: -setting.doubt_mm):
         without = _without(kept, each.name)
-        gain = _after_mm(make(mechanism, without)) - _after_mm(make(mechanism, kept))
+        gain = make(mechanism, without).after_mm - make(mechanism, kept).after_mm
         if gain == 0.0:  # this firmware has no such setting
             kept = without
         elif gain < GAIN_MM or _alone_mm(model, whole, each.name) < SURE_SIGMAS * each.doubt_mm:
@@ -57,6 +57,7 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
 
 
 def _judged(model: SavedModel, export: Export, names: tuple[str, ...], left_out: tuple[str, ...]) -> Export:
+    """Return an export with what is said of it. Raise `RefusedError` where none of its settings helps."""
     if not names:
         came = "; ".join(left_out) or "its settings change nothing of what was learned"
         raise RefusedError(
@@ -70,15 +71,12 @@ def _judged(model: SavedModel, export: Export, names: tuple[str, ...], left_out:
 
 
 def _why(name: str, gain_mm: float, doubt_mm: float) -> str:
+    """Say why a setting is left out."""
     if gain_mm <= -GAIN_MM:
         return f"{name} alone would make prints {-gain_mm:.3f} mm worse, typically, over the bed"
     if gain_mm < GAIN_MM:
         return f"{name} would help by less than {GAIN_MM:.3f} mm over the bed"
     return f"{name} is not known well enough (± {SURE_SIGMAS * doubt_mm:.3f} mm over the bed)"
-
-
-def _after_mm(export: Export) -> float:
-    return export.after_mm
 
 
 def _without(simple: Simple, name: str) -> Simple:
@@ -108,6 +106,7 @@ def _spread_mm(model: SavedModel) -> np.ndarray:
 
 
 def _settings(model: SavedModel) -> list[_Setting]:
+    """Return every setting that a firmware may have, with its doubt."""
     budget, reach = parse_budget(model), _spread_mm(model)
     found = []
     stretch = np.zeros(3) if budget is None else _stretch_sds(budget)

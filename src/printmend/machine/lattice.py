@@ -127,6 +127,7 @@ def lattice_screw(screw: ScrewDrive, printer: Printer, start_step: int) -> Latti
 def _lattice_motor(
     name: str, table: Transmission, axis: Axis, corner_mm: float, start_step: int, rest_share: float
 ) -> LatticeMotor:
+    """Return a transmission on the lattice, for a layer that starts at full step ``start_step`` of its motor."""
     lower, upper = _errors_steps(table, axis.microsteps, axis.mm_per_step)
     first = round((table.first_mm - corner_mm) / axis.mm_per_step)
     motor = LatticeMotor(name, first, start_step - first, np.empty(len(lower)), np.empty(len(lower)))

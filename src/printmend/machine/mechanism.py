@@ -52,19 +52,21 @@ class Transmission:
 
     @cached_property
     def is_taut(self) -> bool:
+        """Say whether there is no play: both branches are the same."""
         return bool(np.array_equal(self.lower_mm, self.upper_mm))
 
     def branches_mm(self, motor_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (lower, upper) [mm] at any motor positions [mm]."""
-        lower = _each(run.branch_each, self.lower_mm, self, motor_mm)
-        return lower, lower.copy() if self.is_taut else _each(run.branch_each, self.upper_mm, self, motor_mm)
+        lower = _looked_up(run.branch_each, self.lower_mm, self, motor_mm)
+        return lower, lower.copy() if self.is_taut else _looked_up(run.branch_each, self.upper_mm, self, motor_mm)
 
     def shifted(self, by_mm: float) -> "Transmission":
         """Move the carriage's origin: add ``by_mm`` to both tables."""
         return Transmission(self.first_mm, self.pitch_mm, self.lower_mm + by_mm, self.upper_mm + by_mm)
 
 
-def _each(law: Callable[..., None], table_mm: np.ndarray, at: Transmission, motor_mm: np.ndarray) -> np.ndarray:
+def _looked_up(law: Callable[..., None], table_mm: np.ndarray, at: Transmission, motor_mm: np.ndarray) -> np.ndarray:
+    """Return a table's values at motor positions of any shape, by one of the laws of `kernels.run`."""
     motors = np.asarray(motor_mm, float)
     out = np.empty(motors.shape)
     law(table_mm, at.first_mm, 1.0 / at.pitch_mm, np.ascontiguousarray(motors.reshape(-1)), out.reshape(-1))
@@ -127,6 +129,7 @@ class Frame:
 
     @property
     def is_identity(self) -> bool:
+        """Say whether the frame leaves every place where it is."""
         return not self.coefficients_mm.any() and not len(self.waves)
 
     def terms(self, xy_mm: np.ndarray) -> np.ndarray:
@@ -174,7 +177,7 @@ class ScrewDrive:
 
     def wobble_at_mm(self, motor_mm: np.ndarray) -> np.ndarray:
         """Return the push [N, 2] mm at commanded heights [N] mm."""
-        push_mm = (_each(run.push_each, column, self.transmission, motor_mm) for column in self._columns_mm)
+        push_mm = (_looked_up(run.push_each, column, self.transmission, motor_mm) for column in self._columns_mm)
         return np.stack(list(push_mm), axis=-1)
 
     @cached_property

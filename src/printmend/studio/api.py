@@ -106,6 +106,7 @@ async def upload(request: Request, here: Here, name: Annotated[str, Query(min_le
 
 
 def _settle(file: Any, beside: Path, target: Path) -> None:
+    """Give a file that is wholly written its name."""
     file.flush()
     os.fsync(file.fileno())
     os.replace(beside, target)

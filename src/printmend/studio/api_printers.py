@@ -46,11 +46,13 @@ _OFFERED = (PRINTER, PROBE, PLAN, MODEL, TOWER, TOWER_TABLE)
 
 
 def _folder(here: StudioState, key: str) -> Path:
+    """Return a printer's folder; raise `NotThereError` where there is none."""
     here.store.printer(key)
     return here.store.path("printer", key)
 
 
 def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
+    """Return what is shown of a printer."""
     folder = here.store.path("printer", row["id"])
     printer = read_printer(folder / PRINTER)
     learned = [job for job in here.store.jobs(printer=row["id"]) if job["kind"] == "learn" and job["result"]][::-1]
@@ -74,11 +76,13 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
 
 
 def _host_card(folder: Path) -> HostCard | None:
+    """Return what is shown of a printer's own host."""
     host = read_host(folder)
     return None if host is None else HostCard(address=host.address, kind=host.kind)
 
 
 def _bed(printer: Printer) -> list[float]:
+    """Return the corners of a bed, as a card shows them."""
     return [printer.x.min_mm, printer.y.min_mm, printer.x.max_mm, printer.y.max_mm]
 
 
@@ -107,6 +111,7 @@ def add(here: Here, new: NewPrinter) -> PrinterCard:
 
 
 def _described(here: StudioState, new: NewPrinter) -> tuple[Printer, tuple[str, ...]]:
+    """Return the printer that a request describes, and what is to be said of it."""
     from printmend.printer import preset_names
 
     if new.preset is not None and new.preset not in preset_names():
@@ -197,6 +202,7 @@ def written_probe(here: Here, key: Key) -> ProbeCard | None:
 
 
 def _probe_card(printer: Printer, plan: Any) -> ProbeCard:
+    """Return what is shown of a test print."""
     from printmend.probe import cost, expected_error_mm
 
     minutes, grams = cost(plan)
@@ -207,6 +213,7 @@ def _probe_card(printer: Printer, plan: Any) -> ProbeCard:
 
 
 def _start(printer: Printer) -> str:
+    """Return a printer's start code with its homing."""
     from printmend.probe.start import homed_start
 
     return printer.start_gcode and homed_start(printer.start_gcode, subject="the start code")
@@ -234,16 +241,19 @@ def written_tower(here: Here, key: Key) -> TowerCard | None:
 
 
 def _tower_card(made: Any) -> TowerCard:
+    """Return what is shown of a tower."""
     height_mm = float(made.waypoints_mm[made.printed, 2].max())
     return TowerCard(minutes=made.minutes, grams=made.grams, height_mm=height_mm)
 
 
 def _need(folder: Path, name: str, todo: str) -> None:
+    """Raise `InputError` where a file of a printer is missing."""
     if not (folder / name).is_file():
         raise InputError("this printer", wanted=name, came="none yet", todo=todo)
 
 
 def _scans(here: StudioState, scans: ScansIn) -> dict[str, Any]:
+    """Return what a job is told of uploaded scans."""
     rows = [here.store.upload(key) for key in scans.uploads]
     given = {"dpi": scans.dpi, "distance_mm": scans.distance_mm}
     return {"scans": [{"upload": row["id"], "name": plain_name(row["name"])} for row in rows], **given}
@@ -276,6 +286,7 @@ def learn(here: Here, key: Key, given: LearnIn) -> JobCard:
 
 
 def _distances(here: StudioState, key: str) -> Any:
+    """Return the distances of a test print to measure by hand."""
     from printmend.learn.callipers import choose_distances
     from printmend.measure import read_plan
 

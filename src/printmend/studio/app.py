@@ -82,6 +82,7 @@ def _name_operations(router: APIRouter) -> None:
 
 
 def _refused(request: Request, error: Exception) -> JSONResponse:
+    """Answer what a request cannot have."""
     status = 404 if isinstance(error, NotThereError) else 409 if isinstance(error, RefusedError) else 400
     return JSONResponse({"error": str(error)}, status)
 
@@ -103,6 +104,7 @@ _LONGEST_CAME = 40  # characters of what came that are said again
 
 
 def _misfit(request: Request, error: Exception) -> JSONResponse:
+    """Answer a request that is not as the API describes it, in words of ours."""
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"][1:] if isinstance(part, str)) or "the request"
@@ -115,6 +117,7 @@ def _misfit(request: Request, error: Exception) -> JSONResponse:
 
 
 def _http(request: Request, error: Exception) -> JSONResponse:
+    """Answer what the framework refuses."""
     assert isinstance(error, HTTPException)
     if isinstance(error.__cause__, TooLargeError):  # while it was read
         return _too_large(request, error.__cause__)
@@ -122,4 +125,5 @@ def _http(request: Request, error: Exception) -> JSONResponse:
 
 
 def _too_large(request: Request, error: Exception) -> JSONResponse:
+    """Answer an upload that is too large."""
     return JSONResponse({"error": f"wanted at most {error.args[0] / 1e6:g} MB, got more; give a smaller file"}, 413)

@@ -92,6 +92,7 @@ class Guard:
 
 
 def _query_token(scope: Scope) -> str:
+    """Return the token that an address bears."""
     return parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
 
 
@@ -123,6 +124,8 @@ class TooLargeError(Exception):
 
 
 def _with_headers(send: Send, cookie: str | None) -> Send:
+    """Return a ``send`` that adds our headers to every answer."""
+
     async def sending(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)

@@ -71,7 +71,7 @@ def find_host(address: str, key: str) -> Host:
                 came = "no for an answer to this key" if key else "no for an answer without a key"
                 raise InputError(at, wanted="a key that it accepts", came=came,
                                  todo="copy the API key from its settings")  # fmt: skip
-            if status == 200 and _is(kind, said):
+            if status == 200 and _is_of_kind(kind, said):
                 return Host(at, key, kind)
     raise InputError(address, wanted="OctoPrint or Moonraker (Mainsail, Fluidd)", came="something else",
                      todo="give the address that the browser shows when you print")  # fmt: skip
@@ -138,6 +138,7 @@ class _Told:
 
 
 def _client(key: str, patience_s: float) -> httpx.Client:
+    """Return a client for a host in the owner's network."""
     timeout = httpx.Timeout(patience_s, connect=_PATIENCE_S)
     headers = {"Accept-Encoding": "identity"} | ({"X-Api-Key": key} if key else {})  # answers are read as they come
     # no proxy of the environment: the host is in the owner's network
@@ -168,7 +169,8 @@ def _ask(client: httpx.Client, request: httpx.Request, patience_s: float) -> tup
         return answer.status_code, None
 
 
-def _is(kind: str, said: Any) -> bool:
+def _is_of_kind(kind: str, said: Any) -> bool:
+    """Say whether an answer is that of a host of a kind."""
     if not isinstance(said, dict):
         return False
     if kind == "moonraker":

@@ -46,6 +46,7 @@ def next_print(printer: Printer, gaps: Sequence[str]) -> NextPrint | None:
 
 
 def _square(printer: Printer, size_mm: float | None) -> NextPrint:
+    """Return a test print of that side; of the largest where that is None."""
     plan = design_probe(printer, size_mm=size_mm)
     minutes, grams = cost(plan)
     size_mm = float(np.ptp(plan.marks_mm, axis=0).max()) if size_mm is None else size_mm

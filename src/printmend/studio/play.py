@@ -36,7 +36,7 @@ LAYER = 12  # of the part: the one that the screen draws while sliders move
 _ANGLES = 180  # of a pulley's outline
 _FIRST = threading.Lock()  # what is made once is made by one
 _SCREW_PHASE_RAD = 0.6  # of the bent screw that one can play with
-_TOWER_MM, _TOWER_TURNS, _TOWER_LAYERS = 20.0, 2.2, 20
+_TOWER_MM, _TOWER_TURNS, _TOWER_LAYERS = 20.0, 2.2, 20  # of the tower: its side, turns of the screw, layers
 _HAND_MM = 0.03  # how well one measures a tower's corners by hand
 
 
@@ -102,6 +102,7 @@ def play_printer() -> tuple[Printer, ProbePlan]:
 
 @lru_cache(maxsize=1)
 def _play_moves() -> Moves:
+    """Return the moves of the part that one plays with."""
     return read_gcode(demo_body_gcode(), printer=play_printer()[0]).moves
 
 
@@ -153,6 +154,7 @@ def _rms_mm(wanted_mm: np.ndarray, printed_mm: np.ndarray, joined: np.ndarray) -
 
 
 def _wall(corruption: Corruption, printer: Printer) -> list[list[float]]:
+    """Return where a bent screw leaves the layers of the part's wall: rows of height and push [mm]."""
     moves = _play_moves()
     z = np.unique(moves.end_mm[moves.extruding, 2])
     push = np.zeros(len(z)) if corruption.screw is None else corruption.screw.lower(printer).wobble_at_mm(z)[:, 0]

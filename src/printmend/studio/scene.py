@@ -30,7 +30,7 @@ COARSE_LINES = 40_000  # of a large part's first picture
 MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 14 MB
 ROW = 2048  # points in a row of a packed table
 _PITCHES_MM = (0.8, 6.0)  # between points on long lines: finest and coarsest
-_SIDE = 1e-7  # of a line: this side of its end, or that
+_BESIDE_END_SHARE = 1e-7  # of a line: this side of its end, or that
 NEAR = 3  # wanted segments to either side that a printed point may belong to
 _UNIT_MM = 0.002  # of the packed offsets: 16 bits reach 65 mm
 _COLUMNS = [
@@ -228,7 +228,7 @@ def lay_points(motion: Motion, *, most: int = MOST_POINTS) -> Drawing:
 
 def as_printed(drawing: Drawing, truth: Mechanism, *, aligned: bool = False) -> Scene:
     """Print a file as it is on ``truth``."""
-    off = _off(print_from_home(truth, drawing.points_mm)[:, :2], drawing, aligned)
+    off = _off_mm(print_from_home(truth, drawing.points_mm)[:, :2], drawing, aligned)
     wanted = drawing.points_mm[drawing.keep]
     width, height = _bead(drawing.motion)
     return Scene(
@@ -245,8 +245,8 @@ def as_mended(scene: Scene, drawing: Drawing, truth: Mechanism, tap: Tap, *, ali
     given, given_at = _points(told, np.where(told.turn != 0, drawing.pitch_mm / 4, drawing.pitch_mm))
     result = print_from_home(truth, given)
     # slack is taken up between two lines: before a bead begins, after one ends
-    look = drawing.at + np.where(drawing.bead_end, -_SIDE, _SIDE)
-    off = _off(np.column_stack([np.interp(look, given_at, column) for column in result[:, :2].T]), drawing, aligned)
+    look = drawing.at + np.where(drawing.bead_end, -_BESIDE_END_SHARE, _BESIDE_END_SHARE)
+    off = _off_mm(np.column_stack([np.interp(look, given_at, column) for column in result[:, :2].T]), drawing, aligned)
     error = _distance(scene.wanted_mm, scene.wanted_mm[:, :2] + off, drawing.joined)
     raw_pace = pace(lines.end_mm - lines.start_mm, feed / 60)
     feed = np.repeat(feed, np.maximum(counts, 1))
@@ -258,16 +258,19 @@ def as_mended(scene: Scene, drawing: Drawing, truth: Mechanism, tap: Tap, *, ali
 
 
 def _motion(records: np.ndarray) -> np.ndarray:
+    """Return which records are motion."""
     kind = records["kind"]
     return (kind == k.KIND_LINEAR) | (kind == k.KIND_CW) | (kind == k.KIND_CCW)
 
 
-def _off(printed_mm: np.ndarray, drawing: Drawing, aligned: bool) -> np.ndarray:
+def _off_mm(printed_mm: np.ndarray, drawing: Drawing, aligned: bool) -> np.ndarray:
+    """Return how far printed points lie from the drawn ones [mm]; aligned, without their mean."""
     off = (printed_mm - drawing.points_mm[:, :2])[drawing.keep]
     return off - off.mean(axis=0) if aligned and len(off) else off
 
 
 def _source_lines(records: Columns) -> Lines:
+    """Return the moves that a file's records tell."""
     start_mm = np.column_stack([records[name] for name in ("x0", "y0", "z0")])
     end_mm = np.column_stack([records[name] for name in ("x1", "y1", "z1")])
     turn = np.where(records["kind"] == k.KIND_CW, -1, np.where(records["kind"] == k.KIND_CCW, 1, 0))
@@ -380,7 +383,8 @@ def write_wanted(path: Path, scene: Scene) -> dict[str, Any]:
     step = np.maximum(high - low, 1e-3) / 65535
     head = {
         "points": count, "every": scene.every, "unit_mm": _UNIT_MM, "row": ROW,
-        "low_mm": low.tolist(), "high_mm": high.tolist(), "step_mm": step.tolist(), "p95_mm": _p95(scene.raw_error_mm),
+        "low_mm": low.tolist(), "high_mm": high.tolist(), "step_mm": step.tolist(),
+        "p95_mm": _p95_mm(scene.raw_error_mm),
         "layers": [[int(number), int(at), round(float(scene.wanted_mm[at, 2]), 3)]
                    for number, at in zip(layers, first, strict=True)],
     }  # fmt: skip
@@ -388,7 +392,7 @@ def write_wanted(path: Path, scene: Scene) -> dict[str, Any]:
     table[:, :3] = np.rint((scene.wanted_mm - low) / step)
     width, height = np.rint(scene.width_mm * 100), np.rint(scene.height_mm * 100)
     table[:, 3] = scene.joined + 2 * np.clip(width, 0, 255) + 512 * np.clip(height, 0, 127)
-    _write(path, head, [table, _way(scene.raw_mm, scene.raw_error_mm)])
+    _write(path, head, [table, _packed_offsets(scene.raw_mm, scene.raw_error_mm)])
     return head
 
 
@@ -401,10 +405,11 @@ def write_mended(path: Path, scene: Scene) -> None:
     assert scene.mended_mm is not None
     assert scene.mended_error_mm is not None
     head = {"points": len(scene.wanted_mm), "row": ROW}
-    _write(path, head, [_way(scene.mended_mm, scene.mended_error_mm)])
+    _write(path, head, [_packed_offsets(scene.mended_mm, scene.mended_error_mm)])
 
 
-def _way(off_mm: np.ndarray, error_mm: np.ndarray) -> np.ndarray:
+def _packed_offsets(off_mm: np.ndarray, error_mm: np.ndarray) -> np.ndarray:
+    """Return offsets in units of `_UNIT_MM` and errors in micrometres, as the page reads them."""
     table = np.zeros((len(off_mm), 4), "<i2")
     table[:, :2] = np.clip(np.rint(off_mm / _UNIT_MM), -32767, 32767)
     table[:, 2] = np.clip(np.rint(error_mm * 1000), 0, 32767)
@@ -412,6 +417,7 @@ def _way(off_mm: np.ndarray, error_mm: np.ndarray) -> np.ndarray:
 
 
 def _write(path: Path, head: dict[str, Any], tables: list[np.ndarray]) -> None:
+    """Write a packed file: the length of its head, the head in JSON, the tables in whole rows."""
     text = json.dumps(head).encode()
     text += b" " * (-(4 + len(text)) % 4)
     with replacing(path, "wb") as file:
@@ -421,5 +427,6 @@ def _write(path: Path, head: dict[str, Any], tables: list[np.ndarray]) -> None:
             file.write(bytes(-len(table) % ROW * table.itemsize * 4))
 
 
-def _p95(error_mm: np.ndarray) -> float | None:
+def _p95_mm(error_mm: np.ndarray) -> float | None:
+    """Return the 95th percentile of errors; None where there are none."""
     return round(float(np.quantile(error_mm, 0.95)), 4) if len(error_mm) else None

@@ -83,6 +83,7 @@ def _alone(folder: Path) -> sqlite3.Connection:
 
 
 def _listener(host: str, port: int) -> socket.socket:
+    """Return a socket that listens. Raise `InputError` where the address cannot be had."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -127,6 +128,7 @@ def _draw_beforehand() -> None:
 
 
 def _show(server: uvicorn.Server, address: str) -> None:
+    """Open the page once the server has started."""
     waited = threading.Event()
     while not server.started and not server.should_exit:
         waited.wait(0.05)

@@ -1,4 +1,4 @@
-"""How far the sliders of the play screen go."""
+"""How far the sliders of the play screen go: faults large enough to be seen at once."""
 
 from typing import Literal
 

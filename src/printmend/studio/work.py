@@ -279,7 +279,8 @@ def _measure(job: Job) -> dict[str, Any]:
     }  # fmt: skip
 
 
-_NEIGHBOURS, _ODD_SIGMAS = 12, 8.0
+_NEIGHBOURS = 12  # of a mark, whose median says where it should lie
+_ODD_RATIO = 8.0  # times the usual distance from there: further off a mark is odd
 
 
 def _odd(marks_mm: np.ndarray, off_mm: np.ndarray) -> list[int]:
@@ -292,7 +293,7 @@ def _odd(marks_mm: np.ndarray, off_mm: np.ndarray) -> list[int]:
     _, near = KDTree(marks_mm[found]).query(marks_mm[found], _NEIGHBOURS)
     apart = np.hypot(*(off_mm[found] - np.median(off_mm[found][near], axis=1)).T)
     usual = max(float(np.median(apart)), 0.005)
-    return [int(mark) for mark in found[apart > _ODD_SIGMAS * usual]]
+    return [int(mark) for mark in found[apart > _ODD_RATIO * usual]]
 
 
 def _plain(values: np.ndarray, digits: int) -> list[Any]:

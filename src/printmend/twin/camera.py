@@ -12,10 +12,10 @@ from printmend.twin.scanner import DEFAULT, Degradations, render_scan
 from printmend.units import A4_MM, MM_PER_INCH
 
 FLAT_DPI = 400.0  # of the page that is photographed
-PHOTO_PX = (3000, 4000)
-TILT_DEG = 12.0  # largest tilt of the camera
-K1, K2 = 0.04, 0.01  # standard deviations of the lens' distortion
-NOISE = 3.0  # standard deviation of a pixel, of 255
+PHOTO_PX = (3000, 4000)  # width and height
+MOST_TILT_DEG = 12.0  # of the camera
+LENS_K1_SD, LENS_K2_SD = 0.04, 0.01  # of the lens' radial distortion
+NOISE_SD = 3.0  # of a pixel, of 255
 
 
 def render_photo(
@@ -37,7 +37,7 @@ def render_photo(
             flat, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(90, 80, 70)
         )
     photo = cv2.GaussianBlur(photo, (0, 0), 0.7)
-    noisy = photo + rng.standard_normal(photo.shape, np.float32) * np.float32(NOISE)
+    noisy = photo + rng.standard_normal(photo.shape, np.float32) * np.float32(NOISE_SD)
     _, data = cv2.imencode(".jpg", np.clip(noisy, 0, 255).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, 92])
     return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR))
 
@@ -62,7 +62,7 @@ def _lay_sheet(flat: np.ndarray) -> None:
 def _camera(rng: np.random.Generator) -> Lens:
     """Return a camera above the sheet, tilted and turned a little, whose lens bends straight lines."""
     centre = np.array([(PHOTO_PX[0] - 1) / 2, (PHOTO_PX[1] - 1) / 2])
-    tilt = np.deg2rad(rng.normal(0, TILT_DEG / 2, 2).clip(-TILT_DEG, TILT_DEG))
+    tilt = np.deg2rad(rng.normal(0, MOST_TILT_DEG / 2, 2).clip(-MOST_TILT_DEG, MOST_TILT_DEG))
     roll = np.deg2rad(rng.normal(0, 3))
     focal, distance = 1.1 * PHOTO_PX[1], 340.0 * 1.1 * rng.uniform(1.12, 1.25)
     rotation, _ = cv2.Rodrigues(np.array([tilt[0], tilt[1], roll]))
@@ -71,4 +71,10 @@ def _camera(rng: np.random.Generator) -> Lens:
     camera = np.column_stack([rotation[:, 0], rotation[:, 1], -rotation @ middle + [0, 0, distance]])
     intrinsic = np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1]])
     homography = np.linalg.inv(intrinsic @ camera)
-    return Lens(centre, float(np.hypot(*centre)), rng.normal(0, K1), rng.normal(0, K2), homography / homography[2, 2])
+    return Lens(
+        centre,
+        float(np.hypot(*centre)),
+        rng.normal(0, LENS_K1_SD),
+        rng.normal(0, LENS_K2_SD),
+        homography / homography[2, 2],
+    )

@@ -12,7 +12,7 @@ from printmend.measure.plan import ProbePlan
 from printmend.path import Origin, Trace
 from printmend.twin.twin import Twin
 
-_CHORD_MM, _FINE_CHORD_MM = 0.01, 0.005
+_CHORD_MM, _FINE_CHORD_MM = 0.01, 0.005  # how far an arc's chords may be off it, for a trace and point by point
 _PITCH_MM = 0.3  # of the points along a move that is followed finely
 _SAME_MM = 0.01  # of way-points: as many digits as the file has
 _MENDED_MM = 5.0  # no mended dot is commanded farther than this from where it is wanted

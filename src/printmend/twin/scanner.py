@@ -181,6 +181,7 @@ class _Patch:
 
 
 def _draw_dot(ink: np.ndarray, patch: _Patch, radius_px: float, outline_px: float, rng: np.random.Generator) -> None:
+    """Draw a dot with a wobbly outline."""
     angle = np.arctan2(patch.dy, patch.dx)
     radius = np.full(angle.shape, radius_px)
     for k in range(2, 7):
@@ -214,6 +215,7 @@ def _draw_strings(
     d: Degradations,
     rng: np.random.Generator,
 ) -> None:
+    """Draw the strings between dots and the tails of ooze."""
     for index in np.flatnonzero(present[:-1]):
         step = marks_mm[index + 1] - marks_mm[index]
         if rng.random() < d.strings:

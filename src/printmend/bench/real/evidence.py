@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-HARMONICS, BUMPS = 16, 30
+HARMONICS, BUMPS = 16, 30  # of a turn, and sines of the place
 _K = np.arange(1, HARMONICS + 1)
 _SPAN_MM = 240.0  # the sines of the place vanish this far apart, beyond both ends of a bed of 220 mm
 _OMEGA = np.pi * np.arange(1, BUMPS + 1) / _SPAN_MM
-_LINE_VARIANCE_MM2, _STEP_VARIANCE_MM2 = 100.0, 1.0
+_LINE_VARIANCE_MM2, _STEP_VARIANCE_MM2 = 100.0, 1.0  # prior variances of a drift's line and of a slip's height
 _LEAST_VARIANCE_MM2 = 1e-6  # of a row, so that no setting makes one exact
 
 # What each setting is expected to be, and how sure (standard deviation).
@@ -56,7 +56,7 @@ class Settings:
 
     @classmethod
     def of(cls, values: np.ndarray) -> "Settings":
-        """From an array: the turn, what `NAMES` names, the phases of all files but the first."""
+        """Read an array: the turn, what `NAMES` names, the phases of all files but the first."""
         turn, *rest = (float(value) for value in values)
         return cls(turn, **dict(zip(NAMES, rest, strict=False)), phases_mm=(0.0, *rest[len(NAMES) :]))
 
@@ -65,16 +65,17 @@ class Settings:
         return float(1 / (1 + np.exp(-self.logit_share)))
 
     def outside(self) -> bool:
+        """Say whether a setting is beyond what a search may try."""
         return not (SHORTEST_MM <= self.turn_mm <= LONGEST_MM and self.decay >= 0 and abs(self.logit_share) < 12)
 
     def penalty(self) -> float:
-        """The negative log prior."""
+        """Return the negative log prior, up to a constant."""
         off = [(getattr(self, name) - mean) / spread for name, (mean, spread) in _EXPECTED.items()]
         off.append(np.log(self.turn_mm / _USUAL_TURN_MM) / _TURN_SD)
         return float(np.square(off).sum() / 2 + np.square(self.phases_mm).sum() / (2 * _PHASE_SD_MM**2))
 
     def shift_mm(self, direction: int, file: int) -> float:
-        """How far the pulley is ahead of the place in a file and direction."""
+        """Return how far the pulley is ahead of the place in a file and direction."""
         return self.phases_mm[file] + (self.lag_mm if direction < 0 else 0.0)
 
 
@@ -121,7 +122,7 @@ def bumps(place_mm: np.ndarray) -> np.ndarray:
 
 
 def _bump_variance(size_mm: float, length_mm: float) -> np.ndarray:
-    """The spectral density [BUMPS] of the Matérn 3/2 covariance of a size and a length."""
+    """Return the spectral density [BUMPS] of the Matérn 3/2 covariance of a size and a length."""
     rate = np.sqrt(3) / length_mm
     return size_mm**2 * 4 * rate**3 / (rate**2 + _OMEGA**2) ** 2
 

@@ -38,11 +38,11 @@ from printmend.bench.real.evidence import (
 )
 from printmend.path import frozen
 
-_STEP_GAIN = 2.0  # of log evidence, beyond the choice of the place
-_STEPS_A_TRACE, _ROUNDS = 7, 3
+_STEP_GAIN_NATS = 2.0  # of log evidence, beyond the choice of the place, that a step has to bring
+_STEPS_A_TRACE, _ROUNDS = 7, 3  # steps that a round adds to a traverse, and rounds, at most
 _NEAR_MM = 3.0  # steps this close are one
-_SMALLEST_MM = 0.1  # a lower step is none
-_ODDS = 0.5  # how likely a slip of every turn is to come again
+_LEAST_STEP_MM = 0.1  # a lower step is none
+_RETURN_CHANCE = 0.5  # that a slip of every turn comes again
 _SCALE = np.array([0.2] + [0.5] * len(NAMES))  # of the turn and the settings, for the descent
 
 
@@ -102,7 +102,7 @@ def _predicted_steps(
         heights, own = own[2 : 2 + len(trace.steps_mm)], own[2 + len(trace.steps_mm) :]
         alike = sum(other.direction == trace.direction for other in traces)
         for way, height in recurring(trace, heights, turn_mm):
-            found.append((trace.direction, trace.place_mm[0] + trace.direction * way, _ODDS * height / alike))
+            found.append((trace.direction, trace.place_mm[0] + trace.direction * way, _RETURN_CHANCE * height / alike))
     return tuple(found)
 
 
@@ -117,7 +117,7 @@ def recurring(trace: Trace1d, heights_mm: np.ndarray, turn_mm: float) -> list[tu
             merged[-1] = (merged[-1][0], merged[-1][1] + height)
         else:
             merged.append((way, height))
-    merged = [(way, height) for way, height in merged if abs(height) > _SMALLEST_MM]
+    merged = [(way, height) for way, height in merged if abs(height) > _LEAST_STEP_MM]
     found = []
     for way, _ in merged:
         off = np.array([(other - way + turn_mm / 2) % turn_mm - turn_mm / 2 for other, _ in merged])
@@ -134,7 +134,7 @@ def _add_steps(traces: Sequence[Trace1d], settings: Settings) -> int:
     added = 0
     for _ in range(_STEPS_A_TRACE):
         gains = [(trace, *found) for trace, found in zip(traces, likeliest_steps(traces, settings), strict=True)]
-        wanted = [(trace, way) for trace, gain, way in gains if gain >= _STEP_GAIN]
+        wanted = [(trace, way) for trace, gain, way in gains if gain >= _STEP_GAIN_NATS]
         for trace, way in wanted:
             trace.steps_mm.append(way)
         added += len(wanted)
@@ -144,6 +144,7 @@ def _add_steps(traces: Sequence[Trace1d], settings: Settings) -> int:
 
 
 def _descend(loss: Callable[[np.ndarray], float], values: np.ndarray) -> np.ndarray:
+    """Return the values at which the loss is least, searched for from ``values`` on."""
     scale = np.concatenate([_SCALE, np.full(len(values) - len(_SCALE), 0.5)])
     options = {"maxiter": 40, "eps": 1e-4, "ftol": 1e-6}
     start, bounds = np.zeros(len(values)), [(-8, 8)] * len(values)

@@ -37,7 +37,7 @@ TABLE, FLOOR = "real", "floor"
 ROWS = ("raw", "copy", "plain", "shipped", "ours", "periodic", FLOOR)
 BLIND = ("plain", "ours", FLOOR)
 _PLAIN_HARMONICS = 8  # of a turn that the plain fit knows
-_SAMPLES = 2  # averaged into one before learning: it is three times faster and no less accurate
+_AVERAGED_SAMPLES = 2  # into one before learning: it is three times faster and no less accurate
 
 
 @dataclass(frozen=True)
@@ -242,8 +242,8 @@ def _line(items: Sequence[Result]) -> RealLine:
 
 
 def _averaged(values: np.ndarray) -> np.ndarray:
-    whole = len(values) // _SAMPLES * _SAMPLES
-    return values[:whole].reshape(-1, _SAMPLES).mean(axis=1)
+    whole = len(values) // _AVERAGED_SAMPLES * _AVERAGED_SAMPLES
+    return values[:whole].reshape(-1, _AVERAGED_SAMPLES).mean(axis=1)
 
 
 def plain_fit(traces: Sequence[tuple[np.ndarray, np.ndarray]]) -> Callable[[np.ndarray], np.ndarray]:
