@@ -49,7 +49,7 @@ def drawn_tower(rng: np.random.Generator, printer: Printer, *, size_mm: float, h
 
 def _outline(rng: np.random.Generator, printer: Printer, size_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """Draw where a body stands [2] and its closed outline about that [N, 2], mm."""
-    centre = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
+    centre = np.array(printer.middle_mm)
     room = [axis.length_mm / 2 - 0.7 * size_mm for axis in (printer.x, printer.y)]
     centre = centre + np.array([rng.uniform(-1, 1) * max(0.0, min(0.25 * size_mm + 20.0, free)) for free in room])
     waves = np.arange(2, 6)

@@ -62,17 +62,12 @@ def body_program(body: Body, printer: Printer) -> Program:
     return read_gcode("\n".join(lines).encode(), printer=printer)
 
 
-def _middle(printer: Printer) -> np.ndarray:
-    """Return the middle of the bed [2] mm."""
-    return np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
-
-
 def _diagonal(span_mm: float, *, back: bool) -> Callable[[Printer, np.random.Generator], np.ndarray]:
     """Return the path along a diagonal of that span about the middle, and ``back``."""
 
     def path(printer: Printer, rng: np.random.Generator) -> np.ndarray:
         ends = np.array([[-0.5, -0.5], [0.5, 0.5]] + [[-0.5, -0.5]] * back)
-        return _middle(printer) + span_mm * ends
+        return np.array(printer.middle_mm) + span_mm * ends
 
     return path
 
@@ -88,7 +83,7 @@ def _zigzag(printer: Printer, rng: np.random.Generator) -> np.ndarray:
             points.append(here)
             for reversal in REVERSALS_MM:
                 points += [here + reversal * inwards, here]
-    return _middle(printer) + np.array(points)
+    return np.array(printer.middle_mm) + np.array(points)
 
 
 def _curve(x_waves: int, y_waves: int, radius_mm: float, shift: float) -> Callable:
@@ -96,14 +91,18 @@ def _curve(x_waves: int, y_waves: int, radius_mm: float, shift: float) -> Callab
 
     def path(printer: Printer, rng: np.random.Generator) -> np.ndarray:
         angle = np.linspace(0.0, TURN_RAD, 721)
-        return _middle(printer) + radius_mm * np.stack([np.sin(x_waves * angle + shift), np.sin(y_waves * angle)], 1)
+        return np.array(printer.middle_mm) + radius_mm * np.stack(
+            [np.sin(x_waves * angle + shift), np.sin(y_waves * angle)], 1
+        )
 
     return path
 
 
 def _random_walk(printer: Printer, rng: np.random.Generator) -> np.ndarray:
     """Return a random walk about the middle."""
-    return _middle(printer) + np.cumsum(rng.normal(0.0, WALK_SD_MM, (WALK_STEPS, 2)), axis=0).clip(-TURNS_MM, TURNS_MM)
+    return np.array(printer.middle_mm) + np.cumsum(rng.normal(0.0, WALK_SD_MM, (WALK_STEPS, 2)), axis=0).clip(
+        -TURNS_MM, TURNS_MM
+    )
 
 
 SHAPES: dict[str, Callable[[Printer, np.random.Generator], np.ndarray]] = {

@@ -133,7 +133,7 @@ class Corruption:
         if self.drives[0].gain_table is not None and self.drives[1].gain_table is not None:
             gains = (np.array(self.drives[0].gain_table.gains), np.array(self.drives[1].gain_table.gains))
             return GainMechanism(printer, gains)
-        middle_mm = ((printer.x.min_mm + printer.x.max_mm) / 2, (printer.y.min_mm + printer.y.max_mm) / 2)
+        middle_mm = printer.middle_mm
         frame = Frame() if self.frame is None else self.frame.lower(middle_mm)
         screw = None if self.screw is None else self.screw.lower(printer)
         return Mechanism(printer, (self.drives[0].lower(printer, 0), self.drives[1].lower(printer, 1)), frame, screw)

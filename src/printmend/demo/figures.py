@@ -158,7 +158,7 @@ def machine_figure(printer: Printer) -> Figure:
 def trajectory_figure(twin: Twin) -> Figure:
     """Draw Fig. 3: a closed way of seven points, as wanted and as the broken machine goes."""
     printer = twin.printer
-    middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
+    middle = np.array(printer.middle_mm)
     shape = np.array([(-1, -1), (0.6, -1), (1, -0.2), (0.3, 0.2), (0.6, 1), (-1, 0.7), (-1, -1)])
     wanted = middle + 30 * shape
     printed = twin.follow(np.vstack([printer.home_mm, wanted]))[1:, :2]

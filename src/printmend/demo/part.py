@@ -51,7 +51,7 @@ class PartDemo:
 
 def cam_gcode(printer: Printer) -> bytes:
     """Return a cam in rings of beads, one layer, in the middle of the bed: curves everywhere, no symmetry."""
-    middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)]) - [0.0, 8.0]
+    middle = np.array(printer.middle_mm) - [0.0, 8.0]
     angle = np.linspace(0.0, 2 * np.pi, STEPS + 1)
     outer = SIZE_MM * (1 + 0.1 * np.cos(3 * angle + 0.5) + 0.14 * np.cos(angle) + 0.05 * np.sin(5 * angle))
     rings = round((float(outer.min()) - HOLE_MM) / BEAD_MM)

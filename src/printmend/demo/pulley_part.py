@@ -34,7 +34,7 @@ HEAD = """\
 
 def pulley_gcode(printer: Printer) -> str:
     """Return the file that prints the pulley in the middle of the bed. Relative E, one object, no support."""
-    middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
+    middle = np.array(printer.middle_mm)
     head = HEAD.format(teeth=TEETH, bore=BORE_MM, screw=SET_SCREW_MM, printer=printer.name)
     lines = [head, PLAIN_START, "G21\n", "G90\n", "M83\n", "G92 E0\n"]
     for number in range(round((_TOOTHED_FROM_MM + TOOTHED_MM) / LAYER_MM)):

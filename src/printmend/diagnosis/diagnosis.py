@@ -264,7 +264,7 @@ def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[NamedFault]:
     if frame.is_identity:
         return []
     frame, wavy = replace(frame, waves=frame.waves[:0]), _wavy(frame, printer)
-    middle = np.array([(printer.x.min_mm + printer.x.max_mm) / 2, (printer.y.min_mm + printer.y.max_mm) / 2])
+    middle = np.array(printer.middle_mm)
     right, up = (frame.apply(middle + step) - frame.apply(middle - step) for step in np.eye(2))
     right, up = right / 2, up / 2
     skew = float(np.degrees(np.arctan2(up[0], up[1]) + np.arctan2(right[1], right[0])))

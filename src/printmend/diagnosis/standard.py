@@ -96,7 +96,7 @@ def positioning(mechanism: Mechanism, axis: int) -> Positioning:
 def circle(mechanism: Mechanism) -> Circle:
     """Run a circle both ways, each after a turn that engages the belts."""
     printer = mechanism.printer
-    middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
+    middle = np.array(printer.middle_mm)
     radius = _RADIUS_SHARE * min(printer.x.length_mm, printer.y.length_mm)
     angle = np.arange(ANGLES) * (TURN_RAD / ANGLES)
     runs = np.concatenate([-angle, -angle, [0.0], angle, angle])

@@ -64,7 +64,7 @@ def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = Non
         gains.append(float(np.polyfit(at - at.mean(), middle, 1)[0]))
         play = float((upper - lower).mean())
         plays.append(play if play > 1e-4 else 0.0)
-    middle_mm = np.array([(printer.x.min_mm + printer.x.max_mm) / 2, (printer.y.min_mm + printer.y.max_mm) / 2])
+    middle_mm = np.array(printer.middle_mm)
     half_mm = 0.4 * np.diag([printer.x.length_mm, printer.y.length_mm])  # of a bent frame the secant counts
     right, up = (mechanism.frame.apply(middle_mm + e) - mechanism.frame.apply(middle_mm - e) for e in half_mm)
     skew = math.tan(math.atan2(up[0], up[1]) + math.atan2(right[1], right[0]))

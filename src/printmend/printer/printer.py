@@ -82,6 +82,11 @@ class Printer:
         return (self.x.home_mm, self.y.home_mm)
 
     @property
+    def middle_mm(self) -> tuple[float, float]:
+        """The middle of the bed."""
+        return ((self.x.min_mm + self.x.max_mm) / 2, (self.y.min_mm + self.y.max_mm) / 2)
+
+    @property
     def mm_per_step(self) -> tuple[float, float]:
         """Travel of one full step of each planar motor [mm]."""
         return (self.x.mm_per_step, self.y.mm_per_step)

@@ -65,7 +65,7 @@ def design_tower(printer: Printer) -> Tower:
             printer.name, wanted=f"room for a tower of {room_mm:.0f} mm by {count * layer_mm + _HOP_MM:.0f} mm high",
             came="less", todo="measure the Z screw with a dial gauge, at a dozen heights",
         )  # fmt: skip
-    middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
+    middle = np.array(printer.middle_mm)
     points, printed = [np.array([*printer.home_mm, printer.z.home_mm])], [False]
     if printer.z.home_mm < layer_mm + _HOP_MM:  # off the bed before the head moves across it
         points.append(np.array([*printer.home_mm, layer_mm + _HOP_MM]))

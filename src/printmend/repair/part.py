@@ -169,7 +169,7 @@ def _matched(silhouette: Silhouette, walls: Walls, lie: Lie, printer: Printer, p
         printed = _on_walls(trace, walls, fit.printed_mm)
         shift = np.median(printed[walls.row] - walls.commanded_mm[walls.row], axis=0)
         printed = printed - shift
-        pose = _moved(pose, fit.turn, shift, _bed_middle(printer))
+        pose = _moved(pose, fit.turn, shift, np.array(printer.middle_mm))
     assert fit is not None
     return _Match(pose, fit, _look(silhouette, walls, pose, printed, swell, CAPTURES[-1][0], eye))
 
@@ -183,10 +183,6 @@ def _scales(walls: Walls, edges: _Edges) -> tuple[float, float]:
     columns = np.column_stack([normal * at, normal, turn, np.ones(len(at))])
     grown = np.linalg.lstsq(columns, edges.offset_mm[seen], rcond=None)[0]
     return 1 + float(grown[0]), 1 + float(grown[1])
-
-
-def _bed_middle(printer: Printer) -> np.ndarray:
-    return np.array([(axis.min_mm + axis.max_mm) / 2 for axis in (printer.x, printer.y)])
 
 
 def _moved(pose: Pose, turn: float, shift_mm: np.ndarray, middle_mm: np.ndarray) -> Pose:

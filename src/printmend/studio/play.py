@@ -163,7 +163,7 @@ def _wall(corruption: Corruption, printer: Printer) -> list[list[float]]:
 
 def tower_trace(corruption: Corruption, printer: Printer, rng: np.random.Generator) -> Trace:
     """Return what one measures by hand on a small tower: its corners' places and heights, two turns of the screw up."""
-    middle = np.array([(axis.min_mm + axis.max_mm) / 2 for axis in printer.axes[:2]])
+    middle = np.array(printer.middle_mm)
     corners = middle + _TOWER_MM / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     heights = np.linspace(0.2, _TOWER_TURNS * printer.z.mm_per_turn, _TOWER_LAYERS)
     path = np.array([(*printer.home_mm, printer.z.home_mm), *((x, y, z) for z in heights for x, y in corners)])
