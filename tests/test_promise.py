@@ -564,6 +564,7 @@ def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path
         )
         assert done.exit_code == (0 if kept else 3), done.output
         assert "was promised: " + ("kept" if kept else "broken") in done.output
+        assert "distances on the bed: about 1.4 times what `mend` counts" in done.output
         assert (read_model(new).digest != bent.digest) or kept
     history = [json.loads(line) for line in (tmp_path / "printer.mend.history.jsonl").read_text().splitlines()]
     assert [each["kept"] for each in history] == [True, False]

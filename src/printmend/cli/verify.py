@@ -68,6 +68,7 @@ def command(
         click.echo(json.dumps({**verdict.json(), "history": str(history)}))
     else:
         click.echo(verdict.words)
+        click.echo("all three are distances on the bed: about 1.4 times what `mend` counts, straight across a line")
         if newer is not None:
             click.echo(f"{update_words(verdict, newer)}\nwritten: {output}")
         click.echo(f"noted in {history}")
