@@ -84,3 +84,16 @@ def test_noise_of_millimetres_is_no_fault(rng: np.random.Generator) -> None:
     model = learn_model(Trace(points_mm, points_mm + rng.normal(0, 5, points_mm.shape)), PRINTER, rng=rng)
     other_mm = zigzag(400)[::-1] * 0.5 + 50
     assert np.abs(np.std(Twin(model.mechanism).follow(other_mm) - other_mm, axis=0)).max() < 0.5
+
+
+@pytest.mark.parametrize("spoil", [None, "another print's rows", "mirrored"])
+def test_a_table_may_have_most_of_its_rows_on_one_line(spoil: str | None, rng: np.random.Generator) -> None:
+    """Along it X stands still, and what a crooked frame adds follows no command of X."""
+    along = np.linspace(10, 210, 140)
+    points_mm = np.vstack([zigzag(60), np.stack([np.full(140, 110.0), along], axis=1)])
+    measured_mm = Twin.of(sample("frame", np.random.default_rng(1)), PRINTER).follow(points_mm)
+    if spoil is None:
+        learn_model(Trace(points_mm, measured_mm), PRINTER, rng=rng)
+        return
+    with pytest.raises(TraceError):
+        learn_model(Trace(points_mm, NONSENSE[spoil](measured_mm, rng)), PRINTER, rng=rng)

@@ -13,6 +13,7 @@ MOST_COMPARED = 4000  # rows of which ranks are compared; more take time and say
 LEAST_MOVE_MM = 20.0  # a motor that moved less proves nothing: play may hide the move (2 mm at worst)
 # Measured millimetres for each commanded one: the worst pulleys known have 0.39 and 1.41 (physics.md eq. 5).
 POSSIBLE_GAINS = (0.2, 5.0)
+_SAME_DIGITS = 6  # of millimetres: places that differ by less are the same
 LEAST_RANK_CORRELATION = 0.5  # Spearman's, of commanded and measured positions
 ALL_SEEN = 0.95  # a larger share of the turn counts as all of it
 GLIMPSED_TURN = 0.15  # a smaller share of a turn says nothing about a pulley's shape
@@ -41,6 +42,12 @@ class Sight:
     crosses: bool = True
 
 
+def _ranks(places_mm: np.ndarray) -> np.ndarray:
+    """Return the rank of each place [N], of equal ones their mean: most rows of a table may lie on one line."""
+    which, count = np.unique(np.round(places_mm, _SAME_DIGITS), return_inverse=True, return_counts=True)[1:]
+    return np.asarray((np.cumsum(count) - count / 2)[which])
+
+
 def check_follows(rows: Rows, name: str) -> None:
     """Raise `TraceError` where the measured positions do not follow the motor, so that they are of another print.
 
@@ -53,8 +60,7 @@ def check_follows(rows: Rows, name: str) -> None:
     moved, followed = (float(np.diff(np.quantile(each, (0.1, 0.9)))[0]) for each in (motor, belt))
     if moved < LEAST_MOVE_MM:
         return
-    ranks = [np.argsort(np.argsort(each)) for each in (motor, belt)]
-    together = float(np.corrcoef(ranks[0], ranks[1])[0, 1])
+    together = float(np.corrcoef(_ranks(motor), _ranks(belt))[0, 1]) if followed else 0.0
     least, most = POSSIBLE_GAINS
     if together < LEAST_RANK_CORRELATION or not least < followed / moved < most:
         came = f"moves of {followed / moved:.2f} mm a commanded millimetre, rank correlation {together:.2f}"
