@@ -22,8 +22,17 @@ import numpy as np
 
 from printmend.jit import entry, inner
 
-# Ticks between the places to which a search may go back.
-_CHUNK = 16
+_CHUNK_TICKS = 16  # between the places to which a search may go back
+# A pair of states that was reached, one of each motor.
+PAIR = np.dtype(
+    [
+        ("ids", "i8", 2),  # of the two states
+        ("parent", "i8"),  # the state of both motors at the tick before
+        ("moves", "i8", 2),  # of the motors from there [steps]
+    ]
+)
+# What is kept of it for the way back.
+STEP = np.dtype([("parent", "i4"), ("moves", "i4", 2)])
 
 
 # Its many parameters are the arrays of one motor's `window`, as Python has them. Long because the sliding minimum over
@@ -156,7 +165,7 @@ class Reached(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """The pairs of states that were reached: ``after`` [P, 5] their ids, their parent and the motors' moves.
+    """The pairs of states that were reached: ``after`` [P] of PAIR.
 
     ``bounds`` [P] bounds what a plan through each costs; ``slots`` and ``stamp`` [N · N] say where a pair is, if this
     tick has it.
@@ -224,17 +233,17 @@ def list_choices(motors, task, choices, reached, motor, state, t, clock, dearest
 @inner(_nrt=False)
 def follow_known(motors, task, choices, reached, pairs, kept, bound, t, clock):
     """Make the known plan's next state the first of the pairs; return its bound."""
-    both, sign = 0.0, 1.0 if task.cross[t] >= 0 else -1.0
+    first, both, sign = pairs.after[0], 0.0, 1.0 if task.cross[t] >= 0 else -1.0
     for motor in range(2):
         k, m = task.known[motor, t + 1, 0], task.known[motor, t + 1, 1]
         row, column = k - motors.left[motor, t + 1], m - motors.first[motor, k]
-        pairs.after[0, motor] = reached.index[motor, row * motors.togo.shape[3] + column]
-        pairs.after[0, 3 + motor] = m - task.known[motor, t, 1]
+        first.ids[motor] = reached.index[motor, row * motors.togo.shape[3] + column]
+        first.moves[motor] = m - task.known[motor, t, 1]
         bound += motors.togo[motor, t + 1, row, column] - choices.least[motor, kept[0, motor]]
         both += (motors.places[motor, k] - task.wanted[motor, t]) * (1.0 if motor == 0 else sign)
     bound += abs(task.cross[t]) * both * both
-    pairs.bounds[0], pairs.after[0, 2] = bound, 0
-    pair = pairs.after[0, 0] * reached.found.shape[2] + pairs.after[0, 1]
+    pairs.bounds[0], first.parent = bound, 0
+    pair = first.ids[0] * reached.found.shape[2] + first.ids[1]
     pairs.slots[pair], pairs.stamp[pair] = 0, clock
     return bound
 
@@ -271,12 +280,14 @@ def pair_choices(motors, task, choices, reached, pairs, kept, s, bound, t, clock
                     if total == pairs.after.shape[0]:
                         continue
                     pairs.stamp[pair], pairs.slots[pair] = clock, total
-                    pairs.after[total, 0], pairs.after[total, 1], pairs.bounds[total] = next_a, next_b, np.inf
+                    new = pairs.after[total]
+                    new.ids[0], new.ids[1], pairs.bounds[total] = next_a, next_b, np.inf
                     total += 1
                 n = pairs.slots[pair]
                 if value < pairs.bounds[n]:
                     pairs.bounds[n] = value
-                    pairs.after[n, 2], pairs.after[n, 3], pairs.after[n, 4] = s, move_a, move_b
+                    better = pairs.after[n]
+                    better.parent, better.moves[0], better.moves[1] = s, move_a, move_b
                     if value < leader:
                         leader = value
                         bar = leader + slack
@@ -289,7 +300,7 @@ def sweep(t0, t1, clock, slack, motors, task, choices, reached, pairs, kept, bou
     """Go over ticks t0 to t1; return how many states are kept, how much of ``way`` is used, and the least bound.
 
     ``kept`` [N, 2] are the ids of the states in ``reached.found`` [clock & 1], with their ``bounds``, the known plan's
-    first; ``way`` [?, 3] and ``base`` [T] are what `follow` returns. These change hands at every chunk of ticks.
+    first; ``way`` [?] of STEP and ``base`` [T] are what `follow` returns. These change hands at every chunk of ticks.
     """
     lowest = np.inf
     for n in range(kept_count):
@@ -324,9 +335,10 @@ def sweep(t0, t1, clock, slack, motors, task, choices, reached, pairs, kept, bou
         base[t], kept_count, lowest = used, 0, leader
         for n in range(total):
             if n == 0 or (pairs.bounds[n] <= bar and kept_count < kept.shape[0]):
-                kept[kept_count, 0], kept[kept_count, 1] = pairs.after[n, 0], pairs.after[n, 1]
+                pair, step = pairs.after[n], way[used]
+                kept[kept_count, 0], kept[kept_count, 1] = pair.ids[0], pair.ids[1]
                 bounds[kept_count] = pairs.bounds[n]
-                way[used, 0], way[used, 1], way[used, 2] = pairs.after[n, 2], pairs.after[n, 3], pairs.after[n, 4]
+                step.parent, step.moves[0], step.moves[1] = pair.parent, pair.moves[0], pair.moves[1]
                 kept_count, used = kept_count + 1, used + 1
     return kept_count, used, lowest
 
@@ -341,8 +353,8 @@ def follow(states, paid, motors, task, slack, most, width):
     Near means ``slack``. Where the least bound grew by more than the slack over two chunks of ticks, what was left out
     in them might have come out ahead: they are gone over again with that much slack, up to ``most``.
 
-    Return the states and costs of the last tick, and the way there: states 0…N of tick t + 1 are the rows from base[t]
-    of (their parents among tick t's states, the moves of a, of b).
+    Return the states and costs of the last tick, and the way there: states 0…N of tick t + 1 are those from base[t]
+    on, whose parents are among tick t's states.
     """
     ticks, fan, room, corner = task.wanted.shape[1], 2 * task.reach + 1, 2 * width, motors.togo[0, 0].size
     choices = Choices(
@@ -352,9 +364,9 @@ def follow(states, paid, motors, task, slack, most, width):
     found, index = np.empty((2, 2, room, 2), np.int64), np.empty((2, corner), np.int64)
     reached = Reached(found, index, np.full((2, corner), -1), np.zeros(2, np.int64))
     slots, stamp = np.empty(room * room, np.int32), np.full(room * room, -1, np.int32)
-    pairs = Pairs(np.empty((16 * width, 5), np.int64), np.empty(16 * width), slots, stamp)
+    pairs = Pairs(np.empty(16 * width, PAIR), np.empty(16 * width), slots, stamp)
     kept, bounds = np.empty((width, 2), np.int64), np.empty(width)
-    way, base = np.empty((32 * ticks, 3), np.int32), np.empty(ticks, np.int64)
+    way, base = np.empty(32 * ticks, STEP), np.empty(ticks, np.int64)
     # Typed: the sweep would be compiled once more for a literal zero.
     kept_count, clock, used, lowest = states.shape[0], np.int64(0), np.int64(0), np.inf
     for n in range(kept_count):
@@ -364,7 +376,7 @@ def follow(states, paid, motors, task, slack, most, width):
             kept[n, motor], found[0, motor, n, 0], found[0, motor, n, 1] = n, k, m
             bounds[n] += cost_to_go(motors, task.reach, motor, 0, k, m)
         lowest = min(lowest, bounds[n])
-    chunks = (ticks + _CHUNK - 1) // _CHUNK
+    chunks = (ticks + _CHUNK_TICKS - 1) // _CHUNK_TICKS
     slacks, starts = np.full(chunks, slack), np.empty(chunks)
     # What there was at the start of the last two chunks.
     saved, saved_bounds, saved_count = np.empty((2, width, 2, 2), np.int64), np.empty((2, width)), np.empty(2, np.int64)
@@ -375,10 +387,11 @@ def follow(states, paid, motors, task, slack, most, width):
             saved_bounds[chunk % 2, n] = bounds[n]
             for motor in range(2):
                 saved[chunk % 2, n, motor] = found[clock & 1, motor, kept[n, motor]]
-        t0, t1 = chunk * _CHUNK, min((chunk + 1) * _CHUNK, ticks)
-        if used + _CHUNK * width > way.shape[0]:
-            longer = np.empty((2 * way.shape[0] + _CHUNK * width, 3), np.int32)
-            longer[:used] = way[:used]
+        t0, t1 = chunk * _CHUNK_TICKS, min((chunk + 1) * _CHUNK_TICKS, ticks)
+        if used + _CHUNK_TICKS * width > way.shape[0]:
+            longer = np.empty(2 * way.shape[0] + _CHUNK_TICKS * width, STEP)
+            for n in range(used):
+                longer[n] = way[n]
             way = longer
         kept_count, used, lowest = sweep(
             t0,
@@ -402,7 +415,7 @@ def follow(states, paid, motors, task, slack, most, width):
         narrow = min(slacks[begin], slacks[chunk])
         if chunk == newest and lowest - starts[begin] > narrow and narrow < most:
             slacks[begin] = slacks[chunk] = min(lowest - starts[begin], most)
-            chunk, kept_count, used, lowest = begin, saved_count[begin % 2], base[begin * _CHUNK], starts[begin]
+            chunk, kept_count, used, lowest = begin, saved_count[begin % 2], base[begin * _CHUNK_TICKS], starts[begin]
             for n in range(kept_count):
                 bounds[n] = saved_bounds[begin % 2, n]
                 for motor in range(2):
@@ -425,7 +438,7 @@ def follow(states, paid, motors, task, slack, most, width):
 def way_back(base, way, state, out):
     """Fill out [T, 2] with both motors' moves that lead to ``state`` of the last tick; return its first ancestor."""
     for t in range(base.shape[0] - 1, -1, -1):
-        at = base[t] + state
-        out[t, 0], out[t, 1] = way[at, 1], way[at, 2]
-        state = way[at, 0]
+        step = way[base[t] + state]
+        out[t, 0], out[t, 1] = step.moves[0], step.moves[1]
+        state = step.parent
     return state

@@ -147,6 +147,7 @@ def plan_both(targets, machine, c_max, controls, imagined):
 
 @inner(inline="always")
 def sign(c):
+    """Return −1, 0 or 1."""
     return (c > 0) - (c < 0)
 
 
