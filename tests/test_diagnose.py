@@ -99,6 +99,15 @@ def test_an_idlers_turn_makes_no_other_pulley(learned_mm: float, words: str) -> 
     assert words in _scale(drive, Doubt(), 40.0)[0].words  # type: ignore[arg-type]
 
 
+def test_a_radius_is_told_from_the_one_that_it_is_instead_of() -> None:
+    post, design = SimpleNamespace(sds=np.full(2, 1e-5)), SimpleNamespace(scale_at=1)
+    drive = SimpleNamespace(
+        name="a", branches=SimpleNamespace(period_mm=44.0, mean=SimpleNamespace(powers_mm=np.array([0.0, 0.012]))),
+        choice=SimpleNamespace(design=design, fit=SimpleNamespace(posterior=post)),
+    )  # fmt: skip
+    assert "7.0037 ± 0.0001 mm instead of 7.0028" in _scale(drive, Doubt(), 40.0)[0].words  # type: ignore[arg-type]
+
+
 def test_the_pulley_in_the_picture_is_the_pulley_in_the_machine(examined: Examination) -> None:
     x, y = examined.portraits
     r0 = radius_mm(40.0)

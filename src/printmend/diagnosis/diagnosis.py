@@ -133,7 +133,8 @@ def _scale(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault
     toothed = abs(learned_mm / TOOTH_MM - round(learned_mm / TOOTH_MM)) < 1e-9
     radius = (learned_mm if toothed else turn_mm) / (2 * np.pi)
     found = amount(radius * (1 + percent / 100), radius * sd / 100)
-    words = f"pulley radius {found} instead of {radius:.3f}"
+    digits = 3 if abs(radius * percent / 100) >= 0.001 else 4  # never a number instead of itself
+    words = f"pulley radius {found} instead of {radius:.{digits}f}"
     return [_fault(drive, "scale", percent, sd, words, "%")]
 
 
