@@ -143,6 +143,21 @@ def test_a_table_that_the_old_model_does_not_help_with_is_asked_whose_it_is(old:
         assert grown.missed_mm is None
 
 
+def test_a_printer_whose_guides_are_wavy_is_not_asked_whose_it_is() -> None:
+    """The measurement is freed of what the old model's guides do, and is compared with all that the old model says."""
+    wavy = Corruption((Drive(), Drive()), CrookedFrame(x_wave_mm=0.3, x_wave_period_mm=120.0))
+    way = np.vstack([stairs(700), np.random.default_rng(3).uniform(10, 210, (300, 2))])
+    places = Twin.of(wavy, ENDER3).follow(way)
+    first, second = (
+        Trace(way, places + np.random.default_rng(seed).normal(0, NOISE_MM, way.shape), homed=True) for seed in (1, 2)
+    )
+    old = learn_model(first, ENDER3)
+    assert len(old.mechanism.frame.waves) == 1
+    assert update(old, second, rng=np.random.default_rng(0)).missed_mm is None
+    healthy = replace(second, measured_mm=way + (second.measured_mm - places))
+    assert update(old, healthy, rng=np.random.default_rng(0)).missed_mm is not None
+
+
 def test_skew_that_grew_is_found(old: SavedModel) -> None:
     trace = printed(replace(machine(), frame=CrookedFrame(skew_deg=0.3)), 300, 6)
     (change,) = update(old, trace, rng=np.random.default_rng(0)).changes

@@ -209,13 +209,17 @@ def _updated(
 
 def _missed_mm(old: SavedModel, trace: Trace) -> tuple[float, float] | None:
     """Return how far a measurement lies from where an old model has it and from where a printer without faults would,
-    wherever the plate lay; None where the old model is nearer, as it is to a printer whose fault has grown."""
+    wherever the plate lay; None where the old model is nearer, as it is to a printer whose fault has grown.
+
+    The measurement is free of what the old model's wavy guides do; here they count again.
+    """
     known = trace.measured_rows
     if not known.any():
         return None
     wanted = trace.commanded_mm
+    printed = trace.measured_mm + old.mechanism.frame.waves_at_mm(wanted)
     both = (print_from_home(old.mechanism, wanted), wanted)
-    left, whole = (float(np.sqrt(np.var((trace.measured_mm - each)[known], axis=0).sum())) for each in both)
+    left, whole = (float(np.sqrt(np.var((printed - each)[known], axis=0).sum())) for each in both)
     return (left, whole) if left**2 - whole**2 > PLAIN_CHANGE_MM**2 else None
 
 
