@@ -34,22 +34,8 @@ _BESIDE_END_SHARE = 1e-7  # of a line: this side of its end, or that
 NEAR = 3  # wanted segments to either side that a printed point may belong to
 _UNIT_MM = 0.002  # of the packed offsets: 16 bits reach 65 mm
 _COLUMNS = [
-    "x0",
-    "y0",
-    "z0",
-    "x1",
-    "y1",
-    "z1",
-    "c0",
-    "c1",
-    "advance",
-    "flags",
-    "layer",
-    "turns",
-    "kind",
-    "plane",
-    "feed",
-]
+    "x0", "y0", "z0", "x1", "y1", "z1", "c0", "c1", "advance", "flags", "layer", "turns", "kind", "plane", "feed"
+]  # fmt: skip
 Columns = dict[str, np.ndarray]
 _BOTH_KNOWN = k.FLAG_KNOWN_X0 | k.FLAG_KNOWN_Y0 | k.FLAG_KNOWN_X1 | k.FLAG_KNOWN_Y1
 

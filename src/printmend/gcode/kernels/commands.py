@@ -311,12 +311,12 @@ def tool_change(numbers, counts, tool):
     return EVENT_TOOL if same else EVENT_TOOL + ALL_LOST
 
 
-# M commands in tenths. The place is kept by the first four groups and lost by the last two.
-_M_GEOMETRY = np.array([4250, 5560, 5790, 8520])
-_M_PAUSE = np.array([0, 10, 250, 600, 1250, 2260, 6000, 6010, 6020])
-_M_EXCLUDE = np.array([4860, 6240, 6250])
-_M_TOOL = np.array([60, 6200, 6210, 7010, 7020, 7030])
-_M_MACRO = np.array([240, 320, 480, 980, 6050, 6220, 6230, 8080, 9700, 9703, 9710])
+# M commands in tenths. The place is kept by the first three groups and lost by the last two.
+_M_GEOMETRY = np.array([4250, 5560, 5790, 8520])  # from here on the firmware changes what it is told
+_M_PAUSE = np.array([0, 10, 250, 600, 1250, 2260, 6000, 6010, 6020])  # the head parks and comes back
+_M_EXCLUDE = np.array([4860, 6240, 6250])  # what follows may be skipped
+_M_TOOL = np.array([60, 6200, 6210, 7010, 7020, 7030])  # tools, and filament that is changed
+_M_MACRO = np.array([240, 320, 480, 980, 6050, 6220, 6230, 8080, 9700, 9703, 9710])  # the firmware expands them
 
 
 @inner

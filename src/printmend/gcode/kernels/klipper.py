@@ -9,11 +9,8 @@ from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import CAPITAL, SPACED, among, is_letter, name_hash, parse_number, word_hash
 from printmend.jit import inner
 
-_SAVE, _RESTORE, _OFFSET = (
-    name_hash("SAVE_GCODE_STATE"),
-    name_hash("RESTORE_GCODE_STATE"),
-    name_hash("SET_GCODE_OFFSET"),
-)
+_SAVE, _RESTORE = name_hash("SAVE_GCODE_STATE"), name_hash("RESTORE_GCODE_STATE")
+_OFFSET = name_hash("SET_GCODE_OFFSET")
 _KEY_NAME, _KEY_MOVE, _DEFAULT = name_hash("NAME"), name_hash("MOVE"), name_hash("DEFAULT")
 _KEY_AXIS = np.array([name_hash("X"), name_hash("Y"), name_hash("Z")])
 _KEY_ADJUST = np.array([name_hash("X_ADJUST"), name_hash("Y_ADJUST"), name_hash("Z_ADJUST")])

@@ -12,7 +12,7 @@ from printmend.jit import entry, inner
 _TABLE = np.frombuffer(b"0123456789. \nGX", np.uint8)
 _INDEX = np.full(256, 15, np.uint8)
 _INDEX[_TABLE] = np.arange(15)
-_SIGNAL, _PACK, _PLAIN, _RESET, _NO_SPACES, _SPACES = 255, 251, 250, 249, 247, 246
+_SIGNAL, _PACK, _PLAIN, _RESET, _NO_SPACES, _SPACES = 255, 251, 250, 249, 247, 246  # bytes of the format's commands
 
 
 @entry

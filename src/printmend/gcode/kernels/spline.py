@@ -24,9 +24,7 @@ from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import upper
 from printmend.jit import inner
 
-CHORD_OFF_MM = (
-    0.005  # how far a chord may be off the curve: half of the tolerance of mending, as where arcs become chords
-)
+CHORD_OFF_MM = 0.005  # how far a chord may be off the curve: half of the tolerance of mending
 MOST_CHORDS = 1024  # of one curve: none that fits on a bed needs more
 CURVES_A_LINE = 8  # that are cut into chords: further ones of the line stay as they are
 _CONTROLS = WORD_I | WORD_J | WORD_P | WORD_Q
