@@ -440,6 +440,29 @@ def test_a_whole_number_of_teeth_is_found_where_contacts_hide_it(
     assert box.periods_mm == pytest.approx((2 * teeth, 2 * teeth), rel=0.002)
 
 
+@pytest.mark.parametrize(("period_mm", "size_mm"), [(34.6, 0.1), (45.0, 0.1), (50.0, 0.2)])
+@pytest.mark.parametrize("beside_mm", [0.0, 0.1])
+def test_an_idler_is_no_pulley_however_strong(
+    period_mm: float, size_mm: float, beside_mm: float, rng: np.random.Generator
+) -> None:
+    """With and without a pulley off its centre: what both do is learned, and goes on where nothing was measured."""
+    points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (600, 2))])
+    others = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (1000, 2))])
+    twin = Twin.of(Corruption((Drive(pulley=EccentricBore(beside_mm, 1.0)), Drive())), PRINTER)
+
+    def printed(at: np.ndarray) -> np.ndarray:
+        off = size_mm * np.sin((at[:, 0] - at[0, 0]) / period_mm * 2 * np.pi)
+        return twin.follow(at) + np.stack([off, np.zeros(len(at))], axis=1)
+
+    trace = Trace(points, printed(points) + rng.normal(0, 0.02, points.shape), homed=True)
+    box = Greybox().fit(trace, PRINTER, rng=rng)
+    missed = Twin(box.mechanism).follow(others)[1:] - printed(others)[1:]
+    assert np.sqrt((missed**2).sum(axis=1).mean()) < 0.015
+    if beside_mm:
+        assert box.periods_mm[0] == 40.0
+        assert box.drives[0].structure.second_mm == pytest.approx(period_mm, rel=0.05)
+
+
 def test_an_idler_is_a_part_that_the_evidence_switches_on(rng: np.random.Generator, tmp_path: Path) -> None:
     """It is learned beside the pulley, goes on where nothing was measured, and comes back from the model's file."""
     trace = measured_once(rng, count=700)

@@ -35,7 +35,8 @@ def with_second(rows: Rows, found: Choice, ripple: tuple[int, ...]) -> Choice:
         return found
     plain = found
     if found.structure.warp_mm:
-        plain = fitted(rows, replace(found.structure, warp_mm=0.0), ripple, found, passes=CONTACT_PASSES)
+        pulley = "all" if found.structure.pulley == "none" else found.structure.pulley  # it may stand for both
+        plain = fitted(rows, replace(found.structure, warp_mm=0.0, pulley=pulley), ripple, found, passes=CONTACT_PASSES)
     if (length_mm := likeliest_second_mm(rows, plain)) is None:
         return found
     structure = replace(plain.structure, second_mm=length_mm, offset=True)

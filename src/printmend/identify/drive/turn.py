@@ -31,14 +31,16 @@ CALIBRATED_SHARE = 0.01  # first step, as a share of a turn, in which calibrated
 def turned(rows: Rows, some: Rows) -> tuple[float, Choice]:
     """Return how long the motor's turn is [mm], and the main parts of ``some`` of its ``rows``."""
     period_mm, found = roughly_turned(rows, some)
-    if found.fit.loss_mm < LEAST_LEFT_MM or _share(some, found) > NO_PATTERN_SHARE:
+    if found.fit.loss_mm > LEAST_LEFT_MM and _share(some, found) < NO_PATTERN_SHARE:
+        toothed_mm = _toothed(some, period_mm, found)
+        toothed = main_parts(replace(some, period_mm=toothed_mm))
+        if _share(some, toothed) * _nats(some, found, toothed) > LEAST_NATS:
+            period_mm, found = toothed_mm, toothed
+    if period_mm == rows.period_mm:
         return period_mm, found
-    toothed_mm = _toothed(some, period_mm, found)
-    toothed = main_parts(replace(some, period_mm=toothed_mm))
-    if _share(some, toothed) * _nats(some, found, toothed) < LEAST_NATS:
-        return period_mm, found
-    beside = with_second(some, main_parts(some), ())  # the printer's own turn, and an idler
-    return (period_mm, found) if likelier(beside, toothed) > PART_NATS else (toothed_mm, toothed)
+    own = main_parts(some)
+    beside = with_second(some, _whole(some, own), ())  # the printer's own turn, and an idler
+    return (rows.period_mm, own) if likelier(beside, found) > PART_NATS else (period_mm, found)
 
 
 def roughly_turned(rows: Rows, some: Rows) -> tuple[float, Choice]:
@@ -53,10 +55,9 @@ def roughly_turned(rows: Rows, some: Rows) -> tuple[float, Choice]:
 def _toothed(rows: Rows, period_mm: float, found: Choice) -> float:
     """Return the best turn among ``period_mm``, with which ``found`` was fitted, the whole numbers of teeth near the
     printer's, and lengths near the best of these."""
-    structure = replace(found.structure, pulley="all", offset=True, warp_mm=0.0)
 
     def left_mm(length_mm: float) -> float:
-        return coarsely_fitted(replace(rows, period_mm=length_mm), structure, found).fit.loss_mm
+        return _whole(replace(rows, period_mm=length_mm), found).fit.loss_mm
 
     shortest, longest = (share * rows.period_mm / TOOTH_MM for share in NEAR_TURNS)
     longest = min(longest, float(np.ptp(rows.motor_mm[rows.weight > 0])) / LEAST_TURNS / TOOTH_MM)
@@ -64,6 +65,11 @@ def _toothed(rows: Rows, period_mm: float, found: Choice) -> float:
     sharper_mm = sharpened(best_mm, CALIBRATED_SHARE / best_mm, left_mm)
     gained = np.count_nonzero(rows.weight) * np.log(left_mm(best_mm) / max(left_mm(sharper_mm), 1e-12))
     return float(sharper_mm if gained > AS_GOOD_NATS else best_mm)
+
+
+def _whole(rows: Rows, found: Choice) -> Choice:
+    """Fit all harmonics of the rows' turn in place of what ``found`` has of a pulley and of what repeats nothing."""
+    return coarsely_fitted(rows, replace(found.structure, pulley="all", offset=True, warp_mm=0.0), found)
 
 
 def _nats(rows: Rows, one: Choice, other: Choice) -> float:
