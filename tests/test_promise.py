@@ -623,3 +623,18 @@ def test_no_more_directions_are_kept_than_a_file_may_hold(sizes: list[int], seed
     if sum(counts) < DIRECTIONS:
         lost = sum(each[count:].sum() for each, count in zip(spreads, counts, strict=True))
         assert lost <= (1 - KEPT_VARIANCE_SHARE) * sum(each.sum() for each in spreads) + 1e-12
+
+
+@pytest.mark.parametrize("length_mm", [61.0, 79.5])
+def test_one_scans_wave_may_be_its_carriages(length_mm: float, rng: np.random.Generator) -> None:
+    """What a scanner's carriage does by running uneven is not printed into parts; two turns of the plate tell it."""
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (600, 2))])
+    wave = 0.022 * np.sin(points[:, 1] / length_mm * 2 * np.pi)
+    measured = points + np.stack([np.zeros(len(points)), wave], axis=1) + rng.normal(0, 0.01, points.shape)
+    scan = Trace(points, measured, homed=True, placed=False, instrument=FLATBED)
+    once = learn_model(scan, ENDER3)
+    assert is_healthy(once)
+    assert "Scan the same plate a second time" in report(once)
+    assert max(each["unexplained_mm2"] for each in once.document["promise"]["motors"].values()) > 0.4 * 0.022**2 / 2
+    twice = learn_model(replace(scan, instrument=replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4)), ENDER3)
+    assert not is_healthy(twice)

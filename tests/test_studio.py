@@ -40,7 +40,7 @@ from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
 from printmend.promise import misfit_rows, misfit_tests
 from printmend.promise import words as promise_words
-from printmend.promise.apply import still_words
+from printmend.promise.apply import ONE_TURN, still_words
 from printmend.promise.laws import LAWS
 from printmend.promise.scale import in_words
 from printmend.repair import check_gcode, mend_gcode
@@ -659,7 +659,8 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         box = SimpleNamespace(drives=(turned,), printer=SimpleNamespace(axes=(SimpleNamespace(mm_per_turn=40.0),)))
         assert _german(misfit_tests._other_turns(box)[0].words), period  # type: ignore[arg-type]
     left = {"promise": {"left_out": [{"part": "X line", "value": 0.0123, "sd": 0.01, "unit": "mm", "why": "drift"}]}}
-    assert _german(still_words(left)[0].removeprefix("note: "))
+    left["promise"]["left_out"].append({"part": "Y idler", "value": 0.01, "sd": 0.01, "unit": "mm", "why": ONE_TURN})
+    assert all(_german(words.removeprefix("note: ")) for words in still_words(left))
     for acts in (0.0, 0.01):
         assert _german(in_words(np.full(2, 0.01), np.full(2, acts), 0.002).removeprefix("warning: "))
     for words in ("told to ±", "the heights span", "no heights were measured", "no height was measured after"):

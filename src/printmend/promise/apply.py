@@ -48,6 +48,14 @@ _PART_WORDS = {
 }
 
 
+# RMS below which a wave that repeats at no pulley's turn, or what repeats nothing, does not act where a plate was
+# scanned at one turn: carriages that run uneven by ten times what a good one does are met, too, and make the same.
+CARRIAGE_MM = 0.02
+CARRIAGES_SHARE = 0.5  # share of such a wave's variance that is the printer's, as far as anybody knows
+TURNED_AXES_SD = 5e-4  # scans at two turns know the difference of the scanner's axes better than that, one does not
+ONE_TURN = "no more than a scanner's carriage makes"
+
+
 @dataclass(frozen=True)
 class LeftOut:
     """A part that was found and does not act: its size ± ``sd`` in ``unit``, and why."""
@@ -84,7 +92,8 @@ class Believed:
 class Acting:
     """The machine that may act, the parts of the learned one that were left out, and the belief about its stretch.
 
-    ``still_mm2`` is the variance on the bed of what was left out of either motor because the printer drifts as much;
+    ``still_mm2`` is the variance on the bed of what was left out of either motor because the printer drifts as much, or
+    a scanner's carriage may make it;
     ``turn_rad`` is by how much a CoreXY's skewed frame turns what it prints, clockwise, where a measurement that knows
     no place does not tell: its x keeps its direction then, and y alone leans.
     """
@@ -107,7 +116,9 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None, unres
         return _still(fit, unrest_mm, trace.placed)
     base = np.zeros(3) if old is None else stretch_of_model(old)
     values = [drive.choice.fit.posterior.values.copy() for drive in fit.drives]
-    left_out = [each for motor in range(2) for each in _waves(fit, motor, values[motor], instrument)]
+    waves = [_waves(fit, motor, values[motor], instrument) for motor in range(2)]
+    x_mm2, y_mm2 = (CARRIAGES_SHARE * sum(each.value**2 for each in one if each.why == ONE_TURN) for one in waves)
+    left_out = [*waves[0], *waves[1]]
     found = observed_stretch(fit)
     corexy = fit.printer.kinematics == "corexy"
     believed, applied, skew = believe(found.value - base, found.covariance, instrument, corexy)
@@ -129,7 +140,7 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None, unres
         np.array_equal(mine, drive.choice.fit.posterior.values) for mine, drive in zip(values, fit.drives, strict=True)
     ):
         return Acting(fit, (), believed, turn_rad)
-    return Acting(_rebuilt(fit, values, trace.placed), tuple(left_out), believed, turn_rad)
+    return Acting(_rebuilt(fit, values, trace.placed), tuple(left_out), believed, turn_rad, (x_mm2, y_mm2))
 
 
 def _still(fit: GreyboxModel, unrest_mm: float, placed: bool) -> Acting:
@@ -158,16 +169,30 @@ def _still(fit: GreyboxModel, unrest_mm: float, placed: bool) -> Acting:
 
 
 def still_words(document: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return a sentence for each motor whose line a model leaves as it is, because the printer drifts as much."""
+    """Return a sentence for each part that a model leaves out because the printer drifts as much while it prints, or
+    because a scanner's carriage makes the same."""
     section = document.get("promise")
     left_out = section.get("left_out") if isinstance(section, dict) else None
-    return tuple(
-        f"note: {part.removesuffix(LINE)} has an error of scale and place of {each['value']:.3f} mm, no more than what "
-        "changed by itself while this was printed: mending leaves it as it is"
-        for each in (left_out if isinstance(left_out, list) else ())
-        if isinstance(each, dict) and isinstance(part := each.get("part"), str) and part.endswith(LINE)
-        and isinstance(each.get("value"), int | float)
-    )  # fmt: skip
+    found, waves = [], dict[str, float]()
+    for each in left_out if isinstance(left_out, list) else ():
+        if not isinstance(each, dict) or not isinstance(part := each.get("part"), str):
+            continue
+        if not isinstance(value := each.get("value"), int | float):
+            continue
+        if part.endswith(LINE):
+            found.append(
+                f"note: {part.removesuffix(LINE)} has an error of scale and place of {value:.3f} mm, no more than what "
+                "changed by itself while this was printed: mending leaves it as it is"
+            )
+        elif each.get("why") == ONE_TURN:
+            motor = part.partition(" ")[0]
+            waves[motor] = max(value, waves.get(motor, 0.0))
+    found += [
+        f"note: {motor} has a wave of {value:.3f} mm, which a scanner's carriage makes, too: mending leaves it as it "
+        "is. Scan the same plate a second time, turned by a quarter, and both are told apart"
+        for motor, value in waves.items()
+    ]
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,11 +375,17 @@ def _waves(fit: GreyboxModel, motor: int, values: np.ndarray, instrument: Instru
     bent[design.parts["cross"]] = [p + q > 1 for p, q in CROSS[: len(design.cross)]]
     seen.append((bent, float(np.linalg.norm(values[bent])), "bent guides"))
     found = []
+    least_mm = WAVE_FACTOR * instrument.wave_mm
+    carriage_mm = CARRIAGE_MM if instrument.wave_mm and instrument.axes_sd > TURNED_AXES_SD else 0.0
+    carriages = [_PART_WORDS["warp"], _PART_WORDS["second"]]
+    if branches.period_mm != fit.printer.axes[motor].mm_per_turn:
+        carriages += [_PART_WORDS["mean"], _PART_WORDS["elastic"]]
     for mask, size, word in seen:
-        if 0 < size <= WAVE_FACTOR * instrument.wave_mm:
+        is_carriages = least_mm < size <= carriage_mm and word in carriages
+        if 0 < size <= least_mm or is_carriages:
             values[mask] = 0.0
-            part = f"{drive.name.upper()} {word}"
-            found.append(LeftOut(part, round(size, 5), instrument.wave_mm, "mm", "no more than the instrument makes"))
+            why = ONE_TURN if is_carriages else "no more than the instrument makes"
+            found.append(LeftOut(f"{drive.name.upper()} {word}", round(size, 5), instrument.wave_mm, "mm", why))
     return found
 
 

@@ -24,6 +24,9 @@ GOES_ON = 0.7  # standard deviation of the logarithm of a factor on the share of
 # What grew evenly until the measured print ended stops with this probability; else it goes on in a new print as fast,
 # to a factor whose logarithm has this standard deviation, for as long as the measured print was at most.
 EVENLY, STOPS, SPEED_LOG_SD = ("linear", "wear"), 0.5, 0.4
+# What crept looks the same whether something gave way for good or the machine warmed up, and then begins anew with the
+# next print: with this probability.
+CREEPS_ANEW = 0.25
 # Some misfits begin anew with every print, as warming does. The time at which a new part is printed is drawn evenly
 # between these shares of the measured print's length.
 VARIES_FROM, VARIES_TO = 0.1, 1.0
@@ -96,6 +99,9 @@ class Effect:
         share = rng.normal(*SHARES[self.state], len(begun))
         if self.state == ENDED:
             share *= np.exp(rng.normal(0.0, GOES_ON, len(begun)))
+        if self.state == ENDED and self.kind == "creep":
+            anew = warmed(now, self.detail) / warmed(np.ones(1), self.detail) - 1.0
+            share = np.where(rng.random(len(begun)) < CREEPS_ANEW, anew, share)
         if self.state == ENDED and self.kind in EVENLY and self.way_mm:
             more = columns[:, :1] * np.minimum(places.gone_mm / self.way_mm, 1.0)[:, None]
             goes_on = (rng.random(len(begun)) > STOPS) * np.exp(rng.normal(0.0, SPEED_LOG_SD, len(begun)))

@@ -434,7 +434,7 @@ def _words(cause: Cause, motors: tuple[str, ...]) -> str:
         "linear": f"{name} drifted evenly during the print, by {weight:+.2f} mm from the first point to the last",
         "step": f"{name} was suddenly off by {weight:+.2f} mm after {100 * detail:.0f} % of the print",
         "creep": f"{name} crept by {weight * grown:+.2f} mm, most of it in the first {100 * detail:.0f} % of the print"
-        ": something gives way, as a set screw does",
+        ": something gives way, as a set screw does, or the machine warms up and is cold again when a print begins",
         "wear": f"the play of {name} changed by {2 * weight:+.2f} mm while the print went on: something comes loose",
         "thermal": f"{name} grew by {2 * weight * grown:+.2f} mm from end to end while the print went on, as a machine "
         "that warms up does",
