@@ -23,6 +23,7 @@ from printmend.saved.model import (
     saved_model,
     write_model,
 )
+from printmend.twin import Twin
 
 ENDER3 = read_printer("ender3")
 AXIS = printer_section(ENDER3)["x"]
@@ -66,8 +67,12 @@ def test_tables_of_a_printer_with_fine_steps_are_read_back() -> None:
     truth = Corruption((worn, Drive())).lower(printer)
     text = model_text(exact_model(truth))
     assert 4 * len(text) < MAX_TEXT_BYTES  # tables of both sides of both motors
-    got = parse_model(text, subject="text").mechanism.transmissions[0]
+    again = parse_model(text, subject="text").mechanism
+    got = again.transmissions[0]
     assert len(got.lower_mm) <= MOST_WRITTEN
+    start, controls = np.array([300, 300]), np.random.default_rng(4).integers(-1, 2, (400, 2)).cumsum(axis=0)
+    ways = [Twin(each).run(np.diff(controls, axis=0, prepend=0), start) for each in (truth.homed(), again)]
+    np.testing.assert_allclose(*ways, atol=1e-4)  # on the lattice, too, where entries stand for full steps
     bed_mm = np.linspace(0.0, 220.0, 5001)
     want, read = (each.branches_mm(bed_mm)[0] for each in (truth.homed().transmissions[0], got))
     assert np.abs(want - read).max() < 1e-6

@@ -17,6 +17,8 @@ from printmend.path import frozen
 from printmend.printer import Printer
 from printmend.printer.printer import Axis
 
+WHOLE = 1e-6  # a full step this near a whole number of a table's entries is one
+
 
 @dataclass(frozen=True, eq=False)
 class LatticeMotor:
@@ -128,7 +130,7 @@ def _lattice_motor(
     name: str, table: Transmission, axis: Axis, corner_mm: float, start_step: int, rest_share: float
 ) -> LatticeMotor:
     """Return a transmission on the lattice, for a layer that starts at full step ``start_step`` of its motor."""
-    lower, upper = _errors_steps(table, axis.microsteps, axis.mm_per_step)
+    lower, upper = _errors_steps(table, axis.mm_per_step)
     first = round((table.first_mm - corner_mm) / axis.mm_per_step)
     motor = LatticeMotor(name, first, start_step - first, np.empty(len(lower)), np.empty(len(lower)))
     motor.check(np.array(motor.start))
@@ -138,11 +140,20 @@ def _lattice_motor(
 
 
 @lru_cache(maxsize=16)  # every layer on a machine asks again
-def _errors_steps(table: Transmission, stride: int, mm_per_step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far the branches of a table lie from its motor at full steps, in full steps."""
+def _errors_steps(table: Transmission, mm_per_step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far the branches of a table lie from its motor at full steps, in full steps.
+
+    A machine's tables have an entry for each micro-step, those of a saved model may have fewer.
+    """
     # Errors, not positions, go through the change of units: a healthy motor stays exact.
-    motor_mm = table.motor_mm[::stride]
-    lower, upper = ((branch[::stride] - motor_mm) / mm_per_step for branch in (table.lower_mm, table.upper_mm))
+    motor_mm, stride = table.motor_mm, mm_per_step / table.pitch_mm
+    errors_mm = [branch - motor_mm for branch in (table.lower_mm, table.upper_mm)]
+    if abs(stride - round(stride)) < WHOLE:
+        at_steps = [each[:: round(stride)] for each in errors_mm]
+    else:
+        full_mm = np.arange(motor_mm[0], motor_mm[-1] + table.pitch_mm / 2, mm_per_step)
+        at_steps = [np.interp(full_mm, motor_mm, each) for each in errors_mm]
+    lower, upper = (each / mm_per_step for each in at_steps)
     return frozen(lower), frozen(upper)
 
 
