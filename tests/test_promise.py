@@ -638,3 +638,12 @@ def test_one_scans_wave_may_be_its_carriages(length_mm: float, rng: np.random.Ge
     assert max(each["unexplained_mm2"] for each in once.document["promise"]["motors"].values()) > 0.4 * 0.022**2 / 2
     twice = learn_model(replace(scan, instrument=replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4)), ENDER3)
     assert not is_healthy(twice)
+
+
+def test_play_that_was_left_out_is_no_finding(rng: np.random.Generator) -> None:
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (600, 2))])
+    twin = Twin.of(Corruption((Drive(belt=Play(0.04)), Drive())), ENDER3)
+    measured = twin.follow(points) + rng.normal(0, 0.01, points.shape)
+    for wave_mm, said in ((0.02, "X healthy; Y healthy"), (0.001, "X belt play 0.0")):
+        scan = Trace(points, measured, homed=True, placed=False, instrument=replace(FLATBED, wave_mm=wave_mm))
+        assert report(learn_model(scan, ENDER3)).startswith(said)

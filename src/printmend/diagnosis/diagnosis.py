@@ -169,6 +169,8 @@ def _play(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     low, high = drive.branches.reach_mm
     motor = np.linspace(low, high, 2001)
     _, play = drive.branches.errors_mm(motor)
+    if not play.any():  # left out: no more than the instrument makes
+        return []
     sd = float(np.hypot(drive.choice.fit.posterior.sds[drive.choice.design.play_at], doubt.wave_mm / 2))
     value = float(play.mean())
     smallest, largest = float(play.min()), float(play.max())
