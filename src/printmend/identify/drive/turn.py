@@ -14,6 +14,7 @@ from printmend.identify.drive.fit import independent_share, robust_sigma_mm
 from printmend.identify.drive.period import (
     AS_GOOD_NATS,
     LEAST_NATS,
+    LEAST_ROWS,
     LEAST_TURNS,
     TOOTH_MM,
     likeliest_period_mm,
@@ -31,7 +32,9 @@ CALIBRATED_SHARE = 0.01  # first step, as a share of a turn, in which calibrated
 def turned(rows: Rows, some: Rows) -> tuple[float, Choice]:
     """Return how long the motor's turn is [mm], and the main parts of ``some`` of its ``rows``."""
     period_mm, found = roughly_turned(rows, some)
-    if found.fit.loss_mm > LEAST_LEFT_MM and _share(some, found) < NO_PATTERN_SHARE:
+    span_mm = float(np.ptp(rows.motor_mm[rows.weight > 0])) if rows.weight.any() else 0.0
+    is_seen = span_mm > LEAST_TURNS * rows.period_mm and np.count_nonzero(some.weight) > LEAST_ROWS
+    if is_seen and found.fit.loss_mm > LEAST_LEFT_MM and _share(some, found) < NO_PATTERN_SHARE:
         toothed_mm = _toothed(some, period_mm, found)
         toothed = main_parts(replace(some, period_mm=toothed_mm))
         if _share(some, toothed) * _nats(some, found, toothed) > LEAST_NATS:
