@@ -59,14 +59,17 @@ def _toothed(rows: Rows, period_mm: float, found: Choice) -> float:
     """Return the best turn among ``period_mm``, with which ``found`` was fitted, the whole numbers of teeth near the
     printer's, and lengths near the best of these."""
 
+    def with_turn(length_mm: float) -> Choice:
+        return _whole(replace(rows, period_mm=length_mm), found)
+
     def left_mm(length_mm: float) -> float:
-        return _whole(replace(rows, period_mm=length_mm), found).fit.loss_mm
+        return with_turn(length_mm).fit.loss_mm
 
     shortest, longest = (share * rows.period_mm / TOOTH_MM for share in NEAR_TURNS)
     longest = min(longest, float(np.ptp(rows.motor_mm[rows.weight > 0])) / LEAST_TURNS / TOOTH_MM)
     best_mm = min([period_mm, *(TOOTH_MM * np.arange(np.ceil(shortest), longest))], key=left_mm)
     sharper_mm = sharpened(best_mm, CALIBRATED_SHARE / best_mm, left_mm)
-    gained = np.count_nonzero(rows.weight) * np.log(left_mm(best_mm) / max(left_mm(sharper_mm), 1e-12))
+    gained = _nats(rows, with_turn(best_mm), with_turn(sharper_mm))
     return float(sharper_mm if gained > AS_GOOD_NATS else best_mm)
 
 
