@@ -3,24 +3,7 @@
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import (
-    CLOSE,
-    LETTER_A,
-    LETTER_E,
-    LETTER_F,
-    LETTER_G,
-    LETTER_I,
-    LETTER_X,
-    LETTER_Z,
-    OPEN,
-    PLUS,
-    QUOTE,
-    SEMICOLON,
-    SMALL_A,
-    SPACE,
-    STAR,
-    ZERO,
-)
+from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import (
     CAPITAL,

@@ -11,7 +11,7 @@ line whose checksum has to be computed again ends in `*+`.
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import CR, LETTER_G, ONE, PLUS, SPACE, STAR, ZERO
+from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.edit import copy_tail, edit_plain, edit_statement, is_plain_edit
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.row import PLAIN_WORDS, put_eol, put_line_start, put_row

@@ -3,21 +3,7 @@
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import (
-    COLON,
-    CR,
-    LETTER_B,
-    LETTER_C,
-    LETTER_G,
-    LETTER_L,
-    LETTER_M,
-    LETTER_N,
-    LETTER_T,
-    LF,
-    MINUS,
-    SEMICOLON,
-    SPACE,
-)
+from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.commands import (
     ALL_LOST,
     add_offsets,

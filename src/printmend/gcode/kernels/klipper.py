@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import EQUALS, SEMICOLON
+from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.commands import ALL_LOST
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import CAPITAL, SPACED, among, is_letter, name_hash, parse_number, word_hash

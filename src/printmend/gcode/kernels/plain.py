@@ -6,22 +6,7 @@ It does what the general way in `interpret` does to such a line, in half the tim
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import (
-    CR,
-    LETTER_E,
-    LETTER_F,
-    LETTER_G,
-    LETTER_X,
-    LETTER_Y,
-    LETTER_Z,
-    LF,
-    MINUS,
-    ONE,
-    POINT,
-    SEMICOLON,
-    SPACE,
-    ZERO,
-)
+from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import POWERS, digit_of
 from printmend.jit import inner

@@ -3,23 +3,7 @@
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import (
-    CR,
-    FIVE,
-    LETTER_A,
-    LETTER_E,
-    LETTER_G,
-    LETTER_I,
-    LETTER_N,
-    LETTER_X,
-    LF,
-    OPEN,
-    PLUS,
-    SEMICOLON,
-    SPACE,
-    STAR,
-    THREE,
-)
+from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import is_blank, is_letter, upper
 from printmend.gcode.kernels.words import (

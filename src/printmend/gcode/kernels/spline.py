@@ -7,18 +7,7 @@ P and Q from P3 to P2; filament and height go with t (Marlin's `cubic_b_spline`)
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import (
-    FIVE,
-    FOUR,
-    LETTER_G,
-    MINUS,
-    OPEN,
-    PLUS,
-    POINT,
-    QUOTE,
-    SEMICOLON,
-    ZERO,
-)
+from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.commands import begin_record, finish_record
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import upper

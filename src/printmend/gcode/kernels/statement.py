@@ -6,30 +6,7 @@ Letters are read one after the other; `Y-2.4e-5`, `X 10`, `X[next]`, `(remark)` 
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import (
-    BRACE,
-    BRACE_END,
-    BRACKET,
-    BRACKET_END,
-    CLOSE,
-    HASH,
-    LETTER_A,
-    LETTER_G,
-    LETTER_M,
-    LETTER_T,
-    LETTER_Z,
-    MINUS,
-    OPEN,
-    PLUS,
-    POINT,
-    QUOTE,
-    SEMICOLON,
-    SMALL_A,
-    SMALL_E,
-    SPACE,
-    STAR,
-    UNDERSCORE,
-)
+from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.commands import set_mode
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import (

@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from printmend.gcode.kernels.ascii import LETTER_F, LETTER_G, MINUS, POINT, SPACE, TO_SMALL, ZERO
+from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.text import POWERS, is_digit, upper
 from printmend.jit import inner
