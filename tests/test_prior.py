@@ -109,6 +109,23 @@ def turn_errors_mm(model: GreyboxModel, twin: Twin, trace: Trace) -> tuple[np.nd
     return np.array(errors), np.array(sds)
 
 
+def test_machines_differ_where_nobody_looked() -> None:
+    """Half of an eccentric pulley may be half of one with a flat, or of an egg: few of these are far off."""
+    _, trace = half_turn("eccentric", 0.05)
+    model = PriorLearner().fit(trace, PRINTER, rng=np.random.default_rng(0))
+    middle = (trace.commanded_mm.min(axis=0) + trace.commanded_mm.max(axis=0)) / 2
+    for motor, drive in enumerate(model.drives):
+        at = middle[motor] + np.linspace(-20, 20, 201)
+        machines = drive.choice.machines
+        assert machines is not None
+        columns, _ = drive.choice.design.columns(at, drive.branches.period_mm, drive.branches.middle_mm)
+        away = columns @ machines
+        away -= away[75:126].mean(axis=0)
+        seen, unseen = (np.sqrt((away[rows] ** 2).mean(axis=0)) for rows in (slice(75, 126), slice(0, 50)))
+        assert np.median(unseen) > 2 * np.median(seen)
+        assert unseen.max() > 3 * np.median(unseen)
+
+
 def test_half_a_turn_tells_a_regular_pulley() -> None:
     """An ellipse is told below, through `learn`."""
     twin, trace = half_turn("hexagon", 0.05)

@@ -13,11 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from printmend.cli.main import group
-from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play
+from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon
 from printmend.errors import ModelError, RefusedError, TraceError
 from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
 from printmend.identify.drive import Rows
+from printmend.identify.drive.machines import MACHINES
 from printmend.learn.greybox import motor_rows
 from printmend.measure.distance import scaled_by, settled
 from printmend.measure.table import read_trace, write_trace
@@ -198,6 +199,33 @@ def test_a_part_left_out_is_there_in_few_machines(bent: SavedModel, rng: np.rand
     assert np.mean(z != 0, axis=1) == pytest.approx([1, 1, 0.1, 0.1, 0.5], abs=0.01)
     assert np.var(z, axis=1) == pytest.approx(np.ones(5), abs=0.06)  # the same variance as if it were always there
     assert ((z[2] != 0) == (z[3] != 0)).all()  # one part: both of its directions, or none
+
+
+def test_where_machines_are_kept_each_draw_is_one_of_them(bent: SavedModel, rng: np.random.Generator) -> None:
+    budget = parse_budget(bent)
+    assert budget is not None
+    motor = replace(budget.motors[0], factor_mm=np.ones((budget.motors[0].design.size, 5)), machines=True)
+    z = np.hstack([_directions(motor, rng) for _ in range(50)])
+    assert ((z > 0).sum(axis=0) == 1).all()
+    assert np.mean(z > 0, axis=1) == pytest.approx(np.full(5, 0.2), abs=0.02)
+
+
+def test_a_print_of_half_a_turn_promises_by_the_machines_that_it_allows(part: Path) -> None:
+    """Half of a polygon may be half of an oval, of a triangle or of neither: the rest is in as much doubt."""
+    rng = np.random.default_rng(6)
+    way = np.concatenate([[[0.0, 0.0]], 100 + rng.uniform(-9, 9, (300, 2))])
+    twin = Twin.of(Corruption((Drive(pulley=Polygon((6.2, 7.1, 6.4, 7.4, 6.6))), Drive())), ENDER3)
+    trace = Trace(way, twin.follow(way) + rng.normal(0, 0.05, way.shape), homed=True)
+    model = learn_model(trace, ENDER3)
+    budget = parse_budget(model)
+    assert budget is not None
+    assert budget.motors[0].machines
+    assert budget.motors[0].factor_mm.shape[1] == MACHINES
+    done = mend_gcode(part, model, part.with_name("out.gcode"), force=True)
+    promise = done.prediction.after
+    truth = judge_gcode(part, part.with_name("out.gcode"), twin)
+    assert promise.rms_low_mm < truth.after.rms_mm < promise.rms_high_mm
+    assert promise.rms_high_mm > 5 * promise.rms_low_mm
 
 
 def test_what_was_left_out_is_read_with_its_chance() -> None:

@@ -26,7 +26,8 @@ class MotorBudget:
 
     ``seen`` is the share of its turn that was measured: the rest is a guess, and so is how good it is.
     ``left_out`` are the numbers of the last directions, and the chance p that they are there at all: each a part that
-    the fit left out. Their factors are √p of what the part does, so that F Fᵀ is the variance of all.
+    the fit left out. Their factors are √p of what the part does, so that F Fᵀ is the variance of all. With ``machines``
+    the factors are no directions but R machines that the measurement allows, each as likely: z is 1 for one of them.
     ``design`` says which parameters there are; ``reach_mm`` beyond which powers above the first go on straight.
     ``unexplained_mm2`` and ``unexplained_sd_mm2`` are the variance of what no parameter follows, and its doubt.
     """
@@ -40,6 +41,7 @@ class MotorBudget:
     unexplained_sd_mm2: float
     seen: float = 1.0
     left_out: tuple[tuple[int, float], ...] = ()
+    machines: bool = False
 
     def columns(self, motor_mm: np.ndarray, own_mm: np.ndarray, other_mm: np.ndarray, side: np.ndarray) -> np.ndarray:
         """Return by how much the belt would be off for each of the R directions [N, R].
@@ -157,6 +159,7 @@ def _motor(section: Any, subject: str) -> MotorBudget:
         abs(number(section, "unexplained_sd_mm2", subject, LARGEST**2)),
         number(section, "seen", subject) if "seen" in section else 1.0,
         _left_out(section, factor.shape[1], subject),
+        bool(section.get("machines")),
     )
 
 

@@ -38,8 +38,10 @@ LASTING = ("unexplained", "motion")  # local causes whose errors are alike at ne
 NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
 WHOLE_TURN_SHARE = 0.95  # a pulley of which this share of a turn was measured counts as measured whole
 # The stated doubt of a pulley that was measured in part is multiplied by a random factor, because the rest is mostly
-# round and now and then has a flat: mean and standard deviation of the factor's logarithm.
+# round and now and then has a flat: mean and standard deviation of the factor's logarithm, and of that for machines
+# that were drawn with such pulleys among them.
 GUESSED_LOG = (-0.5, 1.4)
+MACHINES_LOG = (-0.5, 1.1)
 LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
 STANDS_SHARE = 1e-6  # a motor that goes less than this share of a move's length stands still
 _BEYOND = np.linspace(-6.0, 8.0, 1401)  # normal values, and minus the logarithm of the chance of larger ones
@@ -237,8 +239,12 @@ def _across(mechanism: Mechanism, path: PathPlaces) -> np.ndarray:
 
 def _directions(motor: MotorBudget, rng: np.random.Generator) -> np.ndarray:
     """Draw how far a motor's parameters are off along its directions [R, DRAWS]; a part that was left out is there in
-    some machines, and does nothing in the others."""
-    z = rng.standard_normal((motor.factor_mm.shape[1], DRAWS))
+    some machines, and does nothing in the others. Where the directions are machines, each draw is one of them."""
+    directions = motor.factor_mm.shape[1]
+    if motor.machines and directions:
+        which = np.eye(directions)[:, rng.integers(directions, size=DRAWS)]
+        return np.asarray(which * np.exp(rng.normal(*MACHINES_LOG, DRAWS)))
+    z = rng.standard_normal((directions, DRAWS))
     first = len(z) - sum(count for count, _ in motor.left_out)
     for count, chance in motor.left_out:
         z[first : first + count] *= (rng.uniform(size=DRAWS) < chance) / math.sqrt(chance)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.identify.drive import Design, bed_middle
+from printmend.identify.drive import ALL_SEEN, Design, bed_middle
 from printmend.learn.greybox import LearnedDrive, motor_rows
 from printmend.machine import Mechanism
 from printmend.path import Trace
@@ -104,6 +104,40 @@ def motor_section(
     drive: LearnedDrive, printer: Printer, motor: int, unexplained_mm2: float, sd_mm2: float
 ) -> dict[str, Any]:
     """Return one motor's budget as plain values."""
+    kind: dict[str, Any]
+    if (machines := drive.choice.machines) is not None and drive.sight.angles < ALL_SEEN:
+        design, factor, kind = drive.choice.design, machines, {"machines": True}
+    else:
+        design, factor, left_out = _kept(drive, printer, motor)
+        kind = {"left_out": left_out} if left_out else {}
+    layout = {name: list(map(int, getattr(design, name))) for name in LAYOUT if getattr(design, name)}
+    powers = {"mean_powers": design.mean_powers, "play_powers": design.play_powers, "cross": len(design.cross)}
+    return {
+        "parameters": {
+            **powers,
+            **layout,
+            "warp": design.warp,
+            "warp_span_mm": list(design.warp_span_mm),
+            **({"second_mm": design.second_mm} if design.second_harmonics else {}),
+        },
+        "period_mm": drive.branches.period_mm,
+        "middle_mm": drive.branches.middle_mm,
+        "reach_mm": [round(float(value), 6) for value in drive.branches.reach_mm],
+        "factor_mm": {
+            name: [[float(f"{value:.4g}") for value in row] for row in factor[part]]
+            for name, part in design.parts.items()
+            if part.stop > part.start and name != "start"
+        },
+        **kind,
+        "seen": round(drive.sight.angles, 3),
+        "unexplained_mm2": float(f"{unexplained_mm2:.4g}"),
+        "unexplained_sd_mm2": float(f"{sd_mm2:.4g}"),
+    }
+
+
+def _kept(drive: LearnedDrive, printer: Printer, motor: int) -> tuple[Design, np.ndarray, list[list[float]]]:
+    """Return the columns of a motor's parts, the directions [P, R] in which its parameters may be off, and how many of
+    the last of them belong to each part that was left out, with its chance."""
     design, parts = _joined(drive)
     low, high = printer.motor_range_mm(motor)
     motor_mm = np.linspace(low, high, PLACES_COMPARED)
@@ -124,30 +158,8 @@ def motor_section(
         spreads.append(spread**2)
     counts = kept_directions(spreads)
     factor = np.hstack([each[:, :count] for each, count in zip(turned, counts, strict=True)])
-    layout = {name: list(map(int, getattr(design, name))) for name in LAYOUT if getattr(design, name)}
     left_out = [[count, round(chance, 4)] for (chance, _), count in zip(parts[1:], counts[1:], strict=True) if count]
-    powers = {"mean_powers": design.mean_powers, "play_powers": design.play_powers, "cross": len(design.cross)}
-    return {
-        "parameters": {
-            **powers,
-            **layout,
-            "warp": design.warp,
-            "warp_span_mm": list(design.warp_span_mm),
-            **({"second_mm": design.second_mm} if design.second_harmonics else {}),
-        },
-        "period_mm": drive.branches.period_mm,
-        "middle_mm": drive.branches.middle_mm,
-        "reach_mm": [round(float(value), 6) for value in drive.branches.reach_mm],
-        "factor_mm": {
-            name: [[float(f"{value:.4g}") for value in row] for row in factor[part]]
-            for name, part in design.parts.items()
-            if part.stop > part.start and name != "start"
-        },
-        **({"left_out": left_out} if left_out else {}),
-        "seen": round(drive.sight.angles, 3),
-        "unexplained_mm2": float(f"{unexplained_mm2:.4g}"),
-        "unexplained_sd_mm2": float(f"{sd_mm2:.4g}"),
-    }
+    return design, factor, left_out
 
 
 def kept_directions(spreads: list[np.ndarray]) -> list[int]:

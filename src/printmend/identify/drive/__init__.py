@@ -1,8 +1,9 @@
 """One motor's drive: which parts it has, and their parameters, from the rows that the motor made.
 
 `saved.layout` names the columns of a drive and `design` sums their normal equations; `fit` finds contacts and
-parameters in turn; `select` chooses the parts, and `left_out` says what the others may still do. `jumps` and `ladder`
-take out skipped teeth and missed steps, `rest` finds where the belts rested, and `sight` says what the rows could see.
+parameters in turn; `select` chooses the parts, and `left_out` says what the others may still do; `machines` are what a
+part of a turn allows. `jumps` and `ladder` take out skipped teeth and missed steps, `rest` finds where the belts
+rested, and `sight` says what the rows could see.
 """
 
 from printmend.identify.drive.design import Contacts, Rows, contacts, normal_equations

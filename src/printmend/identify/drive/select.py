@@ -118,11 +118,16 @@ EVERYTHING = Structure(drift=True, cross=3, ripple=True, play="free", friction=T
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A structure, its columns and its fit."""
+    """A structure, its columns and its fit.
+
+    Where a pulley was seen in part, ``machines`` [P, R] are R that the rest may make of it, each as likely: how far
+    their parameters lie from the fit's. None where the fit's covariance says all.
+    """
 
     structure: Structure
     design: Design
     fit: Fit
+    machines: np.ndarray | None = None
 
 
 def supported(rows: Rows, structure: Structure) -> Structure:

@@ -13,6 +13,7 @@ import numpy as np
 
 from printmend.identify.drive import Design, Rows, contacts
 from printmend.identify.drive.fit import Fit, Posterior, robust_weights
+from printmend.identify.drive.machines import MACHINES, SEED, drawn_about
 from printmend.identify.drive.select import HARMONICS, Choice
 from printmend.identify.drive.sight import sight
 from printmend.identify.pulley.fit import LEAST_LEFT_MM, MotorPlaces, OutlineFit, fitted_outline
@@ -64,10 +65,10 @@ def _found(rows: Rows, choice: Choice) -> Choice | None:
     structure = replace(choice.structure, pulley="all", scale=True, offset=True)
     design = structure.design(HARMONICS, choice.design.ripple, rows.reach_mm)
     start = design.moved(choice.fit.posterior.values, choice.design)
-    post = _posterior(design, start, choice, rows, places, believed)
+    post, machines = _posterior(design, start, choice, rows, places, believed)
     touch = contacts(design, post.values, rows)
     loss = float(np.abs(touch.residual_mm[rows.weight > 0]).mean())
-    return Choice(structure, design, Fit(post, choice.fit.normal, touch, loss, 1.0))
+    return Choice(structure, design, Fit(post, choice.fit.normal, touch, loss, 1.0), machines)
 
 
 def _unsure_mm(rows: Rows, choice: Choice) -> float:
@@ -155,25 +156,37 @@ def _is_settled(found: OutlineFit) -> bool:
 
 def _posterior(
     design: Design, start: np.ndarray, choice: Choice, rows: Rows, places: MotorPlaces, believed: list[OutlineFit]
-) -> Posterior:
-    """Mix the outlines by their evidence; return the mean [P] and covariance [P, P] of the grey box's parameters."""
+) -> tuple[Posterior, np.ndarray]:
+    """Mix the outlines by their evidence; return the mean [P] and covariance [P, P] of the grey box's parameters, and
+    how far from the mean `MACHINES` lie that are as likely as one another [P, R]."""
     shares = np.exp([each.log_evidence - believed[0].log_evidence for each in believed])
     shares /= shares.sum()
     loose = choice.structure.play == "loose"
     lowered = [_lowered(each, design, start, rows, places, loose) for each in believed]
-    mean = sum(share * values for share, (values, _) in zip(shares, lowered, strict=True))
+    mean = sum(share * values for share, (values, _, _) in zip(shares, lowered, strict=True))
     covariance = np.zeros((design.size, design.size))
-    for share, (values, own) in zip(shares, lowered, strict=True):
-        covariance += share * (own + np.outer(values - mean, values - mean))
+    rng = np.random.default_rng(SEED)
+    which = np.searchsorted(np.cumsum(shares), (np.arange(MACHINES) + rng.uniform()) / MACHINES * shares.sum())
+    machines = np.zeros((design.size, MACHINES))
+    for at, (share, (values, own, flats)) in enumerate(zip(shares, lowered, strict=True)):
+        hidden = HIDDEN_FLAT_ODDS / len(flats) * flats.T @ flats if len(flats) else 0.0
+        covariance += share * (own + hidden + np.outer(values - mean, values - mean))
+        mine = which == at
+        machines[:, mine] = (values - mean)[:, None] + drawn_about(own, int(mine.sum()), rng)
+        if len(flats):
+            there = rng.uniform(size=MACHINES) < HIDDEN_FLAT_ODDS
+            machines += np.where(mine & there, flats[rng.integers(len(flats), size=MACHINES)].T, 0.0)
     left = np.hypot(believed[0].left_mm, places.noise_mm)
     everything = np.ones(design.size, bool)
-    return Posterior(mean, covariance, everything, float(left), choice.fit.posterior.prior, believed[0].log_evidence)
+    post = Posterior(mean, covariance, everything, float(left), choice.fit.posterior.prior, believed[0].log_evidence)
+    return post, machines
 
 
 def _lowered(
     found: OutlineFit, design: Design, start: np.ndarray, rows: Rows, places: MotorPlaces, loose: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return an outline as parameters [P] of the grey box, and their covariance [P, P]."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return an outline as parameters [P] of the grey box, their covariance [P, P], and what each flat that a round one
+    may have where nobody looked would add [F, P]: 0 for one that would have shown."""
     q, count = found.q, len(found.q)
     to = to_parameters(design, rows.period_mm, loose=loose)
     steps = 1e-6 * np.eye(count)
@@ -194,17 +207,19 @@ def _lowered(
     values[rest] = nearest @ (at - columns @ values)
     jacobian[rest] = nearest @ (moved - columns @ jacobian)
     covariance = jacobian @ found.covariance @ jacobian.T + SERIES_END_MM**2 * np.diag(shaped)
+    hidden = []
     if found.outline in ROUND:
         flats = FlatOutline(bored=True)
         bore = (q[1], q[2]) if count > 1 else (0.0, 0.0)
         for size, turn, half, *_ in flats.starts():
+            hidden.append(np.zeros(design.size))
             flat = np.array([size * (1 + q[0]), turn, half, *bore])
             gone = places.radius_mm * (flats.unwound(flat, places.angle_rad)[0] - value)
             if np.abs(gone - places.columns @ (nearest @ gone)).max() < HIDDEN_FLAT_MM:
                 away = to @ (_series(flats, flat) - _series(found.outline, q))
                 away[rest] = -nearest @ (columns @ away)
-                covariance += HIDDEN_FLAT_ODDS / len(flats.starts()) * np.outer(away, away)
-    return values, covariance
+                hidden[-1] = away
+    return values, covariance, np.array(hidden).reshape(-1, design.size)
 
 
 def _series(outline: Outline, q: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from importlib import resources
 
 import numpy as np
 
+from printmend.identify.drive.machines import MACHINES, SEED, drawn_about
 from printmend.identify.pulley.shapes import HARMONICS, turned
 from printmend.units import TURN_RAD
 
@@ -41,6 +42,8 @@ IRREGULAR = ("polygon", "uneven", "fourier", "tabulated", "plain")
 REGULAR_ODDS = 100.0  # prior odds of a regular kind to an irregular one
 MOST_PLACES = 48  # most turns that get a second look, and most posteriors in the answer
 _USUAL_SD = np.append(0.25, PLAIN_SD * _BOTH**-2.0)  # standard deviations of a damaged pulley's entries
+# Share of the log evidence that counts where machines are drawn for a promise: no pulley is quite like a component.
+TRUST = 0.5
 LEAST_SETTLED = 0.02  # directions of which the data say less than this, in units of `_USUAL_SD`, are left out
 
 
@@ -69,12 +72,16 @@ class Mixture:
 
 @dataclass(frozen=True, eq=False)
 class ShapePosterior:
-    """The posterior of a shape: its ``mean`` [D], ``covariance`` [D, D], weight of each kind, and log evidence."""
+    """The posterior of a shape: its ``mean`` [D], ``covariance`` [D, D], weight of each kind, and log evidence.
+
+    ``drawn`` [D, `MACHINES`] are shapes that are still possible, by odds that trust the components less.
+    """
 
     mean: np.ndarray
     covariance: np.ndarray
     kinds: dict[str, float]
     log_evidence: float
+    drawn: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +190,26 @@ def _mixed(places: list[_Place], project: np.ndarray, seen: np.ndarray) -> Shape
         kinds[each.kind] = kinds.get(each.kind, 0.0) + share
         sum_ += share
     mean, second = mean / sum_, second / sum_
-    return ShapePosterior(mean, second - np.outer(mean, mean), kinds, best + float(np.log(total)))
+    drawn = _drawn([places[i].component for i in component], angles, evidence, project, seen)
+    return ShapePosterior(mean, second - np.outer(mean, mean), kinds, best + float(np.log(total)), drawn)
+
+
+def _drawn(
+    components: list[Component], angle_rad: np.ndarray, evidence: np.ndarray, project: np.ndarray, seen: np.ndarray
+) -> np.ndarray:
+    """Draw shapes [D, `MACHINES`] from components at turns with these log evidences, each [G]."""
+    rng = np.random.default_rng(SEED)
+    odds = np.array([REGULAR_ODDS / _odds(each.kind) for each in components])
+    doubted = TRUST * (evidence + np.log(odds))
+    order = np.argsort(-doubted, kind="stable")
+    shares = np.cumsum(np.exp(doubted - doubted.max())[order])
+    picked = order[np.searchsorted(shares, shares[-1] * (np.arange(MACHINES) + rng.uniform()) / MACHINES)]
+    found = np.empty((ENTRIES, MACHINES))
+    for i in np.unique(picked):
+        mean, covariance = _posterior(components[i], float(angle_rad[i]), project, seen)
+        mine = picked == i
+        found[:, mine] = mean[:, None] + drawn_about(covariance, int(mine.sum()), rng)
+    return found
 
 
 def _posterior(

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.identify.drive.design import Design, Normal, Rows, contacts, normal_equations
 from printmend.identify.drive.fit import Fit, Posterior, Prior, refine, robust_weights, variances
+from printmend.identify.drive.machines import SEED, drawn_about
 from printmend.identify.drive.select import HARMONICS, Choice
 from printmend.identify.drive.sight import ALL_SEEN, GLIMPSED_TURN, sight
 from printmend.identify.pulley import to_parameters
@@ -60,17 +61,20 @@ def with_learned_pulley(rows: Rows, choice: Choice, mixture: Mixture) -> Choice:
     sigma = max(fit.posterior.sigma_mm, LEAST_SIGMA_MM)
     normal, touch, share = fit.normal, fit.touch, fit.share
     for round_ in range(CONTACT_ROUNDS):
-        post = _posterior(design, normal.tempered(share), sigma, rows.period_mm, mixture)
+        post, machines = _posterior(design, normal.tempered(share), sigma, rows.period_mm, mixture)
         touch = contacts(design, post.values, rows)
         if round_ < CONTACT_ROUNDS - 1:
             weight = robust_weights(rows, touch.residual_mm, sigma, drop=True)
             normal = normal_equations(design, post.values, rows, touch, weight)
     loss = float(np.abs(touch.residual_mm[rows.weight > 0]).mean())
-    return Choice(structure, design, Fit(post, normal, touch, loss, share))
+    return Choice(structure, design, Fit(post, normal, touch, loss, share), machines)
 
 
-def _posterior(design: Design, normal: Normal, sigma_mm: float, period_mm: float, mixture: Mixture) -> Posterior:
-    """Return the posterior of all parameters, with the mixture as the prior of those of the pulley's shape."""
+def _posterior(
+    design: Design, normal: Normal, sigma_mm: float, period_mm: float, mixture: Mixture
+) -> tuple[Posterior, np.ndarray]:
+    """Return the posterior of all parameters, with the mixture as the prior of those of the pulley's shape, and how far
+    from its mean machines lie that are possible [P, R]."""
     shape = np.zeros(design.size, bool)
     shape[design.scale_at] = True
     shape |= design.mask("mean")
@@ -95,7 +99,12 @@ def _posterior(design: Design, normal: Normal, sigma_mm: float, period_mm: float
     covariance[np.ix_(shape, rest)] = (along @ wide).T
     covariance[np.ix_(rest, rest)] = inverse + along @ wide @ along.T
     everything = np.ones(design.size, bool)
-    return Posterior(values, covariance, everything, sigma_mm, Prior(floor_mm=LEAST_SIGMA_MM), found.log_evidence)
+    machines = np.zeros((design.size, found.drawn.shape[1]))
+    machines[shape] = unit @ (found.drawn - found.mean[:, None])
+    scatter = drawn_about(inverse, machines.shape[1], np.random.default_rng(SEED))
+    machines[rest] = along @ machines[shape] + scatter
+    post = Posterior(values, covariance, everything, sigma_mm, Prior(floor_mm=LEAST_SIGMA_MM), found.log_evidence)
+    return post, machines
 
 
 LEARNERS = {"prior": PriorLearner()}
