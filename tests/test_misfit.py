@@ -14,6 +14,7 @@ from printmend.diagnosis.advice import advise
 from printmend.diagnosis.diagnosis import NamedFault
 from printmend.errors import InputError, TraceError
 from printmend.identify.drive.sight import sight
+from printmend.identify.drive.turn import roughly_turned
 from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
 from printmend.learn.greybox.previous import remember
@@ -49,6 +50,7 @@ from printmend.repair.learned import Learned, learn, learn_model, report
 from printmend.repair.update import update
 from printmend.saved import Wave, branches_of, read_model, write_model
 from printmend.twin import Twin
+from printmend.units import TURN_RAD
 
 PRINTER = read_printer("ender5")
 Change = Callable[[np.ndarray], np.ndarray]
@@ -305,6 +307,21 @@ def test_wavy_guides_are_mended_and_the_motors_stay_healthy(preset: str, rng: np
     assert np.array_equal(again.mechanism.frame.waves, waves)
     scanned = replace(trace, placed=False, instrument=replace(FLATBED, wave_mm=0.01))
     assert not len(learn(scanned, printer).saved.mechanism.frame.waves)  # the scanner's carriage may be as uneven
+
+
+@pytest.mark.parametrize("length_mm", [70.0, 140.0, 250.0])
+@pytest.mark.parametrize("preset", ["ender3", "corexy"])
+def test_a_wavy_guide_is_no_short_turn_of_the_motors(preset: str, length_mm: float, rng: np.random.Generator) -> None:
+    """On a probe's lattice of dots a motor's place tells the column, and so where along the guide the head is."""
+    printer = read_printer(preset)
+    plan = design_probe(printer)
+    way = plan.waypoints_mm
+    off = np.zeros(way.shape)
+    off[:, 1] = 0.1 * np.sin(way[:, 0] * (TURN_RAD / length_mm) + 0.4)
+    measured = np.full(way.shape, np.nan)
+    measured[plan.rows] = (way + off)[plan.rows] + rng.normal(0, 0.02, (len(plan.rows), 2))
+    for rows in motor_rows(Trace(way, measured, homed=True), printer):
+        assert roughly_turned(rows, rows)[0] == rows.period_mm
 
 
 def test_both_motors_of_a_rail_say_it_once_and_each_length_is_said() -> None:

@@ -34,6 +34,8 @@ LEAST_GAIN_MM = 0.015  # root mean square that another length must explain beyon
 ALIKE_SHARE = 0.02  # a length within this share of a whole part, or a multiple, of the printer's turn counts as such
 NEAR_SHARE = 0.04  # most by which calibrated steps a millimetre make a turn differ from the printer's, as a share
 MOST_PARTS = 5  # the turn may be up to this whole part of the best length, of which it then is a harmonic
+GUIDES = 2  # waves of guides that are tried in place of a turn: one along either axis
+GUIDE_PERIODS_MM = np.geomspace(40.0, 400.0, 120)  # of a guide's wave; a shorter one is no bend, a longer one a frame's
 AS_GOOD_NATS = 10.0  # log likelihood that a toothed pulley's turn, or a part of the best length, may lose against it
 
 
@@ -88,9 +90,37 @@ def likeliest_period_mm(rows: Rows) -> float:
         return rows.period_mm
     if found > EDGE_SHARE * longest:  # the longest is the best where nothing repeats
         return rows.period_mm
+    if (
+        count / 2 * np.log(_guides_left(motor, rows.other_mm[known], side, plain, error, weight) / max(after, 1e-12))
+        < AS_GOOD_NATS
+    ):
+        return rows.period_mm
     nats = count / 2 * np.log(before / max(after, 1e-12)) - np.log(len(tried))
     explained_mm = np.sqrt(max(before - after, 0.0) / weight.sum())
     return float(found) if nats > LEAST_NATS and explained_mm > LEAST_GAIN_MM else rows.period_mm
+
+
+def _guides_left(
+    motor: np.ndarray, other: np.ndarray, side: np.ndarray, plain: np.ndarray, error: np.ndarray, weight: np.ndarray
+) -> float:
+    """Return what the best waves of guides leave, which push one axis along the other, on a CoreXY both motors.
+
+    On a lattice of dots a guide's wave looks like a short turn of the motors, because a motor's place tells the column.
+    """
+    fixed = plain
+    for _ in range(GUIDES):
+        tried = []
+        for place in (other, (motor + other) / 2, (motor - other) / 2):
+            out = np.empty(len(GUIDE_PERIODS_MM))
+            lengths_left(
+                GUIDE_PERIODS_MM, np.ascontiguousarray(place), side, plain[1], np.ascontiguousarray(fixed.T), error,
+                weight, 1, 0, False, out,
+            )  # fmt: skip
+            best = int(np.argmin(out))
+            tried.append((float(out[best]), place * (TURN_RAD / GUIDE_PERIODS_MM[best])))
+        left, angle = min(tried, key=lambda each: each[0])
+        fixed = np.concatenate([fixed, [np.cos(angle), np.sin(angle)]])
+    return left
 
 
 def _divides(lengths_mm: np.ndarray, period_mm: float) -> np.ndarray:
