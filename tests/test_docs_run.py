@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from printmend.body.pulley import demo_body_gcode
 from printmend.cli.main import group
 from printmend.corruption import Corruption
 from printmend.corruption.frame import CrookedFrame
@@ -150,6 +151,29 @@ def test_an_owners_commands_run(workshop: Path, monkeypatch: pytest.MonkeyPatch)
                 Path(target).write_text(ran.stdout)
     assert {line[1] for line in done} >= RUN - {"body"}
     assert (workshop / "part.mended.gcode").stat().st_size > 100
+
+
+def test_the_owners_example_prints_what_its_page_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every command of one printer's way, from probe to verify; each line of the page is among what they print."""
+    page = (ROOT / "docs/owners.md").read_text(encoding="utf-8")
+    way = page.split("## One printer, from probe to verify")[1].split("\n## ")[0]
+    monkeypatch.chdir(tmp_path)
+    Path("broken.toml").write_text(re.findall("```toml\n(.*?)```", way, re.DOTALL)[0])
+    Path("part.gcode").write_bytes(demo_body_gcode())
+    said = ""
+    for line in re.findall("```sh\n(.*?)```", way, re.DOTALL)[0].splitlines():
+        ran = CliRunner().invoke(group, shlex.split(line)[1:])
+        assert ran.exit_code == 0, f"{line}\n{ran.output}"
+        said += ran.output
+    number = re.compile(r"\d+(?:\.\d+)?")
+    printed = " ".join(said.split())
+    quotes = [" ".join(quote.split()) for quote in re.findall(r"(?:^    .*\n)+", way, re.MULTILINE)]
+    assert len(quotes) == 3
+    for quote in quotes:  # the same words, and numbers that another processor's rounding may have moved a little
+        found = re.search(number.pattern.join(map(re.escape, number.split(quote))), printed)
+        assert found is not None, f"{quote}\nis not in\n{said}"
+        wanted, came = ([float(one) for one in number.findall(text)] for text in (quote, found[0]))
+        assert came == pytest.approx(wanted, rel=0.1, abs=0.002), f"{found[0]}\nis not\n{quote}"
 
 
 def options(command: click.Command, rest: list[str]) -> dict[str, object]:

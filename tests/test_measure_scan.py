@@ -102,6 +102,13 @@ def test_a_quarter_turn_removes_the_scanners_own_axes(tmp_path, plan, printed):
     assert rms(error_mm(single.measured_mm, printed, scale=True)) > 0.03
     assert rms(error_mm(double.measured_mm, printed, scale=True)) < 0.002
     assert any("removed" in note for note in double.notes)
+    assert not any("disagree" in note for note in double.notes)
+    other = render_scan(
+        printed, plan, dpi=300, degradations=CLEAN, rng=np.random.default_rng(3), quarter_turns=1, stretch=(0.004, 0.0)
+    )
+    two_scanners = measure_scans([paths[0], saved(tmp_path / "other.png", other.image, dpi=300)], plan)
+    assert any("on one scanner" in note for note in two_scanners.notes)
+    assert two_scanners.instrument.wave_mm > 0.01
 
 
 def test_a_half_turn_says_that_it_cannot_tell_the_axes(tmp_path, plan, printed):

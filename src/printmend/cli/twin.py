@@ -25,7 +25,7 @@ if TYPE_CHECKING:
               help="What is broken: docs/corruptions.md.")  # fmt: skip
 @click.option("--noise-mm", type=Finite(min=0, max=10), default=0.05, show_default=True,
               help="Standard deviation of each measured coordinate.")  # fmt: skip
-@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Draws the noise and the dirt.")
+@click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Draws noise, dirt and scanner.")
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("trace.csv"), show_default=True
 )

@@ -25,6 +25,7 @@ WHOLE_SHARE = 0.85  # of the marks: where a scan shows fewer, each scan shows a 
 MOST_APART_SIGMAS = 6.0  # a mark that two scans see farther apart than this is left out: one of them saw dirt
 SAME_PICTURE_PX = 5e-3  # two pictures whose dots differ by less (RMS) are one
 LEAST_MARKS = 10  # that both show; fewer do not tell
+LEAST_DISAGREEMENT_MM = 0.01  # unevenness of scans, RMS, from which their owner is told of it: five times a flatbed's
 OVERLAY_PX = 3000  # longer side of the picture that shows what was found
 ENLARGED = (1, 2, 5, 10, 20, 50)  # times that this picture may enlarge what a mark lies off
 # Colours of what is drawn: blue, green, red.
@@ -176,7 +177,13 @@ def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, n
     on_bed = [np.where(one[:, None], place[number], np.nan) for place, one in zip(laid, seen, strict=True)]
     sigmas = [_among_all(reading.sigma_mm, own) for reading, own in zip(readings, mine, strict=True)]
     measured, sigma = _merged(on_bed, sigmas)
-    instrument = replace(instrument, wave_mm=max(instrument.wave_mm, wave_left_mm(on_bed, plan.marks_mm)))
+    wave_mm = wave_left_mm(on_bed, plan.marks_mm)
+    instrument = replace(instrument, wave_mm=max(instrument.wave_mm, wave_mm))
+    if wave_mm > LEAST_DISAGREEMENT_MM:
+        notes.append(
+            f"the scans disagree: {wave_mm:.3f} mm of where dots lie, typically, may be theirs, "
+            "and counts as not known. Take them on one scanner, the plate flat on its glass, and measure again"
+        )
     rulers = [(one.stretched(stretch), reading.marks.pose.matrix) for reading in readings for one in reading.rulers]
     measured, instrument, said = scaled_by_rulers(rulers, measured, instrument)
     return measured, sigma, instrument, [*notes, *said]

@@ -189,6 +189,7 @@ export const sentences = [
   ["by the ruler beside it ({a} lines over {b} mm) the image is {c} % too large along it: taken off; lengths along it are known to {d} % now", "Nach dem Lineal daneben ({a} Striche auf {b} mm) ist das Bild entlang des Lineals um {c} % zu groß: herausgerechnet; Längen dort sind jetzt auf {d} % bekannt"],
   ["the scans are not turned by a quarter: the scanner's own axes stay unknown", "Die Scans sind nicht um ein Viertel gedreht: Die Achsen des Scanners bleiben unbekannt"],
   ["the scanner's axes differ by {a} % and lean by {b}°: removed", "Die Achsen des Scanners unterscheiden sich um {a} % und stehen um {b}° schief: herausgerechnet"],
+  ["the scans disagree: {a} mm of where dots lie, typically, may be theirs, and counts as not known. Take them on one scanner, the plate flat on its glass, and measure again", "Die Scans widersprechen sich: {a} mm der Lage der Punkte können von ihnen selbst stammen und zählen als nicht bekannt. Beide auf demselben Scanner aufnehmen, die Platte flach auf dem Glas, und noch einmal messen"],
   ["{a} scans joined by {b} marks that they share: these agree to {c} mm", "{a} Scans, verbunden durch {b} gemeinsame Punkte: Diese stimmen auf {c} mm überein"],
   ["{a} scans of {b} sheets joined by {c} marks that they share: these agree to {d} mm", "{a} Scans von {b} Blättern, verbunden durch {c} gemeinsame Punkte: Diese stimmen auf {d} mm überein"],
 
