@@ -27,7 +27,7 @@ from printmend.probe import design_probe
 from printmend.probe.probe import keep_plan
 from printmend.promise import misfit_rows, predict
 from printmend.promise.budget import parse_budget
-from printmend.promise.effects import EARLY, ENDED, Effect, PrintPlaces
+from printmend.promise.effects import BEGUN, EARLY, EARLY_DONE, ENDED, SHIFT_STAYS, Effect, PrintPlaces
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_columns import Candidate
 from printmend.promise.misfit_printer import another_home, another_printers
@@ -43,7 +43,7 @@ from printmend.promise.misfit_tests import (
     causes_of,
     effects_of,
     found_in,
-    of_the_end,
+    of_one_time,
     unrest_mm,
 )
 from printmend.repair.learned import Learned, learn, learn_model, report
@@ -219,12 +219,11 @@ def test_what_no_part_follows_is_named(kind: str, rng: np.random.Generator) -> N
     found = found_in(box, trace, causes)
     assert found[0].kind == kind
     assert 0.03 < found[0].size_mm < 0.1
-    later = of_the_end(box, trace, causes)
+    later = of_one_time(box, trace, causes)
     assert (later is not None) == (kind in ("linear", "step", "creep", "wear"))
-    if later is not None and kind in ("linear", "step"):  # the first points go where the end would have put them
-        assert later[1] == "ended"
-        moved = (later[0].measured_mm - trace.measured_mm)[[1, -1]]
-        wanted = np.array([[0.21, 0.0], [0.0, 0.0]]) if kind == "linear" else np.array([[0.0, 0.12], [0.0, 0.0]])
+    if later is not None and kind in ("linear", "step"):  # the last points go where the beginning would have put them
+        moved = (later.measured_mm - trace.measured_mm)[[1, -1]]
+        wanted = np.array([[0.02, 0.0], [-0.19, 0.0]]) if kind == "linear" else np.array([[0.0, 0.0], [0.0, -0.12]])
         assert moved == pytest.approx(wanted, abs=0.03)
 
 
@@ -404,14 +403,47 @@ def test_a_short_print_is_promised_to_be_as_warm_as_it_gets(rng: np.random.Gener
     assert off_mm[0][0] < 0.03
     assert off_mm[1][0] == pytest.approx(0.2 * (1 - 0.351), abs=0.01)
     assert max(off_mm[0][1], off_mm[1][1]) < 1e-9  # at the end stop
-    drift = replace(effect, kind="linear", weights=np.array([0.1]))  # beside it: the model has the first tenth of it
-    drawn = drift.drawn(PrintPlaces(ends, ends, still, still, np.full(2, 1e3)), np.ones(400), rng)
-    assert drawn.columns @ drawn.drawn == pytest.approx(np.full((2, 400), 0.1 * (1 - 0.108)))
-    slipping = replace(drift, state=ENDED)  # a set screw that slipped evenly to the end stops then, or goes on as fast
-    drawn = slipping.drawn(PrintPlaces(ends, ends, still, still, np.array([0.0, 1e4])), np.ones(4000), rng)
+    worn = replace(effect, kind="wear", weights=np.array([0.1]), state=ENDED)  # it stops, or goes on as fast
+    drawn = worn.drawn(PrintPlaces(ends, ends, still, still, np.array([0.0, 1e4])), np.ones(4000), rng)
     begins_mm, ends_mm = drawn.columns @ drawn.drawn
     assert np.abs(begins_mm).mean() < 0.02
-    assert np.quantile(ends_mm - begins_mm, (0.25, 0.75)) == pytest.approx([0.0, 0.1], abs=0.01)
+    assert np.quantile(begins_mm - ends_mm, (0.25, 0.75)) == pytest.approx([0.0, 0.1], abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["linear", "step", "creep"])
+def test_a_shift_stays_or_begins_anew_with_the_next_homing(kind: str, rng: np.random.Generator) -> None:
+    shift = Effect(
+        kind, 0, np.array([0.1]), 0.25, 0.0, BEGUN, np.zeros(3), np.array([[0.0, 220.0]] * 4), 40.0, way_mm=1e4
+    )
+    ends, still = np.array([[220.0, 110.0], [0.0, 110.0]]), np.ones((2, 2))
+    drawn = shift.drawn(PrintPlaces(ends, ends, still, still, np.array([0.0, 1e4])), np.ones(4000), rng)
+    whole_mm = float(shift.law(PrintPlaces(ends, ends, still, still, np.zeros(2)).seen_by(shift))[0])
+    rows = PrintPlaces(ends, ends, still, still, np.zeros(2)).seen_by(shift)
+    begins_mm, ends_mm = drawn.columns @ drawn.drawn + float(shift.law(rows.all_at(EARLY_DONE))[0])
+    stays = ~np.isclose(begins_mm, 0.0)
+    assert np.median(begins_mm[stays]) == pytest.approx(whole_mm * np.exp(0.1), rel=0.05)
+    assert stays.mean() == pytest.approx(SHIFT_STAYS, abs=0.03)
+    assert np.median(ends_mm[~stays]) == pytest.approx(0.0 if kind == "step" else whole_mm, rel=0.05)
+    assert ((ends_mm > begins_mm + 1e-9) | (kind != "linear"))[stays].mean() > 0.4  # half of what drifts evenly stops
+
+
+@pytest.mark.parametrize("grown", [np.linspace, lambda a, b, n: b * (1 - np.exp(-np.linspace(0, 3, n)))])
+def test_a_print_of_a_machine_that_shifted_is_no_farther_off_its_place(
+    grown: Callable[..., np.ndarray], tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """A screw that creeps begins anew when the next print is homed, and so does a machine that warmed up."""
+    points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (600, 2))])
+    off = np.stack([grown(0, 0.3, len(points)), np.zeros(len(points))], axis=1)
+    trace = Trace(points, points + off + rng.normal(0, 0.02, points.shape), homed=True)
+    model = learn_model(trace, PRINTER)
+    middle = np.linspace(60, 160, 50)
+    lower_mm, upper_mm = model.mechanism.transmissions[0].branches_mm(middle)
+    early_mm = float(grown(0, 0.3, 1000)[108])
+    assert np.abs((lower_mm + upper_mm) / 2 - middle - early_mm).max() < 0.03
+    assert "the next one is homed anew" in report(model)
+    budget = parse_budget(model)
+    assert budget is not None
+    assert [each.state for each in budget.effects] == ["begun"]
 
 
 @pytest.mark.parametrize(("turn_mm", "said"), [(42.0, "a pulley of 21 teeth"), (39.5, "steps a millimetre")])

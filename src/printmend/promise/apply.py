@@ -50,7 +50,7 @@ _PART_WORDS = {
 
 # RMS below which a wave that repeats at no pulley's turn, or what repeats nothing, does not act where a plate was
 # scanned at one turn: carriages that run uneven by ten times what a good one does are met, too, and make the same.
-CARRIAGE_MM = 0.02
+CARRIAGE_MM = 0.03
 CARRIAGES_SHARE = 0.5  # share of such a wave's variance that is the printer's, as far as anybody knows
 TURNED_AXES_SD = 5e-4  # scans at two turns know the difference of the scanner's axes better than that, one does not
 ONE_TURN = "no more than a scanner's carriage makes"

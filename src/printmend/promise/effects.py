@@ -14,7 +14,7 @@ import numpy as np
 from printmend.promise.laws import LAWS, LONG_MM, TWO_MOTORS, LawRows, warmed
 from printmend.saved.values import number, numbers, refuse, section_of
 
-STAYS, SPEED, ENDED, VARIES, EARLY = "stays", "speed", "ended", "varies", "early"
+STAYS, SPEED, ENDED, BEGUN, VARIES, EARLY = "stays", "speed", "ended", "begun", "varies", "early"
 LEARNED, CARRIED = "learned", "carried"
 # Mean and standard deviation of the share of a law's measured size that a new print has, by what becomes of the misfit:
 # it stays; it depends on speed; the model was learned as of the end of the measured print, so that only its further
@@ -23,14 +23,16 @@ SHARES = {STAYS: (1.0, 0.25), SPEED: (0.5, 0.3), ENDED: (0.0, 0.1), LEARNED: (0.
 GOES_ON = 0.7  # standard deviation of the logarithm of a factor on the share of ENDED: some go on for much longer
 # What grew evenly until the measured print ended stops with this probability; else it goes on in a new print as fast,
 # to a factor whose logarithm has this standard deviation, for as long as the measured print was at most.
-EVENLY, STOPS, SPEED_LOG_SD = ("linear", "wear"), 0.5, 0.4
-# What crept looks the same whether something gave way for good or the machine warmed up, and then begins anew with the
-# next print: with this probability.
-CREEPS_ANEW = 0.25
+STOPS, SPEED_LOG_SD = 0.5, 0.4
+# What shifted places while the measured print was made is gone with the next homing, and comes again if it does, where
+# a motor slipped, a screw gave way or the machine warmed up; it stays where the end stop moved. Nothing tells these
+# apart, so the model is of an early time (`BEGUN`), which makes no print much worse; a shift stays with this chance.
+SHIFTS, SHIFT_STAYS = ("linear", "step", "creep"), 0.4
+STAYED_LOG = (0.1, 0.3)  # mean and deviation of the logarithm of a factor on one that stays: some go on for longer
 # Some misfits begin anew with every print, as warming does. The time at which a new part is printed is drawn evenly
 # between these shares of the measured print's length.
 VARIES_FROM, VARIES_TO = 0.1, 1.0
-# Share of the measured print's length at which a model of state EARLY describes the printer: early, for most parts are
+# Share of the measured print's length at which a model of state EARLY or BEGUN describes the printer: most parts are
 # smaller than the measured print.
 EARLY_DONE = 0.108
 # How many times as fast as the measured print another one warms up, and the probability of each; the last stands for a
@@ -57,8 +59,8 @@ class DrawnCause:
 class Effect:
     """A misfit of one ``motor``: its size is the law of its ``kind`` times ``weights`` [Q] mm.
 
-    ``state`` says what becomes of it in the next print (`SHARES`, `VARIES`, `EARLY`); ``detail`` and ``place`` are the
-    law's parameters.
+    ``state`` says what becomes of it in the next print (`SHARES`, `BEGUN`, `VARIES`, `EARLY`); ``detail`` and ``place``
+    are the law's parameters.
 
     ``absorbed`` [3] mm is how much of it the model has taken in: as an offset, as play, as a scale. ``spans_mm``
     [4, 2] are the ends, in the measured print, of the motor's and the other motor's way and of the bed's axes;
@@ -91,24 +93,40 @@ class Effect:
         now = VARIES_FROM + (VARIES_TO - VARIES_FROM) * begun
         if self.state == VARIES:
             return DrawnCause(columns, np.stack([now, np.full_like(now, -1.0)]))
-        if self.state == EARLY and self.kind != "thermal":  # the model is of that early time for every other kind, too
-            early = self.law(one.all_at(EARLY_DONE))
-            return DrawnCause(np.stack([columns[:, 0], early], axis=1), np.stack([now, np.full_like(now, -1.0)]))
         if self.state == EARLY:
             return self._warming(places, columns[:, :1], now, rng)
+        if self.state == BEGUN:
+            return self._shifting(places, columns[:, :1], self.law(one.all_at(EARLY_DONE))[:, None], rng, len(begun))
         share = rng.normal(*SHARES[self.state], len(begun))
         if self.state == ENDED:
             share *= np.exp(rng.normal(0.0, GOES_ON, len(begun)))
-        if self.state == ENDED and self.kind == "creep":
-            anew = warmed(now, self.detail) / warmed(np.ones(1), self.detail) - 1.0
-            share = np.where(rng.random(len(begun)) < CREEPS_ANEW, anew, share)
-        if self.state == ENDED and self.kind in EVENLY and self.way_mm:
-            more = columns[:, :1] * np.minimum(places.gone_mm / self.way_mm, 1.0)[:, None]
+        if self.state == ENDED and self.way_mm:
+            more = columns[:, :1] * self._gone(places)[:, None]
             goes_on = (rng.random(len(begun)) > STOPS) * np.exp(rng.normal(0.0, SPEED_LOG_SD, len(begun)))
             return DrawnCause(np.hstack([columns[:, :1], more]), np.stack([share, goes_on]))
         if self.state in (STAYS, SPEED):
             return DrawnCause(columns, np.stack([share, -share]))
         return DrawnCause(columns[:, :1], share[None])
+
+    def _gone(self, places: "PrintPlaces") -> np.ndarray:
+        """Return how much of the measured print's length a new one has gone at its places [N], at most all of it."""
+        return np.minimum(places.gone_mm / self.way_mm, 1.0) if self.way_mm else np.ones(len(places.gone_mm))
+
+    def _shifting(
+        self, places: "PrintPlaces", law: np.ndarray, early: np.ndarray, rng: np.random.Generator, draws: int
+    ) -> "DrawnCause":
+        """Return the error that a shift leaves in a print that was mended for the state at `EARLY_DONE`: all else of it
+        where it stayed, and where it begins anew as much as by then."""
+        again = {
+            "linear": lambda: self._gone(places),
+            "creep": lambda: warmed(self._gone(places), self.detail) / warmed(np.ones(1), self.detail),
+            "step": lambda: np.zeros(len(law)),  # an accident
+        }[self.kind]()
+        stays = rng.random(draws) < SHIFT_STAYS
+        goes_on = stays & (self.kind == "linear") & (rng.random(draws) > STOPS)
+        anew = (goes_on | ~stays) * np.exp(rng.normal(0.0, SPEED_LOG_SD, draws))
+        stayed = stays * np.exp(rng.normal(*STAYED_LOG, draws))
+        return DrawnCause(np.hstack([law, law * again[:, None], early]), np.stack([stayed, anew, np.full(draws, -1.0)]))
 
     def _warming(
         self, places: "PrintPlaces", law: np.ndarray, now: np.ndarray, rng: np.random.Generator
@@ -181,9 +199,11 @@ def parse_effects(document: Mapping[str, Any]) -> tuple[Effect, ...]:
 
 
 def _effect(plain: Any, subject: str) -> Effect:
-    states = (*SHARES, VARIES, EARLY)
+    states = (*SHARES, VARIES, EARLY, BEGUN)
     if not isinstance(plain, dict) or plain.get("kind") not in LAWS or plain.get("state") not in states:
         refuse(subject, "effects of a known kind and state", "something else")
+    if plain["kind"] not in {EARLY: ("thermal",), BEGUN: SHIFTS}.get(plain["state"], LAWS):
+        refuse(subject, f"another state of {plain['kind']}", plain["state"])
     rows = section_of(plain, "spans_mm", list, subject)
     spans = np.array([numbers({"row": row}, "row", subject, 2) for row in rows])
     weights, absorbed = numbers(plain, "weights", subject, _MOST_WEIGHTS), numbers(plain, "absorbed", subject, 3)

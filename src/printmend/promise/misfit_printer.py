@@ -15,7 +15,6 @@ from printmend.learn.greybox.model import GreyboxModel
 from printmend.measure.table import AT_HOME_MM
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
-from printmend.promise.effects import VARIES
 from printmend.promise.misfit import NOTE, WARNING, Misfit
 from printmend.promise.misfit_rows import learned_roughly
 from printmend.promise.misfit_tests import CLIP_SIGMAS, LEAST_ROWS, Cause, effects_of, spread_mm
@@ -36,7 +35,7 @@ def another_printers(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...])
     if trace.wall_rows.any() or any(len(each) != len(trace) for each in residual):
         return ()
     own = np.stack(residual, axis=1)
-    _, explained = effects_of(box, trace, tuple(each for each in causes if each.candidate.kind != "rail-wave"), VARIES)
+    _, explained = effects_of(box, trace, tuple(each for each in causes if each.candidate.kind != "rail-wave"))
     is_corexy = box.printer.kinematics == "corexy"
     other = replace(box.printer, kinematics="cartesian" if is_corexy else "corexy")
     theirs_mm = trace.measured_mm - learned_roughly(trace, other).places_mm

@@ -19,7 +19,19 @@ from printmend.learn.greybox.rows import motor_rows
 from printmend.measure.once import RANDOM_SDS, in_no_order
 from printmend.path import Trace
 from printmend.promise.apply import observed_stretch
-from printmend.promise.effects import EARLY, EARLY_DONE, ENDED, LEARNED, SPEED, STAYS, VARIES, Effect, absorbing
+from printmend.promise.effects import (
+    BEGUN,
+    EARLY,
+    EARLY_DONE,
+    ENDED,
+    LEARNED,
+    SHIFTS,
+    SPEED,
+    STAYS,
+    VARIES,
+    Effect,
+    absorbing,
+)
 from printmend.promise.laws import LawRows, warmed
 from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
 from printmend.promise.misfit_columns import HALVES, Candidate, candidates, in_time, law_rows, wavy_axes
@@ -46,7 +58,6 @@ SINGLE = 0.03  # share of outliers up to which they are single rows, not a patte
 UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # a model that leaves this share of the error, and as many mm, does not fit
 MOST_JUMPS = 4  # skipped teeth and lost steps in a print, beyond which its end is no better known than its beginning
 ONE_WAVE_SHARE = 0.15  # waves of one rail whose lengths differ by less are one, which both motors show
-IN_TIME = ("linear", "step", "creep", "wear", "thermal")
 # A plate lay turned where both axes lean by so many degrees in the same sense, the smaller by at least this share of
 # the larger. On a CoreXY the share is smaller, because one bad pulley leans both axes towards each other.
 TURNED_DEG, ALIKE_SHARE, ALIKE_SHARE_COREXY = 0.1, 0.6, 0.25
@@ -64,8 +75,15 @@ UNSEEN = "unseen"  # the kind of the note about the rest
 
 _OF_WHEN = {
     ENDED: ". The model is of the end of the print",
+    BEGUN: ". The model is of the first tenth of the print, as for parts of usual size: the next one is homed anew",
     EARLY: ". The model is of a printer that has warmed up by a third, as for parts of usual size",
 }
+
+# What becomes in the next print of causes that come with time, and the time of which the model is, as a share of the
+# print: play that grew stays so, a shift is gone with the next homing, and a printer that warmed up is cold again.
+_STATES = {"wear": ENDED, "thermal": EARLY, **dict.fromkeys(SHIFTS, BEGUN)}
+_DONE = {ENDED: 1.0, BEGUN: EARLY_DONE, EARLY: EARLY_DONE}
+IN_TIME = tuple(_STATES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,32 +263,27 @@ def _tried(
     return Cause(motor, candidate, weights, float(np.std(columns @ weights)), float(nats))
 
 
-def of_the_end(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tuple[Trace, str] | None:
-    """Return the trace as if all of it had been printed at one time, and which time; None where nothing changed.
-
-    Where something gave way it stays so, and the time is the end. A printer that warmed up is cold again when the next
-    print begins, and the time is early.
-    """
+def of_one_time(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> Trace | None:
+    """Return the trace as if nothing had changed while it was printed (`_DONE`); None where nothing did."""
     timed = [cause for cause in causes if cause.candidate.kind in IN_TIME and cause.size_mm > LEAST_COST_MM]
     if not timed or sum(len(jumps) for jumps in box.jumps) > MOST_JUMPS:
         return None
-    state = EARLY if any(cause.candidate.kind == "thermal" for cause in timed) else ENDED
     rows = motor_rows(trace, box.printer, box.periods_mm)
     moved = np.zeros(trace.measured_mm.shape)
     for cause in timed:
         touch = box.drives[cause.motor].choice.fit.touch
         one = law_rows(rows, cause.motor, trace.commanded_mm, touch.side)
-        law = cause.candidate.columns
-        moved[:, cause.motor] += (law(one.all_at(EARLY_DONE if state == EARLY else 1.0)) - law(one)) @ cause.weights
-    return replace(trace, measured_mm=trace.measured_mm + np.asarray(box.printer.from_motor(moved))), state
+        law, done = cause.candidate.columns, _DONE[_STATES[cause.candidate.kind]]
+        moved[:, cause.motor] += (law(one.all_at(done)) - law(one)) @ cause.weights
+    return replace(trace, measured_mm=trace.measured_mm + np.asarray(box.printer.from_motor(moved)))
 
 
 def effects_of(
-    box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], state: str = VARIES
+    box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...], *, of_one_time: bool = False
 ) -> tuple[tuple[Effect, ...], np.ndarray]:
     """Return the effects that causes may have on a new print, and their errors in this one's rows, by motor [N, 2] mm.
 
-    ``state`` is the state of the causes that come with time: which time the model is made for.
+    ``of_one_time``: the model was learned from what the function of this name returned.
     """
     rows = motor_rows(trace, box.printer, box.periods_mm)
     effects, explained = [], np.zeros((len(trace), 2))
@@ -283,8 +296,10 @@ def effects_of(
         taken = basis @ (basis.T @ done[used])
         absorbed = np.linalg.lstsq(absorbing(one.at(used)), taken, rcond=None)[0]
         learned = kind == "second-period" and bool(drive.structure.warp_mm)
-        other = LEARNED if learned else SPEED if kind == "speed" else STAYS
-        mine = state if kind in IN_TIME else other
+        if kind in IN_TIME:
+            mine = _STATES[kind] if of_one_time else VARIES
+        else:
+            mine = LEARNED if learned else SPEED if kind == "speed" else STAYS
         if mine in (STAYS, SPEED, VARIES):
             explained[:, cause.motor] += done - absorbing(one) @ absorbed
         effects.append(effect_of(cause, rows, trace, mine, absorbed))
@@ -309,10 +324,11 @@ def found_in(
     box: GreyboxModel,
     trace: Trace,
     causes: tuple[Cause, ...],
-    state: str = VARIES,
     carried: tuple[Cause, ...] = (),
+    *,
+    of_one_time: bool = False,
 ) -> tuple[Misfit, ...]:
-    """Return causes, points left out and places never seen as findings; ``state`` is what became of those in time,
+    """Return causes, points left out and places never seen as findings; ``of_one_time`` is as in `effects_of`,
     ``carried`` are those that the model knows."""
     motors = box.printer.motors
     found = [
@@ -327,7 +343,7 @@ def found_in(
             continue
         found.append(Misfit(kind, _severity(cause), cause.size_mm, cause.nats, _words(cause, motors)))
     joined = [
-        replace(each, words=f"{each.words}{_OF_WHEN.get(state, '')}") if each.kind in IN_TIME else each
+        replace(each, words=each.words + _OF_WHEN[_STATES[each.kind]]) if of_one_time and each.kind in IN_TIME else each
         for each in _one_of_each(found)
     ]
     return (
@@ -422,6 +438,12 @@ def _one_of_each(found: list[Misfit]) -> list[Misfit]:
     return list(joined.values())
 
 
+def _warmed(weights: np.ndarray) -> str:
+    """Say by how much an axis grew from end to end, or moved where that is more."""
+    grown, moved = 2 * float(weights[0]), float(weights[-1])
+    return f"moved by {moved:+.2f} mm" if abs(moved) > abs(grown) else f"grew by {grown:+.2f} mm from end to end"
+
+
 def _words(cause: Cause, motors: tuple[str, ...]) -> str:
     name = motors[cause.motor].upper()
     weight, detail = float(cause.weights[0]), cause.candidate.detail
@@ -436,8 +458,7 @@ def _words(cause: Cause, motors: tuple[str, ...]) -> str:
         "creep": f"{name} crept by {weight * grown:+.2f} mm, most of it in the first {100 * detail:.0f} % of the print"
         ": something gives way, as a set screw does, or the machine warms up and is cold again when a print begins",
         "wear": f"the play of {name} changed by {2 * weight:+.2f} mm while the print went on: something comes loose",
-        "thermal": f"{name} grew by {2 * weight * grown:+.2f} mm from end to end while the print went on, as a machine "
-        "that warms up does",
+        "thermal": f"{name} {_warmed(cause.weights * grown)} while the print went on, as a machine that warms up does",
         "direction": f"where {name} comes to lie depends on which way {other} moved before, by "
         f"{2 * abs(weight):.2f} mm: the head or the gantry tilts",
         "racking-across": f"where {name} comes to lie depends on which way {other} moved before, the more the nearer "

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from printmend.machine import Mechanism, Transmission
 from printmend.promise.budget import Budget, MotorBudget
-from printmend.promise.effects import DrawnCause, PrintPlaces
+from printmend.promise.effects import BEGUN, DrawnCause, PrintPlaces
 from printmend.saved import bed_middle
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
@@ -152,9 +152,9 @@ def _outlook(
     mended = _Side(path, np.zeros_like(path.off_mm), doubts[1], local, errors[1], signed=False)
     along = rng.uniform(-1.0, 1.0, DRAWS)
     results = [_summed_up(each, budget.placed, along, rng) for each in (raw, mended)]
-    strange2 = OTHERWISE_SHARE**2 * sum(
-        results[1][0].made_of[name] ** 2 for name in {"unexplained", *(each.kind for each in budget.effects)}
-    )
+    # a shift of all that is printed does the same to both files
+    strange = {"unexplained", *(each.kind for each in budget.effects if each.state != BEGUN)}
+    strange2 = OTHERWISE_SHARE**2 * sum(results[1][0].made_of[name] ** 2 for name in strange)
     return Outlook(results[0][0], results[1][0], results[0][1] - np.sqrt(results[1][1] ** 2 + strange2))
 
 

@@ -33,7 +33,7 @@ from printmend.promise.misfit_tests import (
     causes_of,
     effects_of,
     found_in,
-    of_the_end,
+    of_one_time,
     unrest_mm,
 )
 from printmend.promise.rails import is_printers, rail_effects, rails_of, waves_of, without_rails
@@ -165,8 +165,8 @@ def _learned_with_causes(
 ) -> tuple[WorldModel, Trace, tuple[Misfit, ...], tuple[tuple[Effect, ...], np.ndarray]]:
     """Ask what causes the misfit of a fit, and learn again where the answer makes that better.
 
-    A trace is freed of the waves of guides, and where something changed for good during the print, all of it is put as
-    it was at the print's end. Returns the model, the trace that it was learned from, the misfits that are left to tell,
+    A trace is freed of the waves of guides, and where something changed during the print, all of it is put as it will
+    be in the next one. Returns the model, the trace that it was learned from, the misfits that are left to tell,
     and what these may do to new prints with what they explain of the rows [N, 2] mm, motor by motor.
     """
     causes = causes_of(box, trace, guides=True)
@@ -176,15 +176,14 @@ def _learned_with_causes(
         causes = causes_of(box, trace)
     bent = rail_effects(box, trace, rails)
     carried, other = (rails, ()) if is_printers(trace) else ((), rails)
-    if (later := of_the_end(box, trace, causes)) is not None:
-        moved, state = later
+    if (moved := of_one_time(box, trace, causes)) is not None:
         again = _with_guide_waves(learn(moved), box.mechanism.frame.waves)
         if (newer := _box_of(again)) is not None and newer.residual_after_mm <= box.residual_after_mm:
             timed = tuple(cause for cause in causes if cause.candidate.kind in IN_TIME)
             stay = tuple(cause for cause in causes_of(newer, moved) if cause.candidate.kind not in IN_TIME)
-            gone, _ = effects_of(newer, moved, timed, state)
+            gone, _ = effects_of(newer, moved, timed, of_one_time=True)
             effects, explained = effects_of(newer, moved, stay)
-            misfits = found_in(newer, moved, (*other, *timed, *stay), state, carried)
+            misfits = found_in(newer, moved, (*other, *timed, *stay), carried, of_one_time=True)
             return again, moved, (*whose, *misfits), ((*bent, *gone, *effects), explained)
     effects, explained = effects_of(box, trace, causes)
     misfits = found_in(box, trace, (*other, *causes), carried=carried)

@@ -86,6 +86,7 @@ export const sentences = [
   ["very likely: {b} {c}", "sehr wahrscheinlich: {b} {c}"],
   ["likely: {b} {c}", "wahrscheinlich: {b} {c}"],
 
+  ["{a} moved by {b} mm while the print went on, as a machine that warms up does", "{a} verschob sich während des Drucks um {b} mm, wie es eine Maschine tut, die warm wird"],
   ["{a} drifted evenly during the print, by {b} mm from the first point to the last", "{a} wanderte während des Drucks gleichmäßig, um {b} mm vom ersten bis zum letzten Punkt"],
   ["{a} was suddenly off by {b} mm after {c} % of the print", "{a} lag nach {c} % des Drucks plötzlich um {b} mm daneben"],
   ["{a} crept by {b} mm, most of it in the first {c} % of the print: something gives way, as a set screw does, or the machine warms up and is cold again when a print begins", "{a} kroch um {b} mm, das meiste in den ersten {c} % des Drucks: Etwas gibt nach, wie es eine Madenschraube tut, oder die Maschine wird warm und ist wieder kalt, wenn ein Druck beginnt"],
@@ -141,6 +142,7 @@ export const sentences = [
   ["only {a} from {b} to {c} mm of {d} to {e} and {f} from {g} to {h} mm of {i} to {j} was measured: elsewhere the printer is thought to go on as it does there", "gemessen wurde nur {a} von {b} bis {c} mm (von {d} bis {e}) und {f} von {g} bis {h} mm (von {i} bis {j}): Anderswo gilt, was dort gilt"],
   ["only {a} from {b} to {c} mm of {d} to {e} was measured: elsewhere the printer is thought to go on as it does there", "gemessen wurde nur {a} von {b} bis {c} mm (von {d} bis {e}): Anderswo gilt, was dort gilt"],
   ["The model is of the end of the print", "Das Modell gilt für das Ende des Drucks"],
+  ["The model is of the first tenth of the print, as for parts of usual size: the next one is homed anew", "Das Modell gilt für das erste Zehntel des Drucks, wie bei Teilen üblicher Größe: Der nächste wird neu referenziert"],
   ["The model is of a printer that has warmed up by a third, as for parts of usual size", "Das Modell gilt für einen Drucker, der zu einem Drittel warm ist, wie bei Teilen üblicher Größe"],
 
   ["{a} was seen on {b} % of its pulley's turn only; the rest is a guess.", "{a} war nur auf {b} % der Umdrehung seiner Scheibe zu sehen; der Rest ist geraten."],
