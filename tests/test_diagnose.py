@@ -17,7 +17,8 @@ from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.repair.learned import learn_model
+from printmend.repair.learned import learn_model, report
+from printmend.repair.mend import check_gcode
 from printmend.report.examination import NOTHING_KNOWN, Examination, examine, standard_rows, write_examination
 from printmend.report.pictures import pictures
 from printmend.twin import Twin
@@ -74,6 +75,30 @@ def test_a_crooked_corexy_is_called_so_before_two_opposite_pulleys(rng: np.rando
     assert model.findings[0].startswith("A healthy; B healthy; frame skewed by 0.50")
     assert "less likely, motor A's pulley is 0.4" in model.findings[0]
     assert [fault["kind"] for fault in model.document["diagnosis"]] == ["skew"]
+
+
+def test_a_crooked_frame_shifts_no_motor(rng: np.random.Generator) -> None:
+    printer = read_printer("ender3")
+    points = np.vstack([[printer.home_mm], rng.uniform(20, 200, (200, 2))])
+    twin = Twin.of(Corruption((Drive(), Drive()), CrookedFrame(skew_deg=0.6)), printer)
+    trace = Trace(points, twin.follow(points) + rng.normal(0, 0.02, points.shape), homed=True)
+    examination = examine(trace, printer, rng=rng)
+    assert examination.saved.findings[0].startswith("X healthy; Y healthy; frame skewed by 0.59")
+    assert "too small" not in examination.headline
+
+
+def test_a_motor_that_skipped_is_said_before_each_print(tmp_path: Path, rng: np.random.Generator) -> None:
+    printer = read_printer("ender3")
+    points = np.vstack([[printer.home_mm], rng.uniform(20, 200, (600, 2))])
+    measured = Twin.of(Corruption((Drive(), Drive())), printer).follow(points) + rng.normal(0, 0.03, points.shape)
+    measured[400:, 0] += 2.0
+    model = learn_model(Trace(points, measured, homed=True), printer)
+    assert model.is_healthy
+    part = tmp_path / "part.gcode"
+    part.write_text("G21\nG90\nM83\nG28\nG0 X60 Y60 Z0.2 F6000\nG1 X160 Y60 E3 F1800\nG1 X160 Y160 E3\n")
+    said = check_gcode(part, model).advice[0]
+    assert said.startswith("X skipped during the test print")
+    assert f"warning: {said}" in report(model)
 
 
 def test_a_wrong_pulley_of_a_corexy_may_be_a_skewed_frame_of_a_wrong_size() -> None:

@@ -503,6 +503,7 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     assert set(export.settings) == {"backlash of X", "backlash of Y"}
     assert export.after_mm < export.before_mm
     assert 0.001 < export.doubt_mm < 0.1
+    assert export.doubt_mm > 0.02  # what a printer may do in motion, which no dot at rest shows, as in `mend`'s range
     most = f"up to {np.hypot(export.after_mm, export.doubt_mm):.3f} mm with what it does not know"
     assert most in remainder(export)
     text = dict(export.files)["marlin.gcode"]
@@ -510,7 +511,7 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     assert "to undo" in text
     healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.diag([0.0013, 0.0013])), ENDER3)
     for firmware in ("marlin", "klipper", "rrf", "linuxcnc"):
-        with pytest.raises(RefusedError):
+        with pytest.raises(RefusedError, match="leave its settings as they are: there is nothing to mend"):
             export_supported(healthy, firmware)
     unsure = replace(FLATBED, scale_sd=0.01, axes_sd=0.01)
     scaled = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.2))
@@ -622,6 +623,8 @@ def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     assert "printmend probe" in advice_of(bent, wide)[0]
     assert "--distance" in advice_of(bent, replace(wide, made_of={"instrument": 0.05}))[0]
     assert advice_of(bent, replace(wide, rms_high_mm=0.02)) == ()
+    fine = replace(wide, rms_mm=0.004, rms_high_mm=0.032, made_of={"instrument": 0.003})
+    assert advice_of(bent, fine) == ()  # no callipers for three micrometres
 
 
 def test_a_length_that_was_given_is_not_asked_for_again() -> None:

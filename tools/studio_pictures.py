@@ -28,7 +28,7 @@ def take_others() -> None:
         (source := Path(name) / "herringbone gear.gcode").write_bytes(gear_gcode())
         server = Server(Path(name) / "studio")
         try:
-            key = printer_of(server)
+            key = printer_of(server, "the old one")
             size = {"width": 1280, "height": 860}
             page = browser.new_context(viewport=size, locale="en-GB", device_scale_factor=1.5).new_page()
             watched = Watched(page, server.address)

@@ -87,6 +87,7 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
         for drive, jumps, axis in zip(model.drives, model.jumps, model.printer.axes[:2], strict=True)
     ]
     crooked = _frame_faults(model, doubt)
+    own = _without_the_frames_shift(model, own) if crooked else own
     if model.printer.kinematics == "corexy":
         own, crooked = _skew_first(model, doubt, own, crooked)
         own = own if doubt.placed or crooked else or_a_skew(own)
@@ -260,6 +261,20 @@ def _jumps(drive: LearnedDrive, jumps: tuple[Jump, ...]) -> list[NamedFault]:
         words = f"{len(these)} × {what} of {abs(these[0].size_mm):.1f} mm in this print (at row {rows})"
         faults.append(_fault(drive, "jump", total if total else these[0].size_mm, 0.0, words))
     return faults
+
+
+def _without_the_frames_shift(model: GreyboxModel, own: list[list[NamedFault]]) -> list[list[NamedFault]]:
+    """Leave out a motor's shift that only takes a crooked frame's back: at home, by definition, nothing has moved."""
+    home = np.array(model.printer.home_mm)
+    by_frame = model.printer.to_motor(model.mechanism.frame.apply(home) - home)
+    return [
+        [
+            one
+            for one in found
+            if one.kind != "offset" or abs(one.value + by_frame[motor]) > LEAST_FAULT_MM + NAMED_SIGMAS * one.sd
+        ]
+        for motor, found in enumerate(own)
+    ]
 
 
 def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[NamedFault]:

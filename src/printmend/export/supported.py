@@ -8,9 +8,11 @@ from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, Export, Simple, simple_part
 from printmend.promise.budget import Budget, parse_budget
 from printmend.promise.misfit import refusals
+from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
 from printmend.saved import SavedModel
 
 SURE_SIGMAS = 2.0  # standard deviations: the coverage factor k of an expanded uncertainty (JCGM 100, 6.3)
+UNSHOWN_MOST_MM = UNSHOWN_MM * float(np.exp(1.645 * UNSHOWN_SD))  # what 19 of 20 printers' test prints do not show
 GAIN_MM = 0.001  # a setting that lowers the error over the bed by less is not worth typing
 _PLACES = 400  # of an axis at which two laws are compared
 
@@ -62,12 +64,15 @@ def _judged(model: SavedModel, export: Export, names: tuple[str, ...], left_out:
         came = "; ".join(left_out) or "its settings change nothing of what was learned"
         raise RefusedError(
             model.printer.name, wanted="a fault that this firmware can hold", came=f"none ({came})",
-            todo="leave its settings as they are: `printmend mend` mends the files instead",
+            todo="leave its settings as they are" + (
+                ": there is nothing to mend" if model.is_healthy else ": `printmend mend` mends the files instead"
+            ),
         )  # fmt: skip
     budget = parse_budget(model)
     unknown_mm2 = sum(each.unexplained_mm2 for each in budget.motors) if budget is not None else 0.0
     doubt_mm2 = unknown_mm2 + sum(each.doubt_mm**2 for each in _settings(model))
-    return replace(export, settings=names, left_out=left_out, doubt_mm=SURE_SIGMAS * float(np.sqrt(doubt_mm2)))
+    doubt_mm = float(np.hypot(SURE_SIGMAS * np.sqrt(doubt_mm2), UNSHOWN_MOST_MM))
+    return replace(export, settings=names, left_out=left_out, doubt_mm=doubt_mm)
 
 
 def _why(name: str, gain_mm: float, doubt_mm: float) -> str:

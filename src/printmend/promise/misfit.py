@@ -50,6 +50,13 @@ def misfit_words(document: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
+def said_of(document: Mapping[str, Any], kind: str) -> tuple[str, ...]:
+    """Return what a model's document says of one kind of misfit."""
+    section = document.get("misfit")
+    found = section.get("found", []) if isinstance(section, dict) else []
+    return tuple(each["words"] for each in found if isinstance(each, dict) and each.get("kind") == kind)
+
+
 def refusals(document: Mapping[str, Any]) -> tuple[str, ...]:
     """Return why a model's document says that nothing should be mended with it, a sentence each."""
     opening = f"{REFUSAL}: "

@@ -348,6 +348,7 @@ def found_in(
     ]
     return (
         *joined,
+        *_jumped(box),
         *_unfit(box, trace),
         *_random_order(box, trace),
         *_other_turns(box),
@@ -483,6 +484,18 @@ def _words(cause: Cause, motors: tuple[str, ...]) -> str:
         "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {cause.size_mm:.3f} mm: an idler or "
         "the belt, not the motor's pulley",
     }[cause.candidate.kind]
+
+
+def _jumped(box: GreyboxModel) -> Iterator[Misfit]:
+    """Name motors that lost their place: the model is without that, and a part may meet it anywhere."""
+    for drive, jumps in zip(box.drives, box.jumps, strict=True):
+        if jumps:
+            words = (
+                f"{drive.name.upper()} skipped during the test print. A part may be off by as much from any place on, "
+                "and no file can mend that: tighten the belt, print slower or give the motor more current, then print "
+                "a new test print"
+            )
+            yield Misfit("jump", WARNING, max(abs(jump.size_mm) for jump in jumps), 0.0, words)
 
 
 def _unfit(box: GreyboxModel, trace: Trace) -> list[Misfit]:

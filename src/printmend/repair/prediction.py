@@ -9,6 +9,7 @@ import numpy as np
 from printmend.invert import Planner
 from printmend.invert import layout as k
 from printmend.promise.budget import parse_budget
+from printmend.promise.misfit import said_of
 from printmend.promise.predict import Errors, PathPlaces, Promise, promised, shape_of, without_doubt
 from printmend.promise.scale import knows_a_length
 from printmend.promise.words import in_a_line, in_words
@@ -19,6 +20,9 @@ _EDGE_MM = 0.5  # a print that is less than this beyond the bed's edge, as slice
 _LEAST_GAIN_MM = 0.0005  # a smaller gain is none: the numbers in a file resolve no more
 _NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
 _WORTH_ADVICE_MM = 0.03  # an expected error that may be larger than this is worth another print
+_WORTH_CAUSE_MM = (
+    0.005  # … if what it mostly comes from is this much at least: what dots at rest do not show is in every range
+)
 _MAIN_SHARE = 0.5  # share of an expected error that must be one part's for it to be named
 _PROBE_TODO = "A whole `printmend probe`, printed and measured, settles it."
 _MOST_WORSE_SHARE = 0.05  # most of the drawn machines, as a share, that may print no better mended
@@ -271,12 +275,21 @@ def _square_shape_errors(path: PathPlaces) -> dict[float | None, float]:
 
 
 def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
-    """Say what most of a mended print's doubt comes from, where it is worth another print or measurement."""
+    """Say what no promise holds, and what most of a mended print's doubt comes from, if that is worth a print."""
+    return (*said_of(model.document, "jump"), *_most_of(model, after))
+
+
+def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
+    """Say what most of a mended print's doubt comes from."""
     if after.rms_high_mm < _WORTH_ADVICE_MM:
         return ()
     shares = {name: (size / max(after.rms_mm, 1e-9)) ** 2 for name, size in after.made_of.items()}
     name = max(shares, key=lambda each: shares[each])
-    if shares[name] < _MAIN_SHARE or name in ("planning", "rounding", "motion"):
+    if (
+        shares[name] < _MAIN_SHARE
+        or after.made_of[name] < _WORTH_CAUSE_MM
+        or name in ("planning", "rounding", "motion")
+    ):
         return ()
     most = "most of what is left"
     if name == "parameters":

@@ -137,7 +137,8 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
         (positioning(mechanism, 0), positioning(mechanism, 1)), circle(mechanism),
         flat.commanded_mm[shown], (flat.measured_mm - flat.commanded_mm)[shown], after[shown],
         None if part is None else part.name, None if part is None else check_gcode(part, saved),
-        len(all_advice) - len(advice), learned.beyond,
+        sum(one not in advice and fault.kind != "offset" for fault, one in zip(faults, all_advice, strict=True)),
+        learned.beyond,
         (*scale_words(saved), *misfit_words(saved.document), *still_words(saved.document)), expectation(saved, flat),
     )  # fmt: skip
 

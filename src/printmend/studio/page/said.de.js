@@ -87,6 +87,7 @@ export const sentences = [
   ["likely: {b} {c}", "wahrscheinlich: {b} {c}"],
 
   ["{a} moved by {b} mm while the print went on, as a machine that warms up does", "{a} verschob sich während des Drucks um {b} mm, wie es eine Maschine tut, die warm wird"],
+  ["{a} skipped during the test print. A part may be off by as much from any place on, and no file can mend that: tighten the belt, print slower or give the motor more current, then print a new test print", "{a} hat während des Testdrucks Zähne übersprungen oder Schritte verloren. Ein Teil kann von jeder Stelle an genauso weit daneben liegen, und keine Datei gleicht das aus: Riemen spannen, langsamer drucken oder dem Motor mehr Strom geben, dann den Testdruck noch einmal drucken"],
   ["{a} drifted evenly during the print, by {b} mm from the first point to the last", "{a} wanderte während des Drucks gleichmäßig, um {b} mm vom ersten bis zum letzten Punkt"],
   ["{a} was suddenly off by {b} mm after {c} % of the print", "{a} lag nach {c} % des Drucks plötzlich um {b} mm daneben"],
   ["{a} crept by {b} mm, most of it in the first {c} % of the print: something gives way, as a set screw does, or the machine warms up and is cold again when a print begins", "{a} kroch um {b} mm, das meiste in den ersten {c} % des Drucks: Etwas gibt nach, wie es eine Madenschraube tut, oder die Maschine wird warm und ist wieder kalt, wenn ein Druck beginnt"],
