@@ -87,6 +87,19 @@ def test_a_crooked_frame_shifts_no_motor(rng: np.random.Generator) -> None:
     assert "too small" not in examination.headline
 
 
+def test_points_that_are_left_out_are_not_in_what_points_lie_off(rng: np.random.Generator) -> None:
+    printer = read_printer("ender3")
+    points = np.vstack([[printer.home_mm], rng.uniform(20, 200, (500, 2))])
+    loose = Corruption((Drive(belt=Play(0.3)), Drive()))
+    measured = Twin.of(loose, printer).follow(points) + rng.normal(0, 0.02, points.shape)
+    typical_mm = np.sqrt(np.square(measured - points).sum(axis=1).mean())
+    measured[10::20, 0] += 6.0
+    examination = examine(Trace(points, measured, homed=True), printer, rng=rng)
+    assert examination.before_rms_mm == pytest.approx(typical_mm, rel=0.1)
+    assert examination.after_rms_mm < 0.05
+    assert "501 measured points, 25 of them left out, lie 0." in report(examination.saved)
+
+
 def test_a_motor_that_skipped_is_said_before_each_print(tmp_path: Path, rng: np.random.Generator) -> None:
     printer = read_printer("ender3")
     points = np.vstack([[printer.home_mm], rng.uniform(20, 200, (600, 2))])

@@ -588,11 +588,19 @@ def _without_lost(box: GreyboxModel, trace: Trace) -> tuple[float, float] | None
     return left, whole
 
 
+def told_lost(box: GreyboxModel) -> np.ndarray:
+    """Return the points [N] that the model leaves out, none where these are too few to be told of."""
+    _, known, lost = _lost(box)
+    count = int(lost.sum())
+    return lost if count >= 2 and count >= FEW_LOST * known.sum() else np.zeros_like(lost)
+
+
 def _left_out(box: GreyboxModel, trace: Trace) -> list[Misfit]:
     """Count the points that the model leaves out."""
-    residual, known, lost = _lost(box)
+    residual, known, _ = _lost(box)
+    lost = told_lost(box)
     count, share = int(lost.sum()), float(lost.sum() / max(known.sum(), 1))
-    if share < FEW_LOST or count < 2:
+    if not count:
         return []
     size = float(np.sqrt(np.mean(np.square(box.printer.from_motor(residual[lost])).sum(axis=1))))
     severity = REFUSAL if share > MOST_LOST else WARNING if share > MANY_LOST else NOTE

@@ -28,12 +28,14 @@ from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order, repeated
 from printmend.promise.misfit_tests import (
     IN_TIME,
+    MOST_LOST,
     Cause,
     as_printed,
     causes_of,
     effects_of,
     found_in,
     of_one_time,
+    told_lost,
     unrest_mm,
 )
 from printmend.promise.rails import is_printers, rail_effects, rails_of, waves_of, without_rails
@@ -353,10 +355,16 @@ def _trace_section(trace: Trace, fit: GreyboxModel, left_mm: float) -> dict[str,
     off_mm = trace.measured_mm - trace.commanded_mm
     if len(fit.mechanism.frame.waves):  # the trace is free of these
         off_mm = off_mm + fit.mechanism.frame.waves_at_mm(trace.commanded_mm)
-    before_mm = float(np.sqrt(np.mean(np.square(off_mm[trace.measured_rows]).sum(axis=1))))
+    told, lost = trace.measured_rows, told_lost(fit)
+    few = len(lost) == len(trace) and 0 < lost.sum() <= MOST_LOST * told.sum()
+    if few:  # what is left out is said by itself
+        told = told & ~lost
+        left_mm = min(left_mm, float(np.sqrt(np.nanmean(np.square(left_over_mm(fit)[told]).sum(axis=1)))))
+    before_mm = float(np.sqrt(np.mean(np.square(off_mm[told]).sum(axis=1))))
     return {
         "rows": len(trace),
         "measured": fit.measured,
+        **({"left_out": int(lost.sum())} if few else {}),
         "residual_before_mm": round(before_mm, 6),
         "residual_after_mm": round(left_mm, 6),
         **({} if scatter_mm is None else {"instrument_mm": round(scatter_mm, 6)}),
@@ -438,8 +446,9 @@ def report(model: SavedModel) -> str:
     lines = [first]
     if "trace" in model.document:
         trace = model.document["trace"]
+        without = f", {trace['left_out']} of them left out," if "left_out" in trace else ""
         lines.append(
-            f"{trace['measured']} measured points lie {trace['residual_before_mm']:.3f} mm off, typically; "
+            f"{trace['measured']} measured points{without} lie {trace['residual_before_mm']:.3f} mm off, typically; "
             f"{trace['residual_after_mm']:.3f} mm of that nothing explains, and {scatter_words(model)}"
         )
     return "\n".join(
