@@ -32,13 +32,16 @@ PROCESS_LENGTHS_MM = (2.0, 5.0, 12.0, 30.0)  # lengths of the smooth kinds
 REACH_MARGIN_MM = 20.0  # how far beyond the contacts a smooth kind's cosines span
 MOST_HARMONICS = 120  # harmonics of a turn that the periodic kind has
 FOLDS = 5  # of the cross-validation
-LEAST_BLOCKS = 4  # fewer blocks of a turn say nothing about another one
+LEAST_BLOCKS = 8  # fewer blocks of a turn say nothing about another one
 MOST_ROWS = 4000  # rows that the cross-validation looks at
 MOST_COLUMNS = 512  # a kind with more is not tried: the finest of either direction, along a CoreXY's long belts
 # A kind is sure to help where what it gains on held-out blocks exceeds a share of their square error, and so many of
 # the gain's own standard errors: more of them for a smooth kind with few points a column.
 LEAST_SHARE_GAINED = 0.02
 SURE_STANDARD_ERRORS, FINE_STANDARD_ERRORS = 2.0, 3.0
+# … and more where there are few blocks: their standard error is unsure itself (Student, Biometrika 6, 1908), and the
+# best of ten kinds gains by chance.
+FEW_BLOCKS, FEW_BLOCKS_STANDARD_ERRORS = 12, 5.0
 FEW_POINTS = 4  # points a column; with fewer they are few
 MOST_SIGMAS = 4.0  # residuals beyond so many robust standard deviations count as no larger
 CONTACT_PASSES = 2  # how often contacts and residual are found in turn
@@ -377,6 +380,8 @@ def chosen_kind(data: Points, reach_mm: tuple[float, float], *, patterned: bool,
 
 def _is_sure(gain: np.ndarray, before: np.ndarray, least: float = SURE_STANDARD_ERRORS) -> bool:
     error = float(np.std(gain, ddof=1)) * np.sqrt(len(gain))
+    if len(gain) < FEW_BLOCKS:
+        least = FEW_BLOCKS_STANDARD_ERRORS
     return bool(gain.sum() > least * error and gain.sum() > LEAST_SHARE_GAINED * before.sum())
 
 
