@@ -1,5 +1,7 @@
 """Traces that are of no print, or of too little of one: a clear refusal, or a model no worse than none."""
 
+import contextlib
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -97,3 +99,23 @@ def test_a_table_may_have_most_of_its_rows_on_one_line(spoil: str | None, rng: n
         return
     with pytest.raises(TraceError):
         learn_model(Trace(points_mm, NONSENSE[spoil](measured_mm, rng)), PRINTER, rng=rng)
+
+
+ENDLESS: dict[str, Spoil] = {
+    "a random walk": lambda mm, rng: mm + np.cumsum(rng.normal(0, 0.05, mm.shape), axis=0),
+    "rows off by one": lambda mm, rng: np.vstack([mm[:1], mm[:-1]]),
+    "18 teeth": lambda mm, rng: mm[0] + (mm - mm[0]) * 20 / 18,
+}
+
+
+@pytest.mark.parametrize("spoil", ENDLESS.values(), ids=ENDLESS)
+def test_learning_ends_whatever_the_rows_are(spoil: Spoil, rng: np.random.Generator) -> None:
+    """Each of these took minutes once. Processor time, as other work may run beside."""
+    points_mm = zigzag(5000)
+    measured_mm = spoil(broken().follow(points_mm) + rng.normal(0, 0.03, points_mm.shape), rng)
+    for count, most_s in ((400, np.inf), (5000, 30.0)):  # the first compiles what is not yet
+        trace = Trace(points_mm[:count], measured_mm[:count], homed=True)
+        begun_s = time.process_time()
+        with contextlib.suppress(TraceError):
+            learn_model(trace, PRINTER, rng=rng)
+        assert time.process_time() - begun_s < most_s
