@@ -2,6 +2,7 @@
 
 import json
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -93,3 +94,9 @@ def test_a_damaged_history_is_named(tmp_path):
     history_of(model).write_text('{"event": "learned"}\n')
     with pytest.raises(ModelError, match="line 1"):
         read_history(model)
+
+
+@pytest.mark.parametrize("path", ["", ".", "/"])
+def test_a_path_without_a_name_has_no_history(path):
+    with pytest.raises(ModelError, match="got none"):
+        read_history(Path(path))

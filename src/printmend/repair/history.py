@@ -168,7 +168,7 @@ class Ageing:
 
 def history_of(model_path: Path) -> Path:
     """Return where the history of a model lies: beside it."""
-    return model_path.with_name(model_path.name.removesuffix(".json") + ".history.jsonl")
+    return model_path.parent / (model_path.name.removesuffix(".json") + ".history.jsonl")
 
 
 def remember(
