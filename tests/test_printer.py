@@ -7,7 +7,7 @@ import pytest
 
 from printmend.errors import ConfigError
 from printmend.printer import Printer, preset_names, read_printer
-from printmend.printer.toml import preset_text
+from printmend.printer.toml import parse_printer, preset_text
 
 
 def test_presets_are_the_documented_machines() -> None:
@@ -62,3 +62,10 @@ def test_a_wrong_key_is_named(tmp_path: Path, old: str, new: str, named: str) ->
 def test_a_missing_printer_lists_the_presets() -> None:
     with pytest.raises(ConfigError, match="corexy, cr10s, cr6-se, ender3"):
         read_printer("prusa")
+
+
+@pytest.mark.parametrize("end", [r"\n", r"\r", r"\u2028"])
+def test_a_name_is_one_line_since_it_stands_in_comments_of_gcode(end: str) -> None:
+    text = preset_text("ender3").replace('name = "', f'name = "a{end}M104 S300 ', 1)
+    with pytest.raises(ConfigError, match="one line"):
+        parse_printer(text, subject="mine.toml")

@@ -69,8 +69,8 @@ def parse_printer(text: str, *, subject: str) -> Printer:
         raise ConfigError(subject, wanted="a printer in TOML", came=f"broken TOML ({error})", todo=todo) from None
     refuse_unknown(table, _KEYS, subject, "the top level")
     name, kinematics = table.get("name", subject), table.get("kinematics")
-    if not isinstance(name, str):
-        raise ConfigError(subject, wanted="name as text", came=repr(name), todo=_TODO)
+    if not isinstance(name, str) or name.splitlines() not in ([], [name]):  # it stands in comments of G-code
+        raise ConfigError(subject, wanted="name as text of one line", came=repr(name)[:40], todo=_TODO)
     if kinematics not in ("cartesian", "corexy"):
         raise ConfigError(subject, wanted='kinematics = "cartesian" or "corexy"', came=repr(kinematics), todo=_TODO)
     extruder, start_gcode = table.get("extruder", "bowden"), table.get("start_gcode", "")

@@ -246,7 +246,7 @@ export default [
   ["compare with printmend printer ender3, which prints a preset", "Mit der printer.toml eines anderen Druckers vergleichen", "compare with another printer's printer.toml"],
   ["a printer in TOML", "ein Drucker in TOML"],
   ["broken TOML ({a})", "beschädigtes TOML ({a})"],
-  ["name as text", "name als Text"],
+  ["name as text of one line", "name als Text in einer Zeile"],
   ["kinematics = \"cartesian\" or \"corexy\"", "kinematics = \"cartesian\" oder \"corexy\""],
   ["extruder = \"bowden\" or \"direct\"", "extruder = \"bowden\" oder \"direct\""],
   ["equal motors on a CoreXY", "gleiche Motoren an einem CoreXY"],
