@@ -136,6 +136,17 @@ def test_lines_that_all_end_with_commas_have_empty_cells_there(tmp_path: Path, e
     np.testing.assert_array_equal(plain.measured_mm, more.measured_mm)
 
 
+@pytest.mark.parametrize("blank", [",,,", " , , , ", ",,,,,"])
+def test_blank_rows_of_a_spreadsheet_are_none(tmp_path: Path, blank: str) -> None:
+    head, *rows = lines(*points()).splitlines()
+    plain = read_trace(table(tmp_path, "\n".join([head, *rows])), PRINTER)
+    more = read_trace(table(tmp_path, "\n".join([head, *rows[:4], blank, *rows[4:], blank, blank, ""])), PRINTER)
+    np.testing.assert_array_equal(plain.commanded_mm, more.commanded_mm)
+    np.testing.assert_array_equal(plain.measured_mm, more.measured_mm)
+    with pytest.raises(TraceError, match="y_mm in every row"):
+        read_trace(table(tmp_path, "\n".join([head, *rows[:4], blank, "1.0,,2.0,3.0", *rows[4:]])), PRINTER)
+
+
 def test_empty_cells_mean_not_measured(tmp_path):
     commanded, measured = points()
     text = lines(commanded, measured).splitlines()

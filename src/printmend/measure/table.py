@@ -14,6 +14,7 @@ far along it the wall lies from where it was commanded. Other columns are ignore
 import csv
 import io
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,6 +52,7 @@ HEADER_TODO = f"start the file with the line {','.join(REQUIRED)}"
 # Stands for an empty cell while the table is parsed; no printer goes there, and a literal nan stays visible.
 _EMPTY = -9.25e303
 _EMPTY_TEXT = b"-9.25e303"  # stands for an empty cell while numbers are read; no measurement is that large
+_BLANK_ROW = re.compile(rb"^[ \t]*(?:,[ \t]*)+$", re.MULTILINE)
 
 
 def read_trace(path: str | Path, printer: Printer) -> Trace:
@@ -185,6 +187,7 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None]
         raise TraceError(path, wanted="a UTF-8 table", came="other bytes", todo="save it as CSV, UTF-8") from None
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     first, _, rest = data.partition(b"\n")
+    rest = _BLANK_ROW.sub(b"", rest)  # spreadsheets write them below a table; an empty line keeps the others' numbers
     names = [name.strip().strip('"') for name in first.decode().split(",")]
     _check_header(path, names, first.decode())
     line = next((line for line in io.BytesIO(rest) if line.strip()), b"").decode().strip()
