@@ -137,6 +137,17 @@ def test_an_idlers_turn_makes_no_other_pulley(learned_mm: float, words: str) -> 
     assert words in _scale(drive, Doubt(), 40.0)[0].words  # type: ignore[arg-type]
 
 
+def test_what_turns_by_another_length_may_be_an_idler(rng: np.random.Generator) -> None:
+    printer = read_printer("ender3")
+    points = np.vstack([[printer.home_mm], rng.uniform(10, 210, (600, 2))])
+    swings = 0.12 * np.sin(points[:, :1] * (2 * np.pi / 34.6)) * [1.0, 0.0]
+    trace = Trace(points, points + swings + rng.normal(0, 0.03, points.shape), homed=True)
+    examination = examine(trace, printer, rng=rng)
+    assert examination.saved.findings[0].startswith("X idler or pulley uneven, every 34.")
+    assert any("an idler that the belt runs over" in one.meaning for one in examination.advice)
+    assert not any(one.title.startswith("X pulley") for one in examination.advice)
+
+
 def test_a_radius_is_told_from_the_one_that_it_is_instead_of() -> None:
     post, design = SimpleNamespace(sds=np.full(2, 1e-5)), SimpleNamespace(scale_at=1)
     drive = SimpleNamespace(

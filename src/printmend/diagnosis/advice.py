@@ -166,10 +166,11 @@ def _period(where: str, fault: NamedFault, size: float) -> Said:
     length = fault.kind.removeprefix("period-")
     return (
         f"{where} swings every {length} mm",
-        f"Lines swing by {size:.2f} mm to either side, again and again, but not once a turn of the motor: an idler "
-        "that the belt runs over is off its centre, or dirty.",
+        f"Lines swing by {size:.2f} mm to either side, again and again, but not once a turn of the printer's own "
+        "pulley: an idler that the belt runs over is off its centre, or dirty, or the pulley is another one.",
         size,
-        "Clean the idlers and look which of them wobbles; replace it." if size >= SOON_MM else "Nothing to replace.",
+        "Clean the idlers and look which of them wobbles, or the pulley; replace it." if size >= SOON_MM
+        else "Nothing to replace.",
         _CARRIES,
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.identify.drive import ALL_SEEN, Jump
-from printmend.identify.drive.period import TOOTH_MM
+from printmend.identify.drive.period import NEAR_SHARE, TOOTH_MM
 from printmend.identify.drive.select import LEAST_ROWS_EITHER_WAY
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.machine import Frame
@@ -110,7 +110,12 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
 
 def drive_faults(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault]:
     """Name the faults of one motor's drive, the pulley first; ``turn_mm`` is a turn of the printer's own."""
-    return [*_scale(drive, doubt, turn_mm), *_pulley(drive, doubt), *_play(drive, doubt), *_other_faults(drive, doubt)]
+    return [
+        *_scale(drive, doubt, turn_mm),
+        *_pulley(drive, doubt, turn_mm),
+        *_play(drive, doubt),
+        *_other_faults(drive, doubt),
+    ]
 
 
 def _fault(drive: LearnedDrive, kind: str, value: float, sd: float, words: str, unit: str = "mm") -> NamedFault:
@@ -139,8 +144,11 @@ def _scale(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault
     return [_fault(drive, "scale", percent, sd, words, "%")]
 
 
-def _pulley(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
-    """Name the largest harmonics of the pulley; those of a loose belt's play are twice the pulley's odd ones."""
+def _pulley(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault]:
+    """Name the largest harmonics of the pulley; those of a loose belt's play are twice the pulley's odd ones.
+
+    What turns by another length than the printer's pulley, ``turn_mm``, may be an idler as well.
+    """
     design, values, sds = drive.choice.design, drive.choice.fit.posterior.values, drive.choice.fit.posterior.sds
     loose = drive.structure.play == "loose"
     found: dict[int, tuple[float, float]] = {}
@@ -152,6 +160,11 @@ def _pulley(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
             if share and size > max(NAMED_SIGMAS * sd, LEAST_FAULT_MM, LEAST_EFFECT_MM * k):
                 found[int(k)] = (size, sd)
     largest = sorted(found, key=lambda k: -found[k][0])
+    if largest and abs((learned_mm := drive.branches.period_mm) / turn_mm - 1) >= NEAR_SHARE:
+        k = max(found, key=lambda k: found[k][0] / k)
+        size, sd = (each / k for each in found[k])
+        words = f"idler or pulley uneven, every {learned_mm / k:.1f} mm, by {amount(size, sd)}"
+        return [_fault(drive, f"period-{learned_mm / k:.1f}", size, sd, words)]
     faults: list[NamedFault] = []
     for k in sorted(largest[:NAMED_HARMONICS]):
         word = _HARMONIC_WORDS.get(k, f"harmonic {k}")
