@@ -63,7 +63,7 @@ def stated(sigma_mm: float, noise_mm: float) -> Trace:
 
 
 def named() -> Printer:
-    return replace(ENDER3, name='"Кузня"\n\t\\ = [x] \u2028 \x00 🖨')
+    return replace(ENDER3, name='"Кузня"\t\\ = [x] \x00 🖨')
 
 
 ODD: dict[str, Callable[[], tuple[Printer, Trace]]] = {
