@@ -228,6 +228,36 @@ def test_a_print_of_half_a_turn_promises_by_the_machines_that_it_allows(part: Pa
     assert promise.rms_high_mm > 5 * promise.rms_low_mm
 
 
+def test_ringing_that_no_mark_at_rest_shows_lies_in_the_range(bent: SavedModel, part: Path) -> None:
+    """A head that swings by 0.1 mm after a corner every 10 mm, 0.025 mm typically, at 40 Hz and 30 mm/s.
+
+    The marks of the test print were made at rest, so the model cannot know; the range must.
+    """
+    promise = mend_gcode(part, bent, part.with_name("out.gcode")).prediction.after
+    since_corner_mm = np.linspace(0, 10, 1000)
+    swing_mm = 0.1 * np.exp(-since_corner_mm / 2.5) * np.cos(2 * np.pi * 40 / 30 * since_corner_mm)
+    planned = judge_gcode(part, part.with_name("out.gcode"), Twin.of(BENT, ENDER3)).after.rms_mm
+    true_mm = np.hypot(planned, np.sqrt(np.mean(swing_mm**2)))
+    assert true_mm > 0.02
+    assert promise.rms_low_mm < true_mm < promise.rms_high_mm
+    assert "motion" in promise.made_of
+
+
+def test_a_printer_that_sticks_is_promised_no_better_than_its_marks_scatter(
+    part: Path, rng: np.random.Generator
+) -> None:
+    """Each axis stops anywhere within 0.1 mm of where it was sent; the callipers say that they read to 0.01 mm."""
+    trace = measured(BENT, 0.01, 7)
+    stuck = rng.uniform(-0.05, 0.05, trace.measured_mm.shape)
+    sticking = replace(trace, measured_mm=trace.measured_mm + stuck, sigma_mm=np.full(len(trace), 0.01))
+    model = learn_model(sticking, ENDER3)
+    promise = mend_gcode(part, model, part.with_name("out.gcode")).prediction.after
+    planned = judge_gcode(part, part.with_name("out.gcode"), Twin.of(BENT, ENDER3)).after.rms_mm
+    true_mm = np.hypot(planned, 0.05 / np.sqrt(3))  # across a line it is off by as much as either axis
+    assert promise.rms_low_mm < true_mm < promise.rms_high_mm
+    assert promise.rms_mm == pytest.approx(true_mm, rel=0.3)
+
+
 def test_what_was_left_out_is_read_with_its_chance() -> None:
     way = stairs(250)
     trace = Trace(way, way + np.random.default_rng(5).normal(0, 0.05, way.shape), homed=True)
