@@ -39,6 +39,7 @@ from printmend.promise.misfit_tests import (
     _one_border,
     _tilted,
     _tilts,
+    _words,
     as_printed,
     causes_of,
     effects_of,
@@ -337,6 +338,15 @@ def test_both_motors_of_a_rail_say_it_once_and_each_length_is_said() -> None:
     assert _tilts(tuple(against), "rail-racking") == {0: pytest.approx(0.1)}
     words = _tilted(against[0], 0, 0.1).words
     assert words.startswith("where Y comes to lie depends on which way X moved before, the more the nearer to its ends")
+
+
+@pytest.mark.parametrize("kind", ["second-period", "rail-wave"])
+@pytest.mark.parametrize("motors", [("x", "y"), ("a", "b")])
+def test_a_wave_is_told_by_its_amplitude_as_the_diagnosis_tells_it(kind: str, motors: tuple[str, str]) -> None:
+    angle = np.linspace(0, TURN_RAD, 1000, endpoint=False)
+    wave_mm = 0.06 * np.cos(angle) + 0.08 * np.sin(angle)
+    cause = Cause(1, Candidate(kind, 1, 30.0, 0.0), np.array([0.06, 0.08]), float(np.std(wave_mm)), 20.0)
+    assert f"{np.abs(wave_mm).max():.3f} mm to either side" in _words(cause, motors)
 
 
 def test_one_border_of_two_halves_is_said_once() -> None:

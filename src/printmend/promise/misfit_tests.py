@@ -453,6 +453,7 @@ def _words(cause: Cause, motors: tuple[str, ...]) -> str:
     axis = int(cause.candidate.place if is_wave else min(detail, 1.0))
     half = "XY"[axis] if cause.candidate.kind.startswith(("halves", "rail")) else ""
     grown = float(warmed(np.ones(1), detail)[0])  # one that is slow has not come to its end yet
+    swing = f"{float(np.linalg.norm(cause.weights)):.3f} mm to either side"  # a wave's amplitude
     return {
         "linear": f"{name} drifted evenly during the print, by {weight:+.2f} mm from the first point to the last",
         "step": f"{name} was suddenly off by {weight:+.2f} mm after {100 * detail:.0f} % of the print",
@@ -476,12 +477,12 @@ def _words(cause: Cause, motors: tuple[str, ...]) -> str:
         f"pulleys that differ by {2 * cause.size_mm:.2f} mm",
         "rail-racking": f"{name} shows a head that lags along {half} at one end of {'XY'[1 - axis]} and runs ahead at "
         f"the other, by {2 * abs(weight):.2f} mm there and back: the gantry racks",
-        "rail-wave": f"{name} is off by a wave of {cause.size_mm:.3f} mm that repeats every {detail:.1f} mm along "
+        "rail-wave": f"{name} is off by a wave of {swing} that repeats every {detail:.1f} mm along "
         f"{half}: a guide that is not straight"
         if name == "XY"[1 - axis]
-        else f"an error repeats every {detail:.1f} mm along {half}, {cause.size_mm:.3f} mm, "
+        else f"an error repeats every {detail:.1f} mm along {half}, {swing}, "
         "whichever motor turns: a rail, or an idler on the gantry",
-        "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {cause.size_mm:.3f} mm: an idler or "
+        "second-period": f"{name} has an error that repeats every {detail:.1f} mm, {swing}: an idler or "
         "the belt, not the motor's pulley",
     }[cause.candidate.kind]
 
