@@ -13,7 +13,7 @@ import numpy as np
 
 from printmend.identify.drive.design import Design, Rows
 from printmend.identify.drive.fit import independent_share, robust_sigma_mm
-from printmend.identify.drive.period import sharpened
+from printmend.identify.drive.period import GUIDE_PERIODS_MM, sharpened
 from printmend.identify.drive.second import columns_of, own_columns
 from printmend.learn.greybox.model import GreyboxModel
 from printmend.learn.greybox.rows import motor_rows
@@ -34,7 +34,6 @@ from printmend.promise.misfit_tests import (
 )
 from printmend.units import TURN_RAD
 
-PERIODS_MM = np.geomspace(40.0, 400.0, 120)  # of a wave; a shorter one is no bend, a longer one a bent frame
 PLACES = np.linspace(-0.8, 0.8, 33)  # where one half of the bed may end, the span from −1 to 1
 ROUNDS = 2  # in which each wave's length is found again beside the others
 LEAST_OWN_SHARE = 0.3  # share of a wave that a motor's other parts must leave
@@ -123,9 +122,9 @@ def _waves(seen: list[_Seen]) -> list[Candidate]:
     """Return the waves of both rails that the rows surely hold, the largest first."""
     found: list[Candidate] = []
     while len(found) < MOST_WAVES:
-        left_mm2 = [_left_mm2(seen, PERIODS_MM, axis) for axis in range(2)]
+        left_mm2 = [_left_mm2(seen, GUIDE_PERIODS_MM, axis) for axis in range(2)]
         axis, at = np.unravel_index(np.argmin(left_mm2), np.shape(left_mm2))
-        best = _sharper(seen, Candidate("rail-wave", 2 * len(PERIODS_MM), float(PERIODS_MM[at]), int(axis)))
+        best = _sharper(seen, Candidate("rail-wave", 2 * len(GUIDE_PERIODS_MM), float(GUIDE_PERIODS_MM[at]), int(axis)))
         if _nats(seen, best) <= SURE_NATS:
             break
         found.append(best)
@@ -176,7 +175,7 @@ def _criterion(seen: _Seen) -> float:
 
 
 def _sharper(seen: list[_Seen], wave: Candidate) -> Candidate:
-    spacing, axis = (PERIODS_MM[1] / PERIODS_MM[0] - 1) / wave.detail, int(wave.place)
+    spacing, axis = (GUIDE_PERIODS_MM[1] / GUIDE_PERIODS_MM[0] - 1) / wave.detail, int(wave.place)
     length = sharpened(wave.detail, spacing, lambda period: float(_left_mm2(seen, np.array([period]), axis)[0]))
     return replace(wave, detail=float(length))
 
