@@ -160,6 +160,12 @@ def _two_motors(plain: Printed, rng: np.random.Generator) -> np.ndarray:
     )
 
 
+def _halves(plain: Printed, rng: np.random.Generator) -> np.ndarray:
+    """One part of the bed is off by a step, whichever way: its border is along either axis, about the middle."""
+    axis, border, way = int(rng.integers(2)), rng.uniform(0.3, 0.7), rng.uniform(0, 2 * math.pi)
+    return np.outer(plain.commanded_mm[:, axis] > border * plain.bed_mm, [math.cos(way), math.sin(way)])
+
+
 def _moves(plain: Printed) -> np.ndarray:
     return np.hypot(*np.diff(plain.commanded_mm, axis=0, prepend=plain.commanded_mm[:1]).T)
 
@@ -173,7 +179,7 @@ SIZED: dict[str, Callable] = {
     "set-screw-creep": _bent("set-screw-creep"),
     "direction": _by(lambda p, rng: p.ways[:, ::-1] * _axis(rng)),
     "speed": _by(lambda p, rng: p.ways * np.minimum(1.0, _moves(p) / 10.0)[:, None] * _axis(rng)),
-    "halves": _by(lambda p, rng: np.outer(p.commanded_mm[:, 0] > p.bed_mm / 2, [0.0, 1.0])),
+    "halves": _by(_halves),
     "halves-play": _bent("halves-play"),
     "racking": _bent("racking"),
     "two-motors": _by(_two_motors),

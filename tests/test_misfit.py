@@ -27,7 +27,18 @@ from printmend.probe import design_probe
 from printmend.probe.probe import keep_plan
 from printmend.promise import misfit_rows, predict
 from printmend.promise.budget import parse_budget
-from printmend.promise.effects import BEGUN, EARLY, EARLY_DONE, ENDED, SHIFT_STAYS, Effect, PrintPlaces
+from printmend.promise.effects import (
+    BEGUN,
+    EARLY,
+    EARLY_DONE,
+    ENDED,
+    LEARNED,
+    SHIFT_STAYS,
+    STAYS,
+    Effect,
+    PrintPlaces,
+    parse_effects,
+)
 from printmend.promise.misfit import misfit_section
 from printmend.promise.misfit_columns import Candidate
 from printmend.promise.misfit_printer import another_home, another_printers
@@ -322,6 +333,44 @@ def test_a_wavy_guide_is_no_short_turn_of_the_motors(preset: str, length_mm: flo
     measured[plan.rows] = (way + off)[plan.rows] + rng.normal(0, 0.02, (len(plan.rows), 2))
     for rows in motor_rows(Trace(way, measured, homed=True), printer):
         assert roughly_turned(rows, rows)[0] == rows.period_mm
+
+
+def of_two_halves(preset: str, axis: int, step_mm: np.ndarray, rng: np.random.Generator) -> Learned:
+    printer = read_printer(preset)
+    plan = design_probe(printer)
+    way = plan.waypoints_mm
+    middle = (way[:, axis].min() + way[:, axis].max()) / 2
+    measured = np.full(way.shape, np.nan)
+    measured[plan.rows] = (way + np.outer(way[:, axis] > middle + 7, step_mm) + rng.normal(0, 0.05, way.shape))[
+        plan.rows
+    ]
+    return learn(Trace(way, measured, homed=True), printer)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("preset", ["ender3", "ender5", "corexy"])
+def test_a_step_between_two_halves_bends_no_frame_and_no_belt(preset: str, axis: int, rng: np.random.Generator) -> None:
+    """A CoreXY's motors would follow it by harmonics of short turns, others by a bent frame and an uneven belt."""
+    learned = of_two_halves(preset, axis, np.array([-0.09, 0.1]), rng)
+    assert learned.saved.mechanism.frame.is_identity
+    for table in learned.saved.mechanism.transmissions:
+        np.testing.assert_allclose(table.lower_mm, table.motor_mm, atol=1e-9)
+    assert report(learned.saved).count("the model is without it") == 1
+    step = [each for each in parse_effects(learned.saved.document) if each.kind == "halves"]
+    assert {each.state for each in step} == {STAYS}
+    off_mm = np.zeros(2)
+    off_mm[[each.motor for each in step]] = [each.weights[0] for each in step]
+    assert off_mm == pytest.approx([0.01, -0.19] if preset == "corexy" else [-0.09, 0.1], abs=0.02)
+
+
+def test_a_step_along_a_belts_own_axis_may_be_the_belts(rng: np.random.Generator) -> None:
+    learned = of_two_halves("ender3", 1, np.array([0.0, 0.12]), rng)
+    x, y = learned.saved.mechanism.transmissions
+    np.testing.assert_allclose(x.lower_mm, x.motor_mm, atol=1e-9)
+    off_mm = np.interp([60.0, 160.0], y.motor_mm, y.lower_mm) - [60.0, 160.0]
+    assert np.diff(off_mm) == pytest.approx(0.12, abs=0.02)
+    assert [each.state for each in parse_effects(learned.saved.document) if each.kind == "halves"] == [LEARNED]
+    assert "in the upper part of Y. The model carries it" in report(learned.saved)
 
 
 def test_both_motors_of_a_rail_say_it_once_and_each_length_is_said() -> None:

@@ -79,6 +79,8 @@ _OF_WHEN = {
     EARLY: ". The model is of a printer that has warmed up by a third, as for parts of usual size",
 }
 
+_OF_HALVES = ". Two sheets measured as one show that, or a guide in two pieces: the model is without it"
+
 # What becomes in the next print of causes that come with time, and the time of which the model is, as a share of the
 # print: play that grew stays so, a shift is gone with the next homing, and a printer that warmed up is cold again.
 _STATES = {"wear": ENDED, "thermal": EARLY, **dict.fromkeys(SHIFTS, BEGUN)}
@@ -343,7 +345,11 @@ def found_in(
             continue
         found.append(Misfit(kind, _severity(cause), cause.size_mm, cause.nats, _words(cause, motors)))
     joined = [
-        replace(each, words=each.words + _OF_WHEN[_STATES[each.kind]]) if of_one_time and each.kind in IN_TIME else each
+        replace(each, words=each.words + _OF_WHEN[_STATES[each.kind]])
+        if of_one_time and each.kind in IN_TIME
+        else replace(each, words=each.words + _OF_HALVES)
+        if each.kind == "halves" and not each.words.endswith(CARRIED)
+        else each
         for each in _one_of_each(found)
     ]
     return (

@@ -34,13 +34,16 @@ from printmend.promise.misfit_tests import (
 )
 from printmend.units import TURN_RAD
 
-PLACES = np.linspace(-0.8, 0.8, 33)  # where one half of the bed may end, the span from −1 to 1
+# Steps between two halves of the bed: their border is at one of 33 places, the span from −1 to 1, along either axis.
+BORDERS = tuple(
+    Candidate("halves", 66, axis, float(place)) for axis in range(2) for place in np.linspace(-0.8, 0.8, 33)
+)
 ROUNDS = 2  # in which each wave's length is found again beside the others
 LEAST_OWN_SHARE = 0.3  # share of a wave that a motor's other parts must leave
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class Seen:
     """One motor's rows [M] as a rail's wave would show in them: what it may explain, ``left_mm`` [M], freed of the
     ``basis`` [M, B] of the motor's own parts, and the ``axes`` along which it would show."""
 
@@ -52,11 +55,11 @@ class _Seen:
     def freed(self, columns: np.ndarray) -> np.ndarray:
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
-    def with_wave(self, wave: Candidate) -> "_Seen":
+    def with_wave(self, wave: Candidate) -> "Seen":
         """Return the rows with a wave among the motor's own parts."""
         return self.with_column(wave.columns(self.one)) if wave.place in self.axes else self
 
-    def with_column(self, columns: np.ndarray) -> "_Seen":
+    def with_column(self, columns: np.ndarray) -> "Seen":
         """Return the rows with columns [M, Q] among the motor's own parts."""
         more = np.linalg.qr(self.freed(columns))[0]
         left = self.left_mm - more @ (more.T @ self.left_mm)
@@ -66,22 +69,28 @@ class _Seen:
 def rails_of(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tuple[Cause, ...]:
     """Return the waves of the guides, every motor's share of each, where ``causes``, guides among them, have one; else
     nothing."""
-    if trace.wall_rows.any() or not any(cause.candidate.kind == "rail-wave" for cause in causes):
-        return ()
-    touches = [drive.choice.fit.touch for drive in box.drives]
-    if any(len(touch.at) != len(trace) or (touch.at >= 0).sum() < LEAST_ROWS for touch in touches):
+    if not can_be_told(box, trace) or not any(cause.candidate.kind == "rail-wave" for cause in causes):
         return ()
     rows = motor_rows(trace, box.printer, box.periods_mm)
     tried = []
-    for imitating in (_nothing, _periodic, _all_curved):
-        seen = [_seen(box, trace, rows, motor, imitating) for motor in range(2)]
+    for imitating in (nothing, _periodic, _all_curved):
+        seen = [seen_without(box, trace, rows, motor, imitating) for motor in range(2)]
         if waves := _waves(seen):
             left, waves = _sharpened(seen, waves)
             tried += [(left, _fitted(seen, waves)), (_of_halves(seen), ())]
     return min(tried, key=lambda each: each[0])[1] if tried else ()
 
 
-def _nothing(design: Design) -> np.ndarray:
+def can_be_told(box: GreyboxModel, trace: Trace) -> bool:
+    """Say whether a trace has rows enough, of dots, for what is not a motor's own to be told from its parts."""
+    touches = [drive.choice.fit.touch for drive in box.drives]
+    return not trace.wall_rows.any() and all(
+        len(touch.at) == len(trace) and (touch.at >= 0).sum() >= LEAST_ROWS for touch in touches
+    )
+
+
+def nothing(design: Design) -> np.ndarray:
+    """Mark no parameter [P]."""
     return np.zeros(design.size, bool)
 
 
@@ -97,10 +106,10 @@ def _all_curved(design: Design) -> np.ndarray:
     return marked
 
 
-def _seen(
+def seen_without(
     box: GreyboxModel, trace: Trace, rows: list[Rows], motor: int, imitating: Callable[[Design], np.ndarray]
-) -> _Seen:
-    """Return what a fit leaves of a motor's rows when the parts that imitate a rail are given back."""
+) -> Seen:
+    """Return what a fit leaves of a motor's rows when the parts that may imitate another cause are given back."""
     choice = box.drives[motor].choice
     touch = choice.fit.touch
     used = np.flatnonzero((rows[motor].weight > 0) & (touch.at >= 0))
@@ -115,10 +124,10 @@ def _seen(
     basis = own_columns(choice, rows[motor], used, without=given)
     one = law_rows(rows, motor, trace.commanded_mm, touch.side).at(used)
     axes = wavy_axes(motor, trace, corexy=box.printer.kinematics == "corexy")
-    return _Seen(one, left - basis @ (basis.T @ left), basis, axes)
+    return Seen(one, left - basis @ (basis.T @ left), basis, axes)
 
 
-def _waves(seen: list[_Seen]) -> list[Candidate]:
+def _waves(seen: list[Seen]) -> list[Candidate]:
     """Return the waves of both rails that the rows surely hold, the largest first."""
     found: list[Candidate] = []
     while len(found) < MOST_WAVES:
@@ -132,7 +141,7 @@ def _waves(seen: list[_Seen]) -> list[Candidate]:
     return found
 
 
-def _left_mm2(seen: list[_Seen], periods_mm: np.ndarray, axis: int) -> np.ndarray:
+def _left_mm2(seen: list[Seen], periods_mm: np.ndarray, axis: int) -> np.ndarray:
     """Return the squares [K] mm² that both motors leave beside a wave of each length [K] along an axis."""
     total = np.zeros(len(periods_mm))
     for each in seen:
@@ -149,7 +158,7 @@ def _left_mm2(seen: list[_Seen], periods_mm: np.ndarray, axis: int) -> np.ndarra
     return total
 
 
-def _sharpened(seen: list[_Seen], waves: list[Candidate]) -> tuple[float, list[Candidate]]:
+def _sharpened(seen: list[Seen], waves: list[Candidate]) -> tuple[float, list[Candidate]]:
     """Return waves with the lengths that fit best beside each other, and what they and all else leave: the logarithm of
     the squares of each row, and a share of them for each parameter (the criterion of Schwarz 1978)."""
     for _ in range(ROUNDS):
@@ -163,24 +172,23 @@ def _sharpened(seen: list[_Seen], waves: list[Candidate]) -> tuple[float, list[C
     return sum(_criterion(each) for each in seen), waves
 
 
-def _of_halves(seen: list[_Seen]) -> float:
+def _of_halves(seen: list[Seen]) -> float:
     """Return the least that one half of the bed being off leaves: a step is many waves, and none of them."""
-    halves = [Candidate("halves", 2 * len(PLACES), axis, float(place)) for axis in range(2) for place in PLACES]
-    return min(sum(_criterion(each.with_column(one.columns(each.one))) for each in seen) for one in halves)
+    return min(sum(_criterion(each.with_column(one.columns(each.one))) for each in seen) for one in BORDERS)
 
 
-def _criterion(seen: _Seen) -> float:
+def _criterion(seen: Seen) -> float:
     rows, parameters = seen.basis.shape
     return rows * np.log(max(float(seen.left_mm @ seen.left_mm), 1e-18) / rows) + parameters * np.log(rows)
 
 
-def _sharper(seen: list[_Seen], wave: Candidate) -> Candidate:
+def _sharper(seen: list[Seen], wave: Candidate) -> Candidate:
     spacing, axis = (GUIDE_PERIODS_MM[1] / GUIDE_PERIODS_MM[0] - 1) / wave.detail, int(wave.place)
     length = sharpened(wave.detail, spacing, lambda period: float(_left_mm2(seen, np.array([period]), axis)[0]))
     return replace(wave, detail=float(length))
 
 
-def _nats(seen: list[_Seen], wave: Candidate) -> float:
+def _nats(seen: list[Seen], wave: Candidate) -> float:
     """Return the log likelihood that a wave gains on both motors, beyond the logarithm of how many were tried."""
     gained = -np.log(wave.tried) - 4.0
     for each in seen:
@@ -191,7 +199,7 @@ def _nats(seen: list[_Seen], wave: Candidate) -> float:
     return float(gained)
 
 
-def _fitted(seen: list[_Seen], waves: list[Candidate]) -> tuple[Cause, ...]:
+def _fitted(seen: list[Seen], waves: list[Candidate]) -> tuple[Cause, ...]:
     """Return the waves as causes, fitted together."""
     found = []
     for motor, each in enumerate(seen):

@@ -23,6 +23,7 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import acting, still_words
 from printmend.promise.effects import Effect
+from printmend.promise.halves import halves_of, is_belts, step_effects
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order, repeated
@@ -167,9 +168,10 @@ def _learned_with_causes(
 ) -> tuple[WorldModel, Trace, tuple[Misfit, ...], tuple[tuple[Effect, ...], np.ndarray]]:
     """Ask what causes the misfit of a fit, and learn again where the answer makes that better.
 
-    A trace is freed of the waves of guides, and where something changed during the print, all of it is put as it will
-    be in the next one. Returns the model, the trace that it was learned from, the misfits that are left to tell,
-    and what these may do to new prints with what they explain of the rows [N, 2] mm, motor by motor.
+    A trace is freed of the waves of guides and of a step between two halves of the bed, and where something changed
+    during the print, all of it is put as it will be in the next one. Returns the model, the trace that it was learned
+    from, the misfits that are left to tell, and what these may do to new prints with what they explain of the rows
+    [N, 2] mm, motor by motor.
     """
     causes = causes_of(box, trace, guides=True)
     whose = another_printers(box, trace, causes)
@@ -178,6 +180,13 @@ def _learned_with_causes(
         causes = causes_of(box, trace)
     bent = rail_effects(box, trace, rails)
     carried, other = (rails, ()) if is_printers(trace) else ((), rails)
+    fit, box, freed, step = _learned_without_step(fit, box, trace, learn)
+    if freed is not trace:
+        other, trace, causes = (*other, *step), freed, causes_of(box, freed)
+    elif step:
+        carried = (*carried, *step)
+        causes = tuple(each for each in causes if (each.candidate.kind, each.motor) != ("halves", step[0].motor))
+    bent = (*bent, *step_effects(box, trace, step))
     if (moved := of_one_time(box, trace, causes)) is not None:
         again = _with_guide_waves(learn(moved), box.mechanism.frame.waves)
         if (newer := _box_of(again)) is not None and newer.residual_after_mm <= box.residual_after_mm:
@@ -212,6 +221,24 @@ def _learned_without_guides(
         return again, newer, freed, rails
     again = _with_guide_waves(again, waves_of(box.printer, rails))
     return again, _box_of(again) or newer, freed, rails
+
+
+def _learned_without_step(
+    fit: WorldModel, box: GreyboxModel, trace: Trace, learn: Callable[[Trace], WorldModel]
+) -> tuple[WorldModel, GreyboxModel, Trace, tuple[Cause, ...]]:
+    """Learn again from a trace that is freed of a step between two halves of the bed, which no printer makes.
+
+    Returns the model, its grey box, the freed trace and the step; a belt may make a step along its own axis: then its
+    model has it, and the trace is as given. Without a step it returns what was given, and no causes.
+    """
+    if not (step := halves_of(box, trace)) or is_belts(box, step):
+        return fit, box, trace, step
+    freed = without_rails(box, trace, step)
+    again = _with_guide_waves(learn(freed), box.mechanism.frame.waves)
+    newer = _box_of(again)
+    if newer is None or newer.residual_after_mm > AS_GOOD_SHARE * box.residual_after_mm:
+        return fit, box, trace, ()
+    return again, newer, freed, step
 
 
 def _with_guide_waves(fit: Planar, waves: np.ndarray) -> Planar:

@@ -98,6 +98,7 @@ export const sentences = [
   ["{a} lies {b} mm further back after long, fast moves than after short ones", "{a} liegt nach langen, schnellen Fahrten {b} mm weiter zurück als nach kurzen"],
   ["{a} lies {b} mm further on after long, fast moves than after short ones", "{a} liegt nach langen, schnellen Fahrten {b} mm weiter vorn als nach kurzen"],
   ["{a} is off by {b} mm in the upper part of {c}", "{a} liegt im oberen Teil von {c} um {b} mm daneben"],
+  ["Two sheets measured as one show that, or a guide in two pieces: the model is without it", "Zwei Blätter, die als eines vermessen wurden, sehen so aus, oder eine Führung aus zwei Stücken: Das Modell ist ohne das"],
   ["{a} has {b} mm more play in the upper part of {c}", "{a} hat im oberen Teil von {c} {b} mm mehr Spiel"],
   ["the play of {a} changes by {b} mm from one end of {c} to the other: the gantry racks, or one of two motors is loose", "das Spiel von {a} ändert sich um {b} mm von einem Ende von {c} zum anderen: Das Portal verkantet sich, oder einer von zwei Motoren ist lose"],
   ["{a} shows a head that lags along {b} by {c} mm whichever motor turns: a rail or the head has play, not a belt", "{a} zeigt einen Kopf, der längs {b} um {c} mm nachhängt, gleich welcher Motor dreht: Eine Schiene oder der Kopf hat Spiel, kein Riemen"],
