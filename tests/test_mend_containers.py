@@ -261,6 +261,8 @@ def test_bad_crc(corpus: Path, tmp_path: Path) -> None:
     [
         ("; printer_model = ENDER5\n", "ENDER5"),
         ("; printer_model = MK3S\n", "MK3S"),
+        ("; printer_model = Bambu Lab P1S\n", "for Bambu Lab P1S"),
+        ("; printer_settings_id = Anycubic Kobra 2 0.4 nozzle\n", "Kobra 2"),
         ("; printer_settings_id = Original Prusa MK4S 0.4 nozzle\n", "MK4S"),
         ("; printer_model = Voron V2.4 300mm\n", "Voron"),
         ("; printer_model = Creality Ender-3 Pro\n", ""),

@@ -9,24 +9,18 @@ from pathlib import Path
 from printmend.errors import TraceError
 from printmend.path import Origin
 from printmend.printer import Printer, preset_names, read_printer
+from printmend.printer.known import bare_name
 
 
 def check_origin(subject: str | Path, origin: Origin | None, printer: Printer) -> None:
     """Raise `TraceError` where a measurement says that it is of another printer; ``subject`` names it."""
-    if origin is None or _plain(origin.printer) == _plain(printer.name):
+    if origin is None or bare_name(origin.printer) == bare_name(printer.name):
         return
-    known = {_plain(read_printer(name).name) for name in preset_names()}
+    known = {bare_name(read_printer(name).name) for name in preset_names()}
     is_other = origin.kinematics not in ("", printer.kinematics)
-    if not is_other and (_plain(origin.printer) in known) != (_plain(printer.name) in known):
+    if not is_other and (bare_name(origin.printer) in known) != (bare_name(printer.name) in known):
         return
     raise TraceError(
         subject, wanted=f"a measurement of {printer.name}", came=f"one of {origin.printer}",
         todo="take that printer; if it is this one under another name, correct the name in it",
     )  # fmt: skip
-
-
-def _plain(name: str) -> str:
-    """Return a printer's name in small letters and digits; one without a name goes by its file's."""
-    if name.endswith(".toml"):
-        name = name.replace("\\", "/").rpartition("/")[2]
-    return "".join(each for each in name.lower() if each.isalnum())

@@ -1,6 +1,5 @@
 """Mend a G-code file, or only say what mending would do."""
 
-import re
 import shutil
 import sys
 import tempfile
@@ -20,7 +19,8 @@ from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starting_state
 from printmend.gcode.write import Plan, follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
-from printmend.printer import Printer, preset_names, read_printer
+from printmend.printer import Printer
+from printmend.printer.known import printers_named
 from printmend.promise.misfit import refusals
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.saved.model import SavedModel
@@ -31,11 +31,8 @@ _DOTS_WORDS = (
     "figures are distances across a line"
 )
 _BED_OFF_MM = 30.0  # how far a slicer's bed and the preset's may differ where the printer is the same …
-_STRANGER_BED_OFF_MM = 15.0  # … and where the file names a printer without any word of the model's
-_GENERIC_WORDS = {"300", "corexy", "plus"}  # words of presets' names that name no printer
-_LEAST_LETTERS = 4  # of a single word of a preset's name that stands for its printer, as MK3S does
+_STRANGER_BED_OFF_MM = 15.0  # … and where the file names none that may be the model's
 _MOST_HELD_SHARE = 0.005  # share of the path that may be held back at the edge of the bed: that is still a print
-_WORD = re.compile(r"[^\W_]+")
 AS_USUAL = Fineness()
 Progress = Callable[[int], None]
 Watch = Callable[[Part, Plan], Plan]  # what is told of each program's plan, and may look on while it is carried out
@@ -250,9 +247,8 @@ def _refuse_other_printer(file: GcodeFile, model: SavedModel, prediction: Predic
 def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
     """Raise `ModelError` where a file says that it is for another printer than the model's."""
     todo = f"use the model of the printer that this file is for, or --force if it is this {printer.name}"
-    mine, others = _name_words(printer) if said.names else (set(), set())
-    plain = [_plain(name) for name in said.names]
-    stranger = bool(mine) and not any(word in name for word in mine for name in plain)
+    mine, theirs = printers_named(printer.name), [printers_named(each) for each in said.names]
+    stranger = bool(mine and theirs) and not any(mine & each for each in theirs)
     if said.bed_mm is not None:
         own = ((printer.x.min_mm, printer.y.min_mm), (printer.x.max_mm, printer.y.max_mm))
         off_mm = float(np.abs(np.subtract(own, said.bed_mm)).max())
@@ -269,38 +265,6 @@ def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
             if least < axis.min_mm - _OUTSIDE_MM or most > axis.max_mm + _OUTSIDE_MM:
                 wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
                 raise ModelError(name, wanted=wanted, came=f"a header from {least:g} to {most:g} mm", todo=todo)
-    for other in said.names if mine else ():
-        starts = [_plain(other[found.start() :]) for found in _WORD.finditer(other)]
-        if not any(word in _plain(other) for word in mine) and any(start.startswith(tuple(others)) for start in starts):
-            raise ModelError(name, wanted=f"G-code for {printer.name}", came=f"G-code for {other}", todo=todo)
-
-
-def _name_words(printer: Printer) -> tuple[set[str], set[str]]:
-    """Return the words by which a file would name a preset's printer, and those by which it would name another's; none
-    of either for a printer that is no preset.
-
-    They are the names without their maker, and what single words no other preset has.
-    """
-    names = {read_printer(preset).name for preset in preset_names()}
-    own = _model_word(printer.name)
-    others = [name for name in names if _model_word(name) != own]
-    if len(others) == len(names) or own in _GENERIC_WORDS:
-        return set(), set()
-    known = set().union(*map(_telling_words, others))
-    mine = {own} | (_telling_words(printer.name) - known)
-    return mine, (known - _telling_words(printer.name) | {_model_word(name) for name in others}) - _GENERIC_WORDS
-
-
-def _telling_words(name: str) -> set[str]:
-    """Return the words of a printer's name that are long enough to stand for it, in small letters and digits."""
-    words = {_plain(word) for word in name.split()}
-    return {word for word in words if len(word) >= _LEAST_LETTERS} - _GENERIC_WORDS
-
-
-def _plain(name: str) -> str:
-    return "".join(each for each in name.lower() if each.isalnum())
-
-
-def _model_word(name: str) -> str:
-    """Return a printer's name without its maker's, in small letters and digits."""
-    return _plain(name.partition(" ")[2] or name)
+    if stranger and any(theirs):
+        other = next(each for each, printers in zip(said.names, theirs, strict=True) if printers)
+        raise ModelError(name, wanted=f"G-code for {printer.name}", came=f"G-code for {other}", todo=todo)
