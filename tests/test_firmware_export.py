@@ -191,3 +191,26 @@ def test_a_setting_that_stays_as_it_is_is_not_written(firmware: str) -> None:
     assert list(words(text, "M92")) == ["Y"]
     assert "to undo now: M92 Y80.00000 (or" in text
     assert "M425" not in text
+
+
+@pytest.mark.parametrize("printer", [ENDER3, COREXY], ids=lambda printer: printer.name)
+@pytest.mark.parametrize("firmware", ["marlin", "rrf", "klipper"])
+def test_scale_for_an_owner_whose_steps_are_not_the_presets(firmware: str, printer: Printer) -> None:
+    """The factor in the comment times the owner's own value is what a printer with that value needs."""
+    mechanism = SCALE.lower(printer).homed()
+    assert isinstance(mechanism, Mechanism)
+    ((_, text),) = EXPORTS[firmware](mechanism).files
+    if firmware == "klipper":
+        new = [float(each) for each in re.findall(r"^rotation_distance: ([\d.]+)", text, re.MULTILINE)]
+        said = re.findall(r"^# assumes ([\d.]+) until now; .* multiply it by ([\d.]+)$", text, re.MULTILINE)
+    else:
+        new = list(words(text, "M92").values())
+        line = re.search(
+            r"^; assumes X([\d.]+) Y([\d.]+) until now; .*: X by ([\d.]+) and Y by ([\d.]+)$", text, re.MULTILINE
+        )
+        assert line is not None
+        assert ("M503" in line[0]) == (firmware == "marlin")
+        said = [(line[1], line[3]), (line[2], line[4])]
+    assert [float(old) * float(share) for old, share in said] == pytest.approx(new, rel=1e-6)
+    assert len(new) == 2
+    assert text.count("assumes") == len(said) // (1 if firmware == "klipper" else 2)

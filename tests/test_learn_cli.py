@@ -247,8 +247,9 @@ def test_export_prints_lines_and_what_remains(simple: Path, firmware: str, words
     assert done.exit_code == 0, done.output
     for word in words:
         assert word in done.stdout
-    assert len(done.stderr.strip().splitlines()) == 1
+    assert len(done.stderr.strip().splitlines()) == 1 + (firmware == "klipper")
     assert "printmend mend" in done.stderr
+    assert ("Klipper has no setting for backlash" in done.stderr) == (firmware == "klipper")
 
 
 def test_export_writes_files(simple: Path, tmp_path: Path) -> None:

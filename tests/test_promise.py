@@ -354,6 +354,10 @@ def test_learn_says_what_scale_a_scan_leaves_open() -> None:
     assert "Mending takes off +0.50 % in X and -0.00 % in Y, which may be wrong by 0.2 mm" in in_words(
         np.array([0.005, 0.001]), np.array([0.005, -1e-6]), 0.002
     )
+    why = "backlash of X and backlash of Y: Klipper has no setting for backlash"
+    with pytest.raises(RefusedError, match=why) as refused:
+        export_supported(bent, "klipper")
+    assert "`printmend mend` mends the files" in str(refused.value)
     healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.zeros((2, 2))), ENDER3)
     assert scale_words(healthy) == ()
 

@@ -106,7 +106,11 @@ def export_klipper(mechanism: Mechanism, simple: Simple | None = None) -> Export
             continue
         turn_mm = printer.axes[motor].mm_per_turn
         distance = turn_mm * simple.gain[motor]
-        lines += [f"[{name}]", f"rotation_distance: {distance:.6f}", f"# to undo: rotation_distance: {turn_mm:.6f}", ""]
+        lines += [
+            f"[{name}]", f"rotation_distance: {distance:.6f}",
+            f"# assumes {turn_mm:g} until now; if yours is another, multiply it by {simple.gain[motor]:.6f}",
+            f"# to undo: rotation_distance: {turn_mm:.6f}", "",
+        ]  # fmt: skip
     if simple.skew:
         # SET_SKEW wants three lengths of a printed square: the diagonals AC and BD, and the side AD.
         angle = math.pi / 2 - math.atan(simple.skew)
@@ -126,7 +130,7 @@ def export_marlin(mechanism: Mechanism, simple: Simple | None = None) -> Export:
     """Return M92, M852 and M425, none for what stays as it is; backlash only where motors are axes."""
     simple, printer = simple or simple_part(mechanism), mechanism.printer
     play = _play_words(printer, simple)
-    lines = [f"M92 {steps} ; steps a millimetre"] if (steps := _steps_words(printer, simple.gain)) else []
+    lines = _steps(printer, simple, "M503")
     if simple.skew:
         lines.append(f"M852 I{simple.skew:.6f} ; skew")
     if play:
@@ -145,7 +149,7 @@ def export_rrf(mechanism: Mechanism, simple: Simple | None = None) -> Export:
     """
     simple, printer = simple or simple_part(mechanism), mechanism.printer
     play = _play_words(printer, simple)
-    lines = [f"M92 {steps} ; steps a millimetre"] if (steps := _steps_words(printer, simple.gain)) else []
+    lines = _steps(printer, simple, "M92 alone")
     if simple.skew:
         lines.append(f"M556 S{SKEW_SIDE_MM:.0f} X{-SKEW_SIDE_MM * simple.skew:.4f} ; skew")
     if play:
@@ -196,6 +200,13 @@ EXPORTS: dict[str, Callable[..., Export]] = {
 }
 
 
+NO_BACKLASH = {
+    "klipper": "Klipper has no setting for backlash",
+    "marlin": "Marlin's is by axis, and a motor of a CoreXY is none",
+    "rrf": "RepRapFirmware's is by axis, and a motor of a CoreXY is none",
+}
+
+
 def remainder(export: Export) -> str:
     """Say what the firmware takes, what remains, and which settings stay out."""
     said = (
@@ -212,6 +223,18 @@ def _undo(printer: Printer, simple: Simple, more: list[str]) -> list[str]:
     return [
         "; these hold until the printer restarts: nothing here stores them in the firmware",
         f"; to undo now: {', '.join([*healthy, *more])} (or the values that your firmware had)",
+    ]
+
+
+def _steps(printer: Printer, simple: Simple, asked: str) -> list[str]:
+    """Return the steps a millimetre, and what they assume; ``asked`` is the command that shows the printer's own."""
+    if not (steps := _steps_words(printer, simple.gain)):
+        return []
+    healthy = _steps_words(printer, simple.gain, (1.0, 1.0))
+    shares = [f"{letter} by {1 / gain:.6f}" for letter, gain in zip("XY", simple.gain, strict=True) if gain != 1.0]
+    return [
+        f"M92 {steps} ; steps a millimetre",
+        f"; assumes {healthy} until now; if {asked} shows other values, multiply those: {' and '.join(shares)}",
     ]
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.errors import RefusedError
-from printmend.export.firmware import EXPORTS, Export, Simple, simple_part
+from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
 from printmend.promise.budget import Budget, parse_budget
 from printmend.promise.misfit import refusals
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
@@ -45,15 +45,20 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
     budget = parse_budget(model)
     whole = simple_part(mechanism, None if budget is None else budget.turns_mm)
     settings = [each for each in _settings(model) if _without(whole, each.name) != whole]
-    kept, left_out = whole, []
+    kept, left_out, homeless = whole, [], []
     for each in sorted(settings, key=lambda setting: -setting.doubt_mm):
         without = _without(kept, each.name)
         gain = make(mechanism, without).after_mm - make(mechanism, kept).after_mm
+        alone_mm = _alone_mm(model, whole, each.name)
+        known = alone_mm >= SURE_SIGMAS * each.doubt_mm
         if gain == 0.0:  # this firmware has no such setting
             kept = without
-        elif gain < GAIN_MM or _alone_mm(model, whole, each.name) < SURE_SIGMAS * each.doubt_mm:
+            homeless += [each.name] if known and alone_mm >= GAIN_MM else []
+        elif gain < GAIN_MM or not known:
             kept = without
             left_out.append(_why(each.name, gain, each.doubt_mm))
+    if homeless:
+        left_out.append(f"{' and '.join(sorted(homeless))}: {NO_BACKLASH[firmware]}")
     names = tuple(each.name for each in settings if _without(kept, each.name) != kept)
     return _judged(model, make(mechanism, kept), names, tuple(left_out))
 
