@@ -143,6 +143,9 @@ def test_blank_rows_of_a_spreadsheet_are_none(tmp_path: Path, blank: str) -> Non
     more = read_trace(table(tmp_path, "\n".join([head, *rows[:4], blank, *rows[4:], blank, blank, ""])), PRINTER)
     np.testing.assert_array_equal(plain.commanded_mm, more.commanded_mm)
     np.testing.assert_array_equal(plain.measured_mm, more.measured_mm)
+    assert (plain.blank_rows, more.blank_rows) == (0, 1)  # those at the end are none of the table's
+    twice = [*rows[:4], blank, "", *rows[4:9], " \t", *rows[9:-1], blank, rows[-1], "", blank]
+    assert read_trace(table(tmp_path, "\r\n".join([head, "", *twice])), PRINTER).blank_rows == 4
     with pytest.raises(TraceError, match="y_mm in every row"):
         read_trace(table(tmp_path, "\n".join([head, *rows[:4], blank, "1.0,,2.0,3.0", *rows[4:]])), PRINTER)
 

@@ -131,6 +131,17 @@ def test_rows_in_order_stay_as_they_are(rng: np.random.Generator) -> None:
     assert in_order(trace, PRINTER).trace is trace
 
 
+def test_blank_rows_are_counted_and_change_nothing(rng: np.random.Generator) -> None:
+    trace = measured_once(rng)
+    plain, blank = (learn_model(replace(trace, blank_rows=rows), PRINTER).document for rows in (0, 12))
+    found = [each for each in blank["misfit"]["found"] if each["kind"] == "rows-blank"]
+    assert [(each["severity"], "passed over (12)" in each["words"]) for each in found] == [("note", True)]
+    assert not any(each["kind"] == "rows-blank" for each in plain["misfit"]["found"])
+    assert plain["motors"] == blank["motors"]
+    again = update(learn_model(trace, PRINTER), replace(measured_once(rng), blank_rows=1), rng=rng).model
+    assert "rows-blank" in {each["kind"] for each in again.document["misfit"]["found"]}
+
+
 def test_a_table_that_is_reversed_as_a_whole_is_turned_round(rng: np.random.Generator) -> None:
     once = measured_once(rng)
     layer = np.repeat([-1, 0], [1, len(once) - 1])

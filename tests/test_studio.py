@@ -653,7 +653,8 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     for put in (*order, *(f"the {rows} were in the reversed order" for rows in ("rows", "measured rows"))):
         trace = Trace(np.zeros((1, 2)), np.zeros((1, 2)))
         assert _german(misfit_rows._put_right(trace, put, 1.0).found[0].words), put
-    assert _german(misfit_rows.repeated(trace, 7)[0].words)
+    said = misfit_rows.passed_over(replace(trace, blank_rows=3), 7)
+    assert [each.kind for each in said if _german(each.words)] == ["rows-repeated", "rows-blank"]
     for period in (32.0, 33.3, 40.3):
         turned = SimpleNamespace(name="x", branches=SimpleNamespace(period_mm=period))
         box = SimpleNamespace(drives=(turned,), printer=SimpleNamespace(axes=(SimpleNamespace(mm_per_turn=40.0),)))

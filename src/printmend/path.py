@@ -138,6 +138,7 @@ class Trace:
     A wall shows one direction only: ``normal`` [N, 2] points out of the plastic and ``offset_mm`` [N] is how far along
     it the wall lies from where it was commanded, both NaN where a row has none. What all walls share is no error of the
     machine: beads are wider than thought, the first layer is squashed. ``origin`` is None where nobody said whose.
+    ``blank_rows`` are those that stood empty between others in a table, and are not among the N.
     """
 
     commanded_mm: np.ndarray
@@ -152,6 +153,7 @@ class Trace:
     normal: np.ndarray | None = None
     offset_mm: np.ndarray | None = None
     origin: Origin | None = None
+    blank_rows: int = 0
 
     def __post_init__(self) -> None:
         for name, dtype in (

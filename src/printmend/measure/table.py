@@ -53,6 +53,7 @@ HEADER_TODO = f"start the file with the line {','.join(REQUIRED)}"
 _EMPTY = -9.25e303
 _EMPTY_TEXT = b"-9.25e303"  # stands for an empty cell while numbers are read; no measurement is that large
 _BLANK_ROW = re.compile(rb"^[ \t]*(?:,[ \t]*)+$", re.MULTILINE)
+_BLANK_LINE = re.compile(rb"\n[ \t]*(?=\n)")
 
 
 def read_trace(path: str | Path, printer: Printer) -> Trace:
@@ -62,7 +63,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
     the bed and a table that says that it is another printer's.
     """
     path = Path(path)
-    names, columns, origin = _table(path)
+    names, columns, origin, blank_rows = _table(path)
     check_origin(path, origin, printer)
     commanded = np.stack([columns["x_mm"], columns["y_mm"]], axis=1)
     measured = np.stack([columns["x_measured_mm"], columns["y_measured_mm"]], axis=1)
@@ -93,6 +94,7 @@ def read_trace(path: str | Path, printer: Printer) -> Trace:
         normal=normal,
         offset_mm=offset,
         origin=origin,
+        blank_rows=blank_rows,
     )
 
 
@@ -175,8 +177,9 @@ def _quoted(text: str) -> str:
     return f'"{text}"' if "," in text or '"' in text else text
 
 
-def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None]:
-    """Return the header's names, the known columns [N], NaN where a cell is empty, and whose print it was."""
+def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None, int]:
+    """Return the header's names, the known columns [N], NaN where a cell is empty, whose print it was, and how many
+    blank rows stand between others."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:
@@ -206,7 +209,8 @@ def _table(path: Path) -> tuple[list[str], dict[str, np.ndarray], Origin | None]
             came="no rows",
             todo="add the measured points",
         )
-    return names, {name: values[:, i] for i, name in enumerate(wanted)}, _origin(names, cells)
+    blank_rows = len(_BLANK_LINE.findall(rest.strip()))
+    return names, {name: values[:, i] for i, name in enumerate(wanted)}, _origin(names, cells), blank_rows
 
 
 def _origin(names: list[str], cells: list[str]) -> Origin | None:

@@ -47,13 +47,20 @@ class InOrder:
     found: tuple[Misfit, ...] = ()
 
 
-def repeated(trace: Trace, copies: int) -> tuple[Misfit, ...]:
-    """Return what is to be said of so many ``copies`` of a trace's rows that were left out."""
-    if not copies:
-        return ()
-    every = copies + int(trace.measured_rows.sum() + trace.wall_rows.sum())
-    words = f"{copies} of {every} measured rows are copies of others to the last digit: a table that was pasted or "
-    return (Misfit("rows-repeated", NOTE, 0.0, 0.0, f"{words}exported twice. Each is counted once"),)
+def passed_over(trace: Trace, copies: int) -> tuple[Misfit, ...]:
+    """Return what is to be said of so many ``copies`` of a trace's rows, and of blank ones, that were left out."""
+    found = []
+    if copies:
+        every = copies + int(trace.measured_rows.sum() + trace.wall_rows.sum())
+        words = f"{copies} of {every} measured rows are copies of others to the last digit: a table that was pasted or "
+        found.append(Misfit("rows-repeated", NOTE, 0.0, 0.0, f"{words}exported twice. Each is counted once"))
+    if trace.blank_rows:
+        words = (
+            f"blank rows inside the table were passed over ({trace.blank_rows}). If the printer went to a place that "
+            "is missing there, write its x_mm and y_mm and leave only the measured cells empty"
+        )
+        found.append(Misfit("rows-blank", NOTE, 0.0, 0.0, words))
+    return tuple(found)
 
 
 def in_order(trace: Trace, printer: Printer) -> InOrder:

@@ -26,7 +26,7 @@ from printmend.promise.effects import Effect
 from printmend.promise.halves import halves_of, is_belts, step_effects
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_printer import another_home, another_printers
-from printmend.promise.misfit_rows import in_order, repeated
+from printmend.promise.misfit_rows import in_order, passed_over
 from printmend.promise.misfit_tests import (
     IN_TIME,
     MOST_LOST,
@@ -98,7 +98,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     trace, copies = counted_once(trace)
     ordered = in_order(near_bed(with_walls(trace, printer)), printer)
     began = another_home(ordered.trace, printer)
-    ordered = replace(ordered, found=(*repeated(trace, copies), *ordered.found, *began))
+    ordered = replace(ordered, found=(*passed_over(trace, copies), *ordered.found, *began))
     trace = ordered.trace
     fit, found = fit_beside_screw(trace, printer, lambda clean: _fit_planar(clean, printer, model, rng), rng=rng)
     moved: tuple[Misfit, ...] = ()

@@ -44,7 +44,7 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.effects import CARRIED, parse_effects
 from printmend.promise.misfit import NOTE, Misfit, misfit_section
-from printmend.promise.misfit_rows import repeated
+from printmend.promise.misfit_rows import passed_over
 from printmend.promise.misfit_tests import UNSEEN, causes_of, effects_of, found_in
 from printmend.promise.rails import freed
 from printmend.repair.history import Ageing
@@ -132,7 +132,7 @@ def update(old: SavedModel, trace: Trace, *, rng: np.random.Generator, ageing: A
         trace = with_walls(trace, old.printer)
         screw = seen_screw(old, trace)
         guides_mm = old.mechanism.frame.waves_at_mm(trace.commanded_mm)
-        updated = _updated(old, freed(screw.trace, guides_mm), rng, ageing, digest, repeated(trace, copies))
+        updated = _updated(old, freed(screw.trace, guides_mm), rng, ageing, digest, passed_over(trace, copies))
         changes = tuple(
             Change("Z", words=f"Z {one['kind']} was {one['before']:.3f}, is {one['now']:.3f} {one['unit']}", **one)
             for one in screw_changes(old, screw)
