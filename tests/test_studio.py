@@ -379,6 +379,12 @@ def test_the_way_of_ones_own_printer(folder: Path) -> None:
                      client.patch(f"/api/printers/{again['id']}", json={"name": "Cellar"})):  # fmt: skip
             assert "wanted a name of its own, got that of another printer" in said.json()["error"]
         assert "wanted a name" in client.patch(f"/api/printers/{again['id']}", json={"name": " "}).json()["error"]
+        for end in ("\n", "\r", "\u2028"):
+            wrong = {"name": f"Cellar{end}G28"}
+            for said in (client.post("/api/printers", json={"preset": "ender3", **wrong}),
+                         client.patch(f"/api/printers/{again['id']}", json=wrong)):  # fmt: skip
+                assert (said.status_code, "wanted name as text of one line" in said.json()["error"]) == (400, True)
+        assert client.get(f"/api/printers/{again['id']}").json()["name"] == again["name"]
         assert client.delete(f"/api/printers/{again['id']}").status_code == 204
         assert client.delete(f"/api/printers/{wide['id']}").status_code == 204
         wrongs: tuple[tuple[dict[str, Any], str], ...] = (

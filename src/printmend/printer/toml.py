@@ -59,6 +59,13 @@ def read_printer(source: str | Path) -> Printer:
     )
 
 
+def check_name(name: object, *, subject: str) -> str:
+    """Return a printer's name; raise `ConfigError` for one that cannot stand in a comment of G-code."""
+    if not isinstance(name, str) or name.splitlines() not in ([], [name]):
+        raise ConfigError(subject, wanted="name as text of one line", came=repr(name)[:40], todo=_TODO)
+    return name
+
+
 def parse_printer(text: str, *, subject: str) -> Printer:
     """Build a printer from TOML text; ``subject`` names the source in errors."""
     try:
@@ -68,9 +75,7 @@ def parse_printer(text: str, *, subject: str) -> Printer:
         todo = f"it reads as another program's: `printmend printer {subject} > mine.toml` makes one" if other else _TODO
         raise ConfigError(subject, wanted="a printer in TOML", came=f"broken TOML ({error})", todo=todo) from None
     refuse_unknown(table, _KEYS, subject, "the top level")
-    name, kinematics = table.get("name", subject), table.get("kinematics")
-    if not isinstance(name, str) or name.splitlines() not in ([], [name]):  # it stands in comments of G-code
-        raise ConfigError(subject, wanted="name as text of one line", came=repr(name)[:40], todo=_TODO)
+    name, kinematics = check_name(table.get("name", subject), subject=subject), table.get("kinematics")
     if kinematics not in ("cartesian", "corexy"):
         raise ConfigError(subject, wanted='kinematics = "cartesian" or "corexy"', came=repr(kinematics), todo=_TODO)
     extruder, start_gcode = table.get("extruder", "bowden"), table.get("start_gcode", "")

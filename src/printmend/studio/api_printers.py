@@ -14,7 +14,7 @@ from printmend.errors import InputError, PrintmendError
 from printmend.files import replacing
 from printmend.printer import Printer, read_printer
 from printmend.printer.convert import convert, printer_text
-from printmend.printer.toml import parse_printer
+from printmend.printer.toml import check_name, parse_printer
 from printmend.studio.api import PROBLEMS, Here, Key, card, plain_name
 from printmend.studio.host import FILE, find_host, keep_host, read_host
 from printmend.studio.jobs import StudioState
@@ -150,7 +150,7 @@ def printer(here: Here, key: Key) -> PrinterCard:
 def rename(here: Here, key: Key, new: Renamed) -> PrinterCard:
     """Give a printer another name."""
     here.store.printer(key)
-    here.store.rename_printer(key, new.name.strip())
+    here.store.rename_printer(key, check_name(new.name.strip(), subject="the printer"))
     return _card(here, here.store.printer(key))
 
 
