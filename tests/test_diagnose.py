@@ -9,10 +9,11 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import HEALTHY, Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play
+from printmend.corruption import HEALTHY, Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Friction, Play
 from printmend.diagnosis.advice import advise
-from printmend.diagnosis.diagnosis import Doubt, NamedFault, _scale, or_a_skew
+from printmend.diagnosis.diagnosis import Doubt, NamedFault, _play, _scale, or_a_skew
 from printmend.errors import GcodeError, InputError, TraceError
+from printmend.learn.greybox import fit_greybox
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import Printer, read_printer
@@ -155,6 +156,25 @@ def test_a_radius_is_told_from_the_one_that_it_is_instead_of() -> None:
         choice=SimpleNamespace(design=design, fit=SimpleNamespace(posterior=post)),
     )  # fmt: skip
     assert "7.0037 ± 0.0001 mm instead of 7.0028" in _scale(drive, Doubt(), 40.0)[0].words  # type: ignore[arg-type]
+
+
+def test_play_that_is_not_surely_there_is_not_named() -> None:
+    friction = Friction(force_n=12.0, stiffness_n=16000.0, loop_mm=900.0)
+    trace = probe_trace(Corruption((Drive(friction=friction), Drive())), ENDER3)
+    drive = fit_greybox(trace, ENDER3, rng=np.random.default_rng(0)).drives[0]
+    (found,) = _play(drive, Doubt())
+    post, design = drive.choice.fit.posterior, drive.choice.design
+    columns = design.columns(np.linspace(*drive.branches.reach_mm, 500), drive.branches.period_mm,
+                             drive.branches.middle_mm)[1].mean(axis=0)[post.active]  # fmt: skip
+    drawn = np.random.default_rng(1).multivariate_normal(np.zeros(len(columns)), post.covariance, 4000) @ columns
+    assert found.kind == "friction"
+    assert found.sd == pytest.approx(drawn.std(), rel=0.05)
+    for sds, named in ((2.0, False), (4.0, True)):
+        wider = replace(post, covariance=post.covariance * (found.value / found.sd / sds) ** 2)
+        fit = replace(drive.choice.fit, posterior=wider)
+        again = _play(replace(drive, choice=replace(drive.choice, fit=fit)), Doubt())
+        assert [each.value for each in again] == ([found.value] if named else [])
+    assert _play(drive, Doubt(wave_mm=found.value)) == []
 
 
 def test_the_pulley_in_the_picture_is_the_pulley_in_the_machine(examined: Examination) -> None:

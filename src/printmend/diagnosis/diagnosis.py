@@ -180,13 +180,15 @@ def _pulley(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFaul
 def _play(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
     if drive.structure.play == "none":
         return []
-    low, high = drive.branches.reach_mm
-    motor = np.linspace(low, high, 2001)
-    _, play = drive.branches.errors_mm(motor)
-    if not play.any():  # left out: no more than the instrument makes
-        return []
-    sd = float(np.hypot(drive.choice.fit.posterior.sds[drive.choice.design.play_at], doubt.wave_mm / 2))
+    branches, post = drive.branches, drive.choice.fit.posterior
+    motor = np.linspace(*branches.reach_mm, 2001)
+    _, play = branches.errors_mm(motor)
+    # the mean's, not the middle's: play that grows along the axis is known better as a whole than at any one place
+    columns = drive.choice.design.columns(motor, branches.period_mm, branches.middle_mm)[1].mean(axis=0)[post.active]
+    sd = float(np.hypot(np.sqrt(columns @ post.covariance @ columns), doubt.wave_mm / 2))
     value = float(play.mean())
+    if value <= NAMED_SIGMAS * sd:  # 0 where it was left out: no more than the instrument makes
+        return []
     smallest, largest = float(play.min()), float(play.max())
     if drive.structure.play == "constant" and not drive.structure.friction:
         return [_fault(drive, "play", value, sd, f"belt play {amount(value, sd)}")]
