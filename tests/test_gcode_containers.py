@@ -76,7 +76,7 @@ def small_bgcode(compression: int, encoding: int, *, checked: bool = True, text:
         b"G1X%d.5Y%dE.%d\n" % (i % 90, i % 70, i % 9 + 1) for i in range(9000)
     )
     like = bgcode.Block(bgcode.GCODE, compression, encoding, 0, b"", b"")
-    meta = struct.pack("<HHIH", bgcode.SLICER_METADATA, 0, 7, 0) + b"a=b\nc=d"
+    meta = struct.pack("<HHIH", 2, 0, 7, 0) + b"a=b\nc=d"  # the slicer's settings
     meta += zlib.crc32(meta).to_bytes(4, "little") if checked else b""
     header = struct.pack("<4sIH", b"GCDE", 1, int(checked))
     return header + meta + bgcode.gcode_blocks(text, like, checked=checked)

@@ -24,6 +24,12 @@ class State:
     position_steps: np.ndarray
     memory: np.ndarray | None = None
 
+    @classmethod
+    def at(cls, start_steps: np.ndarray) -> "State":
+        """Return the state [1] of a memoryless model at the lattice point ``start_steps`` [2]."""
+        start = np.asarray(start_steps, np.int64)
+        return cls(start[None], start[None].astype(float))
+
     def __getitem__(self, k: int) -> "State":
         """Return the state [1] of machine k."""
         memory = None if self.memory is None else self.memory[k : k + 1]

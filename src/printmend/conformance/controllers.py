@@ -46,7 +46,7 @@ class JointFault:
 
     def start(self, start_steps: np.ndarray) -> State:
         """Return the known state of the layer's start."""
-        return State(np.array([start_steps]), np.array([start_steps], float))
+        return State.at(start_steps)
 
     def advance(self, state: State, controls: np.ndarray) -> State:
         """Follow the tables' definition, one machine after the other."""

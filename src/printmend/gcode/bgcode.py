@@ -18,7 +18,7 @@ from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
 
 MAGIC = b"GCDE"  # the first bytes of a binary G-code file
-GCODE, SLICER_METADATA, THUMBNAIL = 1, 2, 5  # kinds of blocks
+GCODE, THUMBNAIL = 1, 5  # kinds of blocks
 _BLOCK_KINDS = 6  # that the format knows
 _HEADER = struct.Struct("<4sIH")
 _BLOCK = struct.Struct("<HHI")

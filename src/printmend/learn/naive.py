@@ -23,8 +23,7 @@ class NaiveModel:
 
     def start(self, start_steps: np.ndarray) -> State:
         """Return the state [1] at the lattice point ``start_steps`` [2]."""
-        start = np.asarray(start_steps, np.int64)
-        return State(start[None], start[None].astype(float))
+        return State.at(start_steps)
 
     def advance(self, state: State, controls: np.ndarray) -> State:
         """Return the states [K] after the controls [K, 2]."""

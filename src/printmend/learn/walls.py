@@ -16,6 +16,7 @@ from printmend.learn.greybox.rows import INDEPENDENT_WALLS, wall_shares
 from printmend.path import FLATBED, Trace
 from printmend.printer import Printer
 from printmend.saved import Design, bed_middle
+from printmend.units import SIGMA_PER_MEDIAN
 
 DESIGN = Design(mean_powers=2, play_powers=1, mean_harmonics=tuple(range(1, 13)), play_harmonics=(1, 3))
 MOST_FITS, WEIGHINGS = 14, 3  # rounds of contacts and least squares; in each, how often places are weighed anew
@@ -82,7 +83,7 @@ def fit_walls(trace: Trace, printer: Printer, *, turned: bool = True, harmonics:
         for _ in range(WEIGHINGS):
             values, covariance, scale = _solved(fitted, wanted, weight, sd, group, scale, sigma)
             residual = wanted - fitted @ values
-            sigma = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SIGMA_MM)
+            sigma = max(SIGMA_PER_MEDIAN * float(np.median(np.abs(residual))), LEAST_SIGMA_MM)
             away = np.abs(residual) / sigma
             weight = (
                 _independent(residual, sigma)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from printmend.measure.plan import ProbePlan
+from printmend.units import SIGMA_PER_MEDIAN
 
 HARMONICS_OF_TURN = 10  # waves of a pulley's turn that the rough model has
 COSINES_OF_BED = 14  # bends along an axis that it has
@@ -107,7 +108,7 @@ def _expected(
     unsure = np.sqrt(np.einsum("mi,ij,mj->m", design, covariance, design, optimize=True))
     shared = _shared_error(np.where(known, measured - prediction, np.nan))
     prediction = prediction + shared
-    spread = 1.4826 * float(np.median(np.abs((measured - prediction)[known])))
+    spread = SIGMA_PER_MEDIAN * float(np.median(np.abs((measured - prediction)[known])))
     return prediction, unsure, left_out, shared, spread
 
 
@@ -140,7 +141,7 @@ def _robust_fit(
         fit = covariance @ (design.T @ (weight * target)) / scale**2
         residual = target - design @ fit
         used, spread = weight, scale
-        scale = max(1.4826 * float(np.median(np.abs(residual))), LEAST_SPREAD_MM)
+        scale = max(SIGMA_PER_MEDIAN * float(np.median(np.abs(residual))), LEAST_SPREAD_MM)
         weight = 1.0 / (1.0 + (residual / (2 * scale)) ** 2)
     leverage = np.einsum("mi,ij,mj->m", design, covariance, design, optimize=True) * used / spread**2
     return fit, covariance, residual / np.maximum(1.0 - leverage, 1e-6)

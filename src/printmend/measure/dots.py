@@ -14,6 +14,7 @@ import numpy as np
 from printmend.errors import ScanError
 from printmend.measure.plan import ProbePlan
 from printmend.path import frozen
+from printmend.units import SIGMA_PER_MEDIAN
 
 COARSE_MM = 0.085  # side of a pixel of the reduced picture
 STRING_MM = 0.5  # plastic thinner than this is no dot
@@ -67,7 +68,7 @@ def _coarse(
     signal = cv2.GaussianBlur(excess @ colour, (0, 0), max(0.6, 0.06 / coarse_mm))
     least, most = 0.45 * plan.dot_mm, 1.7 * plan.big_dot_mm
     opening = max(1, round((NET_SHARE * plan.dot_mm if plan.net else STRING_MM) / coarse_mm))
-    noise = 1.4826 * float(np.median(np.abs(signal[::3, ::3])))
+    noise = SIGMA_PER_MEDIAN * float(np.median(np.abs(signal[::3, ::3])))
     level = max(5.0 * noise, LEAST_CONTRAST / 2)
     labels, _, areas = _components(signal > level, opening if plan.net else 1)
     diameters = np.sqrt(4 * areas / np.pi) * coarse_mm
@@ -180,7 +181,7 @@ def _robust_harmonics(edge: np.ndarray, waves: np.ndarray) -> tuple[np.ndarray, 
     weight = np.ones(edge.shape)
     for _ in range(6):
         residual = edge - fit @ waves.T
-        scale = np.maximum(1.4826 * np.median(np.abs(residual), axis=1), 0.02)
+        scale = np.maximum(SIGMA_PER_MEDIAN * np.median(np.abs(residual), axis=1), 0.02)
         weight = np.clip(1 - (residual / (4.0 * scale[:, None])) ** 2, 0.0, None) ** 2
         normal = np.einsum("nr,ri,rj->nij", weight, waves, waves) + 1e-6 * np.eye(waves.shape[1])
         fit = np.linalg.solve(normal, np.einsum("nr,nr,ri->ni", weight, edge, waves)[:, :, None])[:, :, 0]

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from printmend.measure.plan import ProbePlan
+from printmend.units import SIGMA_PER_MEDIAN
 
 NEAR_PITCHES = 0.36  # how far a dot may lie from where its neighbours predict it, in pitches of the lattice
 SEEDS = 12  # dots from which a lattice is grown, one after the other
@@ -255,6 +256,6 @@ def _without_strangers(dot: np.ndarray, dots: np.ndarray, diameters: np.ndarray,
     dot = dot.copy()
     found = np.flatnonzero(dot >= 0)
     size = np.log(diameters[dot[found]] / plan.diameter_mm[found])
-    spread = max(1.4826 * np.median(np.abs(size - np.median(size))), 0.03)
+    spread = max(SIGMA_PER_MEDIAN * np.median(np.abs(size - np.median(size))), 0.03)
     dot[found[np.abs(size - np.median(size)) > max(5.0 * spread, 0.25)]] = -1
     return dot

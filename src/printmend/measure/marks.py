@@ -9,6 +9,7 @@ from printmend.measure.consistency import LEAST_DOUBT_MM, Expectation, Expected
 from printmend.measure.identity import Match, identify
 from printmend.measure.plan import ProbePlan
 from printmend.measure.register import Pose, find_pose
+from printmend.units import SIGMA_PER_MEDIAN
 
 LEAST_AGREEMENT = 0.85  # share of the sizes that agree with the code; a wrong placement reaches 0.75
 MOST_ROUNDS = 12  # of dropping marks and taking up dots
@@ -88,7 +89,7 @@ class Sizes:
         """Learn how dots differ from their intended size from the marks found so far."""
         ratio = np.log(diameters_mm[dot[dot >= 0]] / plan.diameter_mm[dot >= 0])
         usual = float(np.median(ratio))
-        sd = max(1.4826 * float(np.median(np.abs(ratio - usual))), 0.03)
+        sd = max(SIGMA_PER_MEDIAN * float(np.median(np.abs(ratio - usual))), 0.03)
         return cls(np.log(diameters_mm) - usual, np.log(plan.diameter_mm), sd, float(plan.big.mean()))
 
     def fits(self, mark: int, candidate: int) -> bool:

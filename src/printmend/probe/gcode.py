@@ -97,24 +97,24 @@ def probe_gcode(
     purge = filament_mm(float(np.hypot(*(points[2] - points[1]))) * BEAD_MM * LAYER_MM)
     lines += [
         lift,
-        f"G0 {_xy(points[1])} F{TRAVEL_MM_S * 60:g}\n",
+        f"G0 {xy_words(points[1])} F{TRAVEL_MM_S * 60:g}\n",
         drop,
-        f"G1 {_xy(points[2])} E{purge:.5f} F{PURGE_MM_S * 60:g}\n",
+        f"G1 {xy_words(points[2])} E{purge:.5f} F{PURGE_MM_S * 60:g}\n",
         retract,
         lift,
     ]
     for stroke, mm3_per_mm in net_strokes(plan):
         low = f"G1 Z{NET_LAYER_MM:g} F{LIFT_MM_S * 60:g}\n"
-        lines += [f"G0 {_xy(stroke[0])} F{TRAVEL_MM_S * 60:g}\n", low, restore]
+        lines += [f"G0 {xy_words(stroke[0])} F{TRAVEL_MM_S * 60:g}\n", low, restore]
         for start, end in itertools.pairwise(stroke):
             length = filament_mm(math.dist(start, end) * mm3_per_mm)
-            lines.append(f"G1 {_xy(end)} E{length:.5f} F{NET_MM_S * 60:g}\n")
+            lines.append(f"G1 {xy_words(end)} E{length:.5f} F{NET_MM_S * 60:g}\n")
         lines += [retract, lift]
     feed_mm_s = 0.0
     for row in range(max(3, plan.net), len(points)):
         wanted_mm_s = APPROACH_MM_S if row in dots else TRAVEL_MM_S
         feed = f" F{wanted_mm_s * 60:g}" if wanted_mm_s != feed_mm_s else ""
-        lines.append(f"G0 {_xy(points[row])}{feed}\n")
+        lines.append(f"G0 {xy_words(points[row])}{feed}\n")
         feed_mm_s = wanted_mm_s
         if row in dots:
             extrude = f"G1 E{filament_mm(dot_mm3(dots[row], layer_mm)):.5f} F{EXTRUDE_MM_S * 60:g}\n"
@@ -168,6 +168,7 @@ def move_s(length_mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> fl
     return length_mm / speed_mm_s + speed_mm_s / acceleration_mm_s2
 
 
-def _xy(point: np.ndarray) -> str:
+def xy_words(point: np.ndarray) -> str:
+    """Return the words X and Y of a point, to 10 nm."""
     x, y = (f"{value:.5f}".rstrip("0").rstrip(".") for value in point)
     return f"X{x} Y{y}".replace("-0 ", "0 ")

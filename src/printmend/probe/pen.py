@@ -11,6 +11,7 @@ import numpy as np
 from printmend.measure.plan import ProbePlan
 from printmend.path import frozen
 from printmend.printer.printer import PAUSE
+from printmend.probe.gcode import xy_words
 from printmend.probe.paper import Paper, first_touch_mm
 from printmend.probe.sheets import sheet_after_sheet
 
@@ -65,7 +66,7 @@ def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "", p
         f"; Lay {name} onto the cold bed.\n",
         f"; It waits for you by {pause_gcode}; for another firmware give the printer's TOML its pause_gcode.\n",
         "G21\nG90\nG28\nG1 Z40 F600\n", _waits(pause_gcode, "Put the pen into its clip, loosely, with the tip up"),
-        f"G0 {_xy(points[1])} F{TRAVEL_MM_S * 60:g}\n", f"G0 {_xy(points[2])}\n",
+        f"G0 {xy_words(points[1])} F{TRAVEL_MM_S * 60:g}\n", f"G0 {xy_words(points[2])}\n",
         f"G1 Z{TOUCH_MM:g} F600\n", f"; {place}.\n",
         _waits(pause_gcode, laying) if stays else f"M117 {LAY_S // 60} min: {laying}\nG4 P{LAY_S * 1000}\n", up,
         "; The guided dot: while the pen dabs, lower it by baby-steps of Z until it leaves a clear dot.\n",
@@ -75,13 +76,13 @@ def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "", p
     row = 3
     while row < len(points):
         feed = APPROACH_MM_S if row in dots else TRAVEL_MM_S
-        lines.append(f"G0 {_xy(points[row])} F{feed * 60:g}\n")
+        lines.append(f"G0 {xy_words(points[row])} F{feed * 60:g}\n")
         if row in dots:
             lines += [down, f"G4 P{REST_MS}\n"]
             if dots[row]:
                 for _ in range(CORNERS + 2):
                     row += 1
-                    lines.append(f"G1 {_xy(points[row])} F{CIRCLE_MM_S * 60:g}\n")
+                    lines.append(f"G1 {xy_words(points[row])} F{CIRCLE_MM_S * 60:g}\n")
             lines.append(up)
         row += 1
     lines += ["G1 Z40 F600\n", "M84\n"]
@@ -91,8 +92,3 @@ def pen_gcode(plan: ProbePlan, paper: Paper | None = None, *, sheet: str = "", p
 def _waits(pause_gcode: str, words: str) -> str:
     """Return the lines that show ``words`` and wait for the owner."""
     return f"{PAUSE} {words}\n" if pause_gcode == PAUSE else f"M117 {words}\n{pause_gcode}\n"
-
-
-def _xy(point: np.ndarray) -> str:
-    x, y = (f"{value:.5f}".rstrip("0").rstrip(".") for value in point)
-    return f"X{x} Y{y}".replace("-0 ", "0 ")

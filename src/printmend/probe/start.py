@@ -6,6 +6,7 @@ from pathlib import Path
 from printmend.errors import GcodeError
 from printmend.gcode.container import open_gcode
 from printmend.printer import Printer
+from printmend.printer.known import bare_name
 
 # Where slicers say that the part begins: PrusaSlicer and its kin; Cura; Bambu; Simplify3D; KISSlicer, ideaMaker.
 _FIRST_LAYER = re.compile(
@@ -78,7 +79,7 @@ def _fitting(lines: list[str], printer: Printer) -> tuple[list[str], tuple[str, 
         if _OF_THE_PART.match(line):
             of_part.append(line.split()[0].upper())
         elif (check := _CHECK.match(line)) is not None:
-            if check[1] == "3" and check[2] and _plain(check[2]) not in _plain(printer.name):
+            if check[1] == "3" and check[2] and bare_name(check[2]) not in bare_name(printer.name):
                 left.append(f"{line}: it stops any printer but that model; is this a file of your {printer.name}?")
             else:
                 checks.append(line.split()[0].upper())
@@ -93,10 +94,6 @@ def _fitting(lines: list[str], printer: Printer) -> tuple[list[str], tuple[str, 
     if of_part:
         left.append(f"{', '.join(dict.fromkeys(of_part))}: about that part")
     return kept, tuple(dict.fromkeys(left))
-
-
-def _plain(name: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 def homed_start(text: str, *, subject: str) -> str:

@@ -22,6 +22,7 @@ from printmend.metrics.shape import nearest, spacing
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.misfit import NOTE, WARNING, Misfit
+from printmend.units import SIGMA_PER_MEDIAN
 
 LEAST_ROWS = 24  # with fewer measured rows nothing is looked for
 LEAST_SPREAD_MM = 20.0  # spread of the places below which nothing is looked for
@@ -142,7 +143,7 @@ def _map(commanded: np.ndarray, measured: np.ndarray) -> np.ndarray:
     prior = np.stack([[0.0, 0.0], *np.where(np.eye(2) > 0, GAIN_SD, LEAN_SD) ** -2.0])
     for _ in range(12):
         left = measured - columns @ fit
-        scale = np.maximum(1.4826 * np.median(np.abs(left), axis=0), LEAST_SCALE_MM)
+        scale = np.maximum(SIGMA_PER_MEDIAN * np.median(np.abs(left), axis=0), LEAST_SCALE_MM)
         weight = 1.0 / (1.0 + np.square(left / (2 * scale)))
         for axis in range(2):
             ridge = np.diag(prior[:, axis]) * scale[axis] ** 2

@@ -20,12 +20,6 @@ class UnitModel(WorldModel, Protocol):
         ...
 
 
-def start_state(start_steps: np.ndarray) -> State:
-    """Return the state [1] of a memoryless model at the lattice point ``start_steps`` [2]."""
-    start = np.asarray(start_steps, np.int64)
-    return State(start[None], start[None].astype(float))
-
-
 def moved(state: State, controls: np.ndarray, displacement: np.ndarray, printer: Printer) -> State:
     """Return the states [K] after controls [K, 2]: nominal clipped to the bed, imagined not (physics.md §8.1)."""
     nominal = np.clip(state.nominal_steps + controls, 0, printer.bed_steps)
@@ -43,7 +37,7 @@ class JointUnits:
 
     def start(self, start_steps: np.ndarray) -> State:
         """Return the state [1] at the lattice point ``start_steps`` [2]."""
-        return start_state(start_steps)
+        return State.at(start_steps)
 
     def advance(self, state: State, controls: np.ndarray) -> State:
         """Return the states [K] after the controls [K, 2]: the prediction for their signs, times |c|."""
@@ -69,7 +63,7 @@ class AxisModel:
 
     def start(self, start_steps: np.ndarray) -> State:
         """Return the state [1] at the lattice point ``start_steps`` [2]."""
-        return start_state(start_steps)
+        return State.at(start_steps)
 
     def unit_displacement(self, nominal: np.ndarray, signs: np.ndarray) -> np.ndarray:
         """Return the displacement [K, 2] of one step of each axis in the directions ``signs`` [K, 2]."""

@@ -47,11 +47,10 @@ FINE = 16.0  # OpenCV draws in sixteenths of a pixel with shift=4
 
 @dataclass(frozen=True, eq=False)
 class PartMeasurement:
-    """The ``trace`` of a part, ``notes`` for its owner, how many ``walls`` there are and how many were ``found``."""
+    """The ``trace`` of a part, ``notes`` for its owner, how many places of walls were ``found``."""
 
     trace: Trace
     notes: tuple[str, ...]
-    walls: int
     found: int
 
 
@@ -114,7 +113,7 @@ def measure_part(
     )
     sigma = np.full(len(walls.row), float(np.clip(fit.sigma_mm, EDGE_SIGMA_MM, 1.0)))
     trace = replace(walls.trace(offset, sigma), instrument=instrument, origin=Origin(printer.name, printer.kinematics))
-    return PartMeasurement(trace, tuple(filter(None, notes)), len(walls.row), found)
+    return PartMeasurement(trace, tuple(filter(None, notes)), found)
 
 
 def _located(path: str | Path, page: Page, walls: Walls, rulers: Sequence[Ruler]) -> tuple[Silhouette, Lie]:

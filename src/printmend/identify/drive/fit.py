@@ -12,6 +12,7 @@ import numpy as np
 from printmend.identify.drive.design import Contacts, Design, Normal, Rows, contacts, normal_equations
 from printmend.identify.drive.kernels import evidence, triangular
 from printmend.path import frozen
+from printmend.units import SIGMA_PER_MEDIAN
 
 LEAST_SIGMA_MM = 2e-4  # smallest σ that is believed: tables and G-code are written no finer
 HUBER_SIGMAS = 2.0  # residuals beyond so many σ are weighted down (Huber)
@@ -171,12 +172,12 @@ class Fit:
 
 
 def robust_sigma_mm(residual_mm: np.ndarray) -> float:
-    """Return the standard deviation of Gaussian residuals with this median absolute value (1.4826 times it)."""
+    """Return the standard deviation of Gaussian residuals with this median absolute value."""
     size = np.abs(residual_mm)
     half = len(size) // 2
     size.partition((half - 1, half) if half else half)  # np.median takes ten times as long around it
     median_mm = size[half] if len(size) % 2 else (size[half - 1] + size[half]) / 2
-    return max(1.4826 * float(median_mm), LEAST_SIGMA_MM)
+    return max(SIGMA_PER_MEDIAN * float(median_mm), LEAST_SIGMA_MM)
 
 
 def robust_weights(rows: Rows, residual_mm: np.ndarray, sigma_mm: float, *, drop: bool) -> np.ndarray:

@@ -17,6 +17,7 @@ from printmend.identify.drive.fit import Prior, variances
 from printmend.identify.drive.ladder import MISSED_STEPS, TOOTH_STEPS, Jump, climbed, jumped, lasting
 from printmend.identify.drive.select import COARSE_HARMONICS, WARPS_MM, Choice, Structure, main_parts
 from printmend.printer import Axis
+from printmend.units import SIGMA_PER_MEDIAN
 
 STARTS_PLAY_MM = (0.0, 0.5, 2.0)  # first guesses of the play
 MOST_PASSES, FEW_PASSES = 10, 3  # of contacts and least squares: from a first guess, and from a fit that is near
@@ -190,7 +191,9 @@ def _suspects(rows: Rows, fit: Increments, axis: Axis) -> list[tuple[Jump, ...]]
     measured = np.flatnonzero(rows.weight > 0)
     step, tooth = MISSED_STEPS * axis.mm_per_step, TOOTH_STEPS * axis.mm_per_step
     size = np.abs(fit.left_mm)
-    large = np.flatnonzero(size > max(JUMP_SHOWS_SHARE * step, JUMP_SHOWS_SIGMAS * 1.4826 * float(np.median(size))))
+    large = np.flatnonzero(
+        size > max(JUMP_SHOWS_SHARE * step, JUMP_SHOWS_SIGMAS * SIGMA_PER_MEDIAN * float(np.median(size)))
+    )
     large = large[np.argsort(-size[large], kind="stable")][:MOST_SUSPECTS]
     suspects = []
     for i in large:
@@ -313,7 +316,7 @@ def _increments(
         wanted = np.diff(touch.residual_mm[measured]) + steps @ values
         for _ in range(3):
             left = wanted - steps @ values
-            sigma = max(1.4826 * float(np.median(np.abs(left))), LEAST_SIGMA_MM)
+            sigma = max(SIGMA_PER_MEDIAN * float(np.median(np.abs(left))), LEAST_SIGMA_MM)
             weight = 1.0 / (1.0 + np.square(left / (2 * sigma)))  # Cauchy: a jump counts for next to nothing
             matrix = (steps * weight[:, None]).T @ steps / sigma**2
             values = np.linalg.solve(matrix + precision, (steps.T @ (weight * wanted)) / sigma**2)

@@ -18,6 +18,7 @@ from printmend.identify.drive.kernels import jumps as kernels
 from printmend.identify.drive.select import Choice
 from printmend.path import last_way
 from printmend.printer import Axis
+from printmend.units import SIGMA_PER_MEDIAN
 
 TOOTH_STEPS, MISSED_STEPS = 10, 4  # sizes of a skipped tooth and of a missed electrical turn (physics.md eq. 11)
 MOST_TEETH, MOST_MISSED = 5, 8  # rungs of the ladder either way
@@ -61,7 +62,9 @@ def climbed(rows: Rows, choice: Choice, axis: Axis) -> tuple[Jump, ...]:
         contacts(choice.design, values, replace(rows, motor_mm=rows.motor_mm + b * step_mm)).residual_mm[measured]
         for b in range(-MOST_MISSED, MOST_MISSED + 1)
     ], axis=1)  # fmt: skip
-    sigma = max(1.4826 * float(np.median(np.abs(np.diff(residual[:, MOST_MISSED])))) / np.sqrt(2), LEAST_SIGMA_MM)
+    sigma = max(
+        SIGMA_PER_MEDIAN * float(np.median(np.abs(np.diff(residual[:, MOST_MISSED])))) / np.sqrt(2), LEAST_SIGMA_MM
+    )
     sigma_mm = sigma / np.sqrt(rows.weight[measured])
     levels_mm = residual[:, None, :] - tooth_mm * np.arange(-MOST_TEETH, MOST_TEETH + 1)[:, None]
     cost = np.minimum(np.square(levels_mm / sigma_mm[:, None, None]) / 2, MOST_POINT_NATS)

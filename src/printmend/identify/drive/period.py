@@ -15,7 +15,7 @@ from printmend.identify.drive.design import Rows
 from printmend.identify.drive.kernels.periodogram import lengths_left
 from printmend.path import last_way
 from printmend.saved import SCALE_MM
-from printmend.units import TURN_RAD
+from printmend.units import SIGMA_PER_MEDIAN, TURN_RAD
 
 TOOTH_MM = 2.0  # distance of two teeth of a GT2 belt, which printers have
 PERIODS_MM = (12.0, 84.0)  # shortest and longest turn that is tried: 6 and 42 teeth, and no printer's pulley is beyond
@@ -187,7 +187,7 @@ def _weights(columns: np.ndarray, error: np.ndarray) -> np.ndarray:
         root = np.sqrt(weight)
         fit = np.linalg.lstsq((columns * root).T, error * root, rcond=None)[0] @ columns
         away = np.abs(error - fit)
-        far = max(FAR_SIGMAS * 1.4826 * float(np.median(away)), NO_ERROR_MM)
+        far = max(FAR_SIGMAS * SIGMA_PER_MEDIAN * float(np.median(away)), NO_ERROR_MM)
         weight = np.minimum(1.0, far / np.maximum(away, NO_ERROR_MM)) ** 2
     return weight
 

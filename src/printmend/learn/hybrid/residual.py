@@ -24,7 +24,7 @@ from printmend.learn.hybrid.continued import continued
 from printmend.machine import Transmission
 from printmend.machine.kernels import run
 from printmend.saved.branches import rising, warp_columns
-from printmend.units import TURN_RAD
+from printmend.units import SIGMA_PER_MEDIAN, TURN_RAD
 
 log = logging.getLogger(__name__)
 
@@ -166,7 +166,7 @@ def points_in_contact(
     travel = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(motor_mm)))])
     used = np.flatnonzero((weight > 0) & (at >= 0))
     residual = (measured_mm - belt)[used]
-    sigma = max(1.4826 * float(np.median(np.abs(residual))) if len(used) else 0.0, LEAST_SIGMA_MM)
+    sigma = max(SIGMA_PER_MEDIAN * float(np.median(np.abs(residual))) if len(used) else 0.0, LEAST_SIGMA_MM)
     return Points(
         motor_mm[at[used]],
         side[used],

@@ -26,6 +26,7 @@ from printmend.learn.meta.tasks import evidence, reach_of
 from printmend.machine.mechanism import Mechanism, Transmission, healthy_transmission
 from printmend.path import Trace, frozen, last_way
 from printmend.printer import Printer
+from printmend.units import SIGMA_PER_MEDIAN
 
 BELIEF_PASSES = 4  # how often contacts are found under the belief, and the belief from the contacts
 LOOKED_AT = 800  # measured rows that all passes but the last one use at most
@@ -265,7 +266,9 @@ def _touched(
 def _robust(seen: _Seen, drive: MetaDrive) -> _Seen:
     """Return the rows with less weight on those far off what was believed, and none on those very far off."""
     left = np.abs(seen.residual_mm - seen.phi @ drive.mean) * np.sqrt(seen.weight)
-    scale = np.full(len(left), max(drive.noise_mm, 1.4826 * float(np.median(left)) if len(left) else 0.0, 1e-4))
+    scale = np.full(
+        len(left), max(drive.noise_mm, SIGMA_PER_MEDIAN * float(np.median(left)) if len(left) else 0.0, 1e-4)
+    )
     far = left > HUBER_SIGMAS * scale
     # where nothing was seen before, what is believed may be off by more than the measurement
     doubt = _doubt(seen.phi[far], drive.covariance) * seen.weight[far]
