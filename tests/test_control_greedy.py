@@ -10,8 +10,8 @@ from printmend.corruption import families, sample
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import Mechanism, PlayTables, healthy_transmission
 from printmend.printer import Printer, read_printer
-from printmend.protocols import IncrementTables, WorldModel
-from printmend.published.increments import AxisModel, moved, start_state
+from printmend.protocols import IncrementTables, State, WorldModel
+from printmend.published.increments import AxisModel, moved
 from printmend.twin import Twin
 from tests import naive_control
 from tests.shapes import ring_layer
@@ -50,7 +50,7 @@ class Toy:
         self.printer, self.tables = printer, tables
 
     def start(self, start_steps: np.ndarray):
-        return start_state(start_steps)
+        return State.at(start_steps)
 
     def advance(self, state, controls):
         nominal = np.broadcast_to(state.nominal_steps, controls.shape)
