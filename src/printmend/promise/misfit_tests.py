@@ -42,7 +42,8 @@ LEAST_ROWS = 60  # with fewer rows nothing is tested
 # share of the motor's span.
 QUARTERS, LEAST_ROWS_A_QUARTER, LEAST_SPREAD_SHARE = 4, 40, 0.3
 MOST_CAUSES = 3  # most causes that are named for one motor
-SURE_NATS = 14.0  # log likelihood that a cause must gain, beyond the logarithm of how many are tried
+LEAST_NATS = 9.0  # log likelihood that a cause must gain, beyond the logarithm of how many are tried: noise gains six
+SURE_NATS = 14.0  # the same where more than what is told hangs on it
 LEAST_COST_MM = 0.018  # least RMS error on a print that a cause must make to be named: an owner does not see less
 WARNED_MM = 0.03  # a cause of that size or more is a warning, a smaller one a note
 NOISE_SHARE = 0.3  # a cause must have this share of the noise at least: a smaller one is of no use to know
@@ -148,7 +149,7 @@ def unrest_mm(box: GreyboxModel, trace: Trace) -> float:
         choice, seen = box.drives[motor].choice, one.at(near)
         basis = own_columns(choice, rows, used[near])
         left, spare = _left(choice.fit.touch.residual_mm[used][near], basis)
-        tried = [_tried(motor, each, seen, left, basis, spare, SURE_NATS) for each in in_time()]
+        tried = [_tried(motor, each, seen, left, basis, spare, LEAST_NATS) for each in in_time()]
         sizes += [max(((c.nats, c.size_mm) for c in tried if c is not None and c.size_mm < LEAST_COST_MM),
                       default=(0.0, 0.0))[1]]  # fmt: skip
     return max(sizes)
@@ -212,7 +213,8 @@ def _explained(
     sigma, (left, spare) = spread_mm(residual_mm), _left(residual_mm, basis)
     found: list[Cause] = []
     while len(found) < MOST_CAUSES:
-        tried = [_tried(motor, each, one, left, basis, spare, SURE_NATS) for each in offered]
+        least_nats = SURE_NATS if found else LEAST_NATS  # what is left beside a cause may be its own
+        tried = [_tried(motor, each, one, left, basis, spare, least_nats) for each in offered]
         sure = [
             cause
             for cause in tried
