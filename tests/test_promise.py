@@ -354,10 +354,6 @@ def test_learn_says_what_scale_a_scan_leaves_open() -> None:
     assert "Mending takes off +0.50 % in X and -0.00 % in Y, which may be wrong by 0.2 mm" in in_words(
         np.array([0.005, 0.001]), np.array([0.005, -1e-6]), 0.002
     )
-    why = "backlash of X and backlash of Y: Klipper has no setting for backlash"
-    with pytest.raises(RefusedError, match=why) as refused:
-        export_supported(bent, "klipper")
-    assert "`printmend mend` mends the files" in str(refused.value)
     healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.zeros((2, 2))), ENDER3)
     assert scale_words(healthy) == ()
 
@@ -543,6 +539,10 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     text = dict(export.files)["marlin.gcode"]
     assert "M500" not in text
     assert "to undo" in text
+    why = "backlash of X and backlash of Y: Klipper has no setting for backlash"
+    with pytest.raises(RefusedError, match=why) as refused:
+        export_supported(bent, "klipper")
+    assert "`printmend mend` mends the files" in str(refused.value)
     healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.diag([0.0013, 0.0013])), ENDER3)
     for firmware in ("marlin", "klipper", "rrf", "linuxcnc"):
         with pytest.raises(RefusedError, match="leave its settings as they are: there is nothing to mend"):
