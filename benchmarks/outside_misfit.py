@@ -166,6 +166,16 @@ def _halves(plain: Printed, rng: np.random.Generator) -> np.ndarray:
     return np.outer(plain.commanded_mm[:, axis] > border * plain.bed_mm, [math.cos(way), math.sin(way)])
 
 
+def _guides(one: Machine, path: np.ndarray, amount: float, rng: np.random.Generator) -> Printed:
+    """Play of the head in its guides along x, y or both: it stays until they push it."""
+    plain = printed(one, path)
+    half = amount / 2 * rng.choice([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    places, at = plain.printed_mm.copy(), plain.printed_mm[0]
+    for row, to in enumerate(plain.printed_mm):
+        places[row] = at = np.clip(at, to - half, to + half)
+    return replace(plain, printed_mm=places)
+
+
 def _moves(plain: Printed) -> np.ndarray:
     return np.hypot(*np.diff(plain.commanded_mm, axis=0, prepend=plain.commanded_mm[:1]).T)
 
@@ -184,6 +194,7 @@ SIZED: dict[str, Callable] = {
     "racking": _bent("racking"),
     "two-motors": _by(_two_motors),
     "idler": _by(_idler),
+    "guides": _guides,
 }
 
 

@@ -655,6 +655,19 @@ def test_a_table_of_the_other_kinematics_is_named(made_by: str, said_of: str, rn
     assert "made it" not in report(learned(Drive(), wrong).saved)
 
 
+def test_play_of_a_corexys_guides_is_not_taken_for_another_printers_belts(rng: np.random.Generator) -> None:
+    """Sound belts and guides with play do what play in the belts of a printer with a motor for each axis does. Much
+    more play than guides have is another printer's all the same."""
+    corexy, cartesian = read_printer("corexy"), replace(read_printer("corexy"), kinematics="cartesian")
+    dabs = np.repeat(rng.uniform(20, 280, (120, 2)), 4, axis=0) + rng.uniform(-0.5, 0.5, (480, 2))
+    points = np.vstack([[corexy.home_mm], dabs])
+    for play_mm, is_named in ((0.45, False), (1.2, True)):
+        twin = Twin.of(Corruption((Drive(belt=Play(play_mm)), Drive())), cartesian)
+        measured = twin.follow(points) + rng.normal(0, 0.01, points.shape)
+        said = report(learn(Trace(points, measured, homed=True), corexy).saved)
+        assert ("made it, no CoreXY" in said) == is_named
+
+
 def test_a_table_that_begins_at_another_printers_home_is_said_to(rng: np.random.Generator) -> None:
     points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 210, (60, 2))])
     measured = points + rng.normal(0, 0.03, points.shape)

@@ -3,7 +3,8 @@ to be of.
 
 Pulleys and play of a printer with a motor for each axis go with x and y, those of a CoreXY with x + y and x − y: each
 leaves much of what the other one does. So drives of the other kinematics, roughly learned, are held against the model
-with all its parts and every cause that was found beside them. A healthy printer's table could be either's.
+with all its parts and every cause that was found beside them. A healthy printer's table could be either's, and so could
+that of a CoreXY whose guides have play: this lags along x and y, as a belt's does that moves one of them alone.
 """
 
 from dataclasses import replace
@@ -12,6 +13,7 @@ import numpy as np
 
 from printmend.identify.drive.fit import independent_share, robust_sigma_mm
 from printmend.learn.greybox.model import GreyboxModel
+from printmend.machine import Transmission, healthy_mechanism, print_path
 from printmend.measure.table import AT_HOME_MM
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
@@ -23,6 +25,9 @@ LEAST_MM2 = 1e-12  # added to mean squares: those of an exact trace are 0
 LEAST_NATS = 100.0  # log likelihood that the other kinematics must gain
 # They must leave less than this share of what the model leaves: less beside a CoreXY's, whose rails may have play.
 BETTER_SHARE = {"cartesian": 0.7, "corexy": 0.5}
+MOST_GUIDE_PLAY_MM = 0.6  # guides have no more play: a head that can be shaken farther is not overlooked
+GUIDE_ROUNDS = 2  # rounds of learning the drives beside the guides' play, and the play beside the drives
+PUSHED_SHARE = 0.98  # share of half its play from which on the head is behind as far as its guide lets it
 
 
 def another_printers(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tuple[Misfit, ...]:
@@ -38,7 +43,8 @@ def another_printers(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...])
     _, explained = effects_of(box, trace, tuple(each for each in causes if each.candidate.kind != "rail-wave"))
     is_corexy = box.printer.kinematics == "corexy"
     other = replace(box.printer, kinematics="cartesian" if is_corexy else "corexy")
-    theirs_mm = trace.measured_mm - learned_roughly(trace, other).places_mm
+    rough = learned_roughly(trace, other)
+    theirs_mm = trace.measured_mm - rough.places_mm
     known = np.isfinite(own).all(axis=1) & np.isfinite(theirs_mm).all(axis=1)
     if known.sum() < LEAST_ROWS:
         return ()
@@ -49,6 +55,11 @@ def another_printers(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...])
     ours_mm, left_mm = (float(np.sqrt(np.trace(each))) for each in (our, their))
     if nats < LEAST_NATS or left_mm > BETTER_SHARE[box.printer.kinematics] * ours_mm:
         return ()
+    if is_corexy and rough.play_mm.max() < MOST_GUIDE_PLAY_MM:
+        guided_mm = _left_beside_guides_mm(box.printer, trace, rough.play_mm)
+        ours_mm = min(ours_mm, float(np.sqrt(np.trace(_squares(guided_mm[known])))))
+        if left_mm > BETTER_SHARE[box.printer.kinematics] * ours_mm:
+            return ()
     if is_corexy:
         words = (
             f"the table looks as if a printer with a motor for each axis made it, no CoreXY: such a one leaves "
@@ -75,6 +86,31 @@ def another_home(trace: Trace, printer: Printer) -> tuple[Misfit, ...]:
         f"{printer.home_mm[1]:g}): if this print began there, learn again with the --printer that homes there"
     )
     return (Misfit("home", NOTE, 0.0, 0.0, words),)
+
+
+def _left_beside_guides_mm(printer: Printer, trace: Trace, play_mm: np.ndarray) -> np.ndarray:
+    """Return what is left of a trace [N, 2] beside a CoreXY's drives and guides that have about that play [2]."""
+    for _ in range(GUIDE_ROUNDS):
+        lag_mm = _guides_lag_mm(printer, trace.commanded_mm, play_mm)
+        freed = replace(trace, measured_mm=trace.measured_mm - lag_mm)
+        left_mm = freed.measured_mm - learned_roughly(freed, printer).places_mm
+        pushed = np.abs(lag_mm) > PUSHED_SHARE * play_mm / 2  # the rows in which a guide pushes the head
+        further_mm = np.where(pushed, np.sign(lag_mm) * left_mm, np.nan)[trace.measured_rows]
+        play_mm = play_mm + [2 * np.nanmedian(each) if np.isfinite(each).any() else 0.0 for each in further_mm.T]
+    return left_mm
+
+
+def _guides_lag_mm(printer: Printer, places_mm: np.ndarray, play_mm: np.ndarray) -> np.ndarray:
+    """Return how far [N, 2] play of the guides [2] leaves the head behind places [N, 2] that the belts reach.
+
+    Sound drives of a printer with a motor for each axis do the same with that play.
+    """
+    sound = healthy_mechanism(replace(printer, kinematics="cartesian"))
+    x, y = (
+        Transmission(each.first_mm, each.pitch_mm, each.lower_mm - play / 2, each.upper_mm + play / 2)
+        for each, play in zip(sound.transmissions, play_mm.clip(min=0.0), strict=True)
+    )
+    return print_path(replace(sound, transmissions=(x, y)), places_mm, places_mm[0]) - places_mm
 
 
 def _is_at(place_mm: np.ndarray, printer: Printer) -> bool:

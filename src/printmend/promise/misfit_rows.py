@@ -248,10 +248,12 @@ def _history_words(seen: np.ndarray, history: np.ndarray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class RoughlyLearned:
-    """Roughly learned drives: the mean distance that they leave, ``left_mm``, and where they print every row [N, 2]."""
+    """Roughly learned drives: the mean distance that they leave, ``left_mm``, where they print every row [N, 2], and
+    each one's play [2]."""
 
     left_mm: float
     places_mm: np.ndarray
+    play_mm: np.ndarray
 
 
 def learned_roughly(trace: Trace, printer: Printer) -> RoughlyLearned:
@@ -260,13 +262,14 @@ def learned_roughly(trace: Trace, printer: Printer) -> RoughlyLearned:
     some = trial_of(full, np.random.default_rng(0)).rows(full)
     with threadpool_limits(1, user_api="blas"):
         found = [roughly_turned(*each) for each in zip(full, some, strict=True)]
-    belts = []
+    belts, plays = [], []
     for row, (period_mm, choice) in zip(full, found, strict=True):
         values, turning = choice.fit.posterior.values, replace(row, period_mm=period_mm)
         cross = cross_columns(choice.design, turning, slice(None)) @ values[choice.design.parts["cross"]]
         belts.append(contacts(choice.design, values, turning).belt_mm + cross)
+        plays.append(values[choice.design.parts["play_powers"]][:1].sum())
     places = np.asarray(printer.from_motor(np.stack(belts, axis=1)))
-    return RoughlyLearned(sum(choice.fit.loss_mm for _, choice in found), places)
+    return RoughlyLearned(sum(choice.fit.loss_mm for _, choice in found), places, np.array(plays))
 
 
 def _unshuffled(trace: Trace, seen: np.ndarray, plain_mm: float) -> InOrder:
