@@ -409,6 +409,13 @@ def test_a_wave_is_told_by_its_amplitude_as_the_diagnosis_tells_it(kind: str, mo
     assert f"{np.abs(wave_mm).max():.3f} mm to either side" in _words(cause, motors)
 
 
+def test_two_motors_are_said_to_differ_by_the_most_over_a_turn() -> None:
+    weights, one = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.02]), Candidate("two-motors")
+    angle = np.linspace(0, TURN_RAD, 2000)
+    apart_mm = 2 * np.abs(0.05 * np.cos(angle) + 0.02 * np.sin(3 * angle)).max()  # at the ends of the other axis
+    assert f"differ by up to {apart_mm:.2f} mm" in _words(Cause(1, one, weights, 0.02, 20.0), ("x", "y"))
+
+
 def test_one_border_of_two_halves_is_said_once() -> None:
     def cause(motor: int, kind: str, size_mm: float, axis: float, place: float) -> Cause:
         return Cause(motor, Candidate(kind, 1, axis, place), np.array([0.1]), size_mm, 20.0)

@@ -621,7 +621,7 @@ def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:
 
 
 _KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle friction elastic ripple drift warp
-offset
+offset period-34.6
 skew bow wavy jump lead periodic-1 backlash wobble-1"""
 
 
@@ -645,12 +645,13 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
                  "racking-across"):  # fmt: skip
         for weight in (-0.2, 0.3):
             cause = SimpleNamespace(
-                motor=0, weights=np.array([weight]), size_mm=0.1,
+                motor=0, weights=np.full(6 if kind == "two-motors" else 1, weight), size_mm=0.1,
                 candidate=SimpleNamespace(kind=kind, detail=0.25, place=float(kind == "rail-wave")),
             )  # fmt: skip
             for motors in (("x", "y"), ("a", "b")):
                 assert _german(misfit_tests._words(cause, motors)), kind  # type: ignore[arg-type]
     assert _german(misfit_tests.CARRIED)
+    assert _german(misfit_tests._OF_HALVES.removeprefix(". "))
     inner = (PAGE / "said.de.js").read_text(encoding="utf-8")
     for kind in LAWS:
         assert f'"{promise_words.in_words(kind)}": "' in inner, kind

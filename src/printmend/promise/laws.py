@@ -55,6 +55,11 @@ def _waves(place_mm: np.ndarray, period_mm: float, harmonics: tuple[int, ...]) -
     return np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
 
 
+def widest_mm(weights: np.ndarray) -> float:
+    """Return the largest value of the waves of `TWO_MOTORS` with weights [6] mm, over a turn."""
+    return float(np.abs(_waves(np.linspace(0.0, 1.0, 360), 1.0, TWO_MOTORS) @ weights).max())
+
+
 def warmed(done: np.ndarray, share: float) -> np.ndarray:
     """Return how far a machine has warmed up [N], from 0 to 1, with a time constant that is a share of the print."""
     return np.asarray(1 - np.exp(-done / (share or WARMING)))

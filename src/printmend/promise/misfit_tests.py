@@ -32,7 +32,7 @@ from printmend.promise.effects import (
     Effect,
     absorbing,
 )
-from printmend.promise.laws import LawRows, warmed
+from printmend.promise.laws import LawRows, warmed, widest_mm
 from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
 from printmend.promise.misfit_columns import HALVES, Candidate, candidates, in_time, law_rows, wavy_axes
 
@@ -461,6 +461,7 @@ def _words(cause: Cause, motors: tuple[str, ...]) -> str:
     axis = int(cause.candidate.place if is_wave else min(detail, 1.0))
     half = "XY"[axis] if cause.candidate.kind.startswith(("halves", "rail")) else ""
     grown = float(warmed(np.ones(1), detail)[0])  # one that is slow has not come to its end yet
+    differ_mm = 2 * widest_mm(cause.weights) if cause.candidate.kind == "two-motors" else 0.0
     swing = f"{float(np.linalg.norm(cause.weights)):.3f} mm to either side"  # a wave's amplitude
     return {
         "linear": f"{name} drifted evenly during the print, by {weight:+.2f} mm from the first point to the last",
@@ -482,7 +483,7 @@ def _words(cause: Cause, motors: tuple[str, ...]) -> str:
         "rail-play": f"{name} shows a head that lags along {half} by {2 * abs(float(cause.weights.sum())):.2f} mm "
         "whichever motor turns: a rail or the head has play, not a belt",
         "two-motors": f"the turn of {name} looks different at the two ends of {other}: two motors of one axis, with "
-        f"pulleys that differ by {2 * cause.size_mm:.2f} mm",
+        f"pulleys that differ by up to {differ_mm:.2f} mm",
         "rail-racking": f"{name} shows a head that lags along {half} at one end of {'XY'[1 - axis]} and runs ahead at "
         f"the other, by {2 * abs(weight):.2f} mm there and back: the gantry racks",
         "rail-wave": f"{name} is off by a wave of {swing} that repeats every {detail:.1f} mm along "
