@@ -47,11 +47,12 @@ from printmend.promise.section import KEPT_VARIANCE_SHARE, kept_directions
 from printmend.promise.unexplained import unexplained
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
+from printmend.repair.history import read_history, rows_of
 from printmend.repair.learned import learn_model, report
 from printmend.repair.mend import is_healthy
 from printmend.repair.prediction import advice_of
 from printmend.repair.update import Updated
-from printmend.repair.verify import expectation, update_words, verify
+from printmend.repair.verify import BROKEN, KEPT, UNSURE, expectation, update_words, verify
 from printmend.saved.model import SavedModel, exact_model, read_model, write_model
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
@@ -386,7 +387,7 @@ def test_a_scanned_check_print_with_more_play_breaks_the_promise() -> None:
     worn = printed + 0.1 * np.stack([np.zeros(len(wanted)), last_way(wanted[:, 1])], axis=1)
     noise = np.random.default_rng(9).normal(0, 0.01, wanted.shape)
     same, other = (verify(model, scanned(Trace(wanted, each + noise), np.zeros((2, 2)))) for each in (printed, worn))
-    assert (same.kept, other.kept) == (True, False)
+    assert (same.result, other.result) == (KEPT, BROKEN)
     assert other.promised_high_mm < 0.08 < other.now_mm
 
 
@@ -585,7 +586,7 @@ def test_a_scanners_doubt_hides_no_change_of_the_machine(
     printed = (1 + grown) * Twin.of(machine, ENDER3).follow(mended_mm(bent, wanted))
     printed += np.random.default_rng(9).normal(0, 0.02, wanted.shape)
     verdict = verify(bent, Trace(wanted, printed, homed=True, placed=False, instrument=instrument))
-    assert verdict.kept == kept, verdict.words
+    assert verdict.result == (KEPT if kept else BROKEN), verdict.words
     anew = update_words(verdict, Updated(bent, (), ("X",)))
     assert ("is not the one" in anew) != kept  # what keeps its promise is of this machine
 
@@ -613,6 +614,61 @@ def test_another_printers_table_without_a_name_is_asked_whose_it_is(
     assert words in verify(bent, Trace(wanted, printed + noise, homed=True)).words
 
 
+@pytest.mark.parametrize(
+    ("noise_mm", "is_stated", "worse", "result"),
+    [
+        (0.02, True, 0.0, KEPT),
+        (0.02, False, 0.0, KEPT),
+        (0.02, True, 2.0, BROKEN),
+        (0.02, False, 2.0, BROKEN),
+        (0.3, True, 0.0, UNSURE),
+        (0.3, False, 0.0, UNSURE),
+    ],
+)
+def test_verify_says_broken_of_what_it_sees_and_nothing_of_what_it_cannot(
+    bent: SavedModel, noise_mm: float, is_stated: bool, worse: float, result: str
+) -> None:
+    """Noise far above that of the measurement that was learned from breaks no promise, and keeps none."""
+    wanted = stairs(300)
+    printed = Twin.of(BENT, ENDER3).follow(mended_mm(bent, wanted))
+    worn = worse * np.stack([last_way(wanted[:, 0]), 0 * wanted[:, 0]], axis=1)
+    worn *= verify(bent, Trace(wanted, printed, homed=True)).promised_high_mm
+    sigma_mm = np.full(len(wanted), noise_mm) if is_stated else None
+    said = []
+    for seed in range(10):
+        noise = np.random.default_rng(seed).normal(0, noise_mm, wanted.shape)
+        said.append(verify(bent, Trace(wanted, printed + worn + noise, homed=True, sigma_mm=sigma_mm)))
+    assert sum(each.result == result for each in said) >= 9, [each.words for each in said]
+    words = next(each.words for each in said if each.result == result)
+    assert f": {result}" in words
+    if result == UNSURE:
+        assert all(each.shows_from_mm > each.now_high_mm > 2 * each.promised_high_mm for each in said)
+        assert ("say in sigma_mm" in words) != is_stated
+
+
+def test_what_a_check_print_cannot_tell_ends_well(bent: SavedModel, tmp_path: Path) -> None:
+    write_model(tmp_path / "printer.mend.json", bent)
+    wanted = stairs(300)
+    noise = np.random.default_rng(9).normal(0, 0.4, wanted.shape)
+    write_trace(tmp_path / "check.csv", Trace(wanted, wanted + noise, homed=True))
+    done = CliRunner().invoke(
+        group, ["verify", str(tmp_path / "check.csv"), "-m", str(tmp_path / "printer.mend.json"), "--json"]
+    )
+    assert done.exit_code == 0, done.output
+    said = json.loads(done.output)
+    assert (said["result"], said["kept"]) == ("cannot tell", False)
+    rows = rows_of(read_history(tmp_path / "printer.mend.json"))
+    assert rows[0][2].endswith("cannot tell")
+
+
+def test_an_idlers_error_is_no_noise_of_the_table(bent: SavedModel) -> None:
+    wanted = stairs(300)
+    printed = Twin.of(BENT, ENDER3).follow(mended_mm(bent, wanted))
+    printed += 0.15 * np.sin(wanted * (2 * np.pi / 33.3))
+    noise = np.random.default_rng(9).normal(0, 0.03, wanted.shape)
+    assert verify(bent, Trace(wanted, printed + noise, homed=True)).result == BROKEN
+
+
 def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path: Path) -> None:
     write_model(tmp_path / "printer.mend.json", bent)
     wanted = stairs(300)
@@ -637,7 +693,7 @@ def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path
     assert history[1]["now_mm"] > 0.1
     noise = np.random.default_rng(9).normal(0, 0.01, wanted.shape)
     scanned = verify(bent, Trace(wanted, 1.001 * wanted + noise, placed=False))  # the scanner's stretch is no fault
-    assert scanned.kept
+    assert scanned.result == KEPT
     assert scanned.stretch_percent == pytest.approx(0.1, abs=0.01)
     tables = tuple(table.shifted(0.5) for table in bent.mechanism.transmissions)
     elsewhere = replace(bent, mechanism=replace(bent.mechanism, transmissions=tables))  # a learned origin is the bed's

@@ -34,13 +34,13 @@ def command(
 
     The check print is the G-code of a probe, mended with the model and printed. TRACE.csv has the places that were
     wanted and the measured ones. The history lies beside the model, printer.mend.history.jsonl. A promise that is
-    broken ends with exit code 3.
+    broken ends with exit code 3, a measurement that is too coarse to tell with 0.
     """
     from printmend.cli.outputs import spare
     from printmend.errors import RefusedError
     from printmend.measure import read_plan, read_trace
     from printmend.repair.history import history_of
-    from printmend.repair.verify import remember_verdict, update_words, updated, verify
+    from printmend.repair.verify import BROKEN, remember_verdict, update_words, updated, verify
     from printmend.saved import read_model, write_model
 
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
@@ -72,5 +72,5 @@ def command(
         if newer is not None:
             click.echo(f"{update_words(verdict, newer)}\nwritten: {output}")
         click.echo(f"noted in {history}")
-    if not verdict.kept:
+    if verdict.result == BROKEN:
         click.get_current_context().exit(RefusedError.exit_code)

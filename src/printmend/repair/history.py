@@ -427,7 +427,7 @@ def rows_of(events: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
             now = f"{event['now_mm']:.3f}" if not isinstance(at_most, float) else f"less than {at_most:.3f}"
             said = (
                 f"{now} mm, {event['promised_low_mm']:.3f} to {event['promised_high_mm']:.3f} was "
-                f"promised: {'kept' if event.get('kept') else 'broken'}"
+                f"promised: {event.get('result', 'kept' if event.get('kept') else 'broken')}"
             )
         else:
             faults = [

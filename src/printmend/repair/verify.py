@@ -1,4 +1,4 @@
-"""Measure again after mending: was the promise kept? And bring the model up to date with what was measured.
+"""Measure again after mending: was the promise kept, or can this measurement not tell? And bring the model up to date.
 
 The check print is any probe's G-code, mended with the model and printed. Its plan says where marks were wanted; what
 is measured of them is compared with what was promised for these places, the noise of the measurement taken off.
@@ -23,7 +23,7 @@ from printmend.promise.predict import Errors, Outlook, PathPlaces, Promise, prom
 from printmend.repair.history import remember
 from printmend.repair.learned import PLANE_FACTOR, known_digests
 from printmend.repair.update import Updated, update
-from printmend.saved import SavedModel
+from printmend.saved import SCALE_MM, Design, SavedModel, branches_of
 
 LEAST_MARKS = 10  # measured marks of a check print; fewer tell nothing
 _LEAST_SIGMA_MM = 0.002  # smallest standard deviation of a mark: no scan is read better
@@ -31,37 +31,54 @@ _LEAST_STRETCH_PERCENT = 0.01  # a smaller stretch by the instrument is not wort
 _NOISE_SD_SHARE = 0.15  # standard deviation of the stated noise of a measurement, as a share of it
 _UNMENDED_SHARE = 0.9  # a print with more than this share of the error before mending was hardly mended …
 _SAME_FAULT_SHARE = 0.5  # … if, of its error, less than this share is unlike the unmended print of the model
-_SURE_SIGMAS = 2.0  # standard deviations by which a measured error may exceed its promise and keep it
+_SURE_SIGMAS = 2.0  # standard deviations within which a measured error is known
+SEEN_FACTOR = 2.0  # a promise is kept where an error of so many times its upper end is ruled out
+_MARKS_A_WAVE, _MOST_WAVES = 12, 6  # of each motor's turn so many waves are looked for in the errors of marks
+_LEAST_COLUMN = 1e-6  # share of the largest of a set of columns, below which one is another's
+
+
+KEPT, BROKEN, UNSURE = "kept", "broken", "cannot tell"
 
 
 @dataclass(frozen=True)
 class Verdict:
     """Distances of the marks from where they were wanted, root mean square [mm]: unmended as the model says
-    (``before_mm``), as measured now with its standard deviation, and as was promised with its 90 % range;
-    ``unlike_mm`` is how far they lie from where the model has them unmended. ``placed``: they contain where on the bed
-    the print lies; else a shift of the whole is taken off, and ``stretch_percent`` of scale that may as well be the
-    instrument's own."""
+    (``before_mm``), as measured now, between ``now_low_mm`` and ``now_high_mm`` as far as this measurement can tell,
+    and as was promised with its 90 % range; ``unlike_mm`` is how far they lie from where the model has them unmended.
+    ``placed``: they contain where on the bed the print lies; else a shift of the whole is taken off, and
+    ``stretch_percent`` of scale that may as well be the instrument's own. ``stated``: the measurement says how exact
+    it is."""
 
     marks: int
     before_mm: float
     now_mm: float
-    now_sd_mm: float
+    now_low_mm: float
+    now_high_mm: float
     promised_mm: float
     promised_low_mm: float
     promised_high_mm: float
     unlike_mm: float
     placed: bool
     stretch_percent: float = 0.0
+    stated: bool = True
 
     @property
-    def kept(self) -> bool:
-        """True where the error is within what was promised, as far as this measurement can tell."""
-        return self.now_mm - _SURE_SIGMAS * self.now_sd_mm <= self.promised_high_mm
+    def result(self) -> str:
+        """Broken where the error is surely more than was promised, kept where one of twice as much would have shown,
+        and else that this measurement cannot tell."""
+        if self.now_low_mm > self.promised_high_mm:
+            return BROKEN
+        return KEPT if self.now_high_mm <= SEEN_FACTOR * self.promised_high_mm else UNSURE
 
     @property
     def at_most_mm(self) -> float | None:
-        """What the error may be at most where it is not above the noise of the measurement; None where it is."""
-        return self.now_mm + _SURE_SIGMAS * self.now_sd_mm if self.now_mm <= self.now_sd_mm else None
+        """What the error may be at most where it is not surely above the noise of the measurement; None where it is."""
+        return None if self.now_low_mm > 0 else self.now_high_mm
+
+    @property
+    def shows_from_mm(self) -> float:
+        """The smallest error that this measurement would surely have shown to be more than was promised."""
+        return float(np.hypot(self.promised_high_mm, self.now_high_mm))
 
     @property
     def words(self) -> str:
@@ -73,8 +90,14 @@ class Verdict:
         )
         if abs(self.stretch_percent) >= _LEAST_STRETCH_PERCENT:
             numbers += f" (a scale of {self.stretch_percent:+.2f} % may be the scanner's own and is taken off)"
-        if self.kept:
+        if self.result == KEPT:
             return f"{numbers}: kept ({self.marks} marks)"
+        if self.result == UNSURE:
+            how = "scan the print" if self.stated else "scan the print, or say in sigma_mm how exact the table is"
+            return (
+                f"{numbers}: cannot tell. This measurement is too coarse, it shows only errors above "
+                f"{self.shows_from_mm:.3f} mm: {how}"
+            )
         if self.now_mm > _UNMENDED_SHARE * self.before_mm:
             if self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm:
                 return f"{numbers}: broken, and as far off as before mending. Was the mended file printed?"
@@ -86,7 +109,8 @@ class Verdict:
 
     def json(self) -> dict[str, Any]:
         """Return plain values."""
-        return {**asdict(self), "now_at_most_mm": self.at_most_mm, "kept": self.kept}
+        more = {"now_at_most_mm": self.at_most_mm, "shows_from_mm": self.shows_from_mm}
+        return {**asdict(self), **more, "result": self.result, "kept": self.result == KEPT}
 
 
 def verify(model: SavedModel, trace: Trace) -> Verdict:
@@ -127,42 +151,80 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
         off = off - off.mean(axis=0)
         error, stretch = _unstretched(error, trace, model.printer.kinematics == "corexy", sigma)
     unlike = error - off
-    square = np.sum(error**2, axis=1)
-    noise2 = PLANE_FACTOR**2 * sigma**2
-    now2 = float(square.mean()) - noise2
-    now2_sd = float(np.hypot(square.std() / np.sqrt(len(known)), 2 * _NOISE_SD_SHARE * noise2))
-    now = float(np.sqrt(max(now2, 0.0)))
-    now_sd = float(np.sqrt(max(now2, 0.0) + now2_sd)) - now
-    play, play_sd = _error_from_play(error, trace, model.printer)
-    # what surely goes with direction is no noise, however much of that is
-    if play - _SURE_SIGMAS * play_sd > max(now - _SURE_SIGMAS * now_sd, 0.0):
-        now = max(now, play)
-        now_sd = (now - play) / _SURE_SIGMAS + play_sd
+    repeating = _repeating(error, trace, model)
+    noise2 = PLANE_FACTOR**2 * sigma**2 if len(stated) else repeating.rest_mm2
+    now, low, high = _error_now_mm(error, noise2, repeating, is_stated=bool(len(stated)))
     after = outlook.after
     before_mm = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
     return Verdict(
-        len(known), before_mm, now, now_sd,
+        len(known), before_mm, now, low, high,
         PLANE_FACTOR * after.rms_mm, PLANE_FACTOR * after.rms_low_mm, PLANE_FACTOR * after.rms_high_mm,
-        float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - noise2, 0.0))), placed, stretch,
+        float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - noise2, 0.0))), placed, stretch, bool(len(stated)),
     )  # fmt: skip
 
 
-def _error_from_play(error_mm: np.ndarray, trace: Trace, printer: Printer) -> tuple[float, float]:
-    """Return how much of the errors of the measured marks [N, 2] goes with the way that the motors came, root mean
-    square, and its standard deviation by the scatter of the marks themselves."""
-    sides = _sides(trace, printer)
-    sides = sides - sides.mean(axis=0)
-    size = np.square(sides).sum(axis=0)
-    if len(error_mm) < LEAST_MARKS or (size < 1).any():
-        return 0.0, 0.0
+def _error_now_mm(
+    error_mm: np.ndarray, noise_mm2: float, repeating: "_Repeating", *, is_stated: bool
+) -> tuple[float, float, float]:
+    """Return the root mean square [mm] of errors [N, 2] without the noise of measuring, and what it is at least and at
+    most; noise that nobody stated is what repeats nothing, of which all may be noise, and none."""
+    square = np.sum(error_mm**2, axis=1)
+    doubt2 = 2 * _NOISE_SD_SHARE * noise_mm2 if is_stated else noise_mm2 / _SURE_SIGMAS
+    now2, sd2 = float(square.mean()) - noise_mm2, float(np.hypot(square.std() / np.sqrt(len(square)), doubt2))
+    low2, high2 = now2 - _SURE_SIGMAS * sd2, max(now2, 0.0) + _SURE_SIGMAS * sd2
+    # what surely goes with place and direction is no noise, however much of that is
+    if (sure2 := repeating.mm2 - _SURE_SIGMAS * repeating.sd_mm2) > max(low2, 0.0):
+        now2, low2 = max(now2, repeating.mm2), sure2
+        high2 = max(high2, now2)
+    now, low, high = np.sqrt(np.maximum([now2, low2, high2], 0.0))
+    return float(now), float(low), float(high)
+
+
+@dataclass(frozen=True)
+class _Repeating:
+    """How much of the errors of marks any fault of drives and frame may have made, mean square and its standard
+    deviation by the scatter of the ``rest_mm2``, mean square, too [mm²]."""
+
+    mm2: float
+    sd_mm2: float
+    rest_mm2: float
+
+
+def _repeating(error_mm: np.ndarray, trace: Trace, model: SavedModel) -> _Repeating:
+    """Split the errors of the measured marks [N, 2] in what goes with place and way of the motors, and the rest."""
+    printer, known, count = model.printer, trace.measured_rows, len(error_mm)
+    waves = tuple(range(1, 1 + min(count // _MARKS_A_WAVE, _MOST_WAVES)))
+    design = Design(mean_powers=3, play_powers=1, mean_harmonics=waves, play_harmonics=waves[:1])
+    motors_mm, sides = printer.to_motor(trace.commanded_mm)[known], _sides(trace, printer)
     # to and from a motor is linear: the errors of marks are those of the belts
-    belts = printer.to_motor(error_mm)
-    found = np.sum(sides * belts, axis=0) / size
-    sds = np.sqrt(np.square(belts - sides * found).sum(axis=0) / (len(belts) - 2) / size)
-    rms, doubt = (
-        float(np.sqrt(np.mean(np.sum(printer.from_motor(sides * each) ** 2, axis=1)))) for each in (found, sds)
-    )
-    return rms, doubt
+    belts, fitted, used = printer.to_motor(error_mm), np.zeros(error_mm.shape), 0.0
+    for motor, middle_mm in enumerate(printer.to_motor(np.array(printer.middle_mm))):
+        series = branches_of(model, motor)
+        period_mm = printer.axes[motor].mm_per_turn if series is None else series.period_mm
+        mean, play = design.columns(motors_mm[:, motor], period_mm, middle_mm)
+        columns = np.column_stack([mean + sides[:, motor, None] / 2 * play, motors_mm[:, 1 - motor] / SCALE_MM])
+        axes, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+        axes = axes[:, sizes > _LEAST_COLUMN * sizes[0]]
+        fitted[:, motor] = axes @ (axes.T @ belts[:, motor])
+        used += axes.shape[1] / 2
+    found = np.asarray(printer.from_motor(fitted))
+    rest2 = float(np.square(error_mm - found).sum() / max(count - used, 1.0))
+    mine2 = float(np.square(found).sum() - used * rest2) / count
+    sd2 = float(np.sqrt(used * rest2**2 + 2 * rest2 * count * max(mine2, 0.0))) / count
+    # where neighbours along a motor's way are alike, too, as by an idler, that is no noise (von Neumann's ratio)
+    smooth2, smooth_sd2 = rest2 * (1 - _unlike_neighbours(belts - fitted, motors_mm, sides)), rest2 / count**0.5
+    if smooth2 > _SURE_SIGMAS * smooth_sd2:
+        mine2, sd2, rest2 = mine2 + smooth2, float(np.hypot(sd2, smooth_sd2)), rest2 - smooth2
+    uneven2 = (PLANE_FACTOR * trace.instrument_doubt.wave_mm) ** 2  # an uneven instrument's goes with place, too
+    return _Repeating(mine2, float(np.hypot(sd2, 2 * uneven2)), rest2)
+
+
+def _unlike_neighbours(left_mm: np.ndarray, motors_mm: np.ndarray, sides: np.ndarray) -> float:
+    """Return the share of the squares of what is left of belts [N, 2] that marks do not share with their neighbours,
+    to which the same motor came the same way."""
+    orders = (np.lexsort(each) for each in zip(motors_mm.T, sides.T, strict=True))
+    steps = sum(float(np.square(np.diff(left[order])).sum()) for left, order in zip(left_mm.T, orders, strict=True))
+    return steps / max(2 * float(np.square(left_mm).sum()), 1e-18)
 
 
 def _unstretched(error_mm: np.ndarray, trace: Trace, corexy: bool, sigma_mm: float) -> tuple[np.ndarray, float]:
@@ -227,9 +289,9 @@ def _outlook_at_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[
 def update_words(verdict: Verdict, newer: Updated) -> str:
     """Say what the check print changed in the model.
 
-    One that keeps its promise is of this machine, even where a fresh fit explains the small print better.
+    One that does not break its promise is of this machine, even where a fresh fit explains the small print better.
     """
-    return "the model was brought up to date" if verdict.kept and newer.anew else newer.words
+    return "the model was brought up to date" if verdict.result != BROKEN and newer.anew else newer.words
 
 
 def updated(model: SavedModel, trace: Trace) -> Updated:

@@ -76,7 +76,7 @@ export default {
   clamped: "Am Rand des Betts zurückgehaltene Befehle: {n}", by_layer: "Fehler jeder Schicht, mm", sending: "Sendet", stopped: "Angehalten", mend_none: "Zuerst den Testdruck messen: Dann lassen sich Teile für diesen Drucker heilen.", prove_none: "Zuerst den Testdruck messen: Dann lässt sich prüfen, ob ein geheilter Druck das Versprechen hält.", to_measure: "Zum Testdruck",
 
   prove_now: "Den geheilten Testdruck drucken, einscannen und sehen, ob das Versprechen hielt.", prove_print: "1. Geheilt drucken", prove_scan: "2. Einscannen", make_check: "Prüfdruck erstellen", check_what: "Noch einmal der Testdruck, für diesen Drucker geheilt.", download_check: "Prüfdruck herunterladen",
-  drop_check: "Den Scan des Prüfdrucks ablegen", kept: "Das Versprechen hielt", broken_promise: "Das Versprechen hielt nicht", promised: "versprochen", measured_now: "jetzt gemessen", was: "vor dem Heilen",
+  drop_check: "Den Scan des Prüfdrucks ablegen", kept: "Das Versprechen hielt", broken_promise: "Das Versprechen hielt nicht", cannot_tell: "Diese Messung kann es nicht sagen", cannot_tell_why: "Sie ist zu grob für das, was versprochen wurde: den Druck scannen, oder in sigma_mm angeben, wie genau die Tabelle ist. Sie zeigt nur Fehler über", promised: "versprochen", measured_now: "jetzt gemessen", was: "vor dem Heilen",
   take_over: "Diese Messung ins Modell übernehmen", taken: "Übernommen. Die Teile noch einmal heilen.", history: "Verlauf", history_none: "Noch nichts: Jede Messung und jeder Prüfdruck erscheint hier.",
   event_learned: "gemessen", event_verified: "geprüft", history_axis: "Fehler des Testdrucks, mm (nahe 0 vergrößert)", history_after: "gemessen, geheilt; ein Balken ab 0: höchstens so viel",
 

@@ -76,7 +76,7 @@ export default {
   clamped: "Commands held back at the edge of the bed: {n}", by_layer: "Error of each layer, mm", sending: "Sending", stopped: "Stopped", mend_none: "Measure the test print first: then parts can be mended for this printer.", prove_none: "Measure the test print first: then a mended print can be held against what was promised.", to_measure: "To the test print",
 
   prove_now: "Print the mended test print, scan it, and see whether the promise was kept.", prove_print: "1. Print it mended", prove_scan: "2. Scan it", make_check: "Make the check print", check_what: "The test print once more, mended for this printer.", download_check: "Download the check print",
-  drop_check: "Drop the scan of the check print", kept: "The promise was kept", broken_promise: "The promise was not kept", promised: "promised", measured_now: "measured now", was: "before mending",
+  drop_check: "Drop the scan of the check print", kept: "The promise was kept", broken_promise: "The promise was not kept", cannot_tell: "This measurement cannot tell", cannot_tell_why: "It is too coarse for what was promised: scan the print, or say in sigma_mm how exact the table is. It shows only errors above", promised: "promised", measured_now: "measured now", was: "before mending",
   take_over: "Take this measurement into the model", taken: "Taken over. Mend your parts again.", history: "History", history_none: "Nothing yet: each measurement and check print appears here.",
   event_learned: "measured", event_verified: "checked", history_axis: "error of the test print, mm (drawn larger near 0)", history_after: "measured when mended; a bar from 0: at most so much",
 
