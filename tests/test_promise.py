@@ -39,6 +39,7 @@ from printmend.promise.predict import (
     _Side,
     _summed_up,
     _thinned,
+    _weighted_p95,
     promised,
     shape_of,
 )
@@ -171,6 +172,13 @@ def test_the_largest_of_many_normal_values(count: float) -> None:
     uniform = np.array([0.01, 0.3, 0.5, 0.95, 0.999])
     below = [0.5 * (1 + math.erf(each / math.sqrt(2))) for each in _largest_of(np.full(5, count), uniform)]
     assert np.power(below, count) == pytest.approx(uniform, abs=1e-3)
+
+
+def test_the_95th_percentiles_along_a_path_are_those_of_each_machine(rng: np.random.Generator) -> None:
+    values, weight = rng.normal(size=(20, 301)), rng.uniform(0, 2, 301) * (rng.random(301) < 0.7)
+    for row, found in zip(values, _weighted_p95(values, weight), strict=True):
+        beyond = [weight[row > each].sum() for each in (found, row[row < found].max())]
+        assert beyond[0] <= 0.05 * weight.sum() < beyond[1]
 
 
 def test_a_longer_print_has_a_larger_largest_error(bent: SavedModel) -> None:

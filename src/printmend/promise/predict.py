@@ -44,8 +44,11 @@ GUESSED_LOG = (-0.5, 1.4)
 MACHINES_LOG = (-0.5, 1.1)
 LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
 STANDS_SHARE = 1e-6  # a motor that goes less than this share of a move's length stands still
-_BEYOND = np.linspace(-6.0, 8.0, 1401)  # normal values, and minus the logarithm of the chance of larger ones
-_BEYOND_LOG = np.array([-math.log(0.5 * math.erfc(each / math.sqrt(2))) for each in _BEYOND])
+# Normal values, and the logarithm of minus the logarithm of the chance that one is not larger.
+_NORMAL = np.linspace(8.0, -6.0, 1401)
+_CHANCE_LOG = np.array([math.log(-math.log1p(-0.5 * math.erfc(each / math.sqrt(2)))) for each in _NORMAL])
+_FINENESS = 64  # places of the next table for each unit of that logarithm
+_EVENLY = np.interp(np.arange(_CHANCE_LOG[0], _CHANCE_LOG[-1], 1 / _FINENESS), _CHANCE_LOG, _NORMAL)
 SEED = 11  # the same file and model always get the same promise
 
 
@@ -422,7 +425,7 @@ def _extremes(
         error -= columns[:, :2] @ shift[:, some]
     sd = np.sqrt(sd2)
     found = np.abs(error + sd * rng.standard_normal(error.shape))
-    p95 = float(np.median([_weighted_p95(each, side.path.weight) for each in found.T]))
+    p95 = float(np.median(_weighted_p95(found.T, side.path.weight)))
     cells = side.path.weight[:, None] / CELL_MM
     above, below = (sd * _largest_of(cells, rng.uniform(size=error.shape)) for _ in range(2))
     most = float(np.quantile(np.maximum(above + error, below - error).max(axis=0), HIGH))
@@ -435,12 +438,16 @@ def _extremes(
 
 def _largest_of(count: np.ndarray, uniform: np.ndarray) -> np.ndarray:
     """Return the largest of ``count`` normal values: where Φ to the power of count is ``uniform``."""
-    beyond = -np.log(-np.expm1(np.log(uniform) / count))
-    return np.asarray(np.interp(beyond, _BEYOND_LOG, _BEYOND))
+    chance_log = np.log(-np.log(uniform)) - np.log(count)
+    place = np.clip(_FINENESS * (chance_log - _CHANCE_LOG[0]), 0.0, len(_EVENLY) - 1.001)
+    at = place.astype(np.intp)
+    value = _EVENLY[at]
+    return np.asarray(value + (place - at) * (_EVENLY[at + 1] - value))
 
 
-def _weighted_p95(values: np.ndarray, weight: np.ndarray) -> float:
-    """Return the least of the values [N] that 95 % of the ``weight`` [N] do not exceed."""
-    order = np.argsort(values)
-    reached = np.cumsum(weight[order])
-    return float(values[order[min(np.searchsorted(reached, 0.95 * reached[-1]), len(values) - 1)]])
+def _weighted_p95(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the least of each row of values [D, N] that 95 % of the ``weight`` [N] do not exceed."""
+    order = np.argsort(values, axis=1)
+    reached = np.cumsum(weight[order], axis=1)
+    last = np.count_nonzero(reached < 0.95 * reached[:, -1:], axis=1)
+    return np.asarray(values[np.arange(len(values)), order[np.arange(len(values)), last]])
