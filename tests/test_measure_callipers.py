@@ -23,6 +23,7 @@ from printmend.measure import write_plan
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.budget import parse_budget
+from printmend.promise.by_hand import FAULTY_SHARE, calliper_section
 from printmend.saved import read_model
 from printmend.twin import Twin
 
@@ -101,6 +102,20 @@ def test_few_distances_say_what_they_cannot_tell(case):
     readings = read_off(distances, broken(printer))
     readings[2:] = np.nan
     assert not all(item.supported for item in estimate(distances, readings))
+
+
+def test_where_no_part_is_corrected_each_may_be_sound(case):
+    printer, distances = case
+
+    def chances(machine: Mechanism, count: int) -> list[float]:
+        readings = read_off(distances, machine)
+        readings[count:] = np.nan
+        section = calliper_section(estimate(distances, readings), printer)
+        return [chance for motor in printer.motors for _, chance in section["motors"][motor].get("left_out", [])]
+
+    assert max(chances(broken(printer), 12)) < 0.9 * FAULTY_SHARE  # scale, play, off its centre, of each motor
+    assert chances(broken(printer), 1)[2] == pytest.approx(FAULTY_SHARE, rel=0.2)  # one distance hardly tells
+    assert chances(broken(printer, play=0.8), 12) == []
 
 
 def test_the_machine_has_the_corrected_faults_only(case):
