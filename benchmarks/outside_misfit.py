@@ -183,6 +183,7 @@ def _moves(plain: Printed) -> np.ndarray:
 SIZED: dict[str, Callable] = {
     "linear": _by(lambda p, rng: np.outer(p.done, _axis(rng))),
     "step": _by(lambda p, rng: np.outer(p.done > rng.uniform(0.25, 0.75), _axis(rng))),
+    "walk": _by(lambda p, rng: np.cumsum(rng.normal(size=p.printed_mm.shape), axis=0)),
     "creep": _by(lambda p, rng: np.outer(1 - np.exp(-p.done * rng.uniform(3, 8)), _axis(rng))),
     "thermal": _by(lambda p, rng: (p.commanded_mm - p.bed_mm / 2) / p.bed_mm * (1 - np.exp(-4 * p.done))[:, None]),
     "wear": _bent("wear"),

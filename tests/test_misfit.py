@@ -19,6 +19,7 @@ from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
 from printmend.learn.greybox.previous import remember
 from printmend.learn.greybox.rows import motor_rows
+from printmend.machine import print_from_home
 from printmend.machine.mechanism import healthy_mechanism
 from printmend.measure import write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
@@ -44,6 +45,7 @@ from printmend.promise.misfit_columns import Candidate
 from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order
 from printmend.promise.misfit_tests import (
+    IN_TIME,
     Cause,
     _near,
     _once,
@@ -58,6 +60,7 @@ from printmend.promise.misfit_tests import (
     of_one_time,
     unrest_mm,
 )
+from printmend.promise.walk import RATIOS, walk_of
 from printmend.repair.learned import Learned, learn, learn_model, report
 from printmend.repair.update import update
 from printmend.saved import Wave, branches_of, read_model, write_model
@@ -284,6 +287,68 @@ def test_a_healthy_printer_that_warms_up_a_little_is_left_alone() -> None:
     assert model.document["promise"]["motors"]["b"]["unexplained_mm2"] > 0.9 * left_out[1]["value"] ** 2
     for left, words in zip(left_out, report(model).splitlines()[-2:], strict=True):
         assert f"{left['part'][0]} has an error of scale and place of {left['value']:.3f} mm" in words
+
+
+def test_a_walk_is_as_likely_as_its_covariance_says(rng: np.random.Generator) -> None:
+    count, sigma_mm, step_mm = 80, 0.05, 0.02
+    columns = np.stack([np.ones(count), np.linspace(-1, 1, count)], axis=1)
+    residual = np.cumsum(rng.normal(0, step_mm, count)) + rng.normal(0, sigma_mm, count) + columns @ [0.3, 0.1]
+    slow = []
+    for ratio in (0.0, *RATIOS):
+        walked = np.tril(np.ones((count, count)))
+        covariance = np.diff(np.diff(np.eye(count) + ratio * walked @ walked.T, axis=0), axis=1)
+        whiten = np.linalg.inv(np.linalg.cholesky(covariance))
+        seen = whiten @ np.diff(np.column_stack([residual, columns[:, 1]]), axis=0)
+        left = seen[:, 0] - seen[:, 1] * (seen[:, 1] @ seen[:, 0]) / (seen[:, 1] @ seen[:, 1])
+        slow.append(-0.5 * (np.linalg.slogdet(covariance)[1] + (count - 1) * np.log(left @ left / (count - 1))))
+    walk = walk_of(residual, columns)
+    assert walk.log_likelihood == pytest.approx(max(slow[1:]), abs=1e-6)
+    assert walk.nats == pytest.approx(max(slow[1:]) - slow[0], abs=1e-6)
+    assert walk_of(rng.normal(0, sigma_mm, 600), np.ones((600, 1))).nats < 3
+
+
+@pytest.mark.parametrize("preset", ["ender3", "corexy"])
+def test_a_measurement_that_wanders_moves_no_healthy_printer(preset: str, rng: np.random.Generator) -> None:
+    """Steps of 4 µm from point to point, summed up: neither a sudden shift nor a wrong place of the printer's."""
+    printer = read_printer(preset)
+    plan = design_probe(printer)
+    marks = plan.waypoints_mm[plan.rows]
+    wander = np.cumsum(rng.normal(0, 0.004, marks.shape), axis=0)
+    trace = plan.trace(marks + wander + rng.normal(0, 0.03, marks.shape))
+    model = learn_model(Trace(trace.commanded_mm, trace.measured_mm, homed=True), printer)
+    kinds = {each["kind"] for each in model.document["misfit"]["found"]}
+    assert "walk" in kinds
+    assert not kinds & set(IN_TIME)
+    assert "the measurement of" in report(model)
+    assert not model.document["diagnosis"]
+    for table in model.mechanism.transmissions:
+        np.testing.assert_allclose(table.lower_mm, table.motor_mm, atol=1e-9)
+
+
+def test_where_a_belt_with_play_lies_is_known_from_home_not_from_what_wanders(rng: np.random.Generator) -> None:
+    printer = read_printer("ender3")
+    plan = design_probe(printer)
+    twin = Twin.of(Corruption((Drive(belt=Play(0.2)), Drive())), printer)
+    marks = twin.follow(plan.waypoints_mm)[plan.rows]
+    wander = np.cumsum(rng.normal(0, 0.003, marks.shape), axis=0)
+    trace = plan.trace(marks + wander + rng.normal(0, 0.03, marks.shape))
+    model = learn_model(Trace(trace.commanded_mm, trace.measured_mm, homed=True), printer)
+    assert "walk" in {each["kind"] for each in model.document["misfit"]["found"]}
+    off = print_from_home(model.mechanism, plan.waypoints_mm)[plan.rows] - marks
+    assert np.sqrt(np.mean(np.square(off))) < 0.02
+
+
+@pytest.mark.parametrize("after", [0.3, 0.52, 0.77])
+def test_one_sudden_shift_is_no_instrument_that_wanders(after: float, rng: np.random.Generator) -> None:
+    """Twice the size at which it costs a print 0.03 mm, wherever in the print it is."""
+    trace = measured_once(rng, count=700)
+    way_mm = np.cumsum(np.hypot(*np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1]).T))
+    off = np.outer(way_mm > after * way_mm[-1], [0.0, 0.06 / np.sqrt(after * (1 - after))])
+    trace = Trace(trace.commanded_mm, trace.measured_mm + off, homed=True)
+    box = Greybox().fit(trace, PRINTER, rng=rng)
+    (cause,) = causes_of(box, trace)
+    assert cause.candidate.kind == "step"
+    assert cause.candidate.detail == pytest.approx(after, abs=0.01)
 
 
 def test_what_a_corexys_rails_do_is_no_noise(rng: np.random.Generator) -> None:

@@ -650,6 +650,8 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
             )  # fmt: skip
             for motors in (("x", "y"), ("a", "b")):
                 assert _german(misfit_tests._words(cause, motors)), kind  # type: ignore[arg-type]
+    for names in (["X"], ["A", "B"]):
+        assert all(_german(misfit_tests.wander_words(names, 0.04, is_still=each)) for each in (True, False))
     assert _german(misfit_tests.CARRIED)
     assert _german(misfit_tests._OF_HALVES.removeprefix(". "))
     inner = (PAGE / "said.de.js").read_text(encoding="utf-8")

@@ -113,7 +113,7 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None, unres
     """
     instrument = trace.instrument_doubt
     if instrument.is_exact:
-        return _still(fit, unrest_mm, trace.placed)
+        return _still(fit, unrest_mm, trace)
     base = np.zeros(3) if old is None else stretch_of_model(old)
     values = [drive.choice.fit.posterior.values.copy() for drive in fit.drives]
     waves = [_waves(fit, motor, values[motor], instrument) for motor in range(2)]
@@ -143,7 +143,7 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None, unres
     return Acting(_rebuilt(fit, values, trace.placed), tuple(left_out), believed, turn_rad, (x_mm2, y_mm2))
 
 
-def _still(fit: GreyboxModel, unrest_mm: float, placed: bool) -> Acting:
+def _still(fit: GreyboxModel, unrest_mm: float, trace: Trace) -> Acting:
     """Return a machine without scales, changes of scale and shifts that are no more than what drifted meanwhile."""
     values, left_out, still_mm2 = [], [], [0.0, 0.0]
     for motor, drive in enumerate(fit.drives if unrest_mm else ()):
@@ -151,9 +151,11 @@ def _still(fit: GreyboxModel, unrest_mm: float, placed: bool) -> Acting:
         powers = drive.choice.design.parts["mean_powers"]
         motor_mm = np.linspace(*drive.branches.reach_mm, PLACES_COMPARED)
         mean, _ = drive.choice.design.columns(motor_mm, drive.branches.period_mm, drive.branches.middle_mm)
+        _, play_mm = drive.branches.errors_mm(motor_mm)
         line_mm = mean[:, powers] @ mine[powers]
         size_mm, middle_mm, most_mm = float(np.std(line_mm)), float(np.mean(line_mm)), DRIFTED * unrest_mm
-        shift_mm = middle_mm if abs(middle_mm) > most_mm else 0.0
+        rests_mm = _middle_from_home_mm(fit, motor, float(np.mean(play_mm))) if trace.homed else 0.0
+        shift_mm = middle_mm if abs(middle_mm - rests_mm) > most_mm else rests_mm
         out_mm = float(np.hypot(size_mm, middle_mm - shift_mm))
         if size_mm <= most_mm and out_mm > SETTLED_MM:
             mine[powers], still_mm2[motor] = 0.0, out_mm**2
@@ -165,7 +167,15 @@ def _still(fit: GreyboxModel, unrest_mm: float, placed: bool) -> Acting:
     if not left_out:
         return Acting(fit, (), None)
     first, second = still_mm2
-    return Acting(_rebuilt(fit, values, placed), tuple(left_out), None, still_mm2=(first, second))
+    return Acting(_rebuilt(fit, values, trace.placed), tuple(left_out), None, still_mm2=(first, second))
+
+
+def _middle_from_home_mm(fit: GreyboxModel, motor: int, play_mm: float) -> float:
+    """Return where the middle of a belt's play lies that a homing has pushed to one side; a CoreXY's may be pushed to
+    either."""
+    if fit.printer.kinematics == "corexy":
+        return 0.0
+    return -play_mm / 2 if fit.printer.home_mm[motor] < fit.printer.middle_mm[motor] else play_mm / 2
 
 
 def still_words(document: Mapping[str, Any]) -> tuple[str, ...]:

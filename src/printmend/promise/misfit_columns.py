@@ -1,7 +1,7 @@
 """The candidates that the tests of misfit try, each a law with its parameters, and the rows that the laws are given."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from printmend.path import Trace, last_way
 from printmend.promise.laws import LAWS, LawRows
 
 BREAKS = np.linspace(0.1, 0.9, 17)  # shares of the print after which a step is looked for
+FINER = 41  # breaks that are tried between both neighbours of the likeliest of these
 CREEPS = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)  # time constants, as shares of the print
 WARMINGS = (0.1, 0.25, 0.7)  # the same for warming: few, because with more of them one would fit a creep better
 WARMING_ODDS = 20.0  # prior odds of a mere shift in time against warming, which also expands the machine
@@ -60,6 +61,12 @@ def in_time() -> Iterator[Candidate]:
         yield Candidate("creep", len(CREEPS), share)
     for share in WARMINGS:
         yield Candidate("thermal", int(WARMING_ODDS * len(WARMINGS)), share)
+
+
+def finer_breaks(step: Candidate) -> list[Candidate]:
+    """Return the steps between both neighbours of one."""
+    width = BREAKS[1] - BREAKS[0]
+    return [replace(step, detail=float(each)) for each in step.detail + np.linspace(-width, width, FINER)]
 
 
 def wavy_axes(motor: int, trace: Trace, *, corexy: bool) -> tuple[int, ...]:

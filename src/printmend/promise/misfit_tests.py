@@ -34,7 +34,9 @@ from printmend.promise.effects import (
 )
 from printmend.promise.laws import LawRows, warmed, widest_mm
 from printmend.promise.misfit import NOTE, REFUSAL, SEVERITIES, WARNING, Misfit
-from printmend.promise.misfit_columns import HALVES, Candidate, candidates, in_time, law_rows, wavy_axes
+from printmend.promise.misfit_columns import HALVES, Candidate, candidates, finer_breaks, in_time, law_rows, wavy_axes
+from printmend.promise.walk import BESIDE_NATS, MOVED_SHARE, walk_of
+from printmend.promise.walk import SURE_NATS as SURE_WALK_NATS
 
 MOST_ROWS = 1500  # most rows of a motor that are tested: more take time and say the same
 LEAST_ROWS = 60  # with fewer rows nothing is tested
@@ -210,6 +212,24 @@ def _repeated(
 def _explained(
     motor: int, offered: list[Candidate], one: LawRows, residual_mm: np.ndarray, basis: np.ndarray
 ) -> list[Cause]:
+    """Return the causes that residuals hold, without those in time where an instrument that wanders is likelier."""
+    found = _likeliest(motor, offered, one, residual_mm, basis)
+    timed, others = ([each for each in found if (each.candidate.kind in IN_TIME) == is_in] for is_in in (True, False))
+    if not timed:
+        return found
+    beside = np.column_stack([basis, *(each.candidate.columns(one) for each in others)])
+    columns = [each.candidate.columns(one) for each in timed]
+    left, _ = _left(residual_mm, basis)
+    gained = walk_of(left, np.column_stack([beside, *columns])).log_likelihood - walk_of(left, beside).log_likelihood
+    price = sum(np.log(each.candidate.tried) + each.weights.size + BESIDE_NATS for each in timed)
+    if gained > price:
+        return found
+    return _likeliest(motor, [each for each in offered if each.kind not in IN_TIME], one, residual_mm, basis)
+
+
+def _likeliest(
+    motor: int, offered: list[Candidate], one: LawRows, residual_mm: np.ndarray, basis: np.ndarray
+) -> list[Cause]:
     sigma, (left, spare) = spread_mm(residual_mm), _left(residual_mm, basis)
     found: list[Cause] = []
     while len(found) < MOST_CAUSES:
@@ -223,13 +243,49 @@ def _explained(
         if not sure:
             break
         best = max(sure, key=lambda cause: cause.nats)
-        found.append(best)
+        if best.candidate.kind == "step":  # a break that is off leaves what looks like an instrument that wanders
+            finer = (_tried(motor, each, one, left, basis, spare, least_nats) for each in finer_breaks(best.candidate))
+            best = max((best, *(each for each in finer if each is not None)), key=lambda cause: cause.nats)
         columns = best.candidate.columns(one)
         freed = columns - basis @ (basis.T @ columns)
+        found.append(best)
         more = np.linalg.qr(freed)[0]
         basis = np.column_stack([basis, more])
         left = left - more @ (more.T @ left)
     return found
+
+
+def wandering(box: GreyboxModel, trace: Trace, effects: tuple[Effect, ...]) -> tuple[float, tuple[Misfit, ...]]:
+    """Return the size [mm] of an even drift that moves as much as the measurement of either motor wanders, root mean
+    square, and what is to be said of it.
+
+    A motor whose residuals hold ``effects`` is not looked at.
+    """
+    others = {effect.motor for effect in effects}
+    walks = []
+    for motor, rows, _, used, near in _looked_at(box, trace):
+        choice = box.drives[motor].choice
+        basis = own_columns(choice, rows, used[near])
+        left, _ = _left(choice.fit.touch.residual_mm[used][near], basis)
+        if motor not in others and (walk := walk_of(left, basis)).nats > SURE_WALK_NATS:
+            walks.append((box.printer.motors[motor].upper(), walk))
+    told = [(name, walk) for name, walk in walks if walk.size_mm > LEAST_COST_MM]
+    size_mm = MOVED_SHARE * max((walk.size_mm for _, walk in walks), default=0.0)
+    if not told:
+        return size_mm, ()
+    most_mm = max(walk.size_mm for _, walk in told)
+    words = wander_words([name for name, _ in told], most_mm, is_still=trace.instrument_doubt.is_exact)
+    severity = WARNING if most_mm >= WARNED_MM else NOTE
+    return size_mm, (Misfit("walk", severity, most_mm, sum(walk.nats for _, walk in told), words),)
+
+
+def wander_words(names: list[str], size_mm: float, *, is_still: bool) -> str:
+    """Say that the measurement of motors wanders, and with ``is_still`` what does not act for it."""
+    still = ": place and scale that are no more than that may be the instrument's and are left as they are"
+    return (
+        f"the measurement of {' and '.join(names)} wanders, by {size_mm:.2f} mm{still if is_still else ''}. "
+        "Fix what measures, let it warm up, and measure again"
+    )
 
 
 def _left(residual_mm: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, int]:

@@ -38,6 +38,7 @@ from printmend.promise.misfit_tests import (
     of_one_time,
     told_lost,
     unrest_mm,
+    wandering,
 )
 from printmend.promise.rails import is_printers, rail_effects, rails_of, waves_of, without_rails
 from printmend.promise.scale import scale_words
@@ -127,11 +128,12 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
 
         fit, flat, misfits, (effects, explained) = _learned_with_causes(fit, box, flat, anew)
         box = _box_of(fit) or box
-        fit = _completed(fit, flat, printer, model, rng) if is_whole else fit
+        walk_mm, wanders = wandering(box, flat, effects)
+        fit = _completed(fit, flat, printer, model, rng) if is_whole and not walk_mm else fit
         # A hybrid cannot be brought up to date by a second print: it must bring findings that are worth telling.
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
-        more = {"misfit": misfit_section((*ordered.found, *moved, *misfits), effects), DIGESTS: list(digests)}
-        drifting_mm = unrest_mm(box, flat)
+        more = {"misfit": misfit_section((*ordered.found, *moved, *misfits, *wanders), effects), DIGESTS: list(digests)}
+        drifting_mm = max(unrest_mm(box, flat), walk_mm)
         saved = greybox_model(box, flat, hybrid=hybrid, more=more, explained_mm=explained, drifting_mm=drifting_mm)
         if found is not None and not found.is_silent:
             saved = with_screw_found(saved, found, found.series, trace)
