@@ -14,7 +14,7 @@ from printmend.diagnosis.advice import advise
 from printmend.diagnosis.diagnosis import NamedFault
 from printmend.errors import InputError, TraceError
 from printmend.identify.drive.sight import sight
-from printmend.identify.drive.turn import roughly_turned
+from printmend.identify.drive.turn import roughly_turned, turned
 from printmend.learn.greybox.greybox import Greybox
 from printmend.learn.greybox.model import GreyboxModel
 from printmend.learn.greybox.previous import remember
@@ -603,6 +603,34 @@ def test_the_turn_of_another_pulley_is_learned(turn_mm: float, said: str, rng: n
     found = found_in(box, trace, ())
     assert [each.kind for each in found] == ["turn"]
     assert said in found[0].words
+
+
+@pytest.mark.parametrize("turn_mm", [40 / 1.01, 40.0])
+def test_a_wrong_scale_says_how_long_a_turn_is(turn_mm: float, rng: np.random.Generator) -> None:
+    """All lengths are off by 1 %: by the steps a millimetre, with which a turn is shorter, too, or by the pulley."""
+    points, others = (np.vstack([[PRINTER.home_mm], rng.uniform(10, 200, (count, 2))]) for count in (600, 1000))
+
+    def printed(at: np.ndarray) -> np.ndarray:
+        angle = (at - at[0]) * (TURN_RAD / turn_mm) + np.array([1.0, 3.0])
+        return at + 0.01 * (at - at[0]) + 0.1 * (np.sin(angle) - np.sin(angle[0]))
+
+    trace = Trace(points, printed(points) + rng.normal(0, 0.03, points.shape), homed=True)
+    box = Greybox().fit(trace, PRINTER, rng=rng)
+    assert box.periods_mm == pytest.approx((turn_mm, turn_mm), rel=3e-4)
+    assert not any(drive.structure.elastic for drive in box.drives)
+    off = (Twin(box.mechanism).follow(others) - printed(others))[1:]
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 0.01
+    unsure = [turned(row, row, absolute=False)[0] for row in motor_rows(trace, PRINTER)]
+    assert unsure == [40.0, 40.0]  # an instrument that knows no scale says nothing of the steps
+
+
+def test_a_round_pulley_is_said_to_turn_by_nothing(rng: np.random.Generator) -> None:
+    points = np.vstack([[PRINTER.home_mm], rng.uniform(10, 200, (600, 2))])
+    trace = Trace(points, 1.01 * points + rng.normal(0, 0.03, points.shape), homed=True)
+    box = Greybox().fit(trace, PRINTER, rng=rng)
+    drives = [replace(each, branches=replace(each.branches, period_mm=39.6)) for each in box.drives]
+    assert [each.structure.pulley for each in drives] == ["none", "none"]
+    assert not found_in(replace(box, drives=(drives[0], drives[1])), trace, ())
 
 
 @pytest.mark.parametrize(("name", "count", "seed"), [("ender3", 2000, 101), ("ender3", 601, 105), ("corexy", 601, 105)])

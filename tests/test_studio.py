@@ -665,7 +665,8 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     said = misfit_rows.passed_over(replace(trace, blank_rows=3), 7)
     assert [each.kind for each in said if _german(each.words)] == ["rows-repeated", "rows-blank"]
     for period in (32.0, 33.3, 40.3):
-        turned = SimpleNamespace(name="x", branches=SimpleNamespace(period_mm=period))
+        uneven = SimpleNamespace(pulley="all", play="none")
+        turned = SimpleNamespace(name="x", branches=SimpleNamespace(period_mm=period), structure=uneven)
         box = SimpleNamespace(drives=(turned,), printer=SimpleNamespace(axes=(SimpleNamespace(mm_per_turn=40.0),)))
         assert _german(misfit_tests._other_turns(box)[0].words), period  # type: ignore[arg-type]
     left = {"promise": {"left_out": [{"part": "X line", "value": 0.0123, "sd": 0.01, "unit": "mm", "why": "drift"}]}}

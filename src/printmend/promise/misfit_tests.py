@@ -615,7 +615,8 @@ def _other_turns(box: GreyboxModel) -> list[Misfit]:
     found = []
     for motor, drive in enumerate(box.drives):
         period, usual = drive.branches.period_mm, box.printer.axes[motor].mm_per_turn
-        if period == usual:
+        turns = drive.structure.pulley != "none" or drive.structure.play in ("loose", "free")
+        if period == usual or not turns:
             continue
         teeth = round(period / TOOTH_MM)
         is_toothed = abs(period - teeth * TOOTH_MM) < 1e-9

@@ -2,7 +2,9 @@
 
 What `period` says of it knows no contacts, so that wide play and a pulley with corners may look like another length, or
 hide one. Here the main parts are fitted with their contacts: a length that is no better then is not believed, and where
-a pattern is left along the belt, every whole number of teeth near the printer's is tried.
+a pattern is left along the belt, every whole number of teeth near the printer's is tried. Last, where the scale is off
+its cause may be a pulley of another size, which still turns as the printer says, or wrong steps a millimetre: then a
+turn is the printer's over the scale.
 """
 
 from dataclasses import replace
@@ -16,24 +18,49 @@ from printmend.identify.drive.period import (
     LEAST_NATS,
     LEAST_ROWS,
     LEAST_TURNS,
+    NEAR_SHARE,
     TOOTH_MM,
     likeliest_period_mm,
     sharpened,
 )
 from printmend.identify.drive.second import with_second
 from printmend.identify.drive.select import PART_NATS, Choice, coarsely_fitted, likelier, main_parts
+from printmend.saved import SCALE_MM
 
 NEAR_TURNS = (0.65, 1.5)  # shares of the printer's turn between which whole numbers of teeth are tried
 LEAST_LEFT_MM = 0.01  # mean residual below which no other turn is looked for: corners between harmonics leave as much
 NO_PATTERN_SHARE = 0.9  # share of independent residuals above which no other turn is looked for
 CALIBRATED_SHARE = 0.01  # first step, as a share of a turn, in which calibrated steps a millimetre are looked for
+LEAST_SCALE_SHARE = 0.001  # a scale that is off by less moves no turn by as much as is seen
+MOST_CROSS = 3  # highest order of a frame's terms: a bowed guide is no other turn
+STEPS_NATS = 3.0  # log likelihood by which the turn of wrong steps a millimetre is believed before the printer's
 
 
-def turned(rows: Rows, some: Rows) -> tuple[float, Choice]:
-    """Return how long the motor's turn is [mm], and the main parts of ``some`` of its ``rows``."""
-    period_mm, found = roughly_turned(rows, some)
+def turned(rows: Rows, some: Rows, *, absolute: bool) -> tuple[float, Choice]:
+    """Return how long the motor's turn is [mm], and the main parts of ``some`` of its ``rows``.
+
+    ``absolute`` says that they were measured by an instrument which knows its scale.
+    """
     span_mm = float(np.ptp(rows.motor_mm[rows.weight > 0])) if rows.weight.any() else 0.0
-    is_seen = span_mm > LEAST_TURNS * rows.period_mm and np.count_nonzero(some.weight) > LEAST_ROWS
+    is_seen = bool(span_mm > LEAST_TURNS * rows.period_mm and np.count_nonzero(some.weight) > LEAST_ROWS)
+    period_mm, found = _freely_turned(rows, some, is_seen=is_seen)
+    off = float(found.fit.posterior.values[found.design.parts["mean_powers"]][1]) / SCALE_MM
+    if not (absolute and is_seen and LEAST_SCALE_SHARE < abs(off) < NEAR_SHARE):
+        return period_mm, found
+    stepped_mm = rows.period_mm / (1 + off)
+    structure = replace(found.structure, pulley="all", cross=MOST_CROSS if found.structure.cross else 0)
+    either = [replace(some, period_mm=length_mm) for length_mm in (stepped_mm, period_mm)]
+    same, free = (coarsely_fitted(each, structure, found) for each in either)
+    if likelier(same, free) < STEPS_NATS:
+        return period_mm, found
+    stepped = main_parts(either[0])
+    is_all = _share(some, stepped) > NO_PATTERN_SHARE
+    return (stepped_mm, stepped) if is_all and likelier(stepped, found) > 0 else (period_mm, found)
+
+
+def _freely_turned(rows: Rows, some: Rows, *, is_seen: bool) -> tuple[float, Choice]:
+    """Return what `turned` does, whatever the scale is."""
+    period_mm, found = roughly_turned(rows, some)
     if is_seen and found.fit.loss_mm > LEAST_LEFT_MM and _share(some, found) < NO_PATTERN_SHARE:
         toothed_mm = _toothed(some, period_mm, found)
         toothed = main_parts(replace(some, period_mm=toothed_mm))

@@ -65,12 +65,13 @@ def fit_greybox(
     for row, name in zip(full, printer.motors, strict=True):
         check_follows(row, name)
     trial = trial_of(full, rng)
-    found = [turned(*each) for each in zip(full, trial.rows(full), strict=True)]
+    absolute = trace.instrument_doubt.is_exact
+    found = [turned(*each, absolute=absolute) for each in zip(full, trial.rows(full), strict=True)]
     full = [replace(row, period_mm=period_mm) for row, (period_mm, _) in zip(full, found, strict=True)]
     searched, rounded = _rounded(Stage(trial.rows(full), [choice for _, choice in found]), printer)
     without_jumps, jumps = _without_jumps(searched, printer)
     ripples = [visible_ripple(row, ripple_harmonics(printer, motor)) for motor, row in enumerate(without_jumps.rows)]
-    chosen = _with_frame(_with_parts(without_jumps, ripples, scaled=not trace.instrument_doubt.is_exact), ripples)
+    chosen = _with_frame(_with_parts(without_jumps, ripples, scaled=not absolute), ripples)
     if not trial.is_whole:
         jumps = tuple(trial.in_full(taken) for taken in jumps)
         chosen = _on_all_rows(on_micro_steps(full, printer) if rounded else full, jumps, chosen, ripples)
