@@ -9,11 +9,23 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import HEALTHY, Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Friction, Play
+from printmend.corruption import (
+    HEALTHY,
+    Corruption,
+    CrookedFrame,
+    Drive,
+    EccentricBore,
+    ElasticBelt,
+    Ellipse,
+    Friction,
+    Play,
+    Polygon,
+)
 from printmend.diagnosis.advice import advise
-from printmend.diagnosis.diagnosis import Doubt, NamedFault, _play, _scale, or_a_skew
+from printmend.diagnosis.diagnosis import Doubt, NamedFault, _play, _scale, drive_faults, or_a_skew
 from printmend.errors import GcodeError, InputError, TraceError
 from printmend.learn.greybox import fit_greybox
+from printmend.learn.greybox.greybox import Greybox
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import Printer, read_printer
@@ -23,7 +35,7 @@ from printmend.repair.mend import check_gcode
 from printmend.report.examination import NOTHING_KNOWN, Examination, examine, standard_rows, write_examination
 from printmend.report.pictures import pictures
 from printmend.twin import Twin
-from printmend.units import radius_mm
+from printmend.units import TURN_RAD, radius_mm
 from tests.mending import SQUARE
 
 ENDER3 = read_printer("ender3")
@@ -147,6 +159,40 @@ def test_what_turns_by_another_length_may_be_an_idler(rng: np.random.Generator) 
     assert examination.saved.findings[0].startswith("X idler or pulley uneven, every 34.")
     assert any("an idler that the belt runs over" in one.meaning for one in examination.advice)
     assert not any(one.title.startswith("X pulley") for one in examination.advice)
+
+
+@pytest.mark.parametrize("phase_rad", [0.5 * np.pi, np.pi, 1.5 * np.pi])
+def test_an_idler_of_nearly_the_pulleys_size_is_no_elastic_belt(phase_rad: float, rng: np.random.Generator) -> None:
+    points, others = (np.vstack([[ENDER3.home_mm], rng.uniform(10, 200, (count, 2))]) for count in (1500, 1000))
+    twin = Twin.of(Corruption((Drive(pulley=EccentricBore(0.1, 1.0)), Drive())), ENDER3)
+
+    def printed(at: np.ndarray) -> np.ndarray:
+        angle = (at - at[0]) * (TURN_RAD / 38.5) + phase_rad
+        return twin.follow(at) + 0.2 * (np.sin(angle) - np.sin(phase_rad)) * [1.0, 0.0]
+
+    trace = Trace(points, printed(points) + rng.normal(0, 0.03, points.shape), homed=True)
+    box = Greybox().fit(trace, ENDER3, rng=rng)
+    assert box.periods_mm == (40.0, 40.0)
+    assert box.drives[0].structure.second_mm == pytest.approx(38.5, abs=0.8)
+    assert not box.drives[0].structure.elastic
+    off = (Twin(box.mechanism).follow(others) - printed(others))[1:]
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("pulley", "either"), [(EccentricBore(0.3, 1.0), True), (Polygon((6.2, 6.6, 6.4), 0.3), False)]
+)
+def test_an_elastic_belt_is_told_from_an_idler_by_corners(
+    pulley: EccentricBore | Polygon, either: bool, rng: np.random.Generator
+) -> None:
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 200, (1500, 2))])
+    twin = Twin.of(Corruption((Drive(pulley=pulley, belt=ElasticBelt(1000.0)), Drive())), ENDER3)
+    trace = Trace(points, twin.follow(points) + rng.normal(0, 0.03, points.shape), homed=True)
+    drive = Greybox().fit(trace, ENDER3, rng=rng).drives[0]
+    words = " ".join(each.words for each in drive_faults(drive, Doubt(), 40.0))
+    assert drive.structure.second_mm == 0
+    assert "elastic belt" in words
+    assert ("or an idler" in words) == either
 
 
 def test_a_radius_is_told_from_the_one_that_it_is_instead_of() -> None:

@@ -632,6 +632,10 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
             one = advise(NamedFault("x", kind, value, sd, "mm", "words"), corexy=value > 1)
             for text in (one.title, one.meaning, one.sure, one.repair, one.software):
                 assert _german(text), text
+    either = advise(NamedFault("x", "elastic", 0.1, 0.01, "mm", "elastic belt, or an idler"))
+    for text in (either.title, either.meaning, either.repair):
+        assert "idler" in text
+        assert _german(text), text
     seen = {"turns": 0.4, "angles": 0.4, "forward": 9, "backward": 2, "lower_angles": 0.5, "upper_angles": 1.0}
     for change in ({}, {"turns": 2.0}, {"angles": 1.0, "backward": 9}):
         sight, shape = SimpleNamespace(**{**seen, **change}), SimpleNamespace(play="even")

@@ -127,6 +127,13 @@ def _friction(where: str, fault: NamedFault, size: float) -> Said:
 
 
 def _elastic(where: str, fault: NamedFault, size: float) -> Said:
+    if "idler" in fault.words:
+        return (
+            f"{where} belt stretches, or an idler wobbles",
+            "The pulley's error changes along the belt: the belt stretches, or an idler of nearly the pulley's size is "
+            "off its centre.",
+            size, "Tighten the belt, unless it is tight; look whether an idler wobbles.", _CARRIES,
+        )  # fmt: skip
     return (
         f"{where} belt stretches",
         "The pulley's error is felt near the motor and fades along the belt.",

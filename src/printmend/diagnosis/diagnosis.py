@@ -235,19 +235,27 @@ def _other_faults(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
 
 
 def _elastic(drive: LearnedDrive, doubt: Doubt) -> list[NamedFault]:
-    """Name the largest wave that changes along the axis: by how much it changes from one end to the other."""
+    """Name the largest wave that changes along the axis: by how much it changes from one end to the other.
+
+    Where that of the pulley's eccentricity alone does, an idler of nearly the pulley's size would do the same.
+    """
     branches, design = drive.branches, drive.choice.design
     span = (branches.reach_mm[1] - branches.reach_mm[0]) / 100.0
     sizes = np.hypot(branches.elastic.cos_mm, branches.elastic.sin_mm)
     if not len(sizes):
         return []
     largest = int(np.argmax(sizes))
-    sds = drive.choice.fit.posterior.sds[design.wave_at("elastic", largest)]
-    size, sd = float(sizes[largest]) * span, float(np.sqrt(np.mean(sds**2))) * span
+    sds = drive.choice.fit.posterior.sds
+    each_sd = [float(np.sqrt(np.mean(sds[design.wave_at("elastic", i)] ** 2))) for i in range(len(sizes))]
+    size, sd = float(sizes[largest]) * span, each_sd[largest] * span
     sd = float(np.hypot(sd, 2 * doubt.wave_mm))  # two ends, each with its own
     if size < max(NAMED_SIGMAS * sd, LEAST_EFFECT_MM):
         return []
-    words = f"elastic belt: odd errors of the pulley fade along the axis, by {amount(size, sd)}"
+    surely = sizes > NAMED_SIGMAS * np.array(each_sd)
+    what = "elastic belt: odd errors of the pulley fade along the axis"
+    if not surely[branches.elastic.harmonics > 1].any():
+        what = "elastic belt, or an idler of nearly the pulley's size: the pulley's error changes along the axis"
+    words = f"{what}, by {amount(size, sd)}"
     return [_fault(drive, "elastic", size, sd, words)]
 
 
