@@ -5,10 +5,11 @@
 The printer is benchmarks/outside.py, with the faults of outside_faults.py on top; neither shares code with printmend.
 Kinds: faults that its models have, faults that none has, healthy printers, scans (a stretch of its own, neither place
 nor turn on the bed: in shape only), settled scans (of a worse scanner, the plate scanned twice, turned by about a
-quarter, and one distance taken with callipers), and glimpses (a print of 12 to 30 mm, then a larger part). Seeds 900
-and up are kept for the figures in docs/results.md; develop on others. One line a case, then for each kind: how often
-truth lay in the range, the median of truth ÷ expected, how often the unmended print's lay in its own, the worst harm,
-the largest error, and how many parts have a place that is farther off than their promised `max_mm`.
+quarter, and one distance taken with callipers), glimpses (a print of 12 to 30 mm, then a larger part), and callipers
+(the first six of the distances that `measure --callipers` asks for, then all twelve, then four; only where asked for).
+Seeds 900 and up are kept for the figures in docs/results.md; develop on others. A line a case, then for each kind: how
+often truth lay in the range, the median of truth ÷ expected, how often the unmended print's lay in its own, the worst
+harm, the largest error, and how many parts have a place that is farther off than their promised `max_mm`.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import itertools
 import json
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -26,18 +28,23 @@ import outside_faults
 from bench_outside import FAMILIES, PRESETS, contour_error_mm, part_gcode, run, walk_of
 from bench_outside_scan import placed_error_mm
 from printmend.errors import RefusedError
+from printmend.learn.callipers import choose_distances, estimate, mechanism
 from printmend.measure.distance import scaled_by
 from printmend.measure.join import scanner_axes
 from printmend.measure.measurement import instrument_on_bed
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import read_printer
+from printmend.probe import design_probe
+from printmend.promise.by_hand import calliper_section
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model
+from printmend.saved.model import SavedModel, saved_model
 
-KINDS = ("modelled", "unmodelled", "healthy", "scan", "glimpse", "settled")
+KINDS = ("modelled", "unmodelled", "healthy", "scan", "glimpse", "settled", "callipers")
 STRETCH_SD, WORSE_STRETCH_SD = 0.001, 0.002  # of the foreign scanners: scale, difference of axes, lean
 CALLIPERS_SD_MM, DOT_MM = 0.02, 1.6  # of a reading; the width of the dots whose outer edges it is taken over
-SCANNED = ("scan", "settled")
+WIDTH_SD_MM, READING_SD_MM, READINGS = 0.1, 0.05, (6, 12, 4)  # of the dots, of a distance across two; how many of these
+SCANNED = ("scan", "settled", "callipers")
 GLIMPSED = ("pulley", "play", "pulley+play")
 
 
@@ -64,6 +71,21 @@ def settled_scan(ends: np.ndarray, noise_mm: float, rng: np.random.Generator) ->
         distance_mm, span, dots_mm, measured, instrument_on_bed(FLATBED, np.eye(2), settled=True)
     )
     return measured + np.array([80.0, 95.0]), instrument
+
+
+def by_callipers(number: int, preset: str, printed: Callable, rng: np.random.Generator) -> SavedModel:
+    """Learn from a few distances between large dots of a probe."""
+    printer = read_printer(preset)
+    plan = design_probe(printer)
+    distances = choose_distances(plan)
+    ways = itertools.pairwise([PRESETS[preset][0], *map(tuple, plan.waypoints_mm.tolist())])
+    ends = np.array([way[-1] for way in printed([outside.Move(a, b, 0.2, True) for a, b in ways], 0.0)])[plan.rows]
+    across_mm = np.hypot(*(ends[distances.pairs[:, 1]] - ends[distances.pairs[:, 0]]).T) + plan.big_dot_mm
+    across_mm += rng.normal(0, WIDTH_SD_MM) + rng.normal(0, READING_SD_MM, len(across_mm))
+    across_mm[READINGS[number % len(READINGS)] :] = np.nan
+    found = estimate(distances, across_mm)
+    details = {"promise": calliper_section(found, printer)}
+    return saved_model(mechanism(found, printer), learner="callipers", findings=("",), details=details)
 
 
 def across_mm(moves: list, ways: list[np.ndarray], placed: bool) -> float:
@@ -121,7 +143,8 @@ def judge(kind: str, preset: str, family: str, number: int, seed: int, noise_mm:
         measured, instrument = settled_scan(ends, noise_mm, rng)
     placed = kind not in SCANNED
     trace = Trace(wanted, measured, homed=True, placed=placed, instrument=instrument)
-    model = learn_model(trace, read_printer(preset))
+    by_hand = kind == "callipers"
+    model = by_callipers(number, preset, printed, rng) if by_hand else learn_model(trace, read_printer(preset))
     source, output = folder / "part.gcode", folder / "out.gcode"
     source.write_text(part_gcode(rng, bed))
     output.unlink(missing_ok=True)
@@ -202,7 +225,9 @@ def draw(rows: list[dict], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(6.2, 5.6))
-    for kind, colour in zip(KINDS, ("#0f766e", "#c2410c", "#6b7280", "#4338ca", "#a16207", "#be185d"), strict=True):
+    for kind, colour in zip(
+        KINDS, ("#0f766e", "#c2410c", "#6b7280", "#4338ca", "#a16207", "#be185d", "#0369a1"), strict=True
+    ):
         mine = [row for row in rows if row["kind"] == kind]
         if not mine:
             continue
@@ -243,10 +268,13 @@ def main() -> None:
             draw(rows, options.figure)
         return
     with tempfile.TemporaryDirectory() as folder:
-        for kind in options.kind or KINDS:
-            families = {"unmodelled": tuple(outside_faults.FAULTS), "healthy": ("healthy",), "glimpse": GLIMPSED}.get(
-                kind, FAMILIES[1:]
-            )
+        for kind in options.kind or KINDS[:-1]:
+            families = {
+                "unmodelled": tuple(outside_faults.FAULTS),
+                "healthy": ("healthy",),
+                "glimpse": GLIMPSED,
+                "callipers": FAMILIES,
+            }.get(kind, FAMILIES[1:])
             for preset in options.printer or ("ender3", "corexy"):
                 for family in families:
                     for number in range(options.cases):
