@@ -19,6 +19,7 @@ from printmend.promise.misfit_columns import Candidate
 from printmend.promise.misfit_tests import LEAST_COST_MM, LEAST_OWN_SHARE, SURE_NATS, Cause, effect_of
 from printmend.promise.rails import BORDERS, Seen, can_be_told, nothing, seen_without
 
+NOISE_SHARE = 0.5  # least share of a motor's residuals that is independent, where they are noise
 BESIDE = np.linspace(-0.05, 0.05, 21)  # of the likeliest of the borders, where it is looked for once more
 
 
@@ -44,6 +45,13 @@ def is_belts(box: GreyboxModel, step: tuple[Cause, ...]) -> bool:
         return False
     motor = step[0].motor
     return step[0].candidate.detail == motor and bool(box.drives[motor].structure.warp_mm)
+
+
+def leaves_noise(box: GreyboxModel) -> bool:
+    """Say whether a model leaves mere noise: beside a pattern, a step is one more part that follows it."""
+    left = [touch.residual_mm[touch.at >= 0] for touch in (drive.choice.fit.touch for drive in box.drives)]
+    left = [each[np.isfinite(each)] for each in left]
+    return all(independent_share(each, robust_sigma_mm(each)) > NOISE_SHARE for each in left)
 
 
 def step_effects(box: GreyboxModel, trace: Trace, step: tuple[Cause, ...]) -> tuple[Effect, ...]:

@@ -255,18 +255,22 @@ def _likeliest(
     return found
 
 
-def wandering(box: GreyboxModel, trace: Trace, effects: tuple[Effect, ...]) -> tuple[float, tuple[Misfit, ...]]:
+def wandering(
+    box: GreyboxModel, trace: Trace, effects: tuple[Effect, ...], left_mm: np.ndarray | None = None
+) -> tuple[float, tuple[Misfit, ...]]:
     """Return the size [mm] of an even drift that moves as much as the measurement of either motor wanders, root mean
     square, and what is to be said of it.
 
-    A motor whose residuals hold ``effects`` is not looked at.
+    A motor whose residuals hold ``effects`` is not looked at. ``left_mm`` [N, 2] is what a remainder leaves that was
+    learned beside the box: an error that goes with place does not wander.
     """
     others = {effect.motor for effect in effects}
     walks = []
     for motor, rows, _, used, near in _looked_at(box, trace):
         choice = box.drives[motor].choice
         basis = own_columns(choice, rows, used[near])
-        left, _ = _left(choice.fit.touch.residual_mm[used][near], basis)
+        residual_mm = choice.fit.touch.residual_mm if left_mm is None else left_mm[:, motor]
+        left, _ = _left(residual_mm[used][near], basis)
         if motor not in others and (walk := walk_of(left, basis)).nats > SURE_WALK_NATS:
             walks.append((box.printer.motors[motor].upper(), walk))
     told = [(name, walk) for name, walk in walks if walk.size_mm > LEAST_COST_MM]

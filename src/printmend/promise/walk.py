@@ -8,7 +8,6 @@ ratio q/σ² given, σ² and whatever columns are looked for follow by least squ
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import dst
 
 # Tried variances of a step over that of the noise: from 0.3 µm beneath 0.05 mm to 50 µm beneath it.
 RATIOS = np.geomspace(3e-5, 1.0, 16)
@@ -32,7 +31,7 @@ class Walk:
 def walk_of(residual_mm: np.ndarray, columns: np.ndarray) -> Walk:
     """Return the likeliest walk of residuals [N] in the order of time, beside ``columns`` [N, Q] of any size."""
     count = len(residual_mm) - 1
-    waves = dst(np.diff(np.column_stack([residual_mm, columns]), axis=0), type=1, axis=0, norm="ortho")
+    waves = _sines(np.diff(np.column_stack([residual_mm, columns]), axis=0))
     noise = 2 - 2 * np.cos(np.pi * np.arange(1, count + 1) / (count + 1))
     logs, sigmas2 = [], []
     for ratio in (0.0, *RATIOS):
@@ -45,3 +44,11 @@ def walk_of(residual_mm: np.ndarray, columns: np.ndarray) -> Walk:
     best = int(np.argmax(logs[1:])) + 1
     size_mm = float(np.sqrt(RATIOS[best - 1] * sigmas2[best] * count / 6))
     return Walk(logs[best], logs[best] - logs[0], size_mm)
+
+
+def _sines(rows: np.ndarray) -> np.ndarray:
+    """Return the orthonormal sine transform (DST-I) of each column of rows [N, Q]: the Fourier transform of what goes
+    on oddly at both ends."""
+    end = np.zeros((1, rows.shape[1]))
+    odd = np.concatenate([end, rows, end, -rows[::-1]])
+    return -np.fft.rfft(odd, axis=0).imag[1 : len(rows) + 1] / np.sqrt(2 * (len(rows) + 1))

@@ -23,7 +23,7 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import acting, still_words
 from printmend.promise.effects import Effect
-from printmend.promise.halves import halves_of, is_belts, step_effects
+from printmend.promise.halves import halves_of, is_belts, leaves_noise, step_effects
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order, passed_over
@@ -128,8 +128,9 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
 
         fit, flat, misfits, (effects, explained) = _learned_with_causes(fit, box, flat, anew)
         box = _box_of(fit) or box
-        walk_mm, wanders = wandering(box, flat, effects)
-        fit = _completed(fit, flat, printer, model, rng) if is_whole and not walk_mm else fit
+        complete = _completed(fit, flat, printer, model, rng) if is_whole else fit
+        walk_mm, wanders = wandering(box, flat, effects, getattr(complete, "left_mm", None))
+        fit = fit if is_whole and walk_mm else complete  # what wanders would be taken for a remainder
         # A hybrid cannot be brought up to date by a second print: it must bring findings that are worth telling.
         hybrid = fit if isinstance(fit, HybridModel) and fit.findings else None
         more = {"misfit": misfit_section((*ordered.found, *moved, *misfits, *wanders), effects), DIGESTS: list(digests)}
@@ -238,7 +239,8 @@ def _learned_without_step(
     freed = without_rails(box, trace, step)
     again = _with_guide_waves(learn(freed), box.mechanism.frame.waves)
     newer = _box_of(again)
-    if newer is None or newer.residual_after_mm > AS_GOOD_SHARE * box.residual_after_mm:
+    is_better = newer is not None and newer.residual_after_mm <= AS_GOOD_SHARE * box.residual_after_mm
+    if newer is None or not is_better or not leaves_noise(newer):
         return fit, box, trace, ()
     return again, newer, freed, step
 
