@@ -93,7 +93,6 @@ def learn(trace: Trace, printer: Printer, *, model: str = AUTO, rng: np.random.G
 
 
 def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generator) -> Learned:
-    name = "hybrid" if model == AUTO else model
     check_origin("the measurement", trace.origin, printer)
     digests = (digest_of(trace),)
     trace, copies = counted_once(trace)
@@ -139,6 +138,13 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         if found is not None and not found.is_silent:
             saved = with_screw_found(saved, found, found.series, trace)
         return Learned(saved, box, flat, () if hybrid is None else hybrid.findings)
+    return _learned_without_parts(fit, trace, printer, "hybrid" if model == AUTO else model, ordered.found)
+
+
+def _learned_without_parts(
+    fit: WorldModel, trace: Trace, printer: Printer, name: str, found: tuple[Misfit, ...]
+) -> Learned:
+    """Return what the learner ``name`` made of a trace, whose machine has no grey box's parts."""
     mechanism = healthy_mechanism(printer) if name == "naive" else getattr(fit, "mechanism", None)
     if not isinstance(mechanism, Mechanism):
         raise ConfigError(
@@ -149,7 +155,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
         )
     known = trace.measured_rows
     noise = float(np.sqrt(np.mean(np.square((trace.measured_mm - trace.commanded_mm)[known]))))
-    details = {"misfit": misfit_section(ordered.found), "promise": residual_section(mechanism, trace)}
+    details = {"misfit": misfit_section(found), "promise": residual_section(mechanism, trace)}
     finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
     saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
     return Learned(saved, None, trace)
