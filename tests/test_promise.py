@@ -20,6 +20,7 @@ from printmend.export.supported import export_supported
 from printmend.identify.drive import Rows
 from printmend.identify.drive.machines import MACHINES
 from printmend.learn.greybox import motor_rows
+from printmend.machine import Frame
 from printmend.measure.distance import scaled_by, settled
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
@@ -376,6 +377,19 @@ def test_a_scan_of_a_skewed_corexy_leaves_the_direction_of_x(part: Path) -> None
     mend_gcode(part, model, part.with_name("out.gcode"))
     truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(skewed, corexy))
     assert truth.after.rms_mm < 0.03 < 0.3 < truth.before.rms_mm
+
+
+def test_a_scan_of_a_corexy_with_another_pulley_turns_no_print() -> None:
+    """A motor whose scale is off by a tenth leans like a frame that is skewed by 5°: such a one would be seen."""
+    corexy, rng = read_printer("corexy"), np.random.default_rng(2)
+    points = np.vstack([[corexy.home_mm], rng.uniform(20, 280, (900, 2))])
+    belts = corexy.to_motor(points - corexy.home_mm) * np.array([0.89, 0.98])
+    printed = np.asarray(corexy.from_motor(belts)) + corexy.home_mm + rng.normal(0, 0.02, points.shape)
+    model = learn_model(scanned(Trace(points, printed, homed=True), np.zeros((2, 2))), corexy)
+    linear = [Frame.exponents.index(powers) for powers in ((1, 0), (0, 1))]
+    matrix = model.mechanism.frame.coefficients_mm[:, linear]
+    assert matrix[0, 1] - matrix[1, 0] == pytest.approx(0.0, abs=1e-6)
+    assert {fault["kind"] for fault in model.document["diagnosis"]} == {"scale"}
 
 
 def test_a_scan_knows_a_corexys_skew_better_than_its_scales() -> None:

@@ -20,6 +20,7 @@ from printmend.path import Instrument, Trace
 from printmend.saved import SCALE_MM, SavedModel, branches_of
 
 SCALE_SD, SKEW_SD = 0.02, 0.01  # prior standard deviations of a faulty scale and of half a faulty skew [rad]
+MOST_SKEW_RAD = 0.035  # half of 4°: a frame that leans by more is seen without a test print
 FAULT_ODDS = np.exp(-2.0)  # prior odds of each fault
 # A slight fault has this share of these standard deviations: it is believed as a doubt, but does not act, because it
 # can hardly be told from the instrument's own error.
@@ -124,7 +125,8 @@ def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None, unres
     believed, applied, skew = believe(found.value - base, found.covariance, instrument, corexy)
     turn_rad = 0.0
     if corexy and not trace.placed:
-        turn_rad = _turn_of_model(old) + (_polar(applied)[1] * skew / applied[2] if skew else 0.0)
+        leans = 0 < abs(skew) < MOST_SKEW_RAD  # else motors whose scales differ by as much are as likely, and turn none
+        turn_rad = _turn_of_model(old) + (_polar(applied)[1] * skew / applied[2] if leans else 0.0)
     excess = found.value - base - applied
     off = _bed(excess, corexy) if trace.placed else found.matrix - _bed(base + applied, corexy)
     if np.abs(off).max() > 0:
