@@ -90,6 +90,8 @@ def mark_error_mm(table: np.ndarray, moves: list, printed: list[np.ndarray]) -> 
 
 
 STEPS_TO_PLACE = 6  # towards the place and turn at which a part's outline is missed least
+TURNS_RAD = (0.0, 0.03, -0.03, 0.06, -0.06)  # to begin at: lines that lie closely lead astray from a start far off
+PLACED_MM = 0.1  # RMS error with which a start has led to the place
 
 
 def placed_error_mm(ideal: list, made: list, way: list[np.ndarray]) -> tuple[float, float, float, float]:
@@ -102,7 +104,18 @@ def placed_error_mm(ideal: list, made: list, way: list[np.ndarray]) -> tuple[flo
         layers.append((lines, shapely.STRtree(shapely.linestrings(lines)), points))
     middle = bounds_middle(made, way)
     moved = bounds_middle(ideal, [np.array([m.end_mm]) for m in ideal]) - middle
-    turn_rad, best = 0.0, (np.inf, np.inf, np.inf, np.inf)
+    best = (np.inf, np.inf, np.inf, np.inf)
+    for turn_rad in TURNS_RAD:
+        best = min(best, _placed_from(layers, middle, moved, turn_rad))
+        if best[0] < PLACED_MM:
+            break
+    return best
+
+
+def _placed_from(
+    layers: list, middle: np.ndarray, moved: np.ndarray, turn_rad: float
+) -> tuple[float, float, float, float]:
+    best = (np.inf, np.inf, np.inf, np.inf)
     for _ in range(STEPS_TO_PLACE):
         cos, sin = np.cos(turn_rad), np.sin(turn_rad)
         errors, rows = [], []
