@@ -1,5 +1,6 @@
 """What does not fit: found, named, put right where that is certain, and not seen where all is well."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from printmend.learn.greybox.previous import remember
 from printmend.learn.greybox.rows import motor_rows
 from printmend.machine import print_from_home
 from printmend.machine.mechanism import healthy_mechanism
-from printmend.measure import write_trace
+from printmend.measure import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
@@ -127,6 +128,23 @@ def test_a_table_in_another_order_reaches_who_can_say_so(order: str, said: str, 
     )
     assert (result.exception is None) == (order == "reversed")
     assert said in f"{result.output}{result.exception}"
+
+
+def test_shuffled_dots_are_not_taken_for_another_unit(tmp_path: Path) -> None:
+    """Some hundred dots in any order have a slope of a few hundredths by chance: an inch's, or a centimetre's."""
+    rng, file = np.random.default_rng(4), tmp_path / "t.csv"
+    places = rng.uniform(10, 210, (300, 2))
+    slopes = []
+    for _ in range(12):
+        other = rng.permutation(places)
+        slopes.append(abs(float(np.vdot(places - 110, other - 110) / np.square(places - 110).sum())))
+        write_trace(file, Trace(places, other))
+        assert np.array_equal(read_trace(file, PRINTER).measured_mm, np.round(other, 6))
+    assert sum(0.63 < slope * factor < 1.58 for slope in slopes for factor in (10, 25.4)) >= 3
+    for factor, unit in ((25.4, "inches"), (10.0, "centimetres")):
+        write_trace(file, Trace(places, places / factor))
+        with pytest.raises(TraceError, match=unit):
+            read_trace(file, PRINTER)
 
 
 def test_rows_in_order_stay_as_they_are(rng: np.random.Generator) -> None:
@@ -437,6 +455,10 @@ def test_a_step_between_two_halves_bends_no_frame_and_no_belt(preset: str, axis:
     off_mm = np.zeros(2)
     off_mm[[each.motor for each in step]] = [each.weights[0] for each in step]
     assert off_mm == pytest.approx([0.01, -0.19] if preset == "corexy" else [-0.09, 0.1], abs=0.02)
+    told = re.findall(r"(?:warning: |and )([XY])(?: is off)? by ([-+][\d.]+) mm", report(learned.saved))
+    assert [name for name, _ in told] == ["X", "Y"]  # also of a CoreXY, whose motors are no axes of the bed
+    assert [float(by) for _, by in told] == pytest.approx([-0.09, 0.1], abs=0.02)
+    assert f"in the upper part of {'XY'[axis]}, from " in report(learned.saved)
 
 
 def test_a_step_along_a_belts_own_axis_may_be_the_belts(rng: np.random.Generator) -> None:
@@ -446,7 +468,7 @@ def test_a_step_along_a_belts_own_axis_may_be_the_belts(rng: np.random.Generator
     off_mm = np.interp([60.0, 160.0], y.motor_mm, y.lower_mm) - [60.0, 160.0]
     assert np.diff(off_mm) == pytest.approx(0.12, abs=0.02)
     assert [each.state for each in parse_effects(learned.saved.document) if each.kind == "halves"] == [LEARNED]
-    assert "in the upper part of Y. The model carries it" in report(learned.saved)
+    assert re.search(r"Y is off by \+0\.1\d mm in the upper part of Y, from \d+ mm on\. The model", report(learned.saved))
 
 
 def test_both_motors_of_a_rail_say_it_once_and_each_length_is_said() -> None:
@@ -721,7 +743,8 @@ def test_a_rail_with_play_is_told_from_the_belts_of_a_corexy(rng: np.random.Gene
     causes = causes_of(box, trace)
     found = found_in(box, trace, causes)
     assert [each.kind for each in found] == ["rail-play"]
-    assert "lags along X by 0.1" in found[0].words
+    assert found[0].words.startswith("the head lags along X by 0.1")
+    assert found[0].words.count("lags") == 1  # though both motors show it
     effects, _ = effects_of(box, trace, causes)
     assert {effect.kind for effect in effects} == {"rail-play"}
     angle, nothing = np.linspace(0.01, 2 * np.pi, 100, endpoint=False), np.zeros((100, 2))

@@ -42,6 +42,7 @@ from printmend.promise import misfit_rows, misfit_tests
 from printmend.promise import words as promise_words
 from printmend.promise.apply import ONE_TURN, still_words
 from printmend.promise.laws import LAWS
+from printmend.promise.misfit_columns import Candidate
 from printmend.promise.scale import in_words
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo
@@ -644,16 +645,33 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         assert gaps
         for text in (*gaps, *todo((*gaps, "Z lead: nothing"))):
             assert _german(text), text
-    for kind in ("linear", "step", "creep", "wear", "thermal", "direction", "speed", "halves", "halves-play", "racking",
-                 "two-motors", "second-period", "rail-play", "rail-wave", "rail-racking",
-                 "racking-across"):  # fmt: skip
+    for kind in ("linear", "step", "creep", "wear", "thermal", "direction", "speed", "halves-play", "racking",
+                 "two-motors", "second-period", "rail-wave", "rail-racking", "racking-across"):  # fmt: skip
         for weight in (-0.2, 0.3):
             cause = SimpleNamespace(
                 motor=0, weights=np.full(6 if kind == "two-motors" else 1, weight), size_mm=0.1,
                 candidate=SimpleNamespace(kind=kind, detail=0.25, place=float(kind == "rail-wave")),
             )  # fmt: skip
             for motors in (("x", "y"), ("a", "b")):
-                assert _german(misfit_tests._words(cause, motors)), kind  # type: ignore[arg-type]
+                told = misfit_tests._words(cause, motors)  # type: ignore[arg-type]
+                assert _german(told), kind
+                assert _german(misfit_tests._both(told, told)), kind
+    walked = Trace(np.array([[0.0, 0.0], [200.0, 200.0]]), np.zeros((2, 2)))
+    for preset, seen in (("ender3", 1), ("corexy", 1), ("corexy", 2)):
+        box = SimpleNamespace(printer=read_printer(preset))
+        for kind in ("halves", "rail-play"):
+            shares = [
+                misfit_tests.Cause(motor, Candidate(kind, detail=float(motor * (kind == "rail-play"))),
+                                   np.array([0.2]) / (1 + motor), 0.1, 20.0)
+                for motor in range(seen)
+            ]  # fmt: skip
+            told_of = (
+                misfit_tests._halves(tuple(shares), box, walked)  # type: ignore[arg-type]
+                if kind == "halves"
+                else misfit_tests._lagging(shares)
+            )
+            assert len(told_of) == 1
+            assert _german(told_of[0].words), told_of[0].words
     for names in (["X"], ["A", "B"]):
         assert all(_german(misfit_tests.wander_words(names, 0.04, is_still=each)) for each in (True, False))
     assert _german(misfit_tests.CARRIED)

@@ -366,10 +366,11 @@ def _check_unit(path: Path, commanded: np.ndarray, measured: np.ndarray, home: n
     slope = _slope(x.ravel(), y.ravel())
     if (wrong := wrong_axes(commanded, measured)) is not None:
         raise TraceError(path, wanted="positions along the printer's own x and y", came=wrong, todo=AXES_TODO)
+    wide = np.median(np.abs(y)) / max(float(np.median(np.abs(x))), 1e-9)  # shuffled rows have no slope, but their width
     for factor, unit in ((MM_PER_INCH, "inches"), (10.0, "centimetres")):
         for column, ratio in (("measured", slope * factor), ("commanded", slope / factor)):
             # a commanded table in inches spans a few units only, hence no lower limit on its spread
-            if 0.63 < ratio < 1.58 and (spread > 4.0 or column == "commanded"):
+            if 0.63 < ratio < 1.58 and wide < 3 * abs(slope) and (spread > 4.0 or column == "commanded"):
                 raise TraceError(
                     path,
                     wanted="millimetres",

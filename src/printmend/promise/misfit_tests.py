@@ -73,6 +73,7 @@ NOISE_KURTOSIS = 3.0  # kurtosis of Gaussian noise
 LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # root mean square of two values, and of other residuals, worth a word
 COVERED_SHARE = 0.6  # share of an axis of the bed that the print must span
 CARRIED = "The model carries it"
+LEAST_TOLD_MM = 0.005  # a smaller step would be told as 0.00 or 0.01 mm
 UNSEEN = "unseen"  # the kind of the note about the rest
 
 
@@ -81,6 +82,10 @@ _OF_WHEN = {
     BEGUN: ". The model is of the first tenth of the print, as for parts of usual size: the next one is homed anew",
     EARLY: ". The model is of a printer that has warmed up by a third, as for parts of usual size",
 }
+
+_GIVES_WAY = ": something gives way, as a set screw does, or the machine warms up and is cold again when a print begins"
+_WARMS_UP = " while the print went on, as a machine that warms up does"
+_WHY = (_GIVES_WAY, _WARMS_UP)  # said once for both motors
 
 _OF_HALVES = ". Two sheets measured as one show that, or a guide in two pieces: the model is without it"
 
@@ -398,14 +403,22 @@ def found_in(
     found = [
         Misfit(cause.candidate.kind, NOTE, cause.size_mm, cause.nats, f"{_words(cause, motors)}. {CARRIED}")
         for cause in _once(carried)
+        if cause.candidate.kind != "halves"
+    ]
+    found += [
+        replace(each, severity=NOTE, words=f"{each.words}. {CARRIED}") for each in _halves(carried, box, trace)
     ]
     tilts = {kind: _tilts(causes, kind) for kind in ("rail-play", "rail-racking")}
-    for cause in _once(_one_border(causes)):
+    lags = []
+    for cause in _once(_one_creep(_one_border(causes))):
         kind = cause.candidate.kind
         if kind in tilts and (axis := int(cause.candidate.detail)) in tilts[kind]:
             found.append(_tilted(cause, axis, tilts[kind][axis]))
-            continue
-        found.append(Misfit(kind, _severity(cause), cause.size_mm, cause.nats, _words(cause, motors)))
+        elif kind == "rail-play":
+            lags.append(cause)
+        elif kind != "halves":
+            found.append(Misfit(kind, _severity(cause), cause.size_mm, cause.nats, _words(cause, motors)))
+    found += [*_lagging(lags), *_halves(_one_border(causes), box, trace)]
     joined = [
         replace(each, words=each.words + _OF_WHEN[_STATES[each.kind]])
         if of_one_time and each.kind in IN_TIME
@@ -489,6 +502,65 @@ def _tilted(cause: Cause, axis: int, off_mm: float) -> Misfit:
     return Misfit("direction", _severity(cause), cause.size_mm, cause.nats, words)
 
 
+def _one_creep(causes: tuple[Cause, ...]) -> tuple[Cause, ...]:
+    """Return the causes with all that one motor crept as one: what creeps at no one pace is told as two."""
+    found: dict[object, Cause] = {}
+    for cause in causes:
+        key = (cause.motor, "creep") if cause.candidate.kind == "creep" else cause
+        if (old := found.get(key)) is not None:
+            slow, fast = sorted((old, cause), key=lambda each: -each.size_mm)
+            gone = float(_crept_mm(fast) / warmed(np.ones(1), slow.candidate.detail)[0])
+            cause = replace(slow, weights=slow.weights + gone, nats=old.nats + cause.nats)
+        found[key] = cause
+    return tuple(found.values())
+
+
+def _crept_mm(cause: Cause) -> float:
+    """Return how far something that creeps had come when the print ended: what is slow is not at its end yet."""
+    return float(cause.weights[0] * warmed(np.ones(1), cause.candidate.detail)[0])
+
+
+def _halves(causes: tuple[Cause, ...], box: GreyboxModel, trace: Trace) -> list[Misfit]:
+    """Say by how much one half of the bed is off, along the bed's axes: a step of a CoreXY shows in both motors."""
+    found = []
+    borders = dict.fromkeys((c.candidate.detail, c.candidate.place) for c in causes if c.candidate.kind == "halves")
+    for axis, place in borders:
+        shares = [c for c in causes if c.candidate.kind == "halves" and c.candidate.detail == axis
+                  and c.candidate.place == place]  # fmt: skip
+        by_motor = np.zeros(2)
+        for cause in shares:
+            by_motor[cause.motor] += cause.weights[0]
+        off_mm = np.asarray(box.printer.from_motor(by_motor))
+        off = [f"{name} by {by:+.2f} mm" for name, by in zip("XY", off_mm, strict=True) if abs(by) >= LEAST_TOLD_MM]
+        low, high = np.min(trace.commanded_mm[:, int(axis)]), np.max(trace.commanded_mm[:, int(axis)])
+        where = f"in the upper part of {'XY'[int(axis)]}, from {low + (high - low) * (place + 1) / 2:.0f} mm on"
+        words = f"{' and '.join(off).replace(' by ', ' is off by ', 1)} {where}"
+        found.append(_of_all("halves", shares, words))
+    return found
+
+
+def _lagging(lags: list[Cause]) -> list[Misfit]:
+    """Say by how much a head lags along the axes of a CoreXY, as its motors show it on the average."""
+    if not lags:
+        return []
+    along = []
+    for axis, name in enumerate("XY"):
+        shown = [2 * abs(float(cause.weights.sum())) for cause in lags if int(cause.candidate.detail) == axis]
+        along += [f"along {name} by {np.mean(shown):.2f} mm"] if shown else []
+    words = (
+        f"the head lags {' and '.join(along)}, whichever motor turns: a rail or the head has play, not a belt: look "
+        "there first"
+    )
+    return [_of_all("rail-play", lags, words)]
+
+
+def _of_all(kind: str, causes: list[Cause], words: str) -> Misfit:
+    """Return the shares of one misfit in the motors as one finding."""
+    severity = max((_severity(cause) for cause in causes), key=SEVERITIES.index)
+    size_mm = float(np.linalg.norm([cause.size_mm for cause in causes]))
+    return Misfit(kind, severity, size_mm, sum(cause.nats for cause in causes), words)
+
+
 def _severity(cause: Cause) -> str:
     return WARNING if cause.size_mm >= WARNED_MM else NOTE
 
@@ -500,11 +572,19 @@ def _one_of_each(found: list[Misfit]) -> list[Misfit]:
         if (old := joined.get(each.kind)) is not None:
             each = replace(
                 old, size_mm=float(np.hypot(old.size_mm, each.size_mm)), evidence=old.evidence + each.evidence,
-                words=old.words if old.words == each.words else f"{old.words}; {each.words}",
+                words=old.words if old.words == each.words else _both(old.words, each.words),
                 severity=max(old.severity, each.severity, key=SEVERITIES.index),
             )  # fmt: skip
         joined[each.kind] = each
     return list(joined.values())
+
+
+def _both(words: str, more: str) -> str:
+    """Return what is said of two motors, what it comes from only once."""
+    for why in _WHY:
+        if words.endswith(why) and more.endswith(why):
+            words = words.removesuffix(why)
+    return f"{words}; {more}"
 
 
 def _warmed(weights: np.ndarray) -> str:
@@ -520,28 +600,25 @@ def _words(cause: Cause, motors: tuple[str, ...]) -> str:
     is_wave = cause.candidate.kind == "rail-wave"
     axis = int(cause.candidate.place if is_wave else min(detail, 1.0))
     half = "XY"[axis] if cause.candidate.kind.startswith(("halves", "rail")) else ""
-    grown = float(warmed(np.ones(1), detail)[0])  # one that is slow has not come to its end yet
+    grown = float(warmed(np.ones(1), detail)[0])
     differ_mm = 2 * widest_mm(cause.weights) if cause.candidate.kind == "two-motors" else 0.0
     swing = f"{float(np.linalg.norm(cause.weights)):.3f} mm to either side"  # a wave's amplitude
     return {
         "linear": f"{name} drifted evenly during the print, by {weight:+.2f} mm from the first point to the last",
         "step": f"{name} was suddenly off by {weight:+.2f} mm after {100 * detail:.0f} % of the print",
-        "creep": f"{name} crept by {weight * grown:+.2f} mm, most of it in the first {100 * detail:.0f} % of the print"
-        ": something gives way, as a set screw does, or the machine warms up and is cold again when a print begins",
+        "creep": f"{name} crept by {_crept_mm(cause):+.2f} mm, most of it in the first {100 * detail:.0f} % of the "
+        f"print{_GIVES_WAY}",
         "wear": f"the play of {name} changed by {2 * weight:+.2f} mm while the print went on: something comes loose",
-        "thermal": f"{name} {_warmed(cause.weights * grown)} while the print went on, as a machine that warms up does",
+        "thermal": f"{name} {_warmed(cause.weights * grown)}{_WARMS_UP}",
         "direction": f"where {name} comes to lie depends on which way {other} moved before, by "
         f"{2 * abs(weight):.2f} mm: the head or the gantry tilts",
         "racking-across": f"where {name} comes to lie depends on which way {other} moved before, the more the nearer "
         f"to its ends, by up to {2 * abs(weight):.2f} mm: the gantry racks",
         "speed": f"{name} lies {abs(weight):.2f} mm further {'back' if weight > 0 else 'on'} after long, fast "
         "moves than after short ones",
-        "halves": f"{name} is off by {weight:+.2f} mm in the upper part of {half}",
         "halves-play": f"{name} has {2 * weight:+.2f} mm more play in the upper part of {half}",
         "racking": f"the play of {name} changes by {4 * weight:+.2f} mm from one end of {other} to the other: the "
         "gantry racks, or one of two motors is loose",
-        "rail-play": f"{name} shows a head that lags along {half} by {2 * abs(float(cause.weights.sum())):.2f} mm "
-        "whichever motor turns: a rail or the head has play, not a belt",
         "two-motors": f"the turn of {name} looks different at the two ends of {other}: two motors of one axis, with "
         f"pulleys that differ by up to {differ_mm:.2f} mm",
         "rail-racking": f"{name} shows a head that lags along {half} at one end of {'XY'[1 - axis]} and runs ahead at "
