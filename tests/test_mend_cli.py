@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import HEALTHY, Corruption, Drive
+from printmend.corruption import HEALTHY, Corruption, Drive, Play
+from printmend.corruption.pulley import WrongRadius
 from printmend.errors import GcodeError, InputError, ModelError, RefusedError, UnwritableError
 from printmend.gcode.read import read_gcode
 from printmend.measure.table import read_trace
@@ -271,6 +273,21 @@ def test_an_owner_sees_the_part_before_it_is_printed(folder: Path) -> None:
     assert ((view.low_mm >= 0) & (view.high_mm <= 220)).all()
     (folder / "taller.gcode").write_bytes(SQUARE + b"\nG1 Z5\nG1 X70 Y60 E9\n")
     assert look_at(folder / "part.gcode", folder / "taller.gcode", BENT, placed=True) is None  # other layers
+
+
+def test_a_seam_is_drawn_where_it_is_printed(folder: Path) -> None:
+    """Not where the motors are sent: with a pulley of the wrong size that is far away, and by the slack beside it."""
+    broken = Corruption((Drive(pulley=WrongRadius(6.0), belt=Play(0.9)), Drive(belt=Play(0.9)))).lower(ENDER3).homed()
+    angle = np.linspace(0, 2 * np.pi, 41)
+    star = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (10 + 3 * (np.arange(41) % 2))[:, None] + 70
+    rows = "".join(f"G1 X{x:.3f} Y{y:.3f} E1\n" for x, y in star)
+    (folder / "star.gcode").write_bytes(START + f"G0 X{star[0, 0]} Y{star[0, 1]}\nG1 F1800\n{rows}".encode())
+    mend_gcode(folder / "star.gcode", exactly(broken), folder / "star.mended.gcode")
+    view = look_at(folder / "star.gcode", folder / "star.mended.gcode", broken, placed=True)
+    assert view is not None
+    assert len(view.seams_mm) > 10
+    off = shapely.distance(shapely.LineString(star), shapely.points(view.seams_mm))
+    assert off.max() < 0.05
 
 
 def test_a_test_print_is_mended_as_a_check_print(folder: Path) -> None:

@@ -468,7 +468,9 @@ def test_a_step_along_a_belts_own_axis_may_be_the_belts(rng: np.random.Generator
     off_mm = np.interp([60.0, 160.0], y.motor_mm, y.lower_mm) - [60.0, 160.0]
     assert np.diff(off_mm) == pytest.approx(0.12, abs=0.02)
     assert [each.state for each in parse_effects(learned.saved.document) if each.kind == "halves"] == [LEARNED]
-    assert re.search(r"Y is off by \+0\.1\d mm in the upper part of Y, from \d+ mm on\. The model", report(learned.saved))
+    assert re.search(
+        r"Y is off by \+0\.1\d mm in the upper part of Y, from \d+ mm on\. The model", report(learned.saved)
+    )
 
 
 def test_both_motors_of_a_rail_say_it_once_and_each_length_is_said() -> None:

@@ -405,9 +405,7 @@ def found_in(
         for cause in _once(carried)
         if cause.candidate.kind != "halves"
     ]
-    found += [
-        replace(each, severity=NOTE, words=f"{each.words}. {CARRIED}") for each in _halves(carried, box, trace)
-    ]
+    found += [replace(each, severity=NOTE, words=f"{each.words}. {CARRIED}") for each in _halves(carried, box, trace)]
     tilts = {kind: _tilts(causes, kind) for kind in ("rail-play", "rail-racking")}
     lags = []
     for cause in _once(_one_creep(_one_border(causes))):

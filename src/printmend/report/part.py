@@ -2,12 +2,14 @@
 
 import importlib.util
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import printmend
 from printmend.errors import InputError, MissingToolError
 from printmend.files import replacing
+from printmend.printer import Axis
 from printmend.promise.budget import parse_budget
 from printmend.repair.prediction import Prediction
 from printmend.saved import SavedModel
@@ -107,12 +109,13 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
     """Return what an owner should know before printing, a sentence each."""
     said = []
     if view is not None:
-        reach = [
-            f"{axis.name.upper()} from {round(low, 1) + 0.0:.1f} to {high:.1f} mm "
-            f"(the bed: {axis.min_mm:g} to {axis.max_mm:g})"
-            for axis, low, high in zip((model.printer.x, model.printer.y), view.low_mm, view.high_mm, strict=True)
-        ]
-        said.append(f"The head moves over {' and '.join(reach)}.")
+        axes = (model.printer.x, model.printer.y)
+        printed = zip(axes, prediction.printed_low_mm, prediction.printed_high_mm, strict=True)
+        sent = zip(axes, view.low_mm, view.high_mm, strict=True)
+        bed = " and ".join(f"{axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm" for axis in axes)
+        said.append(
+            f"It is printed over {_reach(printed)}; what the file commands goes over {_reach(sent)}. The bed has {bed}."
+        )
     if prediction.clamped_extruding:
         said.append(
             f"{prediction.clamped_extruding} printing moves would leave the bed by up to {prediction.beyond_mm:.2f} mm "
@@ -140,6 +143,11 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
             "not say where such a curve begins, or leaves out I J or P Q."
         )
     return [*prediction.advice, *(f"{each[0].upper()}{each[1:]}." for each in prediction.warnings), *said]
+
+
+def _reach(spans: Iterable[tuple[Axis, float, float]]) -> str:
+    """Return between which places [mm] of its axes something lies."""
+    return " and ".join(f"{axis.name.upper()} {round(low, 1) + 0.0:.1f} to {high:.1f} mm" for axis, low, high in spans)
 
 
 def _layers(prediction: Prediction) -> str:

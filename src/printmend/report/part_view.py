@@ -36,8 +36,8 @@ class PartView:
     """The mended file beside the one it was made from.
 
     ``low_mm`` and ``high_mm`` [2] are the corners of all that the head is told to do; ``minutes`` the estimated
-    printing times before and after. ``layer`` (from 0) is the one drawn, ``seams_mm`` [K, 2] where the nozzle stops in
-    it while a belt turns back.
+    printing times before and after. ``layer`` (from 0) is the one drawn, ``seams_mm`` [K, 2] where the nozzle is
+    when it stops in it while a belt turns back.
     """
 
     low_mm: np.ndarray
@@ -69,11 +69,12 @@ def look_at(source: Path, output: Path, mechanism: Mechanism, *, placed: bool) -
     layer = _fullest(wanted, drawn)
     mine = drawn & (wanted.layer == layer)
     tree = shapely.STRtree(shapely.linestrings(np.stack([wanted.start_mm[mine, :2], wanted.end_mm[mine, :2]], axis=1)))
+    before, after = (_walked(moves, layer, mechanism) for moves in (wanted, given))
     ends = np.concatenate([given.start_mm[told], given.end_mm[told]])[:, :2]
     return PartView(
         ends.min(axis=0), ends.max(axis=0), (minutes(wanted), minutes(given)), layer,
-        float(np.median(wanted.end_mm[mine, 2])), _printed(wanted, layer, mechanism, tree, aligned=not placed),
-        _printed(given, layer, mechanism, tree, aligned=False), _new_seams(wanted, given, layer),
+        float(np.median(wanted.end_mm[mine, 2])), _printed(wanted, layer, before, tree, aligned=not placed),
+        _printed(given, layer, after, tree, aligned=False), _new_seams(wanted, given, layer, after),
     )  # fmt: skip
 
 
@@ -107,22 +108,38 @@ def _fullest(moves: Moves, drawn: np.ndarray) -> int:
     return int(inner.start + np.argmax(paths[inner]))
 
 
-def _printed(moves: Moves, layer: int, mechanism: Mechanism, wanted: shapely.STRtree, *, aligned: bool) -> DrawnLayer:
-    """Print a layer of a file and measure how far from the wanted lines it lies."""
+@dataclass(frozen=True, eq=False)
+class _Walk:
+    """A layer's moves as the learned machine goes them: ``of`` [N] is the move of each place, ``places`` [N, 3] where
+    the file tells it to be and ``printed_mm`` [N, 2] where it is."""
+
+    of: np.ndarray
+    places: np.ndarray
+    printed_mm: np.ndarray
+
+
+def _walked(moves: Moves, layer: int, mechanism: Mechanism) -> _Walk:
+    """Print a layer of a file, and so many moves before it that its play is engaged."""
     mine = np.flatnonzero(moves.layer == layer)
-    if not len(mine):
-        return DrawnLayer([], np.zeros(0))
-    chosen = np.arange(max(mine[0] - _BEFORE, 0), mine[-1] + 1)
+    chosen = np.arange(max(mine[0] - _BEFORE, 0), mine[-1] + 1) if len(mine) else mine
     start, end = moves.start_mm[chosen], moves.end_mm[chosen]
     count = np.maximum(np.ceil(np.linalg.norm((end - start)[:, :2], axis=1) / _PITCH_MM), 1).astype(np.int64)
     of = np.repeat(np.arange(len(chosen)), count)
     step = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count) + 1
     places = start[of] + (step / count[of])[:, None] * (end - start)[of]
-    printed = print_from_home(mechanism, places)[:, :2]
-    bead = (moves.extruding & (moves.layer == layer))[chosen][of] & np.isfinite(printed).all(axis=1)
+    printed = print_from_home(mechanism, places)[:, :2] if len(places) else places[:, :2]
+    return _Walk(chosen[of], places, printed)
+
+
+def _printed(moves: Moves, layer: int, walk: _Walk, wanted: shapely.STRtree, *, aligned: bool) -> DrawnLayer:
+    """Measure how far a layer lies from the wanted lines, as it was printed."""
+    if not len(walk.of):
+        return DrawnLayer([], np.zeros(0))
+    printed = walk.printed_mm
+    bead = (moves.extruding & (moves.layer == layer))[walk.of] & np.isfinite(printed).all(axis=1)
     bead[0] = False
     if aligned:
-        printed = printed - np.mean((printed - places[:, :2])[bead], axis=0)
+        printed = printed - np.mean((printed - walk.places[:, :2])[bead], axis=0)
     begin, last = np.flatnonzero(bead) - 1, np.flatnonzero(bead)
     points = shapely.points((printed[begin] + printed[last]) / 2)
     off = np.zeros(len(points))
@@ -131,20 +148,21 @@ def _printed(moves: Moves, layer: int, mechanism: Mechanism, wanted: shapely.STR
     return DrawnLayer(list(np.stack([printed[begin], printed[last]], axis=1)), off)
 
 
-def _new_seams(wanted: Moves, given: Moves, layer: int) -> np.ndarray:
-    """Return the stops in a layer [K, 2] that mending brought: a slicer writes some, too."""
-    old, new = _seams(wanted, layer), _seams(given, layer)
+def _new_seams(wanted: Moves, given: Moves, layer: int, walk: _Walk) -> np.ndarray:
+    """Return the stops in a layer [K, 2] that mending brought, where they are printed: a slicer writes some, too."""
+    old, stops = wanted.start_mm[_stops(wanted, layer), :2], _stops(given, layer)
+    new = walk.printed_mm[np.searchsorted(walk.of, stops) - 1] if len(stops) else np.empty((0, 2))
     if not len(old) or not len(new):
         return new
     near, _ = shapely.STRtree(shapely.points(old)).query(shapely.points(new), predicate="dwithin", distance=_SEAM_MM)
     return np.delete(new, near, axis=0)
 
 
-def _seams(moves: Moves, layer: int) -> np.ndarray:
-    """Return where in a layer [K, 2] the nozzle stops amid a path to take up slack."""
+def _stops(moves: Moves, layer: int) -> np.ndarray:
+    """Return the moves [K] of a layer in which the nozzle stands still amid a path, to take up slack."""
     extruding = moves.extruding & (moves.layer == layer)
     length = np.linalg.norm((moves.end_mm - moves.start_mm)[:, :2], axis=1)
     short = ~moves.extruding & (length > 0) & (length < _SEAM_MM) & (moves.extrusion_mm == 0)
     inside = np.zeros(len(moves), bool)
     inside[1:-1] = short[1:-1] & extruding[:-2] & extruding[2:]
-    return np.asarray(moves.start_mm[inside, :2])
+    return np.flatnonzero(inside)
