@@ -254,8 +254,13 @@ def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Pat
     assert examination.advice == ()
     assert examination.title == "This printer is healthy"
     assert "healthy" in examination.headline
-    for one in pictures(examination)[:2]:  # no star is drawn of a round pulley
+    for one in pictures(examination):  # no star is drawn of a round pulley, and its noise not twice
         assert len(one.figures) == 1
+    noted = replace(examination, misfit=("note: everything lies (+0.57, -1.29) mm from where home says",))
+    assert (noted.title, noted.headline) == (examination.title, examination.headline)
+    warned = replace(examination, misfit=("warning: Y was suddenly off",))
+    assert warned.title == "What is wrong with this printer"
+    assert warned.headline.startswith("Points lie 0.0")
     assert standard_rows(examination)[1][2:] == ("0.000", "0.000")
     write_examination(tmp_path / "healthy.html", examination)  # as in the PDF: no table of noughts
     page = (tmp_path / "healthy.html").read_text()

@@ -46,6 +46,7 @@ from printmend.promise.misfit_columns import Candidate
 from printmend.promise.scale import in_words
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo
+from printmend.saved.branches import Wave
 from printmend.saved.model import SavedModel, exact_model, saved_model, write_model
 from printmend.studio import kernels, serve, work
 from printmend.studio import scene as studio_scene
@@ -686,11 +687,16 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         assert _german(misfit_rows._put_right(trace, put, 1.0).found[0].words), put
     said = misfit_rows.passed_over(replace(trace, blank_rows=3), 7)
     assert [each.kind for each in said if _german(each.words)] == ["rows-repeated", "rows-blank"]
-    for period in (32.0, 33.3, 40.3):
-        uneven = SimpleNamespace(pulley="all", play="none")
-        turned = SimpleNamespace(name="x", branches=SimpleNamespace(period_mm=period), structure=uneven)
+    for period in (96.0, 99.9, 120.9):
+        uneven, wave = (
+            SimpleNamespace(pulley="all", play="none"),
+            Wave(harmonics=np.array([3]), cos_mm=np.ones(1), sin_mm=np.ones(1)),
+        )
+        turned = SimpleNamespace(name="x", branches=SimpleNamespace(period_mm=period, mean=wave), structure=uneven)
         box = SimpleNamespace(drives=(turned,), printer=SimpleNamespace(axes=(SimpleNamespace(mm_per_turn=40.0),)))
-        assert _german(misfit_tests._other_turns(box)[0].words), period  # type: ignore[arg-type]
+        told = misfit_tests._other_turns(box)[0].words  # type: ignore[arg-type]
+        assert f"repeats every {period / 3:.1f} mm, not every 40" in told  # three equal waves in what was learned
+        assert _german(told), period
     left = {"promise": {"left_out": [{"part": "X line", "value": 0.0123, "sd": 0.01, "unit": "mm", "why": "drift"}]}}
     left["promise"]["left_out"].append({"part": "Y idler", "value": 0.01, "sd": 0.01, "unit": "mm", "why": ONE_TURN})
     assert all(_german(words.removeprefix("note: ")) for words in still_words(left))

@@ -57,8 +57,13 @@ def kind_words(kind: str) -> str:
     """Return a fault's kind in words: ``harmonic-1`` is a pulley that is eccentric."""
     name, _, order = kind.partition("-")
     if name == "harmonic" and order.isdigit():
-        return f"pulley {_HARMONIC_WORDS.get(int(order), f'harmonic {order}')}"
+        return f"pulley {_shape_words(int(order))}"
     return kind
+
+
+def _shape_words(order: int) -> str:
+    """Return what a pulley is whose error comes so many times a turn."""
+    return _HARMONIC_WORDS.get(order, f"uneven {order} times a turn, by")
 
 
 def doubt_of(trace: Trace) -> Doubt:
@@ -167,8 +172,7 @@ def _pulley(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFaul
         return [_fault(drive, f"period-{learned_mm / k:.1f}", size, sd, words)]
     faults: list[NamedFault] = []
     for k in sorted(largest[:NAMED_HARMONICS]):
-        word = _HARMONIC_WORDS.get(k, f"harmonic {k}")
-        words = f"{'pulley ' if not faults else ''}{word} {amount(*found[k])}"
+        words = f"{'pulley ' if not faults else ''}{_shape_words(k)} {amount(*found[k])}"
         faults.append(_fault(drive, f"harmonic-{k}", *found[k], words))
     if len(largest) > NAMED_HARMONICS and faults:
         last = faults[-1]

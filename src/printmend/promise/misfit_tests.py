@@ -5,6 +5,7 @@ The column that then explains most is believed where it does so by more than cha
 and for how few of the rows are independent, and moves a print by more than nothing: a score test (Rao 1948), repeated.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -68,6 +69,7 @@ TILTED_SHARE = 2.0  # the head tilts where its error across the axis that moved 
 MOVED_MM = 0.3  # a plate lay shifted by this much at least
 HOME_SD_MM = 0.05  # … where the error at home is known to this standard deviation
 MOST_LEFT_SHARE = 0.35  # share of an uneven belt's squares that one period may leave
+COUNTING_SHARE = 0.1  # share of the largest wave of a turn that another one must have to say how long the turn is
 TWO_VALUED = 1.65  # kurtosis below which residuals take one of two values: even chances of a range give 1.8
 NOISE_KURTOSIS = 3.0  # kurtosis of Gaussian noise
 LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # root mean square of two values, and of other residuals, worth a word
@@ -697,8 +699,10 @@ def _other_turns(box: GreyboxModel) -> list[Misfit]:
         turns = drive.structure.pulley != "none" or drive.structure.play in ("loose", "free")
         if period == usual or not turns:
             continue
+        if (times := _times_a_turn(drive)) > 1:  # a wave that comes so many times in it is all that repeats
+            period /= times
         teeth = round(period / TOOTH_MM)
-        is_toothed = abs(period - teeth * TOOTH_MM) < 1e-9
+        is_toothed = times == 1 and abs(period - teeth * TOOTH_MM) < 1e-9
         cause = (
             f"a pulley of {teeth} teeth, or an idler's" if is_toothed else "an idler's or the belt's own, or a pulley's"
         )
@@ -710,6 +714,13 @@ def _other_turns(box: GreyboxModel) -> list[Misfit]:
         )
         found.append(Misfit("turn", NOTE, 0.0, SURE_NATS, words))
     return found
+
+
+def _times_a_turn(drive: LearnedDrive) -> int:
+    """Return how often the learned turn repeats itself: the greatest divisor of its waves' orders that count."""
+    wave = drive.branches.mean
+    sizes = np.hypot(wave.cos_mm, wave.sin_mm)
+    return math.gcd(*(int(k) for k in wave.harmonics[sizes > COUNTING_SHARE * sizes.max(initial=0.0)])) or 1
 
 
 def _lost(box: GreyboxModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

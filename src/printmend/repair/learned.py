@@ -397,6 +397,8 @@ def _trace_section(trace: Trace, fit: GreyboxModel, left_mm: float) -> dict[str,
     if few:  # what is left out is said by itself
         told = told & ~lost
         left_mm = min(left_mm, float(np.sqrt(np.nanmean(np.square(left_over_mm(fit)[told]).sum(axis=1)))))
+    if not trace.placed:  # nobody knows where the plate lay
+        off_mm = off_mm - off_mm[told].mean(axis=0)
     before_mm = float(np.sqrt(np.mean(np.square(off_mm[told]).sum(axis=1))))
     return {
         "rows": len(trace),

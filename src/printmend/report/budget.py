@@ -5,7 +5,7 @@ from printmend.promise.words import in_a_table
 
 HEAD = ("cause", "type", "standard uncertainty [mm]")
 SAID = (
-    "Uncertainty budget of the mended print after the GUM (JCGM 100:2008). Type A comes from the scatter of the "
+    "Uncertainty budget of the expected print after the GUM (JCGM 100:2008). Type A comes from the scatter of the "
     "measurement, type B from elsewhere. The combined one is the root of the sum of their squares; twice that (k = 2) "
     "is exceeded by about one point in twenty of a usual print. Few prints ring, stick or have a loose nozzle, which "
     "dots printed at rest do not show: the range of nine prints in ten holds these, too, and its upper end is theirs."

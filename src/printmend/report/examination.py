@@ -15,7 +15,7 @@ from printmend.learn.greybox import GreyboxModel
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import still_words
-from printmend.promise.misfit import misfit_words
+from printmend.promise.misfit import NOTE, misfit_words
 from printmend.promise.predict import Promise
 from printmend.promise.scale import scale_words
 from printmend.repair.learned import learn, left_over_mm, scatter_words, todo
@@ -59,9 +59,12 @@ class Examination:
     @property
     def title(self) -> str:
         """What stands above it."""
-        if self.advice or self.beyond or self.misfit:
-            return "What is wrong with this printer"
-        return "This printer is healthy"
+        return "This printer is healthy" if self.is_healthy else "What is wrong with this printer"
+
+    @property
+    def is_healthy(self) -> bool:
+        """Whether nothing is to be done: a note, as of a plate that lay shifted, is of the measurement."""
+        return not (self.advice or self.beyond or any(not each.startswith(f"{NOTE}: ") for each in self.misfit))
 
     @property
     def gaps(self) -> tuple[str, ...]:
@@ -83,9 +86,9 @@ class Examination:
         """One sentence for people in a hurry."""
         before, after = self.before_rms_mm, self.after_rms_mm
         if not self.advice:
-            healthy = "" if self.beyond or self.misfit else "This printer is healthy: "
             finer = f" {_faults(self.finer)} too small to matter." if self.finer else ""
-            return f"{healthy}points lie {before:.3f} mm from where they belong, typically.{finer}"
+            points = "This printer is healthy: points" if self.is_healthy else "Points"
+            return f"{points} lie {before:.3f} mm from where they belong, typically.{finer}"
         found = {urgency: sum(one.urgency == urgency for one in self.advice) for urgency in URGENCY}
         words = [
             text for urgency, text in (
@@ -185,7 +188,7 @@ def numbers(examination: Examination) -> list[tuple[str, str]]:
         found.append((f"{before.rms_mm:.2f} → {after.rms_mm:.3f} mm", about))
     return [
         *found,
-        (f"{examination.before_rms_mm:.2f} mm", "how far the test print typically lies from where it belongs"),
+        (f"{examination.before_rms_mm:.3f} mm", "how far the test print typically lies from where it belongs"),
         (
             f"{examination.after_rms_mm:.3f} mm",
             f"of that nothing explains; {scatter_words(examination.saved)}",

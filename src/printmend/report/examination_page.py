@@ -64,6 +64,6 @@ def _body(examination: Examination) -> str:
     small = "".join(f"<p><small>{say(fact)}</small></p>" for fact in facts(examination))
     return (
         f'<p class="big">{say(examination.headline)}</p>{strip(numbers(examination))}'
-        f"<h2>{'What to do' if faults else 'Nothing to do'}</h2>{faults}{part}{gaps}"
+        f"<h2>{'Nothing to do' if examination.is_healthy else 'What to do'}</h2>{faults}{part}{gaps}"
         f"<h2>How it looks</h2>{drawn}{metrology}<h2>Small print</h2>{small}"
     )

@@ -31,7 +31,8 @@ class Group:
 
 
 def pictures(examination: Examination) -> list[Group]:
-    """Return what was measured and learned: a group for each motor, and the bed."""
+    """Return what was measured and learned: a group for each motor, and the bed; of a healthy printer what is left is
+    all that there was."""
     return [*(_motor(one) for one in examination.portraits), _bed(examination)]
 
 
@@ -114,17 +115,16 @@ def _bed(examination: Examination) -> Group:
     printer = examination.model.printer
     bed = np.array([printer.x.min_mm, printer.y.min_mm]), np.array([printer.x.max_mm, printer.y.max_mm])
     figures = []
-    for errors, title in (
-        (examination.before_mm, "the test print as it came out"),
-        (examination.after_mm, "what nothing explains"),
-    ):
+    shown = (examination.before_mm, "the test print as it came out"), (examination.after_mm, "what nothing explains")
+    for errors, title in shown[examination.is_healthy :]:
         figure, axes = new_figure(1, width_in=3.7, height_in=3.7)
         draw_errors(axes[0], examination.places_mm, errors, bed_mm=bed, title=title)
         figure.subplots_adjust(left=0.14, right=0.985, top=0.92, bottom=0.13)
         figures.append(figure)
+    where = "Arrows" if examination.is_healthy else "On the right, arrows"
     return Group(
-        figures, "Over the bed: an arrow shows which way a mark lies off, enlarged. On the right, arrows that agree "
-        "with their neighbours would be a fault that was not found.",
+        figures, f"Over the bed: an arrow shows which way a mark lies off, enlarged. {where} that agree with their "
+        "neighbours would be a fault that was not found.",
     )  # fmt: skip
 
 
