@@ -1,5 +1,6 @@
 """The diagnosis as a document: the right faults, the right advice, a true picture of the pulley, one whole file."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -88,6 +89,21 @@ def test_a_crooked_corexy_is_called_so_before_two_opposite_pulleys(rng: np.rando
     assert model.findings[0].startswith("A healthy; B healthy; frame skewed by 0.50")
     assert "less likely, motor A's pulley is 0.4" in model.findings[0]
     assert [fault["kind"] for fault in model.document["diagnosis"]] == ["skew"]
+
+
+def test_unlike_axes_of_a_corexy_are_named(rng: np.random.Generator) -> None:
+    """Its motors move both axes: no scale of theirs makes X too large and Y too small."""
+    printer = read_printer("corexy")
+    points = np.vstack([[printer.home_mm], rng.uniform(20, 280, (200, 2))])
+    squeezed = (points - printer.home_mm) * [1.004, 0.994] + printer.home_mm
+    measured = squeezed + rng.normal(0, 0.02, points.shape)
+    model = learn_model(Trace(points, measured, homed=True), printer)
+    (axes,) = (fault for fault in model.document["diagnosis"] if fault["kind"] == "axes")
+    assert (axes["part"], axes["unit"]) == ("frame", "%")
+    assert axes["value"] == pytest.approx(1.0, abs=4 * axes["sd"] + 1e-3)
+    assert re.search(r"frame X prints (0\.99|1\.0)\d+ ± 0\.00\d+ % larger than Y", model.findings[0])
+    again = learn_model(Trace(points, points + rng.normal(0, 0.02, points.shape), homed=True), printer)
+    assert again.findings[0] == "A healthy; B healthy"
 
 
 def test_a_crooked_frame_shifts_no_motor(rng: np.random.Generator) -> None:

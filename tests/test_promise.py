@@ -28,7 +28,7 @@ from printmend.picture.paper import PAPER
 from printmend.printer import Printer, read_printer
 from printmend.promise.apply import believe
 from printmend.promise.budget import DIRECTIONS, parse_budget
-from printmend.promise.effects import EARLY, DrawnCause, Effect
+from printmend.promise.effects import EARLY, ENDED, LEARNED, DrawnCause, Effect
 from printmend.promise.misfit import misfit_section
 from printmend.promise.predict import (
     DRAWS,
@@ -557,8 +557,14 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     assert export.after_mm < export.before_mm
     assert 0.001 < export.doubt_mm < 0.1
     assert export.doubt_mm > 0.02  # what a printer may do in motion, which no dot at rest shows, as in `mend`'s range
-    most = f"up to {np.hypot(export.after_mm, export.doubt_mm):.3f} mm with what it does not know"
+    most = f"up to {np.hypot(export.after_mm, export.doubt_mm):.3f} mm with this ({export.after_mm:.3f} by what"
     assert most in remainder(export)
+    found, span = {"kind": "wear", "size_mm": 0.1, "severity": "warning", "words": ""}, [0.0, 200.0]
+    effect = Effect("wear", 0, np.array([0.1]), 0.0, 0.0, ENDED, np.zeros(3), np.array([span] * 4), 40.0).json()
+    for state, doubt_mm in ((ENDED, np.hypot(export.doubt_mm, 0.2)), (LEARNED, export.doubt_mm)):
+        section = {"found": [found], "effects": [{**effect, "state": state}]}
+        grows = replace(bent, document={**bent.document, "misfit": section})
+        assert export_supported(grows, "marlin").doubt_mm == pytest.approx(doubt_mm)  # as in `mend`'s range, too
     text = dict(export.files)["marlin.gcode"]
     assert "M500" not in text
     assert "to undo" in text

@@ -624,7 +624,7 @@ def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:
 
 _KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle friction elastic ripple drift warp
 offset period-34.6
-skew bow wavy jump lead periodic-1 backlash wobble-1"""
+skew axes bow wavy jump lead periodic-1 backlash wobble-1"""
 
 
 def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:

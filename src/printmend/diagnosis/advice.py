@@ -201,6 +201,16 @@ def _skew(where: str, fault: NamedFault, size: float) -> Said:
     )
 
 
+def _axes(where: str, fault: NamedFault, size: float) -> Said:
+    effect = size / 100 * SPAN_MM
+    return (
+        f"X prints {size:.2f} % {'larger' if fault.value > 0 else 'smaller'} than Y",
+        f"Squares come out as rectangles, whichever motor turns: {effect:.2f} mm on 100 mm.", effect,
+        "Look whether the belts run along the guides, from the idlers to the head." if effect >= SOON_MM
+        else "Nothing to repair.", _CARRIES,
+    )  # fmt: skip
+
+
 def _bow(where: str, fault: NamedFault, size: float) -> Said:
     return _guides("The guides are bent", f"Straight lines bow, by up to {size:.2f} mm in the bed's corners.", size)
 
@@ -260,6 +270,6 @@ def _other(where: str, fault: NamedFault, size: float) -> Said:
 _SAY = {
     "scale": _scale, "harmonic": _harmonic, "play": _play, "loose-belt": _loose, "play-by-angle": _by_angle,
     "friction": _friction, "elastic": _elastic, "ripple": _ripple, "drift": _drift, "warp": _warp, "offset": _offset,
-    "period": _period, "skew": _skew, "bow": _bow, "wavy": _wavy, "jump": _jump, "jumps": _jump,
+    "period": _period, "skew": _skew, "axes": _axes, "bow": _bow, "wavy": _wavy, "jump": _jump, "jumps": _jump,
     "lead": _lead, "periodic": _uneven, "backlash": _backlash, "wobble": _wobble,
 }  # fmt: skip

@@ -318,6 +318,8 @@ def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[NamedFault]:
     faults = [*wavy]
     if abs(skew) > max(NAMED_SIGMAS * sd, 0.001):
         faults.append(NamedFault("frame", "skew", skew, sd, "°", f"skewed by {amount(skew, sd, '°')}"))
+    if printer.kinematics == "corexy":  # another printer's motors have the sizes of their axes
+        faults += _unlike_axes(model, doubt, 100 * float(right[0] - up[1]))
     if any(choice.cross > 1 for choice in (drive.structure for drive in model.drives)):
         corners = np.array(
             [[x, y] for x in (printer.x.min_mm, printer.x.max_mm) for y in (printer.y.min_mm, printer.y.max_mm)]
@@ -326,6 +328,16 @@ def _frame_faults(model: GreyboxModel, doubt: Doubt) -> list[NamedFault]:
         size = float(np.linalg.norm(bent, axis=1).max())
         faults.append(NamedFault("frame", "bow", size, 0.0, "mm", f"bent guides, up to {size:.2f} mm at the corners"))
     return faults
+
+
+def _unlike_axes(model: GreyboxModel, doubt: Doubt, percent: float) -> list[NamedFault]:
+    """Name the axes of a CoreXY that print unlike sizes: both motors move both, so that no motor's scale does that."""
+    sd = 100 * float(np.hypot(_skew_sd(model.drives[0]), _skew_sd(model.drives[1])))
+    sd = float(np.hypot(sd, 2 * doubt.scale_percent))
+    if abs(percent) < max(NAMED_SIGMAS * sd, LEAST_SCALE_PERCENT):
+        return []
+    words = f"X prints {amount(abs(percent), sd, '%')} {'larger' if percent > 0 else 'smaller'} than Y"
+    return [NamedFault("frame", "axes", percent, sd, "%", words)]
 
 
 def _wavy(frame: Frame, printer: Printer) -> list[NamedFault]:

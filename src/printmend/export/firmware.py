@@ -210,9 +210,9 @@ NO_BACKLASH = {
 def remainder(export: Export) -> str:
     """Say what the firmware takes, what remains, and which settings stay out."""
     said = (
-        f"expected over the bed, typically: {export.before_mm:.3f} mm without, {export.after_mm:.3f} mm with this by "
-        f"the model alone, and up to {np.hypot(export.after_mm, export.doubt_mm):.3f} mm with what it does not know; "
-        "what remains is for `printmend mend`, with a model learned after these settings are in place"
+        f"expected over the bed, typically: {export.before_mm:.3f} mm without, up to "
+        f"{np.hypot(export.after_mm, export.doubt_mm):.3f} mm with this ({export.after_mm:.3f} by what the model knows "
+        "alone); what remains is for `printmend mend`, with a model learned after these settings are in place"
     )
     return "\n".join([said, *(f"left out: {each}" for each in export.left_out)])
 

@@ -7,7 +7,8 @@ import numpy as np
 from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
 from printmend.promise.budget import Budget, parse_budget
-from printmend.promise.misfit import refusals
+from printmend.promise.effects import CARRIED, LEARNED, parse_effects
+from printmend.promise.misfit import misfit_sizes, refusals
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
 from printmend.saved import SavedModel
 
@@ -75,9 +76,15 @@ def _judged(model: SavedModel, export: Export, names: tuple[str, ...], left_out:
         )  # fmt: skip
     budget = parse_budget(model)
     unknown_mm2 = sum(each.unexplained_mm2 for each in budget.motors) if budget is not None else 0.0
-    doubt_mm2 = unknown_mm2 + sum(each.doubt_mm**2 for each in _settings(model))
+    doubt_mm2 = unknown_mm2 + sum(each.doubt_mm**2 for each in _settings(model)) + _misfit_mm2(model)
     doubt_mm = float(np.hypot(SURE_SIGMAS * np.sqrt(doubt_mm2), UNSHOWN_MOST_MM))
     return replace(export, settings=names, left_out=left_out, doubt_mm=doubt_mm)
+
+
+def _misfit_mm2(model: SavedModel) -> float:
+    """Return the variance [mm²] over the test print of what does not fit and may come again: no setting takes it."""
+    again = {each.kind for each in parse_effects(model.document) if each.state not in (LEARNED, CARRIED)}
+    return sum(size_mm**2 for kind, size_mm in misfit_sizes(model.document) if kind in again)
 
 
 def _why(name: str, gain_mm: float, doubt_mm: float) -> str:
