@@ -106,7 +106,10 @@ def across_mm(moves: list, ways: list[np.ndarray], placed: bool) -> float:
     return float(np.sqrt(np.average(error**2, weights=root**2)))
 
 
-def judge(kind: str, preset: str, family: str, number: int, seed: int, noise_mm: float, folder: Path) -> dict:
+def judge(
+    kind: str, preset: str, family: str, number: int, seed: int, noise_mm: float, folder: Path,
+    scanner_error: float | None = None,
+) -> dict:  # fmt: skip
     """Break one printer, learn and mend; return what was promised and what came."""
     home, sides, bed, corexy = PRESETS[preset]
     names = (*FAMILIES, *outside_faults.FAULTS)
@@ -138,7 +141,8 @@ def judge(kind: str, preset: str, family: str, number: int, seed: int, noise_mm:
     measured = ends + rng.normal(0, noise_mm, ends.shape)
     instrument = None
     if kind == "scan":
-        measured = (measured - 90) @ glass_of(rng, STRETCH_SD).T + [80, 95]
+        measured = (measured - 90) @ glass_of(rng, scanner_error or STRETCH_SD).T + [80, 95]
+        instrument = None if scanner_error is None else FLATBED.known(scanner_error)
     elif kind == "settled":
         measured, instrument = settled_scan(ends, noise_mm, rng)
     placed = kind not in SCANNED
@@ -253,6 +257,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cases", type=int, default=1, help="a family and printer")
     parser.add_argument("--noise-mm", type=float, default=0.05)
+    parser.add_argument("--scanner-error", type=float, help="share by which `scan` stretches, and says so")
     parser.add_argument("--kind", choices=KINDS, action="append")
     parser.add_argument("--printer", choices=sorted(PRESETS), action="append")
     parser.add_argument("--figure", type=Path)
@@ -279,7 +284,9 @@ def main() -> None:
                 for family in families:
                     for number in range(options.cases):
                         noise = 0.02 if kind in SCANNED else options.noise_mm
-                        row = judge(kind, preset, family, number, options.seed, noise, Path(folder))
+                        row = judge(
+                            kind, preset, family, number, options.seed, noise, Path(folder), options.scanner_error
+                        )
                         rows.append(row)
                         print(json.dumps(row) if options.json else told(row), flush=True)
     print(summary(rows))

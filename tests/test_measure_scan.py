@@ -15,6 +15,8 @@ from printmend.errors import ScanError, TraceError
 from printmend.measure import write_plan
 from printmend.measure.measurement import SETTLED_AXES_SD, measure_scans, wave_left_mm
 from printmend.measure.plan import ProbePlan
+from printmend.measure.table import read_trace
+from printmend.path import FLATBED
 from printmend.picture.image import read_image, write_image
 from printmend.picture.page import exposure
 from printmend.printer import read_printer
@@ -138,6 +140,8 @@ def test_a_photo_with_the_sheet_is_read_to_a_hundredth(tmp_path, plan, printed, 
     measurement = measure_scans([saved(tmp_path / "photo.jpg", photo, dpi=72)], plan)
     assert rms(error_mm(measurement.measured_mm, printed, scale=False)) < 0.05
     assert "tags" in measurement.notes[0]
+    with pytest.raises(ScanError, match="whose scale is the scanner's own"):
+        measure_scans([tmp_path / "photo.jpg"], plan, scanner_error=0.0005)
 
 
 def test_the_frame_is_that_of_the_bed(tmp_path, plan):
@@ -161,6 +165,11 @@ def test_the_command_writes_trace_and_overlay(tmp_path, plan, printed):
     assert rows[0] == f"{columns},printer,kinematics,probe"
     assert rows[1].endswith(f"{plan.printer},{plan.kinematics},{plan.origin.probe}")
     assert len(rows) == len(plan.waypoints_mm) + 1
+    assert read_trace(tmp_path / "trace.csv", PRINTER).instrument.scale_sd == FLATBED.scale_sd
+    CliRunner().invoke(command, [*arguments, "--scanner-error", "0.05"], catch_exceptions=False)
+    known = read_trace(tmp_path / "trace.csv", PRINTER).instrument
+    assert known.scale_sd == 0.0005
+    assert known.axes_sd == pytest.approx(FLATBED.axes_sd * 0.0005 / FLATBED.scale_sd, rel=0.05)
     seen = cv2.imread(str(tmp_path / "seen.png"))
     assert "both are ringed in" in result.output
     assert (seen == (200, 0, 200)).all(axis=2).sum() > 500

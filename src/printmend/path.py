@@ -5,7 +5,7 @@ healthy printer would be), *imagined* (where a model says it is), *printed* (whe
 it), *measured* (what a scan or a table says).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -102,6 +102,11 @@ class Instrument:
         ):
             together[i, j] = together[j, i] = value
         return together * np.outer(sds, sds)
+
+    def known(self, scale_sd: float) -> "Instrument":
+        """Return this one where its owner knows how far lengths are off: its axes and lean by as much less or more."""
+        share = scale_sd / self.scale_sd
+        return replace(self, scale_sd=scale_sd, axes_sd=share * self.axes_sd, lean_sd=share * self.lean_sd)
 
     @property
     def is_exact(self) -> bool:

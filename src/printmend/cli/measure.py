@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from printmend.printer import Printer
 
 
+# Its many parameters are its options.
 @click.command(
     epilog="Examples: printmend measure scan.png turned.png --probe probe.json -o trace.csv --overlay seen.png; "
     "printmend measure --callipers --probe probe.json --overlay map.png --printer ender3 -o printer.mend.json"
@@ -31,13 +32,16 @@ if TYPE_CHECKING:
 @click.option("--distance", "distances_mm", metavar="MM", type=Finite(min=1, max=1000), multiple=True,
               help="What callipers say of the distance that `measure` names: settles the scale; with --gcode twice.",
               )  # fmt: skip
+@click.option("--scanner-error", "scanner_percent", metavar="PERCENT", type=Finite(min=0.005, max=2),
+              help="How far lengths in your scanner's scans are off, typically, where you know it [default: 0.13]",
+              )  # fmt: skip
 @click.option("--callipers", is_flag=True, help="Ask for a few distances instead; SCAN may be a list of them.")
 @click.option("--printer", "printer_name", metavar="NAME|FILE.toml",
               help="With --gcode: what printed it. With --callipers: learn a model of it.")  # fmt: skip
 def command(
     scans: tuple[Path, ...], plan_path: Path | None, part_path: Path | None, layer: int, dpi: float | None,
-    output: Path | None, overlay: Path | None, distances_mm: tuple[float, ...], callipers: bool,
-    printer_name: str | None,
+    output: Path | None, overlay: Path | None, distances_mm: tuple[float, ...],
+    scanner_percent: float | None, callipers: bool, printer_name: str | None,
 ) -> None:  # fmt: skip
     """Find the marks of the printed probe in SCANs, or the walls of any printed layer, and write where they are.
 
@@ -50,10 +54,11 @@ def command(
     serves as well.
     """
     from printmend.cli.outputs import spare
-    from printmend.measure import read_plan
 
     output = output or Path("printer.mend.json" if callipers else "trace.csv")
     spare((output, overlay), (plan_path, part_path, *scans))
+    if scanner_percent is not None and (part_path is not None or callipers):
+        raise click.UsageError("--scanner-error is for scans of a probe")
     if part_path is not None:
         _measure_layer(scans, part_path, layer, printer_name, dpi, overlay, output, distances_mm)
         return
@@ -62,19 +67,29 @@ def command(
     if callipers:
         _measure_by_hand(scans, plan_path, overlay, printer_name, output)
         return
-    plan = read_plan(plan_path)
-    if not scans:
-        raise click.UsageError("SCAN is an image of the printed probe; without a scanner, say --callipers")
+    error = None if scanner_percent is None else scanner_percent / 100
+    _measure_probe(scans, plan_path, dpi, overlay, output, distances_mm, error)
+
+
+def _measure_probe(
+    scans: tuple[Path, ...], plan_path: Path, dpi: float | None, overlay: Path | None, output: Path,
+    distances_mm: tuple[float, ...], scanner_error: float | None,
+) -> None:  # fmt: skip
     import numpy as np
 
-    from printmend.measure import write_trace
+    from printmend.measure import read_plan, write_trace
     from printmend.measure.distance import is_asking
     from printmend.measure.measurement import measure_scans
 
+    plan = read_plan(plan_path)
+    if not scans:
+        raise click.UsageError("SCAN is an image of the printed probe; without a scanner, say --callipers")
     if len(distances_mm) > 1:
         raise click.UsageError("one --distance settles the scale of a probe: the one that `measure` names")
     distance_mm = distances_mm[0] if distances_mm else None
-    measurement = measure_scans(scans, plan, dpi=dpi, overlay=overlay, distance_mm=distance_mm)
+    measurement = measure_scans(
+        scans, plan, dpi=dpi, overlay=overlay, distance_mm=distance_mm, scanner_error=scanner_error
+    )
     write_trace(output, measurement.trace)
     asked = [note for note in measurement.notes if is_asking(note)]
     for note in measurement.notes:

@@ -10,13 +10,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
+from printmend.errors import ScanError
 from printmend.measure.distance import asked, choose_span, scaled_by, scaled_by_rulers
 from printmend.measure.identity import SYMMETRIES
 from printmend.measure.join import aligned, check_sheets, joined, mean_of, scanner_axes, shared_number
 from printmend.measure.plan import ProbePlan, read_plan
 from printmend.measure.register import find_pose
 from printmend.measure.scan import Reading, check_whole, read_scan
-from printmend.path import Instrument, Trace
+from printmend.path import FLATBED, Instrument, Trace
 from printmend.picture.image import with_legend, write_image
 from printmend.units import MM_PER_INCH
 
@@ -63,30 +64,36 @@ def measure_scans(
     dpi: float | None = None,
     overlay: Path | None = None,
     distance_mm: float | None = None,
+    scanner_error: float | None = None,
     look: Callable[[Reading], None] | None = None,
 ) -> Measurement:
     """Measure one print from one or more scans; draw what was found over the first into ``overlay``.
 
     ``plan`` is what `write_probe` wrote beside the G-code, or its path. The result's ``trace`` is what to learn from.
     ``distance_mm`` is what callipers say of the two dots that a measurement without it names, outer edge to outer edge:
-    it settles the scale. ``look`` is shown what was found in the first scan, its image included. Raises `ScanError`
-    as `read_scan` does, `TraceError` for a distance that cannot be theirs.
+    it settles the scale. ``scanner_error`` is the standard deviation, as a share, of lengths in the scans where it is
+    known; `FLATBED` says what is assumed. ``look`` is shown what was found in the first scan, its image included.
+
+    Raises `ScanError` as `read_scan` does, and for the ``scanner_error`` of a picture whose scale is a sheet's;
+    `TraceError` for a distance that cannot be theirs.
     """
     if not isinstance(plan, ProbePlan):
         plan = read_plan(plan)
     # many small matrices: threads of a linear-algebra library would only wait for each other
     with threadpool_limits(1, "blas"):
-        return _measured(paths, plan, dpi, overlay, distance_mm, look)
+        return _measured(paths, plan, dpi, overlay, distance_mm, scanner_error, look)
 
 
 def _measured(
     paths: Sequence[str | Path], plan: ProbePlan, dpi: float | None, overlay: Path | None, distance_mm: float | None,
-    look: Callable[[Reading], None] | None,
+    scanner_error: float | None, look: Callable[[Reading], None] | None,
 ) -> Measurement:  # fmt: skip
     drawn: list[Reading] = []
     wanted, wanted_mm = None, 0.0
     try:
         readings, notes = _readings(paths, plan, dpi, look, None if overlay is None else drawn)
+        if scanner_error is not None:
+            readings = [replace(each, instrument=_known(each, scanner_error)) for each in readings]
         measured, sigma, instrument, said = _on_bed(readings, plan)
         notes += said
         kept = "the x axis keeps its direction" if plan.kinematics == "cartesian" else "the motors share the turn"
@@ -145,6 +152,16 @@ def is_same_picture(one: Reading, other: Reading) -> bool:
         return False
     apart_px = [theirs - ours @ turn for turn in SYMMETRIES]
     return min(float(np.sqrt(np.mean((one - one.mean(axis=0)) ** 2))) for one in apart_px) < SAME_PICTURE_PX
+
+
+def _known(reading: Reading, scanner_error: float) -> Instrument:
+    """Return how far a scanner is to be trusted whose owner knows how far lengths in its scans are off."""
+    if "dpi" not in reading.scale:
+        raise ScanError(
+            reading.path, wanted="a scan without a sheet, whose scale is the scanner's own, for --scanner-error",
+            came=reading.scale, todo="leave that option out",
+        )  # fmt: skip
+    return FLATBED.known(scanner_error)
 
 
 def _on_bed(readings: Sequence[Reading], plan: ProbePlan) -> tuple[np.ndarray, np.ndarray, Instrument, list[str]]:
