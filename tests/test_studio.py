@@ -414,6 +414,13 @@ def test_the_way_of_ones_own_printer(folder: Path) -> None:
         assert "scale" in known["said"]["headline"]
         assert len(known["said"]["machine"]["motors"][0]["outline_mm"]) == 180
         assert client.get(place).json()["healthy"] is False
+        kept = folder / "printers" / mine["id"] / "printer.mend.json"
+        document = json.loads(kept.read_text(encoding="utf-8"))
+        refused = {"kind": "unfit", "severity": "refusal", "words": "the model leaves 0.31 mm of 0.34 mm"}
+        kept.write_text(json.dumps({**document, "diagnosis": [], "misfit": {"found": [refused]}}), encoding="utf-8")
+        card = client.get(place).json()  # no fault is known, but it is not called healthy
+        assert (card["healthy"], card["health"]) == (False, refused["words"])
+        kept.write_text(json.dumps(document), encoding="utf-8")
         assert client.patch(place, json={"name": "Attic"}).json()["name"] == "Attic"
         assert [one["name"] for one in client.get("/api/printers").json()] == ["Attic"]
         bad = client.post(f"{place}/learn", json={"measurement": "0" * 16, "exclude": [-1]})
@@ -570,13 +577,16 @@ def _german(text: str) -> str | None:
         found = next((german for english, german in into.items() if re.fullmatch(english, words)), None)
         return found if found is None or not re.search(r"[{}]", re.sub(r"{\w}", "", found)) else None
 
+    def clause(words: str) -> str | None:
+        return whole(words) or whole(words.removesuffix("."))
+
     plain = text.replace("`", "")
     grows = "Nothing, as long as it stays this small. If it grows: "
     if plain.startswith(grows) and grows in listed:
         plain = plain[len(grows)].upper() + plain[len(grows) + 1 :]
     parts = [plain] if whole(plain) else re.split(r"(?<=[.:]) (?=[A-Z])", plain)
-    parts = [part for one in parts for part in ([one] if whole(one) else one.split("; "))]
-    return None if any(whole(one) is None for one in parts) else " ".join(str(whole(one)) for one in parts)
+    parts = [part for one in parts for part in ([one] if clause(one) else one.split("; "))]
+    return None if any(clause(one) is None for one in parts) else " ".join(str(clause(one)) for one in parts)
 
 
 _REFUSING = """studio.api studio.api_printers studio.host studio.jobs studio.store studio.work measure.distance
@@ -657,6 +667,8 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
                 told = misfit_tests._words(cause, motors)  # type: ignore[arg-type]
                 assert _german(told), kind
                 assert _german(misfit_tests._both(told, told)), kind
+                for after in misfit_tests._OF_WHEN.values():
+                    assert _german(misfit_tests._both(told, told) + after), kind
     walked = Trace(np.array([[0.0, 0.0], [200.0, 200.0]]), np.zeros((2, 2)))
     for preset, seen in (("ender3", 1), ("corexy", 1), ("corexy", 2)):
         box = SimpleNamespace(printer=read_printer(preset))

@@ -5,6 +5,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -250,6 +251,37 @@ PLACES = {
 
 
 NARROWER = {390: (360,), 1280: (768, 360)}
+
+
+def test_a_printer_with_nothing_to_mend_is_shown_so(browser: Browser, server: Server, tmp_path: Path) -> None:
+    """Nothing is called larger or mended; a measurement that is refused is no sound printer's, in German too."""
+    studio = Studio(server.address)
+    key = studio.post("/printers", {"preset": "ender3", "name": _free_name(server, "Sound")})["id"]
+    kept = server.folder / "printers" / key / "printer.mend.json"
+    sound = exact_model(Twin.of(Corruption((Drive(), Drive())), PRINTER).homed())
+    write_model(kept, sound)
+    (source := tmp_path / "part.gcode").write_bytes(part(2))
+    done = studio.wait(studio.post(f"/printers/{key}/mend", {"upload": studio.upload(source)})["id"])
+    assert done["untouched"]
+    watched = _page(browser, server, locale="de-DE")
+    page = watched.page
+    page.goto(f"{server.address}#/printers/{key}/mend")
+    expect(page.get_by_text("Nichts zu heilen")).to_be_visible()
+    expect(page.get_by_text("daneben, geheilt")).to_have_count(0)
+    page.goto(f"{server.address}#/printers/{key}/wrong")
+    expect(page.get_by_text("Es fehlt nichts, was ein Druck zeigen würde.")).to_be_visible()
+    expect(page.get_by_text("größer", exact=False)).to_have_count(1)  # what the screen is for
+    found = [{"kind": "thermal", "severity": "refusal", "size_mm": 0.1, "evidence": 20.0, "words":
+              "X grew by +0.32 mm from end to end; Y grew by +0.31 mm from end to end while the print went on, as a "
+              "machine that warms up does. The model is of the end of the print"}]  # fmt: skip
+    document = {**sound.document, "misfit": {"found": found, "effects": []}}
+    write_model(kept, replace(sound, document=document))
+    page.reload()
+    words = "X wuchs um +0,32 mm von Ende zu Ende; Y wuchs um +0,31 mm von Ende zu Ende, während gedruckt wurde"
+    expect(page.get_by_text(words)).to_be_visible()
+    expect(page.get_by_text("Es fehlt nichts")).to_have_count(0)
+    expect(page.get_by_role("link", name="Weiter: noch einmal messen")).to_be_visible()
+    _ok(watched)
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,7 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
     trend = [job["result"]["said"]["before_mm"] for job in learned]
     health, healthy, digest, measured_s = None, None, None, None
     if (folder / MODEL).is_file():
+        from printmend.promise.misfit import NOTE, misfit_words
         from printmend.studio.said import LEAST_ADVICE_MM, advice_of  # all of learning: not for a printer's bare card
 
         document = json.loads((folder / MODEL).read_text(encoding="utf-8"))
@@ -66,6 +67,9 @@ def _card(here: StudioState, row: dict[str, Any]) -> PrinterCard:
         health = "; ".join(titles) or (document["findings"] or [""])[0]
         sound = document["frame"] is None and all(one["kind"] == "healthy" for one in document["motors"].values())
         healthy = not document["diagnosis"] if "diagnosis" in document else sound
+        grave = [words.partition(": ")[2] for words in misfit_words(document) if not words.startswith(f"{NOTE}: ")]
+        if not titles and grave:  # no fault is known, but what was measured is not a sound printer's
+            health, healthy = grave[0], False
         digest, measured_s = document["digest"], (folder / MODEL).stat().st_mtime
     notes = json.loads((folder / _NOTES).read_text(encoding="utf-8")) if (folder / _NOTES).is_file() else []
     return PrinterCard(

@@ -177,7 +177,7 @@ def _mend(job: Job) -> dict[str, Any]:
     table = prediction.json()
     table.pop("layers")
     return {"name": name, "output": None if refused else output, "refused": refused, "may_force": forced,
-            "prediction": table, "pace": paces,
+            "prediction": table, "pace": paces, "untouched": refused is None and prediction.is_untouched,
             "layers": [[round(layer[key], 4) for key in ("z_mm", "before_rms_mm", "after_rms_mm")]
                        for layer in prediction.layers],
             "bytes": source.stat().st_size, "digest": model.digest,

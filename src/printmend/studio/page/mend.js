@@ -86,16 +86,16 @@ function File_({ id, printer, changed, anyway }) {
 }
 
 function Numbers({ job, printer, changed }) {
-  const { prediction: p, output, layers, pace } = job.result, more = pace && output;
+  const { prediction: p, output, layers, pace, untouched } = job.result, more = pace && output;
   return html`<section class="card stack"><div class="row between" style=${{ alignItems: "start" }}><div class="numbers" style=${{ flex: 1 }}>
-        <${Number_} value=${mm(p.before.rms_mm)}>${t("rms_raw")}<br />${t("p95", { mm: mm(p.before.p95_mm) })}</${Number_}>
-        <${Number_} value=${mm(p.after.rms_mm)}>${t("rms_mended")}<br />${t("p95", { mm: mm(p.after.p95_mm) })}${p.after.rms_high_mm > p.after.rms_low_mm && html`<br />${t("range", { low: mm(p.after.rms_low_mm), high: mm(p.after.rms_high_mm) })}`}</${Number_}></div>
-      ${output && html`<div class="stack beside"><a class="button primary big" href=${fileOf(job, output)} download=${output}>${t("download")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} /></div>`}</div>
+        <${Number_} value=${mm(p.before.rms_mm)}>${t("rms_raw")}<br />${t("p95", { mm: mm(p.before.p95_mm) })}${untouched && html`<br />${t("range", { low: mm(p.before.rms_low_mm), high: mm(p.before.rms_high_mm) })}`}</${Number_}>
+        ${untouched ? null : html`<${Number_} value=${mm(p.after.rms_mm)}>${t("rms_mended")}<br />${t("p95", { mm: mm(p.after.p95_mm) })}${p.after.rms_high_mm > p.after.rms_low_mm && html`<br />${t("range", { low: mm(p.after.rms_low_mm), high: mm(p.after.rms_high_mm) })}`}</${Number_}>`}</div>
+      ${output && html`<div class="stack beside"><a class="button primary big" href=${fileOf(job, output)} download=${output}>${t(untouched ? "download_same" : "download")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} /></div>`}</div>
     <p class="faint">${pace && html`${t(pace.told ? "time" : "time_least", { time: lasting(pace.before_s) })}${more && html` → <b>${lasting(pace.after_s)}</b>`}<br />`}
-      ${t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${more && html`<br />${t("busiest", { before: number(pace.busiest[0], 0), after: number(pace.busiest[1], 0) })}`}${more && p.stops > 0 && html`<br />${t("stops", { n: number(p.stops, 0) })}`}<br />${p.clamped > 0 ? html`${t("clamped", { n: number(p.clamped, 0) })}` : p.on_bed === false ? t("off_bed") : p.unknown || p.splines ? "" : t("on_bed")}</p>
+      ${untouched ? t("untouched") : t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${more && html`<br />${t("busiest", { before: number(pace.busiest[0], 0), after: number(pace.busiest[1], 0) })}`}${more && p.stops > 0 && html`<br />${t("stops", { n: number(p.stops, 0) })}`}<br />${p.clamped > 0 ? html`${t("clamped", { n: number(p.clamped, 0) })}` : p.on_bed === false ? t("off_bed") : p.unknown || p.splines ? "" : t("on_bed")}</p>
     ${left(p).map((line) => html`<p class="note">${line}</p>`)}
     ${[...p.advice, ...p.warnings ?? []].map((line) => html`<p class="note">${sentence(line)}</p>`)}
-    ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span><span class="key km">${t("mended")}</span><${Save} id="layers" name="layers" /></div></div><${Layers} layers=${layers} /></div>`}</section>`;
+    ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span>${untouched ? null : html`<span class="key km">${t("mended")}</span>`}<${Save} id="layers" name="layers" /></div></div><${Layers} layers=${layers} untouched=${untouched} /></div>`}</section>`;
 }
 
 // What mending had to leave as the file has it, or cannot promise.
@@ -104,10 +104,10 @@ function left({ unknown, unknown_lines: lines, splines, coarse, geometry }) {
   return [[unknown, "left_unknown"], [splines, "left_splines"], [coarse, "left_coarse"], [geometry, "left_geometry"]].filter(([count]) => count > 0).map(([count, key]) => t(key, { n: number(count, 0), where }));
 }
 
-function Layers({ layers }) {
+function Layers({ layers, untouched }) {
   const W = wide(), H = 170, left = 46, most = Math.max(...layers.map(([, a, b]) => Math.max(a, b)), 0.01), top = layers.at(-1)[0] || 1;
   const x = (z) => left + (z / top) * (W - left - 8), y = (v) => 8 + (1 - v / most) * (H - 34);
   const line = (k) => layers.map((row, i) => `${i ? "L" : "M"}${x(row[0]).toFixed(1)} ${y(row[k]).toFixed(1)}`).join("");
-  return html`<svg id="layers" viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("by_layer")}>${[0, most / 2, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, 2)}</text></g>`)}
-    ${[0, 0.5, 1].map((s) => html`<text x=${x(s * top)} y=${H - 6} text-anchor=${s === 1 ? "end" : "middle"}>${number(s * top, 1)} mm</text>`)}<path d=${line(1)} class="p" stroke-width="2" /><path d=${line(2)} class="m" stroke-width="2" /></svg>`;
+  return html`<svg id="layers" viewBox="0 0 ${W} ${H}" style=${{ width: "100%" }} role="img" aria-label=${t("by_layer")}>${[0, most / 2, most].map((v) => html`<g><path d=${`M${left} ${y(v)}H${W - 8}`} class="axis" /><text x=${left - 6} y=${y(v) + 4} text-anchor="end">${number(v, most < 0.1 ? 3 : 2)}</text></g>`)}
+    ${[0, 0.5, 1].map((s) => html`<text x=${x(s * top)} y=${H - 6} text-anchor=${s === 1 ? "end" : "middle"}>${number(s * top, 1)} mm</text>`)}<path d=${line(1)} class="p" stroke-width="2" />${untouched ? null : html`<path d=${line(2)} class="m" stroke-width="2" />`}</svg>`;
 }

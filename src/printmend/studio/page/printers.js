@@ -6,7 +6,7 @@ import { Problem } from "./job.js";
 import { Measure } from "./measure.js";
 import { Mend } from "./mend.js";
 import { Prove } from "./prove.js";
-import { day, said, t, typed } from "./words.js";
+import { day, sentence, t, typed } from "./words.js";
 import { Wrong } from "./wrong.js";
 
 const TABS = { measure: Measure, wrong: Wrong, mend: Mend, prove: Prove };
@@ -23,7 +23,7 @@ function List() {
     <${Problem} error=${error} />
     <div class="grid">${printers?.map((one) => html`<a class="card pcard" href="#/printers/${one.id}/${one.digest ? "mend" : "measure"}">
       <div class="row between"><h2>${one.name}</h2><span class="dot ${one.healthy === null ? "" : one.healthy ? "good" : "bad"}"></span></div>
-      <p class="soft">${one.health === null ? t("now_measure") : one.healthy ? t("healthy") : said(one.health)}</p>
+      <p class="soft">${one.health === null ? t("now_measure") : one.healthy ? t("healthy") : sentence(one.health)}</p>
       <div class="row between faint"><span>${one.measured_s ? t("measured_on", { day: day(one.measured_s) }) : t("not_measured")}</span><${Trend} values=${one.trend} /></div></a>`)}</div>`;
 }
 

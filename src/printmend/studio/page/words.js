@@ -39,7 +39,8 @@ function ours(text, all) {
 export function said(text) {
   const plain = text.replaceAll("`", "");
   for (const [english, into] of before) if (language === "de" && plain.startsWith(english) && plain !== english) { const rest = plain.slice(english.length); return into + said(rest[0].toUpperCase() + rest.slice(1)); }
-  const clauses = (one) => ours(one, patterns()) ?? one.split("; ").map((each) => ours(each, patterns()) ?? each).map((each, i) => i && language === "de" ? each.replace(/^(Der|Die|Das|Ein|Eine|Es|Was|Nach|Je|Im|In|Auf|Längs) /, (word) => word.toLowerCase()) : each).join("; ");
+  const clause = (one) => { const whole = ours(one, patterns()); if (whole !== null || !one.endsWith(".")) return whole; const bare = ours(one.slice(0, -1), patterns()); return bare === null ? null : `${bare}.`; };
+  const clauses = (one) => clause(one) ?? one.split("; ").map((each) => clause(each) ?? each).map((each, i) => i && language === "de" ? each.replace(/^(Der|Die|Das|Ein|Eine|Es|Was|Nach|Je|Im|In|Auf|Längs) /, (word) => word.toLowerCase()) : each).join("; ");
   return ours(plain, patterns()) ?? plain.split(/(?<=[.:]) (?=[A-Z])/).map(clauses).join(" ");
 }
 
