@@ -17,6 +17,7 @@ from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore,
 from printmend.errors import ModelError, RefusedError, TraceError
 from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
+from printmend.gcode.container import open_gcode
 from printmend.identify.drive import Rows
 from printmend.identify.drive.machines import MACHINES
 from printmend.learn.greybox import motor_rows
@@ -51,12 +52,13 @@ from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
 from printmend.repair.history import read_history, rows_of
 from printmend.repair.learned import learn_model, report
-from printmend.repair.mend import is_healthy
+from printmend.repair.mend import _check_worth_writing, is_healthy
 from printmend.repair.prediction import advice_of
 from printmend.repair.update import Updated
 from printmend.repair.verify import BROKEN, KEPT, UNSURE, expectation, update_words, verify
 from printmend.saved.model import SavedModel, exact_model, read_model, write_model
 from printmend.twin import Twin
+from tests.mending import SQUARE
 from tests.test_greybox_learning import stairs
 
 ENDER3 = read_printer("ender3")
@@ -738,7 +740,10 @@ def test_most_of_a_doubt_is_told_before_printing(bent: SavedModel) -> None:
     gap = "X was seen on 30 % of its pulley's turn only; the rest is a guess. Print at least 40 mm along X."
     partial = replace(bent, document={**bent.document, "findings": ["X healthy", gap]})
     assert gap in advice_of(partial, wide)[0]
-    assert "printmend probe" in advice_of(bent, wide)[0]
+    small = replace(bent, document={**bent.document, "trace": {**bent.document["trace"], "measured": 60}})
+    assert "A whole `printmend probe`" in advice_of(small, wide)[0]
+    whole = replace(bent, document={**bent.document, "trace": {**bent.document["trace"], "measured": 601}})
+    assert "A second test print" in advice_of(whole, wide)[0]  # not the same again
     assert "--distance" in advice_of(bent, replace(wide, made_of={"instrument": 0.05}))[0]
     assert advice_of(bent, replace(wide, rms_high_mm=0.02)) == ()
     fine = replace(wide, rms_mm=0.004, rms_high_mm=0.032, made_of={"instrument": 0.003})
@@ -796,3 +801,20 @@ def test_play_that_was_left_out_is_no_finding(rng: np.random.Generator) -> None:
     for wave_mm, said in ((0.02, "X healthy; Y healthy"), (0.001, "X belt play 0.0")):
         scan = Trace(points, measured, homed=True, placed=False, instrument=replace(FLATBED, wave_mm=wave_mm))
         assert report(learn_model(scan, ENDER3)).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("cause", "said"), [("creep", "said of something that gives way"), ("parameters", "measure mo")]
+)
+def test_a_refusal_names_what_would_have_to_be_put_right(
+    cause: str, said: str, bent: SavedModel, tmp_path: Path
+) -> None:
+    (tmp_path / "part.gcode").write_bytes(SQUARE)
+    prediction = check_gcode(tmp_path / "part.gcode", bent)
+    doubted = replace(
+        prediction,
+        gain_mm=np.array([-0.1, 0.1]),
+        after=replace(prediction.after, made_of={"rounding": 0.0, cause: 0.1}),
+    )
+    with open_gcode(tmp_path / "part.gcode") as file, pytest.raises(RefusedError, match=said):
+        _check_worth_writing(file, bent, doubted, force=False)

@@ -21,7 +21,9 @@ from printmend.gcode.write import Plan, follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.printer import Printer
 from printmend.printer.known import printers_named
+from printmend.promise.laws import LAWS
 from printmend.promise.misfit import refusals
+from printmend.promise.words import in_words
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.saved.model import SavedModel
 
@@ -208,7 +210,11 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
         if (worse := prediction.chance_of_none) > 0 and prediction.after.rms_mm < prediction.before.rms_mm:
             share = max(1, round(100 * worse))
             came += f" expected, but no gain in {share} of 100 machines that the measurement allows"
-            todo = f"measure more (a whole probe, or with callipers the --distance that `measure` names), or {todo}"
+            cause = max(prediction.after.made_of.items(), key=lambda item: item[1], default=("", 0.0))[0]
+            if cause in LAWS:
+                todo = f"put right what `printmend learn` said of {in_words(cause)} and measure again, or {todo}"
+            else:
+                todo = f"measure more (a whole probe, or with callipers the --distance that `measure` names), or {todo}"
         raise RefusedError(file.name, wanted="a smaller error after mending, surely", came=came, todo=todo)
 
 

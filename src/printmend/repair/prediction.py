@@ -25,6 +25,8 @@ _WORTH_CAUSE_MM = (
 )
 _MAIN_SHARE = 0.5  # share of an expected error that must be one part's for it to be named
 _PROBE_TODO = "A whole `printmend probe`, printed and measured, settles it."
+_AGAIN_TODO = "A second test print, taken in with `printmend learn --update`, makes it less."
+_WHOLE_MARKS = 400  # a measurement of so many marks was of a whole test print
 _MOST_WORSE_SHARE = 0.05  # most of the drawn machines, as a share, that may print no better mended
 
 
@@ -294,7 +296,9 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
     most = "most of what is left"
     if name == "parameters":
         gaps = [gap for gap in model.findings[1:] if "turn" in gap]
-        return (f"{most} is what the test print did not show. {gaps[0] if gaps else _PROBE_TODO}",)
+        whole = model.document.get("trace", {}).get("measured", 0) >= _WHOLE_MARKS
+        todo = gaps[0] if gaps else _AGAIN_TODO if whole else _PROBE_TODO
+        return (f"{most} is what the test print {'left open' if whole and not gaps else 'did not show'}. {todo}",)
     if name == "instrument" and knows_a_length(model):
         return (
             f"{most} is the scale of the scanner across the length that was given: a second scan of the same plate, "

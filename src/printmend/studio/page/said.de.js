@@ -213,6 +213,8 @@ export const sentences = [
   ["{a} scans of {b} sheets joined by {c} marks that they share: these agree to {d} mm", "{a} Scans von {b} Blättern, verbunden durch {c} gemeinsame Punkte: Diese stimmen auf {d} mm überein"],
 
   ["most of what is left is what the test print did not show. {a}", "Das meiste, was bleibt, ist, was der Testdruck nicht zeigte. {a}"],
+  ["most of what is left is what the test print left open. {a}", "Das meiste, was bleibt, ist, was der Testdruck offen ließ. {a}"],
+  ["A second test print, taken in with printmend learn --update, makes it less.", "Ein zweiter Testdruck, in das Modell übernommen, macht es kleiner.", "A second test print, taken into the model, makes it less."],
   ["A whole printmend probe, printed and measured, settles it.", "Ein ganzer Testdruck, gedruckt und gemessen, klärt es.", "A whole test print, printed and measured, settles it."],
   ["most of what is left is the scale of the scanner: give printmend measure the --distance that it asks for.", "Das meiste, was bleibt, ist der Maßstab des Scanners: unter „Messen“ den Abstand eintragen, um den gebeten wird.", "most of what is left is the scale of the scanner: give the distance by callipers that is asked for under Measure."],
   ["most of what is left is the scale of the scanner across the length that was given: a second scan of the same plate, turned by a quarter, settles it.", "Das meiste, was bleibt, ist der Maßstab des Scanners quer zur angegebenen Länge: Ein zweiter, um ein Viertel gedrehter Scan derselben Platte klärt ihn."],

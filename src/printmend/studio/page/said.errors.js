@@ -169,6 +169,7 @@ export default [
   ["a smaller error after mending, surely", "ein sicher kleinerer Fehler nach dem Heilen"],
   ["{a} mm instead of {b} mm expected, but no gain in {c} of 100 machines that the measurement allows", "{a} mm statt {b} mm erwartet, aber kein Gewinn bei {c} von 100 Druckern, die zur Messung passen"],
   ["{a} mm instead of {b} mm, in height {c} mm instead of {d} mm expected, but no gain in {e} of 100 machines that the measurement allows", "{a} mm statt {b} mm, in der Höhe {c} mm statt {d} mm erwartet, aber kein Gewinn bei {e} von 100 Druckern, die zur Messung passen"],
+  ["put right what printmend learn said of {a} and measure again, or print the original, or use --force", "Beheben, was unter „Was fehlt ihm“ steht ({a}), und noch einmal messen, oder das Original drucken", "put right what “What is wrong” says of {a} and measure again, or print the original"],
   ["measure more (a whole probe, or with callipers the --distance that measure names), or print the original, or use --force", "Mehr messen (den ganzen Testdruck, oder mit dem Messschieber den Abstand, den die Messung nennt), oder das Original drucken", "measure more (the whole test print, or with callipers the distance that the measurement names), or print the original"],
   ["{a} mm instead of {b} mm", "{a} mm statt {b} mm"],
   ["{a} mm instead of {b} mm, in height {c} mm instead of {d} mm", "{a} mm statt {b} mm, in der Höhe {c} mm statt {d} mm"],
