@@ -498,7 +498,7 @@ def _tilted(cause: Cause, axis: int, off_mm: float) -> Misfit:
     if cause.candidate.kind == "rail-racking":
         words = f"{lies}, the more the nearer to its ends, by up to {way_mm:.2f} mm: the gantry racks"
         return Misfit("racking-across", _severity(cause), cause.size_mm, cause.nats, words)
-    words = f"{lies}, by {way_mm:.2f} mm: the head or the gantry tilts"
+    words = f"{lies}, by {way_mm:.2f} mm: the head or the gantry tilts: tighten its wheels"
     return Misfit("direction", _severity(cause), cause.size_mm, cause.nats, words)
 
 
@@ -611,12 +611,13 @@ def _words(cause: Cause, motors: tuple[str, ...]) -> str:
         "wear": f"the play of {name} changed by {2 * weight:+.2f} mm while the print went on: something comes loose",
         "thermal": f"{name} {_warmed(cause.weights * grown)}{_WARMS_UP}",
         "direction": f"where {name} comes to lie depends on which way {other} moved before, by "
-        f"{2 * abs(weight):.2f} mm: the head or the gantry tilts",
+        f"{2 * abs(weight):.2f} mm: the head or the gantry tilts: tighten its wheels",
         "racking-across": f"where {name} comes to lie depends on which way {other} moved before, the more the nearer "
         f"to its ends, by up to {2 * abs(weight):.2f} mm: the gantry racks",
         "speed": f"{name} lies {abs(weight):.2f} mm further {'back' if weight > 0 else 'on'} after long, fast "
-        "moves than after short ones",
-        "halves-play": f"{name} has {2 * weight:+.2f} mm more play in the upper part of {half}",
+        "moves than after short ones: slower travels make it less",
+        "halves-play": f"{name} has {2 * weight:+.2f} mm more play in the upper part of {half}: the model has "
+        "the mean of both",
         "racking": f"the play of {name} changes by {4 * weight:+.2f} mm from one end of {other} to the other: the "
         "gantry racks, or one of two motors is loose",
         "two-motors": f"the turn of {name} looks different at the two ends of {other}: two motors of one axis, with "

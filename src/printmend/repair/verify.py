@@ -105,7 +105,7 @@ class Verdict:
                 f"{numbers}: broken, and as far off as before mending, but not as this printer was. Is it another "
                 "printer's? Else a part was replaced or came loose: learn from a new test print"
             )
-        return f"{numbers}: broken. Bring the model up to date with this measurement (-o), and mend again"
+        return f"{numbers}: broken. Mend again with the model that -o brings up to date with this measurement"
 
     def json(self) -> dict[str, Any]:
         """Return plain values."""
