@@ -791,6 +791,8 @@ def test_play_of_a_corexys_guides_is_not_taken_for_another_printers_belts(rng: n
         measured = twin.follow(points) + rng.normal(0, 0.01, points.shape)
         said = report(learn(Trace(points, measured, homed=True), corexy).saved)
         assert ("made it, no CoreXY" in said) == is_named
+        if is_named:  # all else that does not fit follows from that, but for the other cause
+            assert said.count("warning: ") == 1 + said.count("the head lags")
 
 
 def test_a_table_that_begins_at_another_printers_home_is_said_to(rng: np.random.Generator) -> None:

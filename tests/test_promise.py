@@ -629,7 +629,7 @@ OTHER = Corruption((Drive(pulley=Ellipse(7.0, 5.8, 0.3)), Drive(pulley=Eccentric
     [
         (BENT, True, "kept"),
         (BENT, False, "Was the mended file printed"),
-        (LOOSER, True, "Bring the model up to date"),
+        (LOOSER, True, "Mend again with the model"),
         (LOOSER, False, "Was the mended file printed"),
         (OTHER, True, "Is it another printer's"),
         (OTHER, False, "Is it another printer's"),

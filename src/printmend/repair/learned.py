@@ -24,6 +24,7 @@ from printmend.printer import Printer
 from printmend.promise.apply import acting, still_words
 from printmend.promise.effects import Effect
 from printmend.promise.halves import halves_of, is_belts, leaves_noise, step_effects
+from printmend.promise.laws import LAWS
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order, passed_over
@@ -204,10 +205,16 @@ def _learned_with_causes(
             gone, _ = effects_of(newer, moved, timed, of_one_time=True)
             effects, explained = effects_of(newer, moved, stay)
             misfits = found_in(newer, moved, (*other, *timed, *stay), carried, of_one_time=True)
-            return again, moved, (*whose, *misfits), ((*bent, *gone, *effects), explained)
+            return again, moved, _told_beside(whose, misfits), ((*bent, *gone, *effects), explained)
     effects, explained = effects_of(box, trace, causes)
     misfits = found_in(box, trace, (*other, *causes), carried=carried)
-    return fit, trace, (*whose, *misfits), ((*bent, *effects), explained)
+    return fit, trace, _told_beside(whose, misfits), ((*bent, *effects), explained)
+
+
+def _told_beside(whose: tuple[Misfit, ...], misfits: tuple[Misfit, ...]) -> tuple[Misfit, ...]:
+    """Return what is told of misfits: where a table looks like another printer's, all else follows from that, but for
+    the guides' play, the other cause that looks so."""
+    return (*whose, *(each for each in misfits if not whose or each.kind == "rail-play" or each.kind not in LAWS))
 
 
 def _learned_without_guides(
