@@ -818,3 +818,15 @@ def test_a_refusal_names_what_would_have_to_be_put_right(
     )
     with open_gcode(tmp_path / "part.gcode") as file, pytest.raises(RefusedError, match=said):
         _check_worth_writing(file, bent, doubted, force=False)
+
+
+def test_a_part_beyond_what_was_measured_is_told_so_before_printing(tmp_path: Path) -> None:
+    (part := tmp_path / "part.gcode").write_bytes(SQUARE)  # from 60 to 80 mm
+    rng = np.random.default_rng(5)
+    for low, high, beyond in ((55.0, 95.0, False), (20.0, 77.0, False), (20.0, 70.0, True)):
+        points = np.vstack([[ENDER3.home_mm], rng.uniform([low, 10.0], [high, 210.0], (300, 2))])
+        measured = Twin.of(BENT, ENDER3).follow(points) + rng.normal(0, 0.02, points.shape)
+        said = " ".join(check_gcode(part, learn_model(Trace(points, measured, homed=True), ENDER3)).advice)
+        assert ("elsewhere the printer is thought to go on" in said) == beyond
+        assert "lies at Y" not in said
+        assert not beyond or re.search(r"lies at X 60 to 80 mm, and the test print showed 20 to (69|70):", said)

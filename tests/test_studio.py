@@ -46,6 +46,7 @@ from printmend.promise.misfit_columns import Candidate
 from printmend.promise.scale import in_words
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo
+from printmend.repair.prediction import _beyond_seen
 from printmend.saved.branches import Wave
 from printmend.saved.model import SavedModel, exact_model, saved_model, write_model
 from printmend.studio import kernels, serve, work
@@ -687,6 +688,12 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
             assert _german(told_of[0].words), told_of[0].words
     for names in (["X"], ["A", "B"]):
         assert all(_german(misfit_tests.wander_words(names, 0.04, is_still=each)) for each in (True, False))
+    gone = SimpleNamespace(printed_low_mm=(5.0, 9.0), printed_high_mm=(210.0, 12.0))
+    unseen = {"kind": "unseen", "severity": "note", "words": "only X from 20 to 90 mm of 0 to 220 was measured"}
+    section = {"seen_mm": [[20.0, 10.0], [90.0, 12.0]]}
+    few = SimpleNamespace(document={"trace": section, "misfit": {"found": [unseen]}})
+    (beyond,) = _beyond_seen(few, gone)  # type: ignore[arg-type]
+    assert _german(beyond)
     assert _german(misfit_tests.CARRIED)
     assert _german(misfit_tests._OF_HALVES.removeprefix(". "))
     inner = (PAGE / "said.de.js").read_text(encoding="utf-8")

@@ -407,9 +407,11 @@ def _trace_section(trace: Trace, fit: GreyboxModel, left_mm: float) -> dict[str,
     if not trace.placed:  # nobody knows where the plate lay
         off_mm = off_mm - off_mm[told].mean(axis=0)
     before_mm = float(np.sqrt(np.mean(np.square(off_mm[told]).sum(axis=1))))
+    seen_mm = trace.commanded_mm[trace.measured_rows & ((np.arange(len(trace)) > 0) | (not trace.homed))]
     return {
         "rows": len(trace),
         "measured": fit.measured,
+        **({"seen_mm": np.round([seen_mm.min(axis=0), seen_mm.max(axis=0)], 3).tolist()} if len(seen_mm) else {}),
         **({"left_out": int(lost.sum())} if few else {}),
         "residual_before_mm": round(before_mm, 6),
         "residual_after_mm": round(left_mm, 6),

@@ -26,6 +26,7 @@ _WORTH_CAUSE_MM = (
 _MAIN_SHARE = 0.5  # share of an expected error that must be one part's for it to be named
 _PROBE_TODO = "A whole `printmend probe`, printed and measured, settles it."
 _AGAIN_TODO = "A second test print, taken in with `printmend learn --update`, makes it less."
+_BEYOND_MM = 5.0  # a part that lies farther outside of what was measured is told so
 _WHOLE_MARKS = 400  # a measurement of so many marks was of a whole test print
 _MOST_WORSE_SHARE = 0.05  # most of the drawn machines, as a share, that may print no better mended
 
@@ -261,7 +262,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
         layers.append(more)
     return replace(
         prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
-        advice=advice_of(model, outlook.after),
+        advice=(*_beyond_seen(model, prediction), *advice_of(model, outlook.after)),
     )  # fmt: skip
 
 
@@ -274,6 +275,22 @@ def _square_shape_errors(path: PathPlaces) -> dict[float | None, float]:
             here = path.z_mm == z_mm
             found[round(float(z_mm), 4)] = float(np.average(left2[here], weights=path.weight[here]))
     return found
+
+
+def _beyond_seen(model: SavedModel, prediction: Prediction) -> tuple[str, ...]:
+    """Say along which axes a part lies where a test print that covered little of them showed nothing."""
+    seen = model.document.get("trace", {}).get("seen_mm")
+    if seen is None or not (told := said_of(model.document, "unseen")):
+        return ()
+    found = []
+    spans = zip("XY", *seen, prediction.printed_low_mm, prediction.printed_high_mm, strict=True)
+    for name, first, last, low, high in spans:
+        if f"{name} from" in told[0] and (low < first - _BEYOND_MM or high > last + _BEYOND_MM):
+            found.append(
+                f"the part lies at {name} {low:.0f} to {high:.0f} mm, and the test print showed {first:.0f} to "
+                f"{last:.0f}: elsewhere the printer is thought to go on as it does there"
+            )
+    return tuple(found)
 
 
 def advice_of(model: SavedModel, after: Promise) -> tuple[str, ...]:

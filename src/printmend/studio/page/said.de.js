@@ -213,6 +213,7 @@ export const sentences = [
   ["{a} scans of {b} sheets joined by {c} marks that they share: these agree to {d} mm", "{a} Scans von {b} Blättern, verbunden durch {c} gemeinsame Punkte: Diese stimmen auf {d} mm überein"],
 
   ["most of what is left is what the test print did not show. {a}", "Das meiste, was bleibt, ist, was der Testdruck nicht zeigte. {a}"],
+  ["the part lies at {a} {b} to {c} mm, and the test print showed {d} to {e}: elsewhere the printer is thought to go on as it does there", "das Teil liegt bei {a} {b} bis {c} mm, und der Testdruck zeigte {d} bis {e}: Anderswo gilt, was dort gilt"],
   ["most of what is left is what the test print left open. {a}", "Das meiste, was bleibt, ist, was der Testdruck offen ließ. {a}"],
   ["A second test print, taken in with printmend learn --update, makes it less.", "Ein zweiter Testdruck, in das Modell übernommen, macht es kleiner.", "A second test print, taken into the model, makes it less."],
   ["A whole printmend probe, printed and measured, settles it.", "Ein ganzer Testdruck, gedruckt und gemessen, klärt es.", "A whole test print, printed and measured, settles it."],
