@@ -33,7 +33,7 @@ from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.repair.learned import learn_model, report
 from printmend.repair.mend import check_gcode
-from printmend.report.examination import NOTHING_KNOWN, Examination, examine, standard_rows, write_examination
+from printmend.report.examination import NOTHING_KNOWN, Examination, examine, standard_rows, summary, write_examination
 from printmend.report.pictures import pictures
 from printmend.twin import Twin
 from printmend.units import TURN_RAD, radius_mm
@@ -274,6 +274,13 @@ def test_a_healthy_printer_needs_nothing(rng: np.random.Generator, tmp_path: Pat
         assert len(one.figures) == 1
     noted = replace(examination, misfit=("note: everything lies (+0.57, -1.29) mm from where home says",))
     assert (noted.title, noted.headline) == (examination.title, examination.headline)
+    grave = replace(
+        examination, misfit=("note: of little", "refusal: the model leaves 0.3 mm"), beyond=("X is uneven",)
+    )
+    assert summary(grave).splitlines()[1:4] == ["refusal: the model leaves 0.3 mm", "X is uneven", "note: of little"]
+    write_examination(tmp_path / "grave.html", grave)
+    page = (tmp_path / "grave.html").read_text()
+    assert 0 < page.index("the model leaves 0.3 mm") < page.index("X is uneven") < page.index("of little")
     warned = replace(examination, misfit=("warning: Y was suddenly off",))
     assert warned.title == "What is wrong with this printer"
     assert warned.headline.startswith("Points lie 0.0")

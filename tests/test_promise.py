@@ -559,8 +559,8 @@ def test_a_firmware_gets_only_what_helps_by_more_than_its_doubt(bent: SavedModel
     assert export.after_mm < export.before_mm
     assert 0.001 < export.doubt_mm < 0.1
     assert export.doubt_mm > 0.02  # what a printer may do in motion, which no dot at rest shows, as in `mend`'s range
-    most = f"up to {np.hypot(export.after_mm, export.doubt_mm):.3f} mm with this ({export.after_mm:.3f} by what"
-    assert most in remainder(export)
+    without, most = (np.hypot(each, export.doubt_mm) for each in (export.before_mm, export.after_mm))
+    assert f"up to {without:.3f} mm without, up to {most:.3f} mm with this" in remainder(export)
     found, span = {"kind": "wear", "size_mm": 0.1, "severity": "warning", "words": ""}, [0.0, 200.0]
     effect = Effect("wear", 0, np.array([0.1]), 0.0, 0.0, ENDED, np.zeros(3), np.array([span] * 4), 40.0).json()
     for state, doubt_mm in ((ENDED, np.hypot(export.doubt_mm, 0.2)), (LEARNED, export.doubt_mm)):

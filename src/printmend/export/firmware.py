@@ -209,10 +209,11 @@ NO_BACKLASH = {
 
 def remainder(export: Export) -> str:
     """Say what the firmware takes, what remains, and which settings stay out."""
+    without_mm, with_mm = (np.hypot(each, export.doubt_mm) for each in (export.before_mm, export.after_mm))
     said = (
-        f"expected over the bed, typically: {export.before_mm:.3f} mm without, up to "
-        f"{np.hypot(export.after_mm, export.doubt_mm):.3f} mm with this ({export.after_mm:.3f} by what the model knows "
-        "alone); what remains is for `printmend mend`, with a model learned after these settings are in place"
+        f"expected over the bed, typically: up to {without_mm:.3f} mm without, up to {with_mm:.3f} mm with this "
+        f"({export.before_mm:.3f} and {export.after_mm:.3f} by what the model knows alone); what remains is for "
+        "`printmend mend`, with a model learned after these settings are in place"
     )
     return "\n".join([said, *(f"left out: {each}" for each in export.left_out)])
 

@@ -15,7 +15,7 @@ from printmend.learn.greybox import GreyboxModel
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import still_words
-from printmend.promise.misfit import NOTE, misfit_words
+from printmend.promise.misfit import NOTE, REFUSAL, misfit_words
 from printmend.promise.predict import Promise
 from printmend.promise.scale import scale_words
 from printmend.repair.learned import learn, left_over_mm, scatter_words, todo
@@ -65,6 +65,16 @@ class Examination:
     def is_healthy(self) -> bool:
         """Whether nothing is to be done: a note, as of a plate that lay shifted, is of the measurement."""
         return not (self.advice or self.beyond or any(not each.startswith(f"{NOTE}: ") for each in self.misfit))
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Why nothing is mended by this measurement: it comes before all that was learned from it."""
+        return tuple(each for each in self.misfit if each.startswith(f"{REFUSAL}: "))
+
+    @property
+    def doubted(self) -> tuple[str, ...]:
+        """What else does not fit."""
+        return tuple(each for each in self.misfit if each not in self.refused)
 
     @property
     def gaps(self) -> tuple[str, ...]:
@@ -161,9 +171,9 @@ def write_examination(path: Path, examination: Examination) -> None:
 
 def summary(examination: Examination) -> str:
     """Say it in a few lines for a terminal."""
-    rows = [examination.headline]
+    rows = [examination.headline, *examination.refused]
     rows += [f"{URGENCY[one.urgency].lower()}: {one.title} ({one.sure})" for one in examination.advice]
-    rows += [*examination.beyond, *examination.misfit]
+    rows += [*examination.beyond, *examination.doubted]
     if examination.prediction is not None:
         rows.append(part_said(examination.part or "", examination.prediction))
     return "\n".join(rows + [f"not told by this trace: {gap}" for gap in examination.gaps])

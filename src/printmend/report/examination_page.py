@@ -27,7 +27,8 @@ def write(path: Path, examination: Examination) -> None:
 
 
 def _body(examination: Examination) -> str:
-    faults = "".join(
+    faults = "".join(f'<div class="fault repair"><p>{say(one)}</p></div>' for one in examination.refused)
+    faults += "".join(
         f'<div class="fault {one.urgency}"><h3>{say(one.title)} <span class="tag">{URGENCY[one.urgency]}</span></h3>'
         f"<p>{say(one.meaning)}</p><dl><dt>To do</dt><dd>{say(one.repair)}</dd>"
         f"<dt>The software</dt><dd>{say(one.software)}</dd>"
@@ -39,7 +40,7 @@ def _body(examination: Examination) -> str:
         "<p>printmend carries it, as long as it stays as it is.</p></div>"
         for one in examination.beyond
     )
-    faults += "".join(f'<div class="fault soon"><p>{say(one)}</p></div>' for one in examination.misfit)
+    faults += "".join(f'<div class="fault soon"><p>{say(one)}</p></div>' for one in examination.doubted)
     part = ""
     if examination.prediction is not None:
         part = f"<h2>Your part: {say(examination.part or '')}</h2>{table(part_rows(examination.prediction))}"
