@@ -760,6 +760,26 @@ def test_a_rail_with_play_is_told_from_the_belts_of_a_corexy(rng: np.random.Gene
     assert predict._aims(healthy_mechanism(printer), marks, at_rest=True).ways.tolist() == np.sign(tangent).tolist()
 
 
+@pytest.mark.parametrize(
+    ("shift_mm", "said"),
+    [((0.0, 0.25), ["Y was suddenly off by +0.25"]), ((0.12, 0.12), ["A was suddenly off by +0.24"]),
+     ((0.3, -0.1), ["X was suddenly off by +0.3", "Y was suddenly off by -0.1"])],
+)  # fmt: skip
+def test_a_shift_of_a_corexys_axis_is_told_as_the_axis_own(
+    shift_mm: tuple[float, float], said: list[str], rng: np.random.Generator
+) -> None:
+    """Both motors show it; what a motor alone shows stays its own."""
+    printer = read_printer("corexy")
+    points = np.vstack([[printer.home_mm], rng.uniform(20, 280, (600, 2))])
+    measured = points + np.outer(np.arange(601) > 300, shift_mm) + rng.normal(0, 0.02, points.shape)
+    trace = Trace(points, measured, homed=True)
+    box = Greybox().fit(trace, printer, rng=rng)
+    (found,) = (each for each in found_in(box, trace, causes_of(box, trace)) if each.kind == "step")
+    told = found.words.split("; ")
+    assert len(told) == len(said)
+    assert all(words.startswith(start[:-1]) for words, start in zip(told, said, strict=True)), told
+
+
 @pytest.mark.parametrize(("made_by", "said_of"), [("ender3", "corexy"), ("corexy", "cr10s")])
 def test_a_table_of_the_other_kinematics_is_named(made_by: str, said_of: str, rng: np.random.Generator) -> None:
     """A table that names no printer, learned as a CoreXY's though a motor for each axis made it, or the reverse."""

@@ -50,6 +50,7 @@ from printmend.repair.prediction import _beyond_seen
 from printmend.saved.branches import Wave
 from printmend.saved.model import SavedModel, exact_model, saved_model, write_model
 from printmend.studio import kernels, serve, work
+from printmend.studio import said as studio_said
 from printmend.studio import scene as studio_scene
 from printmend.studio.api import plain_name
 from printmend.studio.app import PAGE, create_app
@@ -645,6 +646,13 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
             one = advise(NamedFault("x", kind, value, sd, "mm", "words"), corexy=value > 1)
             for text in (one.title, one.meaning, one.sure, one.repair, one.software):
                 assert _german(text), text
+    rails = advise(NamedFault("a", "play", 0.1, 0.01, "mm", ""), corexy=True, rails=True)
+    fault = {"part": "a", "kind": "play", "value": 0.1, "sd": 0.01, "unit": "mm"}
+    found = [{"kind": "rail-play", "severity": "warning", "words": ""}]
+    document = {"printer": {"kinematics": "corexy"}, "diagnosis": [fault], "misfit": {"found": found}}
+    assert [one.repair for _, one in studio_said.advice_of(document)] == [rails.repair]
+    assert "rails and the head first" in rails.repair
+    assert _german(rails.repair)
     either = advise(NamedFault("x", "elastic", 0.1, 0.01, "mm", "elastic belt, or an idler"))
     for text in (either.title, either.meaning, either.repair):
         assert "idler" in text

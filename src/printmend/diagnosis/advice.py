@@ -23,13 +23,16 @@ class Advice:
     software: str
 
 
-def advise(fault: NamedFault, *, corexy: bool = False) -> Advice:
-    """Return the advice for one fault."""
+def advise(fault: NamedFault, *, corexy: bool = False, rails: bool = False) -> Advice:
+    """Return the advice for one fault; ``rails`` says that the rails or the head of a CoreXY seem to have play, which
+    the model tells as its belts'."""
     where = f"Motor {fault.part.upper()}" if corexy and fault.part != "frame" else fault.part.upper()
     size = abs(fault.value)
     kind = fault.kind.rstrip("0123456789.").removesuffix("-")  # harmonic-2 is a harmonic
     say = _SAY.get(kind, _other)
     title, meaning, effect, repair, software = say(where, fault, size)
+    if rails and kind == "play":
+        repair = "Look at the rails and the head first: this play may be theirs. Then tighten the belt."
     nothing = repair.startswith("Nothing to repair")
     urgency = (
         "software" if nothing else "repair" if effect >= REPAIR_MM else "soon" if effect >= SOON_MM else "software"

@@ -69,6 +69,8 @@ TILTED_SHARE = 2.0  # the head tilts where its error across the axis that moved 
 MOVED_MM = 0.3  # a plate lay shifted by this much at least
 HOME_SD_MM = 0.05  # … where the error at home is known to this standard deviation
 MOST_LEFT_SHARE = 0.35  # share of an uneven belt's squares that one period may leave
+SAME_TIME = 0.1  # two motors shifted at the same time where their laws' times differ by no more of the print
+ONE_AXIS_SHARE = 0.2  # a shift along the other axis that is a smaller share is none
 COUNTING_SHARE = 0.1  # share of the largest wave of a turn that another one must have to say how long the turn is
 TWO_VALUED = 1.65  # kurtosis below which residuals take one of two values: even chances of a range give 1.8
 NOISE_KURTOSIS = 3.0  # kurtosis of Gaussian noise
@@ -410,7 +412,9 @@ def found_in(
     found += [replace(each, severity=NOTE, words=f"{each.words}. {CARRIED}") for each in _halves(carried, box, trace)]
     tilts = {kind: _tilts(causes, kind) for kind in ("rail-play", "rail-racking")}
     lags = []
-    for cause in _once(_one_creep(_one_border(causes))):
+    told, axes = _along_axes(_one_creep(_one_border(causes)), box)
+    found += [Misfit(c.candidate.kind, _severity(c), c.size_mm, c.nats, _words(c, ("x", "y"))) for c in axes]
+    for cause in _once(told):
         kind = cause.candidate.kind
         if kind in tilts and (axis := int(cause.candidate.detail)) in tilts[kind]:
             found.append(_tilted(cause, axis, tilts[kind][axis]))
@@ -513,6 +517,28 @@ def _one_creep(causes: tuple[Cause, ...]) -> tuple[Cause, ...]:
             cause = replace(slow, weights=slow.weights + gone, nats=old.nats + cause.nats)
         found[key] = cause
     return tuple(found.values())
+
+
+def _along_axes(causes: tuple[Cause, ...], box: GreyboxModel) -> tuple[tuple[Cause, ...], list[Cause]]:
+    """Return the causes without shifts in time that both motors of a CoreXY show alike, and these as causes of the
+    bed's axes: no belt of its own makes them, but what carries an axis, or the plate."""
+    if box.printer.kinematics != "corexy":
+        return causes, []
+    axes: list[Cause] = []
+    for kind in SHIFTS:
+        both = sorted((cause for cause in causes if cause.candidate.kind == kind), key=lambda cause: cause.motor)
+        if [cause.motor for cause in both] != [0, 1] or abs(np.diff([c.candidate.detail for c in both])[0]) > SAME_TIME:
+            continue
+        causes = tuple(cause for cause in causes if cause.candidate.kind != kind)
+        by_axis = np.asarray(box.printer.from_motor(np.array([float(cause.weights[0]) for cause in both])))
+        least_mm = ONE_AXIS_SHARE * np.abs(by_axis).max()
+        size_mm = float(np.linalg.norm([cause.size_mm for cause in both])) / np.abs(by_axis).sum()
+        axes += [
+            Cause(axis, both[0].candidate, np.array([by_mm]), size_mm * abs(by_mm), sum(cause.nats for cause in both))
+            for axis, by_mm in enumerate(by_axis)
+            if abs(by_mm) > least_mm
+        ]
+    return causes, axes
 
 
 def _crept_mm(cause: Cause) -> float:

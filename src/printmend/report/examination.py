@@ -15,7 +15,7 @@ from printmend.learn.greybox import GreyboxModel
 from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.apply import still_words
-from printmend.promise.misfit import NOTE, REFUSAL, misfit_words
+from printmend.promise.misfit import NOTE, REFUSAL, misfit_words, said_of
 from printmend.promise.predict import Promise
 from printmend.promise.scale import scale_words
 from printmend.repair.learned import learn, left_over_mm, scatter_words, todo
@@ -138,7 +138,8 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
     order = list(URGENCY)
     names = ("part", "kind", "value", "sd", "unit")
     faults = [NamedFault(**{name: one[name] for name in names}, words="") for one in saved.document["diagnosis"]]
-    all_advice = [advise(fault, corexy=corexy) for fault in faults]
+    rails = bool(said_of(saved.document, "rail-play"))
+    all_advice = [advise(fault, corexy=corexy, rails=rails) for fault in faults]
     advice = [one for one in all_advice if one.effect_mm >= LEAST_ADVICE_MM or one.urgency != "software"]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
     after = left_over_mm(box)

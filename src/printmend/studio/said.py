@@ -9,7 +9,7 @@ from printmend.diagnosis.advice import Advice, advise
 from printmend.diagnosis.diagnosis import NamedFault
 from printmend.machine import Mechanism
 from printmend.promise.apply import still_words
-from printmend.promise.misfit import misfit_words
+from printmend.promise.misfit import misfit_words, said_of
 from printmend.promise.scale import scale_words
 from printmend.repair.learned import todo
 from printmend.report.examination import LEAST_ADVICE_MM, URGENCY
@@ -46,9 +46,9 @@ def said(model: SavedModel) -> dict[str, Any]:
 def advice_of(document: Mapping[str, Any]) -> list[tuple[dict[str, Any], Advice]]:
     """Return the faults of a saved model's document, each with the advice for it."""
     corexy = document["printer"]["kinematics"] == "corexy"
-    named = ("part", "kind", "value", "sd", "unit")
+    named, rails = ("part", "kind", "value", "sd", "unit"), bool(said_of(document, "rail-play"))
     return [
-        (fault, advise(NamedFault(**{name: fault[name] for name in named}, words=""), corexy=corexy))
+        (fault, advise(NamedFault(**{name: fault[name] for name in named}, words=""), corexy=corexy, rails=rails))
         for fault in document.get("diagnosis", [])
     ]
 

@@ -18,6 +18,7 @@ export const sentences = [
   ["printmend carries it.", "printmend trägt es."],
   ["{a} belt has play", "Der Riemen von {a} hat Spiel"],
   ["After each change of direction {a} stands still for {b} mm.", "Nach jedem Richtungswechsel steht {a} für {b} mm still."],
+  ["Look at the rails and the head first: this play may be theirs. Then tighten the belt.", "Zuerst die Schienen und den Kopf ansehen: Dieses Spiel kann ihres sein. Dann den Riemen spannen."],
   ["Tighten the belt; then look at the pulley's grub screw.", "Den Riemen spannen; dann die Madenschraube der Scheibe ansehen."],
   ["Nothing to tighten.", "Nichts zu spannen."],
   ["printmend carries it: it takes the slack up at each reversal.", "printmend trägt es: Es nimmt das Spiel an jeder Umkehr auf."],
