@@ -152,7 +152,8 @@ class Prediction:
         if self.gain_mm is not None:
             which = told[-1]
             comma = "mended, it" if len(told) > 1 else "it"
-            rows.append(f"{comma} is made of: {in_a_line(which[1].made_of) or 'next to nothing'}")
+            line = in_a_line(which[1].made_of)
+            rows.append(f"{comma} is made of {f'[mm]: {line}' if line else 'next to nothing'}")
         rows += [f"before you print: {each}" for each in self.advice]
         rows += [f"warning: {each}" for each in self.warnings]
         if not (self.clamped_extruding or self.unknown or self.splines) and self.extruding:

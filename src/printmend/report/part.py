@@ -142,7 +142,8 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
             f"Left as written, as wrong as before: {counted(prediction.splines, 'curve')} (G5), because the file does "
             "not say where such a curve begins, or leaves out I J or P Q."
         )
-    return [*prediction.advice, *(f"{each[0].upper()}{each[1:]}." for each in prediction.warnings), *said]
+    advice = (f"{each[0].upper()}{each[1:].removesuffix('.')}." for each in (*prediction.advice, *prediction.warnings))
+    return [*advice, *said]
 
 
 def _reach(spans: Iterable[tuple[Axis, float, float]]) -> str:
