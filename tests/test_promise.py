@@ -55,7 +55,7 @@ from printmend.repair.learned import learn_model, report
 from printmend.repair.mend import _check_worth_writing, is_healthy
 from printmend.repair.prediction import advice_of
 from printmend.repair.update import Updated
-from printmend.repair.verify import BROKEN, KEPT, UNSURE, expectation, update_words, verify
+from printmend.repair.verify import BROKEN, KEPT, UNSURE, expectation, update_words, updated, verify
 from printmend.saved.model import SavedModel, exact_model, read_model, write_model
 from printmend.twin import Twin
 from tests.mending import SQUARE
@@ -642,6 +642,19 @@ def test_another_printers_table_without_a_name_is_asked_whose_it_is(
     printed = Twin.of(machine, ENDER3).follow(mended_mm(bent, wanted) if is_mended else wanted)
     noise = np.random.default_rng(9).normal(0, 0.03, wanted.shape)
     assert words in verify(bent, Trace(wanted, printed + noise, homed=True)).words
+
+
+def test_a_table_that_wanders_breaks_no_promise_and_updates_no_model(bent: SavedModel) -> None:
+    wanted, rng = stairs(600), np.random.default_rng(9)
+    printed = Twin.of(BENT, ENDER3).follow(mended_mm(bent, wanted)) + rng.normal(0, 0.02, wanted.shape)
+    trace = Trace(wanted, printed + np.cumsum(rng.normal(0, 0.01, wanted.shape), axis=0), homed=True)
+    verdict = verify(bent, trace)
+    assert verdict.now_mm > verdict.promised_high_mm
+    assert verdict.result == UNSURE
+    assert "What measures wanders" in verdict.words
+    with pytest.raises(TraceError, match="one that wanders: place and scale may be off"):
+        updated(bent, trace)
+    assert verify(bent, replace(trace, measured_mm=printed)).wanders_mm == 0
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ from printmend.learn.greybox import (
     remember,
     with_belts,
 )
+from printmend.learn.hybrid import with_residuals
 from printmend.learn.walls import with_walls
 from printmend.machine import Mechanism, print_from_home
 from printmend.measure.once import counted_once, digest_of
@@ -45,7 +46,7 @@ from printmend.printer import Printer
 from printmend.promise.effects import CARRIED, parse_effects
 from printmend.promise.misfit import NOTE, Misfit, misfit_section
 from printmend.promise.misfit_rows import passed_over
-from printmend.promise.misfit_tests import UNSEEN, causes_of, effects_of, found_in
+from printmend.promise.misfit_tests import LEAST_COST_MM, UNSEEN, causes_of, effects_of, found_in, wandering
 from printmend.promise.rails import freed
 from printmend.repair.history import Ageing
 from printmend.repair.learned import DIGESTS, greybox_model, known_digests
@@ -164,6 +165,12 @@ def _updated(
     if len(trace) < 2 or not np.isfinite(trace.commanded_mm).all():
         raise TraceError("trace", wanted="every commanded way-point", came="none or NaN", todo="check the trace")
     fresh = Greybox().fit(trace, printer, rng=rng)
+    if (off_mm := wandering_mm(fresh, trace)) > LEAST_COST_MM:
+        raise TraceError(
+            "the measurement", wanted="one that knows its place to bring a model up to date",
+            came=f"one that wanders: place and scale may be off by {off_mm:.2f} mm",
+            todo="fix what measures, let it warm up, and measure again",
+        )  # fmt: skip
     rows = [
         replace(row, origin_mm=one.branches.middle_mm)
         for row, one in zip(motor_rows(trace, printer, _turns_mm(past)), past, strict=True)
@@ -205,6 +212,22 @@ def _updated(
         names,
         missed_mm=_missed_mm(old, trace),
     )  # fmt: skip
+
+
+def wandering_mm(fresh: GreyboxModel, trace: Trace) -> float:
+    """Return by how much [mm] place and scale of a table may be off because what measures wanders, 0 where it does not:
+    two standard deviations.
+
+    ``fresh`` is what the table alone says. An error that goes with place does not wander: what a learned remainder
+    leaves is looked at before it counts.
+    """
+    if not trace.instrument_doubt.is_exact:  # a scan sees all marks at once
+        return 0.0
+    effects, _ = effects_of(fresh, trace, causes_of(fresh, trace))
+    if not wandering(fresh, trace, effects)[0]:
+        return 0.0
+    drift_mm, _ = wandering(fresh, trace, effects, with_residuals(fresh, trace, seed=0).left_mm)
+    return 3**0.5 * drift_mm  # where an even drift of that size ends, from its mean
 
 
 def _missed_mm(old: SavedModel, trace: Trace) -> tuple[float, float] | None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from printmend.diagnosis.screw import heights_mm
 from printmend.errors import ModelError, TraceError
+from printmend.learn.greybox import Greybox
 from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
 from printmend.measure.once import digest_of
@@ -19,10 +20,11 @@ from printmend.measure.whose import check_origin
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
 from printmend.promise.budget import Budget, parse_budget
+from printmend.promise.misfit_tests import LEAST_ROWS
 from printmend.promise.predict import Errors, Outlook, PathPlaces, Promise, promised
 from printmend.repair.history import remember
 from printmend.repair.learned import PLANE_FACTOR, known_digests
-from printmend.repair.update import Updated, update
+from printmend.repair.update import Updated, update, wandering_mm
 from printmend.saved import SCALE_MM, Design, SavedModel, branches_of
 
 LEAST_MARKS = 10  # measured marks of a check print; fewer tell nothing
@@ -47,7 +49,7 @@ class Verdict:
     and as was promised with its 90 % range; ``unlike_mm`` is how far they lie from where the model has them unmended.
     ``placed``: they contain where on the bed the print lies; else a shift of the whole is taken off, and
     ``stretch_percent`` of scale that may as well be the instrument's own. ``stated``: the measurement says how exact
-    it is."""
+    it is; ``wanders_mm`` is by how much place and scale may be off because what measures wanders."""
 
     marks: int
     before_mm: float
@@ -61,6 +63,7 @@ class Verdict:
     placed: bool
     stretch_percent: float = 0.0
     stated: bool = True
+    wanders_mm: float = 0.0
 
     @property
     def result(self) -> str:
@@ -93,6 +96,11 @@ class Verdict:
         if self.result == KEPT:
             return f"{numbers}: kept ({self.marks} marks)"
         if self.result == UNSURE:
+            if self.wanders_mm:
+                return (
+                    f"{numbers}: cannot tell. What measures wanders, so that place and scale may be off by "
+                    f"{self.wanders_mm:.2f} mm: fix it, let it warm up, and measure again"
+                )
             how = "scan the print" if self.stated else "scan the print, or say in sigma_mm how exact the table is"
             return (
                 f"{numbers}: cannot tell. This measurement is too coarse, it shows only errors above "
@@ -154,12 +162,17 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     repeating = _repeating(error, trace, model)
     noise2 = PLANE_FACTOR**2 * sigma**2 if len(stated) else repeating.rest_mm2
     now, low, high = _error_now_mm(error, noise2, repeating, is_stated=bool(len(stated)))
+    wanders_mm = 0.0
+    if trace.instrument_doubt.is_exact and len(known) >= LEAST_ROWS:
+        wanders_mm = wandering_mm(Greybox().fit(trace, model.printer, rng=np.random.default_rng(0)), trace)
+    low = float(np.sqrt(max(low**2 - (PLANE_FACTOR * wanders_mm) ** 2, 0.0)))
     after = outlook.after
     before_mm = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
     return Verdict(
         len(known), before_mm, now, low, high,
         PLANE_FACTOR * after.rms_mm, PLANE_FACTOR * after.rms_low_mm, PLANE_FACTOR * after.rms_high_mm,
         float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - noise2, 0.0))), placed, stretch, bool(len(stated)),
+        wanders_mm,
     )  # fmt: skip
 
 
