@@ -413,6 +413,7 @@ export default [
   ["check the unit and --printer", "Die Einheit und den Drucker prüfen", "check the unit and the printer"],
   ["each measured point in the row of its own command", "jeder gemessene Punkt in der Zeile seines Befehls"],
   ["the same points in another order", "dieselben Punkte in anderer Reihenfolge"],
+  ["fix what measures, let it warm up, and measure again", "Was misst, befestigen, warm werden lassen und noch einmal messen"],
   ["measure again in the order of the rows, or let printmend measure write the table", "In der Reihenfolge der Zeilen noch einmal messen", "measure again in the order of the rows"],
   ["every commanded way-point", "jede befohlene Stelle"],
   ["none or NaN", "keine"],
