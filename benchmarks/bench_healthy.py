@@ -110,7 +110,7 @@ def by_hand(printer: Printer, plan: ProbePlan, rng: np.random.Generator, folder:
     across += rng.normal(0, 0.1) + rng.normal(0, rng.uniform(0.02, 0.07), len(across))  # dots are as wide as they are
     across[rng.random(len(across)) < 0.1 * (rng.random() < 0.3)] = np.nan
     found = estimate(distances, across)
-    details = {"promise": calliper_section(found, printer)}
+    details = {"promise": calliper_section(distances, across, printer)}
     return saved_model(mechanism(found, printer), learner="callipers", findings=("",), details=details)
 
 

@@ -84,26 +84,44 @@ def by_callipers(number: int, preset: str, printed: Callable, rng: np.random.Gen
     across_mm += rng.normal(0, WIDTH_SD_MM) + rng.normal(0, READING_SD_MM, len(across_mm))
     across_mm[READINGS[number % len(READINGS)] :] = np.nan
     found = estimate(distances, across_mm)
-    details = {"promise": calliper_section(found, printer)}
+    details = {"promise": calliper_section(distances, across_mm, printer)}
     return saved_model(mechanism(found, printer), learner="callipers", findings=("",), details=details)
 
 
-def across_mm(moves: list, ways: list[np.ndarray], placed: bool) -> float:
-    """Return the RMS distance of printed lines straight across the wanted ones, each by its length, as the line "as it
-    is" of printmend has it; where nothing was ``placed``, all of it shifted so that it fits best."""
-    rows, off, weight = [], [], []
-    for move, way in zip(moves, ways, strict=True):
-        along = np.subtract(move.end_mm, move.start_mm)
-        if not move.extruding or not (length := float(np.hypot(*along))):
-            continue
-        normal = np.array([-along[1], along[0]]) / length
-        rows.append(np.tile(normal, (len(way), 1)))
-        off.append((way - move.start_mm) @ normal)
-        weight.append(np.full(len(way), length / len(way)))
-    table, error, root = np.concatenate(rows), np.concatenate(off), np.sqrt(np.concatenate(weight))
+def across_mm(
+    ideal: list, made: list, ways: list[np.ndarray], *, placed: bool, turned: bool = False
+) -> tuple[float, float]:
+    """Return the RMS distance of printed lines straight across the wanted ones, each by its length, as printmend has
+    it, and the largest; where nothing was ``placed``, all of it shifted so that it fits best, and ``turned``, too.
+
+    Which line is meant tells the filament that was used up: of lines that lie closely, the nearest is often another.
+    """
+    lines, drawn = ([move for move in moves if _draws(move)] for moves in (ideal, made))
+    end, middle = (np.cumsum([move.filament_mm for move in moves]) for moves in (lines, drawn))
+    middle = (middle - [move.filament_mm / 2 for move in drawn]) * (end[-1] / middle[-1])
+    start, along = (np.array([value(move) for move in lines]) for value in (lambda m: m.start_mm, _along))
+    of = np.minimum(np.searchsorted(end, middle), len(lines) - 1)
+    mine = [way for move, way in zip(made, ways, strict=True) if _draws(move)]
+    counts = [len(way) for way in mine]
+    at = np.repeat(of, counts)
+    normal = (np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None])[at]
+    points = np.concatenate(mine)
+    error = ((points - start[at]) * normal).sum(axis=1)
+    weight = np.repeat([np.hypot(*_along(move)) / count for move, count in zip(drawn, counts, strict=True)], counts)
     if not placed:
+        arm = points - points.mean(axis=0)
+        turn = normal[:, [1]] * arm[:, [0]] - normal[:, [0]] * arm[:, [1]]
+        table, root = np.hstack([normal, turn] if turned else [normal]), np.sqrt(weight)
         error = error - table @ np.linalg.lstsq(table * root[:, None], error * root, rcond=None)[0]
-    return float(np.sqrt(np.average(error**2, weights=root**2)))
+    return float(np.sqrt(np.average(error**2, weights=weight))), float(np.abs(error).max())
+
+
+def _draws(move: outside.Move) -> bool:
+    return move.extruding and move.start_mm != move.end_mm
+
+
+def _along(move: outside.Move) -> np.ndarray:
+    return np.subtract(move.end_mm, move.start_mm)
 
 
 def judge(
@@ -164,8 +182,10 @@ def judge(
         if commands is ideal:
             turn = np.arctan2(matrix[1, 0], matrix[0, 0])  # no scan tells it: x keeps its direction
             back = np.eye(2) if placed else np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-            as_it_is_mm = across_mm(ideal, [each @ back for each in way], placed)
-        if not placed:
+            as_it_is_mm = across_mm(ideal, ideal, [each @ back for each in way], placed=placed)[0]
+        if by_hand:  # errors are large here: another line is often the nearest
+            rms_mm, most_mm = across_mm(ideal, commands, way, placed=False, turned=corexy)
+        elif not placed:
             rms_mm, _, _, most_mm = placed_error_mm(ideal, commands, way)
         else:
             off_mm = contour_error_mm(ideal, commands, way)

@@ -143,12 +143,13 @@ def random_frame(rng: np.random.Generator, home_mm: tuple[float, float]) -> tupl
 
 @dataclass
 class Move:
-    """One straight move: commanded ends, filament, layer height."""
+    """One straight move: commanded ends, layer height, filament."""
 
     start_mm: tuple[float, float]
     end_mm: tuple[float, float]
     z_mm: float
     extruding: bool
+    filament_mm: float = 0.0
 
 
 def read_moves(text: str, home_mm: tuple[float, float]) -> list[Move]:
@@ -175,7 +176,7 @@ def read_moves(text: str, home_mm: tuple[float, float]) -> list[Move]:
                 [(x, y), (to[0], to[1])] if code in ("G0", "G1") else _arc((x, y), (to[0], to[1]), value, code == "G2")
             )
             for start, end in itertools.pairwise(points):
-                moves.append(Move(start, end, to[2], filament > 0))
+                moves.append(Move(start, end, to[2], filament > 0, filament / (len(points) - 1)))
             x, y, z = to
         elif code == "G28":
             named = [axis for axis in "XYZ" if axis in line.split(";")[0].upper()] or list("XYZ")

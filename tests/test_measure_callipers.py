@@ -1,16 +1,20 @@
 """Callipers: few distances, honest about what they can tell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from printmend.cli.measure import command
-from printmend.errors import TraceError
+from printmend.errors import ModelError, TraceError
+from printmend.export.supported import _motor_sds
 from printmend.learn.calliper_talk import _doubt, talk
 from printmend.learn.callipers import (
     LONGEST_MM,
     MOST_DISTANCES,
     READING_SD_MM,
+    about,
     choose_distances,
     describe,
     estimate,
@@ -23,8 +27,23 @@ from printmend.measure import write_plan
 from printmend.printer import read_printer
 from printmend.probe import design_probe
 from printmend.promise.budget import parse_budget
-from printmend.promise.by_hand import FAULTY_SHARE, calliper_section
-from printmend.saved import read_model
+from printmend.promise.by_hand import (
+    BOTH_SHARE,
+    FALLS,
+    FAULTY_SHARE,
+    HARMONICS,
+    MACHINES,
+    OWN,
+    PART_OF,
+    PLAYS,
+    SIZES,
+    UNKNOWNS_SD,
+    WAVE,
+    calliper_section,
+    machines,
+)
+from printmend.promise.predict import Errors, PathPlaces, Promise, promised
+from printmend.saved import read_model, saved_model
 from printmend.twin import Twin
 
 
@@ -104,18 +123,105 @@ def test_few_distances_say_what_they_cannot_tell(case):
     assert not all(item.supported for item in estimate(distances, readings))
 
 
-def test_where_no_part_is_corrected_each_may_be_sound(case):
+def test_machines_are_drawn_as_brute_force_draws_them(case):
+    printer, distances = case
+    readings = read_off(distances, broken(printer, scale=0.004, play=0.3))
+    readings[1:] = np.nan
+    estimates = estimate(distances, readings)
+    features, seen_mm = about(distances, readings, np.array([each.value for each in estimates]), HARMONICS)
+    rng = np.random.default_rng(4)
+    count = 400_000
+    there = np.zeros((7, count), bool)
+    for kind in range(3):
+        faulty, both, first = rng.uniform(size=(3, count)) < [[FAULTY_SHARE], [BOTH_SHARE], [0.5]]
+        there[kind], there[3 + kind] = faulty & (both | first), faulty & (both | ~first)
+    there[6] = rng.uniform(size=count) < FAULTY_SHARE
+    size = np.array(SIZES)[rng.integers(len(SIZES), size=count)]
+    fall = np.array(FALLS)[rng.integers(len(FALLS), size=count)]
+    drawn = UNKNOWNS_SD[:, None] / WAVE[:, None] ** fall * rng.standard_normal((len(UNKNOWNS_SD), count))
+    drawn[:-1] *= there[PART_OF] * size
+    drawn[PLAYS] = np.abs(drawn[PLAYS])
+    weight = np.exp(-0.5 * np.sum(((seen_mm[:, None] - features @ drawn) / READING_SD_MM) ** 2, axis=0))
+    assert weight.sum() ** 2 / np.sum(weight**2) > 2000
+    found = machines(distances, readings, estimates)
+    for at in (0, 1, 2, OWN, OWN + 1, 2 * OWN):
+        chance = np.average(drawn[at] != 0, weights=weight)
+        assert np.mean(found[at] != 0) == pytest.approx(chance, abs=4 * np.sqrt(chance * (1 - chance) / MACHINES))
+    known = features[0] @ drawn
+    assert np.mean(features[0] @ found) == pytest.approx(np.average(known, weights=weight), abs=0.03)
+
+
+def test_machines_hold_the_truth_as_often_as_they_say(case):
+    printer, distances = case
+    rng = np.random.default_rng(8)
+    held = []
+    for _ in range(40):
+        truth = {"scale": rng.normal(0, 0.02), "play": abs(rng.normal(0, 0.5)), "sine": rng.normal(0, 0.3)}
+        truth = {name: value * (rng.uniform() < 0.5) for name, value in truth.items()}
+        readings = read_off(distances, broken(printer, **truth), rng)
+        readings[6:] = np.nan
+        found = machines(distances, readings, estimate(distances, readings))
+        for at, name in ((0, "scale"), (1, "play"), (2, "sine")):
+            low, high = np.quantile((found[at] + found[OWN + at]) / 2, (0.05, 0.95))
+            held.append(low - 1e-9 <= truth[name] <= high + 1e-9)
+    assert 0.8 <= np.mean(held) <= 0.98
+
+
+def test_a_sound_printer_is_not_promised_badly_nor_a_loose_one_well(case):
     printer, distances = case
 
-    def chances(machine: Mechanism, count: int) -> list[float]:
+    def promised_mm(machine: Mechanism, count: int) -> Promise:
         readings = read_off(distances, machine)
         readings[count:] = np.nan
-        section = calliper_section(estimate(distances, readings), printer)
-        return [chance for motor in printer.motors for _, chance in section["motors"][motor].get("left_out", [])]
+        section = calliper_section(distances, readings, printer)
+        document = saved_model(broken(printer), learner="callipers", findings=("",), details={"promise": section})
+        budget = parse_budget(document)
+        assert budget is not None
+        angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+        tangent = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
+        ring = PathPlaces(
+            np.array(printer.middle_mm) + 30 * np.stack([np.cos(angle), np.sin(angle)], axis=1),
+            tangent, np.zeros(400), np.sign(tangent), np.full(400, 0.5),
+        )  # fmt: skip
+        outlook = promised(broken(printer), budget, ring, Errors(0.0, 0.0, 0.0), Errors(0.0, 0.0, 0.0))
+        assert outlook is not None
+        return outlook.before
 
-    assert max(chances(broken(printer), 12)) < 0.9 * FAULTY_SHARE  # scale, play, off its centre, of each motor
-    assert chances(broken(printer), 1)[2] == pytest.approx(FAULTY_SHARE, rel=0.2)  # one distance hardly tells
-    assert chances(broken(printer, play=0.8), 12) == []
+    sound, few = (promised_mm(broken(printer), count) for count in (6, 1))
+    loose = promised_mm(broken(printer, play=0.8), 6)
+    assert sound.rms_low_mm < 0.004
+    assert sound.rms_mm < 0.03 < few.rms_high_mm
+    assert few.rms_high_mm > 3 * sound.rms_high_mm  # one distance tells little
+    assert loose.rms_low_mm > 0.1
+
+
+def test_readings_that_no_play_explains_end_in_no_negative_one(case):
+    printer, distances = case
+    readings = read_off(distances, broken(printer, play=-1.5))
+    found = machines(distances, readings, estimate(distances, readings))
+    assert np.isfinite(found).all()
+    assert found[PLAYS].min() >= 0
+
+
+def test_machines_of_both_motors_must_be_as_many(case):
+    printer, distances = case
+    section = calliper_section(distances, read_off(distances, broken(printer)), printer)
+    model = saved_model(broken(printer), learner="callipers", findings=("",), details={"promise": section})
+    assert parse_budget(model) is not None
+    section["stretch"] = section["stretch"][1:]
+    with pytest.raises(ModelError, match="machines"):
+        parse_budget(replace(model, document={**model.document, "promise": section}))
+
+
+def test_the_doubt_of_a_firmware_setting_is_that_of_the_machines(case):
+    printer, distances = case
+    readings = read_off(distances, broken(printer, play=0.8))
+    section = calliper_section(distances, readings, printer)
+    model = saved_model(broken(printer), learner="callipers", findings=("",), details={"promise": section})
+    budget = parse_budget(model)
+    assert budget is not None
+    plays = np.array(section["motors"][printer.motors[0]]["factor_mm"]["play_powers"][0])
+    assert _motor_sds(model, budget, 0)[1] == pytest.approx(np.sqrt(np.mean(plays**2)), rel=0.02)
 
 
 def test_the_machine_has_the_corrected_faults_only(case):

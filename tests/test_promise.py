@@ -207,7 +207,7 @@ def test_a_part_left_out_is_there_in_few_machines(bent: SavedModel, rng: np.rand
     motor = replace(
         budget.motors[0], factor_mm=np.ones((budget.motors[0].design.size, 5)), left_out=((2, 0.1), (1, 0.5))
     )
-    z = np.hstack([_directions(motor, rng) for _ in range(200)])
+    z = np.hstack([_directions(motor, None, rng) for _ in range(200)])
     assert np.mean(z != 0, axis=1) == pytest.approx([1, 1, 0.1, 0.1, 0.5], abs=0.01)
     assert np.var(z, axis=1) == pytest.approx(np.ones(5), abs=0.06)  # the same variance as if it were always there
     assert ((z[2] != 0) == (z[3] != 0)).all()  # one part: both of its directions, or none
@@ -217,9 +217,31 @@ def test_where_machines_are_kept_each_draw_is_one_of_them(bent: SavedModel, rng:
     budget = parse_budget(bent)
     assert budget is not None
     motor = replace(budget.motors[0], factor_mm=np.ones((budget.motors[0].design.size, 5)), machines=True)
-    z = np.hstack([_directions(motor, rng) for _ in range(50)])
+    z = np.hstack([_directions(motor, None, rng) for _ in range(50)])
     assert ((z > 0).sum(axis=0) == 1).all()
     assert np.mean(z > 0, axis=1) == pytest.approx(np.full(5, 0.2), abs=0.02)
+
+
+def test_a_motor_that_rounding_moves_stands_still(rng: np.random.Generator) -> None:
+    """Lines at 45° on a CoreXY move one motor; that their ends are rounded does not turn the other one round."""
+    printer = read_printer("corexy")
+    budget = parse_budget(
+        learn_model(measured(Corruption((Drive(), Drive(belt=Play(0.3)))), 0.02, 4, 700, printer), printer)
+    )
+    assert budget is not None
+    side = np.repeat(np.where(np.arange(40) % 2, 1.0, -1.0), 10)
+    straight = np.stack([side, side], axis=1) / np.sqrt(2)
+    places = 150 + np.linspace(-20, 20, 400)[:, None] * [1.0, -1.0] + np.tile(np.linspace(-20, 20, 10), 40)[:, None]
+    error = Errors(0.0, 0.0, 0.0)
+    expected = []
+    for lean in (0.0, 2e-5):  # a thousandth of a millimetre in 50
+        tangent = straight + lean * rng.choice([-1.0, 1.0], 40).repeat(10)[:, None] * [1.0, -1.0]
+        pushed = np.stack([side, np.ones(400)], axis=1)
+        path = PathPlaces(places, tangent, np.zeros(400), pushed, np.ones(400))
+        outlook = promised(exact_model(Twin.of(HEALTHY, printer).mechanism).mechanism, budget, path, error, error)
+        assert outlook is not None
+        expected.append(outlook.before.rms_mm)
+    assert expected[1] == pytest.approx(expected[0], rel=1e-3)
 
 
 def test_a_print_of_half_a_turn_promises_by_the_machines_that_it_allows(part: Path) -> None:

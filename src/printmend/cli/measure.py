@@ -9,7 +9,9 @@ import click
 from printmend.cli.number import Finite
 
 if TYPE_CHECKING:
-    from printmend.learn.callipers import Estimate
+    import numpy as np
+
+    from printmend.learn.callipers import Distances
     from printmend.printer import Printer
 
 
@@ -139,7 +141,6 @@ def _measure_by_hand(
     from printmend.learn.callipers import (
         choose_distances,
         describe,
-        estimate,
         parse_readings,
         read_readings,
     )
@@ -155,7 +156,7 @@ def _measure_by_hand(
         distances, readings = talk(plan, input, click.echo, picture=overlay)
         if not len(readings):
             return
-        _say_estimates(estimate(distances, readings), printer, output)
+        _say_estimates(distances, readings, printer, output)
         return
     distances = choose_distances(plan)
     if overlay is not None:
@@ -170,20 +171,21 @@ def _measure_by_hand(
         if not text.strip():
             return
         readings = parse_readings(text, distances, subject="the distances")
-    _say_estimates(estimate(distances, readings), printer, output)
+    _say_estimates(distances, readings, printer, output)
 
 
-def _say_estimates(estimates: "tuple[Estimate, ...]", printer: "Printer | None", output: Path) -> None:
+def _say_estimates(distances: "Distances", readings_mm: "np.ndarray", printer: "Printer | None", output: Path) -> None:
     """Say what was measured by hand, and save the model that follows from it."""
-    from printmend.learn.callipers import mechanism
+    from printmend.learn.callipers import estimate, mechanism
     from printmend.promise.by_hand import calliper_section
     from printmend.saved import saved_model, write_model
 
+    estimates = estimate(distances, readings_mm)
     for item in estimates:
         click.echo(str(item))
     if printer is not None:
         findings = tuple(str(item) for item in estimates)
-        details = {"promise": calliper_section(estimates, printer)}
+        details = {"promise": calliper_section(distances, readings_mm, printer)}
         made = saved_model(mechanism(estimates, printer), learner="callipers", findings=findings, details=details)
         write_model(output, made)
         click.echo(f"{output}: only what is known well is corrected")

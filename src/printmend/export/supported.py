@@ -1,6 +1,7 @@
 """Which settings of a firmware a model supports: each must help by more than its own doubt."""
 
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 
@@ -143,7 +144,8 @@ def _motor_sds(model: SavedModel, budget: Budget, at: int) -> tuple[float, float
     if not back.shape[1]:
         return 0.0, 0.0
     slopes = np.polyfit(motor - motor.mean(), (back + forth) / 2, 1)[0]
-    return float(np.linalg.norm(slopes)), float(np.linalg.norm((back - forth).mean(axis=0)))
+    each = sqrt(back.shape[1]) if budget.together else 1.0  # one of so many machines
+    return float(np.linalg.norm(slopes)) / each, float(np.linalg.norm((back - forth).mean(axis=0))) / each
 
 
 def _stretch_sds(budget: Budget) -> np.ndarray:

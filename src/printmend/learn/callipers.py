@@ -210,22 +210,15 @@ def estimate(distances: Distances, readings_mm: np.ndarray) -> tuple[Estimate, .
     known = np.isfinite(readings_mm)
     if not known.any():
         raise TraceError("the distances", wanted="at least one", came="none", todo="measure a few of the list")
-    plan, pairs = distances.plan, distances.pairs[known]
     prior_sd = _prior_sd()
     values = np.zeros(len(prior_sd))
-    covariance = prior_covariance(plan)
-    prior = np.linalg.inv(covariance)
+    prior = np.linalg.inv(prior_covariance(distances.plan))
     for _ in range(4):  # the distance bends a little with the errors themselves
-        moved = plan.marks_mm + _errors_mm(plan, values)
-        side = np.where(distances.inner[known], -1.0, 1.0)
-        across = np.hypot(*(moved[pairs[:, 1]] - moved[pairs[:, 0]]).T) + side * (plan.big_dot_mm + values[-1])
-        features = _features(plan, pairs, moved)
-        features[:, -1] = side
-        normal = features.T @ features / READING_SD_MM**2 + prior
-        covariance = np.linalg.inv(normal)
-        values = covariance @ (features.T @ (readings_mm[known] - across + features @ values)) / READING_SD_MM**2
+        features, seen_mm = about(distances, readings_mm, values)
+        covariance = np.linalg.inv(features.T @ features / READING_SD_MM**2 + prior)
+        values = covariance @ (features.T @ seen_mm) / READING_SD_MM**2
     sd = np.sqrt(np.diag(covariance))
-    motors = ("A", "B") if plan.kinematics == "corexy" else ("X", "Y")
+    motors = ("A", "B") if distances.plan.kinematics == "corexy" else ("X", "Y")
     labels = [
         (f"{motor} {name}", unit) for motor in motors for name, unit in zip(NAMES, ("", "mm", "mm", "mm"), strict=True)
     ]
@@ -234,6 +227,25 @@ def estimate(distances: Distances, readings_mm: np.ndarray) -> tuple[Estimate, .
         Estimate(name, float(value), float(spread), unit, bool(spread < SUPPORTED_SHARE * prior))
         for (name, unit), value, spread, prior in zip(labels, values, sd, prior_sd, strict=True)
     )
+
+
+def about(
+    distances: Distances, readings_mm: np.ndarray, values: np.ndarray, harmonics: Sequence[int] = (1,)
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how the readings that were taken depend on the unknowns near these ``values`` [10]: the features [K, P],
+    and what of the readings these have to explain [K].
+
+    Each motor has an unknown sine and cosine for each of its pulley's ``harmonics``, of which the first comes first.
+    """
+    known = np.isfinite(readings_mm)
+    plan, pairs = distances.plan, distances.pairs[known]
+    moved = plan.marks_mm + _errors_mm(plan, values)
+    side = np.where(distances.inner[known], -1.0, 1.0)
+    across = np.hypot(*(moved[pairs[:, 1]] - moved[pairs[:, 0]]).T) + side * (plan.big_dot_mm + values[-1])
+    features = _features(plan, pairs, moved, harmonics)
+    features[:, -1] = side
+    blocks = np.repeat([len(NAMES), SKEW_AT], len(harmonics) * 2 - 2)  # the values have no higher harmonics
+    return features, readings_mm[known] - across + features @ np.insert(values, blocks, 0.0)
 
 
 def mechanism(estimates: Sequence[Estimate], printer: Printer) -> Mechanism:
@@ -276,18 +288,19 @@ def _prior_sd() -> np.ndarray:
     return np.array([*PRIOR_SD, *PRIOR_SD, SKEW_SD, WIDTH_SD_MM])
 
 
-def _error_columns(plan: ProbePlan) -> np.ndarray:
-    """Return the derivative of each mark's bed position by each unknown but the dots' width [M, 2, 9]."""
+def _error_columns(plan: ProbePlan, harmonics: Sequence[int] = (1,)) -> np.ndarray:
+    """Return the derivative of each mark's bed position by each unknown but the dots' width [M, 2, P − 1]."""
     motors, (side, _) = plan.to_motor(plan.marks_mm), plan.motor_approaches
-    columns = np.zeros((len(plan), 2, UNKNOWNS - 1))
+    columns = []
     for motor in range(2):
         m, phase = motors[:, motor], 2 * np.pi * motors[:, motor] / plan.mm_per_turn[motor]
-        for offset, column in enumerate((m, -side[:, motor] / 2, np.sin(phase), np.cos(phase))):
+        waves = [wave(k * phase) for k in harmonics for wave in (np.sin, np.cos)]
+        for column in (m, -side[:, motor] / 2, *waves):
             belts = np.zeros((len(plan), 2))
             belts[:, motor] = column
-            columns[:, :, len(NAMES) * motor + offset] = plan.from_motor(belts)
-    columns[:, 0, SKEW_AT] = plan.marks_mm[:, 1]
-    return columns
+            columns.append(plan.from_motor(belts))
+    columns.append(np.stack([plan.marks_mm[:, 1], np.zeros(len(plan))], axis=1))
+    return np.stack(columns, axis=2)
 
 
 def _errors_mm(plan: ProbePlan, values: np.ndarray) -> np.ndarray:
@@ -295,10 +308,10 @@ def _errors_mm(plan: ProbePlan, values: np.ndarray) -> np.ndarray:
     return _error_columns(plan) @ values[:-1]
 
 
-def _features(plan: ProbePlan, pairs: np.ndarray, places_mm: np.ndarray) -> np.ndarray:
-    """Return the derivative of every distance by every unknown [K, 10]."""
+def _features(plan: ProbePlan, pairs: np.ndarray, places_mm: np.ndarray, harmonics: Sequence[int] = (1,)) -> np.ndarray:
+    """Return the derivative of every distance by every unknown [K, P]."""
     along = places_mm[pairs[:, 1]] - places_mm[pairs[:, 0]]
     unit = along / np.hypot(*along.T)[:, None]
-    columns = _error_columns(plan)
+    columns = _error_columns(plan, harmonics)
     difference = columns[pairs[:, 1]] - columns[pairs[:, 0]]
     return np.hstack([np.einsum("kd,kdi->ki", unit, difference), np.ones((len(pairs), 1))])

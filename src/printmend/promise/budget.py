@@ -16,7 +16,7 @@ from printmend.saved.values import LARGEST, number, numbers, refuse, section_of
 
 VERSION = 1  # of the model file's section
 DIRECTIONS = 48  # of a motor's parameters that are kept at most
-_MOST_PARAMETERS = 400  # of a motor that a file may name
+_MOST_PARAMETERS = 400  # of a motor that a file may name, and most of its directions
 LAYOUT = ("mean_harmonics", "play_harmonics", "elastic_harmonics", "ripple", "second_harmonics")
 
 
@@ -71,7 +71,8 @@ class Budget:
     weighed Gaussians of how the bed may be stretched beyond what acts, because the instrument cannot tell: (weight,
     mean [3], covariance [3, 3]) of common scale, half the difference of both axes' scales, half the skew [rad]; empty
     where the instrument is exact. ``effects`` are what the tests of misfit found. ``screw`` is the learned one of Z,
-    which says how sure its push is; None without one.
+    which says how sure its push is; None without one. ``together``: the motors' machines and the stretches were drawn
+    as whole printers, so that one of each belongs to one of the others.
     """
 
     motors: tuple[MotorBudget, MotorBudget]
@@ -79,6 +80,7 @@ class Budget:
     stretch: tuple[tuple[float, np.ndarray, np.ndarray], ...]
     effects: tuple[Effect, ...]
     screw: ScrewSeries | None = None
+    together: bool = False
 
     @property
     def turns_mm(self) -> tuple[float, float]:
@@ -101,9 +103,13 @@ def parse_budget(model: SavedModel) -> Budget | None:
     if sorted(motors) != sorted(model.printer.motors):
         refuse(subject, f"motors {' and '.join(model.printer.motors)}", "others")
     parsed = [_motor(motors[name], f"{subject} {name}") for name in model.printer.motors]
+    stretch, together = _stretch(section, subject), bool(section.get("together"))
+    counts = {len(stretch), *(each.factor_mm.shape[1] for each in parsed)}
+    if together and (len(counts) != 1 or not all(each.machines for each in parsed)):
+        refuse(subject, "the same number of machines throughout", "others")
     return Budget(
-        (parsed[0], parsed[1]), bool(section.get("placed")), _stretch(section, subject), parse_effects(model.document),
-        screw_of(model),
+        (parsed[0], parsed[1]), bool(section.get("placed")), stretch, parse_effects(model.document), screw_of(model),
+        together,
     )  # fmt: skip
 
 
@@ -180,7 +186,7 @@ def _factor(tables: dict[str, Any], design: Design, subject: str) -> np.ndarray:
         if part is None or not isinstance(table, list) or len(table) != part.stop - part.start:
             refuse(subject, "a factor for each parameter", "something else")
         for i, row in enumerate(table):
-            rows[part.start + i] = numbers({"row": row}, "row", subject, DIRECTIONS)
+            rows[part.start + i] = numbers({"row": row}, "row", subject, _MOST_PARAMETERS)
     widths = {len(row) for row in rows.values()}
     if len(widths) > 1:
         refuse(subject, "factors of one length", "several")

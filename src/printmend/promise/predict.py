@@ -42,8 +42,9 @@ WHOLE_TURN_SHARE = 0.95  # a pulley of which this share of a turn was measured c
 # that were drawn with such pulleys among them.
 GUESSED_LOG = (-0.5, 1.4)
 MACHINES_LOG = (-0.5, 1.1)
+TOGETHER_LOG = (0.0, 0.3)  # … and for both motors' machines after a few distances: none of them is as a real one is
 LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
-STANDS_SHARE = 1e-6  # a motor that goes less than this share of a move's length stands still
+STANDS_SHARE = 1e-3  # of a move's length that a motor may go and yet stands still: rounded coordinates move it
 # Normal values, and the logarithm of minus the logarithm of the chance that one is not larger.
 _NORMAL = np.linspace(8.0, -6.0, 1401)
 _CHANCE_LOG = np.array([math.log(-math.log1p(-0.5 * math.erfc(each / math.sqrt(2)))) for each in _NORMAL])
@@ -145,8 +146,9 @@ def _outlook(
     aims = _aims(mechanism, path, at_rest)
     local = _local(mechanism, budget, path, rng)
     columns = [_columns(mechanism, budget, path, aims, motors) for motors in (aims.before_mm, aims.after_mm)]
-    z = np.vstack([_directions(motor, rng) for motor in budget.motors])
-    both = _stretch(mechanism, budget, path, rng) | _effects(mechanism, budget, path, aims, rng)
+    which = rng.integers(len(budget.stretch), size=DRAWS) if budget.together else None
+    z = np.vstack([_directions(motor, which, rng) for motor in budget.motors])
+    both = _stretch(mechanism, budget, path, which, rng) | _effects(mechanism, budget, path, aims, rng)
     if not budget.placed:
         both["homing"] = _homing(mechanism, path, rng)
     both |= push_doubt(budget.screw, path, rng)
@@ -240,13 +242,15 @@ def _across(mechanism: Mechanism, path: PathPlaces) -> np.ndarray:
     return np.asarray(normal @ mechanism.printer.from_motor(np.eye(2)).T)
 
 
-def _directions(motor: MotorBudget, rng: np.random.Generator) -> np.ndarray:
+def _directions(motor: MotorBudget, which: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
     """Draw how far a motor's parameters are off along its directions [R, DRAWS]; a part that was left out is there in
     some machines, and does nothing in the others. Where the directions are machines, each draw is one of them."""
     directions = motor.factor_mm.shape[1]
-    if motor.machines and directions:
-        which = np.eye(directions)[:, rng.integers(directions, size=DRAWS)]
-        return np.asarray(which * np.exp(rng.normal(*MACHINES_LOG, DRAWS)))
+    log = MACHINES_LOG if which is None else TOGETHER_LOG
+    if which is None and motor.machines and directions:
+        which = rng.integers(directions, size=DRAWS)
+    if which is not None:
+        return np.asarray(np.eye(directions)[:, which] * np.exp(rng.normal(*log, DRAWS)))
     z = rng.standard_normal((directions, DRAWS))
     first = len(z) - sum(count for count, _ in motor.left_out)
     for count, chance in motor.left_out:
@@ -301,12 +305,15 @@ def _columns(mechanism: Mechanism, budget: Budget, path: PathPlaces, aims: _Aims
     return np.hstack(found)
 
 
-def _stretch(mechanism: Mechanism, budget: Budget, path: PathPlaces, rng: np.random.Generator) -> dict[str, DrawnCause]:
+def _stretch(
+    mechanism: Mechanism, budget: Budget, path: PathPlaces, which: np.ndarray | None, rng: np.random.Generator
+) -> dict[str, DrawnCause]:
     """Return the errors across the path of N places and `DRAWS` machines that the instrument's own errors leave."""
     if not budget.stretch:
         return {}
-    weights = np.array([weight for weight, _, _ in budget.stretch])
-    which = rng.choice(len(weights), DRAWS, p=weights / weights.sum())
+    if which is None:
+        weights = np.array([weight for weight, _, _ in budget.stretch])
+        which = rng.choice(len(weights), DRAWS, p=weights / weights.sum())
     drawn = np.zeros((3, DRAWS))
     for at, (_, mean, covariance) in enumerate(budget.stretch):
         values, axes = np.linalg.eigh(covariance)

@@ -28,7 +28,9 @@ _PROBE_TODO = "A whole `printmend probe`, printed and measured, settles it."
 _AGAIN_TODO = "A second test print, taken in with `printmend learn --update`, makes it less."
 _BEYOND_MM = 5.0  # a part that lies farther outside of what was measured is told so
 _WHOLE_MARKS = 400  # a measurement of so many marks was of a whole test print
-_MOST_WORSE_SHARE = 0.05  # most of the drawn machines, as a share, that may print no better mended
+# Most of the drawn machines, as a share, that may print no better mended; and where a few distances left most of what
+# was drawn to assumed chances.
+_MOST_WORSE_SHARE, _MOST_WORSE_SHARE_BY_HAND = 0.05, 0.01
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ class Prediction:
     """The expected contour error of a file as it is (``before``) and as mended (``after``), with all that is not known.
 
     ``path`` are places along the extruded path, ``gain_mm`` by how much mending lowers the error of each of some
-    machines that the model allows; None for a model that says nothing of its doubt. ``advice`` says, before printing,
+    machines that the model allows; None for a model that says nothing of its doubt. ``most_worse_share`` of them may
+    print no better where mending is to count as better. ``advice`` says, before printing,
     where most of the doubt comes from and which print or measurement would settle it.
     ``layers`` [L] holds for each layer z_mm, length_mm and both errors (rms, max). ``length_mm`` is the extruded path.
     ``moves`` and ``commands`` count what moves the head before and after; ``takeups`` the reversals at which slack was
@@ -92,13 +95,14 @@ class Prediction:
     warnings: tuple[str, ...] = ()
     path: PathPlaces | None = field(default=None, repr=False)
     gain_mm: np.ndarray | None = field(default=None, repr=False)
+    most_worse_share: float = field(default=_MOST_WORSE_SHARE, repr=False)
 
     @property
     def is_better(self) -> bool:
         """Say whether mending surely gains more than the resolution of the numbers in the file."""
         if self.gain_mm is not None and self.heights is None:
             is_gain = float(np.median(self.gain_mm)) > _LEAST_GAIN_MM
-            return is_gain and float(np.quantile(self.gain_mm, _MOST_WORSE_SHARE)) > 0.0
+            return is_gain and float(np.quantile(self.gain_mm, self.most_worse_share)) > 0.0
         before, after = self.before.rms_mm, self.after.rms_mm
         if self.heights is not None:
             before, after = math.hypot(before, self.heights[0].rms_mm), math.hypot(after, self.heights[1].rms_mm)
@@ -128,7 +132,7 @@ class Prediction:
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""
         plain = asdict(replace(self, path=None, gain_mm=None))
-        del plain["path"], plain["gain_mm"]
+        del plain["path"], plain["gain_mm"], plain["most_worse_share"]
         plain["layers"] = list(self.layers)
         plain |= {"planning_rms_mm": self.after.planning_rms_mm, "made_of": dict(self.after.made_of)}
         if not self.extruding:
@@ -264,6 +268,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     return replace(
         prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
         advice=(*_beyond_seen(model, prediction), *advice_of(model, outlook.after)),
+        most_worse_share=_MOST_WORSE_SHARE_BY_HAND if budget.together else _MOST_WORSE_SHARE,
     )  # fmt: skip
 
 

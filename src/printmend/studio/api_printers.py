@@ -319,10 +319,11 @@ def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
 
     chosen, folder = _distances(here, key), _folder(here, key)
     text = "\n".join("" if value is None else f"{value:.6f}" for value in given.readings_mm) + "\n"
-    estimates = estimate(chosen, parse_readings(text, chosen, subject="the distances"))
+    readings_mm = parse_readings(text, chosen, subject="the distances")
+    estimates = estimate(chosen, readings_mm)
     printer = read_printer(folder / PRINTER)
     found = tuple(str(one) for one in estimates)
-    details = {"promise": calliper_section(estimates, printer)}
+    details = {"promise": calliper_section(chosen, readings_mm, printer)}
     made = saved_model(mechanism(estimates, printer), learner="callipers", findings=found, details=details)
     write_model(folder / MODEL, made)
     return known(here, key)
