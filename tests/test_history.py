@@ -44,7 +44,10 @@ def test_what_has_passed_a_tenth_of_a_millimetre_says_so_and_when(tmp_path):
     assert "It will reach 0.50 mm about" in grown.words
     assert grown.json()["passed"]["when"] == (START + 5.6 * MONTH).date().isoformat()
     (steady,) = trends_of([event(month, 0.3, 0.004) for month in range(4)])
-    assert "and steady; it passed 0.10 mm before the first measurement" in steady.words
+    assert (
+        "and steady; more than 0.10 mm since the first measurement: prints are off by 0.1 mm or more for it"
+        in steady.words
+    )
     assert "Tighten the belt" in steady.words
     (two,) = trends_of([event(0, 0.05, 0.004), event(1, 0.15, 0.004)])
     assert two.passed.when_s == pytest.approx((START + 0.5 * MONTH).timestamp())

@@ -183,6 +183,7 @@ def test_bad_traces_write_nothing(tmp_path: Path) -> None:
     done = run("learn", tmp_path / "trace.csv", "--printer", "ender3", "-o", tmp_path / "m.json")
     assert isinstance(done.exception, PrintmendError)
     assert "\n" not in str(done.exception)
+    assert str(done.exception).startswith(f"{tmp_path / 'trace.csv'}: wanted")
     assert not (tmp_path / "m.json").exists()
 
 

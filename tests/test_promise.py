@@ -760,6 +760,8 @@ def test_verify_states_the_result_against_the_promise(bent: SavedModel, tmp_path
     scanned = verify(bent, Trace(wanted, 1.001 * wanted + noise, placed=False))  # the scanner's stretch is no fault
     assert scanned.result == KEPT
     assert scanned.stretch_percent == pytest.approx(0.1, abs=0.01)
+    mistaken = verify(bent, Trace(motors, Twin.of(BENT, ENDER3).follow(motors) + noise, homed=True))
+    assert "not with those of the mended file?" in mistaken.words
     tables = tuple(table.shifted(0.5) for table in bent.mechanism.transmissions)
     elsewhere = replace(bent, mechanism=replace(bent.mechanism, transmissions=tables))  # a learned origin is the bed's
     off = np.sqrt(((raw + 0.5) ** 2).sum(axis=1).mean())

@@ -13,6 +13,8 @@ PrintmendError                   exit code 2: the input or the machine's set-up 
 └── RefusedError                 exit code 3: the work is possible, but would not help
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
@@ -90,3 +92,14 @@ class RefusedError(PrintmendError):
     """The work is possible, but would not help."""
 
     exit_code = 3
+
+
+@contextmanager
+def of_file(path: object) -> Iterator[None]:
+    """Let what is wrong with a trace name the file that it was read from."""
+    try:
+        yield
+    except TraceError as error:
+        if error.subject not in ("trace", "the measurement"):
+            raise
+        raise TraceError(path, wanted=error.wanted, came=error.came, todo=error.todo) from error

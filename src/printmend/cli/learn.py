@@ -49,6 +49,7 @@ def command(
     import numpy as np
 
     from printmend.cli.outputs import spare
+    from printmend.errors import of_file
     from printmend.measure import read_trace
     from printmend.printer import read_printer
     from printmend.promise.misfit import refusals
@@ -72,7 +73,8 @@ def command(
     updated = None
     if old is None:
         printer = read_printer(printer_name or "")
-        model = learn_model(read_trace(trace, printer), printer, model=learner, rng=rng)
+        with of_file(trace):
+            model = learn_model(read_trace(trace, printer), printer, model=learner, rng=rng)
     else:
         from printmend.repair.update import same_machine, update
 
@@ -80,7 +82,8 @@ def command(
         if printer_name is not None:
             same_machine(past, read_printer(printer_name))
         ageing = ageing_of(old, dated)
-        updated = update(past, read_trace(trace, past.printer), rng=rng, ageing=ageing)
+        with of_file(trace):
+            updated = update(past, read_trace(trace, past.printer), rng=rng, ageing=ageing)
         model = updated.model
         if ageing is not None and ageing.words:
             click.echo(ageing.words, err=as_json)

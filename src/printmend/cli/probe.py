@@ -91,7 +91,7 @@ def command(
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
     from printmend.probe import cost, design_probe, expected_error_mm, turns_covered, write_probe
-    from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, pen_and_paper, write_leaflet
+    from printmend.probe.leaflet import PAPER_COLOURS, PLATE_COLOURS, leaflet_of, pen_and_paper, weight, write_leaflet
     from printmend.probe.net import with_net
     from printmend.probe.paper import on_paper, paper_for, papers_of
     from printmend.probe.pen import with_pen
@@ -150,7 +150,7 @@ def command(
         pause_gcode=printer.pause_gcode,
     )  # fmt: skip
     minutes, grams = cost(plan)
-    used = pen_and_paper(plan) if pen else f"{grams:.1f} g of PLA"
+    used = pen_and_paper(plan) if pen else f"{weight(grams)} of PLA"
     click.echo(f"{' and '.join(map(str, files))}: {len(plan)} dots, {minutes:.0f} min, {used}")
     for number, (paper, file) in enumerate(zip(papers, files, strict=False), start=1):
         which = f"Sheet {number}" if sheets > 1 else "The sheet"

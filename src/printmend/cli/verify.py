@@ -37,7 +37,7 @@ def command(
     broken ends with exit code 3, a measurement that is too coarse to tell with 0.
     """
     from printmend.cli.outputs import spare
-    from printmend.errors import RefusedError
+    from printmend.errors import RefusedError, of_file
     from printmend.measure import read_plan, read_trace
     from printmend.repair.history import history_of
     from printmend.repair.verify import BROKEN, remember_verdict, update_words, updated, verify
@@ -59,8 +59,9 @@ def command(
 
         assert plan_path is not None
         trace = measure_scans(measured, read_plan(plan_path), dpi=dpi, distance_mm=distance_mm).trace
-    verdict = verify(model, trace)
-    newer = None if output is None else updated(model, trace)
+    with of_file(measured[0]):
+        verdict = verify(model, trace)
+        newer = None if output is None else updated(model, trace)
     history = remember_verdict(model_path, model, verdict)
     if output is not None and newer is not None:
         write_model(output, newer.model)

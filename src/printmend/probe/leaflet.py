@@ -52,6 +52,11 @@ def pen_and_paper(plan: ProbePlan) -> str:
     return "a pen and " + ("a sheet of paper" if len(plan.sheets) == 1 else f"{len(plan.sheets)} sheets of paper")
 
 
+def weight(grams: float) -> str:
+    """Say what filament weighs, a small test print's, too."""
+    return f"{grams:.{1 if grams >= 0.1 else 2}f} g"
+
+
 def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *, papers: Sequence[Paper] = ()) -> Path:
     """Write the page of a probe for a printer that its owner calls ``named``; return its path.
 
@@ -60,7 +65,7 @@ def write_leaflet(gcode: Path, plan: ProbePlan, printer: Printer, named: str, *,
     minutes, grams = cost(plan)
     kind = "with a pen on paper" if plan.pen else "on paper" if papers else "on the plate"
     several = len(plan.sheets) > 1
-    used = pen_and_paper(plan) if plan.pen else f"{grams:.1f} g of filament"
+    used = pen_and_paper(plan) if plan.pen else f"{weight(grams)} of filament"
     files = ", ".join(one.name for one in gcode_of(gcode, plan))
     kind += f", {len(plan.sheets)} sheets" if several else ", joined by a net" if plan.net else ""
     page = PdfPage()

@@ -105,9 +105,12 @@ class Trend:
     def _passed_words(self) -> str:
         if self.passed is None:
             return ""
-        when = "before the first measurement" if self.passed.when_s is None else f"about {_month(self.passed.when_s)}"
-        means = f"since then prints are off by {self.passed.effect_mm:g} mm or more for it"
-        return f"; it passed {self._size_words(self.passed.level)} {when}: {means}. {self._advice(self.fault.value)}"
+        level, means = self._size_words(self.passed.level), f"prints are off by {self.passed.effect_mm:g} mm or more"
+        if self.passed.when_s is None:
+            said = f"more than {level} since the first measurement: {means} for it"
+        else:
+            said = f"it passed {level} about {_month(self.passed.when_s)}: since then {means} for it"
+        return f"; {said}. {self._advice(self.fault.value)}"
 
     @property
     def _ahead_words(self) -> str:

@@ -108,7 +108,10 @@ class Verdict:
             )
         if self.now_mm > _UNMENDED_SHARE * self.before_mm:
             if self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm:
-                return f"{numbers}: broken, and as far off as before mending. Was the mended file printed?"
+                return (
+                    f"{numbers}: broken, and as far off as before mending. Was the mended file printed? And is it "
+                    "compared with the places of the original, not with those of the mended file?"
+                )
             return (
                 f"{numbers}: broken, and as far off as before mending, but not as this printer was. Is it another "
                 "printer's? Else a part was replaced or came loose: learn from a new test print"
