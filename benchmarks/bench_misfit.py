@@ -55,8 +55,8 @@ def said(kind: str, preset: str, probe: str, cost_mm: float, rng: np.random.Gene
         model = learn_model(
             Trace(table[:, :2], table[:, 2:], homed=bool((table[0, :2] == printer.home_mm).all())), printer
         )
-    except TraceError:
-        return {"refused"}
+    except TraceError as error:
+        return {"refused", "rows-shuffled"} if "another order" in error.came else {"refused"}
     idlers = {"second-period" for each in model.document["diagnosis"] if each["kind"].startswith("period-")}
     return {each["kind"] for each in model.document["misfit"]["found"]} | idlers
 

@@ -102,6 +102,9 @@ def test_unlike_axes_of_a_corexy_are_named(rng: np.random.Generator) -> None:
     assert (axes["part"], axes["unit"]) == ("frame", "%")
     assert axes["value"] == pytest.approx(1.0, abs=4 * axes["sd"] + 1e-3)
     assert re.search(r"frame X prints (0\.99|1\.0)\d+ ± 0\.00\d+ % larger than Y", model.findings[0])
+    leaning = measured + (points[:, 1:] - printer.home_mm[1]) * [np.tan(np.radians(0.5)), 0.0]
+    skewed = learn_model(Trace(points, leaning, homed=True), printer)
+    assert re.search(r"\(or the frame is skewed by 0\.(50|49)° and prints", skewed.findings[0])
     again = learn_model(Trace(points, points + rng.normal(0, 0.02, points.shape), homed=True), printer)
     assert again.findings[0] == "A healthy; B healthy"
 
@@ -145,12 +148,12 @@ def test_a_motor_that_skipped_is_said_before_each_print(tmp_path: Path, rng: np.
 
 def test_a_wrong_pulley_of_a_corexy_may_be_a_skewed_frame_of_a_wrong_size() -> None:
     wrong = NamedFault("a", "scale", 1.83, 0.13, "%", "pulley radius 6.4832 ± 0.0083 mm instead of 6.366")
-    (named,), other = or_a_skew([[wrong], []])
+    (named,), other = or_a_skew([[wrong], []], "or, less likely,")
     other_cause = "the frame is skewed by 1.05° and prints 0.92 % too large, which looks the same"
     assert named.words == f"{wrong.words} (or, less likely, {other_cause})"
     assert other == []
     both = [[wrong], [NamedFault("b", "scale", 1.9, 0.13, "%", "alike")]]
-    assert or_a_skew(both) == both
+    assert or_a_skew(both, "or") == both
 
 
 @pytest.mark.parametrize(

@@ -281,6 +281,7 @@ def test_a_printer_with_nothing_to_mend_is_shown_so(browser: Browser, server: Se
     expect(page.get_by_text(words)).to_be_visible()
     expect(page.get_by_text("Es fehlt nichts")).to_have_count(0)
     expect(page.get_by_role("link", name="Weiter: noch einmal messen")).to_be_visible()
+    expect(page.get_by_text("Nach einer Messung, die abgelehnt ist")).to_be_visible()
     _ok(watched)
 
 

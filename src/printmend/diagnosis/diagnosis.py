@@ -95,7 +95,8 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     own = _without_the_frames_shift(model, own) if crooked else own
     if model.printer.kinematics == "corexy":
         own, crooked = _skew_first(model, doubt, own, crooked)
-        own = own if doubt.placed or crooked else or_a_skew(own)
+        unlike = any(fault.kind == "axes" for fault in crooked)  # no motor's: the frame is surely not as it should be
+        own = or_a_skew(own, "or" if unlike else "or, less likely,") if unlike or not (doubt.placed or crooked) else own
     for drive, found in zip(model.drives, own, strict=True):
         faults += found
         words = ", ".join(fault.words for fault in found)
@@ -385,9 +386,9 @@ def _scales_sd(model: GreyboxModel) -> float:
     return float(np.hypot(_scale_sd(model.drives[0]), _scale_sd(model.drives[1])))
 
 
-def or_a_skew(own: list[list[NamedFault]]) -> list[list[NamedFault]]:
-    """Name the other cause of a CoreXY's wrong pulleys where nobody saw which way its x runs: motors whose scales are
-    off by a and b stretch the bed by (a + b)/2 and make it lean by a − b, as a skewed frame of a wrong size does."""
+def or_a_skew(own: list[list[NamedFault]], how_likely: str) -> list[list[NamedFault]]:
+    """Name the other cause of a CoreXY's wrong pulleys: motors whose scales are off by a and b stretch the bed by
+    (a + b)/2 and make it lean by a − b, as a skewed frame of a wrong size does. ``how_likely`` begins its words."""
     scales = [fault for found in own for fault in found if fault.kind == "scale"]
     if not scales:
         return own
@@ -397,7 +398,7 @@ def or_a_skew(own: list[list[NamedFault]]) -> list[list[NamedFault]]:
     if abs(a - b) < NAMED_SIGMAS * np.sqrt(2) * sd:
         return own
     size = f" and prints {abs(wide):.2f} % too {'large' if wide > 0 else 'small'}" if abs(wide) > sd else ""
-    words = f"{named.words} (or, less likely, the frame is skewed by {skew:.2f}°{size}, which looks the same)"
+    words = f"{named.words} ({how_likely} the frame is skewed by {skew:.2f}°{size}, which looks the same)"
     return [[replace(each, words=words) if each is named else each for each in found] for found in own]
 
 

@@ -11,21 +11,22 @@ export function Wrong({ printer }) {
   const said = known?.said;
   if (!known) return html`<${Problem} error=${error} />`;
   if (!said) return null;
-  const larger = chosen ?? inside(said.machine), sound = !said.faults.length, graded = said.misfit.map((line) => /^(?:(\w+): )?(.*)$/s.exec(line));
+  const sound = !said.faults.length, graded = said.misfit.map((line) => /^(?:(\w+): )?(.*)$/s.exec(line));
   const refused = graded.some(([, grade]) => grade === "refusal"), doubted = refused || graded.some(([, grade]) => grade === "warning");
+  const larger = refused ? 1 : chosen ?? inside(said.machine);
   return html`<div class="split"><div class="stack">
       <section class="card stack"><h2>${t("found")}</h2>${said.before_mm != null && html`<div class="numbers"><${Number_} value=${mm(said.before_mm)}>${t("before_model")}</${Number_}><${Number_} value=${mm(said.after_mm)}>${t("after_model")}</${Number_}><${Number_} value=${said.measured} unit="">${t("points")}</${Number_}></div>`}
         ${said.faults.length ? said.faults.map((fault) => html`<${Fault} fault=${fault} />`) : html`<p>${said.learner === "callipers" ? say(said.headline) : t(doubted ? "nothing_known" : "nothing_wrong")}</p>`}
         ${graded.map(([, grade, words]) => html`<p class=${{ refusal: "problem", warning: "note" }[grade] ?? "faint"}>${sentence(words)}</p>`)}</section>
       ${said.gaps.length > 0 && html`<section class="card stack"><h2>${t("gaps")}</h2>${said.gaps.map((gap) => html`<p class="soft">${sentence(gap)}</p>`)}<${Next} printer=${printer} /></section>`}
       <a class="button primary" href=${`#/printers/${printer.id}/${refused ? "measure" : "mend"}`}>${t(refused ? "next_measure" : sound && !doubted ? "next_look" : "next_mend")}</a></div>
-    <div class="stack"><div class="stage"><${Machine} machine=${said.machine} larger=${larger} words=${words(sound, larger)} />
-        <div class="over"><div class="glass"><b>${words(sound, larger)}</b></div><${Save} id="machine" name="machine" /></div></div>
-      ${!sound && html`<div class="row between"><p class="faint" style=${{ flex: "1 1 16rem" }}>${t("drawn_belts")}</p><label class="field" style=${{ flex: "1 1 16rem" }}><span>${t("enlarge")}<span class="value">${larger} ×</span></span><input type="range" min="1" max="50" value=${larger} onInput=${(event) => setLarger(Number(event.target.value))} /></label></div>`}
+    <div class="stack"><div class=${refused ? "stage refused" : "stage"}><${Machine} machine=${said.machine} larger=${larger} words=${words(refused, sound, larger)} />
+        <div class="over"><div class="glass"><b>${words(refused, sound, larger)}</b></div><${Save} id="machine" name="machine" /></div></div>
+      ${!sound && !refused && html`<div class="row between"><p class="faint" style=${{ flex: "1 1 16rem" }}>${t("drawn_belts")}</p><label class="field" style=${{ flex: "1 1 16rem" }}><span>${t("enlarge")}<span class="value">${larger} ×</span></span><input type="range" min="1" max="50" value=${larger} onInput=${(event) => setLarger(Number(event.target.value))} /></label></div>`}
       ${said.machine.motors.map((motor) => html`<section class="card stack"><div class="row between"><h3>${t("curve", { name: motor.name })}</h3><div class="row"><span class="key kp">${t("forwards")}</span><span class="key km">${t("backwards")}</span><${Save} id=${`curve-${motor.name}`} name=${`curve-${motor.name}`} /></div></div><${Curve} motor=${motor} /></section>`)}</div></div>`;
 }
 
-const words = (sound, larger) => (sound || larger === 1 ? t("machine_sound") : t("machine", { n: larger }));
+const words = (refused, sound, larger) => (refused ? t("machine_refused") : sound || larger === 1 ? t("machine_sound") : t("machine", { n: larger }));
 
 // How much larger faults are drawn at first: less than ten times where the bed's net would leave its picture.
 function inside({ bed_mm: [x0, y0, x1, y1], net_mm: net, bent_mm: bent }) {
