@@ -850,10 +850,13 @@ def _turned(box: GreyboxModel, both: float) -> list[Misfit]:
     if not both:
         return []
     size = float(np.radians(abs(both)) * np.hypot(box.printer.x.length_mm, box.printer.y.length_mm) / 4)
-    words = (
-        f"everything is turned by {both:+.2f}°, which no printer does: the plate, or the camera, lay turned. That is "
-        "taken out"
-    )
+    cause = "no printer does: the plate, or the camera, lay turned"
+    if box.printer.kinematics == "corexy":
+        cause = (
+            "a printer does only if its frame is skewed and its pulleys differ in size as well: more likely the plate, "
+            "or the camera, lay turned"
+        )
+    words = f"everything is turned by {both:+.2f}°, which {cause}. That is taken out"
     return [Misfit("turned", NOTE, size, SURE_NATS, words)]
 
 
