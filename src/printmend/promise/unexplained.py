@@ -4,7 +4,8 @@ White noise averages out over a block of L rows, a pattern longer than that does
 r̄, s² = (L mean r̄² − c₀)/(L − 1) estimates the variance of the pattern, and has the standard deviation
 c₀ √(2 L/N)/(L − 1) where there is none. A pattern may follow time, the place, the motor's angle or the other axis,
 and differ with the side of the belt that is touched: rows are put in each of these orders. What a machine draws anew
-at each mark is white as measuring is: only an instrument that says how far it scatters itself tells the two apart.
+at each mark is white as measuring is: only an instrument that says how far it scatters itself tells the two apart, and
+then dots whose plastic ran unevenly scatter, too, though the machine stood right.
 """
 
 from collections.abc import Iterator
@@ -51,7 +52,8 @@ def unexplained(rows: Rows, residual_mm: np.ndarray, side: np.ndarray, scatter_m
     found = [least]
     if scatter_mm is not None:
         beyond, sd = whole - (DOUBTED_SCATTER * scatter_mm) ** 2, whole * float(np.sqrt(2 / len(residual)))
-        found += [Unexplained(beyond, sd)] if beyond > SURE_SIGMAS * sd else []
+        # any share of it is as likely to be the dots' own
+        found += [Unexplained(beyond / 2, beyond / 12**0.5)] if beyond > SURE_SIGMAS * sd else []
     for order in _orders(rows, side, known):
         ordered = residual[order]
         for length in BLOCK_ROWS:
