@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
+from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play, WrongRadius, sample
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.diagnosis import NamedFault
 from printmend.errors import InputError, TraceError
@@ -882,6 +882,15 @@ def test_a_bent_and_skewed_frame_is_not_taken_for_a_turned_plate(rng: np.random.
     bent = np.stack([-0.72 * v + 0.12 * v**2, 0.14 * u**2], axis=1)
     trace = Trace(places, places + bent - bent[0] + rng.normal(0, 0.02, places.shape), homed=True)
     assert as_printed(Greybox().fit(trace, printer, rng=rng), trace)[0].placed
+    # nor one of a CoreXY with a wrong pulley, whose axes lean in one sense; unless it lies elsewhere, too
+    corexy = read_printer("corexy")
+    machine = Corruption((Drive(pulley=WrongRadius(6.5)), Drive()), frame=CrookedFrame(skew_deg=-1.0))
+    places = np.vstack([[corexy.home_mm], rng.uniform(20, 280, (400, 2))])
+    measured = Twin.of(machine, corexy).follow(places) + rng.normal(0, 0.02, places.shape)
+    for shift_mm in (0.0, 0.8):
+        trace = Trace(places, measured + shift_mm, homed=True)
+        found = as_printed(Greybox().fit(trace, corexy, rng=rng), trace)[1]
+        assert {each.kind for each in found} == ({"turned", "moved"} if shift_mm else set())
 
 
 def test_a_shifted_plate_is_learned_as_one_whose_place_is_not_known(rng: np.random.Generator) -> None:

@@ -63,8 +63,9 @@ UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # a model that leaves this share of the error,
 MOST_JUMPS = 4  # skipped teeth and lost steps in a print, beyond which its end is no better known than its beginning
 ONE_WAVE_SHARE = 0.15  # waves of one rail whose lengths differ by less are one, which both motors show
 # A plate lay turned where both axes lean by so many degrees in the same sense, the smaller by at least this share of
-# the larger. On a CoreXY the share is smaller, because one bad pulley leans both axes towards each other.
-TURNED_DEG, ALIKE_SHARE, ALIKE_SHARE_COREXY = 0.1, 0.6, 0.25
+# the larger. A CoreXY's bad pulley leans both axes towards each other: there the share is smaller if the plate lay
+# shifted as well, and else larger, because a skewed frame and such a pulley may lean both axes in one sense.
+TURNED_DEG, ALIKE_SHARE, ALIKE_SHARE_COREXY, ALIKE_SHARE_AT_HOME = 0.1, 0.6, 0.25, 0.75
 TILTED_SHARE = 2.0  # the head tilts where its error across the axis that moved is so many times the error along it
 MOVED_MM = 0.3  # a plate lay shifted by this much at least
 HOME_SD_MM = 0.05  # … where the error at home is known to this standard deviation
@@ -803,8 +804,12 @@ def as_printed(box: GreyboxModel, trace: Trace) -> tuple[Trace, tuple[Misfit, ..
     """
     if not trace.placed or trace.wall_rows.any():
         return trace, ()
-    turned_deg = _turn_deg(box, trace)
-    found = (*_turned(box, turned_deg), *_moved(box, trace))
+    moved = _moved(box, trace)
+    share = ALIKE_SHARE
+    if box.printer.kinematics == "corexy":
+        share = ALIKE_SHARE_COREXY if moved else ALIKE_SHARE_AT_HOME
+    turned_deg = _turn_deg(box, trace, share)
+    found = (*_turned(box, turned_deg), *moved)
     if not found:
         return trace, ()
     instrument = trace.instrument_doubt
@@ -816,10 +821,10 @@ def as_printed(box: GreyboxModel, trace: Trace) -> tuple[Trace, tuple[Misfit, ..
     return replace(trace, measured_mm=measured, placed=False, instrument=instrument), found
 
 
-def _turn_deg(box: GreyboxModel, trace: Trace) -> float:
+def _turn_deg(box: GreyboxModel, trace: Trace, share: float) -> float:
     """Return by how much both axes are turned alike [°], 0 where they are not, or only at one place of a bent frame."""
-    everywhere = _alike_deg(_mean_slopes(box, trace), box)
-    return _alike_deg(observed_stretch(box).matrix, box) if everywhere else 0.0
+    everywhere = _alike_deg(_mean_slopes(box, trace), box, share)
+    return _alike_deg(observed_stretch(box).matrix, box, share) if everywhere else 0.0
 
 
 def _mean_slopes(box: GreyboxModel, trace: Trace) -> np.ndarray:
@@ -837,12 +842,13 @@ def _mean_slopes(box: GreyboxModel, trace: Trace) -> np.ndarray:
     return np.asarray(np.linalg.lstsq(columns, np.asarray(box.printer.from_motor(off)), rcond=None)[0][:2].T)
 
 
-def _alike_deg(matrix: np.ndarray, box: GreyboxModel) -> float:
-    """Return by how much a linear error [2, 2] turns both axes alike [°], 0 where it does not."""
+def _alike_deg(matrix: np.ndarray, box: GreyboxModel, share: float) -> float:
+    """Return by how much a linear error [2, 2] turns both axes alike [°], the one by this ``share`` of the other at
+    least, 0 where it does not."""
     turns = np.degrees([np.arctan(matrix[1, 0]), np.arctan(-matrix[0, 1])])
     corexy = box.printer.kinematics == "corexy"
     least, most = np.abs(turns).min(), np.abs(turns).max()
-    alike = least > max(TURNED_DEG, (ALIKE_SHARE_COREXY if corexy else ALIKE_SHARE) * most) and turns[0] * turns[1] > 0
+    alike = least > max(TURNED_DEG, share * most) and turns[0] * turns[1] > 0
     return float(np.sign(turns[0]) * ((least + most) / 2 if corexy else least)) if alike else 0.0
 
 
