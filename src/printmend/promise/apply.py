@@ -38,6 +38,7 @@ PLACES_COMPARED = 400  # number of places over a motor's reach at which its erro
 # What drifts evenly ends so many times its RMS size from its mean. A scale that is no larger than the drift at the end
 # may be of another time than the next print's.
 DRIFTED = 3**0.5
+WARMED = 3.0  # the mean of what warms up and stays so, a tenth to a third of the print long, over its deviation from it
 LINE = " line"  # after a motor's name: its offset, scale and changes of scale
 _PART_WORDS = {
     "mean": "pulley",
@@ -94,7 +95,7 @@ class Acting:
     """The machine that may act, the parts of the learned one that were left out, and the belief about its stretch.
 
     ``still_mm2`` is the variance on the bed of what was left out of either motor because the printer drifts as much, or
-    a scanner's carriage may make it;
+    a scanner's carriage may make it, and ``still_sd_mm2`` its doubt: any share of a drift may be there in a next print;
     ``turn_rad`` is by how much a CoreXY's skewed frame turns what it prints, clockwise, where a measurement that knows
     no place does not tell: its x keeps its direction then, and y alone leans.
     """
@@ -104,6 +105,7 @@ class Acting:
     believed: Believed | None
     turn_rad: float = 0.0
     still_mm2: tuple[float, float] = (0.0, 0.0)
+    still_sd_mm2: tuple[float, float] = (0.0, 0.0)
 
 
 def acting(fit: GreyboxModel, trace: Trace, old: SavedModel | None = None, unrest_mm: float = 0.0) -> Acting:
@@ -157,7 +159,7 @@ def _still(fit: GreyboxModel, unrest_mm: float, trace: Trace) -> Acting:
         line_mm = mean[:, powers] @ mine[powers]
         size_mm, middle_mm, most_mm = float(np.std(line_mm)), float(np.mean(line_mm)), DRIFTED * unrest_mm
         rests_mm = _middle_from_home_mm(fit, motor, float(np.mean(play_mm))) if trace.homed else 0.0
-        shift_mm = middle_mm if abs(middle_mm - rests_mm) > most_mm else rests_mm
+        shift_mm = middle_mm if abs(middle_mm - rests_mm) > WARMED * unrest_mm else rests_mm
         out_mm = float(np.hypot(size_mm, middle_mm - shift_mm))
         if size_mm <= most_mm and out_mm > SETTLED_MM:
             mine[powers], still_mm2[motor] = 0.0, out_mm**2
@@ -169,7 +171,10 @@ def _still(fit: GreyboxModel, unrest_mm: float, trace: Trace) -> Acting:
     if not left_out:
         return Acting(fit, (), None)
     first, second = still_mm2
-    return Acting(_rebuilt(fit, values, trace.placed), tuple(left_out), None, still_mm2=(first, second))
+    return Acting(
+        _rebuilt(fit, values, trace.placed), tuple(left_out), None, still_mm2=(first / 2, second / 2),
+        still_sd_mm2=(first / 12**0.5, second / 12**0.5),
+    )  # fmt: skip
 
 
 def _middle_from_home_mm(fit: GreyboxModel, motor: int, play_mm: float) -> float:

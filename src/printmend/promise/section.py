@@ -53,8 +53,9 @@ def promise_section(
             if (less_mm2 := left.variance_mm2 - more.variance_mm2) > 0:
                 left = replace(more, variance_mm2=more.variance_mm2 + DOUBTED_SHARE * less_mm2)
             left = replace(left, variance_mm2=left.variance_mm2 + doubt_mm2[motor])
-        left = replace(left, variance_mm2=left.variance_mm2 + acts.still_mm2[motor])
-        motors[drive.name] = motor_section(drive, fit.printer, motor, left.variance_mm2, left.sd_mm2)
+        variance_mm2 = left.variance_mm2 + acts.still_mm2[motor]
+        sd_mm2 = float(np.hypot(left.sd_mm2, acts.still_sd_mm2[motor]))
+        motors[drive.name] = motor_section(drive, fit.printer, motor, variance_mm2, sd_mm2)
     section: dict[str, Any] = {"version": VERSION, "placed": trace.placed, "instrument": asdict(trace.instrument_doubt)}
     if acts.believed is not None:
         section["stretch"] = acts.believed.json()
