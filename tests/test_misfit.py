@@ -242,7 +242,8 @@ CHANGES: dict[str, Off] = {
     "speed": lambda at, done: np.stack([0.2 * last_way(at[:, 0]) * moved_mm(at) / 10.0, 0 * done], axis=1),
     "halves": lambda at, done: np.outer(at[:, 0] > 110, [0.0, 0.14]),
     "creep": lambda at, done: np.outer(1 - np.exp(-done / 0.1), [0.0, 0.25]),
-    "wear": lambda at, done: np.stack([0.15 * last_way(at[:, 0]) * done, 0 * done], axis=1),
+    "wear": lambda at, done: np.stack([-0.15 * last_way(at[:, 0]) * done, 0 * done], axis=1),
+    "sticking": lambda at, done: 0.12 * np.stack([last_way(at[:, 0]) * done, last_way(at[:, 1]) * (1 - done)], axis=1),
     "racking-across": lambda at, done: np.stack([0.1 * last_way(at[:, 1]) * (at[:, 0] - 110) / 100, 0 * done], axis=1),
     "racking": lambda at, done: np.stack([0.1 * last_way(at[:, 0]) * (at[:, 1] - 110) / 100, 0 * done], axis=1),
 }

@@ -666,7 +666,7 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         for text in (*gaps, *todo((*gaps, "Z lead: nothing"))):
             assert _german(text), text
     for kind in ("linear", "step", "creep", "wear", "thermal", "direction", "speed", "halves-play", "racking",
-                 "two-motors", "second-period", "rail-wave", "rail-racking", "racking-across"):  # fmt: skip
+                 "two-motors", "second-period", "rail-wave", "rail-racking", "racking-across", "sticking"):  # fmt: skip
         for weight in (-0.2, 0.3):
             cause = SimpleNamespace(
                 motor=0, weights=np.full(6 if kind == "two-motors" else 1, weight), size_mm=0.1,

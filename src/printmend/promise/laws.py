@@ -83,6 +83,7 @@ LAWS: dict[str, Law] = {
     "step": lambda s, share, _: (s.done > share)[:, None] * 1.0,
     "creep": lambda s, share, _: 1 - np.exp(-s.done / share)[:, None],
     "wear": lambda s, _, __: (s.side * s.done)[:, None],
+    "sticking": lambda s, _, __: (s.side * s.done)[:, None],
     "thermal": _thermal,
     "direction": lambda s, _, __: s.across[:, None],
     "racking-across": lambda s, _, __: (s.across * s.own)[:, None],

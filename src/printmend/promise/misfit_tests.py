@@ -90,7 +90,11 @@ _OF_WHEN = {
 
 _GIVES_WAY = ": something gives way, as a set screw does, or the machine warms up and is cold again when a print begins"
 _WARMS_UP = " while the print went on, as a machine that warms up does"
-_WHY = (_GIVES_WAY, _WARMS_UP)  # said once for both motors
+_STICKS = (
+    ": no printing makes play smaller, so it goes with the moves, as where an axis sticks and slips. "
+    "The model has the mean"
+)
+_WHY = (_GIVES_WAY, _WARMS_UP, _STICKS)  # said once for both motors
 
 _OF_HALVES = ". Two sheets measured as one show that, or a guide in two pieces: the model is without it"
 
@@ -127,7 +131,17 @@ def causes_of(box: GreyboxModel, trace: Trace, *, guides: bool = False) -> tuple
         found += _explained(motor, offered, one.at(near), drive.choice.fit.touch.residual_mm[used][near], basis)
         if drive.structure.warp_mm:
             found += _repeated(motor, offered, one, drive, rows, used)
-    return tuple(found)
+    return _worn_or_sticking(found)
+
+
+def _worn_or_sticking(found: list[Cause]) -> tuple[Cause, ...]:
+    """Return the causes; play that changes in time is no wear where that of either motor shrinks."""
+    if not any(cause.candidate.kind == "wear" and cause.weights[0] < 0 for cause in found):
+        return tuple(found)
+    return tuple(
+        replace(cause, candidate=replace(cause.candidate, kind="sticking")) if cause.candidate.kind == "wear" else cause
+        for cause in found
+    )
 
 
 def _looked_at(box: GreyboxModel, trace: Trace) -> Iterator[tuple[int, Rows, LawRows, np.ndarray, np.ndarray]]:
@@ -636,6 +650,7 @@ def _words(cause: Cause, motors: tuple[str, ...]) -> str:
         "creep": f"{name} crept by {_crept_mm(cause):+.2f} mm, most of it in the first {100 * detail:.0f} % of the "
         f"print{_GIVES_WAY}",
         "wear": f"the play of {name} changed by {2 * weight:+.2f} mm while the print went on: something comes loose",
+        "sticking": f"the play of {name} changed by {2 * weight:+.2f} mm while the print went on{_STICKS}",
         "thermal": f"{name} {_warmed(cause.weights * grown)}{_WARMS_UP}",
         "direction": f"where {name} comes to lie depends on which way {other} moved before, by "
         f"{2 * abs(weight):.2f} mm: the head or the gantry tilts: tighten its wheels",

@@ -16,6 +16,7 @@ _CAUSES = {
 # what the tests of misfit found, by its kind
 _MISFITS = {
     "linear": "an even drift", "step": "a sudden shift", "creep": "something that gives way", "wear": "play that grows",
+    "sticking": "an axis that sticks",
     "thermal": "warming up", "direction": "a head that tilts", "racking-across": "a gantry that racks",
     "racking": "a gantry that racks", "rail-racking": "a gantry that racks", "rail-play": "play of a rail",
     "rail-wave": "wavy guides", "speed": "fast moves", "halves": "the two halves of the bed",
