@@ -3,10 +3,11 @@
     .venv/bin/python benchmarks/bench_promise.py --seed 1 --cases 2 [--figure docs/figures/promise.png]
 
 The printer is benchmarks/outside.py, with the faults of outside_faults.py on top; neither shares code with printmend.
-Kinds: faults that its models have, faults that none has, healthy printers, scans (a stretch of its own, neither place
-nor turn on the bed: in shape only), settled scans (of a worse scanner, the plate scanned twice, turned by about a
-quarter, and one distance taken with callipers), glimpses (a print of 12 to 30 mm, then a larger part), and callipers
-(the first six of the distances that `measure --callipers` asks for, then all twelve, then four; only where asked for).
+Measured are the dots of the test print, some 600, and not the ways between them. Kinds: faults that its models have,
+faults that none has, healthy printers, scans (a stretch of its own, neither place nor turn on the bed: in shape only),
+settled scans (of a worse scanner, the plate scanned twice, turned by about a quarter, and one distance taken with
+callipers), glimpses (a print of 12 to 30 mm, then a larger part), and callipers (the first six of the distances that
+`measure --callipers` asks for, then all twelve, then four; only where asked for).
 Seeds 900 and up are kept for the figures in docs/results.md; develop on others. A line a case, then for each kind: how
 often truth lay in the range, the median of truth ÷ expected, how often the unmended print's lay in its own, the worst
 harm, the largest error, and how many parts have a place that is farther off than their promised `max_mm`.
@@ -157,6 +158,11 @@ def judge(
     wanted = np.array([home, *(move.end_mm for move in moves)])
     travelled = float(np.hypot(*np.diff(wanted, axis=0).T).sum())
     measured = ends + rng.normal(0, noise_mm, ends.shape)
+    if kind != "glimpse":  # an owner can measure dots alone
+        plan = json.loads(probe.with_suffix(".json").read_text())
+        between = np.ones(len(ends), dtype=bool)
+        between[[0, *(mark["row"] for mark in plan["marks"])]] = False
+        measured[between] = np.nan
     instrument = None
     if kind == "scan":
         measured = (measured - 90) @ glass_of(rng, scanner_error or STRETCH_SD).T + [80, 95]

@@ -896,10 +896,10 @@ def test_a_bent_and_skewed_frame_is_not_taken_for_a_turned_plate(rng: np.random.
     assert as_printed(Greybox().fit(trace, printer, rng=rng), trace)[0].placed
     # nor one of a CoreXY with a wrong pulley, whose axes lean in one sense; unless it lies elsewhere, too
     corexy = read_printer("corexy")
-    machine = Corruption((Drive(pulley=WrongRadius(6.5)), Drive()), frame=CrookedFrame(skew_deg=-1.0))
     places = np.vstack([[corexy.home_mm], rng.uniform(20, 280, (400, 2))])
-    measured = Twin.of(machine, corexy).follow(places) + rng.normal(0, 0.02, places.shape)
-    for shift_mm in (0.0, 0.8):
+    for skew_deg, shift_mm in ((-1.0, 0.0), (-1.2, 0.0), (-1.0, 0.8)):  # at -1.2° both lean alike, by 0.6°
+        machine = Corruption((Drive(pulley=WrongRadius(6.5)), Drive()), frame=CrookedFrame(skew_deg=skew_deg))
+        measured = Twin.of(machine, corexy).follow(places) + rng.normal(0, 0.02, places.shape)
         trace = Trace(places, measured + shift_mm, homed=True)
         found = as_printed(Greybox().fit(trace, corexy, rng=rng), trace)[1]
         assert {each.kind for each in found} == ({"turned", "moved"} if shift_mm else set())

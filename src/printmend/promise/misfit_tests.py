@@ -64,8 +64,8 @@ MOST_JUMPS = 4  # skipped teeth and lost steps in a print, beyond which its end 
 ONE_WAVE_SHARE = 0.15  # waves of one rail whose lengths differ by less are one, which both motors show
 # A plate lay turned where both axes lean by so many degrees in the same sense, the smaller by at least this share of
 # the larger. A CoreXY's bad pulley leans both axes towards each other: there the share is smaller if the plate lay
-# shifted as well, and else larger, because a skewed frame and such a pulley may lean both axes in one sense.
-TURNED_DEG, ALIKE_SHARE, ALIKE_SHARE_COREXY, ALIKE_SHARE_AT_HOME = 0.1, 0.6, 0.25, 0.75
+# shifted as well, and larger where nobody knows, because a skewed frame and such a pulley may lean both in one sense.
+TURNED_DEG, ALIKE_SHARE, ALIKE_SHARE_COREXY, ALIKE_SHARE_COREXY_ANYWHERE = 0.1, 0.6, 0.25, 0.75
 TILTED_SHARE = 2.0  # the head tilts where its error across the axis that moved is so many times the error along it
 MOVED_MM = 0.3  # a plate lay shifted by this much at least
 HOME_SD_MM = 0.05  # … where the error at home is known to this standard deviation
@@ -819,11 +819,9 @@ def as_printed(box: GreyboxModel, trace: Trace) -> tuple[Trace, tuple[Misfit, ..
     """
     if not trace.placed or trace.wall_rows.any():
         return trace, ()
-    moved = _moved(box, trace)
-    share = ALIKE_SHARE
-    if box.printer.kinematics == "corexy":
-        share = ALIKE_SHARE_COREXY if moved else ALIKE_SHARE_AT_HOME
-    turned_deg = _turn_deg(box, trace, share)
+    off_mm = _off_home_mm(box, trace)
+    moved = _moved(off_mm)
+    turned_deg = _turn_deg(box, trace, _alike_share(box, off_mm))
     found = (*_turned(box, turned_deg), *moved)
     if not found:
         return trace, ()
@@ -834,6 +832,16 @@ def as_printed(box: GreyboxModel, trace: Trace) -> tuple[Trace, tuple[Misfit, ..
     back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     measured = (trace.measured_mm - middle) @ back + middle
     return replace(trace, measured_mm=measured, placed=False, instrument=instrument), found
+
+
+def _alike_share(box: GreyboxModel, off_mm: np.ndarray | None) -> float:
+    """Return which share of the larger lean of both axes the smaller one must be at least for a plate that lay turned;
+    ``off_mm`` is where everything lies from home, None where that is not known."""
+    if box.printer.kinematics != "corexy":
+        return ALIKE_SHARE
+    if off_mm is None:
+        return ALIKE_SHARE_COREXY_ANYWHERE
+    return ALIKE_SHARE_COREXY if _moved(off_mm) else 1.0  # none: no plate turns about the place of home
 
 
 def _turn_deg(box: GreyboxModel, trace: Trace, share: float) -> float:
@@ -881,22 +889,26 @@ def _turned(box: GreyboxModel, both: float) -> list[Misfit]:
     return [Misfit("turned", NOTE, size, SURE_NATS, words)]
 
 
-def _moved(box: GreyboxModel, trace: Trace) -> list[Misfit]:
-    """Find a plate that lay shifted, where the trace says what the error is at home."""
+def _off_home_mm(box: GreyboxModel, trace: Trace) -> np.ndarray | None:
+    """Return how far from where home says everything lies [2] mm, None where the trace does not tell."""
     home = box.printer.to_motor(np.array(box.printer.home_mm))
     sds = [float(np.max(drive.sd_mm(home[[motor]]))) for motor, drive in enumerate(box.drives)]
     if not trace.homed or max(sds) > HOME_SD_MM:
-        return []
+        return None
     belts = box.printer.to_motor(box.mechanism.frame.invert(np.array(box.printer.home_mm)[None]))[0]
     off = np.zeros(2)
     for motor, table in enumerate(box.mechanism.transmissions):
         low, high = (float(each[0]) for each in table.branches_mm(home[[motor]]))
         off[motor] = max(low - belts[motor], 0.0) - max(belts[motor] - high, 0.0)
-    moved = np.asarray(box.printer.from_motor(off))
-    if (size := float(np.hypot(*moved))) <= MOVED_MM:
+    return np.asarray(box.printer.from_motor(off))
+
+
+def _moved(off_mm: np.ndarray | None) -> list[Misfit]:
+    """Say that a plate lay shifted where everything lies far from home."""
+    if off_mm is None or (size := float(np.hypot(*off_mm))) <= MOVED_MM:
         return []
     words = (
-        f"everything lies ({moved[0]:+.2f}, {moved[1]:+.2f}) mm from where home says: the plate was shifted "
+        f"everything lies ({off_mm[0]:+.2f}, {off_mm[1]:+.2f}) mm from where home says: the plate was shifted "
         "or turned, or the nozzle has an offset. That is taken out"
     )
     return [Misfit("moved", NOTE, size, SURE_NATS, words)]
