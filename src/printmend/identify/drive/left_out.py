@@ -1,12 +1,13 @@
 """What the parts that a fit left out may still do to a motor's branches: a share of the error bars.
 
 A part is left out unless the evidence for it is strong, which keeps models simple but does not prove that the part is
-small. So the chosen model is averaged with each model that has one part more, at their odds p under the same rows:
+small. So the chosen model is averaged with each model that has one part more, at their chances p under the same rows:
 
-    variance = C + Σ p (C' − C + δ²),   p = 1/(1 + exp(evidence − evidence'))
+    variance = C + Σ p (C' − C + δ²),   p = w / (1 + Σ w),   w = exp(evidence' − evidence − price)
 
-where δ is the difference of the two models (Hoeting et al., Bayesian model averaging, Stat. Sci. 14, 1999). That is its
-variance; the average itself is a mixture: with the chance 1 − p a part does nothing at all.
+where the price is `WAVES_NATS` for a part of waves, and δ is the difference of the two models (Hoeting et al., Bayesian
+model averaging, Stat. Sci. 14, 1999). That is its variance; the average itself is a mixture: with the chance 1 − p a
+part does nothing at all.
 """
 
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ import numpy as np
 from printmend.identify.drive.design import Design, Rows, normal_equations
 from printmend.identify.drive.fit import robust_weights, solve
 from printmend.identify.drive.select import EVERYTHING, TRIAL_HARMONICS, Choice, Structure
+
+WAVES_NATS = 1.5  # by which a model with more waves is flattered: the scales of their priors are fitted to the rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +66,10 @@ def left_out(rows: Rows, choice: Choice, ripple: tuple[int, ...]) -> OmittedPart
         added[np.ix_(inside, inside)] -= chosen.covariance
         covariance = np.zeros((design.size, design.size))
         covariance[np.ix_(more, more)] = added
-        parts.append((float(np.exp(-np.logaddexp(0.0, chosen.log_evidence - larger.log_evidence))), covariance))
-    return OmittedParts(design, tuple(parts))
+        price = WAVES_NATS if design.harmonic[more & ~own].any() else 0.0
+        parts.append((larger.log_evidence - chosen.log_evidence - price, covariance))
+    whole = np.logaddexp.reduce([0.0, *(gain for gain, _ in parts)])
+    return OmittedParts(design, tuple((float(np.exp(gain - whole)), covariance) for gain, covariance in parts))
 
 
 def _larger(mine: Structure) -> Iterator[Structure]:
