@@ -36,13 +36,11 @@ LEAST_BLOCKS = 8  # fewer blocks of a turn say nothing about another one
 MOST_ROWS = 4000  # rows that the cross-validation looks at
 MOST_COLUMNS = 512  # a kind with more is not tried: the finest of either direction, along a CoreXY's long belts
 # A kind is sure to help where what it gains on held-out blocks exceeds a share of their square error, and so many of
-# the gain's own standard errors: more of them for a smooth kind with few points a column.
-LEAST_SHARE_GAINED = 0.02
-SURE_STANDARD_ERRORS, FINE_STANDARD_ERRORS = 2.0, 3.0
-# … and more where there are few blocks: their standard error is unsure itself (Student, Biometrika 6, 1908), and the
-# best of ten kinds gains by chance.
+# the gain's own standard errors: more of them for a small gain, because the best of ten kinds gains by chance.
+LEAST_SHARE_GAINED, SMALL_SHARE_GAINED = 0.02, 0.05
+SURE_STANDARD_ERRORS, SMALL_STANDARD_ERRORS = 2.0, 3.5
+# … and more where there are few blocks: their standard error is unsure itself (Student, Biometrika 6, 1908).
 FEW_BLOCKS, FEW_BLOCKS_STANDARD_ERRORS = 12, 5.0
-FEW_POINTS = 4  # points a column; with fewer they are few
 MOST_SIGMAS = 4.0  # residuals beyond so many robust standard deviations count as no larger
 CONTACT_PASSES = 2  # how often contacts and residual are found in turn
 LEAST_SIGMA_MM = 2e-4  # smallest noise that is assumed
@@ -350,39 +348,38 @@ def chosen_kind(data: Points, reach_mm: tuple[float, float], *, patterned: bool,
     most = min(len(data.motor_mm), MOST_COLUMNS)
     offered = [kind for kind in PROCESSES if len(column_variances(kind, reach_mm)) <= most]
 
+    def square(data: Points, guess: float | np.ndarray = 0.0) -> np.ndarray:
+        off2 = np.minimum(np.square(data.residual_mm - guess), (MOST_SIGMAS * data.sigma_mm) ** 2)
+        return np.bincount(number, data.weight * off2)
+
+    def gained(kind: Kind, data: Points) -> np.ndarray:
+        return square(data) - square(data, held_out(kind, data, fold, reach_mm, seed))
+
     def best(data: Points, offered: list[Kind]) -> tuple[Kind, float] | None:
-        bound = (MOST_SIGMAS * data.sigma_mm) ** 2
-        before = np.bincount(number, data.weight * np.minimum(data.residual_mm**2, bound))
-
-        def gained(kind: Kind) -> np.ndarray:
-            guess = held_out(kind, data, fold, reach_mm, seed)
-            after = np.minimum(np.square(data.residual_mm - guess), bound)
-            return before - np.bincount(number, data.weight * after)
-
-        gains = {kind: gained(kind) for kind in offered}
+        before = square(data)
+        gains = {kind: gained(kind, data) for kind in offered}
         found = max(gains, key=lambda kind: gains[kind].sum())
-        if found != DRIFT and (patterned or _is_sure(gains[found], before)) and has_trees():
+        if (patterned or is_sure(gains[found], before)) and has_trees():
             both = replace(found, name="trees", length_mm=0.0, sides=True)
-            gains[both] = gained(both)
+            gains[both] = gained(both, data)
             # Trees make staircases, which must be worth their steps.
             found = both if gains[both].sum() > gains[found].sum() + LEAST_SHARE_GAINED * before.sum() else found
-        is_fine = found.name == "smooth" and len(data.motor_mm) < FEW_POINTS * len(column_variances(found, reach_mm))
-        least = FINE_STANDARD_ERRORS if is_fine else SURE_STANDARD_ERRORS
-        return (found, float(gains[found].sum())) if _is_sure(gains[found], before, least) else None
+        return (found, float(gains[found].sum())) if is_sure(gains[found], before) else None
 
     if not offered or (found := best(data, offered)) is None:
         return None
-    drift = best(data, [DRIFT])
-    if drift is not None and drift[1] > DRIFT_SHARE * found[1]:
+    if gained(DRIFT, data).sum() > DRIFT_SHARE * found[1]:
         found = best(_without_drift(data), [replace(kind, timed=True) for kind in offered])
     return None if found is None else found[0]
 
 
-def _is_sure(gain: np.ndarray, before: np.ndarray, least: float = SURE_STANDARD_ERRORS) -> bool:
-    error = float(np.std(gain, ddof=1)) * np.sqrt(len(gain))
+def is_sure(gain: np.ndarray, before: np.ndarray) -> bool:
+    """Say whether a kind helps that takes ``gain`` [B] mm² off the square errors ``before`` [B] of held-out blocks."""
+    error, whole = float(np.std(gain, ddof=1)) * np.sqrt(len(gain)), before.sum()
+    least = SMALL_STANDARD_ERRORS if gain.sum() < SMALL_SHARE_GAINED * whole else SURE_STANDARD_ERRORS
     if len(gain) < FEW_BLOCKS:
         least = FEW_BLOCKS_STANDARD_ERRORS
-    return bool(gain.sum() > least * error and gain.sum() > LEAST_SHARE_GAINED * before.sum())
+    return bool(gain.sum() > least * error and gain.sum() > LEAST_SHARE_GAINED * whole)
 
 
 def fit_residual(
