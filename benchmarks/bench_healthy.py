@@ -27,17 +27,17 @@ import outside
 import outside_scan
 from bench_outside import part_gcode
 from printmend.errors import RefusedError
-from printmend.learn.callipers import choose_distances, estimate, mechanism
+from printmend.learn.callipers import choose_distances
 from printmend.measure import ProbePlan
 from printmend.measure.measurement import measure_scans
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.probe import design_probe, write_probe
-from printmend.promise.by_hand import calliper_section
+from printmend.promise.by_hand import model_by_hand
 from printmend.repair import mend_gcode
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import is_healthy
-from printmend.saved import SavedModel, saved_model
+from printmend.saved import SavedModel
 from printmend.twin.camera import render_photo
 
 KINDS = ("traces", "scans", "pictures", "photos", "callipers")
@@ -109,9 +109,7 @@ def by_hand(printer: Printer, plan: ProbePlan, rng: np.random.Generator, folder:
     across = np.hypot(*(marks[distances.pairs[:, 1]] - marks[distances.pairs[:, 0]]).T) + plan.big_dot_mm
     across += rng.normal(0, 0.1) + rng.normal(0, rng.uniform(0.02, 0.07), len(across))  # dots are as wide as they are
     across[rng.random(len(across)) < 0.1 * (rng.random() < 0.3)] = np.nan
-    found = estimate(distances, across)
-    details = {"promise": calliper_section(distances, across, printer)}
-    return saved_model(mechanism(found, printer), learner="callipers", findings=("",), details=details)
+    return model_by_hand(distances, across, printer)
 
 
 MEASURED: dict[str, Callable[[Printer, ProbePlan, np.random.Generator, Path], SavedModel]] = {

@@ -29,17 +29,17 @@ import outside_faults
 from bench_outside import FAMILIES, PRESETS, contour_error_mm, part_gcode, run, walk_of
 from bench_outside_scan import placed_error_mm
 from printmend.errors import RefusedError
-from printmend.learn.callipers import choose_distances, estimate, mechanism
+from printmend.learn.callipers import choose_distances
 from printmend.measure.distance import scaled_by
 from printmend.measure.join import scanner_axes
 from printmend.measure.measurement import instrument_on_bed
 from printmend.path import FLATBED, Instrument, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.promise.by_hand import calliper_section
+from printmend.promise.by_hand import model_by_hand
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model
-from printmend.saved.model import SavedModel, saved_model
+from printmend.saved.model import SavedModel
 
 KINDS = ("modelled", "unmodelled", "healthy", "scan", "glimpse", "settled", "callipers")
 STRETCH_SD, WORSE_STRETCH_SD = 0.001, 0.002  # of the foreign scanners: scale, difference of axes, lean
@@ -84,9 +84,7 @@ def by_callipers(number: int, preset: str, printed: Callable, rng: np.random.Gen
     across_mm = np.hypot(*(ends[distances.pairs[:, 1]] - ends[distances.pairs[:, 0]]).T) + plan.big_dot_mm
     across_mm += rng.normal(0, WIDTH_SD_MM) + rng.normal(0, READING_SD_MM, len(across_mm))
     across_mm[READINGS[number % len(READINGS)] :] = np.nan
-    found = estimate(distances, across_mm)
-    details = {"promise": calliper_section(distances, across_mm, printer)}
-    return saved_model(mechanism(found, printer), learner="callipers", findings=("",), details=details)
+    return model_by_hand(distances, across_mm, printer)
 
 
 def across_mm(

@@ -176,16 +176,12 @@ def _measure_by_hand(
 
 def _say_estimates(distances: "Distances", readings_mm: "np.ndarray", printer: "Printer | None", output: Path) -> None:
     """Say what was measured by hand, and save the model that follows from it."""
-    from printmend.learn.callipers import estimate, mechanism
-    from printmend.promise.by_hand import calliper_section
-    from printmend.saved import saved_model, write_model
+    from printmend.learn.callipers import estimate
+    from printmend.promise.by_hand import model_by_hand
+    from printmend.saved import write_model
 
-    estimates = estimate(distances, readings_mm)
-    for item in estimates:
+    for item in estimate(distances, readings_mm):
         click.echo(str(item))
     if printer is not None:
-        findings = tuple(str(item) for item in estimates)
-        details = {"promise": calliper_section(distances, readings_mm, printer)}
-        made = saved_model(mechanism(estimates, printer), learner="callipers", findings=findings, details=details)
-        write_model(output, made)
+        write_model(output, model_by_hand(distances, readings_mm, printer))
         click.echo(f"{output}: only what is known well is corrected")

@@ -25,12 +25,13 @@ from printmend.learn.callipers import (
     Estimate,
     about,
     estimate,
+    mechanism,
 )
 from printmend.path import Instrument
 from printmend.printer import Printer
 from printmend.promise.budget import VERSION
 from printmend.promise.section import NO_PARTS
-from printmend.saved import SCALE_MM
+from printmend.saved import SCALE_MM, SavedModel, saved_model
 
 FAULTY_SHARE = 0.4  # chance that a printer has a fault of a kind, before any distance was read
 BOTH_SHARE = 0.5  # of printers with a faulty scale, play or pulley: how many have it on both motors
@@ -47,6 +48,14 @@ WAVE = np.array([*(1, 1, *np.repeat(HARMONICS, 2)) * 2, 1, 1])  # the harmonic o
 UNKNOWNS_SD = np.array([*(*PRIOR_SD[:2], *[PRIOR_SD[2]] * (OWN - 2)) * 2, SKEW_SD, WIDTH_SD_MM])
 PARTS = 7  # of a printer that may be faulty: scale, play and pulley of one motor, those of the other, the squareness
 PART_OF = np.array([*(0, 1, *[2] * (OWN - 2)), *(3, 4, *[5] * (OWN - 2)), 6])  # of each unknown but the dots' width
+
+
+def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printer) -> SavedModel:
+    """Return what readings [K] mm of distances say of a printer, NaN where none was taken: what is known well acts."""
+    estimates = estimate(distances, readings_mm)
+    details = {"promise": calliper_section(distances, readings_mm, printer)}
+    findings = tuple(map(str, estimates))
+    return saved_model(mechanism(estimates, printer), learner="callipers", findings=findings, details=details)
 
 
 def calliper_section(distances: Distances, readings_mm: np.ndarray, printer: Printer) -> dict[str, Any]:

@@ -313,19 +313,14 @@ def distances(here: Here, key: Key) -> list[Distance]:
 @router.post("/{key}/callipers", tags=["measure"])
 def callipers(here: Here, key: Key, given: ReadingsIn) -> Known:
     """Learn from distances that were taken with callipers: scale, play, pulleys off their centre, skew."""
-    from printmend.learn.callipers import estimate, mechanism, parse_readings
-    from printmend.promise.by_hand import calliper_section
-    from printmend.saved import saved_model, write_model
+    from printmend.learn.callipers import parse_readings
+    from printmend.promise.by_hand import model_by_hand
+    from printmend.saved import write_model
 
     chosen, folder = _distances(here, key), _folder(here, key)
     text = "\n".join("" if value is None else f"{value:.6f}" for value in given.readings_mm) + "\n"
     readings_mm = parse_readings(text, chosen, subject="the distances")
-    estimates = estimate(chosen, readings_mm)
-    printer = read_printer(folder / PRINTER)
-    found = tuple(str(one) for one in estimates)
-    details = {"promise": calliper_section(chosen, readings_mm, printer)}
-    made = saved_model(mechanism(estimates, printer), learner="callipers", findings=found, details=details)
-    write_model(folder / MODEL, made)
+    write_model(folder / MODEL, model_by_hand(chosen, readings_mm, read_printer(folder / PRINTER)))
     return known(here, key)
 
 
