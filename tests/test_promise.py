@@ -23,6 +23,7 @@ from printmend.identify.drive.machines import MACHINES
 from printmend.learn.greybox import motor_rows
 from printmend.machine import Frame
 from printmend.measure.distance import scaled_by, settled
+from printmend.measure.measurement import instrument_on_bed
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.picture.paper import PAPER
@@ -794,6 +795,9 @@ def test_a_length_that_was_given_is_not_asked_for_again() -> None:
     """One distance settles the scale along it: a second scan, turned, what is left across it."""
     stretched = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.0027, y_scale=1.0008))
     doubt = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.05, 0.0, 0.001, {"planning": 0.001, "instrument": 0.049})
+    both = settled(0.0, 0.0, 140.0, instrument_on_bed(FLATBED, np.eye(2), settled=True))[1]
+    whole = learn_model(scanned(measured(stretched, 0.01, 4), np.zeros((2, 2)), both), ENDER3)
+    assert advice_of(whole, doubt) == ("most of what is left is the scale, as far as the callipers left it open.",)
     for instrument, is_known in ((FLATBED, False), (settled(0.0, 0.0, 140.0, FLATBED)[1], True)):
         model = learn_model(scanned(measured(stretched, 0.01, 4), np.zeros((2, 2)), instrument), ENDER3)
         scale, advice = *scale_words(model), *advice_of(model, doubt)

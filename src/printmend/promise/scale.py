@@ -41,9 +41,20 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
 
 def knows_a_length(model: SavedModel) -> bool:
     """Say whether a length was given to a model's scan: then its scale and its axes are known together."""
+    instrument = _instrument(model)
+    return any(instrument.get(name) for name in TOGETHER)
+
+
+def knows_all_but_a_reading(model: SavedModel) -> bool:
+    """Say whether a length and a second turn were given, so that what the callipers were read to is all that is open."""
+    instrument = _instrument(model)
+    return knows_a_length(model) and 2 * instrument.get("axes_sd", 0.0) < instrument.get("scale_sd", 0.0)
+
+
+def _instrument(model: SavedModel) -> dict[str, float]:
     section = model.document.get("promise")
     instrument = section.get("instrument") if isinstance(section, dict) else None
-    return isinstance(instrument, dict) and any(instrument.get(name) for name in TOGETHER)
+    return instrument if isinstance(instrument, dict) else {}
 
 
 def in_words(shown: np.ndarray, acts: np.ndarray, doubt: float, *, length_given: bool = False) -> str:

@@ -11,7 +11,7 @@ from printmend.invert import layout as k
 from printmend.promise.budget import parse_budget
 from printmend.promise.misfit import said_of
 from printmend.promise.predict import Errors, PathPlaces, Promise, promised, shape_of, without_doubt
-from printmend.promise.scale import knows_a_length
+from printmend.promise.scale import knows_a_length, knows_all_but_a_reading
 from printmend.promise.words import in_a_line, in_words
 from printmend.saved.model import SavedModel
 from printmend.units import counted
@@ -322,6 +322,8 @@ def _most_of(model: SavedModel, after: Promise) -> tuple[str, ...]:
         whole = model.document.get("trace", {}).get("measured", 0) >= _WHOLE_MARKS
         todo = gaps[0] if gaps else _AGAIN_TODO if whole else _PROBE_TODO
         return (f"{most} is what the test print {'left open' if whole and not gaps else 'did not show'}. {todo}",)
+    if name == "instrument" and knows_all_but_a_reading(model):
+        return (f"{most} is the scale, as far as the callipers left it open.",)
     if name == "instrument" and knows_a_length(model):
         return (
             f"{most} is the scale of the scanner across the length that was given: a second scan of the same plate, "
