@@ -283,7 +283,7 @@ def test_a_printer_that_sticks_is_promised_no_better_than_its_marks_scatter(
 ) -> None:
     """Each axis stops anywhere within 0.1 mm of where it was sent; the callipers say that they read to 0.01 mm.
 
-    How much of that is the dots' own is not known: half of its variance is expected, all of it is in the range.
+    How much of that is the dots' own is not known: a quarter of its variance is expected, nearly all is in the range.
     """
     trace = measured(BENT, 0.01, 7)
     stuck = rng.uniform(-0.05, 0.05, trace.measured_mm.shape)
@@ -293,7 +293,7 @@ def test_a_printer_that_sticks_is_promised_no_better_than_its_marks_scatter(
     planned = judge_gcode(part, part.with_name("out.gcode"), Twin.of(BENT, ENDER3)).after.rms_mm
     true_mm = np.hypot(planned, 0.05 / np.sqrt(3))  # across a line it is off by as much as either axis
     assert promise.rms_low_mm < true_mm < promise.rms_high_mm
-    assert promise.rms_mm == pytest.approx(true_mm / np.sqrt(2), rel=0.2)
+    assert promise.rms_mm == pytest.approx(true_mm / 2, rel=0.25)
 
 
 def test_what_was_left_out_is_read_with_its_chance() -> None:
@@ -496,7 +496,7 @@ def test_patterns_are_told_from_noise(rng: np.random.Generator) -> None:
     assert unexplained(rows, noise, side).variance_mm2 == 0
     assert unexplained(rows, noise, side, 0.04).variance_mm2 == 0  # it may scatter a little more than it says
     drawn_anew = unexplained(rows, noise, side, 0.01)
-    assert np.sqrt(2 * drawn_anew.variance_mm2) == pytest.approx(0.05, rel=0.15)  # half of that may be the dots'
+    assert np.sqrt(4 * drawn_anew.variance_mm2) == pytest.approx(0.05, rel=0.15)  # more of that may be the dots'
     for pattern in (
         0.05 * np.sin(rows.motor_mm / 5),  # by place
         0.05 * side,  # by direction

@@ -46,7 +46,7 @@ def knows_a_length(model: SavedModel) -> bool:
 
 
 def knows_all_but_a_reading(model: SavedModel) -> bool:
-    """Say whether a length and a second turn were given, so that what the callipers were read to is all that is open."""
+    """Say whether a length and a second turn were given, so that only the callipers leave it open."""
     instrument = _instrument(model)
     return knows_a_length(model) and 2 * instrument.get("axes_sd", 0.0) < instrument.get("scale_sd", 0.0)
 

@@ -39,7 +39,7 @@ def unexplained(rows: Rows, residual_mm: np.ndarray, side: np.ndarray, scatter_m
     """Return the largest pattern in residuals [N] mm, NaN where nothing was measured.
 
     ``side`` [N] is the side of the belt that is touched. ``scatter_mm`` is the standard deviation along the motor that
-    the instrument states, None where it states none; where the residuals scatter far more, all the excess counts.
+    the instrument states, None where it states none; where the residuals scatter far more, a share of that counts.
     """
     known = np.flatnonzero((rows.weight > 0) & np.isfinite(residual_mm))
     residual = residual_mm[known]
@@ -52,8 +52,8 @@ def unexplained(rows: Rows, residual_mm: np.ndarray, side: np.ndarray, scatter_m
     found = [least]
     if scatter_mm is not None:
         beyond, sd = whole - (DOUBTED_SCATTER * scatter_mm) ** 2, whole * float(np.sqrt(2 / len(residual)))
-        # any share of it is as likely to be the dots' own
-        found += [Unexplained(beyond / 2, beyond / 12**0.5)] if beyond > SURE_SIGMAS * sd else []
+        # at even odds all of it is the dots' own, or any share of it is the printer's
+        found += [Unexplained(beyond / 4, beyond * (5 / 48) ** 0.5)] if beyond > SURE_SIGMAS * sd else []
     for order in _orders(rows, side, known):
         ordered = residual[order]
         for length in BLOCK_ROWS:
