@@ -28,10 +28,11 @@ from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.picture.paper import PAPER
 from printmend.printer import Printer, read_printer
+from printmend.probe import design_probe
 from printmend.promise.apply import believe
 from printmend.promise.budget import DIRECTIONS, parse_budget
 from printmend.promise.effects import EARLY, ENDED, LEARNED, DrawnCause, Effect
-from printmend.promise.misfit import misfit_section
+from printmend.promise.misfit import misfit_section, refusals
 from printmend.promise.predict import (
     DRAWS,
     Errors,
@@ -874,3 +875,15 @@ def test_a_part_beyond_what_was_measured_is_told_so_before_printing(tmp_path: Pa
         assert ("elsewhere the printer is thought to go on" in said) == beyond
         assert "lies at Y" not in said
         assert not beyond or re.search(r"lies at X 60 to 80 mm, and the test print showed 20 to (69|70):", said)
+
+
+@pytest.mark.parametrize("turn_mm", [(49.0, 41.5), (34.0, 40.0)])
+def test_a_pulley_of_a_far_other_size_is_learned_from_a_scan(turn_mm: tuple[float, float]) -> None:
+    """What such a printer misses is tens of millimetres in the middle of the bed, and nothing at home."""
+    printer = read_printer("corexy")
+    plan = design_probe(printer)
+    printed = np.asarray(printer.from_motor(printer.to_motor(plan.marks_mm) * np.array(turn_mm) / 40.0))
+    seen = printed + np.random.default_rng(3).normal(0, 0.02, printed.shape) + [60.0, 80.0]
+    document = learn_model(plan.trace(seen), printer).document
+    assert not refusals(document)
+    assert document["trace"]["residual_after_mm"] < 0.04

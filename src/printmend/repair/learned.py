@@ -52,6 +52,9 @@ AUTO = "auto"
 _HYBRIDS = (AUTO, "hybrid")
 Planar = TypeVar("Planar", bound=WorldModel)
 FAR_ORIGIN_MM = 5.0  # an origin of a measurement's own further from the bed's is moved there
+# … as a line through what is missed has it at home, where places scatter by this share of their distance from home,
+# the line leaves less than this share of what is missed, and no stretch is larger than any printer's.
+WIDE_SHARE, LINE_SHARE, MOST_STRETCH = 0.3, 0.5, 0.5
 MOST_DOUBT_MM = 0.5  # with a larger doubt of the error at home, an origin is not moved there
 PLANE_FACTOR = 2**0.5  # RMS distance on the bed over the standard deviation of one coordinate
 LEAST_POWER_MM = 1e-9  # a smaller coefficient of a power above the 0th counts as none: it is what rounding leaves
@@ -97,7 +100,7 @@ def _learned(trace: Trace, printer: Printer, model: str, rng: np.random.Generato
     check_origin("the measurement", trace.origin, printer)
     digests = (digest_of(trace),)
     trace, copies = counted_once(trace)
-    ordered = in_order(near_bed(with_walls(trace, printer)), printer)
+    ordered = in_order(near_bed(with_walls(trace, printer), printer), printer)
     began = another_home(ordered.trace, printer)
     ordered = replace(ordered, found=(*passed_over(trace, copies), *ordered.found, *began))
     trace = ordered.trace
@@ -162,15 +165,29 @@ def _learned_without_parts(
     return Learned(saved, None, trace)
 
 
-def near_bed(trace: Trace) -> Trace:
+def near_bed(trace: Trace, printer: Printer) -> Trace:
     """Return a trace whose places have an origin of their own with that origin near the bed's, where it was far off.
 
     What is missed at one place is then the machine's, as everywhere else, and not tens of millimetres of the paper's.
     """
-    off_mm = (trace.measured_mm - trace.commanded_mm)[trace.measured_rows]
+    known = trace.measured_rows
+    off_mm = (trace.measured_mm - trace.commanded_mm)[known]
     if trace.placed or not len(off_mm) or np.abs(shift := np.median(off_mm, axis=0)).max() < FAR_ORIGIN_MM:
         return trace
+    at_home = _missed_at_home_mm(trace.commanded_mm[known] - printer.home_mm, off_mm)
+    if at_home is not None and np.abs(at_home - shift).max() > FAR_ORIGIN_MM:
+        shift = at_home
     return replace(trace, measured_mm=trace.measured_mm - shift)
+
+
+def _missed_at_home_mm(from_home_mm: np.ndarray, off_mm: np.ndarray) -> np.ndarray | None:
+    """Return what places [N, 2] miss [N, 2] goes to at home [2]: a pulley of another size misses by tens of
+    millimetres in the middle of the bed, and by nothing there. None where places do not show it."""
+    line, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(off_mm)), from_home_mm]), off_mm, rcond=None)
+    left = off_mm - line[0] - from_home_mm @ line[1:]
+    is_wide = (from_home_mm.std(axis=0) > WIDE_SHARE * np.abs(from_home_mm.mean(axis=0))).all()
+    is_line = left.std() < LINE_SHARE * off_mm.std(axis=0).max() and np.abs(line[1:]).max() < MOST_STRETCH
+    return np.asarray(line[0]) if is_wide and is_line else None
 
 
 def _learned_with_causes(
