@@ -46,7 +46,7 @@ def knows_a_length(model: SavedModel) -> bool:
 
 
 def knows_all_but_a_reading(model: SavedModel) -> bool:
-    """Say whether a length and a second turn were given, so that only the callipers leave it open."""
+    """Say whether a length and a second turn were given, so that only the callipers leave the scale open."""
     instrument = _instrument(model)
     return knows_a_length(model) and 2 * instrument.get("axes_sd", 0.0) < instrument.get("scale_sd", 0.0)
 
@@ -54,7 +54,9 @@ def knows_all_but_a_reading(model: SavedModel) -> bool:
 def _instrument(model: SavedModel) -> dict[str, float]:
     section = model.document.get("promise")
     instrument = section.get("instrument") if isinstance(section, dict) else None
-    return instrument if isinstance(instrument, dict) else {}
+    if not isinstance(instrument, dict):
+        return {}
+    return {name: value for name, value in instrument.items() if isinstance(value, int | float)}
 
 
 def in_words(shown: np.ndarray, acts: np.ndarray, doubt: float, *, length_given: bool = False) -> str:
