@@ -12,20 +12,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from printmend.effects import EFFECTS, Of, Places, home_of
+from printmend.effects.effect import LONG_MOVE_MM
+from printmend.infer.posterior import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
-from printmend.promise.budget import Budget, MotorBudget
-from printmend.promise.effects import BEGUN, DrawnCause, PrintPlaces
-from printmend.saved import bed_middle
+from printmend.promise.belief import Belief
 from printmend.saved.series import HARMONICS, ScrewSeries, waves_of
 
-DRAWS = 256  # number of machines that are drawn from what the measurement allows
-RANKED_DRAWS = 128  # number of these of which the quantiles over the places of a path are taken
 MOST_PLACES = 512  # most places of a path that are evaluated: 2048 change no figure by more than another seed does
 LOW, HIGH = 0.05, 0.95  # quantiles of the drawn machines that bound the 90 % range
 ROUNDED = (0.0, 1.1)  # range of the factor on the variance of rounding to micro-steps, which is 1 for even rounding
-# An unexplained pattern may be larger or smaller in another print than the fit of this one left of it, because a fit
-# takes some of it in and another path meets other parts of it: mean and standard deviation of the factor's logarithm.
-ELSEWHERE_LOG = (0.0, 0.6)
 # Mended moves differ from the plain ones and meet an unexplained pattern elsewhere: the share of it that this may add.
 OTHERWISE_SHARE = 0.7
 # Errors of motion, as ringing, sticking or a loose nozzle, do not show in marks at which the head rests: their assumed
@@ -34,15 +30,8 @@ UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.8
 # Length over which an error that differs from place to place stays alike: ringing swings over 1 to 3 mm, a loose nozzle
 # over more.
 CELL_MM = 2.0
-LASTING = ("unexplained", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
+LASTING = ("scatter", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
 NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
-WHOLE_TURN_SHARE = 0.95  # a pulley of which this share of a turn was measured counts as measured whole
-# The stated doubt of a pulley that was measured in part is multiplied by a random factor, because the rest is mostly
-# round and now and then has a flat: mean and standard deviation of the factor's logarithm, and of that for machines
-# that were drawn with such pulleys among them.
-GUESSED_LOG = (-0.5, 1.4)
-MACHINES_LOG = (-0.5, 1.1)
-TOGETHER_LOG = (0.0, 0.3)  # … and for both motors' machines after a few distances: none of them is as a real one is
 LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
 STANDS_SHARE = 1e-3  # of a move's length that a motor may go and yet stands still: rounded coordinates move it
 # Normal values, and the logarithm of minus the logarithm of the chance that one is not larger.
@@ -51,6 +40,18 @@ _CHANCE_LOG = np.array([math.log(-math.log1p(-0.5 * math.erfc(each / math.sqrt(2
 _FINENESS = 64  # places of the next table for each unit of that logarithm
 _EVENLY = np.interp(np.arange(_CHANCE_LOG[0], _CHANCE_LOG[-1], 1 / _FINENESS), _CHANCE_LOG, _NORMAL)
 SEED = 11  # the same file and model always get the same promise
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnCause:
+    """Errors of one cause at N places of a print, for D drawn machines: ``columns`` [N, K] @ ``drawn`` [K, D]."""
+
+    columns: np.ndarray
+    drawn: np.ndarray
+
+    def beside(self, other: "DrawnCause") -> "DrawnCause":
+        """Return the sum of both."""
+        return DrawnCause(np.hstack([self.columns, other.columns]), np.vstack([self.drawn, other.drawn]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +127,7 @@ class Outlook:
 
 
 def promised(
-    mechanism: Mechanism, budget: Budget, path: PathPlaces, before: Errors, after: Errors, *, at_rest: bool = False
+    mechanism: Mechanism, belief: Belief, path: PathPlaces, before: Errors, after: Errors, *, at_rest: bool = False
 ) -> Outlook | None:
     """Return what to expect of both files, None for an empty path.
 
@@ -136,29 +137,28 @@ def promised(
     if not len(path.weight) or path.weight.sum() <= 0:
         return None
     with threadpool_limits(1, user_api="blas"):  # the products are small: a second thread would only be waited for
-        return _outlook(mechanism, budget, _thinned(path, budget.placed), (before, after), at_rest)
+        return _outlook(mechanism, belief, _thinned(path, belief.placed), (before, after), at_rest)
 
 
 def _outlook(
-    mechanism: Mechanism, budget: Budget, path: PathPlaces, errors: tuple[Errors, Errors], at_rest: bool
+    mechanism: Mechanism, belief: Belief, path: PathPlaces, errors: tuple[Errors, Errors], at_rest: bool
 ) -> Outlook:
     rng = np.random.default_rng(SEED)
     aims = _aims(mechanism, path, at_rest)
-    local = _local(mechanism, budget, path, rng)
-    columns = [_columns(mechanism, budget, path, aims, motors) for motors in (aims.before_mm, aims.after_mm)]
-    which = rng.integers(len(budget.stretch), size=DRAWS) if budget.together else None
-    z = np.vstack([_directions(motor, which, rng) for motor in budget.motors])
-    both = _stretch(mechanism, budget, path, which, rng) | _effects(mechanism, budget, path, aims, rng)
-    if not budget.placed:
+    local = _local(mechanism, belief, path, rng)
+    sizes = {id(part): _again_mm(part, rng) for part in belief.parts}
+    sides = [_parts(mechanism, belief, path, aims, motors, sizes) for motors in (aims.before_mm, aims.after_mm)]
+    both: dict[str, DrawnCause] = {}
+    if not belief.placed:
         both["homing"] = _homing(mechanism, path, rng)
-    both |= push_doubt(budget.screw, path, rng)
-    doubts = [{"parameters": DrawnCause(each, z), **both} for each in columns]
+    both |= push_doubt(belief.screw, path, rng)
+    doubts = [{**each, **both} for each in sides]
     raw = _Side(path, path.off_mm, doubts[0], local, errors[0], signed=True)
     mended = _Side(path, np.zeros_like(path.off_mm), doubts[1], local, errors[1], signed=False)
     along = rng.uniform(-1.0, 1.0, DRAWS)
-    results = [_summed_up(each, budget.placed, along, rng) for each in (raw, mended)]
+    results = [_summed_up(each, belief.placed, along, rng) for each in (raw, mended)]
     # a shift of all that is printed does the same to both files
-    strange = {"unexplained", *(each.kind for each in budget.effects if each.state != BEGUN)}
+    strange = {"scatter", *(name for name in results[1][0].made_of if name in EFFECTS)}
     strange2 = OTHERWISE_SHARE**2 * sum(results[1][0].made_of[name] ** 2 for name in strange)
     return Outlook(results[0][0], results[1][0], results[0][1] - np.sqrt(results[1][1] ** 2 + strange2))
 
@@ -242,23 +242,6 @@ def _across(mechanism: Mechanism, path: PathPlaces) -> np.ndarray:
     return np.asarray(normal @ mechanism.printer.from_motor(np.eye(2)).T)
 
 
-def _directions(motor: MotorBudget, which: np.ndarray | None, rng: np.random.Generator) -> np.ndarray:
-    """Draw how far a motor's parameters are off along its directions [R, DRAWS]; a part that was left out is there in
-    some machines, and does nothing in the others. Where the directions are machines, each draw is one of them."""
-    directions = motor.factor_mm.shape[1]
-    log = MACHINES_LOG if which is None else TOGETHER_LOG
-    if which is None and motor.machines and directions:
-        which = rng.integers(directions, size=DRAWS)
-    if which is not None:
-        return np.asarray(np.eye(directions)[:, which] * np.exp(rng.normal(*log, DRAWS)))
-    z = rng.standard_normal((directions, DRAWS))
-    first = len(z) - sum(count for count, _ in motor.left_out)
-    for count, chance in motor.left_out:
-        z[first : first + count] *= (rng.uniform(size=DRAWS) < chance) / math.sqrt(chance)
-        first += count
-    return z if motor.seen >= WHOLE_TURN_SHARE else np.asarray(z * np.exp(rng.normal(*GUESSED_LOG, DRAWS)))
-
-
 def _homing(mechanism: Mechanism, path: PathPlaces, rng: np.random.Generator) -> DrawnCause:
     """Return the errors across the path of N places and `DRAWS` machines that homing leaves.
 
@@ -288,76 +271,56 @@ def push_doubt(screw: ScrewSeries | None, path: PathPlaces, rng: np.random.Gener
     return {"screw": DrawnCause(columns, sd[:, None] * rng.standard_normal((len(sd), DRAWS)))}
 
 
-def _columns(mechanism: Mechanism, budget: Budget, path: PathPlaces, aims: _Aims, motor_mm: np.ndarray) -> np.ndarray:
-    """Return the error across the path for each direction of both budgets [N, R]."""
-    printer = mechanism.printer
-    across, middle = _across(mechanism, path), bed_middle(printer)
-    home = np.array(printer.home_mm)
-    at_home, belts_home = printer.to_motor(home), printer.to_motor(mechanism.frame.invert(home)) - middle
-    found = []
-    for i, motor in enumerate(budget.motors):
-        own, other = aims.belt_mm[:, i] - middle[i], aims.belt_mm[:, 1 - i] - middle[1 - i]
-        columns = motor.columns(motor_mm[:, i], own, other, aims.side[:, i])
-        if not budget.placed:
-            way = np.array([float(printer.motor_home_direction(i))])
-            columns = columns - motor.columns(at_home[[i]], belts_home[[i]], belts_home[[1 - i]], way)
-        found.append(columns * across[:, [i]])
-    return np.hstack(found)
+def _again_mm(part: Part, rng: np.random.Generator) -> np.ndarray:
+    """Return by how much a part differs in the next print of each drawn machine [P, D] from what acts."""
+    return np.asarray(EFFECTS[part.effect].again(part.draws_mm, rng) - part.acts_mm[:, None])
 
 
-def _stretch(
-    mechanism: Mechanism, budget: Budget, path: PathPlaces, which: np.ndarray | None, rng: np.random.Generator
+def _parts(
+    mechanism: Mechanism,
+    belief: Belief,
+    path: PathPlaces,
+    aims: "_Aims",
+    motor_mm: np.ndarray,
+    sizes: Mapping[int, np.ndarray],
 ) -> dict[str, DrawnCause]:
-    """Return the errors across the path of N places and `DRAWS` machines that the instrument's own errors leave."""
-    if not budget.stretch:
-        return {}
-    if which is None:
-        weights = np.array([weight for weight, _, _ in budget.stretch])
-        which = rng.choice(len(weights), DRAWS, p=weights / weights.sum())
-    drawn = np.zeros((3, DRAWS))
-    for at, (_, mean, covariance) in enumerate(budget.stretch):
-        values, axes = np.linalg.eigh(covariance)
-        normal = rng.standard_normal((3, DRAWS))
-        mine = mean[:, None] + (axes * np.sqrt(np.maximum(values, 0.0))) @ normal
-        drawn[:, which == at] = mine[:, which == at]
-    home = np.array(mechanism.printer.home_mm)
-    x, y = (path.wanted_mm - home).T
-    across_x, across_y = -path.tangent[:, 1], path.tangent[:, 0]
-    corexy = mechanism.printer.kinematics == "corexy"
-    lean = across_x * y + across_y * x if corexy else 2 * across_x * y  # a cartesian x axis keeps its direction
-    common, half = across_x * x + across_y * y, across_x * x - across_y * y
-    return {"instrument": DrawnCause(np.stack([common, half, lean], axis=1), drawn)}
+    """Return the errors across the path that the drawn machines have beyond what acts: those of the parts that act
+    together, those of any other effect by its name. Without a place on the bed errors are counted from home."""
+    printer, scene = mechanism.printer, belief.scene
+    normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
+    gone_mm = np.cumsum(path.weight) if path.gone_mm is None else path.gone_mm
+    count, none = len(normal), np.zeros_like(normal)
+    places = Places(
+        motor_mm, -aims.side, np.asarray(printer.from_motor(aims.belt_mm)), aims.ways, aims.side,
+        gone_mm / max(scene.way_mm, 1e-9), np.full(count, LONG_MOVE_MM), none,
+    )  # fmt: skip
+    at_home = home_of(scene)
+    found: dict[str, DrawnCause] = {}
+    for part in belief.parts:
+        effect, drawn = EFFECTS[part.effect], sizes[id(part)]
+        if not drawn.any():
+            continue
+        moved = effect.columns(places, part.where, part.shape, scene)
+        if not belief.placed and effect.of is Of.MACHINE:
+            moved = moved - effect.columns(at_home, part.where, part.shape, scene)
+        cause = DrawnCause(np.einsum("nc,ncp->np", normal, moved), drawn)
+        name = "parameters" if effect.of is Of.MACHINE and part.acts_mm.any() else part.effect
+        found[name] = found[name].beside(cause) if name in found else cause
+    return found
 
 
-def _local(mechanism: Mechanism, budget: Budget, path: PathPlaces, rng: np.random.Generator) -> dict[str, DrawnCause]:
+def _local(mechanism: Mechanism, belief: Belief, path: PathPlaces, rng: np.random.Generator) -> dict[str, DrawnCause]:
     """Return the variances across the path of what differs from place to place, by cause."""
     across2 = _across(mechanism, path) ** 2
     steps = np.array([axis.mm_per_step / axis.microsteps for axis in mechanism.printer.axes[:2]])
-    drawn = np.stack(
-        [np.maximum(rng.normal(motor.unexplained_mm2, motor.unexplained_sd_mm2, DRAWS), 0.0) for motor in budget.motors]
-    )
-    unexplained = DrawnCause(across2, drawn * np.exp(2 * rng.normal(*ELSEWHERE_LOG, DRAWS)))
+    one = np.ones((len(across2), 1))
     unshown = UNSHOWN_MM * np.exp(UNSHOWN_SD * rng.standard_normal(DRAWS))
-    motion = DrawnCause(np.full((len(across2), 1), 0.5), unshown[None] ** 2)
+    motion = DrawnCause(0.5 * one, unshown[None] ** 2)
     # Some drives stop evenly on their micro-steps, others hardly hold them or go between them.
     rounding = DrawnCause((across2 @ (steps**2 / 12))[:, None], rng.uniform(*ROUNDED, DRAWS)[None] ** 2)
-    return {"unexplained": unexplained, "motion": motion, "rounding": rounding}
-
-
-def _effects(
-    mechanism: Mechanism, budget: Budget, path: PathPlaces, aims: _Aims, rng: np.random.Generator
-) -> dict[str, DrawnCause]:
-    """Return the error across the path of what the tests of misfit found, by kind."""
-    across = _across(mechanism, path)
-    found: dict[str, DrawnCause] = {}
-    gone_mm = np.cumsum(path.weight) if path.gone_mm is None else path.gone_mm
-    places = PrintPlaces(aims.before_mm, path.wanted_mm, aims.side, aims.ways, gone_mm)
-    begun = rng.uniform(0.0, 1.0, DRAWS)
-    for effect in budget.effects:
-        belt = effect.drawn(places, begun, rng)
-        moved = DrawnCause(across[:, [effect.motor]] * belt.columns, belt.drawn)
-        found[effect.kind] = found[effect.kind].beside(moved) if effect.kind in found else moved
-    return found
+    # What marks scatter beyond their instrument is the plastic's and the machine's, in shares that nobody knows.
+    scatter = DrawnCause(one, rng.uniform(0.0, 1.0, DRAWS)[None] * belief.scatter_mm**2)
+    return {"scatter": scatter, "motion": motion, "rounding": rounding}
 
 
 def _summed_up(side: _Side, placed: bool, along: np.ndarray, rng: np.random.Generator) -> tuple[Promise, np.ndarray]:
@@ -423,13 +386,12 @@ def _extremes(
     Where only the shape counts, ``shift`` is taken off first: the best shift of the whole part. A place stands for as
     many independent errors as its length holds `CELL_MM`.
     """
-    some = slice(RANKED_DRAWS)
-    error = columns[:, 2:] @ drawn[:, some]
-    sd2 = sum(each.columns @ each.drawn[:, some] for each in side.local.values())
+    error = columns[:, 2:] @ drawn
+    sd2 = sum(each.columns @ each.drawn for each in side.local.values())
     if not side.signed:
         sd2 = sd2 + side.known.rms_mm**2
     if shift is not None:
-        error -= columns[:, :2] @ shift[:, some]
+        error -= columns[:, :2] @ shift
     sd = np.sqrt(sd2)
     found = np.abs(error + sd * rng.standard_normal(error.shape))
     p95 = float(np.median(_weighted_p95(found.T, side.path.weight)))

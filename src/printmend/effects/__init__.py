@@ -1,0 +1,51 @@
+"""What can go wrong with a printer, its print or its measurement: one effect a file, all that is known of it in one place.
+
+`EFFECTS` lists them by name; others come by the entry points of the group ``printmend.effects``.
+"""
+
+from printmend.effects.aspect import Aspect
+from printmend.effects.bead import Bead
+from printmend.effects.bend import Bend
+from printmend.effects.bent import Bent
+from printmend.effects.breathing import Breathing
+from printmend.effects.carriage import Carriage
+from printmend.effects.creep import Creep
+from printmend.effects.drift import Drift
+from printmend.effects.effect import Acts, Effect, Of, Places, Scene, Term, home_of, places_of, scene_of
+from printmend.effects.elastic import Elastic
+from printmend.effects.friction import Friction
+from printmend.effects.halves import Halves
+from printmend.effects.idler import Idler
+from printmend.effects.lag import Lag
+from printmend.effects.origin import Origin
+from printmend.effects.place import Place
+from printmend.effects.play import Play
+from printmend.effects.pulley import Pulley
+from printmend.effects.racking import Racking
+from printmend.effects.rail import Rail
+from printmend.effects.scale import Scale
+from printmend.effects.shift import Shift
+from printmend.effects.skew import Skew
+from printmend.effects.speed import Speed
+from printmend.effects.splice import Splice
+from printmend.effects.step import Step
+from printmend.effects.stretch import Stretch
+from printmend.effects.teeth import Teeth
+from printmend.effects.tilt import Tilt
+from printmend.effects.turn import Turn
+from printmend.effects.two_motors import TwoMotors
+from printmend.effects.uneven import Uneven
+from printmend.effects.uneven_play import UnevenPlay
+from printmend.effects.wander import Wander
+from printmend.effects.warmth import Warmth
+from printmend.effects.wear import Wear
+
+_ALL: tuple[Effect, ...] = (
+    Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Idler(), Teeth(),
+    Skew(), Aspect(), Bent(), Rail(), Racking(), Tilt(), Lag(), Speed(), TwoMotors(), UnevenPlay(),
+    Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
+    Origin(), Shift(), Turn(), Stretch(), Carriage(), Halves(), Bead(),
+)  # fmt: skip
+EFFECTS: dict[str, Effect] = {effect.name: effect for effect in _ALL}
+
+__all__ = ["EFFECTS", "Acts", "Effect", "Of", "Places", "Scene", "Term", "home_of", "places_of", "scene_of"]

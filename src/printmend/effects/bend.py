@@ -1,0 +1,34 @@
+"""A scale that changes along the axis, as where a belt is not parallel to its rail."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, onto_bed
+from printmend.effects.prior import alternatives
+
+
+class Bend:
+    """Square and cube of the place along one belt."""
+
+    name = "bend"
+    of = Of.MACHINE
+    acts = Acts.DRIVE
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for motor in range(2):
+            yield from alternatives(self.name, motor, [scene.motor_span_mm[motor]], (1.0, 0.7))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM
+        low, high = ((end - scene.motor_middle_mm(where)) / SCALE_MM for end in shape)
+        seen = np.clip(x, low, high)  # beyond what was seen it goes on straight
+        columns = [seen**power + power * seen ** (power - 1) * (x - seen) for power in (2, 3)]
+        return onto_bed(scene, where, np.stack(columns, axis=1))
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

@@ -1,0 +1,33 @@
+"""Guides that are not straight: low-order terms of the place on the bed (physics.md eq. 14)."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, along
+from printmend.effects.prior import alternatives
+
+POWERS = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
+
+
+class Bent:
+    """Second- and third-order terms of both places, for x and for y."""
+
+    name = "bent"
+    of = Of.MACHINE
+    acts = Acts.FRAME
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        yield from alternatives(self.name, 0, [()], tuple(np.tile([1.0 if p + q == 2 else 0.4 for p, q in POWERS], 2)))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        x, y = ((places.bed_mm - scene.middle_mm) / SCALE_MM).T
+        terms = np.stack([x**p * y**q for p, q in POWERS], axis=1)
+        return np.concatenate([along(0, terms), along(1, terms)], axis=2)
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

@@ -1,0 +1,34 @@
+"""Play that changes over the turn: a loose belt, or a loose set screw on an uneven pulley (eq. 7, 10)."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.prior import alternatives
+
+HARMONICS = np.arange(1.0, 17.0)
+
+
+class Breathing:
+    """A Fourier series of one motor's play."""
+
+    name = "breathing"
+    of = Of.MACHINE
+    acts = Acts.DRIVE
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        profile = tuple(np.tile(HARMONICS**-2.0, 2))
+        for motor in range(2):
+            yield from alternatives(self.name, motor, [()], profile)
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        turn = waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS)
+        return onto_bed(scene, where, 0.5 * places.side[:, [where]] * turn)
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

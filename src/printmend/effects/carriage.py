@@ -1,0 +1,37 @@
+"""A scanner whose carriage runs unevenly: places are off along each of its axes, by a process of the place there."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
+from printmend.effects.prior import alternatives
+
+COUNT = 24  # cosines over the picture, of a random process whose power falls with the square of the frequency
+
+
+class Carriage:
+    """Cosines along one axis of the picture, for both coordinates."""
+
+    name = "carriage"
+    of = Of.INSTRUMENT
+    acts = Acts.NOT
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        if scene.instrument.wave_mm:
+            profile = tuple(np.tile(1.0 / np.arange(1, COUNT + 1), 2))
+            for axis in range(2):
+                yield from alternatives(self.name, axis, [()], profile)
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        low, high = scene.bed_span_mm[where]
+        place = np.clip((places.bed_mm[:, where] - low) / max(high - low, 1.0), 0.0, 1.0)
+        series = np.cos(np.pi * place[:, None] * np.arange(1, COUNT + 1))
+        return np.concatenate([along(where, series), along(1 - where, series)], axis=2)
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return np.zeros_like(sizes)

@@ -1,0 +1,35 @@
+"""A shift that slows down, as a set screw that gives way or a clamp that settles."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, carrier
+from printmend.effects.prior import alternatives
+
+STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
+TIMES = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)
+
+
+class Creep:
+    """A shift that comes with one time constant, a share of the print."""
+
+    name = "creep"
+    of = Of.SESSION
+    acts = Acts.NOT
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for where in range(4 if scene.corexy else 2):
+            yield from alternatives(self.name, where, [(each,) for each in TIMES], (1.0,))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        course = 1.0 - np.exp(-places.done / shape[0])
+        return carrier(scene, where, course[:, None])
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        for factor in about(0.0, 0.5, round_):
+            yield (float(shape[0] * np.exp(factor)),)
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes * (rng.uniform(size=sizes.shape[1]) < STAYS)

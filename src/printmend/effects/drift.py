@@ -1,0 +1,33 @@
+"""A belt, or on a CoreXY an axis, that shifts evenly while it prints."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, carrier
+from printmend.effects.prior import alternatives
+
+STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
+
+
+class Drift:
+    """A shift that grows with the length printed."""
+
+    name = "drift"
+    of = Of.SESSION
+    acts = Acts.NOT
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for where in range(4 if scene.corexy else 2):
+            yield from alternatives(self.name, where, [()], (1.0,))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        course = places.done
+        return carrier(scene, where, course[:, None])
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes * (rng.uniform(size=sizes.shape[1]) < STAYS)

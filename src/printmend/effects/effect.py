@@ -1,0 +1,241 @@
+"""What an effect is: one cause of error with its linear columns, its prior and its fate in the next print.
+
+An effect offers `Term`s: itself at one motor or axis, with one shape (a period, a break, a length). A term is P columns
+that say where each mark lands, in mm on the bed, for one unit of each of its P sizes. Inference, the twin, the promise
+and the model file all read these columns, and nothing else of an effect.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+
+from printmend.path import Instrument, Trace, last_way
+from printmend.printer import Printer
+
+LONG_MOVE_MM = 50.0  # moves of a part, and those to the end stops, count as long
+SCALE_MM = 100.0  # slopes are in mm per this distance, as in the model file
+
+
+class Of(Enum):
+    """Whose an effect is: what decides whether it acts, and what becomes of it."""
+
+    MACHINE = "machine"  # acts again in every print
+    SESSION = "session"  # of this print only, or begins anew in each
+    INSTRUMENT = "instrument"  # of the measurement: never acts
+    MATERIAL = "material"  # goes with the filament
+
+
+class Acts(Enum):
+    """What of a mechanism holds an effect, so that mending can undo it."""
+
+    DRIVE = "drive"  # the two tables of a motor: it depends on the motor's place and side alone
+    FRAME = "frame"  # the polynomials of the frame: it depends on the place on the bed alone
+    WAVE = "wave"  # a wave of the frame
+    NOT = "not"  # nothing: it is promised, and told
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The machine that was measured and how far it went.
+
+    ``turns_mm`` are the lengths of both motors' turns. ``motor_span_mm`` [2][2] and ``bed_span_mm`` [2][2] are the
+    lowest and highest measured position of each motor and bed axis; ``way_mm`` is the length of the print.
+    """
+
+    printer: Printer
+    turns_mm: tuple[float, float]
+    motor_span_mm: tuple[tuple[float, float], tuple[float, float]]
+    bed_span_mm: tuple[tuple[float, float], tuple[float, float]]
+    way_mm: float
+    placed: bool = True
+    instrument: Instrument = Instrument()
+    walls: bool = False
+
+    @property
+    def corexy(self) -> bool:
+        return self.printer.kinematics == "corexy"
+
+    @property
+    def middle_mm(self) -> np.ndarray:
+        """The middle of the bed [2]."""
+        return np.array(self.printer.middle_mm[:2], float)
+
+    def motor_middle_mm(self, motor: int) -> float:
+        """The position of a motor at the middle of the bed, from which its slopes are counted."""
+        return float(self.printer.to_motor(self.middle_mm)[motor])
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """N places of a print as effects see them.
+
+    ``motor_mm`` [N, 2] is where each motor was when it last moved its belt, ``side`` [N, 2] the branch that it touched:
+    −1 pushed forwards, +1 pulled back, 0 not known. ``bed_mm`` [N, 2] is the place on the bed that the belts give,
+    ``ways`` [N, 2] the direction in which each bed axis last moved, ``turned`` [N, 2] that of each motor. ``done`` [N]
+    is the length printed so far over that of the measured print; ``move_mm`` [N] the length of the last move.
+    ``normal`` [N, 2] points out of a wall's plastic, 0 for other marks.
+    """
+
+    motor_mm: np.ndarray
+    side: np.ndarray
+    bed_mm: np.ndarray
+    ways: np.ndarray
+    turned: np.ndarray
+    done: np.ndarray
+    move_mm: np.ndarray
+    normal: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.motor_mm)
+
+    def at(self, rows: np.ndarray) -> "Places":
+        """Return some of the places."""
+        return replace(self, **{name: value[rows] for name, value in vars(self).items()})
+
+    def with_home(self, scene: Scene) -> "Places":
+        """Return the places with one more, the last: home, as the end stops leave the machine."""
+        home = home_of(scene)
+        return Places(**{name: np.concatenate([value, getattr(home, name)]) for name, value in vars(self).items()})
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect at one motor or axis ``where`` with one ``shape``.
+
+    ``sd_mm`` [P] are the prior standard deviations of its sizes for a damaged machine; ``log_odds`` is the logarithm of
+    the prior odds that it is there at all, shared among the alternatives of the same effect and place. Of the terms
+    with the same ``slot`` at most one is in a set.
+    """
+
+    effect: str
+    where: int
+    shape: tuple[float, ...]
+    sd_mm: tuple[float, ...]
+    log_odds: float
+
+    @property
+    def key(self) -> tuple[str, int, tuple[float, ...]]:
+        return self.effect, self.where, self.shape
+
+
+class Effect(Protocol):
+    """One cause of error; see `docs/adding_an_effect.md`."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def of(self) -> Of: ...
+
+    @property
+    def acts(self) -> Acts: ...
+
+    @property
+    def most(self) -> int:
+        """How many terms of this effect one place may have."""
+        ...
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        """Yield what may be there, each with its prior."""
+        ...
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        """Return where the places move [N, 2, P] mm for one unit of each size."""
+        ...
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        """Yield shapes about one that was found: the alternatives are a grid, and what is there lies between."""
+        ...
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Return the sizes [P, D] that D next prints have, given those of this one [P, D]."""
+        ...
+
+
+def waves(place_mm: np.ndarray, period_mm: float, harmonics: np.ndarray) -> np.ndarray:
+    """Return cos kφ and sin kφ [N, 2K] of places, φ a turn each ``period_mm``: first all cosines, then all sines."""
+    angle = np.outer(place_mm, np.asarray(harmonics, float)) * (2 * np.pi / period_mm)
+    return np.hstack([np.cos(angle), np.sin(angle)])
+
+
+def onto_bed(scene: Scene, motor: int, belt_mm: np.ndarray) -> np.ndarray:
+    """Return what shifts [N, P] of one motor's belt do on the bed [N, 2, P]."""
+    way = scene.printer.from_motor(np.eye(2))[motor]
+    return belt_mm[:, None, :] * np.asarray(way)[None, :, None]
+
+
+def along(axis: int, moved_mm: np.ndarray) -> np.ndarray:
+    """Return shifts [N, P] along a bed axis as [N, 2, P]."""
+    out = np.zeros((len(moved_mm), 2, moved_mm.shape[1]))
+    out[:, axis] = moved_mm
+    return out
+
+
+def held(places_mm: np.ndarray, span_mm: tuple[float, float]) -> np.ndarray:
+    """Return places with those outside a span at its ends: what was not seen goes on as it ended."""
+    return np.clip(places_mm, *span_mm)
+
+
+def home_of(scene: Scene) -> Places:
+    """Return the place [1] at which the end stops leave the machine, each belt engaged as its motor came."""
+    printer = scene.printer
+    home = np.array(printer.home_mm)[None]
+    ways = np.array([[float(printer.motor_home_direction(motor)) for motor in range(2)]])
+    bed_ways = np.sign(printer.from_motor(ways))
+    return Places(
+        printer.to_motor(home), -ways, home, bed_ways, ways, np.zeros(1), np.full(1, LONG_MOVE_MM), np.zeros((1, 2))
+    )
+
+
+def places_of(trace: Trace, scene: Scene, contact_row: np.ndarray, side: np.ndarray, bed_mm: np.ndarray) -> Places:
+    """Return the rows of a trace as places.
+
+    ``contact_row`` [N, 2] is the row of each motor's last contact and ``side`` [N, 2] its branch; ``bed_mm`` [N, 2] is
+    where a model puts the belts.
+    """
+    motor = scene.printer.to_motor(trace.commanded_mm)
+    at = np.maximum(contact_row, 0)
+    step = np.hypot(*np.diff(trace.commanded_mm, axis=0, prepend=trace.commanded_mm[:1]).T)
+    return Places(
+        motor_mm=np.take_along_axis(motor, at, axis=0),
+        side=np.where(contact_row >= 0, side, 0).astype(float),
+        bed_mm=bed_mm,
+        ways=np.stack([last_way(axis) for axis in trace.commanded_mm.T], axis=1).astype(float),
+        turned=np.stack([last_way(axis) for axis in motor.T], axis=1).astype(float),
+        done=np.cumsum(step) / max(scene.way_mm, 1e-9),
+        move_mm=step,
+        normal=np.zeros((len(step), 2)) if trace.normal is None else np.nan_to_num(trace.normal),
+    )
+
+
+def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float]) -> Scene:
+    """Return the scene of a trace."""
+    known = trace.measured_rows | trace.wall_rows
+    bed = trace.commanded_mm[known]
+    motor = printer.to_motor(bed)
+
+    def spans(places: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
+        low, high = places.min(axis=0), places.max(axis=0)
+        return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
+
+    way = float(np.hypot(*np.diff(trace.commanded_mm, axis=0).T).sum())
+    return Scene(
+        printer, turns_mm, spans(motor), spans(bed), way, trace.placed, trace.instrument_doubt,
+        bool(trace.wall_rows.any()),
+    )  # fmt: skip
+
+
+def carrier(scene: Scene, where: int, moved_mm: np.ndarray) -> np.ndarray:
+    """Return shifts [N, P] of motor ``where`` (0, 1) or of bed axis ``where − 2`` as [N, 2, P]."""
+    return onto_bed(scene, where, moved_mm) if where < 2 else along(where - 2, moved_mm)
+
+
+FINER = np.linspace(-1.0, 1.0, 9)  # places about a found shape, in spacings of its grid
+
+
+def about(value: float, spacing: float, round_: int) -> np.ndarray:
+    """Return values about one that a grid of this spacing found; each round is four times as fine."""
+    return value + spacing * FINER[FINER != 0] / 4.0**round_

@@ -1,0 +1,31 @@
+"""Lost motion that grows with the length of belt that friction stretches (physics.md eq. 9)."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, held, onto_bed
+from printmend.effects.prior import alternatives
+
+
+class Friction:
+    """Play that changes along one belt, evenly and with the square."""
+
+    name = "friction"
+    of = Of.MACHINE
+    acts = Acts.DRIVE
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for motor in range(2):
+            yield from alternatives(self.name, motor, [scene.motor_span_mm[motor]], (1.0, 0.5))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        x = (held(places.motor_mm[:, where], shape) - scene.motor_middle_mm(where)) / SCALE_MM
+        return onto_bed(scene, where, 0.5 * places.side[:, [where]] * np.stack([x, x * x], axis=1))
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

@@ -1,0 +1,39 @@
+"""An idler off its centre, or a belt whose error has a period of its own."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, onto_bed, waves
+from printmend.effects.prior import alternatives
+
+PERIODS_MM = np.geomspace(12.0, 150.0, 120)
+OWN_SHARE = 0.02  # a period nearer to a part of the turn is the pulley's own
+
+
+class Idler:
+    """A wave of another length than the motor's turn."""
+
+    name = "idler"
+    of = Of.MACHINE
+    acts = Acts.DRIVE
+    most = 2
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for motor in range(2):
+            low, high = scene.motor_span_mm[motor]
+            periods = PERIODS_MM[(PERIODS_MM < 0.5 * (high - low))]
+            near = np.abs(scene.turns_mm[motor] / periods - np.rint(scene.turns_mm[motor] / periods))
+            shapes = [(float(period),) for period in periods[near > OWN_SHARE]]
+            if shapes:
+                yield from alternatives(self.name, motor, shapes, (1.0, 1.0))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0], np.ones(1)))
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        for period in about(shape[0], 0.022 * shape[0], round_):
+            yield (float(period),)
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

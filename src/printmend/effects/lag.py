@@ -1,0 +1,30 @@
+"""A head that has play in its guides, whichever motor turns."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
+from printmend.effects.prior import alternatives
+
+
+class Lag:
+    """Play of one bed axis of a CoreXY; on other printers it is the belt's."""
+
+    name = "lag"
+    of = Of.MACHINE
+    acts = Acts.NOT
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for axis in range(2 * scene.corexy):
+            yield from alternatives(self.name, axis, [()], (1.0,))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return along(where, 0.5 * places.ways[:, [where]])
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

@@ -1,0 +1,32 @@
+"""A measurement whose places have an origin of their own, as a sheet on a scanner has."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
+
+FAR_MM = 30.0  # how far off an origin may be; the trace's was put near the bed's beforehand
+
+
+class Origin:
+    """A shift of everything, of any size."""
+
+    name = "origin"
+    of = Of.INSTRUMENT
+    acts = Acts.NOT
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        if not scene.placed:
+            yield Term(self.name, 0, (), (FAR_MM, FAR_MM), 7.0)
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        one = np.ones((len(places), 1))
+        return np.concatenate([along(0, one), along(1, one)], axis=2)
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return np.zeros_like(sizes)

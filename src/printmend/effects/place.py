@@ -1,0 +1,31 @@
+"""A belt that sits elsewhere: the end stop moved, or the belt rests within its play."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.prior import alternatives
+
+
+class Place:
+    """A shift of one belt."""
+
+    name = "place"
+    of = Of.MACHINE
+    acts = Acts.DRIVE
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        if scene.placed:  # a measurement that knows no place has an origin of its own
+            for motor in range(2):
+                yield from alternatives(self.name, motor, [()], (1.0,))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return onto_bed(scene, where, np.ones((len(places), 1)))
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

@@ -1,0 +1,45 @@
+"""The one table of priors, and how a share of printers becomes the odds of each alternative."""
+
+import math
+import tomllib
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from printmend.effects.effect import Term
+
+
+@cache
+def _table() -> dict[str, Any]:
+    return tomllib.loads((Path(__file__).parent / "priors.toml").read_text())
+
+
+def size_mm(name: str) -> float:
+    """Return the standard deviation of an effect's size on a damaged machine."""
+    return float(_table()[name]["sd"])
+
+
+def share_of(name: str) -> float:
+    """Return how many printers have an effect at one place."""
+    return float(_table()[name]["share"])
+
+
+def alternatives(
+    name: str,
+    where: int,
+    shapes: Sequence[tuple[float, ...]],
+    *profiles: Sequence[float],
+    share: float | None = None,
+) -> Iterator[Term]:
+    """Yield a term for each shape, profile and share of the usual size, as alternatives of one another.
+
+    A profile [P] holds the sizes' standard deviations relative to the table's. ``share`` is the table's unless given.
+    """
+    mild, sd = _table()["mild"], size_mm(name)
+    chance = share_of(name) if share is None else share
+    log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(len(shapes) * len(profiles) * len(mild))
+    for shape in shapes:
+        for profile in profiles:
+            for factor in mild:
+                yield Term(name, where, shape, tuple(factor * sd * each for each in profile), log_odds)

@@ -1,0 +1,38 @@
+"""A guide that is wavy: it pushes the head aside along the axis that runs on it."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, along, waves
+from printmend.effects.prior import alternatives
+
+PERIODS_MM = np.geomspace(25.0, 300.0, 40)
+
+
+class Rail:
+    """A wave along one bed axis, across it; on a CoreXY along it, too."""
+
+    name = "rail"
+    of = Of.MACHINE
+    acts = Acts.WAVE
+    most = 2
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for axis in range(2):
+            low, high = scene.bed_span_mm[axis]
+            shapes = [(float(period),) for period in PERIODS_MM if period < 1.2 * (high - low)]
+            if shapes:
+                yield from alternatives(self.name, axis, shapes, (1.0,) * (4 if scene.corexy else 2))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        turn = waves(places.bed_mm[:, where], shape[0], np.ones(1))
+        across = along(1 - where, turn)
+        return np.concatenate([across, along(where, turn)], axis=2) if scene.corexy else across
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        for period in about(shape[0], 0.065 * shape[0], round_):
+            yield (float(period),)
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

@@ -1,0 +1,31 @@
+"""A plate that was shifted, or a nozzle with an offset: everything lies elsewhere than home says."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
+from printmend.effects.prior import alternatives
+
+
+class Shift:
+    """A shift of everything that was measured."""
+
+    name = "shift"
+    of = Of.INSTRUMENT
+    acts = Acts.NOT
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        if scene.placed:
+            yield from alternatives(self.name, 0, [()], (1.0, 1.0))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        one = np.ones((len(places), 1))
+        return np.concatenate([along(0, one), along(1, one)], axis=2)
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return np.zeros_like(sizes)

@@ -1,0 +1,33 @@
+"""An error that long, fast moves have and short ones have not."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.prior import alternatives
+
+LONG_MM = 10.0  # on longer moves the head reaches its speed
+
+
+class Speed:
+    """Play that grows with the length of the last move, to its whole size at 10 mm."""
+
+    name = "speed"
+    of = Of.MACHINE
+    acts = Acts.NOT
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for motor in range(2):
+            yield from alternatives(self.name, motor, [()], (1.0,))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        fast = np.minimum(places.move_mm / LONG_MM, 1.0)
+        return onto_bed(scene, where, (0.5 * places.side[:, where] * fast)[:, None])
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

@@ -1,0 +1,35 @@
+"""A motor that slipped, a plate that was pushed: all is off from one moment on."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, carrier
+from printmend.effects.prior import alternatives
+
+STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
+BREAKS = np.arange(0.04, 0.97, 0.01)
+
+
+class Step:
+    """A shift at one moment, a share of the print."""
+
+    name = "step"
+    of = Of.SESSION
+    acts = Acts.NOT
+    most = 2
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for where in range(4 if scene.corexy else 2):
+            yield from alternatives(self.name, where, [(float(each),) for each in BREAKS], (1.0,))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        course = (places.done > shape[0]) * 1.0
+        return carrier(scene, where, course[:, None])
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        for each in about(shape[0], 0.01, round_):
+            yield (float(each),)
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes * (rng.uniform(size=sizes.shape[1]) < STAYS)

@@ -1,0 +1,32 @@
+"""What an instrument does not know of itself: its scale, the difference of its axes' scales, their lean."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term
+
+
+class Stretch:
+    """A linear error of the picture, as uncertain as the instrument says."""
+
+    name = "stretch"
+    of = Of.INSTRUMENT
+    acts = Acts.NOT
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        if scene.instrument.covariance.any():
+            yield Term(self.name, 0, (), (1.0, 1.0, 1.0), 7.0)
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        values, axes = np.linalg.eigh(scene.instrument.covariance)
+        x, y = (places.bed_mm - scene.middle_mm).T
+        scale, half, lean = np.stack([x, y], axis=1), np.stack([x, -y], axis=1), np.stack([y, x], axis=1)
+        return np.stack([scale, half, lean], axis=2) @ (axes * np.sqrt(np.maximum(values, 0.0)))
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return np.zeros_like(sizes)

@@ -1,0 +1,41 @@
+"""A belt or guide whose error along the axis repeats nothing: a Gaussian process of its place."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, held, onto_bed
+from printmend.effects.prior import alternatives
+
+COUNT = 40  # cosines: over 200 mm the shortest is 10 mm long
+LENGTHS_MM = (4.0, 8.0, 16.0, 32.0, 64.0)
+
+
+class Uneven:
+    """Cosines over the span that was seen, with the spectrum of a smooth process of one length (Solin & Särkkä 2020)."""
+
+    name = "uneven"
+    of = Of.MACHINE
+    acts = Acts.DRIVE
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for motor in range(2):
+            low, high = scene.motor_span_mm[motor]
+            waves_rad = np.pi * np.arange(1, COUNT + 1) / max(high - low, 1.0)
+            profiles = []
+            for length in LENGTHS_MM:
+                power = 2 * length * np.sqrt(2 * np.pi) / max(high - low, 1.0) * np.exp(-((waves_rad * length) ** 2) / 2)
+                profiles.append(tuple(np.sqrt(np.maximum(power, 1e-12))))
+            yield from alternatives(self.name, motor, [(low, high)], *profiles)
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        low, high = shape
+        place = (held(places.motor_mm[:, where], shape) - low) / max(high - low, 1.0)
+        return onto_bed(scene, where, np.cos(np.pi * place[:, None] * np.arange(1, COUNT + 1)))
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

@@ -1,0 +1,36 @@
+"""More play in one part of the bed than in the other."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, onto_bed
+from printmend.effects.halves import borders_mm
+from printmend.effects.prior import alternatives
+
+
+class UnevenPlay:
+    """Play of one motor past a border along a bed axis."""
+
+    name = "uneven_play"
+    of = Of.MACHINE
+    acts = Acts.NOT
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        shapes = [(float(axis), float(at)) for axis in range(2) for at in borders_mm(scene, axis)]
+        for motor in range(2):
+            yield from alternatives(self.name, motor, shapes, (1.0,))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        axis, at = shape
+        more = 0.5 * places.side[:, where] * (places.bed_mm[:, int(axis)] > at)
+        return onto_bed(scene, where, more[:, None])
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        axis, at = shape
+        for place in about(at, 5.0, round_):
+            yield axis, float(place)
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes

@@ -1,0 +1,32 @@
+"""Something that wanders with time, of which nobody knows what it is: a random walk."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
+from printmend.effects.prior import alternatives
+
+COUNT = 24
+
+
+class Wander:
+    """Cosines over the print with the spectrum of a random walk."""
+
+    name = "wander"
+    of = Of.SESSION
+    acts = Acts.NOT
+    most = 1
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        for axis in range(2):
+            yield from alternatives(self.name, axis, [()], tuple(1.0 / np.arange(1, COUNT + 1)))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return along(where, np.cos(np.pi * np.clip(places.done, 0.0, 1.0)[:, None] * np.arange(1, COUNT + 1)))
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return iter(())
+
+    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        return sizes * rng.choice([-1.0, 1.0], size=sizes.shape)

@@ -1,0 +1,43 @@
+"""Where the belts of a machine touch along a trace: what makes a model with play linear (physics.md §4)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.machine import Mechanism
+from printmend.machine.kernels import run
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """``row`` [N, 2] is the row of each motor's last contact, −1 where that is not known; ``side`` [N, 2] its branch,
+    −1 pushed forwards and +1 pulled back; ``belt_mm`` [N, 2] where the belts are."""
+
+    row: np.ndarray
+    side: np.ndarray
+    belt_mm: np.ndarray
+
+
+def contacts_of(mechanism: Mechanism, motor_mm: np.ndarray) -> Contacts:
+    """Follow motors [N, 2] through a machine.
+
+    Nobody knows where in its play a belt starts. So both ends are followed, and a contact counts once they agree.
+    """
+    rows, sides, belts = [], [], []
+    for motor in range(2):
+        lower, upper = mechanism.transmissions[motor].branches_mm(motor_mm[:, motor])
+        ends = [_followed(float(start), lower, upper) for start in (lower[0], upper[0])]
+        (at, side, belt), (other_at, other_side, other_belt) = ends
+        same = belt == other_belt
+        touched = np.where(at >= 0, at, other_at)
+        rows.append(np.where(same, touched, -1))
+        sides.append(np.where(same, np.where(at >= 0, side, other_side), 0))
+        belts.append((belt + other_belt) / 2)
+    return Contacts(np.stack(rows, axis=1), np.stack(sides, axis=1), np.stack(belts, axis=1))
+
+
+def _followed(start_mm: float, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    count = len(lower)
+    at, side, belt = np.empty(count, np.int64), np.empty(count, np.int8), np.empty(count)
+    run.contacts(start_mm, lower, upper, at, side, belt)
+    return at, side, belt

@@ -1,0 +1,237 @@
+"""From a trace to the effects that made it: contacts, weights and search in turn, until they agree."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from printmend.effects import EFFECTS, Places, Scene, places_of
+from printmend.effects.effect import SCALE_MM
+from printmend.infer.contacts import Contacts, contacts_of
+from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, seen
+from printmend.infer.machine import Sized, machine_of
+from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
+from printmend.machine import Mechanism
+from printmend.path import Trace
+from printmend.units import SIGMA_PER_MEDIAN
+
+DEGREES = 5.0  # of freedom of Student's t, by which rows are weighed: one wrong row in twenty is nothing unusual
+MOST_MARKS = 3000  # marks that are looked at: more take time and say the same
+PASSES = 3  # of contacts, then search
+WEIGHINGS = 2  # of rows in each pass
+HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
+BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
+WORSE = 1.02  # factor by which a pass may leave more than the one before
+FINER_ROUNDS = 2  # in which a shape is looked for between its neighbours
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A search and where it ended, for the rows of one measurement; ``mechanism`` is the machine of its likeliest set.
+
+    ``turned_rad`` is by how much the measurement was turned back beforehand, about the middle of the bed.
+    """
+
+    scene: Scene
+    places: Places
+    rows: Rows
+    contacts: Contacts
+    search: Search
+    state: State
+    mechanism: Mechanism
+    turned_rad: float = 0.0
+
+    @property
+    def dictionary(self) -> Dictionary:
+        return self.search.dictionary
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """The members of the likeliest set."""
+        return tuple(self.dictionary.blocks[b] for b, _ in self.state.members)
+
+    def parts(self) -> list[Sized]:
+        """Return the members of the likeliest set with their sizes."""
+        return sized(self.dictionary, self.state.members, self.state.mean_mm)
+
+    def left_mm(self) -> np.ndarray:
+        """Return what the set leaves of the measured numbers [M]."""
+        return left_of(self.rows, self.dictionary, self.state)
+
+
+def fitted(trace: Trace, scene: Scene, first: Mechanism) -> Fit:
+    """Return the effects that a trace shows; ``first`` is a machine that is nearly right, for the first contacts."""
+    mechanism, fit, whole, turned_rad = first, None, trace, 0.0
+    motor = scene.printer.to_motor(trace.commanded_mm)
+    for _ in range(PASSES):
+        trace = _turned_back(whole, turned_rad, scene)
+        contacts = contacts_of(mechanism, motor)
+        bed_mm = _measured_mm(trace) if fit is None else scene.printer.from_motor(contacts.belt_mm)
+        places = places_of(trace, scene, contacts.row, contacts.side, bed_mm).with_home(scene)
+        rows = rows_of(trace, contacts, places, scene, None if fit is None else fit.state.sigma_mm)
+        if fit is None:
+            left_mm = _left_by(mechanism, trace, contacts, rows)
+            weight, members = weighed(rows, left_mm), ()
+        else:
+            weight, members = weighed(rows, fit.left_mm()) if len(rows.mark) == len(fit.rows.mark) else rows.weight, fit
+        newer = _searched(trace, scene, places, rows, contacts, weight, members or None)
+        if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
+            break  # its contacts are no better than the last
+        fit, mechanism = replace(newer, turned_rad=turned_rad), newer.mechanism
+        more_rad = float(np.arctan(sum(part.sizes_mm[0] for part in fit.parts() if part.effect == "turn") / SCALE_MM))
+        turned_rad += more_rad
+    assert fit is not None
+    return fit
+
+
+def _turned_back(trace: Trace, by_rad: float, scene: Scene) -> Trace:
+    """Return a trace whose measured places are turned back about the middle of the bed: a turn is no linear effect."""
+    if not by_rad or trace.wall_rows.any():
+        return trace
+    cos, sin = np.cos(by_rad), np.sin(by_rad)
+    back = np.array([[cos, sin], [-sin, cos]])
+    return replace(trace, measured_mm=(trace.measured_mm - scene.middle_mm) @ back.T + scene.middle_mm)
+
+
+def _measured_mm(trace: Trace) -> np.ndarray:
+    """Return where the marks are [N, 2] before any model says so: as measured, or else as commanded."""
+    off_mm = trace.measured_mm - trace.commanded_mm
+    if not trace.placed:
+        off_mm = off_mm - np.nanmedian(off_mm, axis=0)
+    return trace.commanded_mm + np.where(np.isfinite(off_mm), off_mm, 0.0)
+
+
+def _left_by(mechanism: Mechanism, trace: Trace, contacts: Contacts, rows: Rows) -> np.ndarray:
+    """Return what a first machine leaves of the measured numbers [M], but for what the measurement's origin may be."""
+    off_mm = trace.measured_mm - mechanism.bed.printed(contacts.belt_mm)
+    off_mm = np.vstack([off_mm - np.nanmedian(off_mm, axis=0), np.zeros((1, 2))])
+    left_mm = np.einsum("mc,mc->m", rows.along, off_mm[rows.mark])
+    return np.where(np.isfinite(left_mm), left_mm, 0.0)
+
+
+def _typical_mm(fit: Fit) -> float:
+    return float(np.median(np.abs(fit.left_mm())))
+
+
+def _searched(
+    trace: Trace, scene: Scene, places: Places, rows: Rows, contacts: Contacts, weight: np.ndarray, last: Fit | None
+) -> Fit:
+    dictionary = dictionary_of(places, rows, scene)
+    members: Set = tuple(
+        (b, 0) for b, block in enumerate(dictionary.blocks) if block.log_odds[0] > 0 or block.effect in BEGUN_WITH
+    )
+    sigma_mm = max(float(np.sqrt(np.average(rows.error_mm**2, weights=weight))), LEAST_SIGMA_MM)
+    if last is not None:
+        dictionary, members = _as_before(dictionary, last, places, rows, scene)
+        sigma_mm = last.state.sigma_mm
+    state: State | None = None
+    for _ in range(WEIGHINGS):
+        search = Search(dictionary, gram_of(dictionary.columns, rows.error_mm, weight))
+        state = searched(search, members, sigma_mm)
+        search, state = _finer(search, state, places, rows, scene, weight)
+        dictionary, members, sigma_mm = search.dictionary, state.members, state.sigma_mm
+        weight = weighed(rows, left_of(rows, dictionary, state))
+    assert state is not None
+    mechanism, _ = machine_of(scene, sized(dictionary, state.members, state.mean_mm))
+    return Fit(scene, places, rows, contacts, search, state, mechanism)
+
+
+def _as_before(
+    dictionary: Dictionary, last: Fit, places: Places, rows: Rows, scene: Scene
+) -> tuple[Dictionary, Set]:
+    """Return the dictionary with the finer shapes of the last pass, and the last set in it."""
+    known = {(block.effect, block.where, block.shape): b for b, block in enumerate(dictionary.blocks)}
+    members = []
+    for b, variant in last.state.members:
+        block = last.dictionary.blocks[b]
+        key = (block.effect, block.where, block.shape)
+        if key not in known:
+            dictionary = with_shape(dictionary, block, block.shape, places, rows, scene)
+            known[key] = len(dictionary.blocks) - 1
+        members.append((known[key], variant))
+    return dictionary, tuple(members)
+
+
+def with_shape(
+    dictionary: Dictionary, like: Block, shape: tuple[float, ...], places: Places, rows: Rows, scene: Scene
+) -> Dictionary:
+    """Return the dictionary with one more block: another shape of one that it has."""
+    columns = seen(like.effect, EFFECTS[like.effect].columns(places, like.where, shape, scene), rows)
+    first = dictionary.columns.shape[1]
+    return dictionary.with_block(replace(like, shape=shape, at=slice(first, first + columns.shape[1])), columns)
+
+
+def _finer(
+    search: Search, state: State, places: Places, rows: Rows, scene: Scene, weight: np.ndarray
+) -> tuple[Search, State]:
+    """Return the search and the set with the shapes of its members looked for between the neighbours of each."""
+    for round_ in range(FINER_ROUNDS):
+        dictionary = search.dictionary
+        for b, _ in state.members:
+            block = dictionary.blocks[b]
+            for shape in EFFECTS[block.effect].finer(block.shape, round_):
+                dictionary = with_shape(dictionary, block, shape, places, rows, scene)
+        if dictionary is search.dictionary:
+            break
+        search = Search(dictionary, gram_of(dictionary.columns, rows.error_mm, weight))
+        state = searched(search, state.members, state.sigma_mm)
+    return search, state
+
+
+def sized(dictionary: Dictionary, members: Set, sizes_mm: np.ndarray) -> list[Sized]:
+    """Return the members of a set with their sizes [A] in order."""
+    parts, first = [], 0
+    for b, _ in members:
+        block = dictionary.blocks[b]
+        width = block.at.stop - block.at.start
+        parts.append(Sized(block.effect, block.where, block.shape, sizes_mm[first : first + width]))
+        first += width
+    return parts
+
+
+def left_of(rows: Rows, dictionary: Dictionary, state: State) -> np.ndarray:
+    """Return what a set leaves of the measured numbers [M]."""
+    return np.asarray(rows.error_mm - dictionary.columns[:, state.columns] @ state.mean_mm)
+
+
+def weighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
+    """Return the weights [M] that Student's t gives to what is left, its scale taken from the median."""
+    away = np.abs(left_mm) * np.sqrt(rows.weight)
+    scale = max(SIGMA_PER_MEDIAN * float(np.median(away)), LEAST_SIGMA_MM)
+    return np.asarray(rows.weight * (DEGREES + 1) / (DEGREES + (away / scale) ** 2))
+
+
+def rows_of(
+    trace: Trace, contacts: Contacts, places: Places, scene: Scene, sigma_mm: float | None = None
+) -> Rows:
+    """Return the measured numbers of a trace: two for each mark that both belts had touched before, one for a wall.
+
+    Where the print began at the end stops these are two more: there the machine has no error, to `HOME_SD_MM`.
+    """
+    touched = (contacts.row >= 0).all(axis=1)
+    nominal = np.asarray(scene.printer.from_motor(places.motor_mm[: len(trace)]))  # where healthy belts would be
+    off = trace.measured_mm - nominal
+    weight = np.ones(len(trace))
+    if trace.sigma_mm is not None and (known := np.isfinite(trace.sigma_mm) & (trace.sigma_mm > 0)).any():
+        usual = float(np.median(trace.sigma_mm[known]))
+        weight = np.where(known, (usual / np.where(known, trace.sigma_mm, usual)) ** 2, 1.0)
+    walls = np.flatnonzero(trace.wall_rows & touched)
+    dots = np.flatnonzero(trace.measured_rows & ~trace.wall_rows & touched)
+    dots = dots[:: max(1, len(dots) // MOST_MARKS)]
+    mark = np.concatenate([dots, dots, walls])
+    x, y = np.tile([1.0, 0.0], (len(dots), 1)), np.tile([0.0, 1.0], (len(dots), 1))
+    normal = trace.normal[walls] if trace.normal is not None else np.zeros((0, 2))
+    offset = np.zeros(0)
+    if trace.offset_mm is not None:
+        ahead = (trace.commanded_mm - nominal)[walls]
+        offset = trace.offset_mm[walls] + (normal * ahead).sum(axis=1)
+    error = np.concatenate([off[dots, 0], off[dots, 1], offset])
+    along, weight = np.concatenate([x, y, normal]), weight[mark]
+    is_homed = trace.homed and trace.placed
+    if is_homed:
+        scale = SIGMA_PER_MEDIAN * float(np.median(np.abs(error - np.median(error)))) if sigma_mm is None else sigma_mm
+        mark = np.concatenate([mark, [len(trace)] * 2])
+        along = np.concatenate([along, scene.printer.to_motor(np.eye(2)).T])
+        error = np.concatenate([error, [0.0, 0.0]])
+        weight = np.concatenate([weight, [(min(scale, HOME_SD_MM) / HOME_SD_MM) ** 2] * 2])
+    return Rows(mark, along, error, weight, np.arange(len(mark)) >= len(mark) - 2 * is_homed)

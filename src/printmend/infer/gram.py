@@ -1,0 +1,101 @@
+"""Every candidate column of a measurement, and the sums of their products: all that the search looks at."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.effects import EFFECTS, Of, Places, Scene, Term
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The columns ``at`` (a slice of the dictionary's) of one effect at one place with one shape.
+
+    ``sds_mm`` [V, P] and ``log_odds`` [V] are its alternatives in size.
+    """
+
+    effect: str
+    where: int
+    shape: tuple[float, ...]
+    at: slice
+    sds_mm: np.ndarray
+    log_odds: np.ndarray
+
+    @property
+    def slot(self) -> tuple[str, int]:
+        """Of the blocks of one slot a set holds at most as many as the effect allows."""
+        return self.effect, self.where
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """M measured numbers: ``mark`` [M] is the place that each is of, ``along`` [M, 2] the direction in which it was
+    measured, ``error_mm`` [M] how far the mark lies from where it was commanded, ``weight`` [M] its relative weight.
+    ``at_home`` [M] marks those that an end stop tells, which knows of the machine alone."""
+
+    mark: np.ndarray
+    along: np.ndarray
+    error_mm: np.ndarray
+    weight: np.ndarray
+    at_home: np.ndarray
+
+
+def seen(effect: str, columns: np.ndarray, rows: Rows) -> np.ndarray:
+    """Return what the rows see [M, P] of an effect's columns on the bed [N, 2, P]."""
+    found = np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[rows.mark]))
+    if EFFECTS[effect].of is not Of.MACHINE:
+        found[rows.at_home] = 0.0
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Dictionary:
+    """The blocks and their columns [M, P] for the rows of one measurement."""
+
+    blocks: tuple[Block, ...]
+    columns: np.ndarray
+
+    def with_block(self, block: Block, columns: np.ndarray) -> "Dictionary":
+        """Return the dictionary with one more block, whose columns [M, Q] come last."""
+        return Dictionary((*self.blocks, block), np.hstack([self.columns, columns]))
+
+
+def dictionary_of(places: Places, rows: Rows, scene: Scene) -> Dictionary:
+    """Return every term that the effects offer, with its columns."""
+    grouped: dict[tuple[str, int, tuple[float, ...]], list[Term]] = {}
+    for effect in EFFECTS.values():
+        for term in effect.terms(scene):
+            grouped.setdefault(term.key, []).append(term)
+    blocks, columns, first = [], [], 0
+    for (name, where, shape), terms in grouped.items():
+        one = seen(name, EFFECTS[name].columns(places, where, shape, scene), rows)
+        blocks.append(_block(terms, slice(first, first + one.shape[1])))
+        columns.append(one)
+        first += one.shape[1]
+    return Dictionary(tuple(blocks), np.hstack(columns))
+
+
+def _block(terms: Sequence[Term], at: slice) -> Block:
+    one = terms[0]
+    return Block(
+        one.effect, one.where, one.shape, at,
+        np.array([term.sd_mm for term in terms]), np.array([term.log_odds for term in terms]),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Gram:
+    """Weighted sums of products: of all columns [P, P], of each with the errors [P], of the errors; and M."""
+
+    matrix: np.ndarray
+    slope: np.ndarray
+    square: float
+    count: int
+
+
+def gram_of(columns: np.ndarray, error_mm: np.ndarray, weight: np.ndarray) -> Gram:
+    """Return the sums of products of columns [M, P] and errors [M] with weights [M]."""
+    root = np.sqrt(weight)
+    scaled, error = columns * root[:, None], error_mm * root
+    return Gram(scaled.T @ scaled, scaled.T @ error, float(error @ error), len(error))

@@ -1,0 +1,151 @@
+"""The machine that a set of effects makes, each with its sizes: two drives and a frame."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from printmend.effects import EFFECTS, Acts, Places, Scene
+from printmend.effects.pulley import HARMONICS
+from printmend.machine import Frame, Mechanism, Transmission, healthy_transmission
+from printmend.machine.kernels.bed import MOST_WAVES
+from printmend.saved.branches import Branches, Wave, rising
+
+GRID = 7  # places along either axis of the bed at which a frame's terms are taken
+
+
+@dataclass(frozen=True, eq=False)
+class Sized:
+    """An effect at one place with one shape and its ``sizes_mm`` [P]."""
+
+    effect: str
+    where: int
+    shape: tuple[float, ...]
+    sizes_mm: np.ndarray
+
+
+def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
+    """Return the machine whose drives and frame have these effects, and each drive as a series where it is one.
+
+    What no mechanism holds is left out. The tables are absolute: they give places in the frame of the measurement.
+    """
+    drives = [_drive(scene, motor, [part for part in parts if _is_of(part, motor)]) for motor in range(2)]
+    mechanism = Mechanism(scene.printer, (drives[0][0], drives[1][0]), _frame(scene, parts))
+    return mechanism, (drives[0][1], drives[1][1])
+
+
+def _is_of(part: Sized, motor: int) -> bool:
+    return EFFECTS[part.effect].acts is Acts.DRIVE and part.where == motor
+
+
+def _drive(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Transmission, Branches | None]:
+    series, others = _series(scene, motor, parts)
+    table = series.lower(scene.printer, motor)
+    if not others:
+        return table, series
+    healthy = healthy_transmission(scene.printer, motor)
+    grid = healthy.motor_mm
+    lower, upper = (
+        sum((_belt_mm(scene, motor, part, grid, side) for part in others), table_mm)
+        for side, table_mm in ((-1.0, table.lower_mm), (1.0, table.upper_mm))
+    )
+    first = int(np.searchsorted(grid, sum(series.reach_mm) / 2))
+    lower = rising(np.asarray(lower), first)
+    return replace(healthy, lower_mm=lower, upper_mm=np.maximum(rising(np.asarray(upper), first), lower)), None
+
+
+def _belt_mm(scene: Scene, motor: int, part: Sized, motor_mm: np.ndarray, side: float) -> np.ndarray:
+    """Return where a part of a drive puts its belt [N] beyond a healthy one, on one side of the play."""
+    count = len(motor_mm)
+    motors, sides = np.zeros((count, 2)), np.zeros((count, 2))
+    motors[:, motor], sides[:, motor] = motor_mm, side
+    none = np.zeros((count, 2))
+    places = Places(motors, sides, none, none, none, np.zeros(count), np.zeros(count), none)
+    moved = EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm
+    return np.asarray(scene.printer.to_motor(moved)[:, motor])
+
+
+def _series(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Branches, list[Sized]]:
+    """Return what of a drive is a short series, and the parts that are none."""
+    mean, play, friction = np.zeros(4), 0.0, np.zeros(2)
+    turn, breathing, elastic = np.zeros((2, 32)), np.zeros((2, 16)), np.zeros((2, 3))
+    warp, span, second, second_mm = np.zeros(0), (0.0, 1.0), np.zeros(2), 0.0
+    teeth: dict[int, np.ndarray] = {}
+    others = []
+    for part in parts:
+        sizes = part.sizes_mm
+        if part.effect == "place":
+            mean[0] += sizes[0]
+        elif part.effect == "scale":
+            mean[1] += sizes[0]
+        elif part.effect == "bend":
+            mean[2:] += sizes
+        elif part.effect == "pulley":
+            turn += sizes.reshape(2, -1)
+        elif part.effect == "play":
+            play += float(sizes[0])
+        elif part.effect == "breathing":
+            breathing += sizes.reshape(2, -1)
+        elif part.effect == "friction":
+            friction += sizes
+        elif part.effect == "elastic":
+            elastic += sizes.reshape(2, -1)
+        elif part.effect == "uneven":
+            warp, span = sizes, (part.shape[0], part.shape[1])
+        elif part.effect == "idler" and not second_mm:
+            second, second_mm = sizes, part.shape[0]
+        elif part.effect == "teeth" and _is_harmonic(scene.turns_mm[motor] / part.shape[0]):
+            teeth[round(scene.turns_mm[motor] / part.shape[0])] = sizes
+        else:
+            others.append(part)
+    high = np.array(sorted(teeth), np.int64)
+    more = np.array([teeth[k] for k in sorted(teeth)]).reshape(-1, 2).T
+    played = np.array([play, *friction]) if friction.any() else np.array([play]) if play else np.zeros(0)
+    breaths = np.arange(1, 17) if breathing.any() else np.zeros(0, np.int64)
+    stretched = np.array([1, 3, 5]) if elastic.any() else np.zeros(0, np.int64)
+    rounds = HARMONICS.astype(np.int64) if turn.any() else np.zeros(0, np.int64)
+    powers = mean[: int(np.max(np.flatnonzero(mean), initial=-1)) + 1]
+    series = Branches(
+        scene.turns_mm[motor],
+        scene.motor_middle_mm(motor),
+        scene.motor_span_mm[motor],
+        Wave(
+            powers,
+            np.concatenate([rounds, high]),
+            np.concatenate([turn[0, : len(rounds)], more[0]]),
+            np.concatenate([turn[1, : len(rounds)], more[1]]),
+        ),
+        Wave(played, breaths, breathing[0, : len(breaths)], breathing[1, : len(breaths)]),
+        Wave(np.zeros(0), stretched, elastic[0, : len(stretched)], elastic[1, : len(stretched)]),
+        warp,
+        span,
+        Wave(np.zeros(0), np.ones(1, np.int64), second[:1], second[1:]) if second_mm else Wave(),
+        second_mm,
+    )
+    return series, others
+
+
+def _is_harmonic(turns: float) -> bool:
+    return abs(turns - round(turns)) < 1e-6 and round(turns) > len(HARMONICS)
+
+
+def _frame(scene: Scene, parts: Sequence[Sized]) -> Frame:
+    held = [part for part in parts if EFFECTS[part.effect].acts is Acts.FRAME]
+    waves = [_wave(scene, part) for part in parts if EFFECTS[part.effect].acts is Acts.WAVE][:MOST_WAVES]
+    coefficients = np.zeros((2, 10))
+    if held:
+        x, y = (np.linspace(axis.min_mm, axis.max_mm, GRID) for axis in scene.printer.axes[:2])
+        bed = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        none = np.zeros_like(bed)
+        places = Places(none, none, bed, none, none, np.zeros(len(bed)), np.zeros(len(bed)), none)
+        moved = sum(EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm for part in held)
+        coefficients = np.linalg.lstsq(Frame().terms(bed), np.asarray(moved), rcond=None)[0].T
+        coefficients[np.abs(coefficients) < 1e-9] = 0.0
+    return Frame(coefficients, waves=np.array(waves).reshape(-1, 6))
+
+
+def _wave(scene: Scene, part: Sized) -> list[float]:
+    """Return a guide's wave as a row of `Frame.waves`."""
+    across, along = part.sizes_mm[:2], part.sizes_mm[2:] if len(part.sizes_mm) > 2 else np.zeros(2)
+    x, y = (along, across) if part.where == 0 else (across, along)
+    return [float(part.where), part.shape[0], *x.tolist(), *y.tolist()]

@@ -1,0 +1,120 @@
+"""What is believed of a machine after a measurement: machines drawn from all sets of effects, each by its weight.
+
+The likeliest set and its neighbours, one block more, less or exchanged, are weighed by evidence and prior odds (Bayesian
+model averaging: Hoeting et al. 1999). A draw is one of these sets, with sizes from its posterior.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from printmend.effects import EFFECTS, Acts, Of, Scene
+from printmend.infer.fit import Fit
+from printmend.infer.machine import Sized
+from printmend.infer.search import Set, State
+
+DRAWS = 96  # machines that are drawn
+LEAST_LOG_WEIGHT = -7.0  # sets less likely than e^−7 of the likeliest are left out
+MOST_SETS = 24  # neighbours that are weighed at most
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One effect at one place with one shape, as it is believed.
+
+    ``acts_mm`` [P] are the sizes that the model has, 0 where it does not act; ``draws_mm`` [P, D] those of the drawn
+    machines; ``chance`` is the share of them that have it.
+    """
+
+    effect: str
+    where: int
+    shape: tuple[float, ...]
+    acts_mm: np.ndarray
+    draws_mm: np.ndarray
+
+    @property
+    def chance(self) -> float:
+        return float(self.draws_mm.any(axis=0).mean())
+
+    @property
+    def mean_mm(self) -> np.ndarray:
+        return np.asarray(self.draws_mm.mean(axis=1))
+
+    @property
+    def sd_mm(self) -> np.ndarray:
+        return np.asarray(self.draws_mm.std(axis=1))
+
+    def acting(self) -> Sized:
+        return Sized(self.effect, self.where, self.shape, self.acts_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """A machine as it is believed: its ``parts``, those of the likeliest set first (``likely`` of them), the noise of a
+    measured coordinate, and how well each effect of the likeliest set is supported, in nats."""
+
+    scene: Scene
+    parts: tuple[Part, ...]
+    likely: int
+    noise_mm: float
+    nats: tuple[float, ...]
+
+
+def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
+    """Draw machines from the sets about the likeliest one."""
+    sets, weights, nats = _weighed_sets(fit)
+    blocks = fit.dictionary.blocks
+    order = list(dict.fromkeys([b for members in sets for b, _ in members]))
+    likely = [b for b, _ in fit.state.members]
+    order = [*likely, *(b for b in order if b not in likely)]
+    draws = {b: np.zeros((blocks[b].at.stop - blocks[b].at.start, DRAWS)) for b in order}
+    means = {b: np.zeros(blocks[b].at.stop - blocks[b].at.start) for b in order}
+    chosen = rng.choice(len(sets), DRAWS, p=weights)
+    for which, members in enumerate(sets):
+        state = fit.search.posterior(members, fit.state.sigma_mm, rounds=0)
+        mine = np.flatnonzero(chosen == which)
+        root = np.linalg.cholesky(state.covariance + 1e-14 * np.eye(len(state.columns)))
+        drawn = state.mean_mm[:, None] + root @ rng.standard_normal((len(state.columns), len(mine)))
+        first = 0
+        for b, _ in members:
+            width = blocks[b].at.stop - blocks[b].at.start
+            draws[b][:, mine] = drawn[first : first + width]
+            means[b] += weights[which] * state.mean_mm[first : first + width]
+            first += width
+    parts = []
+    for at, b in enumerate(order):
+        effect = EFFECTS[blocks[b].effect]
+        acts = at < len(likely) and effect.acts is not Acts.NOT
+        parts.append(
+            Part(
+                blocks[b].effect, blocks[b].where, blocks[b].shape, means[b] if acts else np.zeros_like(means[b]), draws[b]
+            )
+        )  # fmt: skip
+    return Posterior(fit.scene, tuple(parts), len(likely), fit.state.sigma_mm, tuple(nats))
+
+
+def _weighed_sets(fit: Fit) -> tuple[list[Set], np.ndarray, list[float]]:
+    """Return the likeliest set and its neighbours with their weights, and what each member of the likeliest gains."""
+    search, state = fit.search, fit.state
+    found: dict[frozenset[tuple[int, int]], tuple[Set, float]] = {frozenset(state.members): (state.members, 0.0)}
+
+    def offer(members: Set, log_weight: float) -> None:
+        if log_weight > LEAST_LOG_WEIGHT:
+            found.setdefault(frozenset(members), (members, log_weight))
+
+    for key, gain in search.gains(state, search.offered(state.members)).items():
+        offer((*state.members, key), gain)
+    nats = []
+    for at, member in enumerate(state.members):
+        others = (*state.members[:at], *state.members[at + 1 :])
+        without = search.posterior(others, state.sigma_mm, rounds=0)
+        worse = without.score - state.score
+        offer(others, worse)
+        for key, gain in search.gains(without, search.offered(others)).items():
+            if key != member:
+                offer((*others, key), worse + gain)
+        nats.append(-worse)
+    ranked = sorted(found.values(), key=lambda each: -each[1])[:MOST_SETS]
+    weights = np.exp(np.array([log_weight for _, log_weight in ranked]) - ranked[0][1])
+    return [members for members, _ in ranked], weights / weights.sum(), nats

@@ -1,0 +1,154 @@
+"""Which set of effects made a measurement: forward, backward and swap steps by log evidence and prior odds.
+
+With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. What one block gains
+beside a set follows from the block's share of the Gram matrix alone: with S its information and r its slope once the
+set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.effects import EFFECTS
+from printmend.infer.gram import Block, Dictionary, Gram
+
+LEAST_SIGMA_MM = 2e-4  # tables and G-code are written no finer
+MOST_STEPS = 80  # of the search: more blocks than any printer's
+Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A set of blocks and its posterior: ``columns`` [A] are the numbers of its columns, ``mean_mm`` [A] and
+    ``covariance`` [A, A] of their sizes, ``sigma_mm`` the noise, ``score`` the log evidence plus log odds."""
+
+    members: Set
+    columns: np.ndarray
+    mean_mm: np.ndarray
+    covariance: np.ndarray
+    sigma_mm: float
+    score: float
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """A dictionary's Gram matrix, with its blocks sorted by width so that all of one width are tried at once."""
+
+    dictionary: Dictionary
+    gram: Gram
+
+    def posterior(self, members: Set, sigma_mm: float, *, rounds: int = 3) -> State:
+        """Return the posterior of a set, the noise found by ``rounds`` of expectation and maximisation."""
+        blocks = self.dictionary.blocks
+        columns = np.concatenate([np.arange(blocks[b].at.start, blocks[b].at.stop) for b, _ in members] or [[]]).astype(int)
+        sd = np.concatenate([blocks[b].sds_mm[v] for b, v in members] or [[]])
+        odds = sum(float(blocks[b].log_odds[v]) for b, v in members)
+        matrix, slope = self.gram.matrix[np.ix_(columns, columns)], self.gram.slope[columns]
+        scaled, scaled_slope = matrix * np.outer(sd, sd), slope * sd
+        variance = max(sigma_mm, LEAST_SIGMA_MM) ** 2
+        for at in range(rounds + 1):
+            factor = np.linalg.cholesky(np.eye(len(sd)) + scaled / variance)
+            inverse = np.linalg.inv(factor)
+            covariance = inverse.T @ inverse
+            mean = covariance @ scaled_slope / variance
+            if at < rounds:
+                left = self.gram.square - 2 * mean @ scaled_slope + mean @ scaled @ mean + np.sum(scaled * covariance)
+                variance = max(float(left) / max(self.gram.count, 1), LEAST_SIGMA_MM**2)
+        log_det = 2 * np.log(np.diag(factor)).sum()
+        quadratic = (self.gram.square - scaled_slope @ mean) / variance
+        evidence = -0.5 * (self.gram.count * np.log(variance) + log_det + quadratic)
+        return State(
+            members, columns, mean * sd, covariance * np.outer(sd, sd), float(np.sqrt(variance)), float(evidence + odds)
+        )
+
+    def gains(self, state: State, offered: list[int]) -> dict[tuple[int, int], float]:
+        """Return what each alternative of the ``offered`` blocks adds to the score of a set that has none of them."""
+        variance = state.sigma_mm**2
+        crossing = self.gram.matrix[state.columns] / variance  # [A, P]
+        after = state.covariance @ crossing
+        slope = self.gram.slope / variance - crossing.T @ state.mean_mm
+        gains: dict[tuple[int, int], float] = {}
+        for index, which in self._by_width(offered):
+            information = self.gram.matrix[index[:, :, None], index[:, None, :]] / variance
+            if len(state.columns):
+                information = information - np.einsum("abq,abr->bqr", crossing[:, index], after[:, index], optimize=True)
+            pull = slope[index]
+            for at, block in enumerate(which):
+                for variant, gain in enumerate(_gains(self.dictionary.blocks[block], information[at], pull[at])):
+                    gains[block, variant] = gain
+        return gains
+
+    def _by_width(self, offered: list[int]) -> list[tuple[np.ndarray, list[int]]]:
+        by_width: dict[int, list[int]] = {}
+        for block in offered:
+            at = self.dictionary.blocks[block].at
+            by_width.setdefault(at.stop - at.start, []).append(block)
+        return [
+            (np.array([np.arange(self.dictionary.blocks[b].at.start, self.dictionary.blocks[b].at.stop) for b in which]), which)
+            for which in by_width.values()
+        ]
+
+    def offered(self, members: Set) -> list[int]:
+        """Return the blocks that a set may take in."""
+        blocks = self.dictionary.blocks
+        taken = {b for b, _ in members}
+        slots: dict[tuple[str, int], int] = {}
+        for b in taken:
+            slots[blocks[b].slot] = slots.get(blocks[b].slot, 0) + 1
+        return [
+            b for b, block in enumerate(blocks)
+            if b not in taken and slots.get(block.slot, 0) < EFFECTS[block.effect].most
+        ]  # fmt: skip
+
+
+def _gains(block: Block, information: np.ndarray, pull: np.ndarray) -> np.ndarray:
+    """Return the gain [V] of each alternative in size of a block, its prior odds included."""
+    sds = block.sds_mm
+    if sds.shape[1] == 1:
+        shrunk = sds[:, 0] ** 2
+        spread = 1 + shrunk * max(float(information[0, 0]), 0.0)
+        return np.asarray(0.5 * shrunk * pull[0] ** 2 / spread - 0.5 * np.log(spread) + block.log_odds)
+    scaled = np.eye(sds.shape[1]) + information * sds[:, :, None] * sds[:, None, :]
+    slope = sds * pull
+    explained = np.einsum("vp,vp->v", slope, np.linalg.solve(scaled, slope[:, :, None])[:, :, 0])
+    _, log_det = np.linalg.slogdet(scaled)
+    return np.asarray(0.5 * explained - 0.5 * log_det + block.log_odds)
+
+
+def searched(search: Search, start: Set, sigma_mm: float) -> State:
+    """Return the likeliest set that steps from ``start`` reach: adding, dropping or exchanging one block at a time."""
+    state = search.posterior(start, sigma_mm)
+    for _ in range(MOST_STEPS):
+        better = _grown(search, state) or _exchanged(search, state)
+        if better is None:
+            break
+        state = better
+    return state
+
+
+def _grown(search: Search, state: State) -> State | None:
+    gains = search.gains(state, search.offered(state.members))
+    if not gains:
+        return None
+    best = max(gains, key=lambda each: gains[each])
+    if gains[best] <= 0:
+        return None
+    more = search.posterior((*state.members, best), state.sigma_mm)
+    return more if more.score > state.score else None
+
+
+def _exchanged(search: Search, state: State) -> State | None:
+    """Return the best set with one member dropped, or another in its place; None where none is better."""
+    best: State | None = None
+    for at in range(len(state.members)):
+        others = (*state.members[:at], *state.members[at + 1 :])
+        without = search.posterior(others, state.sigma_mm, rounds=0)
+        gains = search.gains(without, search.offered(others))
+        gains = {key: gain for key, gain in gains.items() if key != state.members[at]}
+        choice = max(gains, key=lambda each: gains[each])
+        members = (*others, choice) if gains[choice] > 0 else others
+        if without.score + max(gains[choice], 0.0) > state.score + 1e-6:
+            tried = search.posterior(members, state.sigma_mm)
+            if tried.score > (best or state).score + 1e-6:
+                best = tried
+    return best

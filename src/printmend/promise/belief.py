@@ -1,0 +1,141 @@
+"""What a model is believed to be: its section ``promise`` in the model file, as drawn machines.
+
+Each part of the section is one effect at one place: the sizes that act, and those of the drawn machines that have it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from printmend.effects import EFFECTS, Of, Places, Scene
+from printmend.infer.posterior import DRAWS, Part
+from printmend.saved import SavedModel, ScrewSeries, screw_of
+from printmend.saved.values import number, numbers, refuse, section_of
+
+VERSION = 2  # of the model file's section
+_SUBJECT = "the model [promise]"
+_MOST_PARTS, _MOST_SIZES = 200, 400  # that a file may have
+_DIGITS = 5  # that are kept of a size
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """Machines drawn from all that a measurement allows.
+
+    ``scene`` is what was measured, ``parts`` the effects that any drawn machine has; ``scatter_mm`` by how much marks
+    scatter beyond what their instrument says, along one coordinate. ``placed``: the measurement says where on the bed
+    things lie; else errors are counted from home. ``by_hand``: a few distances were measured, and most is assumed.
+    """
+
+    scene: Scene
+    parts: tuple[Part, ...]
+    placed: bool
+    scatter_mm: float = 0.0
+    by_hand: bool = False
+    screw: ScrewSeries | None = field(default=None)
+
+    def of(self, effect: str, where: int | None = None) -> tuple[Part, ...]:
+        """Return the parts of one effect, at one place where that is given."""
+        return tuple(part for part in self.parts if part.effect == effect and where in (None, part.where))
+
+
+def belief_section(
+    scene: Scene, parts: Sequence[Part], *, scatter_mm: float = 0.0, by_hand: bool = False
+) -> dict[str, Any]:
+    """Return drawn machines as plain values; what an instrument did is no part of any print."""
+    kept = [part for part in parts if EFFECTS[part.effect].of is not Of.INSTRUMENT and part.draws_mm.any()]
+    return {
+        "version": VERSION,
+        "placed": scene.placed,
+        "scatter_mm": float(f"{scatter_mm:.4g}"),
+        **({"by_hand": True} if by_hand else {}),
+        "turns_mm": list(scene.turns_mm),
+        "motor_span_mm": [list(each) for each in scene.motor_span_mm],
+        "bed_span_mm": [list(each) for each in scene.bed_span_mm],
+        "way_mm": round(scene.way_mm, 3),
+        "parts": [_part_section(part) for part in kept],
+    }
+
+
+def _part_section(part: Part) -> dict[str, Any]:
+    there = np.flatnonzero(part.draws_mm.any(axis=0))
+    rows = part.draws_mm[:, there]
+    every = len(there) == part.draws_mm.shape[1]
+    return {
+        "effect": part.effect,
+        "where": part.where,
+        "shape": [float(f"{value:.8g}") for value in part.shape],
+        "acts": [float(f"{value:.9g}") for value in part.acts_mm],
+        **({} if every else {"there": there.tolist()}),
+        "draws": [[float(f"{value:.{_DIGITS}g}") for value in row] for row in rows],
+    }
+
+
+def parse_belief(model: SavedModel) -> Belief | None:
+    """Return what a saved model says about its own doubt, None for one that says nothing.
+
+    Raises `ModelError` for a section that is none of ours.
+    """
+    section = model.document.get("promise")
+    if section is None:
+        return None
+    if not isinstance(section, dict) or section.get("version") != VERSION:
+        refuse(_SUBJECT, f"a section of version {VERSION}", "another")
+    spans = {name: _spans(section, name) for name in ("motor_span_mm", "bed_span_mm")}
+    turns = numbers(section, "turns_mm", _SUBJECT, 2)
+    way_mm = number(section, "way_mm", _SUBJECT, 1e9)
+    if len(turns) != 2 or turns.min() <= 0 or way_mm < 0:
+        refuse(_SUBJECT, "two positive turns_mm and a way_mm", "something else")
+    placed = bool(section.get("placed"))
+    scene = Scene(
+        model.printer, (float(turns[0]), float(turns[1])), spans["motor_span_mm"], spans["bed_span_mm"], way_mm, placed
+    )
+    rows = section_of(section, "parts", list, _SUBJECT)
+    if len(rows) > _MOST_PARTS:
+        refuse(_SUBJECT, f"at most {_MOST_PARTS} parts", f"{len(rows)}")
+    scatter_mm = abs(number(section, "scatter_mm", _SUBJECT))
+    parts = tuple(_part(row, scene) for row in rows)
+    return Belief(scene, parts, placed, scatter_mm, bool(section.get("by_hand")), screw_of(model))
+
+
+def _spans(section: dict[str, Any], name: str) -> tuple[tuple[float, float], tuple[float, float]]:
+    rows = [numbers({"row": row}, "row", _SUBJECT, 2) for row in section_of(section, name, list, _SUBJECT)]
+    if len(rows) != 2 or any(len(row) != 2 or row[0] > row[1] for row in rows):
+        refuse(_SUBJECT, f"{name} as two rising pairs", "something else")
+    return (float(rows[0][0]), float(rows[0][1])), (float(rows[1][0]), float(rows[1][1]))
+
+
+def _part(row: Any, scene: Scene) -> Part:
+    if not isinstance(row, dict) or row.get("effect") not in EFFECTS:
+        refuse(_SUBJECT, "parts of known effects", "something else")
+    where = number(row, "where", _SUBJECT)
+    shape = numbers(row, "shape", _SUBJECT, 8)
+    acts = numbers(row, "acts", _SUBJECT, _MOST_SIZES)
+    drawn = section_of(row, "draws", list, _SUBJECT)
+    there = np.arange(DRAWS) if "there" not in row else numbers(row, "there", _SUBJECT, DRAWS).astype(int)
+    if where not in (0, 1, 2, 3) or len(drawn) != len(acts) or (there < 0).any() or (there >= DRAWS).any():
+        refuse(_SUBJECT, "parts with a place and sizes for each draw", "something else")
+    draws = np.zeros((len(acts), DRAWS))
+    for at, each in enumerate(drawn):
+        values = numbers({"row": each}, "row", _SUBJECT, DRAWS)
+        if len(values) != len(there):
+            refuse(_SUBJECT, f"{len(there)} draws of each size", f"{len(values)}")
+        draws[at, there] = values
+    part = Part(str(row["effect"]), int(where), tuple(shape.tolist()), acts, draws)
+    if _width_of(part, scene) != len(acts):
+        refuse(_SUBJECT, f"the sizes of {part.effect}", f"{len(acts)} numbers, or a shape that no printer has")
+    return part
+
+
+def _width_of(part: Part, scene: Scene) -> int:
+    """Return how many sizes an effect has at a place and with a shape, −1 where it has no such place or shape."""
+    zero = np.zeros((1, 2))
+    place = Places(zero, zero, zero, zero, zero, np.zeros(1), np.zeros(1), zero)
+    try:
+        with np.errstate(all="raise"):
+            columns = EFFECTS[part.effect].columns(place, part.where, part.shape, scene)
+    except (ArithmeticError, IndexError, TypeError, ValueError):
+        return -1
+    return columns.shape[2] if np.isfinite(columns).all() else -1
