@@ -96,8 +96,8 @@ class Places:
         return replace(self, **{name: value[rows] for name, value in vars(self).items()})
 
     def with_home(self, scene: Scene) -> "Places":
-        """Return the places with one more, the last: home, as the end stops leave the machine."""
-        home = home_of(scene)
+        """Return the places with one more, the last: home, each belt in the middle of its play."""
+        home = replace(home_of(scene), side=np.zeros((1, 2)))
         return Places(**{name: np.concatenate([value, getattr(home, name)]) for name, value in vars(self).items()})
 
 
@@ -239,3 +239,21 @@ FINER = np.linspace(-1.0, 1.0, 9)  # places about a found shape, in spacings of 
 def about(value: float, spacing: float, round_: int) -> np.ndarray:
     """Return values about one that a grid of this spacing found; each round is four times as fine."""
     return value + spacing * FINER[FINER != 0] / 4.0**round_
+
+
+CYCLES = 0.25  # by which two neighbouring periods of a grid differ over the whole span
+FINER_SPAN_MM = 200.0  # a usual span, by which finer periods are spaced
+
+
+def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> np.ndarray:
+    """Return periods of which each differs from the next by a quarter of a wave over a span."""
+    if longest_mm <= shortest_mm:
+        return np.zeros(0)
+    return np.asarray(1.0 / np.arange(1.0 / longest_mm, 1.0 / shortest_mm, CYCLES / span_mm))
+
+
+def finer_periods(period_mm: float, round_: int) -> Iterator[tuple[float, ...]]:
+    """Yield periods about one of a grid of `periods_mm`."""
+    for rate in about(1.0 / period_mm, CYCLES / FINER_SPAN_MM, round_):
+        if rate > 0:
+            yield (float(1.0 / rate),)

@@ -7,7 +7,7 @@ import numpy as np
 from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
 
-BORDERS = 49  # places of a border that are tried
+BORDERS = 25  # places of a border that are tried
 
 
 class Halves:
@@ -27,7 +27,7 @@ class Halves:
         return np.concatenate([along(0, past), along(1, past)], axis=2)
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        for at in about(shape[0], 5.0, round_):
+        for at in about(shape[0], 8.0, round_):
             yield (float(at),)
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -37,4 +37,4 @@ class Halves:
 def borders_mm(scene: Scene, axis: int) -> np.ndarray:
     """Return the borders between two parts of the bed that are tried along an axis."""
     low, high = scene.bed_span_mm[axis]
-    return np.linspace(low, high, BORDERS + 2)[3:-3]
+    return np.linspace(low, high, BORDERS + 2)[2:-2]

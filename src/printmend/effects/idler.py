@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import Acts, Of, finer_periods, periods_mm, Places, Scene, Term, onto_bed, waves
 from printmend.effects.prior import alternatives
 
-PERIODS_MM = np.geomspace(12.0, 150.0, 120)
+SHORTEST_MM, LONGEST_MM = 12.0, 150.0  # of a period: no idler is smaller, no bed shows larger ones
 OWN_SHARE = 0.02  # a period nearer to a part of the turn is the pulley's own
 
 
@@ -22,7 +22,7 @@ class Idler:
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
-            periods = PERIODS_MM[(PERIODS_MM < 0.5 * (high - low))]
+            periods = periods_mm(SHORTEST_MM, min(LONGEST_MM, 0.5 * (high - low)), high - low)
             near = np.abs(scene.turns_mm[motor] / periods - np.rint(scene.turns_mm[motor] / periods))
             shapes = [(float(period),) for period in periods[near > OWN_SHARE]]
             if shapes:
@@ -32,8 +32,7 @@ class Idler:
         return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0], np.ones(1)))
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        for period in about(shape[0], 0.022 * shape[0], round_):
-            yield (float(period),)
+        return finer_periods(shape[0], round_)
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes

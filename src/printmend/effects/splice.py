@@ -7,8 +7,8 @@ import numpy as np
 from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
 
-STEP_MM = 3.0  # distance of the places that are tried
-WIDTHS_MM = (2.0, 8.0)
+STEP_MM = 5.0  # distance of the places that are tried
+WIDTH_MM = 4.0  # that is tried first: others are looked for about it
 
 
 class Splice:
@@ -23,7 +23,7 @@ class Splice:
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
             at = np.arange(low + STEP_MM, high, STEP_MM)
-            shapes = [(float(place), width) for width in WIDTHS_MM for place in at]
+            shapes = [(float(place), WIDTH_MM) for place in at]
             if shapes:
                 yield from alternatives(self.name, motor, shapes, (1.0,))
 

@@ -8,7 +8,7 @@ from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, carri
 from printmend.effects.prior import alternatives
 
 STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
-BREAKS = np.arange(0.04, 0.97, 0.01)
+BREAKS = np.arange(0.04, 0.97, 0.02)
 
 
 class Step:
@@ -28,7 +28,7 @@ class Step:
         return carrier(scene, where, course[:, None])
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        for each in about(shape[0], 0.01, round_):
+        for each in about(shape[0], 0.02, round_):
             yield (float(each),)
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:

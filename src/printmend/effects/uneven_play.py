@@ -29,7 +29,7 @@ class UnevenPlay:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         axis, at = shape
-        for place in about(at, 5.0, round_):
+        for place in about(at, 8.0, round_):
             yield axis, float(place)
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -40,6 +40,10 @@ class Rows:
     weight: np.ndarray
     at_home: np.ndarray
 
+    def some(self, which: slice) -> "Rows":
+        """Return some of the rows."""
+        return Rows(*(value[which] for value in vars(self).values()))
+
 
 def seen(effect: str, columns: np.ndarray, rows: Rows) -> np.ndarray:
     """Return what the rows see [M, P] of an effect's columns on the bed [N, 2, P]."""
@@ -55,10 +59,6 @@ class Dictionary:
 
     blocks: tuple[Block, ...]
     columns: np.ndarray
-
-    def with_block(self, block: Block, columns: np.ndarray) -> "Dictionary":
-        """Return the dictionary with one more block, whose columns [M, Q] come last."""
-        return Dictionary((*self.blocks, block), np.hstack([self.columns, columns]))
 
 
 def dictionary_of(places: Places, rows: Rows, scene: Scene) -> Dictionary:
@@ -99,3 +99,11 @@ def gram_of(columns: np.ndarray, error_mm: np.ndarray, weight: np.ndarray) -> Gr
     root = np.sqrt(weight)
     scaled, error = columns * root[:, None], error_mm * root
     return Gram(scaled.T @ scaled, scaled.T @ error, float(error @ error), len(error))
+
+
+def extended(gram: Gram, old: np.ndarray, new: np.ndarray, error_mm: np.ndarray, weight: np.ndarray) -> Gram:
+    """Return the sums of products of ``old`` columns [M, P], whose own are known, and ``new`` ones [M, Q]."""
+    weighed = new * weight[:, None]
+    crossing = old.T @ weighed
+    matrix = np.block([[gram.matrix, crossing], [crossing.T, new.T @ weighed]])
+    return Gram(matrix, np.concatenate([gram.slope, weighed.T @ error_mm]), gram.square, gram.count)

@@ -4,7 +4,7 @@ Each part of the section is one effect at one place: the sizes that act, and tho
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,7 @@ def belief_section(
     return {
         "version": VERSION,
         "placed": scene.placed,
+        "instrument": asdict(scene.instrument),
         "scatter_mm": float(f"{scatter_mm:.4g}"),
         **({"by_hand": True} if by_hand else {}),
         "turns_mm": list(scene.turns_mm),

@@ -30,6 +30,7 @@ UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.8
 # Length over which an error that differs from place to place stays alike: ringing swings over 1 to 3 mm, a loose nozzle
 # over more.
 CELL_MM = 2.0
+LINEAR = ("scale", "skew", "aspect")  # effects that a scanner's own stretch looks like
 LASTING = ("scatter", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
 NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
 LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
@@ -304,7 +305,11 @@ def _parts(
         if not belief.placed and effect.of is Of.MACHINE:
             moved = moved - effect.columns(at_home, part.where, part.shape, scene)
         cause = DrawnCause(np.einsum("nc,ncp->np", normal, moved), drawn)
-        name = "parameters" if effect.of is Of.MACHINE and part.acts_mm.any() else part.effect
+        name = part.effect
+        if not belief.placed and name in LINEAR:
+            name = "instrument"
+        elif effect.of is Of.MACHINE and part.acts_mm.any():
+            name = "parameters"
         found[name] = found[name].beside(cause) if name in found else cause
     return found
 
