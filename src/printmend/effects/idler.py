@@ -17,6 +17,7 @@ class Idler:
     name = "idler"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:

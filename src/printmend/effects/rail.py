@@ -16,6 +16,7 @@ class Rail:
     name = "rail"
     of = Of.MACHINE
     acts = Acts.WAVE
+    from_home = True
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:

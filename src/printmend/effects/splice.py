@@ -17,6 +17,7 @@ class Splice:
     name = "splice"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 3
 
     def terms(self, scene: Scene) -> Iterator[Term]:

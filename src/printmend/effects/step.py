@@ -17,6 +17,7 @@ class Step:
     name = "step"
     of = Of.SESSION
     acts = Acts.NOT
+    from_home = True
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:

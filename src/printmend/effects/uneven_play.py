@@ -15,6 +15,7 @@ class UnevenPlay:
     name = "uneven_play"
     of = Of.MACHINE
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -14,6 +14,7 @@ class Wear:
     name = "wear"
     of = Of.SESSION
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -1,5 +1,6 @@
 """From a trace to the effects that made it: contacts, weights and search in turn, until they agree."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -56,6 +57,21 @@ class Fit:
         """Return the members of the likeliest set with their sizes."""
         return sized(self.dictionary, self.state.members, self.state.mean_mm)
 
+    def left_by_mark_mm(self, trace: Trace) -> np.ndarray:
+        """Return what the set leaves of every dot on the bed [N, 2], NaN where none was measured or understood."""
+        trace = _turned_back(trace, self.turned_rad, self.scene)
+        rows = rows_of(trace, self.contacts, self.places, self.scene, most=len(trace))
+        left_mm = np.full((len(trace), 2), np.nan)
+        for axis in range(2):
+            for at in range(0, len(rows.mark), CHUNK_ROWS):
+                part = rows.some(slice(at, at + CHUNK_ROWS))
+                mine = np.flatnonzero(part.along[:, axis] == 1.0)
+                some = Rows(*(value[mine] for value in vars(part).values()))
+                found = _columns_of(self.blocks, self.places, some, self.scene) if len(mine) and self.blocks else None
+                sum_mm = 0.0 if found is None else found @ self.state.mean_mm
+                left_mm[some.mark, axis] = some.error_mm - sum_mm
+        return left_mm
+
     def left_mm(self) -> np.ndarray:
         """Return what the set leaves of the measured numbers [M]."""
         return left_of(self.rows, self.dictionary, self.state)
@@ -64,14 +80,15 @@ class Fit:
 def fitted(trace: Trace, scene: Scene, first: Mechanism) -> Fit:
     """Return the effects that a trace shows; ``first`` is a machine that is nearly right, for the first contacts."""
     mechanism, fit, whole, turned_rad = first, None, trace, 0.0
+    if scene.homed:
+        scene = replace(scene, home_sd_mm=_home_sd_mm(first, scene))
     motor = scene.printer.to_motor(trace.commanded_mm)
     for _ in range(PASSES):
         trace = _turned_back(whole, turned_rad, scene)
         contacts = contacts_of(mechanism, motor)
         bed_mm = _measured_mm(trace) if fit is None else scene.printer.from_motor(contacts.belt_mm)
-        places = places_of(trace, scene, contacts.row, contacts.side, bed_mm).with_home(scene)
-        home_sd_mm = _home_sd_mm(mechanism, scene)
-        rows = rows_of(trace, contacts, places, scene, home_sd_mm, None if fit is None else fit.state.sigma_mm)
+        places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
+        rows = rows_of(trace, contacts, places, scene)
         if fit is None:
             left_mm = _left_by(mechanism, trace, contacts, rows)
             weight, members = weighed(rows, left_mm), ()
@@ -96,11 +113,12 @@ def _turned_back(trace: Trace, by_rad: float, scene: Scene) -> Trace:
     return replace(trace, measured_mm=(trace.measured_mm - scene.middle_mm) @ back.T + scene.middle_mm)
 
 
-def _home_sd_mm(mechanism: Mechanism, scene: Scene) -> np.ndarray:
-    """Return how far from the middle of its play each belt may be at the end stops [2]."""
+def _home_sd_mm(mechanism: Mechanism, scene: Scene) -> tuple[float, float]:
+    """Return how far each belt may rest from where the end stops would have it [2]."""
     home = scene.printer.to_motor(np.array(scene.printer.home_mm))
     branches = [table.branches_mm(home[[motor]]) for motor, table in enumerate(mechanism.transmissions)]
-    return np.array([np.hypot(HOME_SD_MM, float(upper[0] - lower[0]) / 2) for lower, upper in branches])
+    first, second = (math.hypot(HOME_SD_MM, float(upper[0] - lower[0]) / 2) for lower, upper in branches)
+    return first, second
 
 
 def _measured_mm(trace: Trace) -> np.ndarray:
@@ -113,8 +131,7 @@ def _measured_mm(trace: Trace) -> np.ndarray:
 
 def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
     """Return a fit of the likeliest set, and of what may be beside it, to every mark of a long trace."""
-    home_sd_mm = _home_sd_mm(fit.mechanism, fit.scene)
-    rows = rows_of(trace, fit.contacts, fit.places, fit.scene, home_sd_mm, fit.state.sigma_mm, most=len(trace))
+    rows = rows_of(trace, fit.contacts, fit.places, fit.scene, most=len(trace))
     if len(rows.mark) <= len(fit.rows.mark):
         return fit
     members = [b for b, _ in fit.state.members]
@@ -147,18 +164,13 @@ def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
 def _columns_of(blocks: Sequence[Block], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     marks, numbers = np.unique(rows.mark, return_inverse=True)
     few, here = places.at(marks), replace(rows, mark=numbers)
-    return np.hstack(
-        [
-            seen(block.effect, EFFECTS[block.effect].columns(few, block.where, block.shape, scene), here)
-            for block in blocks
-        ]
-    )
+    return np.hstack([seen(block.effect, block.where, block.shape, few, here, scene) for block in blocks])
 
 
 def _left_by(mechanism: Mechanism, trace: Trace, contacts: Contacts, rows: Rows) -> np.ndarray:
     """Return what a first machine leaves of the measured numbers [M], but for what the measurement's origin may be."""
     off_mm = trace.measured_mm - mechanism.bed.printed(contacts.belt_mm)
-    off_mm = np.vstack([off_mm - np.nanmedian(off_mm, axis=0), np.zeros((1, 2))])
+    off_mm = off_mm - np.nanmedian(off_mm, axis=0)
     left_mm = np.einsum("mc,mc->m", rows.along, off_mm[rows.mark])
     return np.where(np.isfinite(left_mm), left_mm, 0.0)
 
@@ -214,7 +226,7 @@ def with_shapes(
         return dictionary
     blocks, columns, first = list(dictionary.blocks), [dictionary.columns], dictionary.columns.shape[1]
     for like, shape in more:
-        one = seen(like.effect, EFFECTS[like.effect].columns(places, like.where, shape, scene), rows)
+        one = seen(like.effect, like.where, shape, places, rows, scene)
         blocks.append(replace(like, shape=shape, at=slice(first, first + one.shape[1])))
         columns.append(one)
         first += one.shape[1]
@@ -275,16 +287,11 @@ def rows_of(
     contacts: Contacts,
     places: Places,
     scene: Scene,
-    home_sd_mm: np.ndarray,
-    sigma_mm: float | None = None,
     most: int = MOST_MARKS,
 ) -> Rows:
-    """Return the measured numbers of a trace: two for each mark that both belts had touched before, one for a wall.
-
-    Where the print began at the end stops these are two more: there the machine has no error, to ``home_sd_mm`` [2].
-    """
+    """Return the measured numbers of a trace: two for each mark that both belts had touched before, one for a wall."""
     touched = (contacts.row >= 0).all(axis=1)
-    nominal = np.asarray(scene.printer.from_motor(places.motor_mm[: len(trace)]))  # where healthy belts would be
+    nominal = np.asarray(scene.printer.from_motor(places.motor_mm))  # where healthy belts would be
     off = trace.measured_mm - nominal
     weight = np.ones(len(trace))
     if trace.sigma_mm is not None and (known := np.isfinite(trace.sigma_mm) & (trace.sigma_mm > 0)).any():
@@ -302,11 +309,4 @@ def rows_of(
         offset = trace.offset_mm[walls] + (normal * ahead).sum(axis=1)
     error = np.concatenate([off[dots, 0], off[dots, 1], offset])
     along, weight = np.concatenate([x, y, normal]), weight[mark]
-    is_homed = trace.homed and trace.placed
-    if is_homed:
-        scale = SIGMA_PER_MEDIAN * float(np.median(np.abs(error - np.median(error)))) if sigma_mm is None else sigma_mm
-        mark = np.concatenate([mark, [len(trace)] * 2])
-        along = np.concatenate([along, scene.printer.to_motor(np.eye(2)).T])
-        error = np.concatenate([error, [0.0, 0.0]])
-        weight = np.concatenate([weight, np.minimum(scale / home_sd_mm, 1.0) ** 2])
-    return Rows(mark, along, error, weight, np.arange(len(mark)) >= len(mark) - 2 * is_homed)
+    return Rows(mark, along, error, weight)

@@ -79,7 +79,7 @@ def calliper_section(distances: Distances, readings_mm: np.ndarray, printer: Pri
     parts.append(Part("skew", 0, (), SCALE_MM * acts[[SKEW_AT]], lean[None]))
     span = tuple((low, high) for low, high in map(printer.motor_range_mm, range(2)))
     bed = tuple((axis.min_mm, axis.max_mm) for axis in printer.axes[:2])
-    scene = Scene(printer, (printer.x.mm_per_turn, printer.y.mm_per_turn), span, bed, FAR_MM, placed=False)  # type: ignore[arg-type]
+    scene = Scene(printer, (printer.x.mm_per_turn, printer.y.mm_per_turn), span, bed, FAR_MM, placed=False, homed=True)  # type: ignore[arg-type]
     return belief_section(scene, parts, scatter_mm=FINER_MM, by_hand=True)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.effects import EFFECTS, Of, Places, home_of
+from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import LONG_MOVE_MM
 from printmend.infer.posterior import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
@@ -295,15 +295,12 @@ def _parts(
         motor_mm, -aims.side, np.asarray(printer.from_motor(aims.belt_mm)), aims.ways, aims.side,
         gone_mm / max(scene.way_mm, 1e-9), np.full(count, LONG_MOVE_MM), none,
     )  # fmt: skip
-    at_home = home_of(scene)
     found: dict[str, DrawnCause] = {}
     for part in belief.parts:
         effect, drawn = EFFECTS[part.effect], sizes[id(part)]
         if not drawn.any():
             continue
-        moved = effect.columns(places, part.where, part.shape, scene)
-        if not belief.placed and effect.of is Of.MACHINE:
-            moved = moved - effect.columns(at_home, part.where, part.shape, scene)
+        moved = columns_of(part.effect, places, part.where, part.shape, scene)
         cause = DrawnCause(np.einsum("nc,ncp->np", normal, moved), drawn)
         name = part.effect
         if not belief.placed and name in LINEAR:

@@ -31,8 +31,9 @@ from printmend.path import Trace
 from printmend.printer import Printer
 from printmend.promise.belief import belief_section
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
-from printmend.promise.misfit_printer import another_home
+from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order, passed_over
+from printmend.promise.of_rows import lost_rows, said_of_rows
 from printmend.protocols import WorldModel
 from printmend.saved import Branches, SavedModel, ScrewSeries, saved_model, with_screw
 from printmend.twin import Twin
@@ -124,11 +125,14 @@ def searched_model(
     acting = [part.acting() for part in posterior.parts if part.acts_mm.any()]
     mechanism, branches = machine_of(fit.scene, acting)
     mechanism = replace(mechanism, rest_share=box.mechanism.rest_share)
-    left_mm = fit.left_mm()
-    noise_mm = float(np.sqrt(np.average(left_mm**2, weights=fit.rows.weight)))
-    scatter_mm = float(np.sqrt(max(posterior.noise_mm**2 - (instrument_scatter_mm(trace) or posterior.noise_mm) ** 2, 0.0)))
+    left_mm = fit.left_by_mark_mm(trace)
+    kept_mm = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost_rows(left_mm)]
+    kept_mm = kept_mm if len(kept_mm) else fit.left_mm()[:, None]  # walls are no dots
+    noise_mm = float(np.sqrt(np.mean(kept_mm**2)))
+    scatter_mm = float(np.sqrt(max(noise_mm**2 - (instrument_scatter_mm(trace) or noise_mm) ** 2, 0.0)))
     promise = belief_section(fit.scene, posterior.parts, scatter_mm=scatter_mm)
-    return _saved(box, trace, mechanism, branches, promise, told, more, noise_mm, float(np.sqrt(2 * np.mean(left_mm**2))))
+    told = (*told, *another_printers(left_mm, trace, box.printer), *said_of_rows(box, trace, left_mm))
+    return _saved(box, trace, mechanism, branches, promise, told, more, noise_mm, PLANE_FACTOR * noise_mm)
 
 
 def drawn_model(
@@ -139,6 +143,7 @@ def drawn_model(
     parts = [part for motor, drive in enumerate(box.drives) for part in _drawn(scene, motor, drive, rng)]
     promise = belief_section(scene, parts)
     branches = (box.drives[0].branches, box.drives[1].branches)
+    told = (*told, *said_of_rows(box, trace, left_over_mm(box)))
     return _saved(
         box, trace, box.mechanism, branches, promise, told, more, box.noise_mm, box.residual_after_mm
     )  # fmt: skip
