@@ -1,11 +1,12 @@
 """An idler off its centre, or a belt whose error has a period of its own."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, onto_bed, waves
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Fault, Found, amount, motor_name
 
 PERIODS_MM = np.geomspace(12.0, 150.0, 120)
 OWN_SHARE = 0.02  # a period nearer to a part of the turn is the pulley's own
@@ -22,7 +23,7 @@ class Idler:
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
-            periods = PERIODS_MM[(PERIODS_MM < 0.5 * (high - low))]
+            periods = PERIODS_MM[(0.5 * (high - low) > PERIODS_MM)]
             near = np.abs(scene.turns_mm[motor] / periods - np.rint(scene.turns_mm[motor] / periods))
             shapes = [(float(period),) for period in periods[near > OWN_SHARE]]
             if shapes:
@@ -37,3 +38,9 @@ class Idler:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        (period_mm,) = found.shape
+        size, sd = found.size(lambda sizes: float(np.hypot(*sizes)))
+        words = f"idler or belt uneven, every {period_mm:.1f} mm, by {amount(size, sd)}"
+        yield Fault(motor_name(scene, found.where), f"period-{period_mm:.1f}", size, sd, "mm", words)
