@@ -11,6 +11,7 @@ import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
 from printmend.effects.effect import LONG_MOVE_MM, SCALE_MM
+from printmend.effects.pulley import shape_words
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
 from printmend.infer.posterior import Part
 from printmend.promise.misfit import NOTE, SEVERITIES, WARNING, Misfit
@@ -24,7 +25,17 @@ WARNED_MM = 0.03  # … and from which on it is a warning
 PLACES = 600  # drawn places of a print on which the size of an effect is taken
 COVERED_SHARE = 0.6  # share of an axis of the bed that a print must span
 UNSEEN = "unseen"  # the kind of the note about the rest
-OFTEN = 1.0 / 96  # chance that counts for the evidence where no drawn machine is without an effect
+SELDOM = 0.01  # chance of an effect's absence that counts for its evidence where every drawn machine has it
+SILENT = ("origin", "stretch")  # of instruments that do not know their place or scale: this is said beside the scale
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was learned: the faults, one sentence about them, and one for each thing that the trace could not tell."""
+
+    faults: tuple[Fault, ...]
+    summary: str
+    gaps: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +53,26 @@ class _Group:
         """Tell whether the drawn machines have either of two effects, and hardly ever both."""
         both, fewer = (self.there & other.there).sum(), min(self.there.sum(), other.there.sum())
         return bool(both <= TOGETHER * fewer)
+
+
+def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = ()) -> Diagnosis:
+    """Return the faults that act in one sentence, motor by motor; ``gaps`` is what the trace could not tell."""
+    faults = faults_of(parts, scene)
+    said = {
+        name: ", ".join(fault.words for fault in faults if fault.part == name)
+        for name in (*scene.printer.motors, "frame")
+    }
+    motors = [f"{name.upper()} {said[name] or 'healthy'}" for name in scene.printer.motors]
+    summary = "; ".join([*motors, *([f"frame {said['frame']}"] if said["frame"] else [])])
+    return Diagnosis(tuple(faults), summary, tuple(gaps))
+
+
+def kind_words(kind: str) -> str:
+    """Return a fault's kind in words: ``harmonic-1`` is a pulley that is eccentric."""
+    name, _, order = kind.partition("-")
+    if name == "harmonic" and order.isdigit():
+        return f"pulley {shape_words(int(order))}"
+    return kind
 
 
 def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
@@ -75,16 +106,18 @@ def misfits_of(
     said: list[_Group] = []
     for group in sorted(groups, key=lambda each: -each.found.chance):
         one = group.found
-        rivals = [each for each in groups if each is not group and group.is_open and each.is_open and group.excludes(each)]
+        rivals = [
+            each for each in groups if each is not group and group.is_open and each.is_open and group.excludes(each)
+        ]
         if one.law.acts is not Acts.NOT or any(each in said or each.found.acts for each in rivals):
             continue
         chance = float(np.mean(np.any([group.there, *(each.there for each in rivals)], axis=0)))
         if chance < TOLD or not _is_sure(group):
             continue
         size_mm = _size_mm(one, places, scene)
-        nats_of = evidence.get((one.effect, one.where), float(np.log(chance / max(1 - chance, OFTEN))))
+        nats_of = evidence.get((one.effect, one.where), float(np.log(chance / max(1 - chance, SELDOM))))
         for told in _told(one, beside, scene):
-            words = " or ".join([told.words, *_words(rivals, beside, scene)]).replace(" or ", ", or ", 1 if rivals else 0)
+            words = ", or ".join([told.words, *_words(rivals, beside, scene)])
             words = words if chance >= CERTAIN or rivals else f"{words} (likely, not certain)"
             if size_mm >= LEAST_COST_MM or told.is_harmless:
                 severity = WARNING if size_mm >= WARNED_MM and not told.is_harmless else NOTE
@@ -113,7 +146,7 @@ def _groups(parts: Sequence[Part], more: Sequence[Part] = ()) -> list[_Group]:
     groups: list[_Group] = []
     while left:
         first, *rest = left
-        there, draws, left = first.draws_mm.any(axis=0), first.draws_mm.copy(), []
+        there, draws, left = first.draws_mm.any(axis=0), first.draws_mm, []
         for part in rest:
             has = part.draws_mm.any(axis=0)
             same = (part.effect, part.where, len(part.draws_mm)) == (first.effect, first.where, len(first.draws_mm))
@@ -124,7 +157,13 @@ def _groups(parts: Sequence[Part], more: Sequence[Part] = ()) -> list[_Group]:
         acts = bool(first.acts_mm.any())
         mean = first.draws_mm[:, first.draws_mm.any(axis=0)].mean(axis=1)
         found = Found(
-            EFFECTS[first.effect], first.where, first.shape, first.acts_mm if acts else mean, draws, float(there.mean()), acts
+            EFFECTS[first.effect],
+            first.where,
+            first.shape,
+            first.acts_mm if acts else mean,
+            draws,
+            float(there.mean()),
+            acts,
         )
         groups.append(_Group(found, there))
     return groups
@@ -154,10 +193,9 @@ def _told(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]
     elif found.effect not in SILENT:
         where = carrier_name(scene, found.where)
         harmless = found.law.of is Of.INSTRUMENT
-        yield Told(found.effect, f"{where} shows {_plain(found)}, {_size_mm(found, _places(scene), scene):.2f} mm", harmless)
-
-
-SILENT = ("origin", "stretch")  # of instruments that do not know their place or scale: this is said beside the scale
+        yield Told(
+            found.effect, f"{where} shows {_plain(found)}, {_size_mm(found, _places(scene), scene):.2f} mm", harmless
+        )
 
 
 def _plain(found: Found) -> str:
@@ -176,10 +214,13 @@ def _is_sure(group: _Group) -> bool:
 
 def _other_words(group: _Group, groups: Sequence[_Group], scene: Scene) -> str:
     """Return what else may make what an effect that acts does, empty where nothing else does."""
-    if not group.is_open:
-        return ""
-    rivals = [each for each in groups if each is not group and each.is_open and group.excludes(each)]
-    return " or ".join(_words(rivals, [each.found for each in groups], scene))
+    return ", or ".join(_words(_rivals(group, groups), [each.found for each in groups], scene))
+
+
+def _rivals(group: _Group, groups: Sequence[_Group]) -> list[_Group]:
+    """Return the effects that share the odds with one: none of them is certain, and one excludes the other."""
+    others = [each for each in groups if each is not group and each.is_open] if group.is_open else []
+    return [each for each in others if group.excludes(each)]
 
 
 def _words(groups: Sequence[_Group], beside: Sequence[Found], scene: Scene) -> list[str]:

@@ -9,6 +9,7 @@ from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Message, Told
 
 BORDERS = 49  # places of a border that are tried
+OTHER_SHARE = 0.1  # a shift along the other axis that is a smaller share is not said
 
 ONE_OFF = Message("{a} is off by {b} mm in the upper part of {c}, from {d} mm on")
 BOTH_OFF = Message("X is off by {a} mm and Y by {b} mm in the upper part of {c}, from {d} mm on")
@@ -39,7 +40,8 @@ class Halves:
         return np.zeros_like(sizes)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        off = [(name, size) for name, size in zip("XY", found.sizes_mm, strict=True) if abs(size) >= LEAST_SHOWN_MM]
+        least_mm = max(LEAST_SHOWN_MM, OTHER_SHARE * float(np.abs(found.sizes_mm).max()))
+        off = [(name, size) for name, size in zip("XY", found.sizes_mm, strict=True) if abs(size) >= least_mm]
         where = "XY"[found.where], f"{found.shape[0]:.0f}"
         if len(off) == 1:
             yield Told("halves", ONE_OFF(off[0][0], f"{off[0][1]:+.2f}", *where) + SHEETS)
