@@ -661,7 +661,7 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
     for change in ({}, {"turns": 2.0}, {"angles": 1.0, "backward": 9}):
         sight, shape = SimpleNamespace(**{**seen, **change}), SimpleNamespace(play="even")
         drive = SimpleNamespace(name="x", sight=sight, branches=SimpleNamespace(period_mm=40.0), structure=shape)
-        gaps = diagnosis.diagnosis._gaps(drive)  # type: ignore[arg-type]
+        gaps = diagnosis.gaps.drive_gaps(drive)  # type: ignore[arg-type]
         assert gaps
         for text in (*gaps, *todo((*gaps, "Z lead: nothing"))):
             assert _german(text), text

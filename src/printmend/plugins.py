@@ -1,4 +1,4 @@
-"""Learners, controllers and families of faults of other packages.
+"""Learners, controllers, families of faults and effects of other packages.
 
 Either by an entry point of an installed package,
 
@@ -19,6 +19,7 @@ from typing import Any
 from printmend.errors import ConfigError
 
 LEARNERS, CONTROLLERS, CORRUPTIONS = "printmend.learners", "printmend.controllers", "printmend.corruptions"
+EFFECTS = "printmend.effects"
 
 
 def plugin_names(group: str) -> tuple[str, ...]:

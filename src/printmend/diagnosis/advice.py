@@ -3,10 +3,12 @@
 import math
 from dataclasses import dataclass
 
-from printmend.diagnosis.diagnosis import NamedFault
+from printmend.effects import EFFECTS
+from printmend.effects.words import CARRIES, SOON_MM, Care
+from printmend.effects.words import Fault as NamedFault
 
 CERTAIN_SIGMAS, LIKELY_SIGMAS = 10.0, 5.0  # standard deviations from 0 at which a fault is certain, or very likely
-REPAIR_MM, SOON_MM = 0.5, 0.1  # effect on a print above which a part should be replaced, or looked at
+REPAIR_MM = 0.5  # effect on a print above which a part should be replaced
 SPAN_MM = 100.0  # size of the print whose error is told, for faults that grow with it
 
 
@@ -29,8 +31,7 @@ def advise(fault: NamedFault, *, corexy: bool = False, rails: bool = False) -> A
     where = f"Motor {fault.part.upper()}" if corexy and fault.part != "frame" else fault.part.upper()
     size = abs(fault.value)
     kind = fault.kind.rstrip("0123456789.").removesuffix("-")  # harmonic-2 is a harmonic
-    say = _SAY.get(kind, _other)
-    title, meaning, effect, repair, software = say(where, fault, size)
+    title, meaning, effect, repair, software = _said(kind, where, fault, size)
     if rails and kind == "play":
         repair = "Look at the rails and the head first: this play may be theirs. Then tighten the belt."
     nothing = repair.startswith("Nothing to repair")
@@ -40,6 +41,16 @@ def advise(fault: NamedFault, *, corexy: bool = False, rails: bool = False) -> A
     if urgency == "software" and not repair.startswith("Nothing"):
         repair = f"Nothing, as long as it stays this small. If it grows: {repair[0].lower()}{repair[1:]}"
     return Advice(title, meaning, _sure(fault), effect, urgency, repair, software)
+
+
+def _said(kind: str, where: str, fault: NamedFault, size: float) -> "Said":
+    """Return what is said of a kind here, or else by the effect whose kind it is."""
+    if kind not in _SAY:
+        for effect in EFFECTS.values():
+            care: Care | None = effect.advice(fault, where) if hasattr(effect, "advice") else None
+            if care is not None:
+                return care.title, care.meaning, care.effect_mm, care.repair, care.software
+    return _SAY.get(kind, _other)(where, fault, size)
 
 
 def _sure(fault: NamedFault) -> str:
@@ -55,7 +66,7 @@ def _sure(fault: NamedFault) -> str:
 
 
 Said = tuple[str, str, float, str, str]
-_CARRIES = "printmend carries all of it: mend each file."
+_CARRIES = CARRIES
 
 
 def _scale(where: str, fault: NamedFault, size: float) -> Said:

@@ -8,15 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.identify.drive import ALL_SEEN, Jump
+from printmend.diagnosis.gaps import gaps_of
+from printmend.diagnosis.named import Diagnosis
+from printmend.effects.pulley import shape_words
+from printmend.effects.words import NAMED_SIGMAS, amount
+from printmend.effects.words import Fault as NamedFault
+from printmend.identify.drive import Jump
 from printmend.identify.drive.period import NEAR_SHARE, TOOTH_MM
-from printmend.identify.drive.select import LEAST_ROWS_EITHER_WAY
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.machine import Frame
 from printmend.path import Trace
 from printmend.printer import Printer
 
-NAMED_SIGMAS = 3.0  # a fault is named if it is larger than so many of its standard deviations …
 LEAST_FAULT_MM = 0.002  # … and than this: smaller faults move no print
 LEAST_SCALE_PERCENT = 0.005  # a smaller wrong scale is not named
 NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
@@ -24,19 +27,6 @@ OPPOSITE_SHARE = 0.05  # share of two scale errors' difference that their sum ma
 LEAST_SHOWN_MM = 0.005  # a smaller fault whose size is said with two decimals would be said to be 0.00
 LEAST_EFFECT_MM = 0.003  # a wave that shifts a print by less is not named: no print shows it
 GUIDE_PLACES = 41  # places along either axis of the bed at which wavy guides are looked at
-_HARMONIC_WORDS = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
-
-
-@dataclass(frozen=True)
-class NamedFault:
-    """One fault of one motor or of the frame: ``kind``, ``value`` ± ``sd`` in ``unit``, and the words for it."""
-
-    part: str
-    kind: str
-    value: float
-    sd: float
-    unit: str
-    words: str
 
 
 @dataclass(frozen=True)
@@ -53,19 +43,6 @@ class Doubt:
     placed: bool = True
 
 
-def kind_words(kind: str) -> str:
-    """Return a fault's kind in words: ``harmonic-1`` is a pulley that is eccentric."""
-    name, _, order = kind.partition("-")
-    if name == "harmonic" and order.isdigit():
-        return f"pulley {_shape_words(int(order))}"
-    return kind
-
-
-def _shape_words(order: int) -> str:
-    """Return what a pulley is whose error comes so many times a turn."""
-    return _HARMONIC_WORDS.get(order, f"uneven {order} times a turn, by")
-
-
 def doubt_of(trace: Trace) -> Doubt:
     """Return the doubt about a trace that its instrument brings in."""
     unsure = trace.instrument_doubt
@@ -73,20 +50,10 @@ def doubt_of(trace: Trace) -> Doubt:
     return Doubt(percent, float(np.degrees(2 * unsure.lean_sd)), unsure.wave_mm, trace.placed)
 
 
-@dataclass(frozen=True)
-class Diagnosis:
-    """What was learned: the faults, one sentence about them, and one for each thing that the trace could not tell."""
-
-    faults: tuple[NamedFault, ...]
-    summary: str
-    gaps: tuple[str, ...]
-
-
 def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
     """Name the faults of a learned machine."""
     parts: list[str] = []
     faults: list[NamedFault] = []
-    gaps: list[str] = []
     own = [
         [*drive_faults(drive, doubt, axis.mm_per_turn), *_jumps(drive, jumps)]
         for drive, jumps, axis in zip(model.drives, model.jumps, model.printer.axes[:2], strict=True)
@@ -101,17 +68,10 @@ def diagnose(model: GreyboxModel, doubt: Doubt = Doubt()) -> Diagnosis:
         faults += found
         words = ", ".join(fault.words for fault in found)
         parts.append(f"{drive.name.upper()} {words or 'healthy'}")
-        gaps += _gaps(drive)
-    if not any(drive.sight.crosses for drive in model.drives):
-        one, two = (drive.name.upper() for drive in model.drives)
-        gaps.append(
-            f"{one} and {two} moved together only, so a crooked frame looks like wrong scales. "
-            "Print the other diagonal, too."
-        )
     faults += crooked
     if crooked:
         parts.append("frame " + ", ".join(fault.words for fault in crooked))
-    return Diagnosis(tuple(faults), "; ".join(parts), tuple(gaps))
+    return Diagnosis(tuple(faults), "; ".join(parts), gaps_of(model))
 
 
 def drive_faults(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault]:
@@ -126,12 +86,6 @@ def drive_faults(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[Name
 
 def _fault(drive: LearnedDrive, kind: str, value: float, sd: float, words: str, unit: str = "mm") -> NamedFault:
     return NamedFault(drive.name, kind, float(value), float(sd), unit, words)
-
-
-def amount(value: float, sd: float, unit: str = "mm") -> str:
-    """Write a value with its uncertainty, to two digits of the latter: ``0.213 ± 0.021 mm``."""
-    digits = int(np.clip(1 - np.floor(np.log10(max(sd, 1e-6))), 2, 4))
-    return f"{value:.{digits}f} ± {max(sd, 10.0**-digits):.{digits}f} {unit}"
 
 
 def _scale(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFault]:
@@ -173,7 +127,7 @@ def _pulley(drive: LearnedDrive, doubt: Doubt, turn_mm: float) -> list[NamedFaul
         return [_fault(drive, f"period-{learned_mm / k:.1f}", size, sd, words)]
     faults: list[NamedFault] = []
     for k in sorted(largest[:NAMED_HARMONICS]):
-        words = f"{'pulley ' if not faults else ''}{_shape_words(k)} {amount(*found[k])}"
+        words = f"{'pulley ' if not faults else ''}{shape_words(k)} {amount(*found[k])}"
         faults.append(_fault(drive, f"harmonic-{k}", *found[k], words))
     if len(largest) > NAMED_HARMONICS and faults:
         last = faults[-1]
@@ -411,28 +365,3 @@ def _skew_sd(drive: LearnedDrive) -> float:
     """Return the standard deviation [rad] of the lean of one motor's axis, 0 where no frame was fitted."""
     design = drive.choice.design
     return float(drive.choice.fit.posterior.sds[design.cross_at]) / 100.0 if design.cross else 0.0
-
-
-def _gaps(drive: LearnedDrive) -> list[str]:
-    """Say what the trace could not tell of one motor, and what print would."""
-    seen, name = drive.sight, drive.name.upper()
-    turn = drive.branches.period_mm
-    gaps = []
-    if seen.angles < ALL_SEEN:
-        longer = f"Print at least {turn:.0f} mm along {name}, better two turns ({2 * turn:.0f} mm)."
-        spread = f"Its points lie at the same few angles of each turn: space them by no part of {turn:.0f} mm."
-        gaps.append(
-            f"{name} was seen on {100 * seen.angles:.0f} % of its pulley's turn only; the rest is a guess. "
-            f"{longer if seen.turns < 1 else spread}"
-        )
-    if min(seen.forward, seen.backward) < LEAST_ROWS_EITHER_WAY:
-        way = "forwards" if seen.forward > seen.backward else "backwards"
-        gaps.append(f"{name} was measured moving {way} only, so its play is unknown. Print it there and back.")
-    elif drive.structure.play != "none" and min(seen.lower_angles, seen.upper_angles) < ALL_SEEN <= seen.angles:
-        less = "forwards" if seen.lower_angles < seen.upper_angles else "backwards"
-        share = 100 * min(seen.lower_angles, seen.upper_angles)
-        gaps.append(
-            f"{name} moved {less} over {share:.0f} % of its pulley's turn only; a loose belt may differ on the rest. "
-            f"Print a whole turn ({turn:.0f} mm) in each direction."
-        )
-    return gaps

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.diagnosis.diagnosis import NAMED_SIGMAS
+from printmend.effects.words import NAMED_SIGMAS
 from printmend.learn.greybox import GreyboxModel, LearnedDrive
 from printmend.path import Trace
 from printmend.printer import Printer

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.diagnosis import NAMED_SIGMAS, amount
+from printmend.effects.words import NAMED_SIGMAS, amount
 from printmend.errors import TraceError
 from printmend.identify.drive.sight import LEAST_RANK_CORRELATION, POSSIBLE_GAINS
 from printmend.identify.screw import first_push_mm, fit_height

@@ -1,4 +1,4 @@
-"""What can go wrong with a printer, its print or its measurement: one effect a file, all that is known of it in one place.
+"""What can go wrong with a printer, its print or its measurement: one effect a file, all that is known of it there.
 
 `EFFECTS` lists them by name; others come by the entry points of the group ``printmend.effects``.
 """
@@ -41,6 +41,9 @@ from printmend.effects.uneven_play import UnevenPlay
 from printmend.effects.wander import Wander
 from printmend.effects.warmth import Warmth
 from printmend.effects.wear import Wear
+from printmend.errors import ConfigError
+from printmend.plugins import EFFECTS as GROUP
+from printmend.plugins import load_plugin, plugin_names
 
 _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Idler(), Teeth(),
@@ -48,7 +51,24 @@ _ALL: tuple[Effect, ...] = (
     Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
     Origin(), Shift(), Turn(), Stretch(), Carriage(), Halves(), Bead(),
 )  # fmt: skip
-EFFECTS: dict[str, Effect] = {effect.name: effect for effect in _ALL}
+_NEEDS = ("name", "of", "acts", "most", "terms", "columns", "finer", "again")
+
+
+def _of_others() -> dict[str, Effect]:
+    """Return the effects that other packages bring. Raises `ConfigError` where one is none, or has a name of ours."""
+    ours = {effect.name for effect in _ALL}
+    found: dict[str, Effect] = {}
+    for point in plugin_names(GROUP):
+        effect = load_plugin(GROUP, point, wanted="an effect", has=_NEEDS)
+        if effect.name in ours or effect.name in found:
+            raise ConfigError(
+                point, wanted="an effect with a name of its own", came=f"{effect.name!r}", todo="give it another name"
+            )
+        found[effect.name] = effect
+    return found
+
+
+EFFECTS: dict[str, Effect] = {effect.name: effect for effect in _ALL} | _of_others()
 
 
 def columns_of(name: str, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
@@ -63,4 +83,16 @@ def columns_of(name: str, places: Places, where: int, shape: tuple[float, ...], 
     return columns
 
 
-__all__ = ["EFFECTS", "Acts", "Effect", "Of", "Places", "Scene", "Term", "columns_of", "home_of", "places_of", "scene_of"]
+__all__ = [
+    "EFFECTS",
+    "Acts",
+    "Effect",
+    "Of",
+    "Places",
+    "Scene",
+    "Term",
+    "columns_of",
+    "home_of",
+    "places_of",
+    "scene_of",
+]

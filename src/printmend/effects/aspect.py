@@ -1,11 +1,12 @@
 """One axis of a CoreXY's bed that is stretched: both motors turn for it, so that no pulley explains it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, along
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Fault, Found, amount, is_first, those_of
 
 
 class Aspect:
@@ -30,3 +31,12 @@ class Aspect:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        if is_first(found, (self.name,), beside):
+            ways = [(each, 1 - 2 * each.where) for each in those_of(self.name, beside)]
+            percent = float(sum(way * each.sizes_mm[0] for each, way in ways))  # mm in 100 mm
+            sd = float(np.std(sum(way * each.draws_mm[0] for each, way in ways)))
+            way = "larger" if percent > 0 else "smaller"
+            words = f"X prints {amount(abs(percent), sd, '%')} {way} than Y"
+            yield Fault("frame", "axes", percent, sd, "%", words)

@@ -1,11 +1,21 @@
 """Lines that are wider or narrower than set: every wall stands out by the same amount."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term
 from printmend.effects.prior import size_mm
+from printmend.effects.words import Found, Message, Told
+
+WIDER = Message(
+    "walls stand out by {a} mm on either side: lower the slicer's flow, or its line width",
+    "Wände stehen auf jeder Seite um {a} mm vor: Fluss oder Linienbreite im Slicer verringern",
+)
+NARROWER = Message(
+    "walls fall short by {a} mm on either side: raise the slicer's flow, or its line width",
+    "Wände bleiben auf jeder Seite um {a} mm zurück: Fluss oder Linienbreite im Slicer erhöhen",
+)
 
 
 class Bead:
@@ -29,3 +39,7 @@ class Bead:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        size = float(found.sizes_mm[0])
+        yield Told("bead", (WIDER if size > 0 else NARROWER)(f"{abs(size):.2f}"), is_harmless=True)

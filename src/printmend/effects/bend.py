@@ -1,11 +1,12 @@
 """A scale that changes along the axis, as where a belt is not parallel to its rail."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, onto_bed
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
+from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, along_motor_mm, motor_name
 
 
 class Bend:
@@ -33,3 +34,15 @@ class Bend:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        x = (along_motor_mm(scene, found.where) - scene.motor_middle_mm(found.where)) / SCALE_MM
+
+        def bow_mm(sizes: np.ndarray) -> float:
+            bent = sizes[0] * x**2 + sizes[1] * x**3
+            return float(np.abs(bent - np.polyval(np.polyfit(x, bent, 1), x)).max())
+
+        size, sd = found.size(bow_mm)
+        if size >= LEAST_SHOWN_MM:
+            words = f"scale that changes along the axis, up to {size:.2f} mm"
+            yield Fault(motor_name(scene, found.where), "drift", size, sd, "mm", words)

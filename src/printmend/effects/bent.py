@@ -1,11 +1,12 @@
 """Guides that are not straight: low-order terms of the place on the bed (physics.md eq. 14)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, along
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found
 
 POWERS = ((2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 
@@ -32,3 +33,15 @@ class Bent:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        x, y = (
+            (np.array(each) - middle) / SCALE_MM
+            for each, middle in zip(scene.bed_span_mm, scene.middle_mm, strict=True)
+        )
+        corners = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        terms = np.stack([corners[:, 0] ** p * corners[:, 1] ** q for p, q in POWERS], axis=1)
+        size, sd = found.size(lambda sizes: float(np.hypot(*(sizes.reshape(2, -1) @ terms.T)).max()))
+        if size >= LEAST_SHOWN_MM:
+            words = f"bent guides, up to {size:.2f} mm at the corners of what was measured"
+            yield Fault("frame", "bow", size, sd, "mm", words)

@@ -1,11 +1,14 @@
 """Play that changes over the turn: a loose belt, or a loose set screw on an uneven pulley (eq. 7, 10)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives
+from printmend.effects.pulley import harmonic_faults, is_loose
+from printmend.effects.words import Fault, Found, amount, motor_name, those_of
 
 HARMONICS = np.arange(1.0, 17.0)
 
@@ -33,3 +36,15 @@ class Breathing:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        mean, sd, least, most = play_mm(beside, found.where, scene)
+        kind, name = (
+            ("loose-belt", "loose belt, play")
+            if is_loose(found)
+            else ("play-by-angle", "play that follows the motor's angle")
+        )
+        name += " and position" if those_of("friction", beside, found.where) else ""
+        words = f"{name} {amount(mean, sd)} ({least:.2f} to {most:.2f})"
+        yield Fault(motor_name(scene, found.where), kind, mean, sd, "mm", words)
+        yield from harmonic_faults(found, beside, scene)

@@ -1,13 +1,19 @@
 """A scanner whose carriage runs unevenly: places are off along each of its axes, by a process of the place there."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told
 
 COUNT = 24  # cosines over the picture, of a random process whose power falls with the square of the frequency
+
+RUNS = Message(
+    "the scanner's carriage runs unevenly along {a}, by up to {b} mm. That is taken out",
+    "der Schlitten des Scanners läuft längs {a} ungleich, um bis zu {b} mm. Das ist herausgerechnet",
+)
 
 
 class Carriage:
@@ -36,3 +42,9 @@ class Carriage:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return np.zeros_like(sizes)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        place = np.linspace(0.0, 1.0, 241)
+        series = np.cos(np.pi * place[:, None] * np.arange(1, COUNT + 1))
+        moved = np.hypot(*(series @ each for each in found.sizes_mm.reshape(2, -1)))
+        yield Told("carriage", RUNS("XY"[found.where], f"{moved.max():.2f}"), is_harmless=True)

@@ -1,14 +1,20 @@
 """A shift that slows down, as a set screw that gives way or a clamp that settles."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, carrier
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, carrier
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told, carrier_name
 
 STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
 TIMES = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)
+
+CREPT = Message(
+    "{a} crept by {b} mm, most of it in the first {c} % of the print: something gives way, as a set screw does, or "
+    "the machine warms up and is cold again when a print begins"
+)
 
 
 class Creep:
@@ -34,3 +40,8 @@ class Creep:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes * (rng.uniform(size=sizes.shape[1]) < STAYS)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        crept_mm = found.sizes_mm[0] * (1.0 - np.exp(-1.0 / found.shape[0]))  # what is slow is not at its end yet
+        soon = f"{100 * found.shape[0]:.0f}"
+        yield Told("creep", CREPT(carrier_name(scene, found.where), f"{crept_mm:+.2f}", soon))

@@ -1,13 +1,16 @@
 """A belt, or on a CoreXY an axis, that shifts evenly while it prints."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, carrier
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told, carrier_name
 
 STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
+
+DRIFTED = Message("{a} drifted evenly during the print, by {b} mm from the first point to the last")
 
 
 class Drift:
@@ -32,3 +35,6 @@ class Drift:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes * (rng.uniform(size=sizes.shape[1]) < STAYS)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        yield Told("linear", DRIFTED(carrier_name(scene, found.where), f"{found.sizes_mm[0]:+.2f}"))

@@ -1,11 +1,13 @@
 """A taut belt that stretches: odd harmonics of its pulley fade along it (physics.md eq. 8)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, held, onto_bed, waves
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, held, onto_bed, waves
 from printmend.effects.prior import alternatives
+from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
+from printmend.effects.words import NAMED_SIGMAS, Fault, Found, amount, motor_name
 
 HARMONICS = np.array([1.0, 3.0, 5.0])
 
@@ -34,3 +36,20 @@ class Elastic:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        """The largest wave, by how much it changes from one end to the other.
+
+        Where that of the pulley's eccentricity alone does, an idler of nearly the pulley's size would do the same.
+        """
+        low, high = found.shape
+        sizes, sds = wave_sizes(found)
+        largest = int(np.argmax(sizes))
+        size, sd = (float(each[largest]) * (high - low) / SCALE_MM for each in (sizes, sds))
+        if size < LEAST_EFFECT_MM:
+            return
+        what = "elastic belt: odd errors of the pulley fade along the axis"
+        if not (sizes > NAMED_SIGMAS * sds)[1:].any():
+            what = "elastic belt, or an idler of nearly the pulley's size: the pulley's error changes along the axis"
+        words = f"{what}, by {amount(size, sd)}"
+        yield Fault(motor_name(scene, found.where), "elastic", size, sd, "mm", words)

@@ -1,11 +1,13 @@
 """Lost motion that grows with the length of belt that friction stretches (physics.md eq. 9)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, held, onto_bed
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, held, onto_bed
+from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Fault, Found, amount, motor_name, those_of
 
 
 class Friction:
@@ -30,3 +32,10 @@ class Friction:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        if those_of("breathing", beside, found.where):
+            return
+        mean, sd, least, most = play_mm(beside, found.where, scene)
+        words = f"lost motion that grows along the axis {amount(mean, sd)} ({least:.2f} to {most:.2f})"
+        yield Fault(motor_name(scene, found.where), "friction", mean, sd, "mm", words)

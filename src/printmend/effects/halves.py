@@ -1,13 +1,19 @@
 """Two sheets that were measured as one: one part of the bed is off against the other."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, along
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import LEAST_SHOWN_MM, Found, Message, Told
 
 BORDERS = 25  # places of a border that are tried
+OTHER_SHARE = 0.1  # a shift along the other axis that is a smaller share is not said
+
+ONE_OFF = Message("{a} is off by {b} mm in the upper part of {c}, from {d} mm on")
+BOTH_OFF = Message("X is off by {a} mm and Y by {b} mm in the upper part of {c}, from {d} mm on")
+SHEETS = ". Two sheets measured as one show that, or a guide in two pieces: the model is without it"
 
 
 class Halves:
@@ -33,6 +39,15 @@ class Halves:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return np.zeros_like(sizes)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        least_mm = max(LEAST_SHOWN_MM, OTHER_SHARE * float(np.abs(found.sizes_mm).max()))
+        off = [(name, size) for name, size in zip("XY", found.sizes_mm, strict=True) if abs(size) >= least_mm]
+        where = "XY"[found.where], f"{found.shape[0]:.0f}"
+        if len(off) == 1:
+            yield Told("halves", ONE_OFF(off[0][0], f"{off[0][1]:+.2f}", *where) + SHEETS)
+        elif off:
+            yield Told("halves", BOTH_OFF(*(f"{size:+.2f}" for _, size in off), *where) + SHEETS)
 
 
 def borders_mm(scene: Scene, axis: int) -> np.ndarray:

@@ -1,11 +1,12 @@
 """An idler off its centre, or a belt whose error has a period of its own."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, finer_periods, periods_mm, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, finer_periods, onto_bed, periods_mm, waves
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Fault, Found, amount, motor_name
 
 SHORTEST_MM, LONGEST_MM = 12.0, 150.0  # of a period: no idler is smaller, no bed shows larger ones
 OWN_SHARE = 0.02  # a period nearer to a part of the turn is the pulley's own
@@ -37,3 +38,9 @@ class Idler:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        (period_mm,) = found.shape
+        size, sd = found.size(lambda sizes: float(np.hypot(*sizes)))
+        words = f"idler or belt uneven, every {period_mm:.1f} mm, by {amount(size, sd)}"
+        yield Fault(motor_name(scene, found.where), f"period-{period_mm:.1f}", size, sd, "mm", words)

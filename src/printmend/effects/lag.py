@@ -1,11 +1,17 @@
 """A head that has play in its guides, whichever motor turns."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told
+
+LAGS = Message(
+    "the head lags along {a} by {b} mm, whichever motor turns: a rail or the head has play, not a belt: look there "
+    "first"
+)
 
 
 class Lag:
@@ -29,3 +35,6 @@ class Lag:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        yield Told("rail-play", LAGS("XY"[found.where], f"{abs(found.sizes_mm[0]):.2f}"))

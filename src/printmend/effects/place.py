@@ -1,11 +1,12 @@
 """A belt that sits elsewhere: the end stop moved, or the belt rests within its play."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Fault, Found, amount, motor_name
 
 
 class Place:
@@ -30,3 +31,11 @@ class Place:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        """A shift is said of a motor that has nothing else: with any other fault it goes with that."""
+        others = [each for each in beside if each.acts and each is not found and each.where == found.where]
+        if scene.placed and not others:
+            value, sd = found.size(lambda sizes: float(sizes[0]))
+            words = f"shifted by {amount(value, sd)}"
+            yield Fault(motor_name(scene, found.where), "offset", value, sd, "mm", words)

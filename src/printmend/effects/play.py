@@ -1,11 +1,12 @@
 """A belt, shaft or head that stays behind when its motor turns round (physics.md eq. 7)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
+from printmend.effects.words import PLACES, Fault, Found, along_motor_mm, amount, motor_name, those_of
 
 
 class Play:
@@ -29,3 +30,25 @@ class Play:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        if not those_of("breathing", beside, found.where) and not those_of("friction", beside, found.where):
+            mean, sd, *_ = play_mm(beside, found.where, scene)
+            yield Fault(motor_name(scene, found.where), "play", mean, sd, "mm", f"belt play {amount(mean, sd)}")
+
+
+def play_mm(beside: Sequence[Found], motor: int, scene: Scene) -> tuple[float, float, float, float]:
+    """Return the mean play of one motor along what was seen, its standard deviation, and the least and the most."""
+    at = np.zeros((PLACES, 2))
+    at[:, motor] = along_motor_mm(scene, motor)
+    side, none = np.ones((PLACES, 2)), np.zeros((PLACES, 2))
+    places = Places(at, side, none, none, none, np.zeros(PLACES), np.zeros(PLACES), none)
+    whole, drawn = np.zeros(PLACES), np.zeros(1)
+    for name in ("play", "friction", "breathing"):
+        for each in those_of(name, beside, motor):
+            moved = each.columns(places, scene)
+            belt = 2 * np.asarray(scene.printer.to_motor(np.moveaxis(moved, 2, 1))[:, :, motor])
+            whole = whole + belt @ each.sizes_mm
+            drawn = drawn + belt.mean(axis=0) @ each.draws_mm
+    whole = np.maximum(whole, 0.0)
+    return float(whole.mean()), float(drawn.std()), float(whole.min()), float(whole.max())

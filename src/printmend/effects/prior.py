@@ -31,12 +31,14 @@ def alternatives(
     shapes: Sequence[tuple[float, ...]],
     *profiles: Sequence[float],
     share: float | None = None,
+    sd_mm: float | None = None,
 ) -> Iterator[Term]:
     """Yield a term for each shape, profile and share of the usual size, as alternatives of one another.
 
-    A profile [P] holds the sizes' standard deviations relative to the table's. ``share`` is the table's unless given.
+    A profile [P] holds the sizes' standard deviations relative to the usual one. ``share`` and ``sd_mm`` are the
+    table's unless given; an effect of another package gives both.
     """
-    mild, sd = _table()["mild"], size_mm(name)
+    mild, sd = _table()["mild"], size_mm(name) if sd_mm is None else sd_mm
     chance = share_of(name) if share is None else share
     log_odds = math.log(chance / max(1.0 - chance, 1e-6)) - math.log(len(shapes) * len(profiles) * len(mild))
     for shape in shapes:

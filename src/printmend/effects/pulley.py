@@ -1,11 +1,12 @@
 """A pulley that is not round about its shaft: eccentric, oval, cornered (physics.md eq. 2)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed, waves
 from printmend.effects.prior import alternatives
+from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, motor_name, those_of
 
 HARMONICS = np.arange(1.0, 33.0)  # corners of a pulley need so many
 FOLDS = (2, 3, 4, 5, 6)  # of symmetric pulleys: oval, three-cornered, …
@@ -17,6 +18,13 @@ def profiles() -> list[np.ndarray]:
     plain = HARMONICS**-2.5
     symmetric = [np.where(HARMONICS % fold == 0, 1.0, OFF_FOLD) * plain for fold in FOLDS]
     return [plain, HARMONICS**-4.0, np.where(HARMONICS == 1, 1.0, OFF_FOLD) * plain, *symmetric]
+
+
+LEAST_EFFECT_MM = 0.003  # a wave that shifts a print by less is not named: no print shows it
+EVEN_SHARE = 0.25  # share of the odd harmonics of its play that the even ones of a loose belt may have
+NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
+NEAR_SHARE = 0.02  # a turn that differs from the printer's by less is its pulley's
+_SHAPES = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
 
 
 class Pulley:
@@ -40,3 +48,55 @@ class Pulley:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        """The largest harmonics c_k; those of a loose belt's play are twice the pulley's odd ones."""
+        yield from harmonic_faults(found, beside, scene)
+
+
+def shape_words(order: int) -> str:
+    """Return what a pulley is whose error comes so many times a turn."""
+    return _SHAPES.get(order, f"uneven {order} times a turn, by")
+
+
+def wave_sizes(found: Found) -> tuple[np.ndarray, np.ndarray]:
+    """Return the amplitudes [K] of a Fourier series, all cosines first, and their standard deviations [K]."""
+    cos, sin = found.sizes_mm.reshape(2, -1)
+    sds = found.draws_mm.std(axis=1).reshape(2, -1)
+    return np.asarray(np.hypot(cos, sin)), np.asarray(np.sqrt(np.mean(sds**2, axis=0)))
+
+
+def is_loose(breathing: Found) -> bool:
+    """Tell whether play breathes as on a loose belt, whose two spans differ in odd harmonics alone (eq. 6)."""
+    sizes, sds = wave_sizes(breathing)
+    odd, even = sizes[0::2], sizes[1::2]
+    return bool(np.linalg.norm(even) < max(EVEN_SHARE * np.linalg.norm(odd), NAMED_SIGMAS * np.linalg.norm(sds[1::2])))
+
+
+def harmonic_faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+    """Name the largest harmonics of the pulley of one motor, once for its own error and that of a loose belt's play."""
+    motor = found.where
+    loose = [each for each in those_of("breathing", beside, motor) if is_loose(each)]
+    parts = [*((each, 1.0) for each in those_of("pulley", beside, motor)), *((each, 0.5) for each in loose)]
+    if not parts or parts[0][0] is not found:
+        return
+    sizes: dict[int, tuple[float, float]] = {}
+    for part, share in parts:
+        for order, (amplitude, sd) in enumerate(zip(*wave_sizes(part), strict=True), 1):
+            size, sd = amplitude * share * order, sd * share * order
+            if size > max(NAMED_SIGMAS * sd, LEAST["mm"], LEAST_EFFECT_MM * order, sizes.get(order, (0.0, 0.0))[0]):
+                sizes[order] = size, sd
+    name, turn_mm = motor_name(scene, motor), scene.turns_mm[motor]
+    if sizes and abs(turn_mm / scene.printer.axes[motor].mm_per_turn - 1) >= NEAR_SHARE:
+        order = max(sizes, key=lambda k: sizes[k][0] / k)
+        size, sd = (each / order for each in sizes[order])
+        words = f"idler or pulley uneven, every {turn_mm / order:.1f} mm, by {amount(size, sd)}"
+        yield Fault(name, f"period-{turn_mm / order:.1f}", size, sd, "mm", words)
+        return
+    largest = sorted(sizes, key=lambda k: -sizes[k][0])
+    finer = len(largest) - NAMED_HARMONICS
+    named = sorted(largest[:NAMED_HARMONICS])
+    for order in named:
+        words = f"{'pulley ' if order == named[0] else ''}{shape_words(order)} {amount(*sizes[order])}"
+        more = f" and {finer} finer" if finer > 0 and order == named[-1] else ""
+        yield Fault(name, f"harmonic-{order}", *sizes[order], "mm", words + more)

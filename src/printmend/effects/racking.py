@@ -1,11 +1,22 @@
 """A gantry that lags on one side, or one of two motors that is loose."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, along
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told, span_mm
+
+ACROSS_SHARE = 2.0  # a gantry racks across where that error is so many times the one along
+RACKS = Message(
+    "the play of {a} changes by {b} mm from one end of {c} to the other: the gantry racks, or one of two motors is "
+    "loose"
+)
+ACROSS = Message(
+    "where {a} comes to lie depends on which way {b} moved before, the more the nearer to its ends, by up to {c} "
+    "mm: the gantry racks"
+)
 
 
 class Racking:
@@ -31,3 +42,11 @@ class Racking:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        along_mm, across_mm = found.sizes_mm * span_mm(scene, 1 - found.where) / SCALE_MM
+        mine, other = "XY"[found.where], "XY"[1 - found.where]
+        if abs(across_mm) > ACROSS_SHARE * abs(along_mm):
+            yield Told("racking-across", ACROSS(other, mine, f"{abs(across_mm) / 2:.2f}"))
+        else:
+            yield Told("racking", RACKS(mine, f"{along_mm:+.2f}", other))

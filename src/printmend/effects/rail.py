@@ -1,11 +1,12 @@
 """A guide that is wavy: it pushes the head aside along the axis that runs on it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, finer_periods, periods_mm, Places, Scene, Term, along, waves
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, along, finer_periods, periods_mm, waves
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Fault, Found, is_first, those_of
 
 SHORTEST_MM, LONGEST_MM = 25.0, 300.0
 
@@ -22,7 +23,9 @@ class Rail:
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):
             low, high = scene.bed_span_mm[axis]
-            shapes = [(float(each),) for each in periods_mm(SHORTEST_MM, min(LONGEST_MM, 1.2 * (high - low)), high - low)]
+            shapes = [
+                (float(each),) for each in periods_mm(SHORTEST_MM, min(LONGEST_MM, 1.2 * (high - low)), high - low)
+            ]
             if shapes:
                 yield from alternatives(self.name, axis, shapes, (1.0,) * (4 if scene.corexy else 2))
 
@@ -36,3 +39,17 @@ class Rail:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        if is_first(found, (self.name,), beside):
+            rails = those_of(self.name, beside)
+            size = float(sum(_largest_mm(each.sizes_mm) for each in rails))
+            sd = float(np.std([[_largest_mm(one) for one in each.draws_mm.T] for each in rails], axis=1).max())
+            lengths = " and ".join(f"{each.shape[0]:.0f}" for each in rails)
+            words = f"wavy guides, up to {size:.2f} mm, every {lengths} mm"
+            yield Fault("frame", "wavy", size, sd, "mm", words)
+
+
+def _largest_mm(sizes: np.ndarray) -> float:
+    """Return by how much waves [2] or [4], cosine and sine by turns, push at most."""
+    return float(np.linalg.norm(np.hypot(sizes[0::2], sizes[1::2])))

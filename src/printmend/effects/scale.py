@@ -1,11 +1,14 @@
 """A motor that goes too far or not far enough: steps per mm, or a pulley of another size."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, onto_bed
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Fault, Found, amount, motor_name
+
+TOOTH_MM = 2.0  # of a GT2 belt: a pulley has a whole number of them
 
 
 class Scale:
@@ -30,3 +33,13 @@ class Scale:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        percent, sd = found.size(lambda sizes: float(sizes[0]))  # mm in 100 mm
+        turn_mm, own_mm = scene.turns_mm[found.where], scene.printer.axes[found.where].mm_per_turn
+        toothed = abs(turn_mm / TOOTH_MM - round(turn_mm / TOOTH_MM)) < 1e-9  # else an idler's turn, or the belt's
+        radius = (turn_mm if toothed else own_mm) / (2 * np.pi)
+        digits = 3 if abs(radius * percent / 100) >= 0.001 else 4  # never a number instead of itself
+        said = amount(radius * (1 + percent / 100), radius * sd / 100)
+        words = f"pulley radius {said} instead of {radius:.{digits}f}"
+        yield Fault(motor_name(scene, found.where), "scale", percent, sd, "%", words)

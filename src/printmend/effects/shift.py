@@ -1,11 +1,17 @@
 """A plate that was shifted, or a nozzle with an offset: everything lies elsewhere than home says."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told
+
+MOVED = Message(
+    "everything lies ({a}, {b}) mm from where home says: the plate was shifted or turned, or the nozzle has an "
+    "offset. That is taken out"
+)
 
 
 class Shift:
@@ -30,3 +36,7 @@ class Shift:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return np.zeros_like(sizes)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        words = MOVED(*(f"{each:+.2f}" for each in found.sizes_mm))
+        yield Told("moved", words, is_harmless=True)

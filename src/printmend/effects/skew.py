@@ -1,11 +1,12 @@
 """Axes that are not square (physics.md eq. 14)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, along
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Fault, Found, amount, is_first, those_of
 
 
 class Skew:
@@ -30,3 +31,10 @@ class Skew:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        if is_first(found, (self.name,), beside):
+            leans = those_of(self.name, beside)
+            value = float(np.degrees(sum(np.arctan(each.sizes_mm[0] / SCALE_MM) for each in leans)))
+            sd = float(np.degrees(np.std(sum(each.draws_mm[0] for each in leans))) / SCALE_MM)
+            yield Fault("frame", "skew", value, sd, "°", f"skewed by {amount(value, sd, '°')}")

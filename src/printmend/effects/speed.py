@@ -1,13 +1,17 @@
 """An error that long, fast moves have and short ones have not."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told, carrier_name
 
 LONG_MM = 10.0  # on longer moves the head reaches its speed
+
+BACK = Message("{a} lies {b} mm further back after long, fast moves than after short ones: slower travels make it less")
+ON = Message("{a} lies {b} mm further on after long, fast moves than after short ones: slower travels make it less")
 
 
 class Speed:
@@ -32,3 +36,8 @@ class Speed:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        size = float(found.sizes_mm[0])
+        say = BACK if size > 0 else ON
+        yield Told("speed", say(carrier_name(scene, found.where), f"{abs(size) / 2:.2f}"))

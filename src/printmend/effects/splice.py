@@ -1,14 +1,26 @@
 """A joint or a dent of the belt: past one place all lies further, reached evenly over a width."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, onto_bed
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, onto_bed
 from printmend.effects.prior import alternatives
+from printmend.effects.words import SOON_MM, Care, Fault, Found, Message, amount, motor_name
 
 STEP_MM = 5.0  # distance of the places that are tried
 WIDTH_MM = 4.0  # that is tried first: others are looked for about it
+
+TITLE = Message("{a} belt has a joint or a dent", "Der Riemen von {a} hat eine Verbindungsstelle oder eine Delle")
+MEANING = Message(
+    "Past one place along {a} all lies {b} mm further, there and back.",
+    "Von einer Stelle längs {a} an liegt alles {b} mm weiter, hin wie zurück.",
+)
+REPLACE = Message(
+    "Look along the belt for a joint, a dent or a missing tooth; replace the belt.",
+    "Den Riemen nach einer Verbindungsstelle, einer Delle oder einem fehlenden Zahn absuchen; ihn ersetzen.",
+)
+NO_REPAIR = Message("Nothing to replace.")
 
 
 class Splice:
@@ -42,3 +54,17 @@ class Splice:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+        at, _ = found.shape
+        size, sd = found.size(lambda sizes: float(sizes[0]))
+        words = f"a joint or dent of the belt at {at:.0f} mm, {amount(size, sd)}"
+        yield Fault(motor_name(scene, found.where), "splice", size, sd, "mm", words)
+
+    def advice(self, fault: Fault, where: str) -> Care | None:
+        """Say what a joint of the belt does, and that the belt is to be replaced where it is large."""
+        if fault.kind != "splice":
+            return None
+        size_mm = abs(fault.value)
+        repair = REPLACE() if size_mm >= SOON_MM else NO_REPAIR()
+        return Care(TITLE(where), MEANING(where, f"{size_mm:.2f}"), size_mm, repair)

@@ -1,14 +1,17 @@
 """A motor that slipped, a plate that was pushed: all is off from one moment on."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, carrier
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, carrier
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told, carrier_name
 
 STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
 BREAKS = np.arange(0.04, 0.97, 0.02)
+
+SUDDENLY = Message("{a} was suddenly off by {b} mm after {c} % of the print")
 
 
 class Step:
@@ -34,3 +37,7 @@ class Step:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes * (rng.uniform(size=sizes.shape[1]) < STAYS)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        size, done = f"{found.sizes_mm[0]:+.2f}", f"{100 * found.shape[0]:.0f}"
+        yield Told("step", SUDDENLY(carrier_name(scene, found.where), size, done))

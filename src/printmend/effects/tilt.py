@@ -1,11 +1,17 @@
 """A head or gantry that tilts: where one axis lies depends on the way the other one came."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told
+
+TILTS = Message(
+    "where {a} comes to lie depends on which way {b} moved before, by {c} mm: the head or the gantry tilts: "
+    "tighten its wheels"
+)
 
 
 class Tilt:
@@ -29,3 +35,7 @@ class Tilt:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        size = f"{abs(found.sizes_mm[0]):.2f}"
+        yield Told("direction", TILTS("XY"[1 - found.where], "XY"[found.where], size))

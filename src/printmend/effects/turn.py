@@ -1,13 +1,22 @@
 """A plate that lay turned: everything turns about the middle of the bed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told
 
 ALWAYS = 0.999  # nobody knows how a sheet lay on a scanner
+
+TURNED = Message(
+    "everything is turned by {a}°, which no printer does: the plate, or the camera, lay turned. That is taken out"
+)
+TURNED_COREXY = Message(
+    "everything is turned by {a}°, which a printer does only if its frame is skewed and its pulleys differ in size "
+    "as well: more likely the plate, or the camera, lay turned. That is taken out"
+)
 
 
 class Turn:
@@ -31,3 +40,8 @@ class Turn:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return np.zeros_like(sizes)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        if scene.placed:  # else nobody knows how the sheet lay
+            turned = f"{np.degrees(np.arctan(found.sizes_mm[0] / SCALE_MM)):+.2f}"
+            yield Told("turned", (TURNED_COREXY if scene.corexy else TURNED)(turned), is_harmless=True)

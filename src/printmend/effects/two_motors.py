@@ -1,11 +1,17 @@
 """One axis that two motors drive, with pulleys that differ."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, SCALE_MM, Scene, Term, onto_bed, waves
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, onto_bed, waves
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told, carrier_name, span_mm
+
+DIFFER = Message(
+    "the turn of {a} looks different at the two ends of {b}: two motors of one axis, with pulleys that differ by "
+    "up to {c} mm"
+)
 
 
 class TwoMotors:
@@ -31,3 +37,9 @@ class TwoMotors:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        turn = waves(np.linspace(0.0, scene.turns_mm[found.where], 120), scene.turns_mm[found.where], np.arange(1, 4))
+        differ_mm = np.abs(turn @ found.sizes_mm).max() * span_mm(scene, 1 - found.where) / SCALE_MM
+        other = carrier_name(scene, 1 - found.where)
+        yield Told("two-motors", DIFFER(carrier_name(scene, found.where), other, f"{differ_mm:.2f}"))

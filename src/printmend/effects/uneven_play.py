@@ -1,12 +1,18 @@
 """More play in one part of the bed than in the other."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, about, Places, Scene, Term, onto_bed
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, onto_bed
 from printmend.effects.halves import borders_mm
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told, carrier_name
+
+MORE = Message(
+    "{a} has {b} mm more play in the upper part of {c}: the model has that of the lower part",
+    "{a} hat im oberen Teil von {c} {b} mm mehr Spiel: Das Modell hat das des unteren Teils",
+)
 
 
 class UnevenPlay:
@@ -35,3 +41,7 @@ class UnevenPlay:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        words = MORE(carrier_name(scene, found.where), f"{found.sizes_mm[0]:+.2f}", "XY"[int(found.shape[0])])
+        yield Told("halves-play", words)

@@ -1,13 +1,16 @@
 """Something that wanders with time, of which nobody knows what it is: a random walk."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told
 
 COUNT = 24
+
+WANDERS = Message("the measurement of {a} wanders, by {b} mm. Fix what measures, let it warm up, and measure again")
 
 
 class Wander:
@@ -31,3 +34,7 @@ class Wander:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes * rng.choice([-1.0, 1.0], size=sizes.shape)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        size_mm = float(np.sqrt(np.square(found.sizes_mm).sum() / 2))
+        yield Told("walk", WANDERS("XY"[found.where], f"{size_mm:.2f}"))

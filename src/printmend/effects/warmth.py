@@ -1,13 +1,17 @@
 """A machine that grows as it warms up, and is cold again when a print begins."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, about, Places, SCALE_MM, Scene, Term, along
+from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, about, along
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told, span_mm
 
 TIMES = (0.1, 0.25, 0.7)  # shares of the print
+
+GREW = Message("{a} grew by {b} mm from end to end while the print went on, as a machine that warms up does")
+MOVED = Message("{a} moved by {b} mm while the print went on, as a machine that warms up does")
 
 
 class Warmth:
@@ -34,3 +38,12 @@ class Warmth:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        """The axis that grew or moved most."""
+        course = 1.0 - np.exp(-1.0 / found.shape[0])
+        grown = course * found.sizes_mm[:2] * [span_mm(scene, axis) / SCALE_MM for axis in range(2)]
+        moved = course * found.sizes_mm[2:]
+        which = int(np.argmax(np.abs([*grown, *moved])))
+        say, size = (GREW if which < 2 else MOVED), [*grown, *moved][which]
+        yield Told("thermal", say("XY"[which % 2], f"{size:+.2f}"))

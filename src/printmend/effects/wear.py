@@ -1,11 +1,18 @@
 """Play that grows while it prints, as where something comes loose."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told, carrier_name
+
+LOOSE = Message("the play of {a} changed by {b} mm while the print went on: something comes loose")
+STICKS = Message(
+    "the play of {a} changed by {b} mm while the print went on: no printing makes play smaller, so it goes with "
+    "the moves, as where an axis sticks and slips"
+)
 
 
 class Wear:
@@ -29,3 +36,8 @@ class Wear:
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        size = float(found.sizes_mm[0])
+        kind, say = ("wear", LOOSE) if size > 0 else ("sticking", STICKS)
+        yield Told(kind, say(carrier_name(scene, found.where), f"{size:+.2f}"))

@@ -202,9 +202,7 @@ def _searched(
     return Fit(scene, places, rows, contacts, search, state, mechanism)
 
 
-def _as_before(
-    dictionary: Dictionary, last: Fit, places: Places, rows: Rows, scene: Scene
-) -> tuple[Dictionary, Set]:
+def _as_before(dictionary: Dictionary, last: Fit, places: Places, rows: Rows, scene: Scene) -> tuple[Dictionary, Set]:
     """Return the dictionary with the finer shapes of the last pass, and the last set in it."""
     known = {(block.effect, block.where, block.shape): b for b, block in enumerate(dictionary.blocks)}
     members = []

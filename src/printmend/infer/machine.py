@@ -36,9 +36,7 @@ def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[B
     return mechanism, (drives[0][1], drives[1][1])
 
 
-def _from_home(
-    scene: Scene, parts: Sequence[Sized]
-) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
+def _from_home(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
     """Return the machine that the end stops put right, with each belt as far from there as it rests."""
     moved = [part for part in parts if not EFFECTS[part.effect].from_home]
     mechanism, series = machine_of(replace(scene, homed=False), [part for part in parts if part not in moved])
@@ -160,7 +158,9 @@ def _frame(scene: Scene, parts: Sequence[Sized]) -> Frame:
         bed = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         none = np.zeros_like(bed)
         places = Places(none, none, bed, none, none, np.zeros(len(bed)), np.zeros(len(bed)), none)
-        moved = sum(EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm for part in held)
+        moved = sum(
+            EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm for part in held
+        )
         coefficients = np.linalg.lstsq(Frame().terms(bed), np.asarray(moved), rcond=None)[0].T
         coefficients[np.abs(coefficients) < 1e-9] = 0.0
     return Frame(coefficients, waves=np.array(waves).reshape(-1, 6))

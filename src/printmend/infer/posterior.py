@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Scene
+from printmend.effects import EFFECTS, Acts, Scene
 from printmend.infer.fit import Fit
 from printmend.infer.machine import Sized
 from printmend.infer.search import Gains, Set

@@ -58,7 +58,9 @@ class Search:
     def posterior(self, members: Set, sigma_mm: float, *, rounds: int = 3) -> State:
         """Return the posterior of a set, the noise found by ``rounds`` of expectation and maximisation."""
         blocks = self.dictionary.blocks
-        columns = np.concatenate([np.arange(blocks[b].at.start, blocks[b].at.stop) for b, _ in members] or [[]]).astype(int)
+        columns = np.concatenate([np.arange(blocks[b].at.start, blocks[b].at.stop) for b, _ in members] or [[]]).astype(
+            int
+        )
         sd = np.concatenate([blocks[b].sds_mm[v] for b, v in members] or [[]])
         odds = sum(float(blocks[b].log_odds[v]) for b, v in members)
         matrix, slope = self.gram.matrix[np.ix_(columns, columns)], self.gram.slope[columns]
@@ -93,7 +95,9 @@ class Search:
             index, sds = group.columns[mine], group.sds_mm[mine]
             information = self.gram.matrix[index[:, :, None], index[:, None, :]] / variance
             if len(state.columns):
-                information = information - np.einsum("abq,abr->bqr", crossing[:, index], after[:, index], optimize=True)
+                information = information - np.einsum(
+                    "abq,abr->bqr", crossing[:, index], after[:, index], optimize=True
+                )
             gains = _gains(information, slope[index], sds) + group.log_odds[mine]
             which = np.repeat(group.blocks[mine], sds.shape[1]), np.tile(np.arange(sds.shape[1]), int(mine.sum()))
             found.append((np.stack(which, axis=1), gains.ravel()))

@@ -67,7 +67,7 @@ def calliper_section(distances: Distances, readings_mm: np.ndarray, printer: Pri
     for motor in range(2):
         mine, known = drawn[motor * OWN : (motor + 1) * OWN], acts[motor * len(NAMES) : (motor + 1) * len(NAMES)]
         waves, acting = np.zeros((2, len(ROUNDS), DRAWS)), np.zeros((2, len(ROUNDS)))
-        at = [int(np.flatnonzero(ROUNDS == k)[0]) for k in HARMONICS]
+        at = [int(np.flatnonzero(k == ROUNDS)[0]) for k in HARMONICS]
         waves[0, at], waves[1, at] = mine[3::2], mine[2::2]  # the callipers' sine comes first
         acting[:, at[0]] = known[3], known[2]
         parts += [

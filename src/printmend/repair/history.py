@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from printmend.diagnosis.advice import REPAIR_MM, SOON_MM, advise
-from printmend.diagnosis.diagnosis import NamedFault, kind_words
+from printmend.diagnosis.named import kind_words
+from printmend.effects.words import Fault as NamedFault
 from printmend.errors import ModelError
 from printmend.files import read_text, replacing
 from printmend.saved.model import SavedModel

@@ -11,6 +11,7 @@ from typing import IO
 
 import numpy as np
 
+from printmend.effects import EFFECTS
 from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
@@ -21,7 +22,6 @@ from printmend.gcode.write import Plan, follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.printer import Printer
 from printmend.printer.known import printers_named
-from printmend.effects import EFFECTS
 from printmend.promise.misfit import refusals
 from printmend.promise.words import in_words
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt

@@ -7,7 +7,7 @@ import numpy as np
 
 import printmend
 from printmend.diagnosis.advice import Advice, advise
-from printmend.diagnosis.diagnosis import NamedFault
+from printmend.effects.words import Fault as NamedFault
 from printmend.diagnosis.portrait import Portrait, portrait
 from printmend.diagnosis.standard import Circle, Positioning, circle, positioning
 from printmend.errors import InputError, TraceError

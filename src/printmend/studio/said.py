@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from printmend.diagnosis.advice import Advice, advise
-from printmend.diagnosis.diagnosis import NamedFault
+from printmend.effects.words import Fault as NamedFault
 from printmend.machine import Mechanism
 from printmend.promise.apply import still_words
 from printmend.promise.misfit import misfit_words, said_of

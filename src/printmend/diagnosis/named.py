@@ -1,0 +1,270 @@
+"""What is believed of a printer, in words: faults that act, and what does not fit a machine at all.
+
+Each effect says these words itself (`effects.words`). Here its drawn machines are gathered, and what cannot be told
+apart is said together: alternatives that no drawn machine has both of.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from printmend.effects import EFFECTS, Acts, Of, Places, Scene
+from printmend.effects.effect import LONG_MOVE_MM, SCALE_MM
+from printmend.effects.pulley import shape_words
+from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
+from printmend.infer.posterior import Part
+from printmend.promise.misfit import NOTE, SEVERITIES, WARNING, Misfit
+
+CERTAIN = 0.95  # share of the drawn machines from which on an effect is certain
+TOLD = 0.5  # … and from which on one that cannot act is told by itself
+EITHER = (0.1, 0.9)  # shares of the drawn machines between which an effect is an alternative to another one
+TOGETHER = 0.1  # share of the rarer alternative's machines that may have both
+LEAST_COST_MM = 0.018  # root mean square on a print from which on an owner sees what cannot act
+WARNED_MM = 0.03  # … and from which on it is a warning
+PLACES = 600  # drawn places of a print on which the size of an effect is taken
+COVERED_SHARE = 0.6  # share of an axis of the bed that a print must span
+UNSEEN = "unseen"  # the kind of the note about the rest
+SELDOM = 0.01  # chance of an effect's absence that counts for its evidence where every drawn machine has it
+SILENT = ("origin", "stretch")  # of instruments that do not know their place or scale: this is said beside the scale
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was learned: the faults, one sentence about them, and one for each thing that the trace could not tell."""
+
+    faults: tuple[Fault, ...]
+    summary: str
+    gaps: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """An effect with all its alternatives in shape; ``there`` [D] says which drawn machines have one of them."""
+
+    found: Found
+    there: np.ndarray
+
+    @property
+    def is_open(self) -> bool:
+        return EITHER[0] <= self.found.chance <= EITHER[1]
+
+    def excludes(self, other: "_Group") -> bool:
+        """Tell whether the drawn machines have either of two effects, and hardly ever both."""
+        both, fewer = (self.there & other.there).sum(), min(self.there.sum(), other.there.sum())
+        return bool(both <= TOGETHER * fewer)
+
+
+def diagnose(parts: Sequence[Part], scene: Scene, gaps: Sequence[str] = ()) -> Diagnosis:
+    """Return the faults that act in one sentence, motor by motor; ``gaps`` is what the trace could not tell."""
+    faults = faults_of(parts, scene)
+    said = {
+        name: ", ".join(fault.words for fault in faults if fault.part == name)
+        for name in (*scene.printer.motors, "frame")
+    }
+    motors = [f"{name.upper()} {said[name] or 'healthy'}" for name in scene.printer.motors]
+    summary = "; ".join([*motors, *([f"frame {said['frame']}"] if said["frame"] else [])])
+    return Diagnosis(tuple(faults), summary, tuple(gaps))
+
+
+def kind_words(kind: str) -> str:
+    """Return a fault's kind in words: ``harmonic-1`` is a pulley that is eccentric."""
+    name, _, order = kind.partition("-")
+    if name == "harmonic" and order.isdigit():
+        return f"pulley {shape_words(int(order))}"
+    return kind
+
+
+def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
+    """Name the faults that act, motor by motor and the frame last; one that another effect explains as well says so."""
+    groups = _groups(parts)
+    beside = [each.found for each in groups]
+    named: list[Fault] = []
+    for group in groups:
+        if not group.found.acts:
+            continue
+        faults = [fault for fault in _faults(group.found, beside, scene) if _is_named(fault)]
+        other = _other_words(group, groups, scene)
+        named += [replace(fault, words=f"{fault.words} (or {other})") if other else fault for fault in faults]
+    order = [*scene.printer.motors, "frame"]
+    return sorted(named, key=lambda fault: order.index(fault.part) if fault.part in order else len(order))
+
+
+def misfits_of(
+    parts: Sequence[Part], scene: Scene, nats: Sequence[float] = (), *, turned_rad: float = 0.0
+) -> list[Misfit]:
+    """Say what cannot act: of the print, of the measurement, or of the printer but held by no mechanism.
+
+    ``nats`` say how well the first of the parts are supported. ``turned_rad`` is by how much the measurement was turned
+    back before its effects were looked for.
+    """
+    groups = _groups(parts, _with_turn(parts, turned_rad))
+    beside = [each.found for each in groups]
+    evidence = {(part.effect, part.where): each for part, each in zip(parts, nats, strict=False)}
+    places = _places(scene)
+    found: list[Misfit] = []
+    said: list[_Group] = []
+    for group in sorted(groups, key=lambda each: -each.found.chance):
+        one = group.found
+        rivals = [
+            each for each in groups if each is not group and group.is_open and each.is_open and group.excludes(each)
+        ]
+        if one.law.acts is not Acts.NOT or any(each in said or each.found.acts for each in rivals):
+            continue
+        chance = float(np.mean(np.any([group.there, *(each.there for each in rivals)], axis=0)))
+        if chance < TOLD or not _is_sure(group):
+            continue
+        size_mm = _size_mm(one, places, scene)
+        nats_of = evidence.get((one.effect, one.where), float(np.log(chance / max(1 - chance, SELDOM))))
+        for told in _told(one, beside, scene):
+            words = ", or ".join([told.words, *_words(rivals, beside, scene)])
+            words = words if chance >= CERTAIN or rivals else f"{words} (likely, not certain)"
+            if size_mm >= LEAST_COST_MM or told.is_harmless:
+                severity = WARNING if size_mm >= WARNED_MM and not told.is_harmless else NOTE
+                found.append(Misfit(told.kind, severity, size_mm, nats_of, words))
+                said.append(group)
+    found = [*_one_of_each(found), *unseen(scene)]
+    return sorted(found, key=lambda each: (-SEVERITIES.index(each.severity), -each.size_mm))
+
+
+def unseen(scene: Scene) -> list[Misfit]:
+    """Say which part of the bed was never measured."""
+    parts = []
+    for axis, name, (low, high) in zip(scene.printer.axes[:2], "XY", scene.bed_span_mm, strict=True):
+        if high - low < COVERED_SHARE * (axis.max_mm - axis.min_mm):
+            parts.append(f"{name} from {low:.0f} to {high:.0f} mm of {axis.min_mm:.0f} to {axis.max_mm:.0f}")
+    if not parts:
+        return []
+    words = f"only {' and '.join(parts)} was measured: elsewhere the printer is thought to go on as it does there"
+    return [Misfit(UNSEEN, NOTE, 0.0, 0.0, words)]
+
+
+def _groups(parts: Sequence[Part], more: Sequence[Part] = ()) -> list[_Group]:
+    """Return the effects with their alternatives in shape put together; those that act first, as they come."""
+    left = sorted([*parts, *more], key=lambda part: (not part.acts_mm.any(), -part.chance))
+    left = [part for part in left if part.draws_mm.any() and part.effect in EFFECTS]
+    groups: list[_Group] = []
+    while left:
+        first, *rest = left
+        there, draws, left = first.draws_mm.any(axis=0), first.draws_mm, []
+        for part in rest:
+            has = part.draws_mm.any(axis=0)
+            same = (part.effect, part.where, len(part.draws_mm)) == (first.effect, first.where, len(first.draws_mm))
+            if same and not (has & there).any():
+                there, draws = there | has, draws + part.draws_mm
+            else:
+                left.append(part)
+        acts = bool(first.acts_mm.any())
+        mean = first.draws_mm[:, first.draws_mm.any(axis=0)].mean(axis=1)
+        found = Found(
+            EFFECTS[first.effect],
+            first.where,
+            first.shape,
+            first.acts_mm if acts else mean,
+            draws,
+            float(there.mean()),
+            acts,
+        )
+        groups.append(_Group(found, there))
+    return groups
+
+
+def _with_turn(parts: Sequence[Part], turned_rad: float) -> list[Part]:
+    """Return the turn that was taken out beforehand as a part, where none is left to be told."""
+    if not turned_rad or any(part.effect == "turn" for part in parts):
+        return []
+    size = np.full((1, parts[0].draws_mm.shape[1] if parts else 1), SCALE_MM * np.tan(turned_rad))
+    return [Part("turn", 0, (), np.zeros(1), size)]
+
+
+def _faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
+    if hasattr(found.law, "faults"):
+        yield from found.law.faults(found, beside, scene)
+        return
+    places = _places(scene)
+    size, sd = found.size(lambda sizes: _moved_mm(found, sizes, places, scene))
+    part = scene.printer.motors[found.where] if found.law.acts is Acts.DRIVE else "frame"
+    yield Fault(part, found.effect, size, sd, "mm", f"{_plain(found)} {size:.2f} mm")
+
+
+def _told(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+    if hasattr(found.law, "told"):
+        yield from found.law.told(found, beside, scene)
+    elif found.effect not in SILENT:
+        where = carrier_name(scene, found.where)
+        harmless = found.law.of is Of.INSTRUMENT
+        yield Told(
+            found.effect, f"{where} shows {_plain(found)}, {_size_mm(found, _places(scene), scene):.2f} mm", harmless
+        )
+
+
+def _plain(found: Found) -> str:
+    return found.effect.replace("_", " ")
+
+
+def _is_named(fault: Fault) -> bool:
+    return abs(fault.value) > max(NAMED_SIGMAS * fault.sd, LEAST.get(fault.unit, 0.0))
+
+
+def _is_sure(group: _Group) -> bool:
+    """Tell whether the sizes of an effect are known, in the machines that have it."""
+    drawn = group.found.draws_mm[:, group.there]
+    return bool(np.linalg.norm(group.found.sizes_mm) > NAMED_SIGMAS * np.sqrt(np.mean(drawn.var(axis=1))))
+
+
+def _other_words(group: _Group, groups: Sequence[_Group], scene: Scene) -> str:
+    """Return what else may make what an effect that acts does, empty where nothing else does."""
+    return ", or ".join(_words(_rivals(group, groups), [each.found for each in groups], scene))
+
+
+def _rivals(group: _Group, groups: Sequence[_Group]) -> list[_Group]:
+    """Return the effects that share the odds with one: none of them is certain, and one excludes the other."""
+    others = [each for each in groups if each is not group and each.is_open] if group.is_open else []
+    return [each for each in others if group.excludes(each)]
+
+
+def _words(groups: Sequence[_Group], beside: Sequence[Found], scene: Scene) -> list[str]:
+    """Return the words of effects as if each of them acted."""
+    words: list[str] = []
+    for group in groups:
+        found = replace(group.found, draws_mm=group.found.draws_mm[:, group.there], acts=True)
+        if found.law.acts is Acts.NOT:
+            words += [told.words for told in _told(found, beside, scene)]
+        else:
+            words += [fault.words for fault in _faults(found, [found], scene)][:1]
+    return list(dict.fromkeys(words))
+
+
+def _places(scene: Scene) -> Places:
+    """Return places of a print on what was measured, each reached either way, by short and by long moves."""
+    rng = np.random.default_rng(0)
+    low, high = np.array(scene.bed_span_mm).T
+    bed = rng.uniform(low, high, (PLACES, 2))
+    side, ways = rng.choice([-1.0, 1.0], (2, PLACES, 2))
+    normal = rng.standard_normal((PLACES, 2))
+    return Places(
+        scene.printer.to_motor(bed), side, bed, ways, -side, rng.uniform(0, 1, PLACES),
+        rng.choice([1.0, LONG_MOVE_MM], PLACES), normal / np.linalg.norm(normal, axis=1, keepdims=True),
+    )  # fmt: skip
+
+
+def _moved_mm(found: Found, sizes_mm: np.ndarray, places: Places, scene: Scene) -> float:
+    """Return by how much an effect moves places, root mean square."""
+    return float(np.sqrt(np.mean(np.square(found.columns(places, scene) @ sizes_mm).sum(axis=1))))
+
+
+def _size_mm(found: Found, places: Places, scene: Scene) -> float:
+    return _moved_mm(found, found.sizes_mm, places, scene)
+
+
+def _one_of_each(found: Sequence[Misfit]) -> list[Misfit]:
+    """Return one finding for each kind: those of both motors or axes are joined."""
+    joined: dict[str, Misfit] = {}
+    for each in found:
+        if (old := joined.get(each.kind)) is not None:
+            each = Misfit(
+                old.kind, max(old.severity, each.severity, key=SEVERITIES.index),
+                float(np.hypot(old.size_mm, each.size_mm)), old.evidence + each.evidence, f"{old.words}; {each.words}",
+            )  # fmt: skip
+        joined[each.kind] = each
+    return list(joined.values())
