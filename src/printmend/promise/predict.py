@@ -302,6 +302,13 @@ def _parts(
             continue
         moved = columns_of(part.effect, places, part.where, part.shape, scene)
         cause = DrawnCause(np.einsum("nc,ncp->np", normal, moved), drawn)
+        if effect.of is Of.SESSION and part.acts_mm.any():  # it goes on from where the measured print ended
+            on = columns_of(part.effect, replace(places, done=places.done + 1.0), part.where, part.shape, scene)
+            whole = drawn + part.acts_mm[:, None]
+            then = columns_of(part.effect, replace(places, done=np.ones(count)), part.where, part.shape, scene)
+            further = np.einsum("nc,ncp->np", normal, on), np.einsum("nc,ncp->np", normal, then)
+            acts = np.repeat(-part.acts_mm[:, None], DRAWS, axis=1)
+            cause = DrawnCause(further[0], whole).beside(DrawnCause(further[1], acts))
         name = part.effect
         if not belief.placed and name in LINEAR:
             name = "instrument"
