@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
-from printmend.effects.effect import LONG_MOVE_MM, SCALE_MM
+from printmend.effects.effect import SCALE_MM
 from printmend.effects.pulley import shape_words
+from printmend.effects.sample import drawn_places
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
 from printmend.infer.posterior import Part
 from printmend.promise.misfit import NOTE, SEVERITIES, WARNING, Misfit
@@ -22,7 +23,6 @@ EITHER = (0.1, 0.9)  # shares of the drawn machines between which an effect is a
 TOGETHER = 0.1  # share of the rarer alternative's machines that may have both
 LEAST_COST_MM = 0.018  # root mean square on a print from which on an owner sees what cannot act
 WARNED_MM = 0.03  # … and from which on it is a warning
-PLACES = 600  # drawn places of a print on which the size of an effect is taken
 COVERED_SHARE = 0.6  # share of an axis of the bed that a print must span
 UNSEEN = "unseen"  # the kind of the note about the rest
 SELDOM = 0.01  # chance of an effect's absence that counts for its evidence where every drawn machine has it
@@ -101,7 +101,7 @@ def misfits_of(
     groups = _groups(parts, _with_turn(parts, turned_rad))
     beside = [each.found for each in groups]
     evidence = {(part.effect, part.where): each for part, each in zip(parts, nats, strict=False)}
-    places = _places(scene)
+    places = drawn_places(scene)
     found: list[Misfit] = []
     said: list[_Group] = []
     for group in sorted(groups, key=lambda each: -each.found.chance):
@@ -155,16 +155,10 @@ def _groups(parts: Sequence[Part], more: Sequence[Part] = ()) -> list[_Group]:
             else:
                 left.append(part)
         acts = bool(first.acts_mm.any())
-        mean = first.draws_mm[:, first.draws_mm.any(axis=0)].mean(axis=1)
-        found = Found(
-            EFFECTS[first.effect],
-            first.where,
-            first.shape,
-            first.acts_mm if acts else mean,
-            draws,
-            float(there.mean()),
-            acts,
-        )
+        alone = draws is first.draws_mm  # else near shapes share what acts
+        sizes = (first.acts_mm if alone else draws.mean(axis=1)) if acts else draws[:, there].mean(axis=1)
+        chance = float(there.mean())
+        found = Found(EFFECTS[first.effect], first.where, first.shape, sizes, draws, chance, acts)
         groups.append(_Group(found, there))
     return groups
 
@@ -181,7 +175,7 @@ def _faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fau
     if hasattr(found.law, "faults"):
         yield from found.law.faults(found, beside, scene)
         return
-    places = _places(scene)
+    places = drawn_places(scene)
     size, sd = found.size(lambda sizes: _moved_mm(found, sizes, places, scene))
     part = scene.printer.motors[found.where] if found.law.acts is Acts.DRIVE else "frame"
     yield Fault(part, found.effect, size, sd, "mm", f"{_plain(found)} {size:.2f} mm")
@@ -192,10 +186,9 @@ def _told(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]
         yield from found.law.told(found, beside, scene)
     elif found.effect not in SILENT:
         where = carrier_name(scene, found.where)
-        harmless = found.law.of is Of.INSTRUMENT
-        yield Told(
-            found.effect, f"{where} shows {_plain(found)}, {_size_mm(found, _places(scene), scene):.2f} mm", harmless
-        )
+        size_mm = _size_mm(found, drawn_places(scene), scene)
+        words = f"{where} shows {_plain(found)}, {size_mm:.2f} mm"
+        yield Told(found.effect, words, is_harmless=found.law.of is Of.INSTRUMENT)
 
 
 def _plain(found: Found) -> str:
@@ -233,19 +226,6 @@ def _words(groups: Sequence[_Group], beside: Sequence[Found], scene: Scene) -> l
         else:
             words += [fault.words for fault in _faults(found, [found], scene)][:1]
     return list(dict.fromkeys(words))
-
-
-def _places(scene: Scene) -> Places:
-    """Return places of a print on what was measured, each reached either way, by short and by long moves."""
-    rng = np.random.default_rng(0)
-    low, high = np.array(scene.bed_span_mm).T
-    bed = rng.uniform(low, high, (PLACES, 2))
-    side, ways = rng.choice([-1.0, 1.0], (2, PLACES, 2))
-    normal = rng.standard_normal((PLACES, 2))
-    return Places(
-        scene.printer.to_motor(bed), side, bed, ways, -side, rng.uniform(0, 1, PLACES),
-        rng.choice([1.0, LONG_MOVE_MM], PLACES), normal / np.linalg.norm(normal, axis=1, keepdims=True),
-    )  # fmt: skip
 
 
 def _moved_mm(found: Found, sizes_mm: np.ndarray, places: Places, scene: Scene) -> float:
