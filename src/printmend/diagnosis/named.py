@@ -81,7 +81,7 @@ def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
     beside = [each.found for each in groups]
     named: list[Fault] = []
     for group in groups:
-        if not group.found.acts:
+        if not group.found.acts or group.found.law.of is not Of.MACHINE:
             continue
         faults = [fault for fault in _faults(group.found, beside, scene) if _is_named(fault)]
         other = _other_words(group, groups, scene)
@@ -109,7 +109,8 @@ def misfits_of(
         rivals = [
             each for each in groups if each is not group and group.is_open and each.is_open and group.excludes(each)
         ]
-        if one.law.acts is not Acts.NOT or any(each in said or each.found.acts for each in rivals):
+        holds = one.law.acts is not Acts.NOT and one.law.of is Of.MACHINE
+        if holds or any(each in said or each.found.acts for each in rivals):
             continue
         chance = float(np.mean(np.any([group.there, *(each.there for each in rivals)], axis=0)))
         if chance < TOLD or not _is_sure(group):
