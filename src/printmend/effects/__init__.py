@@ -3,6 +3,8 @@
 `EFFECTS` lists them by name; others come by the entry points of the group ``printmend.effects``.
 """
 
+import numpy as np
+
 from printmend.effects.aspect import Aspect
 from printmend.effects.bead import Bead
 from printmend.effects.bend import Bend
@@ -68,4 +70,29 @@ def _of_others() -> dict[str, Effect]:
 
 EFFECTS: dict[str, Effect] = {effect.name: effect for effect in _ALL} | _of_others()
 
-__all__ = ["EFFECTS", "Acts", "Effect", "Of", "Places", "Scene", "Term", "home_of", "places_of", "scene_of"]
+
+def columns_of(name: str, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+    """Return where an effect moves places [N, 2, P] mm for one unit of each size.
+
+    Where the print began at the end stops, what the machine does there counts as nothing: they put it right.
+    """
+    effect = EFFECTS[name]
+    columns = effect.columns(places, where, shape, scene)
+    if scene.homed and effect.of is Of.MACHINE and effect.from_home:
+        columns = columns - effect.columns(home_of(scene), where, shape, scene)
+    return columns
+
+
+__all__ = [
+    "EFFECTS",
+    "Acts",
+    "Effect",
+    "Of",
+    "Places",
+    "Scene",
+    "Term",
+    "columns_of",
+    "home_of",
+    "places_of",
+    "scene_of",
+]

@@ -15,6 +15,7 @@ class Aspect:
     name = "aspect"
     of = Of.MACHINE
     acts = Acts.FRAME
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

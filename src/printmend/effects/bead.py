@@ -24,6 +24,7 @@ class Bead:
     name = "bead"
     of = Of.MATERIAL
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

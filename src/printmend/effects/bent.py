@@ -17,6 +17,7 @@ class Bent:
     name = "bent"
     of = Of.MACHINE
     acts = Acts.FRAME
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

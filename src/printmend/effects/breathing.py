@@ -19,6 +19,7 @@ class Breathing:
     name = "breathing"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

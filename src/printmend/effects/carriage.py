@@ -22,6 +22,7 @@ class Carriage:
     name = "carriage"
     of = Of.INSTRUMENT
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -23,6 +23,7 @@ class Creep:
     name = "creep"
     of = Of.SESSION
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -19,6 +19,7 @@ class Drift:
     name = "drift"
     of = Of.SESSION
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

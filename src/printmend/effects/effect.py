@@ -42,7 +42,8 @@ class Scene:
     """The machine that was measured and how far it went.
 
     ``turns_mm`` are the lengths of both motors' turns. ``motor_span_mm`` [2][2] and ``bed_span_mm`` [2][2] are the
-    lowest and highest measured position of each motor and bed axis; ``way_mm`` is the length of the print.
+    lowest and highest measured position of each motor and bed axis; ``way_mm`` is the length of the print. ``homed``:
+    it began at the end stops, where the machine has no error; ``home_sd_mm`` is how far each belt may rest from there.
     """
 
     printer: Printer
@@ -51,6 +52,8 @@ class Scene:
     bed_span_mm: tuple[tuple[float, float], tuple[float, float]]
     way_mm: float
     placed: bool = True
+    homed: bool = False
+    home_sd_mm: tuple[float, float] = (2.0, 2.0)
     instrument: Instrument = Instrument()
     walls: bool = False
 
@@ -95,11 +98,6 @@ class Places:
         """Return some of the places."""
         return replace(self, **{name: value[rows] for name, value in vars(self).items()})
 
-    def with_home(self, scene: Scene) -> "Places":
-        """Return the places with one more, the last: home, as the end stops leave the machine."""
-        home = home_of(scene)
-        return Places(**{name: np.concatenate([value, getattr(home, name)]) for name, value in vars(self).items()})
-
 
 @dataclass(frozen=True)
 class Term:
@@ -132,6 +130,11 @@ class Effect(Protocol):
 
     @property
     def acts(self) -> Acts: ...
+
+    @property
+    def from_home(self) -> bool:
+        """Say whether the end stops take away what it does at home."""
+        ...
 
     @property
     def most(self) -> int:
@@ -223,8 +226,8 @@ def scene_of(trace: Trace, printer: Printer, turns_mm: tuple[float, float]) -> S
 
     way = float(np.hypot(*np.diff(trace.commanded_mm, axis=0).T).sum())
     return Scene(
-        printer, turns_mm, spans(motor), spans(bed), way, trace.placed, trace.instrument_doubt,
-        bool(trace.wall_rows.any()),
+        printer, turns_mm, spans(motor), spans(bed), way, trace.placed, trace.homed,
+        instrument=trace.instrument_doubt, walls=bool(trace.wall_rows.any()),
     )  # fmt: skip
 
 
@@ -239,3 +242,21 @@ FINER = np.linspace(-1.0, 1.0, 9)  # places about a found shape, in spacings of 
 def about(value: float, spacing: float, round_: int) -> np.ndarray:
     """Return values about one that a grid of this spacing found; each round is four times as fine."""
     return value + spacing * FINER[FINER != 0] / 4.0**round_
+
+
+CYCLES = 0.25  # by which two neighbouring periods of a grid differ over the whole span
+FINER_SPAN_MM = 200.0  # a usual span, by which finer periods are spaced
+
+
+def periods_mm(shortest_mm: float, longest_mm: float, span_mm: float) -> np.ndarray:
+    """Return periods of which each differs from the next by a quarter of a wave over a span."""
+    if longest_mm <= shortest_mm:
+        return np.zeros(0)
+    return np.asarray(1.0 / np.arange(1.0 / longest_mm, 1.0 / shortest_mm, CYCLES / span_mm))
+
+
+def finer_periods(period_mm: float, round_: int) -> Iterator[tuple[float, ...]]:
+    """Yield periods about one of a grid of `periods_mm`."""
+    for rate in about(1.0 / period_mm, CYCLES / FINER_SPAN_MM, round_):
+        if rate > 0:
+            yield (float(1.0 / rate),)

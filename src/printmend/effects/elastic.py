@@ -18,6 +18,7 @@ class Elastic:
     name = "elastic"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

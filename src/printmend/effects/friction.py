@@ -16,6 +16,7 @@ class Friction:
     name = "friction"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

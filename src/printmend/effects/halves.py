@@ -8,7 +8,7 @@ from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Message, Told
 
-BORDERS = 49  # places of a border that are tried
+BORDERS = 25  # places of a border that are tried
 OTHER_SHARE = 0.1  # a shift along the other axis that is a smaller share is not said
 
 ONE_OFF = Message("{a} is off by {b} mm in the upper part of {c}, from {d} mm on")
@@ -22,6 +22,7 @@ class Halves:
     name = "halves"
     of = Of.INSTRUMENT
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -33,7 +34,7 @@ class Halves:
         return np.concatenate([along(0, past), along(1, past)], axis=2)
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        for at in about(shape[0], 5.0, round_):
+        for at in about(shape[0], 8.0, round_):
             yield (float(at),)
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -52,4 +53,4 @@ class Halves:
 def borders_mm(scene: Scene, axis: int) -> np.ndarray:
     """Return the borders between two parts of the bed that are tried along an axis."""
     low, high = scene.bed_span_mm[axis]
-    return np.linspace(low, high, BORDERS + 2)[3:-3]
+    return np.linspace(low, high, BORDERS + 2)[2:-2]

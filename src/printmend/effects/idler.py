@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, onto_bed, waves
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, finer_periods, onto_bed, periods_mm, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
 
-PERIODS_MM = np.geomspace(12.0, 150.0, 120)
+SHORTEST_MM, LONGEST_MM = 12.0, 150.0  # of a period: no idler is smaller, no bed shows larger ones
 OWN_SHARE = 0.02  # a period nearer to a part of the turn is the pulley's own
 
 
@@ -18,12 +18,13 @@ class Idler:
     name = "idler"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
-            periods = PERIODS_MM[(0.5 * (high - low) > PERIODS_MM)]
+            periods = periods_mm(SHORTEST_MM, min(LONGEST_MM, 0.5 * (high - low)), high - low)
             near = np.abs(scene.turns_mm[motor] / periods - np.rint(scene.turns_mm[motor] / periods))
             shapes = [(float(period),) for period in periods[near > OWN_SHARE]]
             if shapes:
@@ -33,8 +34,7 @@ class Idler:
         return onto_bed(scene, where, waves(places.motor_mm[:, where], shape[0], np.ones(1)))
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        for period in about(shape[0], 0.022 * shape[0], round_):
-            yield (float(period),)
+        return finer_periods(shape[0], round_)
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes

@@ -15,6 +15,7 @@ class Origin:
     name = "origin"
     of = Of.INSTRUMENT
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -15,12 +15,13 @@ class Place:
     name = "place"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = False
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.placed:  # a measurement that knows no place has an origin of its own
             for motor in range(2):
-                yield from alternatives(self.name, motor, [()], (1.0,))
+                yield from alternatives(self.name, motor, [()], (scene.home_sd_mm[motor],))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, np.ones((len(places), 1)))

@@ -15,6 +15,7 @@ class Play:
     name = "play"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -25,6 +25,16 @@ def share_of(name: str) -> float:
     return float(_table()[name]["share"])
 
 
+def happens_share(event: str) -> float:
+    """Return for how many motors an event comes between two measurements: ``turned`` or ``replaced``."""
+    return float(_table()["since"][event])
+
+
+def wear_share(name: str) -> float:
+    """Return by what share of its size an effect changes in a month."""
+    return float(_table()["since"]["wear"].get(name, 0.0))
+
+
 def alternatives(
     name: str,
     where: int,

@@ -33,6 +33,7 @@ class Pulley:
     name = "pulley"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

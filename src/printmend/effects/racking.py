@@ -25,6 +25,7 @@ class Racking:
     name = "racking"
     of = Of.MACHINE
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, along, waves
+from printmend.effects.effect import Acts, Of, Places, Scene, Term, along, finer_periods, periods_mm, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, is_first, those_of
 
-PERIODS_MM = np.geomspace(25.0, 300.0, 40)
+SHORTEST_MM, LONGEST_MM = 25.0, 300.0
 
 
 class Rail:
@@ -17,12 +17,15 @@ class Rail:
     name = "rail"
     of = Of.MACHINE
     acts = Acts.WAVE
+    from_home = True
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(2):
             low, high = scene.bed_span_mm[axis]
-            shapes = [(float(period),) for period in PERIODS_MM if period < 1.2 * (high - low)]
+            shapes = [
+                (float(each),) for each in periods_mm(SHORTEST_MM, min(LONGEST_MM, 1.2 * (high - low)), high - low)
+            ]
             if shapes:
                 yield from alternatives(self.name, axis, shapes, (1.0,) * (4 if scene.corexy else 2))
 
@@ -32,8 +35,7 @@ class Rail:
         return np.concatenate([across, along(where, turn)], axis=2) if scene.corexy else across
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        for period in about(shape[0], 0.065 * shape[0], round_):
-            yield (float(period),)
+        return finer_periods(shape[0], round_)
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         return sizes

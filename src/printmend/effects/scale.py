@@ -17,6 +17,7 @@ class Scale:
     name = "scale"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -20,6 +20,7 @@ class Shift:
     name = "shift"
     of = Of.INSTRUMENT
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

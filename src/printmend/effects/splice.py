@@ -8,8 +8,8 @@ from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, onto_
 from printmend.effects.prior import alternatives
 from printmend.effects.words import SOON_MM, Care, Fault, Found, Message, amount, motor_name
 
-STEP_MM = 3.0  # distance of the places that are tried
-WIDTHS_MM = (2.0, 8.0)
+STEP_MM = 5.0  # distance of the places that are tried
+WIDTH_MM = 4.0  # that is tried first: others are looked for about it
 
 TITLE = Message("{a} belt has a joint or a dent", "Der Riemen von {a} hat eine Verbindungsstelle oder eine Delle")
 MEANING = Message(
@@ -29,13 +29,14 @@ class Splice:
     name = "splice"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 3
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
             low, high = scene.motor_span_mm[motor]
             at = np.arange(low + STEP_MM, high, STEP_MM)
-            shapes = [(float(place), width) for width in WIDTHS_MM for place in at]
+            shapes = [(float(place), WIDTH_MM) for place in at]
             if shapes:
                 yield from alternatives(self.name, motor, shapes, (1.0,))
 

@@ -9,7 +9,7 @@ from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
 
 STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
-BREAKS = np.arange(0.04, 0.97, 0.01)
+BREAKS = np.arange(0.04, 0.97, 0.02)
 
 SUDDENLY = Message("{a} was suddenly off by {b} mm after {c} % of the print")
 
@@ -20,6 +20,7 @@ class Step:
     name = "step"
     of = Of.SESSION
     acts = Acts.NOT
+    from_home = True
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -31,7 +32,7 @@ class Step:
         return carrier(scene, where, course[:, None])
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
-        for each in about(shape[0], 0.01, round_):
+        for each in about(shape[0], 0.02, round_):
             yield (float(each),)
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:

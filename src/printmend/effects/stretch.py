@@ -13,6 +13,7 @@ class Stretch:
     name = "stretch"
     of = Of.INSTRUMENT
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -27,6 +27,7 @@ class Teeth:
     name = "teeth"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -25,6 +25,7 @@ class Turn:
     name = "turn"
     of = Of.INSTRUMENT
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

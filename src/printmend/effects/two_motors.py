@@ -20,6 +20,7 @@ class TwoMotors:
     name = "two_motors"
     of = Of.MACHINE
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -18,6 +18,7 @@ class Uneven:
     name = "uneven"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -26,7 +27,9 @@ class Uneven:
             waves_rad = np.pi * np.arange(1, COUNT + 1) / max(high - low, 1.0)
             profiles = []
             for length in LENGTHS_MM:
-                power = 2 * length * np.sqrt(2 * np.pi) / max(high - low, 1.0) * np.exp(-((waves_rad * length) ** 2) / 2)
+                power = (
+                    2 * length * np.sqrt(2 * np.pi) / max(high - low, 1.0) * np.exp(-((waves_rad * length) ** 2) / 2)
+                )
                 profiles.append(tuple(np.sqrt(np.maximum(power, 1e-12))))
             yield from alternatives(self.name, motor, [(low, high)], *profiles)
 

@@ -21,6 +21,7 @@ class UnevenPlay:
     name = "uneven_play"
     of = Of.MACHINE
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -35,7 +36,7 @@ class UnevenPlay:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         axis, at = shape
-        for place in about(at, 5.0, round_):
+        for place in about(at, 8.0, round_):
             yield axis, float(place)
 
     def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -20,6 +20,7 @@ class Warmth:
     name = "warmth"
     of = Of.SESSION
     acts = Acts.NOT
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -19,8 +19,9 @@ class Wear:
     """Play of one motor that grows with the length printed."""
 
     name = "wear"
-    of = Of.SESSION
-    acts = Acts.NOT
+    of = Of.SESSION  # that stays: a print is mended for the play with which the last one ended
+    acts = Acts.DRIVE
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -1,5 +1,6 @@
 """From a trace to the effects that made it: contacts, weights and search in turn, until they agree."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -8,7 +9,7 @@ import numpy as np
 from printmend.effects import EFFECTS, Places, Scene, places_of
 from printmend.effects.effect import SCALE_MM
 from printmend.infer.contacts import Contacts, contacts_of
-from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, seen
+from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, extended, gram_of, seen
 from printmend.infer.machine import Sized, machine_of
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
 from printmend.machine import Mechanism
@@ -16,7 +17,9 @@ from printmend.path import Trace
 from printmend.units import SIGMA_PER_MEDIAN
 
 DEGREES = 5.0  # of freedom of Student's t, by which rows are weighed: one wrong row in twenty is nothing unusual
-MOST_MARKS = 3000  # marks that are looked at: more take time and say the same
+LEAST_BESIDE = -9.0  # of the score that a block adds, below which it is left out of the last fit
+CHUNK_ROWS = 16384  # that are summed at once
+MOST_MARKS = 1200  # marks that are looked at: more take time and say the same
 PASSES = 3  # of contacts, then search
 WEIGHINGS = 2  # of rows in each pass
 HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
@@ -54,6 +57,21 @@ class Fit:
         """Return the members of the likeliest set with their sizes."""
         return sized(self.dictionary, self.state.members, self.state.mean_mm)
 
+    def left_by_mark_mm(self, trace: Trace) -> np.ndarray:
+        """Return what the set leaves of every dot on the bed [N, 2], NaN where none was measured or understood."""
+        trace = _turned_back(trace, self.turned_rad, self.scene)
+        rows = rows_of(trace, self.contacts, self.places, self.scene, most=len(trace))
+        left_mm = np.full((len(trace), 2), np.nan)
+        for axis in range(2):
+            for at in range(0, len(rows.mark), CHUNK_ROWS):
+                part = rows.some(slice(at, at + CHUNK_ROWS))
+                mine = np.flatnonzero(part.along[:, axis] == 1.0)
+                some = Rows(*(value[mine] for value in vars(part).values()))
+                found = _columns_of(self.blocks, self.places, some, self.scene) if len(mine) and self.blocks else None
+                sum_mm = 0.0 if found is None else found @ self.state.mean_mm
+                left_mm[some.mark, axis] = some.error_mm - sum_mm
+        return left_mm
+
     def left_mm(self) -> np.ndarray:
         """Return what the set leaves of the measured numbers [M]."""
         return left_of(self.rows, self.dictionary, self.state)
@@ -62,13 +80,15 @@ class Fit:
 def fitted(trace: Trace, scene: Scene, first: Mechanism) -> Fit:
     """Return the effects that a trace shows; ``first`` is a machine that is nearly right, for the first contacts."""
     mechanism, fit, whole, turned_rad = first, None, trace, 0.0
+    if scene.homed:
+        scene = replace(scene, home_sd_mm=_home_sd_mm(first, scene))
     motor = scene.printer.to_motor(trace.commanded_mm)
     for _ in range(PASSES):
         trace = _turned_back(whole, turned_rad, scene)
         contacts = contacts_of(mechanism, motor)
         bed_mm = _measured_mm(trace) if fit is None else scene.printer.from_motor(contacts.belt_mm)
-        places = places_of(trace, scene, contacts.row, contacts.side, bed_mm).with_home(scene)
-        rows = rows_of(trace, contacts, places, scene, None if fit is None else fit.state.sigma_mm)
+        places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
+        rows = rows_of(trace, contacts, places, scene)
         if fit is None:
             left_mm = _left_by(mechanism, trace, contacts, rows)
             weight, members = weighed(rows, left_mm), ()
@@ -81,7 +101,7 @@ def fitted(trace: Trace, scene: Scene, first: Mechanism) -> Fit:
         more_rad = float(np.arctan(sum(part.sizes_mm[0] for part in fit.parts() if part.effect == "turn") / SCALE_MM))
         turned_rad += more_rad
     assert fit is not None
-    return fit
+    return _on_all_marks(fit, trace)
 
 
 def _turned_back(trace: Trace, by_rad: float, scene: Scene) -> Trace:
@@ -93,6 +113,14 @@ def _turned_back(trace: Trace, by_rad: float, scene: Scene) -> Trace:
     return replace(trace, measured_mm=(trace.measured_mm - scene.middle_mm) @ back.T + scene.middle_mm)
 
 
+def _home_sd_mm(mechanism: Mechanism, scene: Scene) -> tuple[float, float]:
+    """Return how far each belt may rest from where the end stops would have it [2]."""
+    home = scene.printer.to_motor(np.array(scene.printer.home_mm))
+    branches = [table.branches_mm(home[[motor]]) for motor, table in enumerate(mechanism.transmissions)]
+    first, second = (math.hypot(HOME_SD_MM, float(upper[0] - lower[0]) / 2) for lower, upper in branches)
+    return first, second
+
+
 def _measured_mm(trace: Trace) -> np.ndarray:
     """Return where the marks are [N, 2] before any model says so: as measured, or else as commanded."""
     off_mm = trace.measured_mm - trace.commanded_mm
@@ -101,10 +129,48 @@ def _measured_mm(trace: Trace) -> np.ndarray:
     return trace.commanded_mm + np.where(np.isfinite(off_mm), off_mm, 0.0)
 
 
+def _on_all_marks(fit: Fit, trace: Trace) -> Fit:
+    """Return a fit of the likeliest set, and of what may be beside it, to every mark of a long trace."""
+    rows = rows_of(trace, fit.contacts, fit.places, fit.scene, most=len(trace))
+    if len(rows.mark) <= len(fit.rows.mark):
+        return fit
+    members = [b for b, _ in fit.state.members]
+    gains = fit.search.gains(fit.state, fit.search.offered(fit.state.members))
+    beside = np.unique(gains.keys[gains.values > LEAST_BESIDE, 0]).tolist()
+    kept, columns, first = [], [], 0
+    for b in (*members, *beside):
+        block = fit.dictionary.blocks[b]
+        columns.append(fit.dictionary.columns[:, block.at])
+        kept.append(replace(block, at=slice(first, first := first + block.at.stop - block.at.start)))
+    dictionary = Dictionary(tuple(kept), np.hstack(columns))
+    numbered: Set = tuple((at, variant) for at, (_, variant) in enumerate(fit.state.members))
+    known = slice(0, len(fit.state.columns))  # the members come first
+    whole = Gram(np.zeros((first, first)), np.zeros(first), 0.0, 0)
+    for at in range(0, len(rows.mark), CHUNK_ROWS):
+        part = rows.some(slice(at, at + CHUNK_ROWS))
+        some = _columns_of(kept, fit.places, part, fit.scene)
+        left_mm = part.error_mm - some[:, known] @ fit.state.mean_mm
+        away = left_mm * np.sqrt(part.weight) / fit.state.sigma_mm
+        one = gram_of(some, part.error_mm, part.weight * (DEGREES + 1) / (DEGREES + away**2))
+        whole = Gram(
+            whole.matrix + one.matrix, whole.slope + one.slope, whole.square + one.square, whole.count + one.count
+        )
+    search = Search(dictionary, whole)
+    state = search.posterior(numbered, fit.state.sigma_mm)
+    mechanism, _ = machine_of(fit.scene, sized(dictionary, state.members, state.mean_mm))
+    return replace(fit, search=search, state=state, mechanism=mechanism)
+
+
+def _columns_of(blocks: Sequence[Block], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
+    marks, numbers = np.unique(rows.mark, return_inverse=True)
+    few, here = places.at(marks), replace(rows, mark=numbers)
+    return np.hstack([seen(block.effect, block.where, block.shape, few, here, scene) for block in blocks])
+
+
 def _left_by(mechanism: Mechanism, trace: Trace, contacts: Contacts, rows: Rows) -> np.ndarray:
     """Return what a first machine leaves of the measured numbers [M], but for what the measurement's origin may be."""
     off_mm = trace.measured_mm - mechanism.bed.printed(contacts.belt_mm)
-    off_mm = np.vstack([off_mm - np.nanmedian(off_mm, axis=0), np.zeros((1, 2))])
+    off_mm = off_mm - np.nanmedian(off_mm, axis=0)
     left_mm = np.einsum("mc,mc->m", rows.along, off_mm[rows.mark])
     return np.where(np.isfinite(left_mm), left_mm, 0.0)
 
@@ -136,9 +202,7 @@ def _searched(
     return Fit(scene, places, rows, contacts, search, state, mechanism)
 
 
-def _as_before(
-    dictionary: Dictionary, last: Fit, places: Places, rows: Rows, scene: Scene
-) -> tuple[Dictionary, Set]:
+def _as_before(dictionary: Dictionary, last: Fit, places: Places, rows: Rows, scene: Scene) -> tuple[Dictionary, Set]:
     """Return the dictionary with the finer shapes of the last pass, and the last set in it."""
     known = {(block.effect, block.where, block.shape): b for b, block in enumerate(dictionary.blocks)}
     members = []
@@ -146,19 +210,25 @@ def _as_before(
         block = last.dictionary.blocks[b]
         key = (block.effect, block.where, block.shape)
         if key not in known:
-            dictionary = with_shape(dictionary, block, block.shape, places, rows, scene)
+            dictionary = with_shapes(dictionary, [(block, block.shape)], places, rows, scene)
             known[key] = len(dictionary.blocks) - 1
         members.append((known[key], variant))
     return dictionary, tuple(members)
 
 
-def with_shape(
-    dictionary: Dictionary, like: Block, shape: tuple[float, ...], places: Places, rows: Rows, scene: Scene
+def with_shapes(
+    dictionary: Dictionary, more: Sequence[tuple[Block, tuple[float, ...]]], places: Places, rows: Rows, scene: Scene
 ) -> Dictionary:
-    """Return the dictionary with one more block: another shape of one that it has."""
-    columns = seen(like.effect, EFFECTS[like.effect].columns(places, like.where, shape, scene), rows)
-    first = dictionary.columns.shape[1]
-    return dictionary.with_block(replace(like, shape=shape, at=slice(first, first + columns.shape[1])), columns)
+    """Return the dictionary with more blocks: other shapes of such as it has."""
+    if not more:
+        return dictionary
+    blocks, columns, first = list(dictionary.blocks), [dictionary.columns], dictionary.columns.shape[1]
+    for like, shape in more:
+        one = seen(like.effect, like.where, shape, places, rows, scene)
+        blocks.append(replace(like, shape=shape, at=slice(first, first + one.shape[1])))
+        columns.append(one)
+        first += one.shape[1]
+    return Dictionary(tuple(blocks), np.hstack(columns))
 
 
 def _finer(
@@ -167,13 +237,17 @@ def _finer(
     """Return the search and the set with the shapes of its members looked for between the neighbours of each."""
     for round_ in range(FINER_ROUNDS):
         dictionary = search.dictionary
-        for b, _ in state.members:
-            block = dictionary.blocks[b]
-            for shape in EFFECTS[block.effect].finer(block.shape, round_):
-                dictionary = with_shape(dictionary, block, shape, places, rows, scene)
+        finer = [
+            (dictionary.blocks[b], shape)
+            for b, _ in state.members
+            for shape in EFFECTS[dictionary.blocks[b].effect].finer(dictionary.blocks[b].shape, round_)
+        ]
+        dictionary = with_shapes(dictionary, finer, places, rows, scene)
         if dictionary is search.dictionary:
             break
-        search = Search(dictionary, gram_of(dictionary.columns, rows.error_mm, weight))
+        old = search.dictionary.columns
+        new = dictionary.columns[:, old.shape[1] :]
+        search = Search(dictionary, extended(search.gram, old, new, rows.error_mm, weight))
         state = searched(search, state.members, state.sigma_mm)
     return search, state
 
@@ -201,15 +275,21 @@ def weighed(rows: Rows, left_mm: np.ndarray) -> np.ndarray:
     return np.asarray(rows.weight * (DEGREES + 1) / (DEGREES + (away / scale) ** 2))
 
 
-def rows_of(
-    trace: Trace, contacts: Contacts, places: Places, scene: Scene, sigma_mm: float | None = None
-) -> Rows:
-    """Return the measured numbers of a trace: two for each mark that both belts had touched before, one for a wall.
+def thinned(count: int, most: int) -> np.ndarray:
+    """Return which of so many marks are looked at, spread over the print."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64)) if count else np.zeros(0, int)
 
-    Where the print began at the end stops these are two more: there the machine has no error, to `HOME_SD_MM`.
-    """
+
+def rows_of(
+    trace: Trace,
+    contacts: Contacts,
+    places: Places,
+    scene: Scene,
+    most: int = MOST_MARKS,
+) -> Rows:
+    """Return the measured numbers of a trace: two for each mark that both belts had touched before, one for a wall."""
     touched = (contacts.row >= 0).all(axis=1)
-    nominal = np.asarray(scene.printer.from_motor(places.motor_mm[: len(trace)]))  # where healthy belts would be
+    nominal = np.asarray(scene.printer.from_motor(places.motor_mm))  # where healthy belts would be
     off = trace.measured_mm - nominal
     weight = np.ones(len(trace))
     if trace.sigma_mm is not None and (known := np.isfinite(trace.sigma_mm) & (trace.sigma_mm > 0)).any():
@@ -217,7 +297,7 @@ def rows_of(
         weight = np.where(known, (usual / np.where(known, trace.sigma_mm, usual)) ** 2, 1.0)
     walls = np.flatnonzero(trace.wall_rows & touched)
     dots = np.flatnonzero(trace.measured_rows & ~trace.wall_rows & touched)
-    dots = dots[:: max(1, len(dots) // MOST_MARKS)]
+    dots = dots[thinned(len(dots), most)]
     mark = np.concatenate([dots, dots, walls])
     x, y = np.tile([1.0, 0.0], (len(dots), 1)), np.tile([0.0, 1.0], (len(dots), 1))
     normal = trace.normal[walls] if trace.normal is not None else np.zeros((0, 2))
@@ -227,11 +307,4 @@ def rows_of(
         offset = trace.offset_mm[walls] + (normal * ahead).sum(axis=1)
     error = np.concatenate([off[dots, 0], off[dots, 1], offset])
     along, weight = np.concatenate([x, y, normal]), weight[mark]
-    is_homed = trace.homed and trace.placed
-    if is_homed:
-        scale = SIGMA_PER_MEDIAN * float(np.median(np.abs(error - np.median(error)))) if sigma_mm is None else sigma_mm
-        mark = np.concatenate([mark, [len(trace)] * 2])
-        along = np.concatenate([along, scene.printer.to_motor(np.eye(2)).T])
-        error = np.concatenate([error, [0.0, 0.0]])
-        weight = np.concatenate([weight, [(min(scale, HOME_SD_MM) / HOME_SD_MM) ** 2] * 2])
-    return Rows(mark, along, error, weight, np.arange(len(mark)) >= len(mark) - 2 * is_homed)
+    return Rows(mark, along, error, weight)

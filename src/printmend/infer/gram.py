@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Of, Places, Scene, Term
+from printmend.effects import EFFECTS, Places, Scene, Term, columns_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,22 +31,22 @@ class Block:
 @dataclass(frozen=True, eq=False)
 class Rows:
     """M measured numbers: ``mark`` [M] is the place that each is of, ``along`` [M, 2] the direction in which it was
-    measured, ``error_mm`` [M] how far the mark lies from where it was commanded, ``weight`` [M] its relative weight.
-    ``at_home`` [M] marks those that an end stop tells, which knows of the machine alone."""
+    measured, ``error_mm`` [M] how far the mark lies from where it was commanded, ``weight`` [M] its relative weight."""
 
     mark: np.ndarray
     along: np.ndarray
     error_mm: np.ndarray
     weight: np.ndarray
-    at_home: np.ndarray
+
+    def some(self, which: slice) -> "Rows":
+        """Return some of the rows."""
+        return Rows(*(value[which] for value in vars(self).values()))
 
 
-def seen(effect: str, columns: np.ndarray, rows: Rows) -> np.ndarray:
-    """Return what the rows see [M, P] of an effect's columns on the bed [N, 2, P]."""
-    found = np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[rows.mark]))
-    if EFFECTS[effect].of is not Of.MACHINE:
-        found[rows.at_home] = 0.0
-    return found
+def seen(name: str, where: int, shape: tuple[float, ...], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
+    """Return what the rows see [M, P] of an effect at one place with one shape."""
+    columns = columns_of(name, places, where, shape, scene)
+    return np.asarray(np.einsum("mc,mcp->mp", rows.along, columns[rows.mark]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +55,6 @@ class Dictionary:
 
     blocks: tuple[Block, ...]
     columns: np.ndarray
-
-    def with_block(self, block: Block, columns: np.ndarray) -> "Dictionary":
-        """Return the dictionary with one more block, whose columns [M, Q] come last."""
-        return Dictionary((*self.blocks, block), np.hstack([self.columns, columns]))
 
 
 def dictionary_of(places: Places, rows: Rows, scene: Scene) -> Dictionary:
@@ -69,7 +65,7 @@ def dictionary_of(places: Places, rows: Rows, scene: Scene) -> Dictionary:
             grouped.setdefault(term.key, []).append(term)
     blocks, columns, first = [], [], 0
     for (name, where, shape), terms in grouped.items():
-        one = seen(name, EFFECTS[name].columns(places, where, shape, scene), rows)
+        one = seen(name, where, shape, places, rows, scene)
         blocks.append(_block(terms, slice(first, first + one.shape[1])))
         columns.append(one)
         first += one.shape[1]
@@ -99,3 +95,11 @@ def gram_of(columns: np.ndarray, error_mm: np.ndarray, weight: np.ndarray) -> Gr
     root = np.sqrt(weight)
     scaled, error = columns * root[:, None], error_mm * root
     return Gram(scaled.T @ scaled, scaled.T @ error, float(error @ error), len(error))
+
+
+def extended(gram: Gram, old: np.ndarray, new: np.ndarray, error_mm: np.ndarray, weight: np.ndarray) -> Gram:
+    """Return the sums of products of ``old`` columns [M, P], whose own are known, and ``new`` ones [M, Q]."""
+    weighed = new * weight[:, None]
+    crossing = old.T @ weighed
+    matrix = np.block([[gram.matrix, crossing], [crossing.T, new.T @ weighed]])
+    return Gram(matrix, np.concatenate([gram.slope, weighed.T @ error_mm]), gram.square, gram.count)

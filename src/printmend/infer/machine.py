@@ -29,9 +29,29 @@ def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[B
 
     What no mechanism holds is left out. The tables are absolute: they give places in the frame of the measurement.
     """
+    if scene.homed:
+        return _from_home(scene, parts)
     drives = [_drive(scene, motor, [part for part in parts if _is_of(part, motor)]) for motor in range(2)]
     mechanism = Mechanism(scene.printer, (drives[0][0], drives[1][0]), _frame(scene, parts))
     return mechanism, (drives[0][1], drives[1][1])
+
+
+def _from_home(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
+    """Return the machine that the end stops put right, with each belt as far from there as it rests."""
+    moved = [part for part in parts if not EFFECTS[part.effect].from_home]
+    mechanism, series = machine_of(replace(scene, homed=False), [part for part in parts if part not in moved])
+    homed = mechanism.homed()
+    tables, branches = [], []
+    for motor, (table, one) in enumerate(zip(homed.transmissions, series, strict=True)):
+        by_mm = float(table.lower_mm[0] - mechanism.transmissions[motor].lower_mm[0])
+        rest_mm = sum(float(part.sizes_mm[0]) for part in moved if part.where == motor)
+        tables.append(table.shifted(rest_mm) if rest_mm else table)
+        if one is not None and by_mm + rest_mm:
+            powers = one.mean.powers_mm if len(one.mean.powers_mm) else np.zeros(1)
+            powers = np.concatenate([powers[:1] + by_mm + rest_mm, powers[1:]])
+            one = replace(one, mean=replace(one.mean, powers_mm=powers))
+        branches.append(one)
+    return replace(homed, transmissions=(tables[0], tables[1])), (branches[0], branches[1])
 
 
 def _is_of(part: Sized, motor: int) -> bool:
@@ -60,7 +80,7 @@ def _belt_mm(scene: Scene, motor: int, part: Sized, motor_mm: np.ndarray, side: 
     motors, sides = np.zeros((count, 2)), np.zeros((count, 2))
     motors[:, motor], sides[:, motor] = motor_mm, side
     none = np.zeros((count, 2))
-    places = Places(motors, sides, none, none, none, np.zeros(count), np.zeros(count), none)
+    places = Places(motors, sides, none, none, none, np.ones(count), np.zeros(count), none)  # as the print ended
     moved = EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm
     return np.asarray(scene.printer.to_motor(moved)[:, motor])
 
@@ -82,7 +102,7 @@ def _series(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Branches,
             mean[2:] += sizes
         elif part.effect == "pulley":
             turn += sizes.reshape(2, -1)
-        elif part.effect == "play":
+        elif part.effect in ("play", "wear"):
             play += float(sizes[0])
         elif part.effect == "breathing":
             breathing += sizes.reshape(2, -1)
@@ -138,7 +158,9 @@ def _frame(scene: Scene, parts: Sequence[Sized]) -> Frame:
         bed = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         none = np.zeros_like(bed)
         places = Places(none, none, bed, none, none, np.zeros(len(bed)), np.zeros(len(bed)), none)
-        moved = sum(EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm for part in held)
+        moved = sum(
+            EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm for part in held
+        )
         coefficients = np.linalg.lstsq(Frame().terms(bed), np.asarray(moved), rcond=None)[0].T
         coefficients[np.abs(coefficients) < 1e-9] = 0.0
     return Frame(coefficients, waves=np.array(waves).reshape(-1, 6))

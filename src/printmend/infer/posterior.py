@@ -4,15 +4,14 @@ The likeliest set and its neighbours, one block more, less or exchanged, are wei
 model averaging: Hoeting et al. 1999). A draw is one of these sets, with sizes from its posterior.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Of, Scene
+from printmend.effects import EFFECTS, Acts, Scene
 from printmend.infer.fit import Fit
 from printmend.infer.machine import Sized
-from printmend.infer.search import Set, State
+from printmend.infer.search import Gains, Set
 
 DRAWS = 96  # machines that are drawn
 LEAST_LOG_WEIGHT = -7.0  # sets less likely than e^−7 of the likeliest are left out
@@ -103,17 +102,19 @@ def _weighed_sets(fit: Fit) -> tuple[list[Set], np.ndarray, list[float]]:
         if log_weight > LEAST_LOG_WEIGHT:
             found.setdefault(frozenset(members), (members, log_weight))
 
-    for key, gain in search.gains(state, search.offered(state.members)).items():
-        offer((*state.members, key), gain)
+    def offer_each(members: Set, gains: Gains, beside: float) -> None:
+        for key, gain in zip(gains.keys.tolist(), gains.values.tolist(), strict=True):
+            if beside + gain > LEAST_LOG_WEIGHT:
+                offer((*members, (key[0], key[1])), beside + gain)
+
+    offer_each(state.members, search.gains(state, search.offered(state.members)), 0.0)
     nats = []
     for at, member in enumerate(state.members):
         others = (*state.members[:at], *state.members[at + 1 :])
         without = search.posterior(others, state.sigma_mm, rounds=0)
         worse = without.score - state.score
         offer(others, worse)
-        for key, gain in search.gains(without, search.offered(others)).items():
-            if key != member:
-                offer((*others, key), worse + gain)
+        offer_each(others, search.gains(without, search.offered(others)).without(member), worse)
         nats.append(-worse)
     ranked = sorted(found.values(), key=lambda each: -each[1])[:MOST_SETS]
     weights = np.exp(np.array([log_weight for _, log_weight in ranked]) - ranked[0][1])

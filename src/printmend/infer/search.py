@@ -6,11 +6,12 @@ set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacK
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from printmend.effects import EFFECTS
-from printmend.infer.gram import Block, Dictionary, Gram
+from printmend.infer.gram import Dictionary, Gram
 
 LEAST_SIGMA_MM = 2e-4  # tables and G-code are written no finer
 MOST_STEPS = 80  # of the search: more blocks than any printer's
@@ -31,6 +32,23 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
+class Gains:
+    """What may be added to a set: ``keys`` [K, 2], a block and its size, and what each adds to the score [K]."""
+
+    keys: np.ndarray
+    values: np.ndarray
+
+    def without(self, key: tuple[int, int]) -> "Gains":
+        kept = (self.keys != key).any(axis=1)
+        return Gains(self.keys[kept], self.values[kept])
+
+    def best(self) -> tuple[tuple[int, int], float]:
+        """Return the key that adds most, and how much."""
+        at = int(np.argmax(self.values))
+        return (int(self.keys[at, 0]), int(self.keys[at, 1])), float(self.values[at])
+
+
+@dataclass(frozen=True, eq=False)
 class Search:
     """A dictionary's Gram matrix, with its blocks sorted by width so that all of one width are tried at once."""
 
@@ -40,7 +58,9 @@ class Search:
     def posterior(self, members: Set, sigma_mm: float, *, rounds: int = 3) -> State:
         """Return the posterior of a set, the noise found by ``rounds`` of expectation and maximisation."""
         blocks = self.dictionary.blocks
-        columns = np.concatenate([np.arange(blocks[b].at.start, blocks[b].at.stop) for b, _ in members] or [[]]).astype(int)
+        columns = np.concatenate([np.arange(blocks[b].at.start, blocks[b].at.stop) for b, _ in members] or [[]]).astype(
+            int
+        )
         sd = np.concatenate([blocks[b].sds_mm[v] for b, v in members] or [[]])
         odds = sum(float(blocks[b].log_odds[v]) for b, v in members)
         matrix, slope = self.gram.matrix[np.ix_(columns, columns)], self.gram.slope[columns]
@@ -61,58 +81,77 @@ class Search:
             members, columns, mean * sd, covariance * np.outer(sd, sd), float(np.sqrt(variance)), float(evidence + odds)
         )
 
-    def gains(self, state: State, offered: list[int]) -> dict[tuple[int, int], float]:
+    def gains(self, state: State, offered: np.ndarray) -> Gains:
         """Return what each alternative of the ``offered`` blocks adds to the score of a set that has none of them."""
         variance = state.sigma_mm**2
         crossing = self.gram.matrix[state.columns] / variance  # [A, P]
         after = state.covariance @ crossing
         slope = self.gram.slope / variance - crossing.T @ state.mean_mm
-        gains: dict[tuple[int, int], float] = {}
-        for index, which in self._by_width(offered):
+        found: list[tuple[np.ndarray, np.ndarray]] = []
+        for group in self._groups:
+            mine = np.isin(group.blocks, offered, assume_unique=True)
+            if not mine.any():
+                continue
+            index, sds = group.columns[mine], group.sds_mm[mine]
             information = self.gram.matrix[index[:, :, None], index[:, None, :]] / variance
             if len(state.columns):
-                information = information - np.einsum("abq,abr->bqr", crossing[:, index], after[:, index], optimize=True)
-            pull = slope[index]
-            for at, block in enumerate(which):
-                for variant, gain in enumerate(_gains(self.dictionary.blocks[block], information[at], pull[at])):
-                    gains[block, variant] = gain
-        return gains
+                information = information - np.einsum(
+                    "abq,abr->bqr", crossing[:, index], after[:, index], optimize=True
+                )
+            gains = _gains(information, slope[index], sds) + group.log_odds[mine]
+            which = np.repeat(group.blocks[mine], sds.shape[1]), np.tile(np.arange(sds.shape[1]), int(mine.sum()))
+            found.append((np.stack(which, axis=1), gains.ravel()))
+        if not found:
+            return Gains(np.zeros((0, 2), np.int64), np.zeros(0))
+        return Gains(np.concatenate([keys for keys, _ in found]), np.concatenate([gains for _, gains in found]))
 
-    def _by_width(self, offered: list[int]) -> list[tuple[np.ndarray, list[int]]]:
-        by_width: dict[int, list[int]] = {}
-        for block in offered:
-            at = self.dictionary.blocks[block].at
-            by_width.setdefault(at.stop - at.start, []).append(block)
+    @cached_property
+    def _groups(self) -> list["_Group"]:
+        by_size: dict[tuple[int, ...], list[int]] = {}
+        for number, block in enumerate(self.dictionary.blocks):
+            by_size.setdefault(block.sds_mm.shape, []).append(number)
+        blocks = self.dictionary.blocks
         return [
-            (np.array([np.arange(self.dictionary.blocks[b].at.start, self.dictionary.blocks[b].at.stop) for b in which]), which)
-            for which in by_width.values()
+            _Group(
+                np.array(which),
+                np.array([np.arange(blocks[b].at.start, blocks[b].at.stop) for b in which]),
+                np.array([blocks[b].sds_mm for b in which]),
+                np.array([blocks[b].log_odds for b in which]),
+            )
+            for which in by_size.values()
         ]
 
-    def offered(self, members: Set) -> list[int]:
+    def offered(self, members: Set) -> np.ndarray:
         """Return the blocks that a set may take in."""
         blocks = self.dictionary.blocks
         taken = {b for b, _ in members}
         slots: dict[tuple[str, int], int] = {}
         for b in taken:
             slots[blocks[b].slot] = slots.get(blocks[b].slot, 0) + 1
-        return [
-            b for b, block in enumerate(blocks)
-            if b not in taken and slots.get(block.slot, 0) < EFFECTS[block.effect].most
-        ]  # fmt: skip
+        full = {slot for slot, count in slots.items() if count >= EFFECTS[slot[0]].most}
+        return np.array([b for b, block in enumerate(blocks) if b not in taken and block.slot not in full], np.int64)
 
 
-def _gains(block: Block, information: np.ndarray, pull: np.ndarray) -> np.ndarray:
-    """Return the gain [V] of each alternative in size of a block, its prior odds included."""
-    sds = block.sds_mm
-    if sds.shape[1] == 1:
-        shrunk = sds[:, 0] ** 2
-        spread = 1 + shrunk * max(float(information[0, 0]), 0.0)
-        return np.asarray(0.5 * shrunk * pull[0] ** 2 / spread - 0.5 * np.log(spread) + block.log_odds)
-    scaled = np.eye(sds.shape[1]) + information * sds[:, :, None] * sds[:, None, :]
-    slope = sds * pull
-    explained = np.einsum("vp,vp->v", slope, np.linalg.solve(scaled, slope[:, :, None])[:, :, 0])
-    _, log_det = np.linalg.slogdet(scaled)
-    return np.asarray(0.5 * explained - 0.5 * log_det + block.log_odds)
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Blocks [B] of one width with their columns [B, P], sizes [B, V, P] and log odds [B, V]."""
+
+    blocks: np.ndarray
+    columns: np.ndarray
+    sds_mm: np.ndarray
+    log_odds: np.ndarray
+
+
+def _gains(information: np.ndarray, pull: np.ndarray, sds: np.ndarray) -> np.ndarray:
+    """Return what blocks gain in log evidence [B, V], with the sizes ``sds`` [B, V, P]."""
+    if sds.shape[2] == 1:
+        shrunk = sds[:, :, 0] ** 2
+        spread = 1 + shrunk * np.maximum(information[:, :, 0], 0.0)
+        return np.asarray(0.5 * shrunk * pull**2 / spread - 0.5 * np.log(spread))
+    scaled = np.eye(sds.shape[2]) + information[:, None] * sds[:, :, :, None] * sds[:, :, None, :]
+    slope = sds * pull[:, None]
+    explained = np.einsum("bvp,bvp->bv", slope, np.linalg.solve(scaled, slope[..., None])[..., 0])
+    return np.asarray(0.5 * explained - 0.5 * np.linalg.slogdet(scaled)[1])
 
 
 def searched(search: Search, start: Set, sigma_mm: float) -> State:
@@ -128,10 +167,10 @@ def searched(search: Search, start: Set, sigma_mm: float) -> State:
 
 def _grown(search: Search, state: State) -> State | None:
     gains = search.gains(state, search.offered(state.members))
-    if not gains:
+    if not len(gains.values):
         return None
-    best = max(gains, key=lambda each: gains[each])
-    if gains[best] <= 0:
+    best, gain = gains.best()
+    if gain <= 0:
         return None
     more = search.posterior((*state.members, best), state.sigma_mm)
     return more if more.score > state.score else None
@@ -143,11 +182,9 @@ def _exchanged(search: Search, state: State) -> State | None:
     for at in range(len(state.members)):
         others = (*state.members[:at], *state.members[at + 1 :])
         without = search.posterior(others, state.sigma_mm, rounds=0)
-        gains = search.gains(without, search.offered(others))
-        gains = {key: gain for key, gain in gains.items() if key != state.members[at]}
-        choice = max(gains, key=lambda each: gains[each])
-        members = (*others, choice) if gains[choice] > 0 else others
-        if without.score + max(gains[choice], 0.0) > state.score + 1e-6:
+        choice, gain = search.gains(without, search.offered(others)).without(state.members[at]).best()
+        members = (*others, choice) if gain > 0 else others
+        if without.score + max(gain, 0.0) > state.score + 1e-6:
             tried = search.posterior(members, state.sigma_mm)
             if tried.score > (best or state).score + 1e-6:
                 best = tried

@@ -4,12 +4,12 @@ Each part of the section is one effect at one place: the sizes that act, and tho
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Of, Places, Scene
+from printmend.effects import EFFECTS, Of, Places, Scene, columns_of
 from printmend.infer.posterior import DRAWS, Part
 from printmend.saved import SavedModel, ScrewSeries, screw_of
 from printmend.saved.values import number, numbers, refuse, section_of
@@ -49,6 +49,8 @@ def belief_section(
     return {
         "version": VERSION,
         "placed": scene.placed,
+        "homed": scene.homed,
+        "instrument": asdict(scene.instrument),
         "scatter_mm": float(f"{scatter_mm:.4g}"),
         **({"by_hand": True} if by_hand else {}),
         "turns_mm": list(scene.turns_mm),
@@ -90,8 +92,9 @@ def parse_belief(model: SavedModel) -> Belief | None:
         refuse(_SUBJECT, "two positive turns_mm and a way_mm", "something else")
     placed = bool(section.get("placed"))
     scene = Scene(
-        model.printer, (float(turns[0]), float(turns[1])), spans["motor_span_mm"], spans["bed_span_mm"], way_mm, placed
-    )
+        model.printer, (float(turns[0]), float(turns[1])), spans["motor_span_mm"], spans["bed_span_mm"], way_mm, placed,
+        bool(section.get("homed")),
+    )  # fmt: skip
     rows = section_of(section, "parts", list, _SUBJECT)
     if len(rows) > _MOST_PARTS:
         refuse(_SUBJECT, f"at most {_MOST_PARTS} parts", f"{len(rows)}")
@@ -135,7 +138,7 @@ def _width_of(part: Part, scene: Scene) -> int:
     place = Places(zero, zero, zero, zero, zero, np.zeros(1), np.zeros(1), zero)
     try:
         with np.errstate(all="raise"):
-            columns = EFFECTS[part.effect].columns(place, part.where, part.shape, scene)
+            columns = columns_of(part.effect, place, part.where, part.shape, scene)
     except (ArithmeticError, IndexError, TypeError, ValueError):
         return -1
     return columns.shape[2] if np.isfinite(columns).all() else -1

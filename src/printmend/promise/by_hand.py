@@ -9,11 +9,13 @@ of them, each choice as often as its prior chance times its evidence has it (Bay
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from printmend.effects import Scene
+from printmend.effects.pulley import HARMONICS as ROUNDS
+from printmend.infer.posterior import DRAWS, Part
 from printmend.learn.callipers import (
     NAMES,
     PRIOR_SD,
@@ -27,10 +29,8 @@ from printmend.learn.callipers import (
     estimate,
     mechanism,
 )
-from printmend.path import Instrument
 from printmend.printer import Printer
-from printmend.promise.budget import VERSION
-from printmend.promise.section import NO_PARTS
+from printmend.promise.belief import belief_section
 from printmend.saved import SCALE_MM, SavedModel, saved_model
 
 FAULTY_SHARE = 0.4  # chance that a printer has a fault of a kind, before any distance was read
@@ -39,8 +39,8 @@ SIZES = (0.25, 0.5, 1.0, 2.0)  # of all faults of a machine, in prior standard d
 FALLS = (1, 2)  # power of their number by which a pulley's harmonics fall off: each as likely
 HARMONICS = (1, 2, 3, 4)  # of a pulley
 FINER_MM = 0.03  # what no distances show, as finer harmonics: half of the printers have none, few have more
-MACHINES = 128  # number of machines that are kept
-TRIED = 16 * MACHINES  # … of so many that are drawn, because a play below 0 is none
+FAR_MM = 1e4  # length of the print that was measured: nothing that was learned so depends on it
+TRIED = 16 * DRAWS  # number of machines that are drawn, because a play below 0 is none
 SEED = 19  # the same distances always give the same machines
 OWN = 2 + 2 * len(HARMONICS)  # number of a motor's unknowns
 PLAYS = [1, OWN + 1]  # of both motors
@@ -59,34 +59,32 @@ def model_by_hand(distances: Distances, readings_mm: np.ndarray, printer: Printe
 
 
 def calliper_section(distances: Distances, readings_mm: np.ndarray, printer: Printer) -> dict[str, Any]:
-    """Return the budget of a model that `learn.callipers.mechanism` made of these readings, as plain values."""
+    """Return the drawn machines of a model that `learn.callipers.mechanism` made of these readings, as plain values."""
     estimates = estimate(distances, readings_mm)
     acts = np.array([each.value if each.corrected else 0.0 for each in estimates])
-    off = machines(distances, readings_mm, estimates)
-    own = [slice(motor * OWN, motor * OWN + OWN) for motor in range(2)]
+    drawn = machines(distances, readings_mm, estimates)
+    parts: list[Part] = []
     for motor in range(2):
-        known = acts[motor * len(NAMES) : (motor + 1) * len(NAMES)]
-        known[1] = max(known[1], 0.0)
-        off[own[motor]][: len(NAMES)] -= known[:, None]
-    lean = (off[2 * OWN] - acts[SKEW_AT]) / 2
-    if printer.kinematics == "corexy":  # opposite scales of its motors are a skew, and a turn, which is no error
-        lean += (off[0] - off[OWN]) / 2
-        off[[0, OWN]] = (off[0] + off[OWN]) / 2
-    return {
-        "version": VERSION,
-        "placed": False,
-        "instrument": asdict(Instrument()),
-        "stretch": [
-            {"weight": 1.0, "mean": [0.0, 0.0, float(f"{each:.4g}")], "covariance": np.zeros((3, 3)).tolist()}
-            for each in lean
-        ],
-        "together": True,
-        "motors": {name: _motor(off[own[motor]], printer, motor) for motor, name in enumerate(printer.motors)},
-    }
+        mine, known = drawn[motor * OWN : (motor + 1) * OWN], acts[motor * len(NAMES) : (motor + 1) * len(NAMES)]
+        waves, acting = np.zeros((2, len(ROUNDS), DRAWS)), np.zeros((2, len(ROUNDS)))
+        at = [int(np.flatnonzero(k == ROUNDS)[0]) for k in HARMONICS]
+        waves[0, at], waves[1, at] = mine[3::2], mine[2::2]  # the callipers' sine comes first
+        acting[:, at[0]] = known[3], known[2]
+        parts += [
+            Part("scale", motor, (), SCALE_MM * known[:1], SCALE_MM * mine[:1]),
+            Part("play", motor, (), np.maximum(known[1:2], 0.0), mine[1:2]),
+            Part("pulley", motor, (), acting.ravel(), waves.reshape(-1, DRAWS)),
+        ]
+    lean = SCALE_MM * drawn[2 * OWN]
+    parts.append(Part("skew", 0, (), SCALE_MM * acts[[SKEW_AT]], lean[None]))
+    span = tuple((low, high) for low, high in map(printer.motor_range_mm, range(2)))
+    bed = tuple((axis.min_mm, axis.max_mm) for axis in printer.axes[:2])
+    scene = Scene(printer, (printer.x.mm_per_turn, printer.y.mm_per_turn), span, bed, FAR_MM, placed=False, homed=True)  # type: ignore[arg-type]
+    return belief_section(scene, parts, scatter_mm=FINER_MM, by_hand=True)
 
 
 def machines(distances: Distances, readings_mm: np.ndarray, estimates: Sequence[Estimate]) -> np.ndarray:
-    """Draw machines that a few readings allow [P, MACHINES]: of either motor scale, play, and sine and cosine of each
+    """Draw machines that a few readings allow [P, DRAWS]: of either motor scale, play, and sine and cosine of each
     of `HARMONICS`; the skew, and the width of dots."""
     rng = np.random.default_rng(SEED)
     features, seen_mm = about(distances, readings_mm, np.array([each.value for each in estimates]), HARMONICS)
@@ -109,7 +107,7 @@ def machines(distances: Distances, readings_mm: np.ndarray, estimates: Sequence[
     for at in np.unique(which):  # a draw before the readings, brought to them, is one after them (Matheron's rule)
         drawn[:, which == at] += gains[at] @ missed_mm[:, which == at]
     able = np.flatnonzero((drawn[PLAYS] >= 0).all(axis=0))
-    kept = drawn[:, np.resize(able if len(able) else np.arange(TRIED), MACHINES)]
+    kept = drawn[:, np.resize(able if len(able) else np.arange(TRIED), DRAWS)]
     kept[PLAYS] = np.maximum(kept[PLAYS], 0.0)
     return kept
 
@@ -121,25 +119,3 @@ def _prior_log(there: Sequence[bool]) -> float:
         on = BOTH_SHARE if one and other else (1 - BOTH_SHARE) / 2
         chance *= FAULTY_SHARE * on if one or other else 1 - FAULTY_SHARE
     return math.log(chance)
-
-
-def _motor(off: np.ndarray, printer: Printer, motor: int) -> dict[str, Any]:
-    """Return one motor's budget: by how much it is off what acts in each machine [OWN, MACHINES]."""
-    low_mm, high_mm = printer.motor_range_mm(motor)
-    rows = [[float(f"{value:.4g}") for value in row] for row in off]
-    return {
-        "parameters": {"mean_powers": 2, "play_powers": 1, "mean_harmonics": list(HARMONICS), **NO_PARTS},
-        "period_mm": printer.axes[motor].mm_per_turn,
-        "middle_mm": (low_mm + high_mm) / 2,
-        "reach_mm": [low_mm, high_mm],
-        "factor_mm": {  # where the plate lay tells nothing
-            "mean_powers": [[0.0] * MACHINES, [SCALE_MM * each for each in rows[0]]],
-            "play_powers": rows[1:2],
-            "mean_sin": rows[2::2],
-            "mean_cos": rows[3::2],
-        },
-        "machines": True,
-        "seen": 1.0,
-        "unexplained_mm2": 0.0,
-        "unexplained_sd_mm2": FINER_MM**2,
-    }

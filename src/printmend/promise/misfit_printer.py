@@ -3,7 +3,7 @@ to be of.
 
 Pulleys and play of a printer with a motor for each axis go with x and y, those of a CoreXY with x + y and x − y: each
 leaves much of what the other one does. So drives of the other kinematics, roughly learned, are held against the model
-with all its parts and every cause that was found beside them. A healthy printer's table could be either's, and so could
+with all its effects. A healthy printer's table could be either's, and so could
 that of a CoreXY whose guides have play: this lags along x and y, as a belt's does that moves one of them alone.
 """
 
@@ -12,15 +12,17 @@ from dataclasses import replace
 import numpy as np
 
 from printmend.identify.drive.fit import independent_share, robust_sigma_mm
-from printmend.learn.greybox.model import GreyboxModel
 from printmend.machine import Transmission, healthy_mechanism, print_path
 from printmend.measure.table import AT_HOME_MM
 from printmend.path import Trace
 from printmend.printer import Printer, preset_names, read_printer
 from printmend.promise.misfit import NOTE, WARNING, Misfit
 from printmend.promise.misfit_rows import learned_roughly
-from printmend.promise.misfit_tests import CLIP_SIGMAS, LEAST_ROWS, Cause, effects_of, spread_mm
+from printmend.promise.of_rows import LEAST_ROWS
 
+CLIP_SIGMAS = 4.0  # standard deviations beyond which a residual is an outlier
+ONE_SIGMA_SHARE = 0.6827  # share of Gaussian residuals within one standard deviation
+LEAST_SPREAD_MM = 1e-6  # smallest standard deviation of residuals: it is divided by
 LEAST_MM2 = 1e-12  # added to mean squares: those of an exact trace are 0
 LEAST_NATS = 100.0  # log likelihood that the other kinematics must gain
 # They must leave less than this share of what the model leaves: less beside a CoreXY's, whose rails may have play.
@@ -30,45 +32,38 @@ GUIDE_ROUNDS = 2  # rounds of learning the drives beside the guides' play, and t
 PUSHED_SHARE = 0.98  # share of half its play from which on the head is behind as far as its guide lets it
 
 
-def another_printers(box: GreyboxModel, trace: Trace, causes: tuple[Cause, ...]) -> tuple[Misfit, ...]:
-    """Return a warning where a printer of the other kinematics explains the trace far better than the model and the
-    ``causes`` that were found beside it.
-
-    A guide's wave is none of these: it pushes an axis across itself, which no drive of that axis does.
-    """
-    residual = [drive.choice.fit.touch.residual_mm for drive in box.drives]
-    if trace.wall_rows.any() or any(len(each) != len(trace) for each in residual):
+def another_printers(left_mm: np.ndarray, trace: Trace, printer: Printer) -> tuple[Misfit, ...]:
+    """Return a warning where a printer of the other kinematics explains the trace far better than a model that leaves
+    ``left_mm`` [N, 2] of it."""
+    if trace.wall_rows.any():
         return ()
-    own = np.stack(residual, axis=1)
-    _, explained = effects_of(box, trace, tuple(each for each in causes if each.candidate.kind != "rail-wave"))
-    is_corexy = box.printer.kinematics == "corexy"
-    other = replace(box.printer, kinematics="cartesian" if is_corexy else "corexy")
+    is_corexy = printer.kinematics == "corexy"
+    other = replace(printer, kinematics="cartesian" if is_corexy else "corexy")
     rough = learned_roughly(trace, other)
     theirs_mm = trace.measured_mm - rough.places_mm
-    known = np.isfinite(own).all(axis=1) & np.isfinite(theirs_mm).all(axis=1)
+    known = np.isfinite(left_mm).all(axis=1) & np.isfinite(theirs_mm).all(axis=1)
     if known.sum() < LEAST_ROWS:
         return ()
-    ours = [_squares(np.asarray(box.printer.from_motor(each[known]))) for each in (own, own - explained)]
-    our, their = min(ours, key=np.linalg.det), _squares(theirs_mm[known])
+    our, their = _squares(left_mm[known]), _squares(theirs_mm[known])
     share = min(independent_share(each, robust_sigma_mm(each)) for each in theirs_mm[known].T)
     nats = share * float(known.sum()) / 2 * float(np.log(np.linalg.det(our) / np.linalg.det(their)))
-    ours_mm, left_mm = (float(np.sqrt(np.trace(each))) for each in (our, their))
-    if nats < LEAST_NATS or left_mm > BETTER_SHARE[box.printer.kinematics] * ours_mm:
+    ours_mm, their_mm = (float(np.sqrt(np.trace(each))) for each in (our, their))
+    if nats < LEAST_NATS or their_mm > BETTER_SHARE[printer.kinematics] * ours_mm:
         return ()
     if is_corexy and rough.play_mm.max() < MOST_GUIDE_PLAY_MM:
-        guided_mm = _left_beside_guides_mm(box.printer, trace, rough.play_mm)
+        guided_mm = _left_beside_guides_mm(printer, trace, rough.play_mm)
         ours_mm = min(ours_mm, float(np.sqrt(np.trace(_squares(guided_mm[known])))))
-        if left_mm > BETTER_SHARE[box.printer.kinematics] * ours_mm:
+        if their_mm > BETTER_SHARE[printer.kinematics] * ours_mm:
             return ()
     if is_corexy:
         words = (
             f"the table looks as if a printer with a motor for each axis made it, no CoreXY: such a one leaves "
-            f"{left_mm:.2f} mm unexplained, this one {ours_mm:.2f}. If it is another printer's, learn again with that "
+            f"{their_mm:.2f} mm unexplained, this one {ours_mm:.2f}. If it is another printer's, learn again with that "
             "--printer; if not, the rails or the head have play, not the belts"
         )
     else:
         words = (
-            f"the table looks as if a CoreXY made it, no printer with a motor for each axis: that leaves {left_mm:.2f} "
+            f"the table looks as if a CoreXY made it, no printer with a motor for each axis: that leaves {their_mm:.2f} "
             f"mm unexplained, this one {ours_mm:.2f}. If it is another printer's, learn again with that --printer"
         )
     return (Misfit("printer", WARNING, ours_mm, nats, words),)
@@ -122,3 +117,8 @@ def _squares(residual_mm: np.ndarray) -> np.ndarray:
     most_mm = CLIP_SIGMAS * np.array([spread_mm(each) for each in residual_mm.T])
     clipped = np.clip(residual_mm, -most_mm, most_mm)
     return np.asarray(clipped.T @ clipped / len(clipped) + LEAST_MM2 * np.eye(2))
+
+
+def spread_mm(residual_mm: np.ndarray) -> float:
+    """Return a standard deviation by quantile: 68 % of the residuals are not larger."""
+    return max(float(np.quantile(np.abs(residual_mm), ONE_SIGMA_SHARE)), LEAST_SPREAD_MM)

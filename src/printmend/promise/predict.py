@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.effects import EFFECTS, Of, Places, home_of
+from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import LONG_MOVE_MM
 from printmend.infer.posterior import DRAWS, Part
 from printmend.machine import Mechanism, Transmission
@@ -30,6 +30,7 @@ UNSHOWN_MM, UNSHOWN_SD = 0.0015, 1.8
 # Length over which an error that differs from place to place stays alike: ringing swings over 1 to 3 mm, a loose nozzle
 # over more.
 CELL_MM = 2.0
+LINEAR = ("scale", "skew", "aspect")  # effects that a scanner's own stretch looks like
 LASTING = ("scatter", "motion")  # local causes whose errors are alike at neighbouring places, as rounding is not
 NO_ERROR_MM2 = 1e-12  # mean square below which a path shows no error
 LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere within its play
@@ -294,17 +295,25 @@ def _parts(
         motor_mm, -aims.side, np.asarray(printer.from_motor(aims.belt_mm)), aims.ways, aims.side,
         gone_mm / max(scene.way_mm, 1e-9), np.full(count, LONG_MOVE_MM), none,
     )  # fmt: skip
-    at_home = home_of(scene)
     found: dict[str, DrawnCause] = {}
     for part in belief.parts:
         effect, drawn = EFFECTS[part.effect], sizes[id(part)]
         if not drawn.any():
             continue
-        moved = effect.columns(places, part.where, part.shape, scene)
-        if not belief.placed and effect.of is Of.MACHINE:
-            moved = moved - effect.columns(at_home, part.where, part.shape, scene)
+        moved = columns_of(part.effect, places, part.where, part.shape, scene)
         cause = DrawnCause(np.einsum("nc,ncp->np", normal, moved), drawn)
-        name = "parameters" if effect.of is Of.MACHINE and part.acts_mm.any() else part.effect
+        if effect.of is Of.SESSION and part.acts_mm.any():  # it goes on from where the measured print ended
+            on = columns_of(part.effect, replace(places, done=places.done + 1.0), part.where, part.shape, scene)
+            whole = drawn + part.acts_mm[:, None]
+            then = columns_of(part.effect, replace(places, done=np.ones(count)), part.where, part.shape, scene)
+            further = np.einsum("nc,ncp->np", normal, on), np.einsum("nc,ncp->np", normal, then)
+            acts = np.repeat(-part.acts_mm[:, None], DRAWS, axis=1)
+            cause = DrawnCause(further[0], whole).beside(DrawnCause(further[1], acts))
+        name = part.effect
+        if not belief.placed and name in LINEAR:
+            name = "instrument"
+        elif effect.of is Of.MACHINE and part.acts_mm.any():
+            name = "parameters"
         found[name] = found[name].beside(cause) if name in found else cause
     return found
 

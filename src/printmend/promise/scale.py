@@ -3,40 +3,54 @@
 Of all that a scan tells this is what an owner can settle, and the one fault that mending may carry wrongly.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from printmend.effects import Scene
+from printmend.effects.effect import SCALE_MM
+from printmend.infer.posterior import Part
 from printmend.measure.table import TOGETHER
-from printmend.promise.apply import stretch_of_model
-from printmend.promise.budget import parse_budget
+from printmend.promise.belief import parse_belief
 from printmend.saved import SavedModel
 
 LEAST_DOUBT = 0.001  # share: a tenth of a millimetre in 100; a smaller doubt is said in the expected error alone
-_PARTS = {"scale of both axes": (0, 100.0), "difference of the axes' scales": (1, 200.0)}  # of what was left out
 
 
 def scale_words(model: SavedModel) -> tuple[str, ...]:
     """Return a sentence about the scale that a model's scan showed, none where the scan leaves little open."""
-    budget, section = parse_budget(model), model.document.get("promise")
-    if budget is None or not budget.stretch or not isinstance(section, dict):
+    belief = parse_belief(model)
+    shown = model.document.get("promise", {}).get("shown")
+    if belief is None or belief.placed or not isinstance(shown, list) or len(shown) != 2:
         return ()
-    instrument, left_out = section.get("instrument"), section.get("left_out", [])
-    if not isinstance(instrument, dict) or not instrument.get("scale_sd") or not isinstance(left_out, list):
+    acts, draws = _axes(belief.scene, belief.parts)
+    doubt = float(np.sqrt(np.mean((draws - acts[:, None]) ** 2, axis=1)).max())
+    if doubt < LEAST_DOUBT:
         return ()
-    to_axes = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0]])
-    weights = np.array([weight for weight, _, _ in budget.stretch])
-    squares = [
-        np.square(to_axes @ mean) + np.diag(to_axes @ covariance @ to_axes.T) for _, mean, covariance in budget.stretch
-    ]
-    doubt = np.sqrt(np.maximum(weights @ np.array(squares) / max(weights.sum(), 1e-9), 0.0))
-    if not doubt.max() >= LEAST_DOUBT:
-        return ()
-    acts = to_axes @ stretch_of_model(model)
-    beyond = np.zeros(3)
-    for one in left_out:
-        if isinstance(one, dict) and one.get("part") in _PARTS and isinstance(one.get("value"), int | float):
-            at, factor = _PARTS[one["part"]]
-            beyond[at] = one["value"] / factor
-    return (in_words(acts + to_axes @ beyond, acts, float(doubt.max()), length_given=knows_a_length(model)),)
+    return (in_words(np.array(shown, float), acts, doubt, length_given=knows_a_length(model)),)
+
+
+def shown_scales(scene: Scene, parts: Sequence[Part]) -> list[float]:
+    """Return by which shares a print is too large in its picture in X and Y, the instrument's own included."""
+    acts, _ = _axes(scene, parts)
+    values, axes = np.linalg.eigh(scene.instrument.covariance)
+    stretch = sum((part.mean_mm for part in parts if part.effect == "stretch"), np.zeros(3))
+    common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ stretch
+    return [round(float(each), 6) for each in acts + np.array([common + half, common - half])]
+
+
+def _axes(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the scales of both bed axes that act [2], and those of the drawn machines [2, D], as shares."""
+    found = []
+    for axis in range(2):
+        scales = [part for part in parts if part.effect == "scale" and (scene.corexy or part.where == axis)]
+        factor = 0.5 if scene.corexy else 1.0
+        others = [part for part in parts if part.effect == "aspect" and part.where == axis]
+        each = [(factor, part) for part in scales] + [(1.0, part) for part in others]
+        acts = sum(share * float(part.acts_mm[0]) for share, part in each)
+        draws = sum((share * part.draws_mm[0] for share, part in each), np.zeros(parts[0].draws_mm.shape[1] if parts else 1))
+        found.append((acts / SCALE_MM, draws / SCALE_MM))
+    return np.array([acts for acts, _ in found]), np.array([draws for _, draws in found])
 
 
 def knows_a_length(model: SavedModel) -> bool:

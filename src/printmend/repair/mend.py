@@ -11,6 +11,7 @@ from typing import IO
 
 import numpy as np
 
+from printmend.effects import EFFECTS
 from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
@@ -21,7 +22,6 @@ from printmend.gcode.write import Plan, follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.printer import Printer
 from printmend.printer.known import printers_named
-from printmend.promise.laws import LAWS
 from printmend.promise.misfit import refusals
 from printmend.promise.words import in_words
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
@@ -211,7 +211,7 @@ def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Predict
             share = max(1, round(100 * worse))
             came += f" expected, but no gain in {share} of 100 machines that the measurement allows"
             cause = max(prediction.after.made_of.items(), key=lambda item: item[1], default=("", 0.0))[0]
-            if cause in LAWS:
+            if cause in EFFECTS:
                 todo = f"put right what `printmend learn` said of {in_words(cause)} and measure again, or {todo}"
             else:
                 todo = f"measure more (a whole probe, or with callipers the --distance that `measure` names), or {todo}"

@@ -8,7 +8,7 @@ import numpy as np
 
 from printmend.invert import Planner
 from printmend.invert import layout as k
-from printmend.promise.budget import parse_budget
+from printmend.promise.belief import parse_belief
 from printmend.promise.misfit import said_of
 from printmend.promise.predict import Errors, PathPlaces, Promise, promised, shape_of, without_doubt
 from printmend.promise.scale import knows_a_length, knows_all_but_a_reading
@@ -247,15 +247,15 @@ def prediction_of(planner: Planner) -> Prediction:
 
 def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     """Return a prediction that contains what the model does not know, as far as the model says that."""
-    budget = parse_budget(model)
-    if budget is None or prediction.path is None:
+    belief = parse_belief(model)
+    if belief is None or prediction.path is None:
         return prediction
     known = [Errors(each.planning_rms_mm, each.p95_mm, each.max_mm) for each in (prediction.before, prediction.after)]
-    outlook = promised(model.mechanism, budget, prediction.path, known[0], known[1])
+    outlook = promised(model.mechanism, belief, prediction.path, known[0], known[1])
     if outlook is None:
         return prediction
     layers = []
-    shape2 = {} if budget.placed else _square_shape_errors(prediction.path)
+    shape2 = {} if belief.placed else _square_shape_errors(prediction.path)
     for row in prediction.layers:
         more = dict(row)
         for name, whole in (("before", outlook.before), ("after", outlook.after)):
@@ -268,7 +268,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
     return replace(
         prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
         advice=(*_beyond_seen(model, prediction), *advice_of(model, outlook.after)),
-        most_worse_share=_MOST_WORSE_SHARE_BY_HAND if budget.together else _MOST_WORSE_SHARE,
+        most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else _MOST_WORSE_SHARE,
     )  # fmt: skip
 
 

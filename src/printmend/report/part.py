@@ -10,7 +10,7 @@ import printmend
 from printmend.errors import InputError, MissingToolError
 from printmend.files import replacing
 from printmend.printer import Axis
-from printmend.promise.budget import parse_budget
+from printmend.promise.belief import parse_belief
 from printmend.repair.prediction import Prediction
 from printmend.saved import SavedModel
 from printmend.units import counted
@@ -58,7 +58,7 @@ def _page(source: str, model: SavedModel, prediction: Prediction, output: Path |
     from printmend.report.pictures import layers_picture, part_picture
 
     name = Path(source).name
-    known = parse_budget(model)
+    known = parse_belief(model)
     view = None
     if output is not None and Path(source).is_file():
         view = look_at(Path(source), output, model.mechanism, placed=known is None or known.placed)

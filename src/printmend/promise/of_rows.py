@@ -1,0 +1,155 @@
+"""What is to be said of a measurement itself: rows that were left out, places never seen, an order that is none."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from printmend.identify.drive.fit import robust_sigma_mm
+from printmend.identify.drive.period import NEAR_SHARE, TOOTH_MM
+from printmend.learn.greybox.model import GreyboxModel, LearnedDrive
+from printmend.measure.once import RANDOM_SDS, in_no_order
+from printmend.path import Trace
+from printmend.promise.misfit import NOTE, REFUSAL, WARNING, Misfit
+
+LEAST_ROWS = 60  # with fewer rows nothing is tested
+LOST_SIGMAS, LOST_MM = 6.0, 0.05  # a point whose residual exceeds both limits was measured wrongly
+# Shares of such points from which on they are a note, a warning, a refusal.
+FEW_LOST, MANY_LOST, MOST_LOST = 0.005, 0.08, 0.3
+UNFIT_SHARE, UNFIT_MM = 0.4, 0.3  # a model that leaves this share of the error, and as many mm, does not fit
+COUNTING_SHARE = 0.1  # share of the largest wave of a turn that another one must have to say how long the turn is
+TWO_VALUED = 1.65  # kurtosis below which residuals take one of two values: even chances of a range give 1.8
+NOISE_KURTOSIS = 3.0  # kurtosis of Gaussian noise
+LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # root mean square of two values, and of other residuals, worth a word
+SURE_NATS = 14.0  # what is certain by counting
+
+
+def said_of_rows(box: GreyboxModel, trace: Trace, left_mm: np.ndarray) -> tuple[Misfit, ...]:
+    """Return what is to be said of a measurement, given what the model leaves of its points on the bed [N, 2] mm."""
+    return (
+        *_jumped(box),
+        *_unfit(trace, left_mm),
+        *_random_order(trace, left_mm),
+        *_other_turns(box),
+        *_left_out(left_mm),
+    )
+
+
+def lost_rows(left_mm: np.ndarray) -> np.ndarray:
+    """Return the points [N] that a model leaves out, none where these are too few to be told of."""
+    known = np.isfinite(left_mm).all(axis=1)
+    if not known.any():
+        return np.zeros(len(left_mm), bool)
+    sigma = np.array([robust_sigma_mm(each[known]) for each in left_mm.T])
+    with np.errstate(invalid="ignore"):
+        away = np.abs(left_mm)
+        lost = known & ((away > LOST_SIGMAS * sigma) & (away > LOST_MM)).any(axis=1)
+    count = int(lost.sum())
+    return lost if count >= 2 and count >= FEW_LOST * known.sum() else np.zeros_like(lost)
+
+
+def _jumped(box: GreyboxModel) -> Iterator[Misfit]:
+    """Name motors that lost their place: the model is without that, and a part may meet it anywhere."""
+    for drive, jumps in zip(box.drives, box.jumps, strict=True):
+        if jumps:
+            words = (
+                f"{drive.name.upper()} skipped during the test print. A part may be off by as much from any place on, "
+                "and no file can mend that: tighten the belt, print slower or give the motor more current, then print "
+                "a new test print"
+            )
+            yield Misfit("jump", WARNING, max(abs(jump.size_mm) for jump in jumps), 0.0, words)
+
+
+def _unfit(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
+    """Return a refusal where a model leaves too much of its own measurement's errors."""
+    known, lost = np.isfinite(left_mm).all(axis=1), lost_rows(left_mm)
+    kept = known & ~lost if lost.sum() <= MOST_LOST * known.sum() else known
+    off_mm = (trace.measured_mm - trace.commanded_mm)[kept]
+    if not len(off_mm):
+        return []
+    left, whole = (float(np.sqrt(np.mean(np.square(each).sum(axis=1)))) for each in (left_mm[kept], off_mm))
+    if left < max(UNFIT_MM, UNFIT_SHARE * whole):
+        return []
+    words = (
+        f"the model leaves {left:.2f} mm of {whole:.2f} mm: this measurement is not of a printer that repeats itself, "
+        "or its rows are not those of the print"
+    )
+    return [Misfit("unfit", REFUSAL, left, SURE_NATS, words)]
+
+
+def _random_order(trace: Trace, left_mm: np.ndarray) -> list[Misfit]:
+    """Say where rows that are in no order leave what play leaves where its direction is not known: one of two values.
+
+    Errors that last from row to row, as lost steps do, say that the order is the print's all the same.
+    """
+    kept = left_mm[np.isfinite(left_mm).all(axis=1) & ~lost_rows(left_mm)]
+    if len(kept) < LEAST_ROWS or not in_no_order(trace.commanded_mm):
+        return []
+    freed = kept - kept.mean(axis=0)
+    lasting = (freed[1:] * freed[:-1]).sum(axis=0) / np.maximum(np.square(freed).sum(axis=0), 1e-18)
+    if lasting.max() > RANDOM_SDS / np.sqrt(len(kept)):
+        return []
+    left = float(np.sqrt(np.mean(np.square(kept).sum(axis=1))))
+    size_mm = np.sqrt(np.mean(np.square(kept), axis=0))
+    kurtosis = np.mean(kept**4, axis=0) / np.maximum(size_mm**4, 1e-18)
+    if ((kurtosis < TWO_VALUED) & (size_mm > LEAST_TWO_MM)).any():
+        words = (
+            f"the rows are in a random order, and {left:.2f} mm of the error go one way or the other, as play does: "
+            "without the order of the print its play cannot be learned. Put the rows in the order of the print"
+        )
+        return [Misfit("rows-random", REFUSAL, left, SURE_NATS, words)]
+    as_noise = (kurtosis > NOISE_KURTOSIS - RANDOM_SDS * np.sqrt(24 / len(kept))).all()  # 24/n: its variance by chance
+    if left < LEAST_SCATTER_MM or (as_noise and left <= UNFIT_MM):
+        return []
+    words = (
+        f"the rows are in a random order, and {left:.2f} mm stay unexplained: if the printer did not go to these "
+        "places in this order, put the rows in the order of the print"
+    )
+    return [Misfit("rows-random", REFUSAL if left > UNFIT_MM else WARNING, left, SURE_NATS, words)]
+
+
+def _other_turns(box: GreyboxModel) -> list[Misfit]:
+    """Say where an error repeats at another length than the printer's turn."""
+    found = []
+    for motor, drive in enumerate(box.drives):
+        period, usual = drive.branches.period_mm, box.printer.axes[motor].mm_per_turn
+        turns = drive.structure.pulley != "none" or drive.structure.play in ("loose", "free")
+        if period == usual or not turns:
+            continue
+        if (times := _times_a_turn(drive)) > 1:  # a wave that comes so many times in it is all that repeats
+            period /= times
+        teeth = round(period / TOOTH_MM)
+        is_toothed = times == 1 and abs(period - teeth * TOOTH_MM) < 1e-9
+        cause = (
+            f"a pulley of {teeth} teeth, or an idler's" if is_toothed else "an idler's or the belt's own, or a pulley's"
+        )
+        if abs(period / usual - 1) < NEAR_SHARE:
+            cause = "its steps a millimetre were calibrated, or it is another pulley"
+        words = (
+            f"the error of {drive.name.upper()} repeats every {period:.1f} mm, not every {usual:g} as the printer's "
+            f"pulley would: {cause}. The model turns by that"
+        )
+        found.append(Misfit("turn", NOTE, 0.0, SURE_NATS, words))
+    return found
+
+
+def _times_a_turn(drive: LearnedDrive) -> int:
+    """Return how often the learned turn repeats itself: the greatest divisor of its waves' orders that count."""
+    wave = drive.branches.mean
+    sizes = np.hypot(wave.cos_mm, wave.sin_mm)
+    return math.gcd(*(int(k) for k in wave.harmonics[sizes > COUNTING_SHARE * sizes.max(initial=0.0)])) or 1
+
+
+def _left_out(left_mm: np.ndarray) -> list[Misfit]:
+    """Count the points that the model leaves out."""
+    known, lost = np.isfinite(left_mm).all(axis=1), lost_rows(left_mm)
+    count, share = int(lost.sum()), float(lost.sum() / max(known.sum(), 1))
+    if not count:
+        return []
+    size = float(np.sqrt(np.mean(np.square(left_mm[lost]).sum(axis=1))))
+    severity = REFUSAL if share > MOST_LOST else WARNING if share > MANY_LOST else NOTE
+    advice = "many wrong points may be one wrong row: check the table" if share > MANY_LOST else "dirt, or wrong cells"
+    words = (
+        f"{count} of {int(known.sum())} points ({100 * share:.1f} %) lie {size:.2f} mm off and are left out: {advice}"
+    )
+    return [Misfit("left-out", severity, size, float(count), words)]
