@@ -128,6 +128,11 @@ def misfits_of(
     return sorted(found, key=lambda each: (-SEVERITIES.index(each.severity), -each.size_mm))
 
 
+def gathered(parts: Sequence[Part]) -> list[Found]:
+    """Return the effects that any drawn machine has, near shapes of one put together; those that act come first."""
+    return [group.found for group in _groups(parts)]
+
+
 def unseen(scene: Scene) -> list[Misfit]:
     """Say which part of the bed was never measured."""
     parts = []
