@@ -8,6 +8,37 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from printmend.promise.budget import parse_budget
+from printmend.promise.effects import (
+    BEGUN,
+    EARLY,
+    EARLY_DONE,
+    ENDED,
+    LEARNED,
+    SHIFT_STAYS,
+    STAYS,
+    Effect,
+    PrintPlaces,
+    parse_effects,
+)
+from printmend.promise.misfit_columns import Candidate
+from printmend.promise.misfit_tests import (
+    IN_TIME,
+    Cause,
+    _near,
+    _once,
+    _one_border,
+    _tilted,
+    _tilts,
+    _words,
+    as_printed,
+    causes_of,
+    effects_of,
+    found_in,
+    of_one_time,
+    unrest_mm,
+)
+from printmend.promise.walk import RATIOS, walk_of
 
 from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Play, WrongRadius, sample
@@ -28,40 +59,9 @@ from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 from printmend.probe.probe import keep_plan
 from printmend.promise import misfit_rows, predict
-from printmend.promise.budget import parse_budget
-from printmend.promise.effects import (
-    BEGUN,
-    EARLY,
-    EARLY_DONE,
-    ENDED,
-    LEARNED,
-    SHIFT_STAYS,
-    STAYS,
-    Effect,
-    PrintPlaces,
-    parse_effects,
-)
 from printmend.promise.misfit import misfit_section
-from printmend.promise.misfit_columns import Candidate
 from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order
-from printmend.promise.misfit_tests import (
-    IN_TIME,
-    Cause,
-    _near,
-    _once,
-    _one_border,
-    _tilted,
-    _tilts,
-    _words,
-    as_printed,
-    causes_of,
-    effects_of,
-    found_in,
-    of_one_time,
-    unrest_mm,
-)
-from printmend.promise.walk import RATIOS, walk_of
 from printmend.repair.learned import Learned, learn, learn_model, report
 from printmend.repair.update import update
 from printmend.saved import Wave, branches_of, read_model, write_model

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from printmend.promise.budget import parse_budget
 
 from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon, Warp
@@ -17,7 +18,6 @@ from printmend.measure.table import read_trace, write_trace
 from printmend.path import Origin, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.promise.budget import parse_budget
 from printmend.repair.learned import learn_model
 from printmend.repair.update import update
 from printmend.saved import SavedModel, exact_model, model_text, parse_model, read_model, write_model

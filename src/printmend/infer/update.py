@@ -7,7 +7,7 @@ are weighed: a pulley turned on its shaft, a motor got other parts, all of it is
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,16 @@ from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.prior import happens_share, wear_share
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.infer.contacts import contacts_of
-from printmend.infer.fit import FINER_ROUNDS, Fit, _home_sd_mm, _measured_mm, _turned_back, rows_of, weighed, with_shapes
+from printmend.infer.fit import (
+    FINER_ROUNDS,
+    Fit,
+    _home_sd_mm,
+    _measured_mm,
+    _turned_back,
+    rows_of,
+    weighed,
+    with_shapes,
+)
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, gram_of, seen
 from printmend.infer.machine import machine_of
 from printmend.infer.posterior import DRAWS, Part, Posterior, posterior_of
@@ -71,7 +80,9 @@ class Renewed:
 
     def of(self, effect: str, where: int) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
         """Return an effect's parts before and now."""
-        own = [tuple(p for p in parts if (p.effect, p.where) == (effect, where)) for parts in (self.before, self.now.parts)]
+        own = [
+            tuple(p for p in parts if (p.effect, p.where) == (effect, where)) for parts in (self.before, self.now.parts)
+        ]
         return own[0], own[1]
 
 
@@ -265,7 +276,9 @@ def _weighed_stories(
             state = by(_search(sums, each, left), start, sd_mm)
             left = sums.without(left.mean, left.ways, state.sigma_mm)
             state = _search(sums, each, left).posterior(state.members, state.sigma_mm, rounds=0)
-            return _Pass(each, like, places, rows, sums, left, state, state.score - left.log_det / 2 + each.log_odds, old)
+            return _Pass(
+                each, like, places, rows, sums, left, state, state.score - left.log_det / 2 + each.log_odds, old
+            )
 
         best = told(story, members)
         while stories and _changed(best):
@@ -477,7 +490,9 @@ def both_seen(old: Scene, new: Scene) -> Scene:
     """Return the scene of a new measurement with the spans of an old one, too."""
 
     def spans(name: str) -> tuple[tuple[float, float], tuple[float, float]]:
-        pairs = [(min(a[0], b[0]), max(a[1], b[1])) for a, b in zip(getattr(old, name), getattr(new, name), strict=True)]
+        pairs = [
+            (min(a[0], b[0]), max(a[1], b[1])) for a, b in zip(getattr(old, name), getattr(new, name), strict=True)
+        ]
         return pairs[0], pairs[1]
 
     return replace(new, motor_span_mm=spans("motor_span_mm"), bed_span_mm=spans("bed_span_mm"))

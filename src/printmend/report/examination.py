@@ -7,9 +7,9 @@ import numpy as np
 
 import printmend
 from printmend.diagnosis.advice import Advice, advise
-from printmend.effects.words import Fault as NamedFault
 from printmend.diagnosis.portrait import Portrait, portrait
 from printmend.diagnosis.standard import Circle, Positioning, circle, positioning
+from printmend.effects.words import Fault as NamedFault
 from printmend.errors import InputError, TraceError
 from printmend.learn.greybox import GreyboxModel
 from printmend.path import Trace
