@@ -35,6 +35,7 @@ class Kink:
     name = "kink"
     of = Of.MACHINE
     acts = Acts.DRIVE
+    from_home = True
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:

@@ -36,9 +36,8 @@ def test_the_curves_of_a_motor_are_the_machines(preset: str) -> None:
     printer, rng = read_printer(preset), np.random.default_rng(2)
     low, high = (np.array([getattr(axis, end) for axis in printer.axes[:2]]) for end in ("min_mm", "max_mm"))
     path = np.vstack([np.array(printer.home_mm)[None], rng.uniform(low + 10, high - 10, (300, 2))])
-    scene = scene_of(Trace(path, path.copy()), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    scene = scene_of(Trace(path, path.copy(), homed=True), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
     true, _ = machine_of(scene, [Sized("scale", 0, (), np.array([0.5])), Sized("play", 0, (), np.array([0.3]))])
-    true = true.homed()
     places = print_from_home(true, np.hstack([path, np.full((len(path), 1), printer.z.home_mm)]))[:, :2]
     trace = Trace(path, places + rng.normal(0, 0.01, places.shape), homed=True)
     fit = fitted(trace, scene, healthy_mechanism(printer))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.diagnosis.named import gathered
-from printmend.effects import Acts, Places, Scene
+from printmend.effects import Acts, Places, Scene, columns_of
 from printmend.effects.effect import SCALE_MM
 from printmend.effects.elastic import HARMONICS as ELASTIC
 from printmend.effects.pulley import is_loose, wave_sizes
@@ -81,7 +81,8 @@ def _columns(found: Found, motor: int, motor_mm: np.ndarray, side: np.ndarray | 
     count = len(motor_mm)
     at, sides, none = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros((count, 2))
     at[:, motor], sides[:, motor] = motor_mm, side
-    moved = found.columns(Places(at, sides, none, none, none, np.zeros(count), np.zeros(count), none), scene)
+    places = Places(at, sides, none, none, none, np.ones(count), np.zeros(count), none)
+    moved = columns_of(found.effect, places, found.where, found.shape, scene)
     return np.asarray(scene.printer.to_motor(np.moveaxis(moved, 1, 2))[..., motor])
 
 
@@ -101,7 +102,7 @@ def _drawn_mm(drives: Sequence[Found], motor: int, motor_mm: np.ndarray, side: f
 def _contacts(acts: Sequence[Found], motor: int, fit: Fit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return place, error and side [M] of the measured points that this motor's belt touched."""
     rows, left = fit.rows, fit.left_mm()
-    x, y = (np.flatnonzero((rows.along == way).all(axis=1) & ~rows.at_home) for way in np.eye(2))
+    x, y = (np.flatnonzero((rows.along == way).all(axis=1)) for way in np.eye(2))
     if not len(x) or not np.array_equal(rows.mark[x], rows.mark[y]):  # walls have one number each
         return np.zeros(0), np.zeros(0), np.zeros(0, int)
     mark, left_mm = rows.mark[x], fit.scene.printer.to_motor(np.stack([left[x], left[y]], axis=1))[:, motor]
