@@ -9,7 +9,7 @@ from printmend import effects, plugins
 from printmend.diagnosis.advice import advise
 from printmend.diagnosis.named import faults_of, misfits_of
 from printmend.effects import EFFECTS, Acts, Effect, Of, Places, Scene, Term, scene_of
-from printmend.effects.effect import about, onto_bed
+from printmend.effects.effect import STAYS, about, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Care, Fault, Found, Message, amount, motor_name
 from printmend.errors import ConfigError
@@ -36,6 +36,7 @@ class Kink:
     of = Of.MACHINE
     acts = Acts.DRIVE
     from_home = True
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -55,9 +56,6 @@ class Kink:
             yield float(place), width
         for factor in about(0.0, 0.5, round_):
             yield at, float(width * np.exp(factor))
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         size, sd = found.size(lambda sizes: float(sizes[0]))

@@ -81,7 +81,7 @@ def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
     beside = [each.found for each in groups]
     named: list[Fault] = []
     for group in groups:
-        if not group.found.acts:
+        if not group.found.acts or group.found.law.of is not Of.MACHINE:
             continue
         faults = [fault for fault in _faults(group.found, beside, scene) if _is_named(fault)]
         other = _other_words(group, groups, scene)
@@ -178,7 +178,7 @@ def _with_turn(parts: Sequence[Part], turned_rad: float) -> list[Part]:
 
 def _is_told(found: Found) -> bool:
     """Tell whether an effect is told as what does not fit: it cannot act, or not in every print alike."""
-    return found.law.acts is Acts.NOT or hasattr(found.law, "told")
+    return found.law.acts is Acts.NOT or found.law.of is not Of.MACHINE
 
 
 def _faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:

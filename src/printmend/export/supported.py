@@ -181,7 +181,8 @@ def _beside_mm2(belief: Belief | None) -> float:
     for part in belief.parts:
         effect = EFFECTS[part.effect]
         if effect.acts is Acts.NOT:
-            again = effect.again(part.draws_mm, rng)
+            comes = rng.uniform(size=part.draws_mm.shape[1]) < effect.fate.anew + effect.fate.stays
+            again = part.draws_mm * comes
             moved = np.einsum("ncp,pd->ncd", effect.columns(places, part.where, part.shape, belief.scene), again)
             total += float(np.square(moved).sum(axis=1).mean())
     return total

@@ -18,7 +18,7 @@ from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.prior import happens_share, wear_share
 from printmend.effects.pulley import HARMONICS as ROUNDS
 from printmend.infer.contacts import contacts_of
-from printmend.infer.fit import FINER_ROUNDS, Fit, _measured_mm, _turned_back, rows_of, weighed, with_shape
+from printmend.infer.fit import FINER_ROUNDS, Fit, _home_sd_mm, _measured_mm, _turned_back, rows_of, weighed, with_shapes
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, gram_of, seen
 from printmend.infer.machine import machine_of
 from printmend.infer.posterior import DRAWS, Part, Posterior, posterior_of
@@ -64,6 +64,11 @@ class Renewed:
     fit: Fit
     left_mm: np.ndarray
 
+    @property
+    def beside(self) -> tuple[Block, ...]:
+        """The effects that the search found beside the old machine, of the print and of the instrument included."""
+        return self.fit.blocks
+
     def of(self, effect: str, where: int) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
         """Return an effect's parts before and now."""
         own = [tuple(p for p in parts if (p.effect, p.where) == (effect, where)) for parts in (self.before, self.now.parts)]
@@ -87,6 +92,8 @@ def renewed(
     standard deviation) the first size of an effect at a motor should have grown. Without ``stories`` the machine is the
     old one with changes.
     """
+    if scene.homed:
+        scene = replace(scene, home_sd_mm=_home_sd_mm(mechanism, scene))
     own = [each for each in parts if EFFECTS[each.effect].of is Of.MACHINE and each.chance >= LEAST_CHANCE]
     before = tuple(_rebased(each, scene) for each in own)
     story, whole, turned_rad = Story(before), trace, 0.0
@@ -97,8 +104,8 @@ def renewed(
         trace = _turned_back(whole, turned_rad, scene)
         contacts = contacts_of(mechanism, motor)
         bed_mm = _measured_mm(trace) if at is None else scene.printer.from_motor(contacts.belt_mm)
-        places = places_of(trace, scene, contacts.row, contacts.side, bed_mm).with_home(scene)
-        rows = rows_of(trace, contacts, places, scene, None if at is None else at.state.sigma_mm)
+        places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
+        rows = rows_of(trace, contacts, places, scene)
         at = _weighed_stories(story, wearing, places, rows, scene, stories=stories and at is None)
         story = at.story
         now = _now(at, contacts, scene, rng)
@@ -255,14 +262,14 @@ def _weighed_stories(
 
         def told(each: Story, start: Set, by: _Steps = searched, sums: _Sums = sums, sd_mm: float = sigma_mm) -> _Pass:
             left = sums.without(*wearing.known(each, like), sd_mm)
-            state = by(Search(sums.dictionary, left.gram), start, sd_mm)
+            state = by(_search(sums, each, left), start, sd_mm)
             left = sums.without(left.mean, left.ways, state.sigma_mm)
-            state = Search(sums.dictionary, left.gram).posterior(state.members, state.sigma_mm, rounds=0)
+            state = _search(sums, each, left).posterior(state.members, state.sigma_mm, rounds=0)
             return _Pass(each, like, places, rows, sums, left, state, state.score - left.log_det / 2 + each.log_odds, old)
 
         best = told(story, members)
         while stories and _changed(best):
-            rough = {each: told(each, always, grown) for each in _others(best, always)}
+            rough = {each: told(each, always, by_growing) for each in _others(best, always)}
             found = max(rough, key=lambda each: rough[each].score)
             newer = told(found, rough[found].state.members)
             if newer.score <= best.score:
@@ -276,14 +283,14 @@ def _weighed_stories(
     return best
 
 
-def grown(search: Search, start: Set, sigma_mm: float) -> State:
+def by_growing(search: Search, start: Set, sigma_mm: float) -> State:
     """Return the set that steps from ``start`` reach by adding blocks alone: quicker than `searched`, and nearly as good
     where stories are compared."""
     state = search.posterior(start, sigma_mm)
-    while gains := search.gains(state, search.offered(state.members)):
-        best = max(gains, key=lambda each: gains[each])
+    while len((gains := search.gains(state, search.offered(state.members))).values):
+        best, gain = gains.best()
         more = search.posterior((*state.members, best), state.sigma_mm)
-        if gains[best] <= 0 or more.score <= state.score:
+        if gain <= 0 or more.score <= state.score:
             break
         state = more
     return state
@@ -295,6 +302,18 @@ def _sigma_mm(rows: Rows, old: np.ndarray, weight: np.ndarray, mean: np.ndarray)
 
 def _sums(dictionary: Dictionary, old: np.ndarray, rows: Rows, weight: np.ndarray) -> _Sums:
     return _Sums(dictionary, gram_of(np.hstack([dictionary.columns, old]), rows.error_mm, weight))
+
+
+def _search(sums: _Sums, story: Story, left: _Left) -> Search:
+    """Return the search for changes of a story: what a machine has since, it seldom has."""
+    seldom = math.log(happens_share("changed"))
+
+    def block(one: Block) -> Block:
+        effect = EFFECTS[one.effect]
+        is_new = story.whole or (effect.acts is Acts.DRIVE and one.where in story.anew)
+        return one if is_new or effect.of is not Of.MACHINE else replace(one, log_odds=one.log_odds + seldom)
+
+    return Search(Dictionary(tuple(map(block, sums.dictionary.blocks)), sums.dictionary.columns), left.gram)
 
 
 def _changed(at: _Pass) -> bool:
@@ -375,22 +394,24 @@ def _finer(at: _Pass, places: Places, rows: Rows, scene: Scene, weight: np.ndarr
     """Look for the shapes of the members between the neighbours of each."""
     for round_ in range(FINER_ROUNDS):
         dictionary = at.sums.dictionary
-        for b, _ in at.state.members:
-            block = dictionary.blocks[b]
-            for shape in EFFECTS[block.effect].finer(block.shape, round_):
-                dictionary = with_shape(dictionary, block, shape, places, rows, scene)
+        finer = [
+            (dictionary.blocks[b], shape)
+            for b, _ in at.state.members
+            for shape in EFFECTS[dictionary.blocks[b].effect].finer(dictionary.blocks[b].shape, round_)
+        ]
+        dictionary = with_shapes(dictionary, finer, places, rows, scene)
         if dictionary is at.sums.dictionary:
             break
         sums = _sums(dictionary, old, rows, weight)
         left = sums.without(at.left.mean, at.left.ways, at.state.sigma_mm)
-        state = searched(Search(dictionary, left.gram), at.state.members, at.state.sigma_mm)
+        state = searched(_search(sums, at.story, left), at.state.members, at.state.sigma_mm)
         at = replace(at, sums=sums, left=left, state=state)
     return at
 
 
 def _now(at: _Pass, contacts: object, scene: Scene, rng: np.random.Generator) -> Renewed:
     """Draw machines: changes as the search has them, and the old machine beside each."""
-    search = Search(at.sums.dictionary, at.left.gram)
+    search = _search(at.sums, at.story, at.left)
     nothing, _ = machine_of(scene, ())
     fit = Fit(scene, at.places, at.rows, contacts, search, at.state, nothing)  # type: ignore[arg-type]
     found = posterior_of(fit, rng)
@@ -432,7 +453,7 @@ def _key(part: Part) -> Key:
 
 def _columns(parts: Sequence[Part], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     """Return what the rows see [M, P] of parts."""
-    own = [seen(part.effect, EFFECTS[part.effect].columns(places, part.where, part.shape, scene), rows) for part in parts]
+    own = [seen(part.effect, part.where, part.shape, places, rows, scene) for part in parts]
     return np.hstack([np.zeros((len(rows.mark), 0)), *own])
 
 

@@ -48,7 +48,9 @@ def _axes(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
         others = [part for part in parts if part.effect == "aspect" and part.where == axis]
         each = [(factor, part) for part in scales] + [(1.0, part) for part in others]
         acts = sum(share * float(part.acts_mm[0]) for share, part in each)
-        draws = sum((share * part.draws_mm[0] for share, part in each), np.zeros(parts[0].draws_mm.shape[1] if parts else 1))
+        draws = sum(
+            (share * part.draws_mm[0] for share, part in each), np.zeros(parts[0].draws_mm.shape[1] if parts else 1)
+        )
         found.append((acts / SCALE_MM, draws / SCALE_MM))
     return np.array([acts for acts, _ in found]), np.array([draws for _, draws in found])
 

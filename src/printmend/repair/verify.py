@@ -11,32 +11,31 @@ from typing import Any
 import numpy as np
 
 from printmend.diagnosis.screw import heights_mm
+from printmend.effects import EFFECTS, Of, Places, columns_of
+from printmend.effects.effect import SCALE_MM
 from printmend.errors import ModelError, TraceError
-from printmend.learn.greybox import Greybox
+from printmend.infer.gram import seen
+from printmend.infer.update import Renewed
 from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
 from printmend.measure.once import digest_of
 from printmend.measure.whose import check_origin
 from printmend.path import Trace, last_way
 from printmend.printer import Printer
-from printmend.promise.budget import Budget, parse_budget
-from printmend.promise.misfit_tests import LEAST_ROWS
-from printmend.promise.predict import Errors, Outlook, PathPlaces, Promise, promised
+from printmend.promise.belief import Belief, parse_belief
+from printmend.promise.predict import HIGH, LOW, Errors, Outlook, PathPlaces, Promise, promised
 from printmend.repair.history import remember
 from printmend.repair.learned import PLANE_FACTOR, known_digests
-from printmend.repair.update import Updated, update, wandering_mm
-from printmend.saved import SCALE_MM, Design, SavedModel, branches_of
+from printmend.repair.update import Updated, changes_of, measured_again, update
+from printmend.saved import SavedModel
 
 LEAST_MARKS = 10  # measured marks of a check print; fewer tell nothing
-_LEAST_SIGMA_MM = 0.002  # smallest standard deviation of a mark: no scan is read better
 _LEAST_STRETCH_PERCENT = 0.01  # a smaller stretch by the instrument is not worth a word
 _NOISE_SD_SHARE = 0.15  # standard deviation of the stated noise of a measurement, as a share of it
 _UNMENDED_SHARE = 0.9  # a print with more than this share of the error before mending was hardly mended …
 _SAME_FAULT_SHARE = 0.5  # … if, of its error, less than this share is unlike the unmended print of the model
-_SURE_SIGMAS = 2.0  # standard deviations within which a measured error is known
 SEEN_FACTOR = 2.0  # a promise is kept where an error of so many times its upper end is ruled out
-_MARKS_A_WAVE, _MOST_WAVES = 12, 6  # of each motor's turn so many waves are looked for in the errors of marks
-_LEAST_COLUMN = 1e-6  # share of the largest of a set of columns, below which one is another's
+_ASKED = "play"  # the effect that a measurement must be fine enough to show: none grows as often
 
 
 KEPT, BROKEN, UNSURE = "kept", "broken", "cannot tell"
@@ -49,7 +48,8 @@ class Verdict:
     and as was promised with its 90 % range; ``unlike_mm`` is how far they lie from where the model has them unmended.
     ``placed``: they contain where on the bed the print lies; else a shift of the whole is taken off, and
     ``stretch_percent`` of scale that may as well be the instrument's own. ``stated``: the measurement says how exact
-    it is; ``wanders_mm`` is by how much place and scale may be off because what measures wanders."""
+    it is; ``wanders_mm`` is by how much place and scale may be off because what measures wanders. ``changed`` is what
+    surely changed of the machine; ``ways_known``: way-points between the marks say from which side each was reached."""
 
     marks: int
     before_mm: float
@@ -64,6 +64,8 @@ class Verdict:
     stretch_percent: float = 0.0
     stated: bool = True
     wanders_mm: float = 0.0
+    changed: tuple[str, ...] = ()
+    ways_known: bool = True
 
     @property
     def result(self) -> str:
@@ -94,12 +96,17 @@ class Verdict:
         if abs(self.stretch_percent) >= _LEAST_STRETCH_PERCENT:
             numbers += f" (a scale of {self.stretch_percent:+.2f} % may be the scanner's own and is taken off)"
         if self.result == KEPT:
-            return f"{numbers}: kept ({self.marks} marks)"
+            return "; but ".join([f"{numbers}: kept ({self.marks} marks)", *self.changed])
         if self.result == UNSURE:
             if self.wanders_mm:
                 return (
                     f"{numbers}: cannot tell. What measures wanders, so that place and scale may be off by "
                     f"{self.wanders_mm:.2f} mm: fix it, let it warm up, and measure again"
+                )
+            if not self.ways_known:
+                return (
+                    f"{numbers}: cannot tell. The table has the dots alone, so nobody knows from which side the printer "
+                    "came to each, and play does not show: measure with the test print's way-points between the dots"
                 )
             how = "scan the print" if self.stated else "scan the print, or say in sigma_mm how exact the table is"
             return (
@@ -127,11 +134,13 @@ class Verdict:
 def verify(model: SavedModel, trace: Trace) -> Verdict:
     """Compare a measured check print, whose G-code was mended with ``model``, with what the model promised.
 
-    ``trace`` has the places that were wanted as commanded ones. Raises `TraceError` for fewer than ten marks,
-    another printer's and those that the model was learned from, `ModelError` for a model that promises nothing.
+    ``trace`` has the places that were wanted as commanded ones. The print is a second measurement of the machine: what
+    it leaves of the model's drawn machines, and what it finds beside them, is its error at the marks. Raises
+    `TraceError` for fewer than ten marks, another printer's and those that the model was learned from, `ModelError` for
+    a model that promises nothing.
     """
-    budget = parse_budget(model)
-    if budget is None:
+    belief = parse_belief(model)
+    if belief is None:
         raise ModelError(
             "the model", wanted="one that says what it does not know", came="one of an older printmend or learner",
             todo="learn it again from its trace",
@@ -149,125 +158,96 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
             "the check print", wanted=f"at least {LEAST_MARKS} measured marks", came=f"{len(known)}",
             todo="measure more of it",
         )  # fmt: skip
-    placed = trace.placed and budget.placed
-    # the instrument's stretch is taken off what was measured: neither is it in the promise for these marks
-    outlook, off = _outlook_at_marks(model, budget if placed else replace(budget, stretch=()), trace)
-    error = (trace.measured_mm - trace.commanded_mm)[known]
+    placed = trace.placed and belief.placed
+    outlook, off = _outlook_at_marks(model, belief, trace)
+    found = measured_again(model, belief, made(model, trace), np.random.default_rng(0), stories=False)
+    noise_mm = found.now.noise_mm
     sigmas = np.empty(0) if trace.sigma_mm is None else trace.sigma_mm[known]
     stated = sigmas[np.isfinite(sigmas)]
-    sigma = float(np.sqrt(np.mean(stated**2))) if len(stated) else model.noise_mm
-    stretch = 0.0
-    if not placed:
-        error = error - error.mean(axis=0)
-        off = off - off.mean(axis=0)
-        error, stretch = _unstretched(error, trace, model.printer.kinematics == "corexy", sigma)
-    unlike = error - off
-    repeating = _repeating(error, trace, model)
-    noise2 = PLANE_FACTOR**2 * sigma**2 if len(stated) else repeating.rest_mm2
-    now, low, high = _error_now_mm(error, noise2, repeating, is_stated=bool(len(stated)))
-    wanders_mm = 0.0
-    if trace.instrument_doubt.is_exact and len(known) >= LEAST_ROWS:
-        wanders_mm = wandering_mm(Greybox().fit(trace, model.printer, rng=np.random.default_rng(0)), trace)
-    low = float(np.sqrt(max(low**2 - (PLANE_FACTOR * wanders_mm) ** 2, 0.0)))
+    own_mm = float(np.sqrt(np.mean(stated**2))) if len(stated) else model.noise_mm
+    # scatter beyond what measuring does may be the printer's, or not
+    beyond_mm = PLANE_FACTOR * float(np.sqrt(max(noise_mm**2 - ((1 + 2 * _NOISE_SD_SHARE) * own_mm) ** 2, 0.0)))
+    surely_mm, wanders_mm = _errors_mm(found, trace, placed=placed)
+    whole_mm = np.hypot(surely_mm, wanders_mm)
+    now = float(np.median(whole_mm))
+    low = float(np.quantile(surely_mm, LOW)) if _is_beyond(found) else 0.0
+    high = float(np.sqrt(np.quantile(whole_mm, HIGH) ** 2 + beyond_mm**2 + _unseen_mm(found) ** 2))
     after = outlook.after
-    before_mm = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+    error = (trace.measured_mm - trace.commanded_mm)[known]
+    unlike = error - off
+    if not placed:
+        unlike, off = unlike - unlike.mean(axis=0), off - off.mean(axis=0)
     return Verdict(
-        len(known), before_mm, now, low, high,
+        len(known), float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), now, low, high,
         PLANE_FACTOR * after.rms_mm, PLANE_FACTOR * after.rms_low_mm, PLANE_FACTOR * after.rms_high_mm,
-        float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - noise2, 0.0))), placed, stretch, bool(len(stated)),
-        wanders_mm,
+        float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - (PLANE_FACTOR * noise_mm) ** 2, 0.0))), placed,
+        _stretch_percent(found), bool(len(stated)), float(np.median(wanders_mm)),
+        tuple(change.words for change in changes_of(found)), len(known) < len(trace) - 1,
     )  # fmt: skip
 
 
-def _error_now_mm(
-    error_mm: np.ndarray, noise_mm2: float, repeating: "_Repeating", *, is_stated: bool
-) -> tuple[float, float, float]:
-    """Return the root mean square [mm] of errors [N, 2] without the noise of measuring, and what it is at least and at
-    most; noise that nobody stated is what repeats nothing, of which all may be noise, and none."""
-    square = np.sum(error_mm**2, axis=1)
-    doubt2 = 2 * _NOISE_SD_SHARE * noise_mm2 if is_stated else noise_mm2 / _SURE_SIGMAS
-    now2, sd2 = float(square.mean()) - noise_mm2, float(np.hypot(square.std() / np.sqrt(len(square)), doubt2))
-    low2, high2 = now2 - _SURE_SIGMAS * sd2, max(now2, 0.0) + _SURE_SIGMAS * sd2
-    # what surely goes with place and direction is no noise, however much of that is
-    if (sure2 := repeating.mm2 - _SURE_SIGMAS * repeating.sd_mm2) > max(low2, 0.0):
-        now2, low2 = max(now2, repeating.mm2), sure2
-        high2 = max(high2, now2)
-    now, low, high = np.sqrt(np.maximum([now2, low2, high2], 0.0))
-    return float(now), float(low), float(high)
+def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far the drawn machines put the marks from where they were wanted, root mean square [DRAWS], and how
+    much of it wanders, of which nobody knows whether the printer or what measures does."""
+    fit, scene = found.fit, found.now.scene
+    nominal = scene.printer.from_motor(fit.places.motor_mm)
+    ahead = np.einsum("mc,mc->m", fit.rows.along, (nominal - trace.commanded_mm)[fit.rows.mark])
+    sums = {False: np.repeat(ahead[:, None], found.now.parts[0].draws_mm.shape[1] if found.now.parts else 1, axis=1)}
+    sums[True] = np.zeros_like(sums[False])
+    for part in found.now.parts:
+        if EFFECTS[part.effect].of in (Of.MACHINE, Of.SESSION):
+            columns = seen(part.effect, part.where, part.shape, fit.places, fit.rows, scene)
+            sums[part.effect == "wander"] += columns @ part.draws_mm
+    if not placed:  # nobody knows where the plate lay
+        along = fit.rows.along
+        sums = {key: each - along @ np.linalg.lstsq(along, each, rcond=None)[0] for key, each in sums.items()}
+    surely, wanders = (PLANE_FACTOR * np.sqrt(np.mean(sums[key] ** 2, axis=0)) for key in (False, True))
+    return surely, wanders
 
 
-@dataclass(frozen=True)
-class _Repeating:
-    """How much of the errors of marks any fault of drives and frame may have made, mean square and its standard
-    deviation by the scatter of the ``rest_mm2``, mean square, too [mm²]."""
-
-    mm2: float
-    sd_mm2: float
-    rest_mm2: float
+def _is_beyond(found: Renewed) -> bool:
+    """Tell whether a check print shows anything beside the machines that were believed."""
+    return any(
+        EFFECTS[part.effect].of in (Of.MACHINE, Of.SESSION) and part.effect != "wander" for part in found.beside
+    )  # fmt: skip
 
 
-def _repeating(error_mm: np.ndarray, trace: Trace, model: SavedModel) -> _Repeating:
-    """Split the errors of the measured marks [N, 2] in what goes with place and way of the motors, and the rest."""
-    printer, known, count = model.printer, trace.measured_rows, len(error_mm)
-    waves = tuple(range(1, 1 + min(count // _MARKS_A_WAVE, _MOST_WAVES)))
-    design = Design(mean_powers=3, play_powers=1, mean_harmonics=waves, play_harmonics=waves[:1])
-    motors_mm, sides = printer.to_motor(trace.commanded_mm)[known], _sides(trace, printer)
-    # to and from a motor is linear: the errors of marks are those of the belts
-    belts, fitted, used = printer.to_motor(error_mm), np.zeros(error_mm.shape), 0.0
-    for motor, middle_mm in enumerate(printer.to_motor(np.array(printer.middle_mm))):
-        series = branches_of(model, motor)
-        period_mm = printer.axes[motor].mm_per_turn if series is None else series.period_mm
-        mean, play = design.columns(motors_mm[:, motor], period_mm, middle_mm)
-        columns = np.column_stack([mean + sides[:, motor, None] / 2 * play, motors_mm[:, 1 - motor] / SCALE_MM])
-        axes, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-        axes = axes[:, sizes > _LEAST_COLUMN * sizes[0]]
-        fitted[:, motor] = axes @ (axes.T @ belts[:, motor])
-        used += axes.shape[1] / 2
-    found = np.asarray(printer.from_motor(fitted))
-    rest2 = float(np.square(error_mm - found).sum() / max(count - used, 1.0))
-    mine2 = float(np.square(found).sum() - used * rest2) / count
-    sd2 = float(np.sqrt(used * rest2**2 + 2 * rest2 * count * max(mine2, 0.0))) / count
-    # where neighbours along a motor's way are alike, too, as by an idler, that is no noise (von Neumann's ratio)
-    smooth2, smooth_sd2 = rest2 * (1 - _unlike_neighbours(belts - fitted, motors_mm, sides)), rest2 / count**0.5
-    if smooth2 > _SURE_SIGMAS * smooth_sd2:
-        mine2, sd2, rest2 = mine2 + smooth2, float(np.hypot(sd2, smooth_sd2)), rest2 - smooth2
-    uneven2 = (PLANE_FACTOR * trace.instrument_doubt.wave_mm) ** 2  # an uneven instrument's goes with place, too
-    return _Repeating(mine2, float(np.hypot(sd2, 2 * uneven2)), rest2)
+def _unseen_mm(found: Renewed) -> float:
+    """Return the largest error at the marks that more play of a motor may have made without being found."""
+    search, state = found.fit.search, found.fit.state
+    blocks, most_mm = search.dictionary.blocks, 0.0
+    for number, block in enumerate(blocks):
+        if block.effect != _ASKED or number in {b for b, _ in state.members}:
+            continue
+        at = block.at.start
+        crossing = search.gram.matrix[state.columns, at] / state.sigma_mm**2
+        told = search.gram.matrix[at, at] / state.sigma_mm**2 - crossing @ state.covariance @ crossing
+        costs = 0.5 * np.log1p(block.sds_mm[:, 0] ** 2 * told) - block.log_odds
+        size_mm = float(np.sqrt(2 * costs.min() / max(told, 1e-12)))
+        most_mm = max(most_mm, size_mm * float(np.sqrt(np.mean(search.dictionary.columns[:, at] ** 2))))
+    return PLANE_FACTOR * most_mm
 
 
-def _unlike_neighbours(left_mm: np.ndarray, motors_mm: np.ndarray, sides: np.ndarray) -> float:
-    """Return the share of the squares of what is left of belts [N, 2] that marks do not share with their neighbours,
-    to which the same motor came the same way."""
-    orders = (np.lexsort(each) for each in zip(motors_mm.T, sides.T, strict=True))
-    steps = sum(float(np.square(np.diff(left[order])).sum()) for left, order in zip(left_mm.T, orders, strict=True))
-    return steps / max(2 * float(np.square(left_mm).sum()), 1e-18)
-
-
-def _unstretched(error_mm: np.ndarray, trace: Trace, corexy: bool, sigma_mm: float) -> tuple[np.ndarray, float]:
-    """Return the errors of the measured marks [N, 2] without what may as well be the instrument's own stretch, its most
-    likely one but no more than two of its standard deviations, and how much of that is its scale [%]."""
-    x, y = (trace.commanded_mm - trace.commanded_mm[trace.measured_rows].mean(axis=0))[trace.measured_rows].T
-    # common scale, half the difference of both axes' scales, half the lean; the x axis keeps its direction
-    along_x = np.stack([x, x, y if corexy else 2 * y], axis=1)
-    along_y = np.stack([y, -y, x if corexy else 0 * x], axis=1)
-    columns, off = np.concatenate([along_x, along_y]), error_mm.T.ravel()
-    prior = trace.instrument_doubt.covariance
-    pull = np.linalg.solve(
-        columns.T @ columns @ prior + max(sigma_mm, _LEAST_SIGMA_MM) ** 2 * np.eye(3), columns.T @ off
-    )
-    found = prior @ pull
-    sds = float(np.sqrt(max(pull @ found, 0.0)))  # how far the instrument would have to be off
-    found *= min(1.0, _SURE_SIGMAS / max(sds, 1e-9))  # the rest is the printer's
-    return error_mm - (columns @ found).reshape(2, -1).T, 100 * float(found[0])
+def _stretch_percent(found: Renewed) -> float:
+    """Return the scale that the instrument may have given all that it measured."""
+    scene = found.now.scene
+    bed = scene.middle_mm + SCALE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    none, one = np.zeros((3, 2)), np.zeros(3)
+    places = Places(none, none, bed, none, none, one, one, none)
+    moved = sum(
+        (columns_of(part.effect, places, part.where, part.shape, scene) @ part.mean_mm
+         for part in found.now.parts if part.effect == "stretch"), np.zeros((3, 2)),
+    )  # fmt: skip
+    return float((moved[1, 0] - moved[0, 0] + moved[2, 1] - moved[0, 1]) / 2)
 
 
 def expectation(model: SavedModel, trace: Trace) -> Promise | None:
     """Return how far the measured marks of a trace are expected to lie from where they are wanted once it is mended:
     distances on the bed, as `verify` states them. None for a model that says nothing of its doubt."""
-    budget = parse_budget(model)
-    if budget is None or not trace.measured_rows.any():
+    belief = parse_belief(model)
+    if belief is None or not trace.measured_rows.any():
         return None
-    after = _outlook_at_marks(model, budget, trace)[0].after
+    after = _outlook_at_marks(model, belief, trace)[0].after
     made = {name: PLANE_FACTOR * share for name, share in after.made_of.items()}
     sizes = ("rms_mm", "p95_mm", "max_mm", "rms_low_mm", "rms_high_mm", "shape_rms_mm", "planning_rms_mm")
     return replace(after, made_of=made, **{name: PLANE_FACTOR * getattr(after, name) for name in sizes})
@@ -279,7 +259,7 @@ def _sides(trace: Trace, printer: Printer) -> np.ndarray:
     return np.stack(sides, axis=1)[trace.measured_rows]
 
 
-def _outlook_at_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[Outlook, np.ndarray]:
+def _outlook_at_marks(model: SavedModel, belief: Belief, trace: Trace) -> tuple[Outlook, np.ndarray]:
     """Return what to expect of the measured marks [N], across the path, and how far each is off unmended [N, 2]."""
     wanted, printer, known = trace.commanded_mm, model.printer, trace.measured_rows
     raw = print_from_home(model.mechanism, wanted)
@@ -297,7 +277,7 @@ def _outlook_at_marks(model: SavedModel, budget: Budget, trace: Trace) -> tuple[
         np.repeat(np.stack([last_way(axis) for axis in wanted.T], axis=1)[known], 2, axis=0),
     )
     before = Errors(float(np.sqrt(np.mean(path.off_mm**2))), 0.0, float(np.abs(path.off_mm).max()))
-    outlook = promised(model.mechanism, budget, path, before, Errors(0.0, 0.0, 0.0), at_rest=True)
+    outlook = promised(model.mechanism, belief, path, before, Errors(0.0, 0.0, 0.0), at_rest=True)
     assert outlook is not None  # every mark has a place
     return outlook, off
 
@@ -311,10 +291,15 @@ def update_words(verdict: Verdict, newer: Updated) -> str:
 
 
 def updated(model: SavedModel, trace: Trace) -> Updated:
-    """Bring the model up to date with a mended check print: what was really commanded is what mending had made of it.
+    """Bring the model up to date with a mended check print.
 
-    Raises `ModelError` for a model that is no grey box, `TraceError` as `learn_model` does.
+    Raises `ModelError` for a model that says nothing of its doubt, `TraceError` as `learn_model` does.
     """
+    return update(model, made(model, trace), rng=np.random.default_rng(0))
+
+
+def made(model: SavedModel, trace: Trace) -> Trace:
+    """Return a mended check print with what was really commanded: what mending made of the wanted places."""
     printer, mechanism = model.printer, model.mechanism
     belts = printer.to_motor(mechanism.frame.invert(trace.commanded_mm))
     motors = np.empty_like(belts)
@@ -330,11 +315,10 @@ def updated(model: SavedModel, trace: Trace) -> Updated:
     offset = trace.offset_mm
     if offset is not None and trace.normal is not None:  # a wall's offset counts from what was commanded
         offset = offset + np.sum(trace.normal * (trace.commanded_mm - commanded), axis=1)
-    made = Trace(
+    return Trace(
         commanded, trace.measured_mm, sigma_mm=trace.sigma_mm, homed=trace.homed, placed=trace.placed,
         instrument=trace.instrument, normal=trace.normal, offset_mm=offset,
     )  # fmt: skip
-    return update(model, made, rng=np.random.default_rng(0))
 
 
 def remember_verdict(model_path: Path, model: SavedModel, verdict: Verdict) -> Path:
