@@ -23,6 +23,10 @@ class Sized:
     shape: tuple[float, ...]
     sizes_mm: np.ndarray
 
+    @property
+    def key(self) -> tuple[str, int, tuple[float, ...]]:
+        return self.effect, self.where, self.shape
+
 
 def machine_of(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[Branches | None, Branches | None]]:
     """Return the machine whose drives and frame have these effects, and each drive as a series where it is one.

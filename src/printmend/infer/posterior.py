@@ -22,7 +22,7 @@ MOST_SETS = 24  # neighbours that are weighed at most
 class Part:
     """One effect at one place with one shape, as it is believed.
 
-    ``acts_mm`` [P] are the sizes that the model has, 0 where it does not act; ``draws_mm`` [P, D] those of the drawn
+    ``acts_mm`` [P] are the sizes that the model has: their mean in the likeliest set, 0 where that has none; ``draws_mm`` [P, D] those of the drawn
     machines; ``chance`` is the share of them that have it.
     """
 
@@ -68,7 +68,6 @@ def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
     likely = [b for b, _ in fit.state.members]
     order = [*likely, *(b for b in order if b not in likely)]
     draws = {b: np.zeros((blocks[b].at.stop - blocks[b].at.start, DRAWS)) for b in order}
-    means = {b: np.zeros(blocks[b].at.stop - blocks[b].at.start) for b in order}
     chosen = rng.choice(len(sets), DRAWS, p=weights)
     for which, members in enumerate(sets):
         state = fit.search.posterior(members, fit.state.sigma_mm, rounds=0)
@@ -79,17 +78,13 @@ def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
         for b, _ in members:
             width = blocks[b].at.stop - blocks[b].at.start
             draws[b][:, mine] = drawn[first : first + width]
-            means[b] += weights[which] * state.mean_mm[first : first + width]
             first += width
+    acting = {part.key: part.sizes_mm for part in fit.parts() if EFFECTS[part.effect].acts is not Acts.NOT}
     parts = []
-    for at, b in enumerate(order):
-        effect = EFFECTS[blocks[b].effect]
-        acts = at < len(likely) and effect.acts is not Acts.NOT
-        parts.append(
-            Part(
-                blocks[b].effect, blocks[b].where, blocks[b].shape, means[b] if acts else np.zeros_like(means[b]), draws[b]
-            )
-        )  # fmt: skip
+    for b in order:
+        key = (blocks[b].effect, blocks[b].where, blocks[b].shape)
+        acts_mm = acting.get(key, np.zeros(len(draws[b]))) if b in likely else np.zeros(len(draws[b]))
+        parts.append(Part(*key, acts_mm, draws[b]))
     return Posterior(fit.scene, tuple(parts), len(likely), fit.state.sigma_mm, tuple(nats))
 
 

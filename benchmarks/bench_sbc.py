@@ -1,0 +1,111 @@
+"""Simulation-based calibration of the engine (Talts et al. 2018): are the ranks of what is true even among the draws?
+
+    .venv/bin/python benchmarks/bench_sbc.py --seed 1 --draws 200 [--figure docs/figures/sbc.png]
+
+Each draw takes a printer, a session and an instrument from the priors of the effects (`infer.simulate`), prints the
+marks of `printmend probe`, adds noise of 0.02 or 0.05 mm, learns, and draws machines. Two figures are ranked among
+theirs: the shift of one random place of the bed by the machine's effects that act, and the root mean square of what the
+acting model leaves over a part in the middle. Even ranks give a χ² of the number of bins less one; the last column is
+the chance of a larger one.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import chi2
+
+from printmend.effects import EFFECTS, Of, columns_of, scene_of
+from printmend.effects.effect import LONG_MOVE_MM, Places
+from printmend.infer.fit import fitted
+from printmend.infer.machine import machine_of
+from printmend.infer.posterior import DRAWS, posterior_of
+from printmend.infer.simulate import drawn_parts, measured
+from printmend.learn.greybox import Greybox
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.probe import design_probe
+
+BINS = 12
+
+
+def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float] | None:
+    """Return the ranks, from 0 to 1, of one drawn printer's place and of what mending leaves; None where none was learned."""
+    printer = read_printer(preset)
+    plan = design_probe(printer)
+    path = np.concatenate([np.array(printer.home_mm)[None], plan.waypoints_mm])
+    dots = np.zeros(len(path), bool)
+    dots[1 + plan.rows] = True
+    every = Trace(path, np.where(dots[:, None], path, np.nan), homed=True)
+    scene = scene_of(every, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    true = drawn_parts(scene, rng)
+    trace = measured(path, dots, scene, true, float(rng.choice([0.02, 0.05])), rng)
+    box = Greybox().fit(trace, printer, rng=rng)
+    if box.periods_mm != scene.turns_mm:
+        return None
+    fit = fitted(trace, scene, box.mechanism)
+    posterior = posterior_of(fit, rng)
+    places = _places(printer, rng)
+    true_mm = sum((_moved(part.effect, part.where, part.shape, part.sizes_mm[:, None], places, scene) for part in true),
+                  np.zeros((len(places), 2, 1)))  # fmt: skip
+    drawn_mm = sum((_moved(part.effect, part.where, part.shape, part.draws_mm, places, scene) for part in posterior.parts),
+                   np.zeros((len(places), 2, DRAWS)))  # fmt: skip
+    acts_mm = sum((_moved(part.effect, part.where, part.shape, part.acts_mm[:, None], places, scene)
+                   for part in posterior.parts), np.zeros((len(places), 2, 1)))  # fmt: skip
+    one, axis = int(rng.integers(len(places))), int(rng.integers(2))
+    left = (np.sqrt(np.mean(np.square(each - acts_mm).sum(axis=1), axis=0)) for each in (true_mm, drawn_mm))
+    return _rank(true_mm[one, axis], drawn_mm[one, axis], rng), _rank(*left, rng)
+
+
+def _rank(true: np.ndarray, drawn: np.ndarray, rng: np.random.Generator) -> float:
+    below, same = (drawn < true - 1e-9).sum(), (np.abs(drawn - true) <= 1e-9).sum()
+    return float((below + rng.uniform() * (same + 1)) / (len(drawn) + 1))
+
+
+def _places(printer: object, rng: np.random.Generator, count: int = 200) -> Places:
+    low = np.array([axis.min_mm + 0.3 * axis.length_mm for axis in printer.axes[:2]])  # type: ignore[attr-defined]
+    bed = low + rng.uniform(0, 0.4, (count, 2)) * [axis.length_mm for axis in printer.axes[:2]]  # type: ignore[attr-defined]
+    side, ways = rng.choice([-1.0, 1.0], (2, count, 2))
+    none = np.zeros((count, 2))
+    return Places(printer.to_motor(bed), side, bed, ways, -side, np.ones(count), np.full(count, LONG_MOVE_MM), none)  # type: ignore[attr-defined]
+
+
+def _moved(effect, where, shape, sizes, places, scene) -> np.ndarray:  # noqa: ANN001
+    """Return what the machine's effects do to places [N, 2, D]."""
+    if EFFECTS[effect].of is not Of.MACHINE:
+        return np.zeros((len(places), 2, sizes.shape[1]))
+    return np.einsum("ncp,pd->ncd", columns_of(effect, places, where, shape, scene), sizes)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--draws", type=int, default=200)
+    parser.add_argument("--preset", choices=("ender3", "corexy"), default="ender3")
+    parser.add_argument("--figure", type=Path)
+    options = parser.parse_args()
+    found = []
+    for draw in range(options.draws):
+        ranks = ranks_of(options.preset, np.random.default_rng([options.seed, draw]))
+        if ranks is not None:
+            found.append(ranks)
+    ranks = np.array(found)
+    print(f"{'rank of':12} draws  χ²    p     counts in {BINS} bins")
+    for name, column in zip(("a place", "what is left"), ranks.T, strict=True):
+        counts = np.bincount(np.minimum((column * BINS).astype(int), BINS - 1), minlength=BINS)
+        even = len(column) / BINS
+        square = float(np.sum((counts - even) ** 2 / even))
+        print(f"{name:12} {len(column):5} {square:5.1f} {chi2.sf(square, BINS - 1):.3f}  {' '.join(map(str, counts))}")
+    if options.figure is not None:
+        import matplotlib.pyplot as plt
+
+        figure, axes = plt.subplots(1, 2, figsize=(8, 2.6), layout="constrained")
+        for axis, name, column in zip(axes, ("a place of the bed", "what mending leaves"), ranks.T, strict=True):
+            axis.hist(column, bins=BINS, range=(0, 1), color="#0f766e")
+            axis.axhline(len(column) / BINS, color="#444", lw=1)
+            axis.set(xlabel=f"rank of {name} among the draws", ylabel="printers")
+        figure.savefig(options.figure, dpi=110)
+
+
+if __name__ == "__main__":
+    main()

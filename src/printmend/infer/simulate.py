@@ -1,0 +1,57 @@
+"""Printers and sessions drawn from the priors, printed and measured: what the engine's own calibration is judged by."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.effects import EFFECTS, Acts, Scene, Term, columns_of, places_of
+from printmend.infer.contacts import contacts_of
+from printmend.infer.machine import Sized, machine_of
+from printmend.path import Trace
+
+
+def drawn_parts(scene: Scene, rng: np.random.Generator) -> list[Sized]:
+    """Draw the effects that a printer, its print and its measurement have, each by its odds, with sizes by its prior."""
+    parts = []
+    for effect in EFFECTS.values():
+        by_place: dict[int, list[Term]] = {}
+        for term in effect.terms(scene):
+            by_place.setdefault(term.where, []).append(term)
+        for terms in by_place.values():
+            odds = float(np.exp([term.log_odds for term in terms]).sum())
+            if rng.uniform() < odds / (1 + odds):
+                term = terms[int(rng.integers(len(terms)))]
+                parts.append(
+                    Sized(
+                        effect.name, term.where, term.shape, np.array(term.sd_mm) * rng.standard_normal(len(term.sd_mm))
+                    )
+                )
+    return [_possible(part) for part in parts]
+
+
+def _possible(part: Sized) -> Sized:
+    """Return a part with the sign that it can have: no belt has less than no play."""
+    return replace(part, sizes_mm=np.abs(part.sizes_mm)) if part.effect in ("play", "wear") else part
+
+
+def measured(
+    commanded_mm: np.ndarray,
+    dots: np.ndarray,
+    scene: Scene,
+    parts: Sequence[Sized],
+    noise_mm: float,
+    rng: np.random.Generator,
+) -> Trace:
+    """Print way-points [N, 2] on a machine with these effects, and measure its ``dots`` [N] with normal noise."""
+    mechanism, _ = machine_of(scene, parts)
+    contacts = contacts_of(mechanism, scene.printer.to_motor(commanded_mm))
+    printed = mechanism.bed.printed(contacts.belt_mm)
+    empty = Trace(commanded_mm, np.full(commanded_mm.shape, np.nan), homed=scene.homed, placed=scene.placed)
+    places = places_of(empty, scene, contacts.row, contacts.side, scene.printer.from_motor(contacts.belt_mm))
+    for part in parts:
+        if EFFECTS[part.effect].acts is Acts.NOT:
+            printed = printed + columns_of(part.effect, places, part.where, part.shape, scene) @ part.sizes_mm
+    printed = printed + noise_mm * rng.standard_normal(printed.shape)
+    known = dots & (contacts.row >= 0).all(axis=1)
+    return replace(empty, measured_mm=np.where(known[:, None], printed, np.nan))
