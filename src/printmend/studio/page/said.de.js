@@ -256,6 +256,19 @@ export const sentences = [
   ["{a} {b}: {c} ± {d} {e}, which these distances cannot tell", "{a}, {b}: {c} ± {d} {e}, was diese Abstände nicht zeigen können"],
   ["{a} {b}: {c} ± {d} {e}, none to be seen", "{a}, {b}: {c} ± {d} {e}, davon ist nichts zu sehen"],
   ["{a} {b}: {c} ± {d} {e}", "{a}, {b}: {c} ± {d} {e}"],
+
+  ["walls stand out by {a} mm on either side: lower the slicer's flow, or its line width", "Wände stehen auf jeder Seite um {a} mm vor: Fluss oder Linienbreite im Slicer verringern"],
+  ["walls fall short by {a} mm on either side: raise the slicer's flow, or its line width", "Wände bleiben auf jeder Seite um {a} mm zurück: Fluss oder Linienbreite im Slicer erhöhen"],
+  ["the scanner's carriage runs unevenly along {a}, by up to {b} mm. That is taken out", "der Schlitten des Scanners läuft längs {a} ungleich, um bis zu {b} mm. Das ist herausgerechnet"],
+  ["{a} belt has a joint or a dent", "Der Riemen von {a} hat eine Verbindungsstelle oder eine Delle"],
+  ["Past one place along {a} all lies {b} mm further, there and back.", "Von einer Stelle längs {a} an liegt alles {b} mm weiter, hin wie zurück."],
+  ["Look along the belt for a joint, a dent or a missing tooth; replace the belt.", "Den Riemen nach einer Verbindungsstelle, einer Delle oder einem fehlenden Zahn absuchen; ihn ersetzen."],
+  ["{a} belt ripples from tooth to tooth", "Der Riemen von {a} riffelt von Zahn zu Zahn"],
+  ["Walls show fine lines, a belt tooth apart, {a} mm deep.", "Wände zeigen feine Linien im Abstand eines Zahns, {a} mm tief."],
+  ["Nothing to repair; a belt that runs on its smooth side over the idlers ripples less.", "Nichts zu reparieren; ein Riemen, der mit dem glatten Rücken über die Umlenkrollen läuft, riffelt weniger."],
+  ["{a} has {b} mm more play in the upper part of {c}: the model has that of the lower part", "{a} hat im oberen Teil von {c} {b} mm mehr Spiel: Das Modell hat das des unteren Teils"],
+  ["{a} (likely, not certain)", "{a} (wahrscheinlich, nicht sicher)"],
+  ["{a}, or {b}", "{a}, oder {b}"],
 ];
 
 // What may stand before any of them, which then begins with a small letter.
