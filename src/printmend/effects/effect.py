@@ -190,9 +190,10 @@ def along(axis: int, moved_mm: np.ndarray) -> np.ndarray:
     return out
 
 
-def held(places_mm: np.ndarray, span_mm: tuple[float, float]) -> np.ndarray:
+def held(places_mm: np.ndarray, span_mm: tuple[float, ...]) -> np.ndarray:
     """Return places with those outside a span at its ends: what was not seen goes on as it ended."""
-    return np.clip(places_mm, *span_mm)
+    low, high = span_mm
+    return np.clip(places_mm, low, high)
 
 
 def home_of(scene: Scene) -> Places:
