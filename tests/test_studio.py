@@ -44,6 +44,7 @@ from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
 from printmend.promise import misfit_rows, of_rows
+from printmend.promise import words as promise_words
 from printmend.promise.scale import in_words
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo
@@ -714,7 +715,9 @@ def _check_effects() -> None:
                         assert _german(one.words), f"{preset}: {one.words}"
         narrow = replace(scene, bed_span_mm=((20.0, 90.0), scene.bed_span_mm[1]))
         assert all(_german(one.words) for one in unseen(narrow))
-    rows = _rows("said.de.js")
+    rows, inner = _rows("said.de.js"), (PAGE / "said.de.js").read_text(encoding="utf-8")
+    for cause in ("scatter", *(name for name, effect in EFFECTS.items() if hasattr(effect, "cause"))):
+        assert f'"{promise_words.in_words(cause)}": "' in inner, cause
     for module in pkgutil.iter_modules(effects.__path__):
         for value in vars(importlib.import_module(f"printmend.effects.{module.name}")).values():
             if isinstance(value, Message) and value.german:

@@ -6,7 +6,7 @@ and the model file all read these columns, and nothing else of an effect.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Protocol
 
@@ -66,7 +66,7 @@ class Scene:
     placed: bool = True
     homed: bool = False
     home_sd_mm: tuple[float, float] = (2.0, 2.0)
-    instrument: Instrument = Instrument()
+    instrument: Instrument = field(default_factory=Instrument)
     walls: bool = False
 
     @property
