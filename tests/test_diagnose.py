@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,16 +15,12 @@ from printmend.corruption import (
     CrookedFrame,
     Drive,
     EccentricBore,
-    ElasticBelt,
     Ellipse,
-    Friction,
     Play,
-    Polygon,
 )
 from printmend.diagnosis.advice import advise
-from printmend.diagnosis.diagnosis import Doubt, NamedFault, _play, _scale, drive_faults, or_a_skew
+from printmend.effects.words import Fault as NamedFault
 from printmend.errors import GcodeError, InputError, TraceError
-from printmend.learn.greybox import fit_greybox
 from printmend.learn.greybox.greybox import Greybox
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import FLATBED, Instrument, Trace
@@ -147,29 +142,6 @@ def test_a_motor_that_skipped_is_said_before_each_print(tmp_path: Path, rng: np.
     assert f"warning: {said}" in report(model)
 
 
-def test_a_wrong_pulley_of_a_corexy_may_be_a_skewed_frame_of_a_wrong_size() -> None:
-    wrong = NamedFault("a", "scale", 1.83, 0.13, "%", "pulley radius 6.4832 ± 0.0083 mm instead of 6.366")
-    (named,), other = or_a_skew([[wrong], []], "or, less likely,")
-    other_cause = "the frame is skewed by 1.05° and prints 0.92 % too large, which looks the same"
-    assert named.words == f"{wrong.words} (or, less likely, {other_cause})"
-    assert other == []
-    both = [[wrong], [NamedFault("b", "scale", 1.9, 0.13, "%", "alike")]]
-    assert or_a_skew(both, "or") == both
-
-
-@pytest.mark.parametrize(
-    ("learned_mm", "words"), [(14.8, "6.3796 ± 0.0001 mm instead of 6.366"), (32.0, "instead of 5.093")]
-)
-def test_an_idlers_turn_makes_no_other_pulley(learned_mm: float, words: str) -> None:
-    post, design = SimpleNamespace(sds=np.full(2, 1e-4)), SimpleNamespace(scale_at=1)
-    powers = SimpleNamespace(powers_mm=np.array([0.0, 0.21]))
-    drive = SimpleNamespace(
-        name="a", branches=SimpleNamespace(period_mm=learned_mm, mean=powers),
-        choice=SimpleNamespace(design=design, fit=SimpleNamespace(posterior=post)),
-    )  # fmt: skip
-    assert words in _scale(drive, Doubt(), 40.0)[0].words  # type: ignore[arg-type]
-
-
 def test_what_turns_by_another_length_may_be_an_idler(rng: np.random.Generator) -> None:
     printer = read_printer("ender3")
     points = np.vstack([[printer.home_mm], rng.uniform(10, 210, (600, 2))])
@@ -197,50 +169,6 @@ def test_an_idler_of_nearly_the_pulleys_size_is_no_elastic_belt(phase_rad: float
     assert not box.drives[0].structure.elastic
     off = (Twin(box.mechanism).follow(others) - printed(others))[1:]
     assert np.sqrt((off**2).sum(axis=1).mean()) < 0.01
-
-
-@pytest.mark.parametrize(
-    ("pulley", "either"), [(EccentricBore(0.3, 1.0), True), (Polygon((6.2, 6.6, 6.4), 0.3), False)]
-)
-def test_an_elastic_belt_is_told_from_an_idler_by_corners(
-    pulley: EccentricBore | Polygon, either: bool, rng: np.random.Generator
-) -> None:
-    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 200, (1500, 2))])
-    twin = Twin.of(Corruption((Drive(pulley=pulley, belt=ElasticBelt(1000.0)), Drive())), ENDER3)
-    trace = Trace(points, twin.follow(points) + rng.normal(0, 0.03, points.shape), homed=True)
-    drive = Greybox().fit(trace, ENDER3, rng=rng).drives[0]
-    words = " ".join(each.words for each in drive_faults(drive, Doubt(), 40.0))
-    assert drive.structure.second_mm == 0
-    assert "elastic belt" in words
-    assert ("or an idler" in words) == either
-
-
-def test_a_radius_is_told_from_the_one_that_it_is_instead_of() -> None:
-    post, design = SimpleNamespace(sds=np.full(2, 1e-5)), SimpleNamespace(scale_at=1)
-    drive = SimpleNamespace(
-        name="a", branches=SimpleNamespace(period_mm=44.0, mean=SimpleNamespace(powers_mm=np.array([0.0, 0.012]))),
-        choice=SimpleNamespace(design=design, fit=SimpleNamespace(posterior=post)),
-    )  # fmt: skip
-    assert "7.0037 ± 0.0001 mm instead of 7.0028" in _scale(drive, Doubt(), 40.0)[0].words  # type: ignore[arg-type]
-
-
-def test_play_that_is_not_surely_there_is_not_named() -> None:
-    friction = Friction(force_n=12.0, stiffness_n=16000.0, loop_mm=900.0)
-    trace = probe_trace(Corruption((Drive(friction=friction), Drive())), ENDER3)
-    drive = fit_greybox(trace, ENDER3, rng=np.random.default_rng(0)).drives[0]
-    (found,) = _play(drive, Doubt())
-    post, design = drive.choice.fit.posterior, drive.choice.design
-    columns = design.columns(np.linspace(*drive.branches.reach_mm, 500), drive.branches.period_mm,
-                             drive.branches.middle_mm)[1].mean(axis=0)[post.active]  # fmt: skip
-    drawn = np.random.default_rng(1).multivariate_normal(np.zeros(len(columns)), post.covariance, 4000) @ columns
-    assert found.kind == "friction"
-    assert found.sd == pytest.approx(drawn.std(), rel=0.05)
-    for sds, named in ((2.0, False), (4.0, True)):
-        wider = replace(post, covariance=post.covariance * (found.value / found.sd / sds) ** 2)
-        fit = replace(drive.choice.fit, posterior=wider)
-        again = _play(replace(drive, choice=replace(drive.choice, fit=fit)), Doubt())
-        assert [each.value for each in again] == ([found.value] if named else [])
-    assert _play(drive, Doubt(wave_mm=found.value)) == []
 
 
 def test_the_pulley_in_the_picture_is_the_pulley_in_the_machine(examined: Examination) -> None:

@@ -66,6 +66,32 @@ def test_a_frame_is_named_whole() -> None:
     assert axes.value == pytest.approx(0.5, abs=4 * axes.sd)
 
 
+def test_play_is_named_once_by_its_most_telling_form() -> None:
+    scene = SCENES["ender3"]
+    low, high = scene.motor_span_mm[0]
+    play, along_it = part("play", 0, [0.3]), part("friction", 0, [0.1, 0.0], (low, high))
+    (grows,) = faults_of([play, along_it], scene)
+    assert grows.kind == "friction"
+    drawn = play.draws_mm[0] + along_it.draws_mm[0] * (low + high - 2 * scene.motor_middle_mm(0)) / 200
+    assert grows.sd == pytest.approx(drawn.std(), rel=0.5)
+    assert grows.value == pytest.approx(0.3, abs=0.02)
+    (whole,) = faults_of([play, part("wear", 0, [0.2])], scene)
+    assert whole.value == pytest.approx(0.5, abs=4 * whole.sd)  # as the print ended
+    (worn,) = misfits_of([play, part("wear", 0, [0.2])], scene)
+    assert worn.kind == "wear"
+    (sticks,) = misfits_of([play, part("wear", 0, [-0.2])], scene)
+    assert sticks.kind == "sticking"
+
+
+@pytest.mark.parametrize("order", [1, 3])
+def test_what_fades_along_a_belt_may_be_an_idler_unless_it_has_corners(order: int) -> None:
+    sizes = [0.0] * 6
+    sizes[(order - 1) // 2] = 0.1
+    (fault,) = faults_of([part("elastic", 0, sizes, SCENES["ender3"].motor_span_mm[0])], SCENES["ender3"])
+    assert fault.kind == "elastic"
+    assert ("idler" in fault.words) == (order == 1)
+
+
 def test_no_effect_is_no_fault() -> None:
     for preset, scene in SCENES.items():
         found = diagnose([], scene)

@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import inspect
 import json
+import pkgutil
 import re
 import sqlite3
 import threading
@@ -20,28 +21,29 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import uvicorn
-from printmend.promise.apply import ONE_TURN, still_words
-from printmend.promise.laws import LAWS
-from printmend.promise.misfit_columns import Candidate
 from starlette.testclient import TestClient
 
-from printmend import diagnosis
+from printmend import diagnosis, effects
 from printmend.client import Studio, StudioError
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, Screw
 from printmend.diagnosis.advice import advise
-from printmend.diagnosis.diagnosis import NamedFault
+from printmend.diagnosis.named import misfits_of, unseen
+from printmend.effects import EFFECTS, Of
+from printmend.effects.words import Fault as NamedFault
+from printmend.effects.words import Message
 from printmend.errors import InputError
 from printmend.gcode.container import open_gcode
 from printmend.gcode.mark import is_test_print
 from printmend.gcode.read import read_gcode, starting_state
 from printmend.gcode.write import follow
+from printmend.infer.posterior import DRAWS
 from printmend.invert import start
 from printmend.machine import Mechanism
 from printmend.measure import write_trace
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
-from printmend.promise import misfit_rows, misfit_tests
+from printmend.promise import misfit_rows, of_rows
 from printmend.promise import words as promise_words
 from printmend.promise.scale import in_words
 from printmend.repair import check_gcode, mend_gcode
@@ -76,6 +78,7 @@ from printmend.studio.scene import (
 from printmend.studio.store import Store
 from printmend.twin import Twin
 from tests import naive_studio
+from tests.believed import SCENES, part
 
 HERE = "http://127.0.0.1:8765"
 
@@ -635,7 +638,7 @@ def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:
 
 
 _KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle friction elastic ripple drift warp
-offset period-34.6
+offset period-34.6 splice teeth
 skew axes bow wavy jump lead periodic-1 backlash wobble-1"""
 
 
@@ -665,48 +668,13 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         assert gaps
         for text in (*gaps, *todo((*gaps, "Z lead: nothing"))):
             assert _german(text), text
-    for kind in ("linear", "step", "creep", "wear", "thermal", "direction", "speed", "halves-play", "racking",
-                 "two-motors", "second-period", "rail-wave", "rail-racking", "racking-across", "sticking"):  # fmt: skip
-        for weight in (-0.2, 0.3):
-            cause = SimpleNamespace(
-                motor=0, weights=np.full(6 if kind == "two-motors" else 1, weight), size_mm=0.1,
-                candidate=SimpleNamespace(kind=kind, detail=0.25, place=float(kind == "rail-wave")),
-            )  # fmt: skip
-            for motors in (("x", "y"), ("a", "b")):
-                told = misfit_tests._words(cause, motors)  # type: ignore[arg-type]
-                assert _german(told), kind
-                assert _german(misfit_tests._both(told, told)), kind
-                for after in misfit_tests._OF_WHEN.values():
-                    assert _german(misfit_tests._both(told, told) + after), kind
-    walked = Trace(np.array([[0.0, 0.0], [200.0, 200.0]]), np.zeros((2, 2)))
-    for preset, seen in (("ender3", 1), ("corexy", 1), ("corexy", 2)):
-        box = SimpleNamespace(printer=read_printer(preset))
-        for kind in ("halves", "rail-play"):
-            shares = [
-                misfit_tests.Cause(motor, Candidate(kind, detail=float(motor * (kind == "rail-play"))),
-                                   np.array([0.2]) / (1 + motor), 0.1, 20.0)
-                for motor in range(seen)
-            ]  # fmt: skip
-            told_of = (
-                misfit_tests._halves(tuple(shares), box, walked)  # type: ignore[arg-type]
-                if kind == "halves"
-                else misfit_tests._lagging(shares)
-            )
-            assert len(told_of) == 1
-            assert _german(told_of[0].words), told_of[0].words
-    for names in (["X"], ["A", "B"]):
-        assert all(_german(misfit_tests.wander_words(names, 0.04, is_still=each)) for each in (True, False))
+    _check_effects()
     gone = SimpleNamespace(printed_low_mm=(5.0, 9.0), printed_high_mm=(210.0, 12.0))
     unseen = {"kind": "unseen", "severity": "note", "words": "only X from 20 to 90 mm of 0 to 220 was measured"}
     section = {"seen_mm": [[20.0, 10.0], [90.0, 12.0]]}
     few = SimpleNamespace(document={"trace": section, "misfit": {"found": [unseen]}})
     (beyond,) = _beyond_seen(few, gone)  # type: ignore[arg-type]
     assert _german(beyond)
-    assert _german(misfit_tests.CARRIED)
-    assert _german(misfit_tests._OF_HALVES.removeprefix(". "))
-    inner = (PAGE / "said.de.js").read_text(encoding="utf-8")
-    for kind in LAWS:
-        assert f'"{promise_words.in_words(kind)}": "' in inner, kind
     seen, shifts = np.arange(0, 40, 2), np.repeat([0, 1, 0, -2, 3], 4)
     order = [misfit_rows._history_words(seen[:count], shifts[:count]) for count in (8, 12, 16, 20)]
     for put in (*order, *(f"the {rows} were in the reversed order" for rows in ("rows", "measured rows"))):
@@ -721,17 +689,39 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         )
         turned = SimpleNamespace(name="x", branches=SimpleNamespace(period_mm=period, mean=wave), structure=uneven)
         box = SimpleNamespace(drives=(turned,), printer=SimpleNamespace(axes=(SimpleNamespace(mm_per_turn=40.0),)))
-        told = misfit_tests._other_turns(box)[0].words  # type: ignore[arg-type]
+        told = of_rows._other_turns(box)[0].words  # type: ignore[arg-type]
         assert f"repeats every {period / 3:.1f} mm, not every 40" in told  # three equal waves in what was learned
         assert _german(told), period
-    left = {"promise": {"left_out": [{"part": "X line", "value": 0.0123, "sd": 0.01, "unit": "mm", "why": "drift"}]}}
-    left["promise"]["left_out"].append({"part": "Y idler", "value": 0.01, "sd": 0.01, "unit": "mm", "why": ONE_TURN})
-    assert all(_german(words.removeprefix("note: ")) for words in still_words(left))
     for acts in (0.0, 0.01):
         assert _german(in_words(np.full(2, 0.01), np.full(2, acts), 0.002).removeprefix("warning: "))
     for words in ("told to ±", "the heights span", "no heights were measured", "no height was measured after"):
         assert words in screw
         assert any(words in line for line in (PAGE / "said.de.js").read_text(encoding="utf-8").splitlines())
+
+
+def _check_effects() -> None:
+    """All that effects say of a print, sure, likely, and one or the other, has its German."""
+    there = np.arange(DRAWS) % 4 > 0
+    for preset, scene in SCENES.items():
+        for name, effect in EFFECTS.items():
+            if effect.of is Of.MACHINE and not hasattr(effect, "told"):
+                continue
+            for term in {term.where: term for term in effect.terms(scene)}.values():
+                for size in (-0.4, 0.3):
+                    sizes = [size / (1 + at) for at in range(len(term.sd_mm))]
+                    sure = misfits_of([part(name, term.where, sizes, term.shape)], scene)
+                    maybe = misfits_of([part(name, term.where, sizes, term.shape, there=there)], scene)
+                    for one in (*sure, *maybe):
+                        assert _german(one.words), f"{preset}: {one.words}"
+        narrow = replace(scene, bed_span_mm=((20.0, 90.0), scene.bed_span_mm[1]))
+        assert all(_german(one.words) for one in unseen(narrow))
+    rows, inner = _rows("said.de.js"), (PAGE / "said.de.js").read_text(encoding="utf-8")
+    for cause in ("scatter", *(name for name, effect in EFFECTS.items() if hasattr(effect, "cause"))):
+        assert f'"{promise_words.in_words(cause)}": "' in inner, cause
+    for module in pkgutil.iter_modules(effects.__path__):
+        for value in vars(importlib.import_module(f"printmend.effects.{module.name}")).values():
+            if isinstance(value, Message) and value.german:
+                assert [value.english, value.german] in [row[:2] for row in rows], value.english
 
 
 def test_the_next_print_is_the_smallest_that_tells_enough() -> None:

@@ -151,7 +151,7 @@ def _groups(parts: Sequence[Part], more: Sequence[Part] = ()) -> list[_Group]:
     groups: list[_Group] = []
     while left:
         first, *rest = left
-        there, draws, left = first.draws_mm.any(axis=0), first.draws_mm, []
+        there, draws, left = np.asarray(first.draws_mm.any(axis=0)), first.draws_mm, []
         for part in rest:
             has = part.draws_mm.any(axis=0)
             same = (part.effect, part.where, len(part.draws_mm)) == (first.effect, first.where, len(first.draws_mm))

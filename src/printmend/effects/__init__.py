@@ -46,8 +46,8 @@ from printmend.plugins import EFFECTS as GROUP
 from printmend.plugins import load_plugin, plugin_names
 
 _ALL: tuple[Effect, ...] = (
-    Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Idler(), Teeth(),
-    Skew(), Aspect(), Bent(), Rail(), Racking(), Tilt(), Lag(), Speed(), TwoMotors(), UnevenPlay(),
+    Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Idler(),
+    Teeth(), Skew(), Aspect(), Bent(), Rail(), Racking(), Tilt(), Lag(), Speed(), TwoMotors(), UnevenPlay(),
     Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
     Origin(), Shift(), Turn(), Stretch(), Carriage(), Halves(), Bead(),
 )  # fmt: skip

@@ -20,6 +20,7 @@ class Creep:
     """A shift that comes with one time constant, a share of the print."""
 
     name = "creep"
+    cause = "something that gives way"  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     from_home = True

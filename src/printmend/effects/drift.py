@@ -15,6 +15,7 @@ class Drift:
     """A shift that grows with the length printed."""
 
     name = "drift"
+    cause = "an even drift"  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     from_home = True

@@ -6,7 +6,7 @@ and the model file all read these columns, and nothing else of an effect.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Protocol
 
@@ -66,7 +66,7 @@ class Scene:
     placed: bool = True
     homed: bool = False
     home_sd_mm: tuple[float, float] = (2.0, 2.0)
-    instrument: Instrument = Instrument()
+    instrument: Instrument = field(default_factory=Instrument)
     walls: bool = False
 
     @property
@@ -190,9 +190,10 @@ def along(axis: int, moved_mm: np.ndarray) -> np.ndarray:
     return out
 
 
-def held(places_mm: np.ndarray, span_mm: tuple[float, float]) -> np.ndarray:
+def held(places_mm: np.ndarray, span_mm: tuple[float, ...]) -> np.ndarray:
     """Return places with those outside a span at its ends: what was not seen goes on as it ended."""
-    return np.clip(places_mm, *span_mm)
+    low, high = span_mm
+    return np.clip(places_mm, low, high)
 
 
 def home_of(scene: Scene) -> Places:

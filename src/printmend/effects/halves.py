@@ -20,6 +20,7 @@ class Halves:
     """A shift past a border along one bed axis."""
 
     name = "halves"
+    cause = "the two halves of the bed"  # of an expected error
     of = Of.INSTRUMENT
     acts = Acts.NOT
     from_home = True

@@ -18,6 +18,7 @@ class Lag:
     """Play of one bed axis of a CoreXY; on other printers it is the belt's."""
 
     name = "lag"
+    cause = "play of a rail"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     from_home = True

@@ -23,6 +23,7 @@ class Racking:
     """Play of one bed axis that changes along the other, in mm per 100 mm."""
 
     name = "racking"
+    cause = "a gantry that racks"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     from_home = True

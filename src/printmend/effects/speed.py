@@ -18,6 +18,7 @@ class Speed:
     """Play that grows with the length of the last move, to its whole size at 10 mm."""
 
     name = "speed"
+    cause = "fast moves"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     from_home = True

@@ -17,6 +17,7 @@ class Step:
     """A shift at one moment, a share of the print."""
 
     name = "step"
+    cause = "a sudden shift"  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     from_home = True

@@ -18,6 +18,7 @@ class Tilt:
     """A shift across one bed axis with its way."""
 
     name = "tilt"
+    cause = "a head that tilts"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     from_home = True

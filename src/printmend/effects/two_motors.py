@@ -18,6 +18,7 @@ class TwoMotors:
     """Harmonics of the turn that change along the other bed axis."""
 
     name = "two_motors"
+    cause = "two motors of one axis"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     from_home = True

@@ -13,7 +13,7 @@ LENGTHS_MM = (4.0, 8.0, 16.0, 32.0, 64.0)
 
 
 class Uneven:
-    """Cosines over the span that was seen, with the spectrum of a smooth process of one length (Solin & Särkkä 2020)."""
+    """Cosines over the span that was seen, with a smooth process's spectrum of one length (Solin & Särkkä 2020)."""
 
     name = "uneven"
     of = Of.MACHINE

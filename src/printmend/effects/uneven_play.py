@@ -19,6 +19,7 @@ class UnevenPlay:
     """Play of one motor past a border along a bed axis."""
 
     name = "uneven_play"
+    cause = "the two halves of the bed"  # of an expected error
     of = Of.MACHINE
     acts = Acts.NOT
     from_home = True

@@ -18,6 +18,7 @@ class Warmth:
     """Growth from the middle of the bed along both axes, and shifts of both, with one time constant."""
 
     name = "warmth"
+    cause = "warming up"  # of an expected error
     of = Of.SESSION
     acts = Acts.NOT
     from_home = True

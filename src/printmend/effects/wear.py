@@ -20,6 +20,7 @@ class Wear:
     """Play of one motor that grows with the length printed."""
 
     name = "wear"
+    cause = "play that grows"  # of an expected error
     of = Of.SESSION  # that stays: a print is mended for the play with which the last one ended
     acts = Acts.DRIVE
     from_home = True

@@ -2,10 +2,13 @@
 
 from collections.abc import Mapping
 
+from printmend.effects import EFFECTS
+
 # key of `Promise.made_of` → (in a line, in a table, type): type A is from the scatter of the measurement, B is not
 _CAUSES = {
     "parameters": ("what the test print left open", "what the test print left open of the printer's parts", "A"),
     "unexplained": ("what follows no known fault", "what follows no known fault", "A"),
+    "scatter": ("the printer's scatter", "how far marks scatter beyond what measures them", "A"),
     "screw": ("the Z screw", "how far it pushes each layer, as few heights tell it", "A"),
     "homing": ("play at home", "where in its play a belt rests at home", "B"),
     "instrument": ("the scanner", "the scanner's or photo's own scale and squareness", "B"),
@@ -13,21 +16,11 @@ _CAUSES = {
     "rounding": ("micro-steps", "the motors' micro-steps", "B"),
     "planning": ("planning", "how closely mending follows the wanted path", "B"),
 }  # fmt: skip
-# what the tests of misfit found, by its kind
-_MISFITS = {
-    "linear": "an even drift", "step": "a sudden shift", "creep": "something that gives way", "wear": "play that grows",
-    "sticking": "an axis that sticks",
-    "thermal": "warming up", "direction": "a head that tilts", "racking-across": "a gantry that racks",
-    "racking": "a gantry that racks", "rail-racking": "a gantry that racks", "rail-play": "play of a rail",
-    "rail-wave": "wavy guides", "speed": "fast moves", "halves": "the two halves of the bed",
-    "halves-play": "the two halves of the bed", "two-motors": "two motors of one axis",
-    "second-period": "an idler or the belt",
-}  # fmt: skip
 _LEAST_MM = 0.0005  # a smaller share is not said in a line
 
 
 def in_a_table(cause: str) -> tuple[str, str]:
-    """Return a cause in words, and its type; what the tests of misfit found is called by its kind."""
+    """Return a cause in words, and its type; an effect that does not act is called as it calls itself."""
     if cause in _CAUSES:
         return _CAUSES[cause][1:]
     return f"what does not fit ({in_words(cause)})", "A"
@@ -35,7 +28,7 @@ def in_a_table(cause: str) -> tuple[str, str]:
 
 def in_words(cause: str) -> str:
     """Return a cause in a few words."""
-    return _CAUSES[cause][0] if cause in _CAUSES else _MISFITS.get(cause, cause.replace("-", " "))
+    return _CAUSES[cause][0] if cause in _CAUSES else getattr(EFFECTS.get(cause), "cause", cause.replace("_", " "))
 
 
 def in_a_line(made_of: Mapping[str, float]) -> str:

@@ -256,6 +256,19 @@ export const sentences = [
   ["{a} {b}: {c} ± {d} {e}, which these distances cannot tell", "{a}, {b}: {c} ± {d} {e}, was diese Abstände nicht zeigen können"],
   ["{a} {b}: {c} ± {d} {e}, none to be seen", "{a}, {b}: {c} ± {d} {e}, davon ist nichts zu sehen"],
   ["{a} {b}: {c} ± {d} {e}", "{a}, {b}: {c} ± {d} {e}"],
+
+  ["walls stand out by {a} mm on either side: lower the slicer's flow, or its line width", "Wände stehen auf jeder Seite um {a} mm vor: Fluss oder Linienbreite im Slicer verringern"],
+  ["walls fall short by {a} mm on either side: raise the slicer's flow, or its line width", "Wände bleiben auf jeder Seite um {a} mm zurück: Fluss oder Linienbreite im Slicer erhöhen"],
+  ["the scanner's carriage runs unevenly along {a}, by up to {b} mm. That is taken out", "der Schlitten des Scanners läuft längs {a} ungleich, um bis zu {b} mm. Das ist herausgerechnet"],
+  ["{a} belt has a joint or a dent", "Der Riemen von {a} hat eine Verbindungsstelle oder eine Delle"],
+  ["Past one place along {a} all lies {b} mm further, there and back.", "Von einer Stelle längs {a} an liegt alles {b} mm weiter, hin wie zurück."],
+  ["Look along the belt for a joint, a dent or a missing tooth; replace the belt.", "Den Riemen nach einer Verbindungsstelle, einer Delle oder einem fehlenden Zahn absuchen; ihn ersetzen."],
+  ["{a} belt ripples from tooth to tooth", "Der Riemen von {a} riffelt von Zahn zu Zahn"],
+  ["Walls show fine lines, a belt tooth apart, {a} mm deep.", "Wände zeigen feine Linien im Abstand eines Zahns, {a} mm tief."],
+  ["Nothing to repair; a belt that runs on its smooth side over the idlers ripples less.", "Nichts zu reparieren; ein Riemen, der mit dem glatten Rücken über die Umlenkrollen läuft, riffelt weniger."],
+  ["{a} has {b} mm more play in the upper part of {c}: the model has that of the lower part", "{a} hat im oberen Teil von {c} {b} mm mehr Spiel: Das Modell hat das des unteren Teils"],
+  ["{a} (likely, not certain)", "{a} (wahrscheinlich, nicht sicher)"],
+  ["{a}, or {b}", "{a}, oder {b}"],
 ];
 
 // What may stand before any of them, which then begins with a small letter.
@@ -267,6 +280,6 @@ export const words = {
   "scale error (+: prints too large)": "Fehler des Maßstabs (+: druckt zu groß)", "belt's play": "Spiel des Riemens", "pulley off its centre, sine part": "Scheibe außermittig, Sinusanteil", "pulley off its centre, cosine part": "Scheibe außermittig, Kosinusanteil",
   "G91 makes E relative too (as in Klipper)": "G91 auch E relativ macht (wie bei Klipper)", "G90 and G91 set E too (as in Marlin 2)": "G90 und G91 auch für E gelten (wie bei Marlin 2)", "G90 and G91 leave E as it is (as in RepRapFirmware)": "G90 und G91 E lassen, wie es ist (wie bei RepRapFirmware)",
   "X and Y": "X und Y", left: "links", right: "rechts", front: "vorn", back: "hinten", middle: "in der Mitte", "front left": "vorn links", "front right": "vorn rechts", "back left": "hinten links", "back right": "hinten rechts", inches: "Zoll", metres: "Meter", centimetres: "Zentimeter",
-  "an even drift": "gleichmäßige Drift", "a sudden shift": "ein plötzlicher Versatz", "something that gives way": "etwas, das nachgibt", "play that grows": "Spiel, das wächst", "an axis that sticks": "eine Achse, die klemmt", "warming up": "Erwärmung", "a head that tilts": "ein Kopf, der kippt", "a gantry that racks": "ein Portal, das sich verkantet", "play of a rail": "Spiel einer Schiene", "wavy guides": "wellige Führungen", "fast moves": "schnelle Fahrten", "the two halves of the bed": "die beiden Hälften des Betts", "two motors of one axis": "zwei Motoren einer Achse", "an idler or the belt": "eine Umlenkrolle oder der Riemen",
+  "the printer's scatter": "die Streuung des Druckers", "an even drift": "gleichmäßige Drift", "a sudden shift": "ein plötzlicher Versatz", "something that gives way": "etwas, das nachgibt", "play that grows": "Spiel, das wächst", "an axis that sticks": "eine Achse, die klemmt", "warming up": "Erwärmung", "a head that tilts": "ein Kopf, der kippt", "a gantry that racks": "ein Portal, das sich verkantet", "play of a rail": "Spiel einer Schiene", "wavy guides": "wellige Führungen", "fast moves": "schnelle Fahrten", "the two halves of the bed": "die beiden Hälften des Betts", "two motors of one axis": "zwei Motoren einer Achse", "an idler or the belt": "eine Umlenkrolle oder der Riemen",
   lead: "Steigung", "lead and backlash": "Steigung und Spiel", "lead and its unevenness": "Steigung und ihre Ungleichheit", unevenness: "Ungleichheit", wobble: "seitlicher Schub", backlash: "Spiel",
 };
