@@ -28,7 +28,7 @@ from printmend.path import Trace
 
 LEAST_CHANCE = 0.05  # parts that fewer of the drawn machines have say nothing: the search offers them anew
 SURE_CHANCE = 0.5  # parts that more of them have are brought up to date; others stay as they were drawn
-PASSES = 2  # of contacts, then search
+PASSES = 3  # of contacts, then search, where anything changed; the last one weighs stories
 WEIGHINGS = 2  # of rows in each pass
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
 OPEN_RAD = 0.03  # standard deviation of an angle that was found
@@ -100,18 +100,20 @@ def renewed(
     wearing = _Wearing(math.sqrt(max(months, 0.0)), grown or {})
     motor = scene.printer.to_motor(trace.commanded_mm)
     at: _Pass | None = None
-    for _ in range(PASSES):
+    for number in range(PASSES):
         trace = _turned_back(whole, turned_rad, scene)
         contacts = contacts_of(mechanism, motor)
         bed_mm = _measured_mm(trace) if at is None else scene.printer.from_motor(contacts.belt_mm)
         places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
         rows = rows_of(trace, contacts, places, scene)
-        at = _weighed_stories(story, wearing, places, rows, scene, stories=stories and at is None)
+        at = _weighed_stories(story, wearing, places, rows, scene, stories=stories and number == PASSES - 1)
         story = at.story
         now = _now(at, contacts, scene, rng)
         mechanism = now.fit.mechanism
         turns = [part.mean_mm[0] for part in now.now.parts if part.effect == "turn"]
         turned_rad += math.atan(sum(turns) / SCALE_MM)
+        if not now.changes and not any(turns):
+            break
     return replace(now, before=before)
 
 

@@ -214,7 +214,14 @@ def changes_of(found: Renewed) -> list[Change]:
 
 
 def _named(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
-    return {(fault.part, fault.kind): fault for fault in faults_of(parts, scene)}
+    """Return the faults that act by part and kind, as the drawn machines have them that do have them."""
+
+    def sure(part: Part) -> Part:
+        there = np.flatnonzero(part.draws_mm.any(axis=0))
+        return replace(part, draws_mm=part.draws_mm[:, np.resize(there, part.draws_mm.shape[1])]) if len(there) else part
+
+    acting = [sure(part) for part in parts if part.acts_mm.any()]
+    return {(fault.part, fault.kind): fault for fault in faults_of(acting, scene)}
 
 
 def _change(was: Fault, new: Fault, sd: float) -> Change:
