@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene
-from printmend.effects.effect import LONG_MOVE_MM, SCALE_MM
+from printmend.effects.effect import SCALE_MM
 from printmend.effects.pulley import shape_words
+from printmend.effects.sample import drawn_places
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, Told, carrier_name
 from printmend.infer.posterior import Part
 from printmend.promise.misfit import NOTE, SEVERITIES, WARNING, Misfit
@@ -22,7 +23,6 @@ EITHER = (0.1, 0.9)  # shares of the drawn machines between which an effect is a
 TOGETHER = 0.1  # share of the rarer alternative's machines that may have both
 LEAST_COST_MM = 0.018  # root mean square on a print from which on an owner sees what cannot act
 WARNED_MM = 0.03  # … and from which on it is a warning
-PLACES = 600  # drawn places of a print on which the size of an effect is taken
 COVERED_SHARE = 0.6  # share of an axis of the bed that a print must span
 UNSEEN = "unseen"  # the kind of the note about the rest
 SELDOM = 0.01  # chance of an effect's absence that counts for its evidence where every drawn machine has it
@@ -81,7 +81,7 @@ def faults_of(parts: Sequence[Part], scene: Scene) -> list[Fault]:
     beside = [each.found for each in groups]
     named: list[Fault] = []
     for group in groups:
-        if not group.found.acts:
+        if not group.found.acts or group.found.law.of is not Of.MACHINE:
             continue
         faults = [fault for fault in _faults(group.found, beside, scene) if _is_named(fault)]
         other = _other_words(group, groups, scene)
@@ -101,7 +101,7 @@ def misfits_of(
     groups = _groups(parts, _with_turn(parts, turned_rad))
     beside = [each.found for each in groups]
     evidence = {(part.effect, part.where): each for part, each in zip(parts, nats, strict=False)}
-    places = _places(scene)
+    places = drawn_places(scene)
     found: list[Misfit] = []
     said: list[_Group] = []
     for group in sorted(groups, key=lambda each: -each.found.chance):
@@ -109,7 +109,8 @@ def misfits_of(
         rivals = [
             each for each in groups if each is not group and group.is_open and each.is_open and group.excludes(each)
         ]
-        if one.law.acts is not Acts.NOT or any(each in said or each.found.acts for each in rivals):
+        holds = one.law.acts is not Acts.NOT and one.law.of is Of.MACHINE
+        if holds or any(each in said or each.found.acts for each in rivals):
             continue
         chance = float(np.mean(np.any([group.there, *(each.there for each in rivals)], axis=0)))
         if chance < TOLD or not _is_sure(group):
@@ -125,6 +126,11 @@ def misfits_of(
                 said.append(group)
     found = [*_one_of_each(found), *unseen(scene)]
     return sorted(found, key=lambda each: (-SEVERITIES.index(each.severity), -each.size_mm))
+
+
+def gathered(parts: Sequence[Part]) -> list[Found]:
+    """Return the effects that any drawn machine has, near shapes of one put together; those that act come first."""
+    return [group.found for group in _groups(parts)]
 
 
 def unseen(scene: Scene) -> list[Misfit]:
@@ -155,16 +161,10 @@ def _groups(parts: Sequence[Part], more: Sequence[Part] = ()) -> list[_Group]:
             else:
                 left.append(part)
         acts = bool(first.acts_mm.any())
-        mean = first.draws_mm[:, first.draws_mm.any(axis=0)].mean(axis=1)
-        found = Found(
-            EFFECTS[first.effect],
-            first.where,
-            first.shape,
-            first.acts_mm if acts else mean,
-            draws,
-            float(there.mean()),
-            acts,
-        )
+        alone = draws is first.draws_mm  # else near shapes share what acts
+        sizes = (first.acts_mm if alone else draws.mean(axis=1)) if acts else draws[:, there].mean(axis=1)
+        chance = float(there.mean())
+        found = Found(EFFECTS[first.effect], first.where, first.shape, sizes, draws, chance, acts)
         groups.append(_Group(found, there))
     return groups
 
@@ -181,7 +181,7 @@ def _faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fau
     if hasattr(found.law, "faults"):
         yield from found.law.faults(found, beside, scene)
         return
-    places = _places(scene)
+    places = drawn_places(scene)
     size, sd = found.size(lambda sizes: _moved_mm(found, sizes, places, scene))
     part = scene.printer.motors[found.where] if found.law.acts is Acts.DRIVE else "frame"
     yield Fault(part, found.effect, size, sd, "mm", f"{_plain(found)} {size:.2f} mm")
@@ -192,10 +192,9 @@ def _told(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]
         yield from found.law.told(found, beside, scene)
     elif found.effect not in SILENT:
         where = carrier_name(scene, found.where)
-        harmless = found.law.of is Of.INSTRUMENT
-        yield Told(
-            found.effect, f"{where} shows {_plain(found)}, {_size_mm(found, _places(scene), scene):.2f} mm", harmless
-        )
+        size_mm = _size_mm(found, drawn_places(scene), scene)
+        words = f"{where} shows {_plain(found)}, {size_mm:.2f} mm"
+        yield Told(found.effect, words, is_harmless=found.law.of is Of.INSTRUMENT)
 
 
 def _plain(found: Found) -> str:
@@ -233,19 +232,6 @@ def _words(groups: Sequence[_Group], beside: Sequence[Found], scene: Scene) -> l
         else:
             words += [fault.words for fault in _faults(found, [found], scene)][:1]
     return list(dict.fromkeys(words))
-
-
-def _places(scene: Scene) -> Places:
-    """Return places of a print on what was measured, each reached either way, by short and by long moves."""
-    rng = np.random.default_rng(0)
-    low, high = np.array(scene.bed_span_mm).T
-    bed = rng.uniform(low, high, (PLACES, 2))
-    side, ways = rng.choice([-1.0, 1.0], (2, PLACES, 2))
-    normal = rng.standard_normal((PLACES, 2))
-    return Places(
-        scene.printer.to_motor(bed), side, bed, ways, -side, rng.uniform(0, 1, PLACES),
-        rng.choice([1.0, LONG_MOVE_MM], PLACES), normal / np.linalg.norm(normal, axis=1, keepdims=True),
-    )  # fmt: skip
 
 
 def _moved_mm(found: Found, sizes_mm: np.ndarray, places: Places, scene: Scene) -> float:

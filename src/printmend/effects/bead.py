@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term
 from printmend.effects.prior import size_mm
 from printmend.effects.words import Found, Message, Told
 
@@ -25,6 +25,7 @@ class Bead:
     of = Of.MATERIAL
     acts = Acts.NOT
     from_home = True
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -36,9 +37,6 @@ class Bead:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Fault, Found, along_motor_mm, motor_name
 
@@ -16,6 +16,7 @@ class Bend:
     of = Of.MACHINE
     acts = Acts.DRIVE
     from_home = True
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -31,9 +32,6 @@ class Bend:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         x = (along_motor_mm(scene, found.where) - scene.motor_middle_mm(found.where)) / SCALE_MM

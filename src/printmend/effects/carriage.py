@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
@@ -23,6 +23,7 @@ class Carriage:
     of = Of.INSTRUMENT
     acts = Acts.NOT
     from_home = True
+    fate = GONE
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -39,9 +40,6 @@ class Carriage:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return np.zeros_like(sizes)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         place = np.linspace(0.0, 1.0, 241)

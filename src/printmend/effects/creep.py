@@ -4,11 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, carrier
+from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, about, carrier
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
 
-STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
 TIMES = (0.06, 0.1, 0.16, 0.25, 0.4, 0.7)
 
 CREPT = Message(
@@ -24,6 +23,7 @@ class Creep:
     of = Of.SESSION
     acts = Acts.NOT
     from_home = True
+    fate = Fate(anew=0.3, stays=0.4)
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -37,9 +37,6 @@ class Creep:
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         for factor in about(0.0, 0.5, round_):
             yield (float(shape[0] * np.exp(factor)),)
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes * (rng.uniform(size=sizes.shape[1]) < STAYS)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         crept_mm = found.sizes_mm[0] * (1.0 - np.exp(-1.0 / found.shape[0]))  # what is slow is not at its end yet

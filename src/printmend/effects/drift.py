@@ -4,11 +4,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, carrier
+from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, carrier
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
-
-STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
 
 DRIFTED = Message("{a} drifted evenly during the print, by {b} mm from the first point to the last")
 
@@ -20,6 +18,7 @@ class Drift:
     of = Of.SESSION
     acts = Acts.NOT
     from_home = True
+    fate = Fate(anew=0.3, stays=0.4)
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -32,9 +31,6 @@ class Drift:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes * (rng.uniform(size=sizes.shape[1]) < STAYS)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         yield Told("linear", DRIFTED(carrier_name(scene, found.where), f"{found.sizes_mm[0]:+.2f}"))

@@ -38,6 +38,18 @@ class Acts(Enum):
 
 
 @dataclass(frozen=True)
+class Fate:
+    """What becomes of an effect in the next print: the chance that it begins anew, and that it stays as the measured
+    print left it and goes on from there. Else it is gone, as what a homing takes away."""
+
+    anew: float = 0.0
+    stays: float = 0.0
+
+
+ANEW, STAYS, GONE = Fate(anew=1.0), Fate(stays=1.0), Fate()
+
+
+@dataclass(frozen=True)
 class Scene:
     """The machine that was measured and how far it went.
 
@@ -132,6 +144,11 @@ class Effect(Protocol):
     def acts(self) -> Acts: ...
 
     @property
+    def fate(self) -> "Fate":
+        """What becomes of it in the next print."""
+        ...
+
+    @property
     def from_home(self) -> bool:
         """Say whether the end stops take away what it does at home."""
         ...
@@ -151,10 +168,6 @@ class Effect(Protocol):
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         """Yield shapes about one that was found: the alternatives are a grid, and what is there lies between."""
-        ...
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return the sizes [P, D] that D next prints have, given those of this one [P, D]."""
         ...
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, held, onto_bed, waves
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, held, onto_bed, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Fault, Found, amount, motor_name
@@ -19,6 +19,7 @@ class Elastic:
     of = Of.MACHINE
     acts = Acts.DRIVE
     from_home = True
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -33,9 +34,6 @@ class Elastic:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         """The largest wave, by how much it changes from one end to the other.

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, along
+from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, about, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST_SHOWN_MM, Found, Message, Told
 
@@ -23,6 +23,7 @@ class Halves:
     of = Of.INSTRUMENT
     acts = Acts.NOT
     from_home = True
+    fate = GONE
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -36,9 +37,6 @@ class Halves:
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         for at in about(shape[0], 8.0, round_):
             yield (float(at),)
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return np.zeros_like(sizes)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         least_mm = max(LEAST_SHOWN_MM, OTHER_SHARE * float(np.abs(found.sizes_mm).max()))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, finer_periods, onto_bed, periods_mm, waves
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, finer_periods, onto_bed, periods_mm, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
 
@@ -19,6 +19,7 @@ class Idler:
     of = Of.MACHINE
     acts = Acts.DRIVE
     from_home = True
+    fate = STAYS
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -35,9 +36,6 @@ class Idler:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return finer_periods(shape[0], round_)
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         (period_mm,) = found.shape

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term, along
 
 FAR_MM = 30.0  # how far off an origin may be; the trace's was put near the bed's beforehand
 
@@ -16,6 +16,7 @@ class Origin:
     of = Of.INSTRUMENT
     acts = Acts.NOT
     from_home = True
+    fate = GONE
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -28,6 +29,3 @@ class Origin:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return np.zeros_like(sizes)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name
 
@@ -16,6 +16,7 @@ class Place:
     of = Of.MACHINE
     acts = Acts.DRIVE
     from_home = False
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -28,9 +29,6 @@ class Place:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         """A shift is said of a motor that has nothing else: with any other fault it goes with that."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import PLACES, Fault, Found, along_motor_mm, amount, motor_name, those_of
 
@@ -16,6 +16,7 @@ class Play:
     of = Of.MACHINE
     acts = Acts.DRIVE
     from_home = True
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -27,9 +28,6 @@ class Play:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         if not those_of("breathing", beside, found.where) and not those_of("friction", beside, found.where):

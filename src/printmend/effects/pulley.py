@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, motor_name, those_of
 
@@ -34,6 +34,7 @@ class Pulley:
     of = Of.MACHINE
     acts = Acts.DRIVE
     from_home = True
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -45,9 +46,6 @@ class Pulley:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         """The largest harmonics c_k; those of a loose belt's play are twice the pulley's odd ones."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, span_mm
 
@@ -26,6 +26,7 @@ class Racking:
     of = Of.MACHINE
     acts = Acts.NOT
     from_home = True
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -39,9 +40,6 @@ class Racking:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         along_mm, across_mm = found.sizes_mm * span_mm(scene, 1 - found.where) / SCALE_MM

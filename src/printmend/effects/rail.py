@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, along, finer_periods, periods_mm, waves
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, along, finer_periods, periods_mm, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, is_first, those_of
 
@@ -18,6 +18,7 @@ class Rail:
     of = Of.MACHINE
     acts = Acts.WAVE
     from_home = True
+    fate = STAYS
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -36,9 +37,6 @@ class Rail:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return finer_periods(shape[0], round_)
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         if is_first(found, (self.name,), beside):

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, about, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import SOON_MM, Care, Fault, Found, Message, amount, motor_name
 
@@ -30,6 +30,7 @@ class Splice:
     of = Of.MACHINE
     acts = Acts.DRIVE
     from_home = True
+    fate = STAYS
     most = 3
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -51,9 +52,6 @@ class Splice:
             yield float(place), width
         for factor in about(0.0, 1.4, round_):
             yield at, float(width * np.exp(factor))
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         at, _ = found.shape

@@ -4,11 +4,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, carrier
+from printmend.effects.effect import Acts, Fate, Of, Places, Scene, Term, about, carrier
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
 
-STAYS = 0.4  # chance that it is there in the next print: an end stop that moved stays, a slipped motor is homed
 BREAKS = np.arange(0.04, 0.97, 0.02)
 
 SUDDENLY = Message("{a} was suddenly off by {b} mm after {c} % of the print")
@@ -21,6 +20,7 @@ class Step:
     of = Of.SESSION
     acts = Acts.NOT
     from_home = True
+    fate = Fate(anew=0.1, stays=0.4)
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -34,9 +34,6 @@ class Step:
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         for each in about(shape[0], 0.02, round_):
             yield (float(each),)
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes * (rng.uniform(size=sizes.shape[1]) < STAYS)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size, done = f"{found.sizes_mm[0]:+.2f}", f"{100 * found.shape[0]:.0f}"

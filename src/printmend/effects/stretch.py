@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term
+from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term
 
 
 class Stretch:
@@ -14,6 +14,7 @@ class Stretch:
     of = Of.INSTRUMENT
     acts = Acts.NOT
     from_home = True
+    fate = GONE
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -28,6 +29,3 @@ class Stretch:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return np.zeros_like(sizes)

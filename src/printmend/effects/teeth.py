@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Care, Fault, Found, Message, amount, motor_name
 
@@ -28,6 +28,7 @@ class Teeth:
     of = Of.MACHINE
     acts = Acts.DRIVE
     from_home = True
+    fate = STAYS
     most = 2
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -40,9 +41,6 @@ class Teeth:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         size, sd = found.size(lambda sizes: float(np.hypot(*sizes)))

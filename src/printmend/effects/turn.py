@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term
+from printmend.effects.effect import GONE, SCALE_MM, Acts, Of, Places, Scene, Term
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
@@ -26,6 +26,7 @@ class Turn:
     of = Of.INSTRUMENT
     acts = Acts.NOT
     from_home = True
+    fate = GONE
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -37,9 +38,6 @@ class Turn:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return np.zeros_like(sizes)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         if scene.placed:  # else nobody knows how the sheet lay

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, onto_bed, waves
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name, span_mm
 
@@ -21,6 +21,7 @@ class TwoMotors:
     of = Of.MACHINE
     acts = Acts.NOT
     from_home = True
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -34,9 +35,6 @@ class TwoMotors:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         turn = waves(np.linspace(0.0, scene.turns_mm[found.where], 120), scene.turns_mm[found.where], np.arange(1, 4))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, about, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, about, onto_bed
 from printmend.effects.halves import borders_mm
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
@@ -22,6 +22,7 @@ class UnevenPlay:
     of = Of.MACHINE
     acts = Acts.NOT
     from_home = True
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -38,9 +39,6 @@ class UnevenPlay:
         axis, at = shape
         for place in about(at, 8.0, round_):
             yield axis, float(place)
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         words = MORE(carrier_name(scene, found.where), f"{found.sizes_mm[0]:+.2f}", "XY"[int(found.shape[0])])

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import ANEW, Acts, Of, Places, Scene, Term, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told
 
@@ -20,6 +20,7 @@ class Wander:
     of = Of.SESSION
     acts = Acts.NOT
     from_home = True
+    fate = ANEW
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -31,9 +32,6 @@ class Wander:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes * rng.choice([-1.0, 1.0], size=sizes.shape)
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size_mm = float(np.sqrt(np.square(found.sizes_mm).sum() / 2))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, Acts, Of, Places, Scene, Term, about, along
+from printmend.effects.effect import ANEW, SCALE_MM, Acts, Of, Places, Scene, Term, about, along
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, span_mm
 
@@ -21,6 +21,7 @@ class Warmth:
     of = Of.SESSION
     acts = Acts.NOT
     from_home = True
+    fate = ANEW
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -35,9 +36,6 @@ class Warmth:
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         for factor in about(0.0, 0.9, round_):
             yield (float(shape[0] * np.exp(factor)),)
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         """The axis that grew or moved most."""

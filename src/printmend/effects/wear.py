@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import Acts, Of, Places, Scene, Term, onto_bed
+from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, carrier_name
 
@@ -19,9 +19,10 @@ class Wear:
     """Play of one motor that grows with the length printed."""
 
     name = "wear"
-    of = Of.SESSION
-    acts = Acts.NOT
+    of = Of.SESSION  # that stays: a print is mended for the play with which the last one ended
+    acts = Acts.DRIVE
     from_home = True
+    fate = STAYS
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
@@ -33,9 +34,6 @@ class Wear:
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
-
-    def again(self, sizes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return sizes
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])

@@ -50,10 +50,13 @@ class Export:
     doubt_mm: float = 0.0
 
 
-def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = None) -> Simple:
+def simple_part(
+    mechanism: Mechanism, turns_mm: tuple[float, float] | None = None, *, may_skew: bool = True
+) -> Simple:
     """Split scale, constant play and skew off a machine; what is negligible becomes exactly 1 or 0.
 
-    ``turns_mm`` are the lengths of both motors' turns as they were learned; without them the printer's count.
+    ``turns_mm`` are the lengths of both motors' turns as they were learned; without them the printer's count. Where the
+    frame is known to be square, a CoreXY's two scales are no skew: ``may_skew`` is False.
     """
     printer = mechanism.printer
     gains, plays = [], []
@@ -73,8 +76,8 @@ def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = Non
         stretch[:] = stretch.mean()
     gains = [1.0 if abs(gain - 1) < _NEGLIGIBLE else float(gain) for gain in np.array(gains) * stretch]
     plays = [float(play) for play in np.array(plays) * stretch]
-    simple = Simple((gains[0], gains[1]), (plays[0], plays[1]), skew if abs(skew) > _NEGLIGIBLE else 0.0)
-    return _as_skew(mechanism, simple) if printer.kinematics == "corexy" else simple
+    simple = Simple((gains[0], gains[1]), (plays[0], plays[1]), skew if may_skew and abs(skew) > _NEGLIGIBLE else 0.0)
+    return _as_skew(mechanism, simple) if may_skew and printer.kinematics == "corexy" else simple
 
 
 def _as_skew(mechanism: Mechanism, simple: Simple) -> Simple:

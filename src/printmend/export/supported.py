@@ -1,18 +1,22 @@
 """Which settings of a firmware a model supports: each must help by more than its own doubt."""
 
 from dataclasses import dataclass, replace
-from math import sqrt
 
 import numpy as np
 
+from printmend.effects import EFFECTS, Acts, Places
+from printmend.effects.effect import SCALE_MM
+from printmend.effects.sample import drawn_places
 from printmend.errors import RefusedError
 from printmend.export.firmware import EXPORTS, NO_BACKLASH, Export, Simple, simple_part
-from printmend.promise.budget import Budget, parse_budget
-from printmend.promise.effects import CARRIED, LEARNED, parse_effects
-from printmend.promise.misfit import misfit_sizes, refusals
+from printmend.infer.posterior import DRAWS
+from printmend.promise.belief import Belief, parse_belief
+from printmend.promise.misfit import refusals
 from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
 from printmend.saved import SavedModel
 
+SURE = 0.95  # share of the drawn machines that must have a fault for its setting to be written
+PLAYS = ("play", "friction", "breathing")  # what makes the play of a motor
 SURE_SIGMAS = 2.0  # standard deviations: the coverage factor k of an expanded uncertainty (JCGM 100, 6.3)
 UNSHOWN_MOST_MM = UNSHOWN_MM * float(np.exp(1.645 * UNSHOWN_SD))  # what 19 of 20 printers' test prints do not show
 GAIN_MM = 0.001  # a setting that lowers the error over the bed by less is not worth typing
@@ -21,10 +25,12 @@ _PLACES = 400  # of an axis at which two laws are compared
 
 @dataclass(frozen=True)
 class _Setting:
-    """One value of a firmware: its name, and its standard deviation as an error over the bed [mm]."""
+    """One value of a firmware: its name, its standard deviation as an error over the bed [mm], and the share of the
+    drawn machines that have such a fault."""
 
     name: str
     doubt_mm: float
+    chance: float = 1.0
 
 
 def export_supported(model: SavedModel, firmware: str) -> Export:
@@ -36,36 +42,38 @@ def export_supported(model: SavedModel, firmware: str) -> Export:
         raise RefusedError(
             "export", wanted="a model that fits its own measurement", came=said[0], todo="measure again and learn"
         )
-    mechanism = model.mechanism
-    make = EXPORTS[firmware]
+    mechanism, belief = model.mechanism, parse_belief(model)
+    make, every = EXPORTS[firmware], _settings(model, belief)
     if firmware == "linuxcnc":  # one table a joint holds all of it
         export, left_out = make(mechanism), []
-        doubt = max(each.doubt_mm for each in _settings(model))
+        doubt = max(each.doubt_mm for each in every)
         if export.before_mm - export.after_mm < max(GAIN_MM, SURE_SIGMAS * doubt):
             left_out = [_why("the tables", export.before_mm - export.after_mm, doubt)]
-        return _judged(model, export, ("tables of both joints",) if not left_out else (), tuple(left_out))
-    budget = parse_budget(model)
-    whole = simple_part(mechanism, None if budget is None else budget.turns_mm)
-    settings = [each for each in _settings(model) if _without(whole, each.name) != whole]
+        return _judged(model, belief, export, ("tables of both joints",) if not left_out else (), tuple(left_out))
+    may_skew = next(each.chance >= SURE for each in every if each.name == "skew")
+    whole = simple_part(mechanism, None if belief is None else belief.scene.turns_mm, may_skew=may_skew)
+    settings = [each for each in every if _without(whole, each.name) != whole]
     kept, left_out, homeless = whole, [], []
     for each in sorted(settings, key=lambda setting: -setting.doubt_mm):
         without = _without(kept, each.name)
         gain = make(mechanism, without).after_mm - make(mechanism, kept).after_mm
         alone_mm = _alone_mm(model, whole, each.name)
-        known = alone_mm >= SURE_SIGMAS * each.doubt_mm
+        known = each.chance >= SURE and alone_mm >= SURE_SIGMAS * each.doubt_mm
         if gain == 0.0:  # this firmware has no such setting
             kept = without
             homeless += [each.name] if known and alone_mm >= GAIN_MM else []
         elif gain < GAIN_MM or not known:
             kept = without
-            left_out.append(_why(each.name, gain, each.doubt_mm))
+            left_out.append(_why(each.name, gain, each.doubt_mm, each.chance))
     if homeless:
         left_out.append(f"{' and '.join(sorted(homeless))}: {NO_BACKLASH[firmware]}")
     names = tuple(each.name for each in settings if _without(kept, each.name) != kept)
-    return _judged(model, make(mechanism, kept), names, tuple(left_out))
+    return _judged(model, belief, make(mechanism, kept), names, tuple(left_out))
 
 
-def _judged(model: SavedModel, export: Export, names: tuple[str, ...], left_out: tuple[str, ...]) -> Export:
+def _judged(
+    model: SavedModel, belief: Belief | None, export: Export, names: tuple[str, ...], left_out: tuple[str, ...]
+) -> Export:
     """Return an export with what is said of it. Raise `RefusedError` where none of its settings helps."""
     if not names:
         came = "; ".join(left_out) or "its settings change nothing of what was learned"
@@ -75,25 +83,21 @@ def _judged(model: SavedModel, export: Export, names: tuple[str, ...], left_out:
                 ": there is nothing to mend" if model.is_healthy else ": `printmend mend` mends the files instead"
             ),
         )  # fmt: skip
-    budget = parse_budget(model)
-    unknown_mm2 = sum(each.unexplained_mm2 for each in budget.motors) if budget is not None else 0.0
-    doubt_mm2 = unknown_mm2 + sum(each.doubt_mm**2 for each in _settings(model)) + _misfit_mm2(model)
+    doubt_mm2 = sum(each.doubt_mm**2 for each in _settings(model, belief)) + _beside_mm2(belief)
     doubt_mm = float(np.hypot(SURE_SIGMAS * np.sqrt(doubt_mm2), UNSHOWN_MOST_MM))
     return replace(export, settings=names, left_out=left_out, doubt_mm=doubt_mm)
 
 
-def _misfit_mm2(model: SavedModel) -> float:
-    """Return the variance [mm²] over the test print of what does not fit and may come again: no setting takes it."""
-    again = {each.kind for each in parse_effects(model.document) if each.state not in (LEARNED, CARRIED)}
-    return sum(size_mm**2 for kind, size_mm in misfit_sizes(model.document) if kind in again)
-
-
-def _why(name: str, gain_mm: float, doubt_mm: float) -> str:
+def _why(name: str, gain_mm: float, doubt_mm: float, chance: float = 1.0) -> str:
     """Say why a setting is left out."""
     if gain_mm <= -GAIN_MM:
         return f"{name} alone would make prints {-gain_mm:.3f} mm worse, typically, over the bed"
     if gain_mm < GAIN_MM:
         return f"{name} would help by less than {GAIN_MM:.3f} mm over the bed"
+    if chance < SURE:
+        return (
+            f"{name} may be none: {100 * (1 - chance):.0f} of 100 machines that fit the measurement have no such fault"
+        )
     return f"{name} is not known well enough (± {SURE_SIGMAS * doubt_mm:.3f} mm over the bed)"
 
 
@@ -123,35 +127,62 @@ def _spread_mm(model: SavedModel) -> np.ndarray:
     return 0.8 * np.array([model.printer.x.length_mm, model.printer.y.length_mm]) / np.sqrt(12)
 
 
-def _settings(model: SavedModel) -> list[_Setting]:
-    """Return every setting that a firmware may have, with its doubt."""
-    budget, reach = parse_budget(model), _spread_mm(model)
+def _settings(model: SavedModel, belief: Belief | None) -> list[_Setting]:
+    """Return every setting that a firmware may have, with its doubt: nobody knows of any without drawn machines."""
+    reach, axes = _spread_mm(model), _chance(belief, ("aspect",))
     found = []
-    stretch = np.zeros(3) if budget is None else _stretch_sds(budget)
     for at, name in enumerate(each.upper() for each in model.printer.motors):
-        scale, play = (0.0, 0.0) if budget is None else _motor_sds(model, budget, at)
-        scale = float(np.hypot(scale, np.hypot(stretch[0], stretch[1])))
-        found += [_Setting(f"scale of {name}", scale * reach[at]), _Setting(f"backlash of {name}", play / 2)]
-    return [*found, _Setting("skew", 2 * float(stretch[2]) * reach[1])]
+        scale = _drawn(belief, "scale", where=at) / SCALE_MM
+        found += [
+            _Setting(f"scale of {name}", float(scale.std()) * reach[at], max(_chance(belief, ("scale",), at), axes)),
+            _Setting(f"backlash of {name}", float(_plays_mm(belief, at).std()) / 2, _chance(belief, PLAYS, at)),
+        ]
+    skew = sum(_drawn(belief, "skew", where=axis) for axis in range(2)) / SCALE_MM
+    return [*found, _Setting("skew", float(np.std(skew)) * reach[1], _chance(belief, ("skew",)))]
 
 
-def _motor_sds(model: SavedModel, budget: Budget, at: int) -> tuple[float, float]:
-    """Return the standard deviations of a motor's scale and of its mean play [mm], by the scatter of the points."""
-    low, high = model.printer.motor_range_mm(at)
-    motor = np.linspace(low, high, _PLACES)
-    zero = np.zeros(_PLACES)
-    back, forth = (budget.motors[at].columns(motor, zero, zero, zero + side) for side in (-1.0, 1.0))
-    if not back.shape[1]:
-        return 0.0, 0.0
-    slopes = np.polyfit(motor - motor.mean(), (back + forth) / 2, 1)[0]
-    each = sqrt(back.shape[1]) if budget.together else 1.0  # one of so many machines
-    return float(np.linalg.norm(slopes)) / each, float(np.linalg.norm((back - forth).mean(axis=0))) / each
+def _drawn(belief: Belief | None, effect: str, *, where: int) -> np.ndarray:
+    """Return the first size [D] of an effect at one place in each drawn machine."""
+    parts = () if belief is None else belief.of(effect, where)
+    return np.asarray(sum((part.draws_mm[0] for part in parts), np.zeros(DRAWS)))
 
 
-def _stretch_sds(budget: Budget) -> np.ndarray:
-    """Return the standard deviations [3] of what the instrument cannot tell."""
-    if not budget.stretch:
-        return np.zeros(3)
-    weights = np.array([weight for weight, _, _ in budget.stretch])
-    second = np.array([np.diag(covariance) + mean**2 for _, mean, covariance in budget.stretch])
-    return np.asarray(np.sqrt(weights @ second / weights.sum()))
+def _chance(belief: Belief | None, effects: tuple[str, ...], where: int | None = None) -> float:
+    """Return the share of the drawn machines that have one of some effects."""
+    if belief is None:
+        return 1.0
+    parts = [part for effect in effects for part in belief.of(effect, where)]
+    return float(np.any([part.draws_mm.any(axis=0) for part in parts], axis=0).mean()) if parts else 0.0
+
+
+def _plays_mm(belief: Belief | None, motor: int) -> np.ndarray:
+    """Return the mean play [D] of a motor over what was seen, in each drawn machine."""
+    plays = np.zeros(DRAWS)
+    if belief is None:
+        return plays
+    at, side = np.zeros((_PLACES, 2)), np.ones((_PLACES, 2))
+    at[:, motor] = np.linspace(*belief.scene.motor_span_mm[motor], _PLACES)
+    none = np.zeros((_PLACES, 2))
+    places = Places(at, side, none, none, none, np.zeros(_PLACES), np.zeros(_PLACES), none)
+    for effect in PLAYS:
+        for part in belief.of(effect, motor):
+            moved = EFFECTS[effect].columns(places, motor, part.shape, belief.scene).mean(axis=0)  # [2, P]
+            plays = plays + 2 * belief.scene.printer.to_motor(moved.T)[:, motor] @ part.draws_mm
+    return np.asarray(plays)
+
+
+def _beside_mm2(belief: Belief | None) -> float:
+    """Return the variance [mm²] over a print of what no setting takes: what comes again and does not act, and what
+    marks scatter beyond their instrument."""
+    if belief is None:
+        return 0.0
+    places, rng = drawn_places(belief.scene), np.random.default_rng(0)
+    total = belief.scatter_mm**2
+    for part in belief.parts:
+        effect = EFFECTS[part.effect]
+        if effect.acts is Acts.NOT:
+            comes = rng.uniform(size=part.draws_mm.shape[1]) < effect.fate.anew + effect.fate.stays
+            again = part.draws_mm * comes
+            moved = np.einsum("ncp,pd->ncd", effect.columns(places, part.where, part.shape, belief.scene), again)
+            total += float(np.square(moved).sum(axis=1).mean())
+    return total

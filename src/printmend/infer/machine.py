@@ -80,7 +80,7 @@ def _belt_mm(scene: Scene, motor: int, part: Sized, motor_mm: np.ndarray, side: 
     motors, sides = np.zeros((count, 2)), np.zeros((count, 2))
     motors[:, motor], sides[:, motor] = motor_mm, side
     none = np.zeros((count, 2))
-    places = Places(motors, sides, none, none, none, np.zeros(count), np.zeros(count), none)
+    places = Places(motors, sides, none, none, none, np.ones(count), np.zeros(count), none)  # as the print ended
     moved = EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.sizes_mm
     return np.asarray(scene.printer.to_motor(moved)[:, motor])
 
@@ -102,7 +102,7 @@ def _series(scene: Scene, motor: int, parts: Sequence[Sized]) -> tuple[Branches,
             mean[2:] += sizes
         elif part.effect == "pulley":
             turn += sizes.reshape(2, -1)
-        elif part.effect == "play":
+        elif part.effect in ("play", "wear"):
             play += float(sizes[0])
         elif part.effect == "breathing":
             breathing += sizes.reshape(2, -1)

@@ -1,14 +1,11 @@
 """What does not fit: a finding in an owner's words, how much it matters, and its place in the saved model.
 
-The section ``misfit`` of a model holds ``found``, a list of these findings, and ``effects``: what they may do to a new
-print, which `promise.effects` reads.
+The section ``misfit`` of a model holds ``found``, a list of these findings.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
-
-from printmend.promise.effects import Effect
 
 NOTE, WARNING, REFUSAL = "note", "warning", "refusal"
 SEVERITIES = (NOTE, WARNING, REFUSAL)
@@ -29,14 +26,14 @@ class Misfit:
     words: str
 
 
-def misfit_section(found: Sequence[Misfit], effects: Sequence[Effect] = ()) -> dict[str, Any]:
-    """Return findings and effects as the plain values of a saved model's section ``misfit``."""
+def misfit_section(found: Sequence[Misfit]) -> dict[str, Any]:
+    """Return findings as the plain values of a saved model's section ``misfit``."""
     ordered = sorted(found, key=lambda each: -SEVERITIES.index(each.severity))
     rounded = [
         {key: round(value, 4) if isinstance(value, float) else value for key, value in asdict(each).items()}
         for each in ordered
     ]
-    return {"found": rounded, "effects": [each.json() for each in effects]}
+    return {"found": rounded}
 
 
 def misfit_words(document: Mapping[str, Any]) -> tuple[str, ...]:

@@ -21,9 +21,7 @@ COUNTING_SHARE = 0.1  # share of the largest wave of a turn that another one mus
 TWO_VALUED = 1.65  # kurtosis below which residuals take one of two values: even chances of a range give 1.8
 NOISE_KURTOSIS = 3.0  # kurtosis of Gaussian noise
 LEAST_TWO_MM, LEAST_SCATTER_MM = 0.03, 0.1  # root mean square of two values, and of other residuals, worth a word
-COVERED_SHARE = 0.6  # share of an axis of the bed that the print must span
 SURE_NATS = 14.0  # what is certain by counting
-UNSEEN = "unseen"  # the kind of the note about the rest
 
 
 def said_of_rows(box: GreyboxModel, trace: Trace, left_mm: np.ndarray) -> tuple[Misfit, ...]:
@@ -34,7 +32,6 @@ def said_of_rows(box: GreyboxModel, trace: Trace, left_mm: np.ndarray) -> tuple[
         *_random_order(trace, left_mm),
         *_other_turns(box),
         *_left_out(left_mm),
-        *_unseen(box, trace),
     )
 
 
@@ -156,17 +153,3 @@ def _left_out(left_mm: np.ndarray) -> list[Misfit]:
         f"{count} of {int(known.sum())} points ({100 * share:.1f} %) lie {size:.2f} mm off and are left out: {advice}"
     )
     return [Misfit("left-out", severity, size, float(count), words)]
-
-
-def _unseen(box: GreyboxModel, trace: Trace) -> list[Misfit]:
-    """Say which part of the bed was never measured; home, where every print begins, shows nothing of the way there."""
-    known = trace.measured_rows & ((np.arange(len(trace)) > 0) | (not trace.homed))
-    parts = []
-    for axis, name, places in zip((box.printer.x, box.printer.y), "XY", trace.commanded_mm[known].T, strict=True):
-        low, high = float(places.min()), float(places.max())
-        if high - low < COVERED_SHARE * (axis.max_mm - axis.min_mm):
-            parts.append(f"{name} from {low:.0f} to {high:.0f} mm of {axis.min_mm:.0f} to {axis.max_mm:.0f}")
-    if not parts:
-        return []
-    words = f"only {' and '.join(parts)} was measured: elsewhere the printer is thought to go on as it does there"
-    return [Misfit(UNSEEN, NOTE, 0.0, 0.0, words)]

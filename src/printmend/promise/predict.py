@@ -37,6 +37,7 @@ LOOSE_AT_HOME_SHARE = 0.5  # share of homings after which a belt lies somewhere 
 STANDS_SHARE = 1e-3  # of a move's length that a motor may go and yet stands still: rounded coordinates move it
 # Normal values, and the logarithm of minus the logarithm of the chance that one is not larger.
 _NORMAL = np.linspace(8.0, -6.0, 1401)
+_CHANCES = np.array([0.5 * math.erfc(-each / math.sqrt(2)) for each in _NORMAL[::-1]])
 _CHANCE_LOG = np.array([math.log(-math.log1p(-0.5 * math.erfc(each / math.sqrt(2)))) for each in _NORMAL])
 _FINENESS = 64  # places of the next table for each unit of that logarithm
 _EVENLY = np.interp(np.arange(_CHANCE_LOG[0], _CHANCE_LOG[-1], 1 / _FINENESS), _CHANCE_LOG, _NORMAL)
@@ -147,8 +148,8 @@ def _outlook(
     rng = np.random.default_rng(SEED)
     aims = _aims(mechanism, path, at_rest)
     local = _local(mechanism, belief, path, rng)
-    sizes = {id(part): _again_mm(part, rng) for part in belief.parts}
-    sides = [_parts(mechanism, belief, path, aims, motors, sizes) for motors in (aims.before_mm, aims.after_mm)]
+    chance = {id(part): rng.uniform(size=DRAWS) for part in belief.parts}
+    sides = [_parts(mechanism, belief, path, aims, motors, chance) for motors in (aims.before_mm, aims.after_mm)]
     both: dict[str, DrawnCause] = {}
     if not belief.placed:
         both["homing"] = _homing(mechanism, path, rng)
@@ -272,42 +273,48 @@ def push_doubt(screw: ScrewSeries | None, path: PathPlaces, rng: np.random.Gener
     return {"screw": DrawnCause(columns, sd[:, None] * rng.standard_normal((len(sd), DRAWS)))}
 
 
-def _again_mm(part: Part, rng: np.random.Generator) -> np.ndarray:
-    """Return by how much a part differs in the next print of each drawn machine [P, D] from what acts."""
-    return np.asarray(EFFECTS[part.effect].again(part.draws_mm, rng) - part.acts_mm[:, None])
-
-
 def _parts(
     mechanism: Mechanism,
     belief: Belief,
     path: PathPlaces,
     aims: "_Aims",
     motor_mm: np.ndarray,
-    sizes: Mapping[int, np.ndarray],
+    chance: Mapping[int, np.ndarray],
 ) -> dict[str, DrawnCause]:
     """Return the errors across the path that the drawn machines have beyond what acts: those of the parts that act
-    together, those of any other effect by its name. Without a place on the bed errors are counted from home."""
+    together, those of any other effect by its name. ``chance`` [D] of each part decides its fate."""
     printer, scene = mechanism.printer, belief.scene
     normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
     gone_mm = np.cumsum(path.weight) if path.gone_mm is None else path.gone_mm
     count, none = len(normal), np.zeros_like(normal)
-    places = Places(
+    now = Places(
         motor_mm, -aims.side, np.asarray(printer.from_motor(aims.belt_mm)), aims.ways, aims.side,
         gone_mm / max(scene.way_mm, 1e-9), np.full(count, LONG_MOVE_MM), none,
     )  # fmt: skip
     found: dict[str, DrawnCause] = {}
-    for part in belief.parts:
-        effect, drawn = EFFECTS[part.effect], sizes[id(part)]
+
+    def add(name: str, part: Part, places: Places, drawn: np.ndarray) -> None:
         if not drawn.any():
-            continue
+            return
         moved = columns_of(part.effect, places, part.where, part.shape, scene)
         cause = DrawnCause(np.einsum("nc,ncp->np", normal, moved), drawn)
+        found[name] = found[name].beside(cause) if name in found else cause
+
+    for part in belief.parts:
+        effect, fate, acts = EFFECTS[part.effect], EFFECTS[part.effect].fate, part.acts_mm[:, None]
         name = part.effect
         if not belief.placed and name in LINEAR:
             name = "instrument"
         elif effect.of is Of.MACHINE and part.acts_mm.any():
             name = "parameters"
-        found[name] = found[name].beside(cause) if name in found else cause
+        if effect.of is Of.MACHINE:
+            add(name, part, now, part.draws_mm - acts)
+            continue
+        drawn = chance[id(part)]
+        add(name, part, now, part.draws_mm * (drawn < fate.anew))
+        stays = (drawn >= fate.anew) & (drawn < fate.anew + fate.stays)
+        add(name, part, replace(now, done=now.done + 1.0), part.draws_mm * stays)
+        add(name, part, replace(now, done=np.ones(count)), np.repeat(-acts, DRAWS, axis=1))
     return found
 
 
@@ -316,7 +323,8 @@ def _local(mechanism: Mechanism, belief: Belief, path: PathPlaces, rng: np.rando
     across2 = _across(mechanism, path) ** 2
     steps = np.array([axis.mm_per_step / axis.microsteps for axis in mechanism.printer.axes[:2]])
     one = np.ones((len(across2), 1))
-    unshown = UNSHOWN_MM * np.exp(UNSHOWN_SD * rng.standard_normal(DRAWS))
+    evenly = rng.permutation((np.arange(DRAWS) + 0.5) / DRAWS)  # few draws of a wide range are spread over it
+    unshown = UNSHOWN_MM * np.exp(UNSHOWN_SD * np.interp(evenly, _CHANCES, _NORMAL[::-1]))
     motion = DrawnCause(0.5 * one, unshown[None] ** 2)
     # Some drives stop evenly on their micro-steps, others hardly hold them or go between them.
     rounding = DrawnCause((across2 @ (steps**2 / 12))[:, None], rng.uniform(*ROUNDED, DRAWS)[None] ** 2)

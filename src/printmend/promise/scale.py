@@ -1,7 +1,58 @@
-"""Which lengths a model's measurement was given: what settles whose scale a scan shows."""
+"""A scale that a scan shows and that may as well be its own: what is said of it, until callipers settle it.
 
+Of all that a scan tells this is what an owner can settle, and the one fault that mending may carry wrongly.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from printmend.effects import Scene
+from printmend.effects.effect import SCALE_MM
+from printmend.infer.posterior import Part
 from printmend.measure.table import TOGETHER
+from printmend.promise.belief import parse_belief
 from printmend.saved import SavedModel
+
+LEAST_DOUBT = 0.001  # share: a tenth of a millimetre in 100; a smaller doubt is said in the expected error alone
+
+
+def scale_words(model: SavedModel) -> tuple[str, ...]:
+    """Return a sentence about the scale that a model's scan showed, none where the scan leaves little open."""
+    belief = parse_belief(model)
+    shown = model.document.get("promise", {}).get("shown")
+    if belief is None or belief.placed or not isinstance(shown, list) or len(shown) != 2:
+        return ()
+    acts, draws = _axes(belief.scene, belief.parts)
+    doubt = float(np.sqrt(np.mean((draws - acts[:, None]) ** 2, axis=1)).max())
+    if doubt < LEAST_DOUBT:
+        return ()
+    return (in_words(np.array(shown, float), acts, doubt, length_given=knows_a_length(model)),)
+
+
+def shown_scales(scene: Scene, parts: Sequence[Part]) -> list[float]:
+    """Return by which shares a print is too large in its picture in X and Y, the instrument's own included."""
+    acts, _ = _axes(scene, parts)
+    values, axes = np.linalg.eigh(scene.instrument.covariance)
+    stretch = sum((part.mean_mm for part in parts if part.effect == "stretch"), np.zeros(3))
+    common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ stretch
+    return [round(float(each), 6) for each in acts + np.array([common + half, common - half])]
+
+
+def _axes(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the scales of both bed axes that act [2], and those of the drawn machines [2, D], as shares."""
+    found = []
+    for axis in range(2):
+        scales = [part for part in parts if part.effect == "scale" and (scene.corexy or part.where == axis)]
+        factor = 0.5 if scene.corexy else 1.0
+        others = [part for part in parts if part.effect == "aspect" and part.where == axis]
+        each = [(factor, part) for part in scales] + [(1.0, part) for part in others]
+        acts = sum(share * float(part.acts_mm[0]) for share, part in each)
+        draws = sum(
+            (share * part.draws_mm[0] for share, part in each), np.zeros(parts[0].draws_mm.shape[1] if parts else 1)
+        )
+        found.append((acts / SCALE_MM, draws / SCALE_MM))
+    return np.array([acts for acts, _ in found]), np.array([draws for _, draws in found])
 
 
 def knows_a_length(model: SavedModel) -> bool:
@@ -22,3 +73,25 @@ def _instrument(model: SavedModel) -> dict[str, float]:
     if not isinstance(instrument, dict):
         return {}
     return {name: value for name, value in instrument.items() if isinstance(value, int | float)}
+
+
+def in_words(shown: np.ndarray, acts: np.ndarray, doubt: float, *, length_given: bool = False) -> str:
+    """Say by which shares the print is too large in the picture in X and Y [2], which of them act [2], how sure that
+    is, and what would settle it beyond a length that was given."""
+    seen, taken = (" and ".join(f"{100 * v:+.2f} % in {a}" for v, a in zip(each, "XY", strict=True))
+                   for each in (shown, acts))  # fmt: skip
+    does = f"Mending takes off {taken}" if np.abs(acts).max() >= LEAST_DOUBT / 10 else "Mending takes nothing of it off"
+    todo = (
+        "Callipers settle it: measure again with each --distance that it names; for dots with a second scan, turned by "
+        "a quarter, too"
+    )
+    if length_given:
+        todo = (
+            "Along the length that was given it is known; across that a second scan of the same plate settles it, "
+            "turned by a quarter: measure again with both scans and that length"
+        )
+    return (
+        f"warning: the scale is not settled: the print is {seen} too large in the picture, and nobody knows how much "
+        f"of that is the picture's own (scanners: 0.1 to 0.2 %). {does}, which may be wrong by {100 * doubt:.1f} mm in "
+        f"100 mm. {todo}"
+    )

@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.diagnosis.diagnosis import diagnose, doubt_of
+from printmend.diagnosis.gaps import gaps_of
+from printmend.diagnosis.named import Diagnosis, diagnose, misfits_of
 from printmend.diagnosis.screw import ScrewFound, find_screw
 from printmend.effects import Scene, scene_of
 from printmend.errors import ConfigError
@@ -34,6 +35,7 @@ from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order, passed_over
 from printmend.promise.of_rows import lost_rows, said_of_rows
+from printmend.promise.scale import scale_words, shown_scales
 from printmend.protocols import WorldModel
 from printmend.saved import Branches, SavedModel, ScrewSeries, saved_model, with_screw
 from printmend.twin import Twin
@@ -131,8 +133,16 @@ def searched_model(
     noise_mm = float(np.sqrt(np.mean(kept_mm**2)))
     scatter_mm = float(np.sqrt(max(noise_mm**2 - (instrument_scatter_mm(trace) or noise_mm) ** 2, 0.0)))
     promise = belief_section(fit.scene, posterior.parts, scatter_mm=scatter_mm)
-    told = (*told, *another_printers(left_mm, trace, box.printer), *said_of_rows(box, trace, left_mm))
-    return _saved(box, trace, mechanism, branches, promise, told, more, noise_mm, PLANE_FACTOR * noise_mm)
+    if not fit.scene.placed:
+        promise["shown"] = shown_scales(fit.scene, posterior.parts)
+    told = (
+        *told,
+        *another_printers(left_mm, trace, box.printer),
+        *misfits_of(posterior.parts, fit.scene, posterior.nats, turned_rad=fit.turned_rad),
+        *said_of_rows(box, trace, left_mm),
+    )
+    diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(box))
+    return _saved(trace, mechanism, branches, diagnosis, promise, told, more, noise_mm, PLANE_FACTOR * noise_mm)
 
 
 def drawn_model(
@@ -143,9 +153,10 @@ def drawn_model(
     parts = [part for motor, drive in enumerate(box.drives) for part in _drawn(scene, motor, drive, rng)]
     promise = belief_section(scene, parts)
     branches = (box.drives[0].branches, box.drives[1].branches)
-    told = (*told, *said_of_rows(box, trace, left_over_mm(box)))
+    told = (*told, *misfits_of(parts, scene), *said_of_rows(box, trace, left_over_mm(box)))
+    diagnosis = diagnose(parts, scene, gaps_of(box))
     return _saved(
-        box, trace, box.mechanism, branches, promise, told, more, box.noise_mm, box.residual_after_mm
+        trace, box.mechanism, branches, diagnosis, promise, told, more, box.noise_mm, box.residual_after_mm
     )  # fmt: skip
 
 
@@ -164,17 +175,16 @@ def _drawn(scene: Scene, motor: int, drive: LearnedDrive, rng: np.random.Generat
 
 
 def _saved(
-    box: GreyboxModel,
     trace: Trace,
     mechanism: Mechanism,
     branches: tuple[Branches | None, Branches | None],
+    diagnosis: Diagnosis,
     promise: Mapping[str, Any],
     told: Sequence[Misfit],
     more: Mapping[str, Any],
     noise_mm: float,
     left_mm: float,
 ) -> SavedModel:
-    diagnosis = diagnose(box, doubt_of(trace))
     mechanism, branches = _anchored(mechanism, branches, trace)
     details: dict[str, Any] = {
         "diagnosis": [
@@ -217,7 +227,7 @@ def _learned_without_parts(
 
 
 def without_jumps(trace: Trace, box: GreyboxModel) -> Trace:
-    """Return a trace as it would be without the teeth that skipped and the steps that were lost while it was printed."""
+    """Return a trace as it would be without the teeth that skipped and the steps that were lost in it."""
     if not any(box.jumps):
         return trace
     belts, motors = np.zeros((len(trace), 2)), np.zeros((len(trace), 2))
@@ -397,6 +407,7 @@ def report(model: SavedModel) -> str:
     return "\n".join(
         [
             *lines,
+            *scale_words(model),
             *misfit_words(model.document),
             *(f"not told by this trace: {gap}" for gap in gaps),
             *todo(gaps),

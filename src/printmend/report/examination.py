@@ -14,7 +14,6 @@ from printmend.errors import InputError, TraceError
 from printmend.learn.greybox import GreyboxModel
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.promise.apply import still_words
 from printmend.promise.misfit import NOTE, REFUSAL, misfit_words, said_of
 from printmend.promise.predict import Promise
 from printmend.promise.scale import scale_words
@@ -153,7 +152,7 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
         None if part is None else part.name, None if part is None else check_gcode(part, saved),
         sum(one not in advice and fault.kind != "offset" for fault, one in zip(faults, all_advice, strict=True)),
         learned.beyond,
-        (*scale_words(saved), *misfit_words(saved.document), *still_words(saved.document)), expectation(saved, flat),
+        (*scale_words(saved), *misfit_words(saved.document)), expectation(saved, flat),
     )  # fmt: skip
 
 

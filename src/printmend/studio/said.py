@@ -8,7 +8,6 @@ import numpy as np
 from printmend.diagnosis.advice import Advice, advise
 from printmend.effects.words import Fault as NamedFault
 from printmend.machine import Mechanism
-from printmend.promise.apply import still_words
 from printmend.promise.misfit import misfit_words, said_of
 from printmend.promise.scale import scale_words
 from printmend.repair.learned import todo
@@ -35,7 +34,7 @@ def said(model: SavedModel) -> dict[str, Any]:
     return {
         "headline": model.findings[0] if model.findings else "", "healthy": model.is_healthy, "faults": advice,
         "gaps": [*gaps, *todo(gaps)],
-        "misfit": [*scale_words(model), *misfit_words(model.document), *still_words(model.document)],
+        "misfit": [*scale_words(model), *misfit_words(model.document)],
         "digest": model.digest,
         "measured": trace.get("measured"), "before_mm": trace.get("residual_before_mm"),
         "after_mm": trace.get("residual_after_mm"), "noise_mm": model.noise_mm, "learner": model.learner,

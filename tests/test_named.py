@@ -1,0 +1,142 @@
+"""What is said of believed parts: laws, not sentences."""
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from printmend.diagnosis.advice import advise
+from printmend.diagnosis.named import diagnose, faults_of, misfits_of
+from printmend.effects import EFFECTS, Acts, Scene
+from printmend.effects.words import Message
+from printmend.infer.posterior import DRAWS
+from printmend.machine import healthy_mechanism
+from printmend.printer import read_printer
+from printmend.promise.misfit import NOTE, WARNING
+from tests.believed import SCENES, part
+
+
+def wave(count: int, order: int, size: float) -> list[float]:
+    sizes = np.zeros(2 * count)
+    sizes[order - 1] = size
+    return sizes.tolist()
+
+
+ACTING = [
+    ("scale", 0, [0.4], (), "scale", 0.4),
+    ("pulley", 1, wave(32, 2, 0.05), (), "harmonic-2", 0.1),  # c_k is k times the wave's amplitude
+    ("play", 0, [0.3], (), "play", 0.3),
+    ("breathing", 0, wave(16, 1, 0.1), (), "loose-belt", None),
+    ("breathing", 0, wave(16, 2, 0.1), (), "play-by-angle", None),
+    ("idler", 1, [0.0, 0.06], (31.4,), "period-31.4", 0.06),
+    ("teeth", 1, [0.03, 0.0], (2.0,), "teeth", 0.03),
+    ("teeth", 0, [0.03, 0.0], (0.2,), "ripple", 0.03),
+    ("splice", 0, [0.5], (120.0, 4.0), "splice", 0.5),
+    ("place", 1, [0.3], (), "offset", 0.3),
+    ("rail", 0, [0.0, 0.08], (90.0,), "wavy", 0.08),
+]
+
+
+@pytest.mark.parametrize(("effect", "where", "sizes", "shape", "kind", "value"), ACTING)
+def test_what_acts_is_named_with_its_size(
+    effect: str, where: int, sizes: list[float], shape: tuple[float, ...], kind: str, value: float | None
+) -> None:
+    scene = SCENES["ender3"]
+    parts = [part(effect, where, sizes, shape)]
+    if effect == "breathing":  # of a belt that has play
+        parts.insert(0, part("play", where, [0.5]))
+    named = {fault.kind: fault for fault in faults_of(parts, scene)}
+    assert kind in named
+    fault = named[kind]
+    assert fault.part == ("frame" if EFFECTS[effect].acts is Acts.WAVE else "xy"[where])
+    assert abs(fault.value - (0.5 if value is None else value)) <= 4 * fault.sd
+    assert not misfits_of(parts, scene)
+    assert advise(fault).title
+    assert fault.words in diagnose(parts, scene).summary
+
+
+def test_a_frame_is_named_whole() -> None:
+    leans = [part("skew", 0, [0.5]), part("skew", 1, [0.25])]
+    (skew,) = faults_of(leans, SCENES["ender3"])
+    assert (skew.part, skew.kind, skew.unit) == ("frame", "skew", "°")
+    assert skew.value == pytest.approx(np.degrees(0.0075), abs=4 * skew.sd)
+    (axes,) = faults_of([part("aspect", 0, [0.5])], SCENES["corexy"])
+    assert (axes.kind, axes.unit) == ("axes", "%")
+    assert axes.value == pytest.approx(0.5, abs=4 * axes.sd)
+
+
+def test_no_effect_is_no_fault() -> None:
+    for preset, scene in SCENES.items():
+        found = diagnose([], scene)
+        assert not found.faults
+        assert found.summary == "; ".join(f"{name.upper()} healthy" for name in read_printer(preset).motors)
+        assert not misfits_of([], scene)
+        assert healthy_mechanism(scene.printer).frame.is_identity
+
+
+def test_what_most_machines_do_not_have_is_neither_named_nor_certain() -> None:
+    scene, rng = SCENES["ender3"], np.random.default_rng(1)
+    seldom, usual = rng.permutation(DRAWS) < DRAWS // 10, rng.permutation(DRAWS) < DRAWS * 3 // 4
+    assert not faults_of([part("play", 0, [0.3], there=seldom)], scene)
+    assert not misfits_of([part("drift", 0, [0.3], there=seldom)], scene)
+    (said,) = misfits_of([part("drift", 0, [0.3], there=usual)], scene)
+    assert "not certain" in said.words
+    (sure,) = misfits_of([part("drift", 0, [0.3])], scene)
+    assert "not certain" not in sure.words
+
+
+def test_what_cannot_be_told_apart_is_said_together() -> None:
+    scene, either = SCENES["ender3"], np.arange(DRAWS) % 2 == 0
+    (found,) = misfits_of(
+        [part("drift", 0, [0.3], there=either), part("creep", 0, [0.3], (0.7,), there=~either)], scene
+    )
+    one, other = found.words.split(", or ", 1)
+    assert "drift" in one or "crept" in one
+    assert one != other
+    (shared,) = misfits_of(
+        [part("step", 0, [0.3], (0.5,), there=either), part("step", 0, [0.3], (0.51,), there=~either)], scene
+    )
+    assert ", or " not in shared.words  # one moment, a little earlier or later
+    assert "not certain" not in shared.words
+
+
+@pytest.mark.parametrize("preset", SCENES)
+@pytest.mark.parametrize("effect", [name for name, each in EFFECTS.items() if each.acts is Acts.NOT])
+def test_what_cannot_act_is_told_and_is_no_fault(effect: str, preset: str) -> None:
+    scene = SCENES[preset]
+    if effect in ("origin", "stretch"):
+        return  # what every scan has is said of its scale
+    for one in _terms(effect, scene):
+        parts = [part(effect, one.where, [0.2] * len(one.sd_mm), one.shape)]
+        assert not faults_of(parts, scene)
+        (told,) = misfits_of(parts, scene)
+        assert told.size_mm > 0
+        assert told.severity in (NOTE, WARNING)
+        assert re.search(r"\d", told.words)
+
+
+def _terms(effect: str, scene: Scene) -> Iterator:
+    """Yield the first term of each place."""
+    seen = set()
+    for term in EFFECTS[effect].terms(scene):
+        if term.where not in seen:
+            seen.add(term.where)
+            yield term
+
+
+def test_a_message_fills_its_places_in_both_languages_alike() -> None:
+    import importlib
+    import pkgutil
+
+    from printmend import effects
+
+    seen = 0
+    for module in pkgutil.iter_modules(effects.__path__):
+        for value in vars(importlib.import_module(f"printmend.effects.{module.name}")).values():
+            if isinstance(value, Message):
+                seen += 1
+                places = set(re.findall(r"{\w}", value.english))
+                assert not re.search(r"[{}]", value(*"1234567"))
+                assert not value.german or set(re.findall(r"{\w}", value.german)) == places
+    assert seen > 20
