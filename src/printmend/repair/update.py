@@ -206,7 +206,7 @@ def changes_of(found: Renewed) -> list[Change]:
         if key[0] in of_motors or key[1] in OF_ONE_PRINT:
             continue
         other = before.get(key) or now[key]
-        was, new = (each.get(key) or replace(other, value=0.0, sd=0.0) for each in (before, now))
+        was, new = (each.get(key) or replace(other, value=0.0) for each in (before, now))
         sd = float(np.hypot(was.sd, new.sd))
         if abs(new.value - was.value) > max(NAMED_SIGMAS * sd, LEAST_CHANGE.get(new.unit, 0.0)):
             changes.append(_change(was, new, sd))

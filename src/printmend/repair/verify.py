@@ -35,6 +35,8 @@ _NOISE_SD_SHARE = 0.15  # standard deviation of the stated noise of a measuremen
 _UNMENDED_SHARE = 0.9  # a print with more than this share of the error before mending was hardly mended …
 _SAME_FAULT_SHARE = 0.5  # … if, of its error, less than this share is unlike the unmended print of the model
 SEEN_FACTOR = 2.0  # a promise is kept where an error of so many times its upper end is ruled out
+_SURELY_SDS = 2.0  # standard deviations by which an error must exceed the least that is found, to be found surely
+_NO_WAYS = ". Its table has no way-points between the marks, so from which side each was reached is a guess"
 _ASKED = "play"  # the effect that a measurement must be fine enough to show: none grows as often
 
 
@@ -103,15 +105,10 @@ class Verdict:
                     f"{numbers}: cannot tell. What measures wanders, so that place and scale may be off by "
                     f"{self.wanders_mm:.2f} mm: fix it, let it warm up, and measure again"
                 )
-            if not self.ways_known:
-                return (
-                    f"{numbers}: cannot tell. The table has the dots alone, so nobody knows from which side the printer "
-                    "came to each, and play does not show: measure with the test print's way-points between the dots"
-                )
             how = "scan the print" if self.stated else "scan the print, or say in sigma_mm how exact the table is"
             return (
                 f"{numbers}: cannot tell. This measurement is too coarse, it shows only errors above "
-                f"{self.shows_from_mm:.3f} mm: {how}"
+                f"{self.shows_from_mm:.3f} mm: {how}{'' if self.ways_known else _NO_WAYS}"
             )
         if self.now_mm > _UNMENDED_SHARE * self.before_mm:
             if self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm:
@@ -223,7 +220,7 @@ def _unseen_mm(found: Renewed) -> float:
         crossing = search.gram.matrix[state.columns, at] / state.sigma_mm**2
         told = search.gram.matrix[at, at] / state.sigma_mm**2 - crossing @ state.covariance @ crossing
         costs = 0.5 * np.log1p(block.sds_mm[:, 0] ** 2 * told) - block.log_odds
-        size_mm = float(np.sqrt(2 * costs.min() / max(told, 1e-12)))
+        size_mm = float((np.sqrt(2 * costs.min()) + _SURELY_SDS) / np.sqrt(max(told, 1e-12)))
         most_mm = max(most_mm, size_mm * float(np.sqrt(np.mean(search.dictionary.columns[:, at] ** 2))))
     return PLANE_FACTOR * most_mm
 
