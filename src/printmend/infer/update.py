@@ -467,10 +467,17 @@ def _rebased(part: Part, scene: Scene) -> Part:
         return part
     (shape,) = shapes
     low, high = scene.motor_span_mm[part.where]
-    motor, side, none = np.zeros((GRID, 2)), np.ones((GRID, 2)), np.zeros((GRID, 2))
+    motor, none = np.zeros((GRID, 2)), np.zeros((GRID, 2))
     motor[:, part.where] = np.linspace(low, high, GRID)
-    places = Places(motor, side, none, none, none, np.zeros(GRID), np.zeros(GRID), none)
-    old, new = (effect.columns(places, part.where, each, scene).reshape(2 * GRID, -1) for each in (part.shape, shape))
+
+    def series(shape: tuple[float, ...], side: float) -> np.ndarray:
+        places = Places(motor, np.full((GRID, 2), side), none, none, none, np.zeros(GRID), np.zeros(GRID), none)
+        return np.asarray(effect.columns(places, part.where, shape, scene))
+
+    old, new = series(part.shape, 1.0), series(shape, 1.0)
+    if np.array_equal(old, series(part.shape, -1.0)):  # a shift of all is the belt's place
+        old, new = old - old.mean(axis=0), new - new.mean(axis=0)
+    old, new = old.reshape(2 * GRID, -1), new.reshape(2 * GRID, -1)
     onto = np.linalg.lstsq(new, old, rcond=None)[0]
     return replace(part, shape=shape, acts_mm=onto @ part.acts_mm, draws_mm=onto @ part.draws_mm)
 
