@@ -1,13 +1,13 @@
 """A second measurement of a known machine: its drawn machines are the prior, and effects are what changed since.
 
-What the old machine does is taken off the rows. What was not known of it, and what wears, are columns of unit prior that
-every set has: they are summed out of the Gram matrix. The search then finds changes alone, and beside it other stories
+The rows are freed of what the old machine does. What was not known of it, and what wears, are columns of unit prior
+that every set has: they are summed out of the Gram matrix. The search then finds changes alone. Beside it other stories
 are weighed: a pulley turned on its shaft, a motor got other parts, all of it is another machine.
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,8 +17,17 @@ from printmend.effects.effect import SCALE_MM
 from printmend.effects.elastic import HARMONICS as STRETCHES
 from printmend.effects.prior import happens_share, wear_share
 from printmend.effects.pulley import HARMONICS as ROUNDS
-from printmend.infer.contacts import contacts_of
-from printmend.infer.fit import FINER_ROUNDS, Fit, _home_sd_mm, _measured_mm, _turned_back, rows_of, weighed, with_shapes
+from printmend.infer.contacts import Contacts, contacts_of
+from printmend.infer.fit import (
+    FINER_ROUNDS,
+    Fit,
+    _home_sd_mm,
+    _measured_mm,
+    _turned_back,
+    rows_of,
+    weighed,
+    with_shapes,
+)
 from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, gram_of, seen
 from printmend.infer.machine import machine_of
 from printmend.infer.posterior import DRAWS, Part, Posterior, posterior_of
@@ -71,8 +80,11 @@ class Renewed:
 
     def of(self, effect: str, where: int) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
         """Return an effect's parts before and now."""
-        own = [tuple(p for p in parts if (p.effect, p.where) == (effect, where)) for parts in (self.before, self.now.parts)]
-        return own[0], own[1]
+        before, now = (
+            tuple(part for part in parts if (part.effect, part.where) == (effect, where))
+            for parts in (self.before, self.now.parts)
+        )
+        return before, now
 
 
 def renewed(
@@ -267,7 +279,8 @@ def _weighed_stories(
             state = by(_search(sums, each, left), start, sd_mm)
             left = sums.without(left.mean, left.ways, state.sigma_mm)
             state = _search(sums, each, left).posterior(state.members, state.sigma_mm, rounds=0)
-            return _Pass(each, like, places, rows, sums, left, state, state.score - left.log_det / 2 + each.log_odds, old)
+            score = state.score - left.log_det / 2 + each.log_odds
+            return _Pass(each, like, places, rows, sums, left, state, score, old)
 
         best = told(story, members)
         while stories and _changed(best):
@@ -286,8 +299,8 @@ def _weighed_stories(
 
 
 def by_growing(search: Search, start: Set, sigma_mm: float) -> State:
-    """Return the set that steps from ``start`` reach by adding blocks alone: quicker than `searched`, and nearly as good
-    where stories are compared."""
+    """Return the set that is reached from ``start`` by adding blocks alone: quicker than `searched`, and good enough to
+    compare stories."""
     state = search.posterior(start, sigma_mm)
     while len((gains := search.gains(state, search.offered(state.members))).values):
         best, gain = gains.best()
@@ -411,11 +424,11 @@ def _finer(at: _Pass, places: Places, rows: Rows, scene: Scene, weight: np.ndarr
     return at
 
 
-def _now(at: _Pass, contacts: object, scene: Scene, rng: np.random.Generator) -> Renewed:
+def _now(at: _Pass, contacts: Contacts, scene: Scene, rng: np.random.Generator) -> Renewed:
     """Draw machines: changes as the search has them, and the old machine beside each."""
     search = _search(at.sums, at.story, at.left)
     nothing, _ = machine_of(scene, ())
-    fit = Fit(scene, at.places, at.rows, contacts, search, at.state, nothing)  # type: ignore[arg-type]
+    fit = Fit(scene, at.places, at.rows, contacts, search, at.state, nothing)
     found = posterior_of(fit, rng)
     where = {(b.effect, b.where, b.shape): b.at for b in at.sums.dictionary.blocks}
     changes = np.zeros((at.sums.own, DRAWS))
@@ -486,7 +499,8 @@ def both_seen(old: Scene, new: Scene) -> Scene:
     """Return the scene of a new measurement with the spans of an old one, too."""
 
     def spans(name: str) -> tuple[tuple[float, float], tuple[float, float]]:
-        pairs = [(min(a[0], b[0]), max(a[1], b[1])) for a, b in zip(getattr(old, name), getattr(new, name), strict=True)]
-        return pairs[0], pairs[1]
+        both = zip(getattr(old, name), getattr(new, name), strict=True)
+        first, second = ((min(a[0], b[0]), max(a[1], b[1])) for a, b in both)
+        return first, second
 
     return replace(new, motor_span_mm=spans("motor_span_mm"), bed_span_mm=spans("bed_span_mm"))

@@ -17,7 +17,7 @@ from printmend.effects.pulley import HARMONICS
 from printmend.effects.words import NAMED_SIGMAS, Fault
 from printmend.errors import ModelError, TraceError
 from printmend.infer.machine import machine_of
-from printmend.infer.posterior import Part
+from printmend.infer.posterior import DRAWS, Part
 from printmend.infer.update import Renewed, both_seen, renewed
 from printmend.learn.walls import with_walls
 from printmend.measure.once import counted_once, digest_of
@@ -218,7 +218,7 @@ def _named(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
 
     def sure(part: Part) -> Part:
         there = np.flatnonzero(part.draws_mm.any(axis=0))
-        return replace(part, draws_mm=part.draws_mm[:, np.resize(there, part.draws_mm.shape[1])]) if len(there) else part
+        return replace(part, draws_mm=part.draws_mm[:, np.resize(there, DRAWS)]) if len(there) else part
 
     acting = [sure(part) for part in parts if part.acts_mm.any()]
     return {(fault.part, fault.kind): fault for fault in faults_of(acting, scene)}

@@ -15,6 +15,7 @@ from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ModelError, TraceError
 from printmend.infer.gram import seen
+from printmend.infer.posterior import DRAWS
 from printmend.infer.update import Renewed
 from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
@@ -167,7 +168,8 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     surely_mm, wanders_mm = _errors_mm(found, trace, placed=placed)
     whole_mm = np.hypot(surely_mm, wanders_mm)
     now = float(np.median(whole_mm))
-    low = float(np.quantile(surely_mm, LOW)) if _is_beyond(found) else 0.0
+    # a walk looks like place and scale by as much as its end strays: 6 times its mean square about its mean
+    low2 = float(np.quantile(surely_mm, LOW) ** 2 - 6 * np.median(wanders_mm) ** 2) if _is_beyond(found) else 0.0
     high = float(np.sqrt(np.quantile(whole_mm, HIGH) ** 2 + beyond_mm**2 + _unseen_mm(found) ** 2))
     after = outlook.after
     error = (trace.measured_mm - trace.commanded_mm)[known]
@@ -175,7 +177,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     if not placed:
         unlike, off = unlike - unlike.mean(axis=0), off - off.mean(axis=0)
     return Verdict(
-        len(known), float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), now, low, high,
+        len(known), float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), now, float(np.sqrt(max(low2, 0.0))), high,
         PLANE_FACTOR * after.rms_mm, PLANE_FACTOR * after.rms_low_mm, PLANE_FACTOR * after.rms_high_mm,
         float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - (PLANE_FACTOR * noise_mm) ** 2, 0.0))), placed,
         _stretch_percent(found), bool(len(stated)), float(np.median(wanders_mm)),
@@ -189,17 +191,19 @@ def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarra
     fit, scene = found.fit, found.now.scene
     nominal = scene.printer.from_motor(fit.places.motor_mm)
     ahead = np.einsum("mc,mc->m", fit.rows.along, (nominal - trace.commanded_mm)[fit.rows.mark])
-    sums = {False: np.repeat(ahead[:, None], found.now.parts[0].draws_mm.shape[1] if found.now.parts else 1, axis=1)}
+    sums = {False: np.repeat(ahead[:, None], DRAWS, axis=1)}
     sums[True] = np.zeros_like(sums[False])
+    wanders = any(block.effect == "wander" for block in found.beside)
     for part in found.now.parts:
-        if EFFECTS[part.effect].of in (Of.MACHINE, Of.SESSION):
+        of = EFFECTS[part.effect].of
+        if of in (Of.MACHINE, Of.SESSION):
             columns = seen(part.effect, part.where, part.shape, fit.places, fit.rows, scene)
-            sums[part.effect == "wander"] += columns @ part.draws_mm
+            sums[wanders and of is Of.SESSION] += columns @ part.draws_mm
     if not placed:  # nobody knows where the plate lay
         along = fit.rows.along
         sums = {key: each - along @ np.linalg.lstsq(along, each, rcond=None)[0] for key, each in sums.items()}
-    surely, wanders = (PLANE_FACTOR * np.sqrt(np.mean(sums[key] ** 2, axis=0)) for key in (False, True))
-    return surely, wanders
+    surely_mm, wanders_mm = (PLANE_FACTOR * np.sqrt(np.mean(sums[key] ** 2, axis=0)) for key in (False, True))
+    return surely_mm, wanders_mm
 
 
 def _is_beyond(found: Renewed) -> bool:
