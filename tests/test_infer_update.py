@@ -9,8 +9,9 @@ from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
 from printmend.effects import EFFECTS, Scene, places_of, scene_of
 from printmend.effects.uneven import COUNT
 from printmend.infer.fit import Fit, fitted
+from printmend.infer.known import directions, rebased, turned
 from printmend.infer.posterior import DRAWS, Part, Posterior, posterior_of
-from printmend.infer.update import Renewed, _directions, _rebased, _turned, both_seen, renewed
+from printmend.infer.update import Renewed, both_seen, renewed
 from printmend.machine import healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
@@ -107,7 +108,7 @@ def test_a_motor_with_other_parts_is_told_from_the_whole_machine(old: tuple[Fit,
 
 def test_a_pulley_turned_all_round_is_as_it_was(old: tuple[Fit, Posterior]) -> None:
     parts = old[1].parts
-    there = _turned(_turned(parts, 0, 2.0), 0, 2 * np.pi - 2.0)
+    there = turned(turned(parts, 0, 2.0), 0, 2 * np.pi - 2.0)
     for part, same in zip(parts, there, strict=True):
         assert np.abs(part.draws_mm - same.draws_mm).max() < 1e-9
 
@@ -116,7 +117,7 @@ def test_directions_hold_the_covariance_of_the_draws() -> None:
     rng = np.random.default_rng(3)
     draws = np.array([[1.0, 0.0], [0.9, 0.2]]) @ rng.standard_normal((2, DRAWS))
     draws = np.vstack([draws, np.zeros((1, DRAWS))])  # what none of them has stays nothing
-    ways = _directions(draws)
+    ways = directions(draws)
     assert np.allclose((ways @ ways.T)[:2, :2], np.cov(draws[:2], bias=True), rtol=0.05)
     assert not ways[2].any()
 
@@ -128,7 +129,7 @@ def test_a_part_over_a_wider_span_is_the_same_belt(old: tuple[Fit, Posterior]) -
     )
     sizes = np.random.default_rng(1).normal(0, 0.05, (COUNT, DRAWS)) / np.arange(1, COUNT + 1)[:, None] ** 2
     part = Part("uneven", 0, (60.0, 130.0), sizes[:, 0], sizes)
-    same = _rebased(part, wide)
+    same = rebased(part, wide)
     assert same.shape == (6.0, 214.0)
     apart_mm = _belt_mm(part, narrow) - _belt_mm(same, wide)
     assert np.abs(apart_mm - apart_mm.mean(axis=0)).max() < 0.002  # a shift of all is the belt's place

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from printmend.promise.budget import parse_budget
 
 from printmend.cli.measure import command
 from printmend.errors import ModelError, TraceError
@@ -26,7 +27,6 @@ from printmend.machine import Frame, Mechanism, Transmission, healthy_transmissi
 from printmend.measure import write_plan
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.promise.budget import parse_budget
 from printmend.promise.by_hand import (
     BOTH_SHARE,
     FALLS,

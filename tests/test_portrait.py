@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from printmend.diagnosis.named import gathered
-from printmend.diagnosis.portrait import believed_hull_mm, believed_portrait
+from printmend.diagnosis.portrait import contacts_of_fit, hull_mm, portrait
 from printmend.effects import scene_of
 from printmend.infer.fit import fitted
 from printmend.infer.machine import Sized, machine_of
@@ -20,13 +20,13 @@ from tests.believed import SCENES, part
 def test_the_outline_of_a_pulley_is_its_shape_about_the_shaft() -> None:
     scene = SCENES["ender3"]
     radius = scene.turns_mm[0] / TURN_RAD
-    round_mm = believed_hull_mm([], 0, scene)
+    round_mm = hull_mm([], 0, scene)
     assert np.hypot(*round_mm.T) == pytest.approx(np.full(len(round_mm), radius))
-    large = believed_hull_mm(gathered([part("scale", 0, [2.0])]), 0, scene)
+    large = hull_mm(gathered([part("scale", 0, [2.0])]), 0, scene)
     assert np.hypot(*large.T) == pytest.approx(np.full(len(large), 1.02 * radius))
     sizes = np.zeros(64)
     sizes[0] = 0.3
-    off = believed_hull_mm(gathered([part("pulley", 0, sizes.tolist())]), 0, scene)
+    off = hull_mm(gathered([part("pulley", 0, sizes.tolist())]), 0, scene)
     away = np.hypot(*off.T) - radius
     assert (away.max(), away.min()) == pytest.approx((0.3, -0.3), abs=0.01)  # the bore's eccentricity
 
@@ -36,14 +36,13 @@ def test_the_curves_of_a_motor_are_the_machines(preset: str) -> None:
     printer, rng = read_printer(preset), np.random.default_rng(2)
     low, high = (np.array([getattr(axis, end) for axis in printer.axes[:2]]) for end in ("min_mm", "max_mm"))
     path = np.vstack([np.array(printer.home_mm)[None], rng.uniform(low + 10, high - 10, (300, 2))])
-    scene = scene_of(Trace(path, path.copy()), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    scene = scene_of(Trace(path, path.copy(), homed=True), printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
     true, _ = machine_of(scene, [Sized("scale", 0, (), np.array([0.5])), Sized("play", 0, (), np.array([0.3]))])
-    true = true.homed()
     places = print_from_home(true, np.hstack([path, np.full((len(path), 1), printer.z.home_mm)]))[:, :2]
     trace = Trace(path, places + rng.normal(0, 0.01, places.shape), homed=True)
     fit = fitted(trace, scene, healthy_mechanism(printer))
     parts = posterior_of(fit, rng).parts
-    drawn = believed_portrait(parts, 0, fit)
+    drawn = portrait(parts, fit.scene, 0, contacts_of_fit(fit, 0), fit.state.sigma_mm)
     assert drawn.name == printer.motors[0].upper()
     branches = np.stack(true.transmissions[0].branches_mm(drawn.motor_mm)) - drawn.motor_mm
     assert np.abs(drawn.error_mm - branches).max() < 0.01
@@ -53,5 +52,5 @@ def test_the_curves_of_a_motor_are_the_machines(preset: str) -> None:
     assert set(drawn.point_side) == {0, 1}
     nearest = drawn.error_mm[drawn.point_side, np.searchsorted(drawn.motor_mm, drawn.point_motor_mm).clip(0, 1200)]
     assert np.std(drawn.point_error_mm - nearest) < 3 * drawn.noise_mm
-    other = believed_portrait(parts, 1, fit)
+    other = portrait(parts, fit.scene, 1, contacts_of_fit(fit, 1), fit.state.sigma_mm)
     assert np.abs(other.play_mm).max() < 0.01

@@ -11,6 +11,11 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+from printmend.promise.apply import believe
+from printmend.promise.budget import DIRECTIONS, parse_budget
+from printmend.promise.effects import EARLY, ENDED, LEARNED, DrawnCause, Effect
+from printmend.promise.section import KEPT_VARIANCE_SHARE, kept_directions
+from printmend.promise.unexplained import unexplained
 
 from printmend.cli.main import group
 from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon
@@ -29,9 +34,6 @@ from printmend.path import FLATBED, Instrument, Trace, last_way
 from printmend.picture.paper import PAPER
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.promise.apply import believe
-from printmend.promise.budget import DIRECTIONS, parse_budget
-from printmend.promise.effects import EARLY, ENDED, LEARNED, DrawnCause, Effect
 from printmend.promise.misfit import misfit_section, refusals
 from printmend.promise.predict import (
     DRAWS,
@@ -48,8 +50,6 @@ from printmend.promise.predict import (
     shape_of,
 )
 from printmend.promise.scale import in_words, scale_words
-from printmend.promise.section import KEPT_VARIANCE_SHARE, kept_directions
-from printmend.promise.unexplained import unexplained
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judge_gcode
 from printmend.repair.history import read_history, rows_of

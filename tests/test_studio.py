@@ -20,6 +20,9 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import uvicorn
+from printmend.promise.apply import ONE_TURN, still_words
+from printmend.promise.laws import LAWS
+from printmend.promise.misfit_columns import Candidate
 from starlette.testclient import TestClient
 
 from printmend import diagnosis
@@ -40,9 +43,6 @@ from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe, expected_error_mm
 from printmend.promise import misfit_rows, misfit_tests
 from printmend.promise import words as promise_words
-from printmend.promise.apply import ONE_TURN, still_words
-from printmend.promise.laws import LAWS
-from printmend.promise.misfit_columns import Candidate
 from printmend.promise.scale import in_words
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo

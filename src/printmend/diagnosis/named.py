@@ -109,8 +109,7 @@ def misfits_of(
         rivals = [
             each for each in groups if each is not group and group.is_open and each.is_open and group.excludes(each)
         ]
-        holds = one.law.acts is not Acts.NOT and one.law.of is Of.MACHINE
-        if holds or any(each in said or each.found.acts for each in rivals):
+        if not _is_told(one) or any(each in said or each.found.acts for each in rivals):
             continue
         chance = float(np.mean(np.any([group.there, *(each.there for each in rivals)], axis=0)))
         if chance < TOLD or not _is_sure(group):
@@ -177,9 +176,16 @@ def _with_turn(parts: Sequence[Part], turned_rad: float) -> list[Part]:
     return [Part("turn", 0, (), np.zeros(1), size)]
 
 
+def _is_told(found: Found) -> bool:
+    """Tell whether an effect is told as what does not fit: it cannot act, or not in every print alike."""
+    return found.law.acts is Acts.NOT or found.law.of is not Of.MACHINE
+
+
 def _faults(found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
     if hasattr(found.law, "faults"):
         yield from found.law.faults(found, beside, scene)
+        return
+    if _is_told(found):
         return
     places = drawn_places(scene)
     size, sd = found.size(lambda sizes: _moved_mm(found, sizes, places, scene))
@@ -227,7 +233,7 @@ def _words(groups: Sequence[_Group], beside: Sequence[Found], scene: Scene) -> l
     words: list[str] = []
     for group in groups:
         found = replace(group.found, draws_mm=group.found.draws_mm[:, group.there], acts=True)
-        if found.law.acts is Acts.NOT:
+        if _is_told(found):
             words += [told.words for told in _told(found, beside, scene)]
         else:
             words += [fault.words for fault in _faults(found, [found], scene)][:1]

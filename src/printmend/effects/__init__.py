@@ -51,7 +51,7 @@ _ALL: tuple[Effect, ...] = (
     Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
     Origin(), Shift(), Turn(), Stretch(), Carriage(), Halves(), Bead(),
 )  # fmt: skip
-_NEEDS = ("name", "of", "acts", "most", "terms", "columns", "finer", "again")
+_NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 
 
 def _of_others() -> dict[str, Effect]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, finer_periods, onto_bed, periods_mm, waves
 from printmend.effects.prior import alternatives
+from printmend.effects.pulley import LEAST_EFFECT_MM
 from printmend.effects.words import Fault, Found, amount, motor_name
 
 SHORTEST_MM, LONGEST_MM = 12.0, 150.0  # of a period: no idler is smaller, no bed shows larger ones
@@ -40,5 +41,7 @@ class Idler:
     def faults(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Fault]:
         (period_mm,) = found.shape
         size, sd = found.size(lambda sizes: float(np.hypot(*sizes)))
+        if size < LEAST_EFFECT_MM:
+            return
         words = f"idler or belt uneven, every {period_mm:.1f} mm, by {amount(size, sd)}"
         yield Fault(motor_name(scene, found.where), f"period-{period_mm:.1f}", size, sd, "mm", words)

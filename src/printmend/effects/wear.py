@@ -13,6 +13,7 @@ STICKS = Message(
     "the play of {a} changed by {b} mm while the print went on: no printing makes play smaller, so it goes with "
     "the moves, as where an axis sticks and slips"
 )
+OF_END = ". The model is of the end of the print"
 
 
 class Wear:
@@ -38,4 +39,5 @@ class Wear:
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
         size = float(found.sizes_mm[0])
         kind, say = ("wear", LOOSE) if size > 0 else ("sticking", STICKS)
-        yield Told(kind, say(carrier_name(scene, found.where), f"{size:+.2f}"))
+        words = say(carrier_name(scene, found.where), f"{size:+.2f}")
+        yield Told(kind, words + (OF_END if found.acts else ""))

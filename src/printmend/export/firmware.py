@@ -50,9 +50,7 @@ class Export:
     doubt_mm: float = 0.0
 
 
-def simple_part(
-    mechanism: Mechanism, turns_mm: tuple[float, float] | None = None, *, may_skew: bool = True
-) -> Simple:
+def simple_part(mechanism: Mechanism, turns_mm: tuple[float, float] | None = None, *, may_skew: bool = True) -> Simple:
     """Split scale, constant play and skew off a machine; what is negligible becomes exactly 1 or 0.
 
     ``turns_mm`` are the lengths of both motors' turns as they were learned; without them the printer's count. Where the

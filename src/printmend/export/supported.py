@@ -16,7 +16,7 @@ from printmend.promise.predict import UNSHOWN_MM, UNSHOWN_SD
 from printmend.saved import SavedModel
 
 SURE = 0.95  # share of the drawn machines that must have a fault for its setting to be written
-PLAYS = ("play", "friction", "breathing")  # what makes the play of a motor
+PLAYS = ("play", "wear", "friction", "breathing")  # what makes the play of a motor
 SURE_SIGMAS = 2.0  # standard deviations: the coverage factor k of an expanded uncertainty (JCGM 100, 6.3)
 UNSHOWN_MOST_MM = UNSHOWN_MM * float(np.exp(1.645 * UNSHOWN_SD))  # what 19 of 20 printers' test prints do not show
 GAIN_MM = 0.001  # a setting that lowers the error over the bed by less is not worth typing
@@ -163,7 +163,7 @@ def _plays_mm(belief: Belief | None, motor: int) -> np.ndarray:
     at, side = np.zeros((_PLACES, 2)), np.ones((_PLACES, 2))
     at[:, motor] = np.linspace(*belief.scene.motor_span_mm[motor], _PLACES)
     none = np.zeros((_PLACES, 2))
-    places = Places(at, side, none, none, none, np.zeros(_PLACES), np.zeros(_PLACES), none)
+    places = Places(at, side, none, none, none, np.ones(_PLACES), np.zeros(_PLACES), none)
     for effect in PLAYS:
         for part in belief.of(effect, motor):
             moved = EFFECTS[effect].columns(places, motor, part.shape, belief.scene).mean(axis=0)  # [2, P]

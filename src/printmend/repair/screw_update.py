@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from printmend.diagnosis.diagnosis import NAMED_SIGMAS
+from printmend.effects.words import NAMED_SIGMAS
 from printmend.diagnosis.screw import KINDS, ScrewFound, find_screw, heights_mm, without_push
 from printmend.path import Trace
 from printmend.repair.learned import Z_SAID, with_screw_found

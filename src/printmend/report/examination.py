@@ -7,17 +7,18 @@ import numpy as np
 
 import printmend
 from printmend.diagnosis.advice import Advice, advise
-from printmend.effects.words import Fault as NamedFault
-from printmend.diagnosis.portrait import Portrait, portrait
+from printmend.diagnosis.portrait import Portrait, contacts_of_drive, contacts_of_fit, portrait
 from printmend.diagnosis.standard import Circle, Positioning, circle, positioning
+from printmend.effects.words import Fault as NamedFault
 from printmend.errors import InputError, TraceError
 from printmend.learn.greybox import GreyboxModel
 from printmend.path import Trace
 from printmend.printer import Printer
+from printmend.promise.belief import parse_belief
 from printmend.promise.misfit import NOTE, REFUSAL, misfit_words, said_of
 from printmend.promise.predict import Promise
 from printmend.promise.scale import scale_words
-from printmend.repair.learned import learn, left_over_mm, scatter_words, todo
+from printmend.repair.learned import Learned, learn, left_over_mm, scatter_words, todo
 from printmend.repair.mend import check_gcode
 from printmend.repair.prediction import Prediction
 from printmend.repair.verify import expectation
@@ -35,8 +36,8 @@ URGENCY = {
 class Examination:
     """A trace's fit with all that its report shows; ``part`` and ``prediction`` where a part was given.
 
-    ``finer`` is the number of faults too small to be shown, ``beyond`` says what was learned that no known fault makes,
-    ``misfit`` what does not fit. ``expected`` is what a mended copy of the test print should be like.
+    ``finer`` is the number of faults too small to be shown, ``misfit`` says what does not fit. ``expected`` is what a
+    mended copy of the test print should be like.
     """
 
     model: GreyboxModel
@@ -51,7 +52,6 @@ class Examination:
     part: str | None
     prediction: Prediction | None
     finer: int
-    beyond: tuple[str, ...]
     misfit: tuple[str, ...]
     expected: Promise | None
 
@@ -63,7 +63,7 @@ class Examination:
     @property
     def is_healthy(self) -> bool:
         """Whether nothing is to be done: a note, as of a plate that lay shifted, is of the measurement."""
-        return not (self.advice or self.beyond or any(not each.startswith(f"{NOTE}: ") for each in self.misfit))
+        return not (self.advice or any(not each.startswith(f"{NOTE}: ") for each in self.misfit))
 
     @property
     def refused(self) -> tuple[str, ...]:
@@ -141,19 +141,28 @@ def examine(trace: Trace, printer: Printer, *, part: Path | None = None, rng: np
     all_advice = [advise(fault, corexy=corexy, rails=rails) for fault in faults]
     advice = [one for one in all_advice if one.effect_mm >= LEAST_ADVICE_MM or one.urgency != "software"]
     advice.sort(key=lambda one: (order.index(one.urgency), -one.effect_mm))
-    after = left_over_mm(box)
+    after = left_over_mm(box) if learned.fit is None else learned.fit.left_by_mark_mm(flat)
     shown = np.flatnonzero(flat.measured_rows & np.isfinite(after).all(axis=1))
     shown = shown[:: max(1, len(shown) // MOST_ARROWS)]
     mechanism = saved.mechanism
     return Examination(
-        box, saved, tuple(advice), (portrait(box, 0, flat), portrait(box, 1, flat)),
+        box, saved, tuple(advice), (_portrait(learned, 0), _portrait(learned, 1)),
         (positioning(mechanism, 0), positioning(mechanism, 1)), circle(mechanism),
         flat.commanded_mm[shown], (flat.measured_mm - flat.commanded_mm)[shown], after[shown],
         None if part is None else part.name, None if part is None else check_gcode(part, saved),
         sum(one not in advice and fault.kind != "offset" for fault, one in zip(faults, all_advice, strict=True)),
-        learned.beyond,
         (*scale_words(saved), *misfit_words(saved.document)), expectation(saved, flat),
     )  # fmt: skip
+
+
+def _portrait(learned: Learned, motor: int) -> Portrait:
+    belief, box, fit = parse_belief(learned.saved), learned.box, learned.fit
+    assert belief is not None
+    assert box is not None
+    if fit is not None:
+        return portrait(belief.parts, fit.scene, motor, contacts_of_fit(fit, motor), learned.saved.noise_mm)
+    contacts = contacts_of_drive(box.drives[motor], learned.trace, belief.scene, motor)
+    return portrait(belief.parts, belief.scene, motor, contacts, learned.saved.noise_mm)
 
 
 def write_examination(path: Path, examination: Examination) -> None:
@@ -173,7 +182,7 @@ def summary(examination: Examination) -> str:
     """Say it in a few lines for a terminal."""
     rows = [examination.headline, *examination.refused]
     rows += [f"{URGENCY[one.urgency].lower()}: {one.title} ({one.sure})" for one in examination.advice]
-    rows += [*examination.beyond, *examination.doubted]
+    rows += examination.doubted
     if examination.prediction is not None:
         rows.append(part_said(examination.part or "", examination.prediction))
     return "\n".join(rows + [f"not told by this trace: {gap}" for gap in examination.gaps])
@@ -241,7 +250,7 @@ def facts(examination: Examination) -> list[str]:
     return [
         f"{saved.printer.name}, {saved.document['trace']['measured']} measured points, each with about "
         f"{saved.noise_mm:.3f} mm of measuring noise in x and in y",
-        f"in short: {'; '.join((saved.findings[0], *examination.beyond))}",
+        f"in short: {saved.findings[0]}",
         f"model {saved.digest}, printmend {printmend.__version__}; learned, not looked at: check before you buy parts",
     ]
 

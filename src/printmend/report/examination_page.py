@@ -35,11 +35,6 @@ def _body(examination: Examination) -> str:
         f"<dt>How sure</dt><dd>{say(one.sure)}</dd></dl></div>"
         for one in examination.advice
     )
-    faults += "".join(
-        f'<div class="fault software"><h3>{say(one)}</h3>'
-        "<p>printmend carries it, as long as it stays as it is.</p></div>"
-        for one in examination.beyond
-    )
     faults += "".join(f'<div class="fault soon"><p>{say(one)}</p></div>' for one in examination.doubted)
     part = ""
     if examination.prediction is not None:

@@ -36,8 +36,6 @@ def _blocks(examination: Examination) -> list[Block]:
     for one in examination.advice:
         lines = (("", one.meaning), ("To do", one.repair), ("The software", one.software), ("How sure", one.sure))
         found.append(Card(one.title, URGENCY[one.urgency].lower(), _COLOURS[one.urgency], lines))
-    carried = (("", "printmend carries it, as long as it stays as it is."),)
-    found += [Card(one, "", _COLOURS["software"], carried) for one in examination.beyond]
     found += [Card("What does not fit", "", _COLOURS["soon"], (("", one),)) for one in examination.doubted]
     if (prediction := examination.prediction) is not None:
         found += [Words("heading", f"Your part: {examination.part}"), Numbers("", part_rows(prediction))]
