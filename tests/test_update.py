@@ -7,20 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from printmend.promise.budget import parse_budget
 
 from printmend.cli.main import group
-from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon, Warp
+from printmend.corruption import Corruption, CrookedFrame, Drive, EccentricBore, Ellipse, Play, Polygon
 from printmend.errors import ModelError
-from printmend.learn.greybox import remember
 from printmend.measure import ProbePlan
 from printmend.measure.table import read_trace, write_trace
 from printmend.path import Origin, Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
+from printmend.promise.belief import parse_belief
 from printmend.repair.learned import learn_model
 from printmend.repair.update import update
-from printmend.saved import SavedModel, exact_model, model_text, parse_model, read_model, write_model
+from printmend.saved import SavedModel, read_model, write_model
 from printmend.twin import Twin
 from tests.test_greybox_learning import stairs
 
@@ -66,29 +65,18 @@ def old() -> SavedModel:
     return learn_model(printed(machine(), 600, 0, small=False), ENDER3, rng=np.random.default_rng(0))
 
 
-def test_a_saved_model_is_remembered_as_it_was(old: SavedModel) -> None:
-    for motor in range(2):
-        past = remember(parse_model(model_text(old), subject="text"), motor)
-        again = past.design.branches(past.values, period_mm=40.0, origin_mm=past.branches.middle_mm, reach_mm=(0, 220))
-        at = np.linspace(0, 220, 500)
-        for have, want in zip(again.errors_mm(at), past.branches.errors_mm(at), strict=True):
-            assert np.abs(have - want).max() < 1e-8
-        # a turn of 2π is none, and two half turns are one
-        assert np.abs(past.turned(2 * np.pi) - past.values).max() < 1e-9
-        assert np.abs(replace(past, values=past.turned(1.0)).turned(-1.0) - past.values).max() < 1e-9
-
-
 def test_four_dots_of_a_tower_say_nothing_new_of_all_the_bed(old: SavedModel) -> None:
     """What was seen of the turns stays seen, and noise at four places is no pattern of places."""
     way = np.concatenate([[ENDER3.home_mm], np.tile([[100.0, 90], [120, 90], [120, 110], [100, 110]], (40, 1))])
     measured = Twin.of(machine(), ENDER3).follow(way) + np.random.default_rng(7).normal(0, NOISE_MM, way.shape)
     model = update(old, Trace(way, measured, homed=True), rng=np.random.default_rng(0)).model
-    now, before = parse_budget(model), parse_budget(old)
+    now, before = parse_belief(model), parse_belief(old)
     assert now is not None
     assert before is not None
-    for mine, past in zip(now.motors, before.motors, strict=True):
-        assert mine.seen == past.seen == 1.0
-        assert mine.unexplained_mm2 < 0.004**2
+    assert now.scene.bed_span_mm == before.scene.bed_span_mm
+    assert {part.effect for part in now.parts if part.acts_mm.any()} == {
+        part.effect for part in before.parts if part.acts_mm.any()
+    }
 
 
 @pytest.mark.parametrize(("points", "seed"), [(200, 1), (60, 3)])
@@ -132,19 +120,21 @@ def test_play_that_grew_is_found(old: SavedModel, shift_mm: float) -> None:
     assert errors[0] <= 1.02 * min(errors)
 
 
-def test_a_table_that_the_old_model_does_not_help_with_is_asked_whose_it_is(old: SavedModel) -> None:
+def test_another_printers_table_is_asked_whose_it_is(old: SavedModel) -> None:
     drives = (Drive(belt=Play(0.6)), Drive(pulley=EccentricBore(0.9, 3.0), belt=Play(0.1)))
     other = update(old, printed(Corruption(drives), 400, 5, small=False), rng=np.random.default_rng(0))
-    assert other.words.endswith("is this measurement of the same printer, with other parts?")
-    assert other.missed_mm is not None
-    assert other.missed_mm[0] > other.missed_mm[1]
-    for now in (machine(), machine(play_x=1.2, play_y=0.9), Corruption((machine().drives[0], drives[1]))):
-        grown = update(old, printed(now, 400, 5, small=False), rng=np.random.default_rng(0))
-        assert grown.missed_mm is None
+    assert other.words.endswith("is this measurement of the same printer?")
+    assert other.model.document["update"]["anew"] == ["X", "Y"]
+    grown = update(old, printed(machine(play_x=1.2, play_y=0.9), 400, 5, small=False), rng=np.random.default_rng(0))
+    assert grown.anew == ()
+    assert [(change.part, change.kind) for change in grown.changes] == [("X", "play"), ("Y", "play")]
+    half = update(
+        old, printed(Corruption((machine().drives[0], drives[1])), 400, 5, small=False), rng=np.random.default_rng(0)
+    )
+    assert half.anew == ("Y",)
 
 
-def test_a_printer_whose_guides_are_wavy_is_not_asked_whose_it_is() -> None:
-    """The measurement is freed of what the old model's guides do, and is compared with all that the old model says."""
+def test_wavy_guides_stay_known() -> None:
     wavy = Corruption((Drive(), Drive()), CrookedFrame(x_wave_mm=0.3, x_wave_period_mm=120.0))
     way = np.vstack([stairs(700), np.random.default_rng(3).uniform(10, 210, (300, 2))])
     places = Twin.of(wavy, ENDER3).follow(way)
@@ -152,10 +142,9 @@ def test_a_printer_whose_guides_are_wavy_is_not_asked_whose_it_is() -> None:
         Trace(way, places + np.random.default_rng(seed).normal(0, NOISE_MM, way.shape), homed=True) for seed in (1, 2)
     )
     old = learn_model(first, ENDER3)
-    assert len(old.mechanism.frame.waves) == 1
-    assert update(old, second, rng=np.random.default_rng(0)).missed_mm is None
-    healthy = replace(second, measured_mm=way + (second.measured_mm - places))
-    assert update(old, healthy, rng=np.random.default_rng(0)).missed_mm is not None
+    again = update(old, second, rng=np.random.default_rng(0))
+    assert len(old.mechanism.frame.waves) == len(again.model.mechanism.frame.waves) == 1
+    assert (again.changes, again.anew) == ((), ())
 
 
 def test_skew_that_grew_is_found(old: SavedModel) -> None:
@@ -267,8 +256,5 @@ def test_bad_input_ends_in_one_line(old: SavedModel, tmp_path: Path) -> None:
     result = run("learn", tmp_path / "trace2.csv", "--update", tmp_path / "newer.mend.json")
     assert "counted once" in result.output
     assert read_model(tmp_path / "newer.mend.json").digest == newer.model.digest
-    uneven = Corruption((Drive(), Drive(warp=Warp((0.2, -0.1), 30.0, 60.0))))
-    with pytest.raises(ModelError, match="uneven belt or guide on Y, which"):
-        remember(replace(exact_model(uneven.lower(ENDER3)), learner="hybrid"), 0)
     assert run("learn", tmp_path / "trace2.csv").exit_code == 2
     assert not (tmp_path / "new.mend.json").exists()

@@ -1,7 +1,7 @@
 """A second measurement of a known machine: its drawn machines are the prior, and effects are what changed since.
 
-What the old machine does is taken off the rows. What was not known of it, and what wears, are columns of unit prior that
-every set has: they are summed out of the Gram matrix. The search then finds changes alone, and beside it other stories
+The rows are freed of what the old machine does. What was not known of it, and what wears, are columns of unit prior
+that every set has: they are summed out of the Gram matrix. The search then finds changes alone. Beside it other stories
 are weighed: a pulley turned on its shaft, a motor got other parts, all of it is another machine.
 """
 
@@ -12,12 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from printmend.effects import EFFECTS, Acts, Of, Places, Scene, places_of
-from printmend.effects.breathing import HARMONICS as BREATHS
 from printmend.effects.effect import SCALE_MM
-from printmend.effects.elastic import HARMONICS as STRETCHES
-from printmend.effects.prior import happens_share, wear_share
-from printmend.effects.pulley import HARMONICS as ROUNDS
-from printmend.infer.contacts import contacts_of
+from printmend.effects.prior import happens_share
+from printmend.infer.contacts import Contacts, contacts_of
 from printmend.infer.fit import (
     FINER_ROUNDS,
     Fit,
@@ -28,7 +25,8 @@ from printmend.infer.fit import (
     weighed,
     with_shapes,
 )
-from printmend.infer.gram import Block, Dictionary, Gram, Rows, dictionary_of, gram_of, seen
+from printmend.infer.gram import Block, Dictionary, Rows, dictionary_of, gram_of, seen
+from printmend.infer.known import TURNING, Key, Left, Story, Sums, Wearing, key_of, laid_out, rebased, turned
 from printmend.infer.machine import machine_of
 from printmend.infer.posterior import DRAWS, Part, Posterior, posterior_of
 from printmend.infer.search import LEAST_SIGMA_MM, Search, Set, State, searched
@@ -37,27 +35,11 @@ from printmend.path import Trace
 
 LEAST_CHANCE = 0.05  # parts that fewer of the drawn machines have say nothing: the search offers them anew
 SURE_CHANCE = 0.5  # parts that more of them have are brought up to date; others stay as they were drawn
-PASSES = 2  # of contacts, then search
+PASSES = 3  # of contacts, then search, where anything changed; the last one weighs stories
 WEIGHINGS = 2  # of rows in each pass
 PHASES = 72  # angles by which a pulley may have turned that are tried, then those between the best and its neighbours
-OPEN_RAD = 0.03  # standard deviation of an angle that was found
 ALIKE_NATS = 1.0  # of angles that fit alike to this, the smallest is told: an oval looks the same after half a turn
-GRID = 201  # places along a motor at which a series is taken
-TURNING = {"pulley": ROUNDS, "breathing": BREATHS, "elastic": STRETCHES}  # effects that turn with a motor's pulley
-Key = tuple[str, int, tuple[float, ...]]
 _Steps = Callable[[Search, Set, float], State]
-
-
-@dataclass(frozen=True, eq=False)
-class Story:
-    """What happened to an old machine: ``parts`` are what is left of it, ``turned_rad`` by how much each motor's pulley
-    turned on its shaft, ``anew`` the motors that got other parts; ``whole`` where nothing is left."""
-
-    parts: tuple[Part, ...]
-    turned_rad: tuple[float, float] = (0.0, 0.0)
-    anew: tuple[int, ...] = ()
-    whole: bool = False
-    log_odds: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +62,11 @@ class Renewed:
 
     def of(self, effect: str, where: int) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
         """Return an effect's parts before and now."""
-        own = [
-            tuple(p for p in parts if (p.effect, p.where) == (effect, where)) for parts in (self.before, self.now.parts)
-        ]
-        return own[0], own[1]
+        before, now = (
+            tuple(part for part in parts if (part.effect, part.where) == (effect, where))
+            for parts in (self.before, self.now.parts)
+        )
+        return before, now
 
 
 def renewed(
@@ -106,134 +89,26 @@ def renewed(
     if scene.homed:
         scene = replace(scene, home_sd_mm=_home_sd_mm(mechanism, scene))
     own = [each for each in parts if EFFECTS[each.effect].of is Of.MACHINE and each.chance >= LEAST_CHANCE]
-    before = tuple(_rebased(each, scene) for each in own)
+    before = tuple(rebased(each, scene) for each in own)
     story, whole, turned_rad = Story(before), trace, 0.0
-    wearing = _Wearing(math.sqrt(max(months, 0.0)), grown or {})
+    wearing = Wearing(math.sqrt(max(months, 0.0)), grown or {})
     motor = scene.printer.to_motor(trace.commanded_mm)
     at: _Pass | None = None
-    for _ in range(PASSES):
+    for number in range(PASSES):
         trace = _turned_back(whole, turned_rad, scene)
         contacts = contacts_of(mechanism, motor)
         bed_mm = _measured_mm(trace) if at is None else scene.printer.from_motor(contacts.belt_mm)
         places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
         rows = rows_of(trace, contacts, places, scene)
-        at = _weighed_stories(story, wearing, places, rows, scene, stories=stories and at is None)
+        at = _weighed_stories(story, wearing, places, rows, scene, stories=stories and number == PASSES - 1)
         story = at.story
         now = _now(at, contacts, scene, rng)
         mechanism = now.fit.mechanism
         turns = [part.mean_mm[0] for part in now.now.parts if part.effect == "turn"]
         turned_rad += math.atan(sum(turns) / SCALE_MM)
+        if not now.changes and not any(turns):
+            break
     return replace(now, before=before)
-
-
-@dataclass(frozen=True, eq=False)
-class _Wearing:
-    factor: float
-    grown: Mapping[tuple[str, int], tuple[float, float]]
-
-    def known(self, story: Story, like: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean [P] and the directions [P, K] of unit prior of a story's parts, laid out as those ``like``
-        them: the spread of the draws, what may have worn, and how exactly the angle of a turned pulley is known."""
-        has = {_key(part): part for part in story.parts}
-        draws = _laid_out([part.draws_mm for part in story.parts], story.parts, like)
-        mean, ways = draws.mean(axis=1), [_directions(draws)]
-        for motor, by_rad in enumerate(story.turned_rad):
-            if by_rad:
-                more = _turned(story.parts, motor, OPEN_RAD)
-                moved = [b.draws_mm - a.draws_mm for a, b in zip(story.parts, more, strict=True)]
-                ways.append(_laid_out(moved, story.parts, like).mean(axis=1)[:, None])
-        first = 0
-        for each in like:
-            width = len(each.acts_mm)
-            more_mm, sd_mm = self.grown.get((each.effect, each.where), (0.0, 0.0))
-            if _key(each) in has:
-                way = np.zeros((len(mean), 2))
-                way[first : first + width, 0] = self.factor * wear_share(each.effect) * mean[first : first + width]
-                mean[first] += more_mm
-                way[first, 1] = sd_mm
-                ways.append(way[:, way.any(axis=0)])
-            first += width
-        return mean, np.hstack(ways)
-
-
-def _laid_out(draws: Sequence[np.ndarray], parts: Sequence[Part], like: Sequence[Part]) -> np.ndarray:
-    """Return the draws of parts as one matrix [P, D] with the rows of those ``like`` them, 0 where one is missing."""
-    has = {_key(part): each for part, each in zip(parts, draws, strict=True)}
-    return np.vstack([np.zeros((0, DRAWS)), *(has.get(_key(each), 0.0 * each.draws_mm) for each in like)])
-
-
-def _directions(draws: np.ndarray) -> np.ndarray:
-    """Return directions [P, K] whose squares sum up to the covariance of draws [P, D], shrunk as far as that many draws
-    leave it open (oracle approximating shrinkage, Chen et al. 2010)."""
-    sd = draws.std(axis=1)
-    moves = sd > 0
-    if not moves.any():
-        return np.zeros((len(sd), 0))
-    together = np.atleast_2d(np.corrcoef(draws[moves]))
-    size, count = len(together), draws.shape[1]
-    square = float(np.sum(together**2))
-    spread = (count + 1 - 2 / size) * (square - size)
-    shrunk = min(1.0, ((1 - 2 / size) * square + size**2) / spread) if spread > 0 else 1.0
-    together = (1 - shrunk) * together + shrunk * np.eye(size)
-    out = np.zeros((len(sd), size))
-    out[moves] = sd[moves, None] * np.linalg.cholesky(together + 1e-9 * np.eye(size))
-    return out
-
-
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """The dictionary of changes, and the Gram matrix of its columns and of the old machine's, which come last."""
-
-    dictionary: Dictionary
-    gram: Gram
-
-    @property
-    def own(self) -> int:
-        return self.dictionary.columns.shape[1]
-
-    def without(self, mean: np.ndarray, ways: np.ndarray, sigma_mm: float, at: np.ndarray | None = None) -> "_Left":
-        """Sum out an old machine; with ``at`` only these columns of the dictionary are left."""
-        own = self.own
-        at = np.arange(own) if at is None else at
-        inner, cross = self.gram.matrix[own:, own:], self.gram.matrix[at, own:]
-        pull = ways.T @ (self.gram.slope[own:] - inner @ mean)
-        square = self.gram.square - 2 * mean @ self.gram.slope[own:] + mean @ inner @ mean
-        open_ = ways.T @ inner @ ways
-        root = np.linalg.cholesky(sigma_mm**2 * np.eye(len(open_)) + open_)
-        half, pulled = np.linalg.solve(root, (cross @ ways).T), np.linalg.solve(root, pull)
-        gram = Gram(
-            self.gram.matrix[np.ix_(at, at)] - half.T @ half,
-            self.gram.slope[at] - cross @ mean - half.T @ pulled,
-            float(square - pulled @ pulled),
-            self.gram.count,
-        )
-        log_det = 2 * float(np.log(np.diag(root)).sum()) - 2 * len(open_) * math.log(sigma_mm)
-        covariance = np.linalg.inv(np.eye(len(open_)) + open_ / sigma_mm**2)
-        return _Left(gram, log_det, mean, ways, covariance, pull / sigma_mm**2, (cross @ ways).T / sigma_mm**2)
-
-
-@dataclass(frozen=True, eq=False)
-class _Left:
-    """The Gram matrix of changes with the old machine summed out, and how its sizes follow from those of changes."""
-
-    gram: Gram
-    log_det: float
-    mean: np.ndarray
-    ways: np.ndarray
-    covariance: np.ndarray
-    pull: np.ndarray
-    cross: np.ndarray
-
-    def sizes_mm(self, changes: np.ndarray) -> np.ndarray:
-        """Return the old machine's mean sizes [P, D] beside changes [Q, D]."""
-        z = self.covariance @ (self.pull[:, None] - self.cross @ changes)
-        return np.asarray(self.mean[:, None] + self.ways @ z)
-
-    def drawn_mm(self, changes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """Return sizes [P, D] of the old machine drawn beside drawn changes [Q, D]."""
-        root = np.linalg.cholesky(self.covariance + 1e-14 * np.eye(len(self.covariance)))
-        spread = self.ways @ (root @ rng.standard_normal((len(root), changes.shape[1])))
-        return np.asarray(self.sizes_mm(changes) + spread)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,8 +119,8 @@ class _Pass:
     like: tuple[Part, ...]
     places: Places
     rows: Rows
-    sums: _Sums
-    left: _Left
+    sums: Sums
+    left: Left
     state: State
     score: float
     old_columns: np.ndarray
@@ -259,7 +134,7 @@ class _Pass:
 
 
 def _weighed_stories(
-    story: Story, wearing: _Wearing, places: Places, rows: Rows, scene: Scene, *, stories: bool
+    story: Story, wearing: Wearing, places: Places, rows: Rows, scene: Scene, *, stories: bool
 ) -> _Pass:
     like = story.parts
     dictionary = dictionary_of(places, rows, scene)
@@ -271,14 +146,13 @@ def _weighed_stories(
     for _ in range(WEIGHINGS):
         sums = _sums(dictionary, old, rows, weight)
 
-        def told(each: Story, start: Set, by: _Steps = searched, sums: _Sums = sums, sd_mm: float = sigma_mm) -> _Pass:
+        def told(each: Story, start: Set, by: _Steps = searched, sums: Sums = sums, sd_mm: float = sigma_mm) -> _Pass:
             left = sums.without(*wearing.known(each, like), sd_mm)
             state = by(_search(sums, each, left), start, sd_mm)
             left = sums.without(left.mean, left.ways, state.sigma_mm)
             state = _search(sums, each, left).posterior(state.members, state.sigma_mm, rounds=0)
-            return _Pass(
-                each, like, places, rows, sums, left, state, state.score - left.log_det / 2 + each.log_odds, old
-            )
+            score = state.score - left.log_det / 2 + each.log_odds
+            return _Pass(each, like, places, rows, sums, left, state, score, old)
 
         best = told(story, members)
         while stories and _changed(best):
@@ -297,8 +171,8 @@ def _weighed_stories(
 
 
 def by_growing(search: Search, start: Set, sigma_mm: float) -> State:
-    """Return the set that steps from ``start`` reach by adding blocks alone: quicker than `searched`, and nearly as good
-    where stories are compared."""
+    """Return the set that is reached from ``start`` by adding blocks alone: quicker than `searched`, and good enough to
+    compare stories."""
     state = search.posterior(start, sigma_mm)
     while len((gains := search.gains(state, search.offered(state.members))).values):
         best, gain = gains.best()
@@ -313,11 +187,11 @@ def _sigma_mm(rows: Rows, old: np.ndarray, weight: np.ndarray, mean: np.ndarray)
     return max(float(np.sqrt(np.average((rows.error_mm - old @ mean) ** 2, weights=weight))), LEAST_SIGMA_MM)
 
 
-def _sums(dictionary: Dictionary, old: np.ndarray, rows: Rows, weight: np.ndarray) -> _Sums:
-    return _Sums(dictionary, gram_of(np.hstack([dictionary.columns, old]), rows.error_mm, weight))
+def _sums(dictionary: Dictionary, old: np.ndarray, rows: Rows, weight: np.ndarray) -> Sums:
+    return Sums(dictionary, gram_of(np.hstack([dictionary.columns, old]), rows.error_mm, weight))
 
 
-def _search(sums: _Sums, story: Story, left: _Left) -> Search:
+def _search(sums: Sums, story: Story, left: Left) -> Search:
     """Return the search for changes of a story: what a machine has since, it seldom has."""
     seldom = math.log(happens_share("changed"))
 
@@ -353,7 +227,7 @@ def _others(at: _Pass, always: Set) -> Iterator[Story]:
             by_rad = _likeliest_turn_rad(at, motor, always)
             turned_rad = (by_rad, story.turned_rad[1]) if motor == 0 else (story.turned_rad[0], by_rad)
             odds = story.log_odds + math.log(happens_share("turned"))
-            yield replace(story, parts=_turned(story.parts, motor, by_rad), turned_rad=turned_rad, log_odds=odds)
+            yield replace(story, parts=turned(story.parts, motor, by_rad), turned_rad=turned_rad, log_odds=odds)
     yield replace(story, parts=(), anew=(0, 1), whole=True, log_odds=story.log_odds + 2 * other)
 
 
@@ -365,7 +239,7 @@ def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
     """Return the angle by which a motor's pulley most likely turned."""
     blocks = at.sums.dictionary.blocks
     kept = [blocks[b] for b, _ in always] + [block for block in blocks if block.effect in ("place", "play")]
-    columns = np.concatenate([np.arange(block.at.start, block.at.stop) for block in kept] or [[]]).astype(int)
+    columns = np.concatenate([np.arange(block.at.start, block.at.stop) for block in kept] or [np.zeros(0)]).astype(int)
     few, first = [], 0
     for block in kept:
         width = block.at.stop - block.at.start
@@ -376,8 +250,8 @@ def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
     members = tuple((b, 0) for b in range(len(few)))
 
     def score(by_rad: float) -> float:
-        parts = _turned(at.story.parts, motor, by_rad)
-        mean = _laid_out([part.draws_mm for part in parts], parts, at.like).mean(axis=1)
+        parts = turned(at.story.parts, motor, by_rad)
+        mean = laid_out([part.draws_mm for part in parts], parts, at.like).mean(axis=1)
         left = at.sums.without(mean, np.zeros((len(mean), 0)), at.state.sigma_mm, columns)
         return Search(dictionary, left.gram).posterior(members, at.state.sigma_mm).score
 
@@ -387,20 +261,6 @@ def _likeliest_turn_rad(at: _Pass, motor: int, always: Set) -> float:
     best = float(alike[np.argmin(np.abs(alike))])
     around = best + 2 * np.pi / PHASES * np.linspace(-1.0, 1.0, 17)
     return float(around[np.argmax([score(float(each)) for each in around])])
-
-
-def _turned(parts: Sequence[Part], motor: int, by_rad: float) -> tuple[Part, ...]:
-    """Return parts with one motor's pulley turned on its shaft."""
-
-    def on(part: Part) -> Part:
-        if part.where != motor or part.effect not in TURNING:
-            return part
-        angle = TURNING[part.effect] * by_rad
-        cos, sin = np.diag(np.cos(angle)), np.diag(np.sin(angle))
-        turn = np.block([[cos, -sin], [sin, cos]])
-        return replace(part, acts_mm=turn @ part.acts_mm, draws_mm=turn @ part.draws_mm)
-
-    return tuple(on(part) for part in parts)
 
 
 def _finer(at: _Pass, places: Places, rows: Rows, scene: Scene, weight: np.ndarray, old: np.ndarray) -> _Pass:
@@ -422,36 +282,36 @@ def _finer(at: _Pass, places: Places, rows: Rows, scene: Scene, weight: np.ndarr
     return at
 
 
-def _now(at: _Pass, contacts: object, scene: Scene, rng: np.random.Generator) -> Renewed:
+def _now(at: _Pass, contacts: Contacts, scene: Scene, rng: np.random.Generator) -> Renewed:
     """Draw machines: changes as the search has them, and the old machine beside each."""
     search = _search(at.sums, at.story, at.left)
     nothing, _ = machine_of(scene, ())
-    fit = Fit(scene, at.places, at.rows, contacts, search, at.state, nothing)  # type: ignore[arg-type]
+    fit = Fit(scene, at.places, at.rows, contacts, search, at.state, nothing)
     found = posterior_of(fit, rng)
     where = {(b.effect, b.where, b.shape): b.at for b in at.sums.dictionary.blocks}
     changes = np.zeros((at.sums.own, DRAWS))
     for part in found.parts:
-        changes[where[_key(part)]] = part.draws_mm
+        changes[where[key_of(part)]] = part.draws_mm
     likely = np.zeros((at.sums.own, 1))
     likely[at.state.columns, 0] = at.state.mean_mm
     draws, acts = at.left.drawn_mm(changes, rng), at.left.sizes_mm(likely)[:, 0]
-    kept = {_key(part): part for part in at.story.parts}
+    kept = {key_of(part): part for part in at.story.parts}
     parts: dict[Key, Part] = {}
     first = 0
     for part in at.like:
         own = slice(first, first + len(part.acts_mm))
         first = own.stop
-        if _key(part) not in kept:
+        if key_of(part) not in kept:
             continue
         if part.chance < SURE_CHANCE:
-            parts[_key(part)] = kept[_key(part)]
+            parts[key_of(part)] = kept[key_of(part)]
         else:
             does = EFFECTS[part.effect].acts is not Acts.NOT
-            parts[_key(part)] = replace(part, acts_mm=acts[own] * does, draws_mm=draws[own])
+            parts[key_of(part)] = replace(part, acts_mm=acts[own] * does, draws_mm=draws[own])
     known = len(parts)
     for part in found.parts:
-        had = parts.get(_key(part))
-        parts[_key(part)] = part if had is None else replace(
+        had = parts.get(key_of(part))
+        parts[key_of(part)] = part if had is None else replace(
             had, acts_mm=had.acts_mm + part.acts_mm, draws_mm=had.draws_mm + part.draws_mm
         )  # fmt: skip
     posterior = Posterior(scene, tuple(parts.values()), known, found.noise_mm, found.nats)
@@ -460,39 +320,18 @@ def _now(at: _Pass, contacts: object, scene: Scene, rng: np.random.Generator) ->
     return Renewed(posterior, (), at.story, told, replace(fit, mechanism=mechanism), at.left_mm())
 
 
-def _key(part: Part) -> Key:
-    return part.effect, part.where, part.shape
-
-
 def _columns(parts: Sequence[Part], places: Places, rows: Rows, scene: Scene) -> np.ndarray:
     """Return what the rows see [M, P] of parts."""
     own = [seen(part.effect, part.where, part.shape, places, rows, scene) for part in parts]
     return np.hstack([np.zeros((len(rows.mark), 0)), *own])
 
 
-def _rebased(part: Part, scene: Scene) -> Part:
-    """Return a part of a drive whose one shape is the span that was seen as one over the span of another scene."""
-    effect = EFFECTS[part.effect]
-    shapes = {term.shape for term in effect.terms(scene) if term.where == part.where}
-    if effect.acts is not Acts.DRIVE or len(shapes) != 1 or part.shape in shapes:
-        return part
-    (shape,) = shapes
-    low, high = scene.motor_span_mm[part.where]
-    motor, side, none = np.zeros((GRID, 2)), np.ones((GRID, 2)), np.zeros((GRID, 2))
-    motor[:, part.where] = np.linspace(low, high, GRID)
-    places = Places(motor, side, none, none, none, np.zeros(GRID), np.zeros(GRID), none)
-    old, new = (effect.columns(places, part.where, each, scene).reshape(2 * GRID, -1) for each in (part.shape, shape))
-    onto = np.linalg.lstsq(new, old, rcond=None)[0]
-    return replace(part, shape=shape, acts_mm=onto @ part.acts_mm, draws_mm=onto @ part.draws_mm)
-
-
 def both_seen(old: Scene, new: Scene) -> Scene:
     """Return the scene of a new measurement with the spans of an old one, too."""
 
     def spans(name: str) -> tuple[tuple[float, float], tuple[float, float]]:
-        pairs = [
-            (min(a[0], b[0]), max(a[1], b[1])) for a, b in zip(getattr(old, name), getattr(new, name), strict=True)
-        ]
-        return pairs[0], pairs[1]
+        both = zip(getattr(old, name), getattr(new, name), strict=True)
+        first, second = ((min(a[0], b[0]), max(a[1], b[1])) for a, b in both)
+        return first, second
 
     return replace(new, motor_span_mm=spans("motor_span_mm"), bed_span_mm=spans("bed_span_mm"))

@@ -17,7 +17,7 @@ from printmend.effects.pulley import HARMONICS
 from printmend.effects.words import NAMED_SIGMAS, Fault
 from printmend.errors import ModelError, TraceError
 from printmend.infer.machine import machine_of
-from printmend.infer.posterior import Part
+from printmend.infer.posterior import DRAWS, Part
 from printmend.infer.update import Renewed, both_seen, renewed
 from printmend.learn.walls import with_walls
 from printmend.measure.once import counted_once, digest_of
@@ -206,7 +206,7 @@ def changes_of(found: Renewed) -> list[Change]:
         if key[0] in of_motors or key[1] in OF_ONE_PRINT:
             continue
         other = before.get(key) or now[key]
-        was, new = (each.get(key) or replace(other, value=0.0, sd=0.0) for each in (before, now))
+        was, new = (each.get(key) or replace(other, value=0.0) for each in (before, now))
         sd = float(np.hypot(was.sd, new.sd))
         if abs(new.value - was.value) > max(NAMED_SIGMAS * sd, LEAST_CHANGE.get(new.unit, 0.0)):
             changes.append(_change(was, new, sd))
@@ -214,7 +214,14 @@ def changes_of(found: Renewed) -> list[Change]:
 
 
 def _named(parts: Sequence[Part], scene: Scene) -> dict[tuple[str, str], Fault]:
-    return {(fault.part, fault.kind): fault for fault in faults_of(parts, scene)}
+    """Return the faults that act by part and kind, as the drawn machines have them that do have them."""
+
+    def sure(part: Part) -> Part:
+        there = np.flatnonzero(part.draws_mm.any(axis=0))
+        return replace(part, draws_mm=part.draws_mm[:, np.resize(there, DRAWS)]) if len(there) else part
+
+    acting = [sure(part) for part in parts if part.acts_mm.any()]
+    return {(fault.part, fault.kind): fault for fault in faults_of(acting, scene)}
 
 
 def _change(was: Fault, new: Fault, sd: float) -> Change:

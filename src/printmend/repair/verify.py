@@ -15,6 +15,7 @@ from printmend.effects import EFFECTS, Of, Places, columns_of
 from printmend.effects.effect import SCALE_MM
 from printmend.errors import ModelError, TraceError
 from printmend.infer.gram import seen
+from printmend.infer.posterior import DRAWS
 from printmend.infer.update import Renewed
 from printmend.learn.walls import with_walls
 from printmend.machine import print_from_home
@@ -35,6 +36,8 @@ _NOISE_SD_SHARE = 0.15  # standard deviation of the stated noise of a measuremen
 _UNMENDED_SHARE = 0.9  # a print with more than this share of the error before mending was hardly mended …
 _SAME_FAULT_SHARE = 0.5  # … if, of its error, less than this share is unlike the unmended print of the model
 SEEN_FACTOR = 2.0  # a promise is kept where an error of so many times its upper end is ruled out
+_SURELY_SDS = 2.0  # standard deviations by which an error must exceed the least that is found, to be found surely
+_NO_WAYS = ". Its table has no way-points between the marks, so from which side each was reached is a guess"
 _ASKED = "play"  # the effect that a measurement must be fine enough to show: none grows as often
 
 
@@ -103,15 +106,10 @@ class Verdict:
                     f"{numbers}: cannot tell. What measures wanders, so that place and scale may be off by "
                     f"{self.wanders_mm:.2f} mm: fix it, let it warm up, and measure again"
                 )
-            if not self.ways_known:
-                return (
-                    f"{numbers}: cannot tell. The table has the dots alone, so nobody knows from which side the printer "
-                    "came to each, and play does not show: measure with the test print's way-points between the dots"
-                )
             how = "scan the print" if self.stated else "scan the print, or say in sigma_mm how exact the table is"
             return (
                 f"{numbers}: cannot tell. This measurement is too coarse, it shows only errors above "
-                f"{self.shows_from_mm:.3f} mm: {how}"
+                f"{self.shows_from_mm:.3f} mm: {how}{'' if self.ways_known else _NO_WAYS}"
             )
         if self.now_mm > _UNMENDED_SHARE * self.before_mm:
             if self.unlike_mm < _SAME_FAULT_SHARE * self.now_mm:
@@ -170,7 +168,8 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     surely_mm, wanders_mm = _errors_mm(found, trace, placed=placed)
     whole_mm = np.hypot(surely_mm, wanders_mm)
     now = float(np.median(whole_mm))
-    low = float(np.quantile(surely_mm, LOW)) if _is_beyond(found) else 0.0
+    # a walk looks like place and scale by as much as its end strays: 6 times its mean square about its mean
+    low2 = float(np.quantile(surely_mm, LOW) ** 2 - 6 * np.median(wanders_mm) ** 2) if _is_beyond(found) else 0.0
     high = float(np.sqrt(np.quantile(whole_mm, HIGH) ** 2 + beyond_mm**2 + _unseen_mm(found) ** 2))
     after = outlook.after
     error = (trace.measured_mm - trace.commanded_mm)[known]
@@ -178,7 +177,7 @@ def verify(model: SavedModel, trace: Trace) -> Verdict:
     if not placed:
         unlike, off = unlike - unlike.mean(axis=0), off - off.mean(axis=0)
     return Verdict(
-        len(known), float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), now, low, high,
+        len(known), float(np.sqrt(np.mean(np.sum(off**2, axis=1)))), now, float(np.sqrt(max(low2, 0.0))), high,
         PLANE_FACTOR * after.rms_mm, PLANE_FACTOR * after.rms_low_mm, PLANE_FACTOR * after.rms_high_mm,
         float(np.sqrt(max(np.mean(np.sum(unlike**2, axis=1)) - (PLANE_FACTOR * noise_mm) ** 2, 0.0))), placed,
         _stretch_percent(found), bool(len(stated)), float(np.median(wanders_mm)),
@@ -192,17 +191,19 @@ def _errors_mm(found: Renewed, trace: Trace, *, placed: bool) -> tuple[np.ndarra
     fit, scene = found.fit, found.now.scene
     nominal = scene.printer.from_motor(fit.places.motor_mm)
     ahead = np.einsum("mc,mc->m", fit.rows.along, (nominal - trace.commanded_mm)[fit.rows.mark])
-    sums = {False: np.repeat(ahead[:, None], found.now.parts[0].draws_mm.shape[1] if found.now.parts else 1, axis=1)}
+    sums = {False: np.repeat(ahead[:, None], DRAWS, axis=1)}
     sums[True] = np.zeros_like(sums[False])
+    wanders = any(block.effect == "wander" for block in found.beside)
     for part in found.now.parts:
-        if EFFECTS[part.effect].of in (Of.MACHINE, Of.SESSION):
+        of = EFFECTS[part.effect].of
+        if of in (Of.MACHINE, Of.SESSION):
             columns = seen(part.effect, part.where, part.shape, fit.places, fit.rows, scene)
-            sums[part.effect == "wander"] += columns @ part.draws_mm
+            sums[wanders and of is Of.SESSION] += columns @ part.draws_mm
     if not placed:  # nobody knows where the plate lay
         along = fit.rows.along
         sums = {key: each - along @ np.linalg.lstsq(along, each, rcond=None)[0] for key, each in sums.items()}
-    surely, wanders = (PLANE_FACTOR * np.sqrt(np.mean(sums[key] ** 2, axis=0)) for key in (False, True))
-    return surely, wanders
+    surely_mm, wanders_mm = (PLANE_FACTOR * np.sqrt(np.mean(sums[key] ** 2, axis=0)) for key in (False, True))
+    return surely_mm, wanders_mm
 
 
 def _is_beyond(found: Renewed) -> bool:
@@ -223,7 +224,7 @@ def _unseen_mm(found: Renewed) -> float:
         crossing = search.gram.matrix[state.columns, at] / state.sigma_mm**2
         told = search.gram.matrix[at, at] / state.sigma_mm**2 - crossing @ state.covariance @ crossing
         costs = 0.5 * np.log1p(block.sds_mm[:, 0] ** 2 * told) - block.log_odds
-        size_mm = float(np.sqrt(2 * costs.min() / max(told, 1e-12)))
+        size_mm = float((np.sqrt(2 * costs.min()) + _SURELY_SDS) / np.sqrt(max(told, 1e-12)))
         most_mm = max(most_mm, size_mm * float(np.sqrt(np.mean(search.dictionary.columns[:, at] ** 2))))
     return PLANE_FACTOR * most_mm
 

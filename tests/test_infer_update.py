@@ -1,0 +1,142 @@
+"""A second measurement of a known machine: it sharpens what did not change, and finds and names what did."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
+from printmend.effects import EFFECTS, Scene, places_of, scene_of
+from printmend.effects.uneven import COUNT
+from printmend.infer.fit import Fit, fitted
+from printmend.infer.known import directions, rebased, turned
+from printmend.infer.posterior import DRAWS, Part, Posterior, posterior_of
+from printmend.infer.update import Renewed, both_seen, renewed
+from printmend.machine import healthy_mechanism
+from printmend.path import Trace
+from printmend.printer import read_printer
+from printmend.twin import Twin
+from tests.test_greybox_learning import stairs
+
+ENDER3 = read_printer("ender3")
+NOISE_MM = 0.03
+OTHER = Drive(pulley=EccentricBore(0.2, 2.2), belt=Play(0.05))
+
+
+def machine(play_mm: float = 0.2, phase: float = 1.0, y: Drive | None = None) -> Corruption:
+    y = Drive(pulley=Ellipse(6.6, 6.1, 0.4), belt=Play(0.3)) if y is None else y
+    return Corruption((Drive(pulley=EccentricBore(0.5, phase), belt=Play(play_mm)), y))
+
+
+def printed(corruption: Corruption, points: int, seed: int, low: float = 60.0, high: float = 130.0) -> Trace:
+    way = stairs(points, low, high)
+    noise = np.random.default_rng(seed).normal(0, NOISE_MM, way.shape)
+    return Trace(way, Twin.of(corruption, ENDER3).follow(way) + noise, homed=True)
+
+
+@pytest.fixture(scope="module")
+def old() -> tuple[Fit, Posterior]:
+    trace = printed(machine(), 400, 0, 6.0, 214.0)
+    fit = fitted(trace, scene_of(trace, ENDER3, (40.0, 40.0)), healthy_mechanism(ENDER3))
+    return fit, posterior_of(fit, np.random.default_rng(0))
+
+
+def again(old: tuple[Fit, Posterior], trace: Trace, **options: float) -> Renewed:
+    fit, posterior = old
+    scene = both_seen(posterior.scene, scene_of(trace, ENDER3, (40.0, 40.0)))
+    return renewed(posterior.parts, fit.mechanism, trace, scene, np.random.default_rng(1), **options)
+
+
+def size(parts: tuple[Part, ...], effect: str, where: int) -> tuple[float, float, float]:
+    """Return what acts, the mean and the standard deviation of an effect's first size."""
+    (part,) = (each for each in parts if (each.effect, each.where) == (effect, where) and each.chance > 0.5)
+    return float(part.acts_mm[0]), float(part.mean_mm[0]), float(part.sd_mm[0])
+
+
+def test_the_same_machine_is_known_better(old: tuple[Fit, Posterior]) -> None:
+    found = again(old, printed(machine(), 300, 5), months=0.0)
+    assert (found.changes, found.story.anew, found.story.turned_rad) == ((), (), (0.0, 0.0))
+    for motor, play_mm in enumerate((0.2, 0.3)):
+        (_, _, before), (acts, mean, sd) = (size(parts, "play", motor) for parts in (found.before, found.now.parts))
+        assert sd < before
+        assert abs(mean - play_mm) < 4 * sd
+        assert acts == pytest.approx(mean, abs=sd)
+
+
+def test_what_wears_is_known_less_after_a_year(old: tuple[Fit, Posterior]) -> None:
+    trace = printed(machine(), 60, 5)
+    soon, late = (again(old, trace, months=months).now.parts for months in (0.0, 12.0))
+    assert size(late, "play", 0)[2] > size(soon, "play", 0)[2]
+    assert size(late, "pulley", 0)[2] == pytest.approx(size(soon, "pulley", 0)[2], rel=0.5)
+
+
+def test_wear_that_was_foretold_moves_what_is_expected(old: tuple[Fit, Posterior]) -> None:
+    few = printed(machine(), 30, 5)
+    few = replace(few, measured_mm=np.where(np.arange(len(few))[:, None] < 6, few.measured_mm, np.nan))
+    usual, grown = (again(old, few, **more) for more in ({}, {"grown": {("play", 0): (0.1, 0.01)}}))
+    assert size(grown.now.parts, "play", 0)[1] - size(usual.now.parts, "play", 0)[1] > 0.02
+
+
+def test_play_that_grew_is_found_and_acts(old: tuple[Fit, Posterior]) -> None:
+    found = again(old, printed(machine(play_mm=0.31), 200, 6))
+    assert found.changes == (("play", 0, ()),)
+    acts, mean, sd = size(found.now.parts, "play", 0)
+    assert abs(mean - 0.31) < 3 * sd < 0.03
+    assert acts == pytest.approx(mean, abs=sd)
+    lower, upper = found.fit.mechanism.transmissions[0].branches_mm(np.array([100.0]))
+    assert float(upper[0] - lower[0]) == pytest.approx(acts, abs=1e-6)
+
+
+@pytest.mark.parametrize("phase", [1.6, 3.5])
+def test_a_pulley_that_turned_is_found_as_one_angle(old: tuple[Fit, Posterior], phase: float) -> None:
+    found = again(old, printed(machine(phase=phase), 200, 7))
+    assert found.changes == ()
+    assert found.story.anew == ()
+    assert found.story.turned_rad[1] == 0.0
+    assert abs(abs(found.story.turned_rad[0]) - (phase - 1.0)) < 0.1
+    (before,), (now,) = found.of("pulley", 0)
+    assert np.hypot(*now.mean_mm[[0, 32]]) == pytest.approx(np.hypot(*before.mean_mm[[0, 32]]), abs=0.01)
+
+
+def test_a_motor_with_other_parts_is_told_from_the_whole_machine(old: tuple[Fit, Posterior]) -> None:
+    half = again(old, printed(machine(y=OTHER), 100, 8))
+    assert (half.story.anew, half.story.whole) == ((1,), False)
+    assert size(half.now.parts, "play", 1)[1] == pytest.approx(0.05, abs=0.02)
+    far = Corruption((Drive(pulley=Ellipse(6.9, 6.0, 1.0), belt=Play(0.6)), OTHER))
+    assert again(old, printed(far, 80, 8)).story.whole
+
+
+def test_a_pulley_turned_all_round_is_as_it_was(old: tuple[Fit, Posterior]) -> None:
+    parts = old[1].parts
+    there = turned(turned(parts, 0, 2.0), 0, 2 * np.pi - 2.0)
+    for part, same in zip(parts, there, strict=True):
+        assert np.abs(part.draws_mm - same.draws_mm).max() < 1e-9
+
+
+def test_directions_hold_the_covariance_of_the_draws() -> None:
+    rng = np.random.default_rng(3)
+    draws = np.array([[1.0, 0.0], [0.9, 0.2]]) @ rng.standard_normal((2, DRAWS))
+    draws = np.vstack([draws, np.zeros((1, DRAWS))])  # what none of them has stays nothing
+    ways = directions(draws)
+    assert np.allclose((ways @ ways.T)[:2, :2], np.cov(draws[:2], bias=True), rtol=0.05)
+    assert not ways[2].any()
+
+
+def test_a_part_over_a_wider_span_is_the_same_belt(old: tuple[Fit, Posterior]) -> None:
+    scene = old[1].scene
+    narrow, wide = (
+        replace(scene, homed=False, motor_span_mm=(span, (0.0, 200.0))) for span in ((60.0, 130.0), (6.0, 214.0))
+    )
+    sizes = np.random.default_rng(1).normal(0, 0.05, (COUNT, DRAWS)) / np.arange(1, COUNT + 1)[:, None] ** 2
+    part = Part("uneven", 0, (60.0, 130.0), sizes[:, 0], sizes)
+    same = rebased(part, wide)
+    assert same.shape == (6.0, 214.0)
+    apart_mm = _belt_mm(part, narrow) - _belt_mm(same, wide)
+    assert np.abs(apart_mm - apart_mm.mean(axis=0)).max() < 0.002  # a shift of all is the belt's place
+
+
+def _belt_mm(part: Part, scene: Scene) -> np.ndarray:
+    motor = np.column_stack([np.linspace(60.0, 130.0, 50), np.zeros(50)])
+    trace = Trace(motor, motor)
+    places = places_of(trace, scene, np.tile(np.arange(50)[:, None], 2), np.ones((50, 2)), motor)
+    return np.asarray(EFFECTS[part.effect].columns(places, part.where, part.shape, scene) @ part.acts_mm)

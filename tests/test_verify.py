@@ -1,0 +1,202 @@
+"""A check print against its promise: kept, broken, or more than the measurement can tell."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.main import group
+from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
+from printmend.errors import ModelError, TraceError
+from printmend.measure.table import write_trace
+from printmend.path import FLATBED, Instrument, Trace, last_way
+from printmend.printer import read_printer
+from printmend.repair.history import read_history, rows_of
+from printmend.repair.learned import learn_model
+from printmend.repair.update import Updated
+from printmend.repair.verify import BROKEN, KEPT, UNSURE, expectation, made, update_words, updated, verify
+from printmend.saved import SavedModel, exact_model, read_model, write_model
+from printmend.twin import Twin
+from tests.test_greybox_learning import stairs
+
+ENDER3 = read_printer("ender3")
+
+
+def machine(play_x: float = 0.3, play_y: float = 0.2, phase: float = 1.0) -> Corruption:
+    return Corruption((Drive(pulley=EccentricBore(0.4, phase), belt=Play(play_x)), Drive(belt=Play(play_y))))
+
+
+BENT = machine()
+OTHER = Corruption((Drive(pulley=Ellipse(7.0, 5.8, 0.3)), Drive(pulley=EccentricBore(0.5, 2.5), belt=Play(0.5))))
+KNOWN_SCALE = Instrument(scale_sd=0.0003, axes_sd=0.001, lean_sd=0.0005)
+
+
+@pytest.fixture(scope="module")
+def bent() -> SavedModel:
+    way = stairs(700)
+    noise = np.random.default_rng(1).normal(0, 0.05, way.shape)
+    return learn_model(Trace(way, Twin.of(BENT, ENDER3).follow(way) + noise, homed=True), ENDER3)
+
+
+def mended_mm(model: SavedModel, wanted: np.ndarray) -> np.ndarray:
+    """Return what mending commands [N, 2] for marks at wanted places [N, 2]."""
+    motors = ENDER3.to_motor(model.mechanism.frame.invert(wanted)).copy()
+    for motor, table in enumerate(model.mechanism.transmissions):
+        side = last_way(motors[:, motor])
+        branches = [np.interp(motors[:, motor], each, table.motor_mm) for each in (table.lower_mm, table.upper_mm)]
+        motors[:, motor] = np.where(side > 0, branches[0], np.where(side < 0, branches[1], motors[:, motor]))
+    motors[0] = wanted[0]
+    return motors
+
+
+def checked(
+    model: SavedModel, corruption: Corruption, noise_mm: float, seed: int = 9, *, is_stated: bool = False,
+    is_mended: bool = True, points: int = 300,
+) -> Trace:  # fmt: skip
+    """Return the check print of a machine."""
+    wanted = stairs(points)
+    printed = Twin.of(corruption, ENDER3).follow(mended_mm(model, wanted) if is_mended else wanted)
+    noise = np.random.default_rng(seed).normal(0, noise_mm, wanted.shape)
+    return Trace(wanted, printed + noise, homed=True, sigma_mm=np.full(len(wanted), noise_mm) if is_stated else None)
+
+
+@pytest.mark.parametrize("is_stated", [True, False])
+@pytest.mark.parametrize(
+    ("noise_mm", "play_mm", "result"),
+    [(0.02, 0.3, KEPT), (0.05, 0.3, KEPT), (0.02, 0.4, BROKEN), (0.05, 0.4, BROKEN), (0.3, 0.3, UNSURE)],
+)
+def test_a_tenth_more_play_breaks_a_promise_where_it_can_be_seen(
+    bent: SavedModel, noise_mm: float, play_mm: float, result: str, is_stated: bool
+) -> None:
+    for seed in range(3):
+        verdict = verify(bent, checked(bent, machine(play_mm), noise_mm, seed, is_stated=is_stated))
+        assert verdict.result == result, verdict.words
+        assert f": {result}" in verdict.words
+        assert bool(verdict.changed) == (result == BROKEN)
+    if result == BROKEN:
+        wanted = stairs(300)
+        printed = Twin.of(machine(play_mm), ENDER3).follow(mended_mm(bent, wanted))
+        true_mm = float(np.sqrt(np.mean(np.sum((printed - wanted) ** 2, axis=1))))
+        assert 0.95 * verdict.now_low_mm < true_mm < 1.05 * verdict.now_high_mm
+    if result == UNSURE:
+        assert verdict.shows_from_mm > verdict.now_high_mm > 2 * verdict.promised_high_mm
+        assert "from which side each was reached is a guess" in verdict.words
+        assert ("say in sigma_mm" in verdict.words) != is_stated
+
+
+def test_dots_whose_sides_are_not_known_keep_no_promise(bent: SavedModel) -> None:
+    """A table without the ways between its dots: more play scatters them, and nobody can say whose that is."""
+    trace = checked(bent, machine(0.44, 0.34), 0.05, points=600)
+    order = np.random.default_rng(4).permutation(len(trace))
+    verdict = verify(bent, Trace(trace.commanded_mm[order], trace.measured_mm[order]))
+    assert verdict.result == UNSURE
+    assert not verdict.ways_known
+
+
+def test_a_smaller_change_is_told_beside_a_promise_that_is_kept(bent: SavedModel) -> None:
+    verdict = verify(bent, checked(bent, machine(0.33), 0.02))
+    assert verdict.result == KEPT
+    assert "; but X belt play grew from 0.30" in verdict.words
+
+
+@pytest.mark.parametrize(
+    ("corruption", "grown", "instrument", "result"),
+    [
+        (BENT, 0.0, FLATBED, KEPT),
+        (BENT, 0.002, FLATBED, KEPT),  # no more than such a scanner may do
+        (BENT, 0.006, FLATBED, BROKEN),
+        (BENT, 0.003, KNOWN_SCALE, BROKEN),
+        (machine(0.4, 0.3), 0.0, FLATBED, BROKEN),
+    ],
+)
+def test_a_scanners_doubt_hides_no_change_of_the_machine(
+    bent: SavedModel, corruption: Corruption, grown: float, instrument: Instrument, result: str
+) -> None:
+    trace = checked(bent, corruption, 0.02)
+    scan = replace(trace, measured_mm=(1 + grown) * trace.measured_mm, placed=False, instrument=instrument)
+    verdict = verify(bent, scan)
+    assert verdict.result == result, verdict.words
+    if result == KEPT:
+        assert verdict.stretch_percent == pytest.approx(100 * grown, abs=0.02)
+    anew = update_words(verdict, Updated(bent, (), ("X",)))
+    assert ("is not the one" in anew) == (result == BROKEN)  # what keeps its promise is of this machine
+
+
+@pytest.mark.parametrize(
+    ("corruption", "is_mended", "words"),
+    [
+        (BENT, False, "Was the mended file printed"),
+        (machine(0.4, 0.3), True, "Mend again with the model"),
+        (OTHER, True, "Is it another printer's"),
+        (OTHER, False, "Is it another printer's"),
+    ],
+)
+def test_a_broken_promise_says_what_may_be_wrong(
+    bent: SavedModel, corruption: Corruption, is_mended: bool, words: str
+) -> None:
+    assert words in verify(bent, checked(bent, corruption, 0.03, is_mended=is_mended)).words
+
+
+def test_what_measures_may_wander_and_breaks_no_promise(bent: SavedModel) -> None:
+    trace = checked(bent, BENT, 0.02, points=600)
+    walk = np.cumsum(np.random.default_rng(9).normal(0, 0.01, trace.commanded_mm.shape), axis=0)
+    verdict = verify(bent, replace(trace, measured_mm=trace.measured_mm + walk))
+    assert verdict.now_mm > verdict.promised_high_mm
+    assert verdict.result == UNSURE, verdict.words
+    assert "What measures wanders" in verdict.words
+    assert verify(bent, trace).wanders_mm < 0.002
+
+
+def test_an_idlers_error_is_no_noise_of_the_table(bent: SavedModel) -> None:
+    trace = checked(bent, BENT, 0.03)
+    idler = 0.15 * np.sin(trace.commanded_mm * (2 * np.pi / 33.3))
+    assert verify(bent, replace(trace, measured_mm=trace.measured_mm + idler)).result == BROKEN
+
+
+def test_the_model_is_brought_up_to_date_with_what_was_really_commanded(bent: SavedModel) -> None:
+    trace = checked(bent, machine(0.4), 0.02)
+    assert np.abs(made(bent, trace).commanded_mm - mended_mm(bent, trace.commanded_mm)).max() < 0.01
+    newer = updated(bent, trace)
+    assert [(change.part, change.kind) for change in newer.changes] == [("X", "play")]
+    again = verify(newer.model, checked(newer.model, machine(0.4), 0.02, seed=11))
+    assert again.result == KEPT
+    assert again.promised_high_mm <= 1.1 * verify(bent, trace).promised_high_mm
+
+
+def test_the_command_notes_the_verdict(bent: SavedModel, tmp_path: Path) -> None:
+    model, new = tmp_path / "printer.mend.json", tmp_path / "new.mend.json"
+    write_model(model, bent)
+    cases = (("same", BENT, 0.05, 0), ("slipped", machine(phase=2.0), 0.05, 3), ("coarse", BENT, 0.4, 0))
+    for name, corruption, noise_mm, code in cases:
+        write_trace(tmp_path / f"{name}.csv", checked(bent, corruption, noise_mm))
+        done = CliRunner().invoke(group, ["verify", str(tmp_path / f"{name}.csv"), "-m", str(model), "-o", str(new)])
+        assert done.exit_code == code, done.output
+        assert "distances on the bed: about 1.4 times what `mend` counts" in done.output
+        assert read_model(new).document["update"]["from"] == bent.digest
+    history = [json.loads(line) for line in (tmp_path / "printer.mend.history.jsonl").read_text().splitlines()]
+    assert [each["result"] for each in history] == [KEPT, BROKEN, UNSURE]
+    wanted = stairs(300)
+    raw_mm = Twin.of(BENT, ENDER3).follow(wanted) - wanted
+    assert history[0]["before_mm"] == pytest.approx(np.sqrt((raw_mm**2).sum(axis=1).mean()), rel=0.02)
+    assert history[0]["now_mm"] < 0.03
+    assert history[1]["now_mm"] > 0.1
+    assert rows_of(read_history(model))[-1][2].endswith("cannot tell")
+
+
+def test_what_is_no_check_print_is_refused(bent: SavedModel) -> None:
+    wanted = stairs(300)
+    with pytest.raises(ModelError):
+        verify(exact_model(BENT.lower(ENDER3)), Trace(wanted, wanted))
+    with pytest.raises(TraceError, match="at least 10 measured marks"):
+        verify(bent, Trace(wanted[:5], wanted[:5]))
+
+
+def test_marks_are_expected_as_they_turn_out(bent: SavedModel) -> None:
+    promise = expectation(bent, Trace(stairs(300), stairs(300), homed=True))
+    assert promise is not None
+    verdict = verify(bent, checked(bent, BENT, 0.02))
+    assert promise.rms_high_mm == pytest.approx(verdict.promised_high_mm)
+    assert expectation(exact_model(BENT.lower(ENDER3)), Trace(stairs(300), stairs(300))) is None
