@@ -10,6 +10,7 @@ the chance of a larger one.
 """
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,7 @@ from scipy.stats import chi2
 
 from printmend.effects import EFFECTS, Of, columns_of, scene_of
 from printmend.effects.effect import LONG_MOVE_MM, Places
-from printmend.infer.fit import fitted
-from printmend.infer.machine import machine_of
+from printmend.infer.fit import HOME_SD_MM, fitted
 from printmend.infer.posterior import DRAWS, posterior_of
 from printmend.infer.simulate import drawn_parts, measured
 from printmend.learn.greybox import Greybox
@@ -38,6 +38,7 @@ def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float] | Non
     dots[1 + plan.rows] = True
     every = Trace(path, np.where(dots[:, None], path, np.nan), homed=True)
     scene = scene_of(every, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    scene = replace(scene, home_sd_mm=(HOME_SD_MM, HOME_SD_MM))
     true = drawn_parts(scene, rng)
     trace = measured(path, dots, scene, true, float(rng.choice([0.02, 0.05])), rng)
     box = Greybox().fit(trace, printer, rng=rng)
@@ -70,7 +71,7 @@ def _places(printer: object, rng: np.random.Generator, count: int = 200) -> Plac
     return Places(printer.to_motor(bed), side, bed, ways, -side, np.ones(count), np.full(count, LONG_MOVE_MM), none)  # type: ignore[attr-defined]
 
 
-def _moved(effect, where, shape, sizes, places, scene) -> np.ndarray:  # noqa: ANN001
+def _moved(effect, where, shape, sizes, places, scene) -> np.ndarray:
     """Return what the machine's effects do to places [N, 2, D]."""
     if EFFECTS[effect].of is not Of.MACHINE:
         return np.zeros((len(places), 2, sizes.shape[1]))

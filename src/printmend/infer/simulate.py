@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Scene, Term, columns_of, places_of
+from printmend.effects import EFFECTS, Acts, Of, Scene, Term, columns_of, places_of
 from printmend.infer.contacts import contacts_of
 from printmend.infer.machine import Sized, machine_of
 from printmend.path import Trace
+
+CHANGING = ("breathing", "friction", "uneven_play")  # effects that add to a belt's play and take away from it
 
 
 def drawn_parts(scene: Scene, rng: np.random.Generator) -> list[Sized]:
@@ -27,12 +29,20 @@ def drawn_parts(scene: Scene, rng: np.random.Generator) -> list[Sized]:
                         effect.name, term.where, term.shape, np.array(term.sd_mm) * rng.standard_normal(len(term.sd_mm))
                     )
                 )
-    return [_possible(part) for part in parts]
+    return _possible(parts)
 
 
-def _possible(part: Sized) -> Sized:
-    """Return a part with the sign that it can have: no belt has less than no play."""
-    return replace(part, sizes_mm=np.abs(part.sizes_mm)) if part.effect in ("play", "wear") else part
+def _possible(parts: Sequence[Sized]) -> list[Sized]:
+    """Return parts as a machine can have them: no belt has less than no play, however much of it comes and goes."""
+    kept = [replace(part, sizes_mm=np.abs(part.sizes_mm)) if part.effect == "wear" else part for part in parts]
+    for motor in range(2):
+        mine = [part for part in kept if part.where == motor]
+        most_mm = sum(float(np.abs(part.sizes_mm).sum()) for part in mine if part.effect in CHANGING)
+        own_mm = sum(abs(float(part.sizes_mm[0])) for part in mine if part.effect == "play")
+        kept = [part for part in kept if part.effect != "play" or part.where != motor]
+        if own_mm or most_mm:
+            kept.append(Sized("play", motor, (), np.array([max(own_mm, most_mm)])))
+    return kept
 
 
 def measured(
@@ -44,13 +54,14 @@ def measured(
     rng: np.random.Generator,
 ) -> Trace:
     """Print way-points [N, 2] on a machine with these effects, and measure its ``dots`` [N] with normal noise."""
-    mechanism, _ = machine_of(scene, parts)
+    mechanism, _ = machine_of(scene, [part for part in parts if EFFECTS[part.effect].of is Of.MACHINE])
     contacts = contacts_of(mechanism, scene.printer.to_motor(commanded_mm))
     printed = mechanism.bed.printed(contacts.belt_mm)
     empty = Trace(commanded_mm, np.full(commanded_mm.shape, np.nan), homed=scene.homed, placed=scene.placed)
     places = places_of(empty, scene, contacts.row, contacts.side, scene.printer.from_motor(contacts.belt_mm))
     for part in parts:
-        if EFFECTS[part.effect].acts is Acts.NOT:
+        effect = EFFECTS[part.effect]
+        if effect.of is not Of.MACHINE or effect.acts is Acts.NOT:
             printed = printed + columns_of(part.effect, places, part.where, part.shape, scene) @ part.sizes_mm
     printed = printed + noise_mm * rng.standard_normal(printed.shape)
     known = dots & (contacts.row >= 0).all(axis=1)
