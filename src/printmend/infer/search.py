@@ -1,8 +1,8 @@
 """Which set of effects made a measurement: forward, backward and swap steps by log evidence and prior odds.
 
-With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. What one block gains
-beside a set follows from the block's share of the Gram matrix alone: with S its information and r its slope once the
-set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003).
+With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. What one block
+gains beside a set follows from the block's share of the Gram matrix alone: with S its information and r its slope once
+the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003).
 """
 
 from dataclasses import dataclass
