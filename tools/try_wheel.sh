@@ -46,6 +46,8 @@ say printmend learn trace.csv --printer ender3 -o printer.mend.json
 say printmend mend part.gcode -m printer.mend.json -o mended.gcode
 say printmend check part.gcode -m printer.mend.json --against mended.gcode
 say printmend export -m printer.mend.json --to klipper
+say printmend demo -o demo
+printmend studio --help >/dev/null
 # what an extra would bring is named in one line
 if said=$(printmend measure scan.png --probe probe.json 2>&1); then exit 1; fi
 echo "+ printmend measure scan.png: $said"
