@@ -16,7 +16,7 @@ COPY . .
 RUN make kernels \
     && .venv/bin/python -m hatchling build -t wheel -d /dist \
     && cp owner.lock pip.lock /dist \
-    && sed -n 's/^\([A-Za-z0-9._-]*==[^ ;]*\).*/\1/p' requirements.lock >/dist/constraints.txt
+    && sed -n 's/^\([A-Za-z0-9._-]*==[^\\]*\)\\$/\1/p' requirements.lock >/dist/constraints.txt
 
 FROM python:3.11-slim-bookworm AS base
 # LightGBM needs OpenMP.

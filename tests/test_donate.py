@@ -167,7 +167,10 @@ def test_what_is_not_what_it_is_said_to_be_ends_in_one_line_and_writes_nothing(
     line: list[str], said: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(folder)
-    os.mkfifo("pipe")
+    if "pipe" in line and not hasattr(os, "mkfifo"):
+        pytest.skip("this system has no named pipes")
+    if "pipe" in line:
+        os.mkfifo("pipe")
     before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
     done = CliRunner().invoke(group, ["donate", *line])
     assert done.exit_code != 0

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -87,8 +88,14 @@ def test_a_long_function_says_why() -> None:
     assert not without
 
 
-def test_the_citation_names_this_version() -> None:
+def test_the_citation_and_the_conda_recipe_are_of_this_version() -> None:
     assert re.findall(r"(?m)^version: (.+)$", (ROOT / "CITATION.cff").read_text()) == [printmend.__version__]
+    recipe = (ROOT / "recipe" / "recipe.yaml").read_text()
+    assert re.findall(r'(?m)^  version: "(.+)"$', recipe) == [printmend.__version__]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needed = recipe.partition("  run:\n")[2].partition("\n\n")[0]
+    wanted = [f"python {project['requires-python']}", *project["dependencies"]]
+    assert [line.strip("- ").replace(" ", "") for line in needed.splitlines()] == [w.replace(" ", "") for w in wanted]
 
 
 @pytest.mark.parametrize("pure", [False, True])
