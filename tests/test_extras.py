@@ -107,6 +107,8 @@ def test_without_extras_all_but_scans_is_there_and_those_name_theirs(tmp_path: P
         ("bench families --rows lightgbm+greedy", "trees"),
         ("figures --dataset data -o out", "dataset,paper,report,scan,trees"),
         ("dataset build --bodies models -o out", "dataset,paper,report"),
+        ("dataset export-reference out --bodies models", "scan"),
+        ("donate --scan scan.png", "scan"),
     ],
 )
 def test_a_command_says_at_once_and_in_one_command_all_that_it_needs(

@@ -155,7 +155,9 @@ def export_reference(
     from printmend.cli.progress import progress
     from printmend.dataset.bodies import body_files
     from printmend.dataset.export import export_reference
+    from printmend.extras import require
 
+    require("printmend dataset export-reference", "scipy")
     files = body_files(bodies)
     with progress("bodies", len(files)) as tick:
         done = export_reference(
