@@ -120,8 +120,8 @@ def test_the_manifest_says_what_each_file_is_and_the_terminal_what_was_left_out(
             assert file["name"] in said.output
             assert file["what"] in said.output
             assert all(words in said.output for words in file["left_out"])
-    assert "1 lines that are no numbers; 1 columns of unknown names" in said.output
-    assert "fields of the picture's metadata" in said.output
+    assert "1 line without numbers; 1 column of unknown name" in said.output
+    assert "of the picture's metadata" in said.output
     assert "Nothing was sent" in said.output
 
 
@@ -182,5 +182,5 @@ def test_too_much_is_refused(folder: Path, monkeypatch: pytest.MonkeyPatch) -> N
     with pytest.raises(InputError, match="at most 12 pictures"):
         donation(scans=[folder / "bob.png"] * 13)
     monkeypatch.setattr("printmend.repair.donation.MOST_BYTES", 1000)
-    with pytest.raises(InputError, match="crop the scans"):
+    with pytest.raises(InputError, match="crop the scans, or give fewer"):
         donation(scans=[folder / "bob.png"])

@@ -12,7 +12,7 @@ import json
 import math
 import re
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from printmend.printer import preset_names, read_printer
 from printmend.printer.known import printers_named
 from printmend.repair.history import history_of, read_history
 from printmend.saved.model import model_text, parse_model, read_model
+from printmend.units import counted
 
 FORMAT, VERSION = "printmend donation", 1
 MOST_BYTES = 400_000_000  # of a donation's files together; a scan of A4 at 600 dpi has some 50 million
@@ -68,24 +69,34 @@ def donation(
         todo = "choose those that measure takes"
         raise InputError("donation", wanted=f"at most {MOST_PICTURES} pictures", came=str(len(pictures)), todo=todo)
     parts: list[Part] = []
+    for part in _parts(plan, scans, trace, model, checks):
+        parts.append(part)
+        if (size := sum(len(part.data) for part in parts)) > MOST_BYTES:
+            came, todo = f"{size / 1e6:.0f} MB or more", "crop the scans, or give fewer"
+            raise InputError("donation", wanted=f"at most {MOST_BYTES / 1e6:.0f} MB", came=came, todo=todo)
+    return tuple(parts)
+
+
+def _parts(
+    plan: Path | None, scans: Sequence[Path], trace: Path | None, model: Path | None, checks: Sequence[Path]
+) -> Iterator[Part]:
+    """Yield the files of a donation, one after the other."""
+    points = "print's points were wanted, and measured"
     if plan is not None:
-        parts.append(_plan(plan))
-    parts += [_scan(path, f"scan-{i}.png", "a scan or photo of the test print") for i, path in enumerate(scans, 1)]
+        yield _plan(plan)
+    for i, path in enumerate(scans, 1):
+        yield _scan(path, f"scan-{i}.png", "a scan or photo of the test print")
     if trace is not None:
-        parts.append(_table(trace, "trace.csv", "where the test print's points were wanted, and measured"))
+        yield _table(trace, "trace.csv", f"where the test {points}")
     if model is not None:
-        parts.append(_model(model))
+        yield _model(model)
         if history_of(model).is_file():
-            parts.append(_history(model))
+            yield _history(model)
     for i, path in enumerate(checks, 1):
         if path.suffix.lower() == ".csv":
-            parts.append(_table(path, f"check-{i}.csv", "where the check print's points were wanted, and measured"))
+            yield _table(path, f"check-{i}.csv", f"where the check {points}")
         else:
-            parts.append(_scan(path, f"check-{i}.png", "a scan or photo of the check print"))
-    if (size := sum(len(part.data) for part in parts)) > MOST_BYTES:
-        came = f"{size / 1e6:.0f} MB"
-        raise InputError("donation", wanted=f"at most {MOST_BYTES / 1e6:.0f} MB", came=came, todo="crop the scans")
-    return tuple(parts)
+            yield _scan(path, f"check-{i}.png", "a scan or photo of the check print")
 
 
 def write_donation(path: Path, parts: Sequence[Part]) -> None:
@@ -125,7 +136,7 @@ def _scan(path: Path, name: str, what: str) -> Part:
     data = io.BytesIO()
     options = {} if dpi is None else {"dpi": (dpi, dpi)}
     Image.fromarray(pixels[:, :, ::-1]).save(data, "PNG", **options)
-    left_out = (f"{len(texts)} fields of the picture's metadata",) if texts else ()
+    left_out = (f"{counted(len(texts), 'field')} of the picture's metadata",) if texts else ()
     return Part(name, what, data.getvalue(), left_out)
 
 
@@ -149,8 +160,8 @@ def _table(path: Path, name: str, what: str) -> Part:
     data = io.StringIO(newline="")
     csv.writer(data, lineterminator="\n").writerows(given)
     lost_rows, lost_columns = sum(map(any, rows)) - len(given), len(set(names) - set(places))
-    left_out = [f"{lost_rows} lines that are no numbers"] if lost_rows else []
-    left_out += [f"{lost_columns} columns of unknown names"] if lost_columns else []
+    left_out = [f"{counted(lost_rows, 'line')} without numbers"] if lost_rows else []
+    left_out += [f"{counted(lost_columns, 'column')} of unknown name"] if lost_columns else []
     return Part(name, what, data.getvalue().encode(), tuple(left_out))
 
 
