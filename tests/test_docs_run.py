@@ -35,7 +35,7 @@ from tests.test_printer_convert import KLIPPER
 
 RUN = {"probe", "twin", "measure", "learn", "check", "mend", "verify", "export", "diagnose", "printer", "body"}
 LANGUAGES = {"sh", "python", "toml", "text"}
-TRUSTED = {"pip", "pre-commit"}  # programs of others
+TRUSTED = {"docker", "pip", "pipx", "pre-commit"}  # programs of others
 
 
 @dataclass(frozen=True)

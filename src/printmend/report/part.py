@@ -1,13 +1,13 @@
 """The prediction as a file: JSON for programs, one self-contained HTML page for people."""
 
-import importlib.util
 import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import printmend
-from printmend.errors import InputError, MissingToolError
+from printmend.errors import InputError
+from printmend.extras import require
 from printmend.files import replacing
 from printmend.printer import Axis
 from printmend.promise.belief import parse_belief
@@ -26,11 +26,8 @@ def check_report_name(path: Path | None) -> None:
     """Raise `InputError` for a report that is neither .html nor .json, before any work is done."""
     if path is not None and path.suffix.lower() not in (".html", ".htm", ".json"):
         raise InputError(path, wanted="a report in .html or .json", came=repr(path.suffix), todo="change its name")
-    if path is not None and path.suffix.lower() != ".json" and importlib.util.find_spec("matplotlib") is None:
-        raise MissingToolError(
-            path, wanted="the extra 'report' of printmend, which draws", came="an installation without it",
-            todo="pip install 'printmend[report]', or name a report in .json",
-        )  # fmt: skip
+    if path is not None and path.suffix.lower() != ".json":
+        require(f"a report in {path.suffix}", "matplotlib")
 
 
 def write_report(
