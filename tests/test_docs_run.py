@@ -36,7 +36,7 @@ from tests.test_printer_convert import KLIPPER
 
 RUN = {"probe", "twin", "measure", "learn", "check", "mend", "verify", "export", "diagnose", "printer", "body"}
 LANGUAGES = {"sh", "python", "toml", "text"}
-TRUSTED = {"pip", "pipx", "pre-commit"}  # programs of others
+TRUSTED = {"pip", "pipx", "pre-commit", "source"}  # programs of others, and the shell
 
 
 @dataclass(frozen=True)
