@@ -14,6 +14,7 @@ from markdown import markdown
 
 from tests.test_docs import PAGES, ROOT
 
+READ = [*PAGES, *sorted(ROOT.glob("integrations/*/README.md"))]
 MOST_WORDS = 30
 # After a full stop (not that of "Fig. 6") and what closes a quote, before a capital letter or a number.
 ENDS = r"""(?<=[.!?])(?<!Fig\.)(?<!eq\.)[)"”’*]*\s+(?=["“‘(*]*(?:[A-Z0-9*]|printmend))"""
@@ -79,7 +80,7 @@ def faults(sentence: str) -> list[str]:
     return told
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", READ, ids=lambda page: str(page.relative_to(ROOT)))
 def test_each_sentence_is_short_and_plain(page: Path) -> None:
     bad = [f"{', '.join(told)}: {one}" for one in sentences(page.read_text(encoding="utf-8")) if (told := faults(one))]
     assert not bad, f"{page.relative_to(ROOT)}: {len(bad)} sentences\n" + "\n".join(bad)
