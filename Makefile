@@ -76,8 +76,9 @@ $(STAMP): requirements.lock $(OWNER)
 	$(PIP) --require-hashes --no-deps -r requirements.lock
 	@touch $@
 
+# The last one reads the sentences of README, changes and docs.
 lint: $(STAMP)
-	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/python -m pytest -n0 -q tests/test_prose.py
 
 types: $(STAMP)
 	$(BIN)/mypy
