@@ -8,8 +8,9 @@ import numpy as np
 from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
 from printmend.gcode.container import HINT_BYTES, MAX_LINE_BYTES, Part, endless_line, open_gcode, refuse_binary
+from printmend.gcode.extruder import settle_extruder
 from printmend.gcode.layers import layers_of
-from printmend.gcode.machine import Flavour, MachineState, detect_flavour, initial_state
+from printmend.gcode.machine import Flavour, MachineState, detect_flavour, initial_state, says_a_extrudes
 from printmend.gcode.mark import find_e_rule
 from printmend.path import frozen
 from printmend.printer import Printer
@@ -94,16 +95,21 @@ def read_part(part: Part, *, printer: Printer | None = None) -> Program:
 
 def starting_state(part: Part, *, printer: Printer | None = None) -> MachineState:
     """Return the state before a program's first line: its firmware's rules, as far as the file shows them."""
-    state = initial_state(printer, detect_flavour(*part.hints()))
-    first = next(part.chunks(), None)
-    if first is not None:
-        settle_e(first[:HINT_BYTES], state)
+    first = next(part.chunks(), np.empty(0, np.uint8))
+    return _state_of(first[:HINT_BYTES], part.hints(), printer)
+
+
+def _state_of(top: np.ndarray, hints: tuple[bytes, ...], printer: Printer | None) -> MachineState:
+    """Return the state before the first line of a text that begins with ``top``."""
+    state = initial_state(printer, detect_flavour(*hints))
+    if len(top):
+        settle_extruder(top, state, says_a=says_a_extrudes(*hints))
+        settle_e(top, state)
     return state
 
 
 def _program(name: str, text: np.ndarray, hints: tuple[bytes, ...], printer: Printer | None) -> Program:
-    state = initial_state(printer, detect_flavour(*hints))
-    settle_e(text[:HINT_BYTES], state)
+    state = _state_of(text[:HINT_BYTES], hints, printer)
     moves = moves_of(interpret_text(text, state, name))
     if not len(moves):
         raise GcodeError(name, wanted="G-code with motion", came="no G0–G3 move", todo="give a sliced file")

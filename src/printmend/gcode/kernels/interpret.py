@@ -26,6 +26,8 @@ from printmend.jit import entry, inner
 _LAYER_CHANGE = np.frombuffer(b"LAYER_CHANGE", np.uint8)
 _CHANGE_LAYER = np.frombuffer(b"CHANGE_LAYER", np.uint8)
 _LAYER = np.frombuffer(b"LAYER", np.uint8)
+# Words with which a line may begin that goes on with the motion of an earlier one.
+_MODAL_LEADS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R
 _LAYER_OBJECT = np.frombuffer(b"BEGIN_LAYER_OBJECT", np.uint8)
 
 
@@ -119,11 +121,14 @@ def _obey(buf, stop, s, r, values, numbers, counts):
     if s.letter == LETTER_G and s.code > LAST_MOVE:
         return g_command(r, numbers, counts, s.words, s.bare, s.unclear, values, s.code)
     if s.letter == LETTER_G or s.letter == 0:
+        named = (s.words | s.unclear) & (WORDS_XYZ | WORD_E | WORD_F)
         if s.letter == LETTER_G:
             counts.modal = s.code // 10
+        elif not (1 << max(s.lead - LETTER_A, 0)) & _MODAL_LEADS and named:  # `O1 X5`: another command, or a modal move
+            r.flags = r.flags | FLAG_OPAQUE
+            return EVENT_UNKNOWN + ALL_LOST
         else:
             r.flags = r.flags | FLAG_MODAL
-        named = (s.words | s.unclear) & (WORDS_XYZ | WORD_E | WORD_F)
         if counts.modal >= 0 and (s.letter == LETTER_G or named):
             move(r, numbers, counts, s.words, s.unclear, values, counts.modal)
         return 0

@@ -74,6 +74,7 @@ FLAG_ARC_ABSOLUTE = 1 << 20  # G90.1: I J K are coordinates
 FLAG_PLAIN = 1 << 21  # written `G1 X… Y…`: upper case, one blank before each word, no word twice, millimetres
 FLAG_TWICE = 1 << 22  # a word comes twice: the last one counts
 FLAG_CURVE = 1 << 23  # a chord of a G5; all but its last one have no text of their own
+FLAG_E_IS_A = 1 << 24  # the extruder's word is A, and stands among the words as E
 
 # What the firmware is: the cases in which firmwares differ.
 FLAVOUR_UNKNOWN, FLAVOUR_MARLIN2, FLAVOUR_MARLIN1, FLAVOUR_KLIPPER, FLAVOUR_RRF, FLAVOUR_PRUSA = 0, 1, 2, 3, 4, 5
@@ -123,6 +124,7 @@ COUNTS = np.dtype(
         ("rule", "i8"),  # E_*
         ("arc_absolute", "i8"),  # 1 after G90.1
         ("flavour", "i8"),  # FLAVOUR_*
+        ("e_is_a", "i8"),  # 1 where A drives the extruder: A and E then stand for each other
         ("numbered", "i8"),  # lines with an N word
         ("checksums", "i8"),  # lines that end in *checksum
         ("saved", np.dtype([("key", "i8"), *_MODAL_COUNTS], align=True), SAVED_SLOTS),  # 0 for a free slot

@@ -19,7 +19,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     """Obey the line at p and fill record n; return the start of the next line, or −1 if it is no plain move."""
     if p + 4 > end or buf[p] != LETTER_G or (buf[p + 1] != ONE and buf[p + 1] != ZERO) or buf[p + 2] != SPACE:
         return -1
-    if counts.inch != 0:
+    if counts.inch != 0 or counts.e_is_a != 0:
         return -1
     start = p
     x = y = z = e = f = 0.0
