@@ -11,29 +11,26 @@ from typing import IO
 
 import numpy as np
 
-from printmend.errors import GcodeError, ModelError, RefusedError
+from printmend.errors import GcodeError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
-from printmend.gcode.header import Described, described
+from printmend.gcode.header import described
 from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starting_state
 from printmend.gcode.write import Plan, follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.printer import Printer
-from printmend.printer.known import printers_named
 from printmend.promise.laws import LAWS
 from printmend.promise.misfit import refusals
 from printmend.promise.words import in_words
+from printmend.repair.meant import refuse_contradiction, refuse_other_printer, small_bed_words
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.saved.model import SavedModel
 
-_OUTSIDE_MM = 15.0  # how far beyond the bed a file may print: purge lines and wipes lie a few millimetres beyond some
 _DOTS_WORDS = (
     "only the lines of this test print are counted here, not its dots: a dot may be off in two directions, and these "
     "figures are distances across a line"
 )
-_BED_OFF_MM = 30.0  # how far a slicer's bed and the preset's may differ where the printer is the same …
-_STRANGER_BED_OFF_MM = 15.0  # … and where the file names none that may be the model's
 _MOST_HELD_SHARE = 0.005  # share of the path that may be held back at the edge of the bed: that is still a print
 AS_USUAL = Fineness()
 Progress = Callable[[int], None]
@@ -95,7 +92,7 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
         said = _plan(file, planner, model, progress)
         prediction = _predicted(planner, model, said)
         _refuse_motionless(file, prediction)
-        _refuse_other_printer(file, model, prediction)
+        refuse_other_printer(file.name, model.printer, prediction)
         return prediction
 
 
@@ -118,17 +115,30 @@ def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progre
     """Plan a file, and return what is to be said of how each of its programs was read."""
     said = []
     for part in file.parts:
-        state = starting_state(part, printer=model.printer)
-        said += _said_of(part, state)
+        state = _beginning(part, model)
+        said += _said_of(part, state, model.printer)
         planner.begin()
         follow(_counted(part.chunks(), progress), state, planner.plan)
     return said
 
 
-def _said_of(part: Part, state: MachineState) -> list[str | None]:
-    """Return what is to be said of how a program was read, and of what is not judged in it."""
-    is_probe = find_test_print(*part.hints()) == "probe"
-    return [e_warning(state), _DOTS_WORDS if is_probe else None]
+def _beginning(part: Part, model: SavedModel) -> MachineState:
+    """Return the state before a program's first line; raise `GcodeError` where nobody knows what extrudes."""
+    state = starting_state(part, printer=model.printer)
+    if axis := state.odd_axis:
+        wanted, came = "moves that extrude with E", f"none, and moves that name {axis}"
+        if axis == "A":
+            todo = "write '; gcode_flavor = mach3' at its top if A is the extruder, else print it as it is"
+            raise GcodeError(part.name, wanted=wanted, came=came, todo=todo)
+        raise GcodeError(part.name, wanted=wanted, came=came, todo="slice it for a firmware that extrudes with E")
+    return state
+
+
+def _said_of(part: Part, state: MachineState, printer: Printer) -> list[str | None]:
+    """Return what is to be said of how a program was read, for which bed, and of what is not judged in it."""
+    hints = part.hints()
+    is_probe = find_test_print(*hints) == "probe"
+    return [e_warning(state), small_bed_words(described(*hints), printer), _DOTS_WORDS if is_probe else None]
 
 
 def _predicted(planner: Planner, model: SavedModel, said: list[str | None], *, marks: int = 0) -> Prediction:
@@ -146,8 +156,8 @@ def _mended_text(
     said: list[str | None], watch: Watch | None,
 ) -> Iterator[memoryview]:  # fmt: skip
     """Yield the text of a program as it is mended, and add to ``said`` what is to be said of how it was read."""
-    state = starting_state(part, printer=model.printer)
-    said += _said_of(part, state)
+    state = _beginning(part, model)
+    said += _said_of(part, state, model.printer)
     planner.begin(fineness.segments_per_s(state.flavour))
     chunks = marked(_counted(part.chunks(), progress), model.digest, guessed_e_rule(part, state))
     return rewrite(chunks, state, planner.plan if watch is None else watch(part, planner.plan))
@@ -178,11 +188,11 @@ def _destination(output: Path | None) -> Iterator[IO[bytes]]:
 def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force: bool) -> None:
     """Raise where the file should not be written."""
     _refuse_motionless(file, prediction)
-    _refuse_other_printer(file, model, prediction)
+    refuse_other_printer(file.name, model.printer, prediction)
     if force:
         return
     for part in file.parts:
-        _refuse_contradiction(part.name, described(*part.hints()), model.printer)
+        refuse_contradiction(part.name, described(*part.hints()), model.printer)
     _refuse_misfit(file, model)
     todo = "print the original, or use --force"
     if prediction.extruding + prediction.unknown == 0:
@@ -236,41 +246,3 @@ def _refuse_motionless(file: GcodeFile, prediction: Prediction) -> None:
         raise GcodeError(
             file.name, wanted="G-code with motion", came="no G0–G3 move in X or Y", todo="give a sliced file"
         )
-
-
-def _refuse_other_printer(file: GcodeFile, model: SavedModel, prediction: Prediction) -> None:
-    if not prediction.extruding:
-        return
-    printer = model.printer
-    todo = "use the model of the printer that this file is for"
-    for axis, low, high in zip((printer.x, printer.y), prediction.low_mm, prediction.high_mm, strict=True):
-        if low < axis.min_mm - _OUTSIDE_MM or high > axis.max_mm + _OUTSIDE_MM:
-            wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
-            came = f"extrusion from {low:.1f} to {high:.1f} mm"
-            raise ModelError(file.name, wanted=wanted, came=came, todo=todo)
-
-
-def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
-    """Raise `ModelError` where a file says that it is for another printer than the model's."""
-    todo = f"use the model of the printer that this file is for, or --force if it is this {printer.name}"
-    mine, theirs = printers_named(printer.name), [printers_named(each) for each in said.names]
-    stranger = bool(mine and theirs) and not any(mine & each for each in theirs)
-    if said.bed_mm is not None:
-        own = ((printer.x.min_mm, printer.y.min_mm), (printer.x.max_mm, printer.y.max_mm))
-        off_mm = float(np.abs(np.subtract(own, said.bed_mm)).max())
-        if off_mm > (_STRANGER_BED_OFF_MM if stranger else _BED_OFF_MM):
-            for_whom = f" of {said.names[0]}" if stranger else ""
-            shown = [f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) mm" for low, high in (own, said.bed_mm)]
-            raise ModelError(
-                name, wanted=f"G-code for a bed from {shown[0]}", came=f"a bed from {shown[1]}{for_whom}", todo=todo
-            )
-    if said.print_mm is not None:
-        low, high = said.print_mm
-        ends = ((printer.x, low[0], high[0]), (printer.y, low[1], high[1]))
-        for axis, least, most in ends:
-            if least < axis.min_mm - _OUTSIDE_MM or most > axis.max_mm + _OUTSIDE_MM:
-                wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
-                raise ModelError(name, wanted=wanted, came=f"a header from {least:g} to {most:g} mm", todo=todo)
-    if stranger and any(theirs):
-        other = next(each for each, printers in zip(said.names, theirs, strict=True) if printers)
-        raise ModelError(name, wanted=f"G-code for {printer.name}", came=f"G-code for {other}", todo=todo)
