@@ -39,7 +39,7 @@ def settle_extruder(text: np.ndarray, state: MachineState, *, says_a: bool) -> N
 def _moves(text: np.ndarray, state: MachineState) -> np.ndarray:
     """Return the records of a text's moves in X and Y."""
     trial, records = state.copy(), np.empty(_RECORDS, k.RECORD)
-    count, _ = k.interpret(text, 0, len(text), trial.numbers, trial.counts, records)
+    count, _ = k.interpret(text, 0, len(text), trial.numbers, trial.counts, records, k.NO_NOTES)
     rows = records[:count]
     return rows[(rows["kind"] <= k.KIND_CCW) & (rows["words"] & (k.WORD_X | k.WORD_Y) > 0)]
 

@@ -122,7 +122,7 @@ def interpret_text(text: np.ndarray, state: MachineState, name: str = "G-code") 
     capacity = RECORDS
     while position < len(text):
         records = np.empty(capacity, k.RECORD)
-        count, after = k.interpret(text, position, len(text), state.numbers, state.counts, records)
+        count, after = k.interpret(text, position, len(text), state.numbers, state.counts, records, k.NO_NOTES)
         if after == position:  # one line may hold more statements than fit
             capacity = larger(capacity, name)
         parts.append(records[:count].copy() if count < capacity // 2 else records[:count])
@@ -242,7 +242,7 @@ def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple
     trial = state.copy()
     trial.counts.rule, trial.counts.m83 = rule, m83
     records = np.empty(RECORDS, k.RECORD)
-    count, _ = k.interpret(text, 0, len(text), trial.numbers, trial.counts, records)
+    count, _ = k.interpret(text, 0, len(text), trial.numbers, trial.counts, records, k.NO_NOTES)
     rows = records[:count]
     rows = rows[(rows["kind"] <= k.KIND_CCW) & (rows["words"] & k.WORD_E > 0) & (rows["words"] & k.WORDS_XYZ > 0)]
     length_mm = np.hypot(rows["x1"] - rows["x0"], rows["y1"] - rows["y0"]) + np.abs(rows["z1"] - rows["z0"])

@@ -1,0 +1,88 @@
+"""The clock: how long a printer takes for a file, by a model of its firmware's planner."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from printmend.clock.kernels import layout as k
+from printmend.clock.kernels.advance import advance, finish
+from printmend.clock.limits import Limits
+from printmend.gcode.write import Planned
+from printmend.jit import record
+
+_AS_IT_IS = np.empty(0, np.int64)
+
+
+@dataclass(frozen=True)
+class Duration:
+    """How long a file takes as it is and as mended [s], by which ``limits``, without heating, homing and probing."""
+
+    before_s: float
+    after_s: float
+    limits: Limits
+
+    @property
+    def share(self) -> float:
+        """By which share mending makes it longer."""
+        return self.after_s / self.before_s - 1.0 if self.before_s > 0.0 else 0.0
+
+    def __add__(self, other: "Duration") -> "Duration":
+        """Return the time of two prints, one after the other."""
+        return replace(self, before_s=self.before_s + other.before_s, after_s=self.after_s + other.after_s)
+
+
+@dataclass(eq=False)
+class Clock:
+    """A clock on its way through one program. Mutable, because a file of any length streams through it.
+
+    ``times_s`` [TIMES] are the seconds at the places in the file that tell the time, as far as they were seen.
+    """
+
+    limits: np.record
+    state: np.record = field(default_factory=lambda: record(k.CLOCK))
+    queue: np.ndarray = field(default_factory=lambda: np.zeros(k.QUEUE, k.MOVE), repr=False)
+    times_s: np.ndarray = field(default_factory=lambda: np.zeros(k.TIMES), repr=False)
+
+    def advance(self, planned: Planned, *, mended: bool) -> None:
+        """Let a part of a file go by, as it is or as it is planned."""
+        first, pieces = (planned.first, planned.pieces) if mended else (_AS_IT_IS, planned.pieces)
+        advance(
+            self.limits, self.state, self.queue, self.times_s, planned.records, planned.begin, planned.end,
+            planned.notes, first, pieces,
+        )  # fmt: skip
+
+    def finish(self) -> float:
+        """Let the machine stop; return how long all took [s]."""
+        finish(self.limits, self.state, self.queue, self.times_s)
+        return float(self.state.seconds)
+
+
+def start_clock(limits: Limits) -> Clock:
+    """Return a clock at the beginning of a program."""
+    clock = Clock(limits.lower())
+    clock.state.at[:] = np.nan
+    clock.state.peak2 = np.inf
+    return clock
+
+
+@dataclass(eq=False)
+class Stopwatch:
+    """Both clocks of one program: of the file as it is, and of the mended one."""
+
+    limits: Limits
+    before: Clock
+    after: Clock
+
+    def watch(self, planned: Planned) -> None:
+        """Let a part of the program go by on both."""
+        self.before.advance(planned, mended=False)
+        self.after.advance(planned, mended=True)
+
+    def finish(self) -> Duration:
+        """Return how long both took."""
+        return Duration(self.before.finish(), self.after.finish(), self.limits)
+
+
+def start_stopwatch(limits: Limits) -> Stopwatch:
+    """Return both clocks at the beginning of a program."""
+    return Stopwatch(limits, start_clock(limits), start_clock(limits))
