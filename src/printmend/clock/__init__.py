@@ -6,6 +6,7 @@ the file is planned and then say how long it takes.
 
 from printmend.clock.clock import Clock, Duration, Stopwatch, start_clock, start_stopwatch
 from printmend.clock.limits import FIRMWARES, Limits, klipper, limits_of
+from printmend.clock.told import with_times
 
 __all__ = [
     "FIRMWARES",
@@ -17,4 +18,5 @@ __all__ = [
     "limits_of",
     "start_clock",
     "start_stopwatch",
+    "with_times",
 ]

@@ -1,6 +1,7 @@
 """The clock: how long a printer takes for a file, by a model of its firmware's planner."""
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,21 @@ class Duration:
     def share(self) -> float:
         """By which share mending makes it longer."""
         return self.after_s / self.before_s - 1.0 if self.before_s > 0.0 else 0.0
+
+    def json(self) -> dict[str, Any]:
+        """Return plain values for a report."""
+        limits = self.limits
+        return {
+            "before_s": round(self.before_s, 2), "after_s": round(self.after_s, 2), "firmware": limits.firmware,
+            "limits": limits.said,
+        }  # fmt: skip
+
+    def words(self, *, mended: bool) -> str:
+        """Say how long it takes as it is, and ``mended``."""
+        times = f"it takes {span_words(self.before_s)}"
+        if mended:
+            times += f", mended {span_words(self.after_s)} ({100 * self.share:+.1f} %)"
+        return f"{times}, heating and homing left out; as {self.limits.words}"
 
     def __add__(self, other: "Duration") -> "Duration":
         """Return the time of two prints, one after the other."""
@@ -51,9 +67,13 @@ class Clock:
             planned.notes, first, pieces,
         )  # fmt: skip
 
-    def finish(self) -> float:
-        """Let the machine stop; return how long all took [s]."""
+    def finish(self) -> None:
+        """Let the machine stop."""
         finish(self.limits, self.state, self.queue, self.times_s)
+
+    @property
+    def seconds(self) -> float:
+        """How long all has taken that is done [s]."""
         return float(self.state.seconds)
 
 
@@ -78,11 +98,26 @@ class Stopwatch:
         self.before.advance(planned, mended=False)
         self.after.advance(planned, mended=True)
 
-    def finish(self) -> Duration:
-        """Return how long both took."""
-        return Duration(self.before.finish(), self.after.finish(), self.limits)
+    def finish(self) -> None:
+        """Let both machines stop."""
+        self.before.finish()
+        self.after.finish()
+
+    @property
+    def duration(self) -> Duration:
+        """How long both have taken so far."""
+        return Duration(self.before.seconds, self.after.seconds, self.limits)
 
 
 def start_stopwatch(limits: Limits) -> Stopwatch:
     """Return both clocks at the beginning of a program."""
     return Stopwatch(limits, start_clock(limits), start_clock(limits))
+
+
+def span_words(seconds: float) -> str:
+    """Return a time in hours, minutes and seconds, the two largest that it has."""
+    whole = round(seconds)
+    hours, minutes = whole // 3600, whole % 3600 // 60
+    if hours:
+        return f"{hours} h {minutes} min"
+    return f"{minutes} min {whole % 60} s" if minutes else f"{whole} s"

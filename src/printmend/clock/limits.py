@@ -43,7 +43,13 @@ class Limits:
     corner_mm_s: float = 5.0
     cruise_ratio: float = 0.5
     arc_mm: float = 1.0
-    said: str = field(default="assumed", compare=False)
+    said: str = field(default="an example printer of that firmware", compare=False)
+
+    @property
+    def words(self) -> str:
+        """Say whose planner they are for, and where they come from."""
+        name = self.firmware if self.firmware == "rrf" else self.firmware.capitalize()
+        return f"{'RepRapFirmware' if name == 'rrf' else name} plans it, within limits from {self.said}"
 
     def lower(self) -> np.record:
         """Return them as the kernels read them."""

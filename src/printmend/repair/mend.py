@@ -11,13 +11,14 @@ from typing import IO
 
 import numpy as np
 
+from printmend.clock import Duration, Stopwatch, limits_of, start_stopwatch, with_times
 from printmend.errors import GcodeError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
 from printmend.gcode.header import described
 from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starting_state
-from printmend.gcode.write import Plan, follow, rewrite
+from printmend.gcode.write import Plan, TimePlace, follow, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.printer import Printer
 from printmend.promise.laws import LAWS
@@ -72,14 +73,15 @@ def mend_gcode(
         if is_healthy(model):
             if not force:
                 _refuse_misfit(file, model)
-            said = _plan(file, planner, model, progress)
+            read = _plan(file, planner, model, fineness, progress)
             with _destination(output) as handle, file.path.open("rb") as whole:
                 shutil.copyfileobj(whole, handle, 1 << 20)
-            return Mended(output, _predicted(planner, model, said))
+            return Mended(output, _predicted(planner, model, read))
         with _destination(output) as handle:
-            said = []
-            file.write(handle, lambda part: _mended_text(part, planner, model, fineness, progress, said, watch))
-            prediction = _predicted(planner, model, said, marks=1)
+            read = []
+            folder = None if output is None else output.parent
+            file.write(handle, lambda part: _mended_text(part, planner, model, fineness, progress, read, watch, folder))
+            prediction = _predicted(planner, model, read, marks=1)
             _check_worth_writing(file, model, prediction, force=force)
         return Mended(output, prediction)
 
@@ -89,8 +91,8 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
     with open_gcode(source) as file:
         refuse_mended(file)
         planner = start(model.mechanism)
-        said = _plan(file, planner, model, progress)
-        prediction = _predicted(planner, model, said)
+        read = _plan(file, planner, model, AS_USUAL, progress)
+        prediction = _predicted(planner, model, read)
         _refuse_motionless(file, prediction)
         refuse_other_printer(file.name, model.printer, prediction)
         return prediction
@@ -111,15 +113,33 @@ def refuse_mended(file: GcodeFile) -> None:
             )  # fmt: skip
 
 
-def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progress | None) -> list[str | None]:
-    """Plan a file, and return what is to be said of how each of its programs was read."""
-    said = []
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """How a program was read: what is to be ``said`` of that, and the clocks that looked on."""
+
+    said: tuple[str | None, ...]
+    watch: Stopwatch
+
+
+def _plan(
+    file: GcodeFile, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None
+) -> list[_Read]:
+    """Plan a file, and return how each of its programs was read."""
+    read = []
     for part in file.parts:
-        state = _beginning(part, model)
-        said += _said_of(part, state, model.printer)
+        state, one = _begun(part, model, fineness)
         planner.begin()
-        follow(_counted(part.chunks(), progress), state, planner.plan)
-    return said
+        follow(_counted(part.chunks(), progress), state, planner.plan, look=one.watch.watch)
+        one.watch.finish()
+        read.append(one)
+    return read
+
+
+def _begun(part: Part, model: SavedModel, fineness: Fineness) -> tuple[MachineState, _Read]:
+    """Return the state before a program's first line, and what is known of the program so far."""
+    state, hints = _beginning(part, model), part.hints()
+    watch = start_stopwatch(limits_of(state.flavour, hints, fineness.firmware))
+    return state, _Read(_said_of(hints, state, model.printer), watch)
 
 
 def _beginning(part: Part, model: SavedModel) -> MachineState:
@@ -134,33 +154,42 @@ def _beginning(part: Part, model: SavedModel) -> MachineState:
     return state
 
 
-def _said_of(part: Part, state: MachineState, printer: Printer) -> list[str | None]:
+def _said_of(hints: tuple[bytes, ...], state: MachineState, printer: Printer) -> tuple[str | None, ...]:
     """Return what is to be said of how a program was read, for which bed, and of what is not judged in it."""
-    hints = part.hints()
     is_probe = find_test_print(*hints) == "probe"
-    return [e_warning(state), small_bed_words(described(*hints), printer), _DOTS_WORDS if is_probe else None]
+    return e_warning(state), small_bed_words(described(*hints), printer), _DOTS_WORDS if is_probe else None
 
 
-def _predicted(planner: Planner, model: SavedModel, said: list[str | None], *, marks: int = 0) -> Prediction:
-    """Return what to expect of a file that was planned, with what is to be ``said`` of it, once each.
+def _predicted(planner: Planner, model: SavedModel, read: list[_Read], *, marks: int = 0) -> Prediction:
+    """Return what to expect of a file that was planned, whose programs were ``read``.
 
     ``marks`` lines stood before what is printed that are not the file's own.
     """
     prediction = with_doubt(prediction_of(planner), model)
     lines = tuple(line - marks for line in prediction.unknown_lines)
-    return replace(prediction, unknown_lines=lines, warnings=tuple(dict.fromkeys(filter(None, said))))
+    warnings = tuple(dict.fromkeys(words for one in read for words in one.said if words))
+    duration: Duration | None = None
+    for one in read:
+        duration = one.watch.duration if duration is None else duration + one.watch.duration
+    return replace(prediction, unknown_lines=lines, warnings=warnings, duration=duration)
 
 
 def _mended_text(
     part: Part, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None,
-    said: list[str | None], watch: Watch | None,
-) -> Iterator[memoryview]:  # fmt: skip
-    """Yield the text of a program as it is mended, and add to ``said`` what is to be said of how it was read."""
-    state = _beginning(part, model)
-    said += _said_of(part, state, model.printer)
+    read: list[_Read], watch: Watch | None, folder: Path | None,
+) -> Iterator[bytes | memoryview]:  # fmt: skip
+    """Return the text of a program as it is mended, and add to ``read`` how it was read.
+
+    In ``folder`` a text waits in which times are told, until they are known.
+    """
+    state, one = _begun(part, model, fineness)
+    read.append(one)
     planner.begin(fineness.segments_per_s(state.flavour))
     chunks = marked(_counted(part.chunks(), progress), model.digest, guessed_e_rule(part, state))
-    return rewrite(chunks, state, planner.plan if watch is None else watch(part, planner.plan))
+    places: list[TimePlace] = []
+    plan = planner.plan if watch is None else watch(part, planner.plan)
+    texts = rewrite(chunks, state, plan, look=one.watch.watch, times=places)
+    return with_times(texts, places, one.watch, folder)
 
 
 def _counted(chunks: Iterator[np.ndarray], progress: Progress | None) -> Iterator[np.ndarray]:
