@@ -4,7 +4,7 @@
 the file is planned and then say how long it takes.
 """
 
-from printmend.clock.clock import Clock, Duration, Stopwatch, start_clock, start_stopwatch
+from printmend.clock.clock import Clock, Duration, Stopwatch, span_words, start_clock, start_stopwatch
 from printmend.clock.limits import FIRMWARES, Limits, klipper, limits_of
 from printmend.clock.told import with_times
 
@@ -16,6 +16,7 @@ __all__ = [
     "Stopwatch",
     "klipper",
     "limits_of",
+    "span_words",
     "start_clock",
     "start_stopwatch",
     "with_times",

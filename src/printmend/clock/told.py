@@ -19,6 +19,7 @@ _SPAN = re.compile(
     re.IGNORECASE,
 )
 _PART = re.compile(rb"(\d+)( ?)([dhms])", re.IGNORECASE)
+_NOT_FILLED_IN = b"6666"  # what Cura's engine writes where nobody puts the time in
 _LEAST_S = 1e-3  # of a time by which another is divided
 
 
@@ -62,6 +63,8 @@ def told_anew(text: bytes, moment: Moment) -> bytes:
         head, colon, value = text.partition(b"=")
     if _SPAN.search(value):
         return head + colon + _SPAN.sub(lambda found: _span(found[0], moment), value)
+    if value.strip() == _NOT_FILLED_IN:
+        return text
     change = moment.gone if b"ELAPSED" in head.upper() else moment.whole
     return head + colon + _NUMBER.sub(lambda found: _like(found[0], change(float(found[0]))), value, count=1)
 

@@ -48,6 +48,7 @@ def _comment(buf, p, stop, counts):
         counts.layer += 1
 
 
+# Its many parameters are the interpreter's state and arrays, and the line in hand.
 @inner
 def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
     """Obey one line, buf[p:stop], statement by statement; return the next free record. s is scratch, a STATEMENT."""
