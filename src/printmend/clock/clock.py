@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 
 from printmend.clock.kernels import layout as k
-from printmend.clock.kernels.advance import advance, finish
+from printmend.clock.kernels.advance import advance
 from printmend.clock.limits import Limits
+from printmend.gcode.kernels import NO_NOTES, PIECE, RECORD
 from printmend.gcode.write import Planned
 from printmend.jit import record
 
-_AS_IT_IS = np.empty(0, np.int64)
+_AS_IT_IS, _NO_RECORDS, _NO_PIECES = np.empty(0, np.int64), np.empty(0, RECORD), np.empty(0, PIECE)
 
 
 @dataclass(frozen=True)
@@ -61,15 +62,17 @@ class Clock:
 
     def advance(self, planned: Planned, *, mended: bool) -> None:
         """Let a part of a file go by, as it is or as it is planned."""
-        first, pieces = (planned.first, planned.pieces) if mended else (_AS_IT_IS, planned.pieces)
+        first = planned.first if mended else _AS_IT_IS
         advance(
             self.limits, self.state, self.queue, self.times_s, planned.records, planned.begin, planned.end,
-            planned.notes, first, pieces,
+            planned.notes, first, planned.pieces, False,
         )  # fmt: skip
 
     def finish(self) -> None:
         """Let the machine stop."""
-        finish(self.limits, self.state, self.queue, self.times_s)
+        advance(
+            self.limits, self.state, self.queue, self.times_s, _NO_RECORDS, 0, 0, NO_NOTES, _AS_IT_IS, _NO_PIECES, True
+        )
 
     @property
     def seconds(self) -> float:

@@ -232,8 +232,8 @@ def _stops(r):
 
 # Its many parameters are the clock's arrays, which `Clock` allocates once, and what is planned of a batch.
 @entry(error_model="numpy", _nrt=False)
-def advance(limits, clock, queue, times, records, begin, end, notes, first, pieces):
-    """Let records[begin:end] go by, with the notes that stand before each of them.
+def advance(limits, clock, queue, times, records, begin, end, notes, first, pieces, stop):
+    """Let records[begin:end] go by, with the notes that stand before each of them; then ``stop``, or not.
 
     Unless ``first`` is empty, record i is told as pieces[first[i]:first[i + 1]] instead, as `emit` writes it.
     ``limits`` and ``clock`` are records of LIMITS and CLOCK, ``queue`` is an array of MOVE; ``times`` gets the second
@@ -273,9 +273,5 @@ def advance(limits, clock, queue, times, records, begin, end, notes, first, piec
     while n < len(notes) and end == len(records):
         _obey(limits, clock, queue, times, notes[n])
         n += 1
-
-
-@entry(error_model="numpy", _nrt=False)
-def finish(limits, clock, queue, times):
-    """Let all that is still queued go by, to a stop."""
-    run(limits, clock, queue, times, True)
+    if stop:
+        run(limits, clock, queue, times, True)
