@@ -61,7 +61,8 @@ def row(source: Path, family: str, options: argparse.Namespace, folder: Path) ->
     """Return a file's line of the table, and by how much the clock is off at the most [%]; None for one too short."""
     printer = read_printer(options.preset)
     plain, output = folder / "part.gcode", folder / "out.gcode"
-    plain.write_bytes(text_of(source, printer, options))
+    # Klippy's time ends with the last move, also where the file waits after it: so the last thing is a move.
+    plain.write_bytes(text_of(source, printer, options) + b"\nM83\nG1 E0.01 F600\n")
     printer = around(printer, read_gcode(plain, printer=printer).moves)
     model = exact_model(drawn(family, options).lower(printer))  # type: ignore[arg-type] — gain tables are no family here
     said = mend_gcode(plain, model, output, force=True).prediction.warnings

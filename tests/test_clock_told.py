@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from printmend.clock.told import Moment, told_anew
 from printmend.gcode.read import read_gcode
 from printmend.repair import check_gcode, mend_gcode
+from printmend.repair.against import judged
 from tests import naive_clock
 from tests.mending import BENT, START, exactly
 from tests.test_clock import moves_of
@@ -116,9 +117,25 @@ def test_the_mended_seconds_are_those_of_the_written_file(tmp_path: Path) -> Non
     duration = mend_gcode(source, exactly(BENT), output).prediction.duration
     assert duration is not None
     for path, seconds in ((source, duration.before_s), (output, duration.after_s)):
-        moves = moves_of(path.read_text())[0:]
+        moves = moves_of(path.read_text())
         assert len(moves) == len(read_gcode(path).moves)
         assert naive_clock.seconds(moves, duration.limits) == pytest.approx(seconds, rel=2e-3)
+
+
+def test_a_file_that_is_held_against_its_source_is_timed_itself(tmp_path: Path) -> None:
+    source, output = tmp_path / "part.gcode", tmp_path / "out.gcode"
+    source.write_bytes(timed_part())
+    prediction = mend_gcode(source, exactly(BENT), output).prediction
+    found = judged(prediction, str(source), str(output), BENT).duration
+    assert found is not None
+    assert prediction.duration is not None
+    assert found.before_s == prediction.duration.before_s
+    assert found.after_s == pytest.approx(prediction.duration.after_s, rel=2e-3)
+    slow = output.read_bytes().replace(b"F3000", b"F300")
+    output.write_bytes(slow)
+    later = judged(prediction, str(source), str(output), BENT).duration
+    assert later is not None
+    assert later.after_s > 1.5 * found.after_s
 
 
 def test_numbered_lines_keep_their_times(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ the file is planned and then say how long it takes.
 """
 
 from printmend.clock.clock import Clock, Duration, Stopwatch, span_words, start_clock, start_stopwatch
+from printmend.clock.file import file_seconds
 from printmend.clock.limits import FIRMWARES, Limits, klipper, limits_of
 from printmend.clock.told import with_times
 
@@ -14,6 +15,7 @@ __all__ = [
     "Duration",
     "Limits",
     "Stopwatch",
+    "file_seconds",
     "klipper",
     "limits_of",
     "span_words",
