@@ -9,32 +9,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
-import numpy as np
-
-from printmend.clock import Duration, Stopwatch, limits_of, start_stopwatch, with_times
+from printmend.clock import Duration, with_times
 from printmend.errors import GcodeError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
 from printmend.gcode.header import described
 from printmend.gcode.mark import find_mark, find_test_print, marked
-from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starting_state
-from printmend.gcode.write import Plan, TimePlace, follow, rewrite
+from printmend.gcode.read import guessed_e_rule
+from printmend.gcode.write import Plan, TimePlace, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
-from printmend.printer import Printer
 from printmend.promise.laws import LAWS
 from printmend.promise.misfit import refusals
 from printmend.promise.words import in_words
-from printmend.repair.meant import refuse_contradiction, refuse_other_printer, small_bed_words
+from printmend.repair.meant import refuse_contradiction, refuse_other_printer
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
+from printmend.repair.program import Progress, Read, begun, counted, plan_file
+from printmend.repair.slower import eased
 from printmend.saved.model import SavedModel
 
-_DOTS_WORDS = (
-    "only the lines of this test print are counted here, not its dots: a dot may be off in two directions, and these "
-    "figures are distances across a line"
-)
 _MOST_HELD_SHARE = 0.005  # share of the path that may be held back at the edge of the bed: that is still a print
 AS_USUAL = Fineness()
-Progress = Callable[[int], None]
 Watch = Callable[[Part, Plan], Plan]  # what is told of each program's plan, and may look on while it is carried out
 
 
@@ -64,7 +58,7 @@ def mend_gcode(
     each program is planned.
 
     Raises `GcodeError` for what cannot be read or was mended before, `ModelError` where the file is not for this
-    printer, `RefusedError` where mending would not help and not ``force``.
+    printer, `RefusedError` where mending would not help, or take longer than it may, and not ``force``.
     """
     output = None if output is None else Path(output)
     with open_gcode(source) as file:
@@ -73,15 +67,20 @@ def mend_gcode(
         if is_healthy(model):
             if not force:
                 _refuse_misfit(file, model)
-            read = _plan(file, planner, model, fineness, progress)
+            read = plan_file(file, planner, model, fineness, progress)
             with _destination(output) as handle, file.path.open("rb") as whole:
                 shutil.copyfileobj(whole, handle, 1 << 20)
             return Mended(output, _predicted(planner, model, read))
+        slower = None
+        if fineness.slower is not None:
+            fineness, slower = eased(file, model, fineness, force=force)
         with _destination(output) as handle:
             read = []
             folder = None if output is None else output.parent
             file.write(handle, lambda part: _mended_text(part, planner, model, fineness, progress, read, watch, folder))
             prediction = _predicted(planner, model, read, marks=1)
+            if slower is not None:
+                prediction = replace(prediction, warnings=(*prediction.warnings, slower))
             _check_worth_writing(file, model, prediction, force=force)
         return Mended(output, prediction)
 
@@ -91,7 +90,7 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
     with open_gcode(source) as file:
         refuse_mended(file)
         planner = start(model.mechanism)
-        read = _plan(file, planner, model, AS_USUAL, progress)
+        read = plan_file(file, planner, model, AS_USUAL, progress)
         prediction = _predicted(planner, model, read)
         _refuse_motionless(file, prediction)
         refuse_other_printer(file.name, model.printer, prediction)
@@ -113,54 +112,7 @@ def refuse_mended(file: GcodeFile) -> None:
             )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class _Read:
-    """How a program was read: what is to be ``said`` of that, and the clocks that looked on."""
-
-    said: tuple[str | None, ...]
-    watch: Stopwatch
-
-
-def _plan(
-    file: GcodeFile, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None
-) -> list[_Read]:
-    """Plan a file, and return how each of its programs was read."""
-    read = []
-    for part in file.parts:
-        state, one = _begun(part, model, fineness)
-        planner.begin()
-        follow(_counted(part.chunks(), progress), state, planner.plan, look=one.watch.watch)
-        one.watch.finish()
-        read.append(one)
-    return read
-
-
-def _begun(part: Part, model: SavedModel, fineness: Fineness) -> tuple[MachineState, _Read]:
-    """Return the state before a program's first line, and what is known of the program so far."""
-    state, hints = _beginning(part, model), part.hints()
-    watch = start_stopwatch(limits_of(state.flavour, hints, fineness.firmware))
-    return state, _Read(_said_of(hints, state, model.printer), watch)
-
-
-def _beginning(part: Part, model: SavedModel) -> MachineState:
-    """Return the state before a program's first line; raise `GcodeError` where nobody knows what extrudes."""
-    state = starting_state(part, printer=model.printer)
-    if axis := state.odd_axis:
-        wanted, came = "moves that extrude with E", f"none, and moves that name {axis}"
-        if axis == "A":
-            todo = "write '; gcode_flavor = mach3' at its top if A is the extruder, else print it as it is"
-            raise GcodeError(part.name, wanted=wanted, came=came, todo=todo)
-        raise GcodeError(part.name, wanted=wanted, came=came, todo="slice it for a firmware that extrudes with E")
-    return state
-
-
-def _said_of(hints: tuple[bytes, ...], state: MachineState, printer: Printer) -> tuple[str | None, ...]:
-    """Return what is to be said of how a program was read, for which bed, and of what is not judged in it."""
-    is_probe = find_test_print(*hints) == "probe"
-    return e_warning(state), small_bed_words(described(*hints), printer), _DOTS_WORDS if is_probe else None
-
-
-def _predicted(planner: Planner, model: SavedModel, read: list[_Read], *, marks: int = 0) -> Prediction:
+def _predicted(planner: Planner, model: SavedModel, read: list[Read], *, marks: int = 0) -> Prediction:
     """Return what to expect of a file that was planned, whose programs were ``read``.
 
     ``marks`` lines stood before what is printed that are not the file's own.
@@ -176,28 +128,20 @@ def _predicted(planner: Planner, model: SavedModel, read: list[_Read], *, marks:
 
 def _mended_text(
     part: Part, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None,
-    read: list[_Read], watch: Watch | None, folder: Path | None,
+    read: list[Read], watch: Watch | None, folder: Path | None,
 ) -> Iterator[bytes | memoryview]:  # fmt: skip
     """Return the text of a program as it is mended, and add to ``read`` how it was read.
 
     In ``folder`` a text waits in which times are told, until they are known.
     """
-    state, one = _begun(part, model, fineness)
+    state, one = begun(part, model, fineness)
     read.append(one)
-    planner.begin(fineness.segments_per_s(state.flavour))
-    chunks = marked(_counted(part.chunks(), progress), model.digest, guessed_e_rule(part, state))
+    planner.begin(fineness.segments_per_s(state.flavour), fineness.tolerances_mm)
+    chunks = marked(counted(part.chunks(), progress), model.digest, guessed_e_rule(part, state))
     places: list[TimePlace] = []
     plan = planner.plan if watch is None else watch(part, planner.plan)
     texts = rewrite(chunks, state, plan, look=one.watch.watch, times=places)
     return with_times(texts, places, one.watch, folder)
-
-
-def _counted(chunks: Iterator[np.ndarray], progress: Progress | None) -> Iterator[np.ndarray]:
-    """Yield the chunks of a text, and tell ``progress`` how many bytes each had."""
-    for chunk in chunks:
-        yield chunk
-        if progress is not None:
-            progress(len(chunk))
 
 
 @contextmanager

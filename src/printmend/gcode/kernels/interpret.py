@@ -19,6 +19,7 @@ from printmend.gcode.kernels.klipper import long_command
 from printmend.gcode.kernels.layout import *
 from printmend.gcode.kernels.notes import has_room, note_comment, note_statement
 from printmend.gcode.kernels.plain import plain_move
+from printmend.gcode.kernels.roles import role_of
 from printmend.gcode.kernels.spline import CURVES_A_LINE, chords_of, most_records, put_chords
 from printmend.gcode.kernels.statement import EXTENDED, LAST_MOVE, STATEMENT, read_statement
 from printmend.gcode.kernels.text import is_blank, is_digit, starts_with, upper
@@ -61,6 +62,7 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
         text = _after_blanks(buf, p + 1, stop)
         if text < stop:
             _comment(buf, text, stop, counts)
+            counts.role = role_of(buf, text, stop, counts.role)
             if len(notes) > 0:
                 note_comment(buf, p, text, stop, notes, counts, n)
         return n

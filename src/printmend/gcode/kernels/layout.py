@@ -76,6 +76,11 @@ FLAG_TWICE = 1 << 22  # a word comes twice: the last one counts
 FLAG_CURVE = 1 << 23  # a chord of a G5; all but its last one have no text of their own
 FLAG_E_IS_A = 1 << 24  # the extruder's word is A, and stands among the words as E
 
+# What a line is printed for, from this bit of its flags on: walls that are seen and others, closed surfaces, infill,
+# and what is no part of the object.
+ROLE_SHIFT, ROLE_MASK = 25, 7
+ROLE_UNKNOWN, ROLE_OUTER, ROLE_INNER, ROLE_SOLID, ROLE_INFILL, ROLE_ASIDE = 0, 1, 2, 3, 4, 5
+
 # What the firmware is: the cases in which firmwares differ.
 FLAVOUR_UNKNOWN, FLAVOUR_MARLIN2, FLAVOUR_MARLIN1, FLAVOUR_KLIPPER, FLAVOUR_RRF, FLAVOUR_PRUSA = 0, 1, 2, 3, 4, 5
 E_EITHER, E_FOLLOWS, E_APART = 0, 1, 2  # how G90/G91 act on E: relative if G91 or M83; sets E too; not at all
@@ -121,6 +126,7 @@ COUNTS = np.dtype(
         ("tool", "i8"),  # −1 before the first T
         ("wcs", "i8"),  # row of ``work``
         ("layer", "i8"),  # layer comments seen
+        ("role", "i8"),  # ROLE_* by the last comment that says it
         ("rule", "i8"),  # E_*
         ("arc_absolute", "i8"),  # 1 after G90.1
         ("flavour", "i8"),  # FLAVOUR_*

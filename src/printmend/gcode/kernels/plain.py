@@ -92,7 +92,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     ox, oy, oz = numbers.offset[0], numbers.offset[1], numbers.offset[2]
     feed, flow, area = numbers.feed, numbers.flow, numbers.area
     layer, plane, line = counts.layer, counts.plane, counts.line
-    flags = known * FLAG_KNOWN_X0 | FLAG_SPACED | FLAG_PLAIN
+    flags = known * FLAG_KNOWN_X0 | FLAG_SPACED | FLAG_PLAIN | counts.role << ROLE_SHIFT
     if buf[start + 1] == ZERO:
         flags |= FLAG_RAPID
     if relative:
