@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from printmend.clock.kernels.corner import corner2, safe_speed
-from printmend.clock.kernels.layout import FIRST_FEED_MM_MIN, JERK, KLIPPER, NO_MOVE_MM, QUEUE, RRF
+from printmend.clock.kernels.corner import corner2
+from printmend.clock.kernels.layout import FIRST_FEED_MM_MIN, KLIPPER, NO_MOVE_MM, QUEUE, RRF
 from printmend.clock.kernels.queue import run
 from printmend.gcode.kernels.layout import (
     EVENT_MACRO,
@@ -105,8 +105,7 @@ def _add(limits, clock, queue, times, dx, dy, dz, de, feed):
             move.start2 = min(move.corner2, last.start2 + last.gain2)
             move.soft_start2 = min(move.start2, last.soft_start2 + last.soft2)
     elif n == 0:
-        first = safe_speed(limits, move) if limits.corner == JERK else 0.0
-        clock.begin2 = first * first
+        clock.begin2 = move.corner2
     clock.queued = n + 1
 
 

@@ -79,8 +79,7 @@ def _jerk_speed(limits, last, move):
         jump = abs(after - before) if before * after >= 0.0 else max(abs(before), abs(after))
         if jump * most > limits.jump[axis]:
             most = limits.jump[axis] / jump
-    stopping = min(safe_speed(limits, last), safe_speed(limits, move))
-    return safe_speed(limits, move) if stopping > _SAFE_SHARE * most else most
+    return move.safe if min(last.safe, move.safe) > _SAFE_SHARE * most else most
 
 
 @inner(error_model="numpy", _nrt=False)
@@ -115,7 +114,8 @@ def corner2(limits, last, move, is_first):
     if limits.corner == KLIPPER:
         return 0.0 if is_first else min(_klipper2(limits, last, move), min(last.speed, move.speed) ** 2)
     if limits.corner == JERK:
-        speed = safe_speed(limits, move) if is_first else _jerk_speed(limits, last, move)
+        move.safe = safe_speed(limits, move)
+        speed = move.safe if is_first else _jerk_speed(limits, last, move)
         return max(speed * speed, least2)
     if is_first:
         return least2

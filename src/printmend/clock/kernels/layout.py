@@ -33,6 +33,7 @@ MOVE = np.dtype(
         ("speed", "f8"),
         ("accel", "f8"),
         ("deviation", "f8"),  # Klipper: at a junction [mm], by the limits of its time
+        ("safe", "f8"),  # Marlin: the speed to which each axis may jump from rest
         ("corner2", "f8"),  # the largest squared speed at which it may begin, by the corner before it
         ("gain2", "f8"),  # by how much the squared speed changes over it at full acceleration
         ("soft2", "f8"),  # the same with Klipper's smaller acceleration for moves that speed up and slow down
