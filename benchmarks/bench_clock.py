@@ -2,12 +2,16 @@
 
     make hosts
     .venv/bin/python benchmarks/bench_clock.py ../shared/corpus/gcode --moves 20000 --family pulley-play
+    .venv/bin/python benchmarks/bench_clock.py ../shared/corpus/gcode --slicer
 
 Each file is mended with the exact model of a drawn fault; both files go through Kalico's Klippy and through the clock,
 with the same limits. Columns: seconds by Klippy and by how much the clock is off [%], of the file as it is and mended;
 by how much mending makes it longer [%], by Klippy and by the clock; processor time of the clock for a million moves.
 Nothing is heated. A second G28 is driven by Klippy, and not counted by the clock. * is off by more than 1 %. Files of
 less than a second are left out, and those of which Klippy does not understand all moves (lines without G1, a mill's).
+
+With --slicer each whole file is held against its slicer's own estimate instead, where that stands in it together with
+the limits of the machine: PrusaSlicer and its kin reckon as Marlin plans, Cura likewise.
 """
 
 import argparse
@@ -21,7 +25,7 @@ import numpy as np
 from bench_corpus import around
 from klippy_cases import arguments, cases, drawn, text_of
 from klippy_run import FAST, Planned, RefusedByPlanner, plan
-from printmend.clock import Limits, klipper, start_clock
+from printmend.clock import Limits, klipper, limits_of, start_clock
 from printmend.errors import PrintmendError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.container import open_gcode
@@ -32,6 +36,7 @@ from printmend.gcode.write import follow
 from printmend.printer import Printer, read_printer
 from printmend.repair import mend_gcode
 from printmend.saved import exact_model
+from printmend.studio.pace import slicer_s
 
 _LEAST_S = 1.0  # of a file that is asked about
 _SAME_SHARE = 0.01  # by which two lengths of one path may differ: travels to home, chords of arcs
@@ -100,8 +105,44 @@ def _is_read_otherwise(planned: Planned, program: Program) -> bool:
     return abs(lengths[0] - lengths[1]) > _SAME_SHARE * lengths[1]
 
 
+def slicer_row(source: Path, printer: Printer) -> tuple[str, float] | None:
+    """Return the line of a file whose slicer says how long it takes, and by how much the clock is off [%]."""
+    with open_gcode(source) as file:
+        part = file.parts[0]
+        told_s, limits = slicer_s(*part.hints()), limits_of(part.flavour(), part.hints())
+    if told_s is None or limits.said == Limits().said:
+        return None
+    seconds, _ = clocked(source, printer, limits)
+    if seconds < _LEAST_S:
+        return None
+    off = 100 * (seconds / told_s - 1)
+    return f"{told_s:10.0f} {seconds:10.0f} {off:8.2f}  {source.name} ({limits.firmware})", off
+
+
+def beside_slicers(options: argparse.Namespace) -> None:
+    """Print the table of --slicer."""
+    print("  slicer s    clock s    off %  file")
+    off: list[float] = []
+    for source, _ in cases(options):
+        try:
+            found = slicer_row(source, read_printer(options.preset))
+        except PrintmendError:
+            continue
+        if found is not None:
+            print(found[0], flush=True)
+            off.append(found[1])
+    if off:
+        size = np.abs(off)
+        print(f"{len(off)} files: off by {np.median(size):.2f} % in the median, {size.max():.1f} % at most")
+
+
 def main() -> None:
-    options = arguments(__doc__).parse_args()
+    parser = arguments(__doc__)
+    parser.add_argument("--slicer", action="store_true", help="hold the clock against the slicers' own estimates")
+    options = parser.parse_args()
+    if options.slicer:
+        beside_slicers(options)
+        return
     print("  Klippy s    off %   mended s    off %  longer %  clocked   s/1e6  file")
     worst: list[float] = []
     with tempfile.TemporaryDirectory() as name:
