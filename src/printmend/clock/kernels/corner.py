@@ -40,7 +40,7 @@ def _is_still(move):
 
 
 @inner(error_model="numpy", _nrt=False)
-def _klipper2(limits, last, move):
+def _klipper2(last, move):
     """Klipper: a circle at the corner, which touches no move beyond its middle; the extruder's own jump."""
     if _is_still(last) or _is_still(move):
         return 0.0
@@ -112,7 +112,7 @@ def corner2(limits, last, move, is_first):
     """Return the largest squared speed at which ``move`` may begin after ``last``, or from rest as the first."""
     least2 = LEAST_SPEED_MM_S * LEAST_SPEED_MM_S
     if limits.corner == KLIPPER:
-        return 0.0 if is_first else min(_klipper2(limits, last, move), min(last.speed, move.speed) ** 2)
+        return 0.0 if is_first else min(_klipper2(last, move), min(last.speed, move.speed) ** 2)
     if limits.corner == JERK:
         move.safe = safe_speed(limits, move)
         speed = move.safe if is_first else _jerk_speed(limits, last, move)

@@ -27,25 +27,23 @@ def _pass_notes(clock, times, to):
 def _look_back(queue, count):
     """Find how fast each move may begin so that the last one can stop, at the full and at Klipper's smaller braking.
 
-    In the second plan, the soft one, moves form hills: each climbs to a top and falls. ``peak2`` of the moves up to a
-    top is the top's; after it, it is infinite.
+    In the second plan, the soft one, speed forms hills over the path: a move climbs over all of its length, falls over
+    all of it, or has a top in it; a top may also lie between a move that climbs and one that falls. ``peak2`` of the
+    moves up to a top is the top's; of those that fall it is infinite.
     """
-    after2 = soft_after2 = peak2 = 0.0
-    falling = False  # do moves that only slow down follow?
+    end2 = soft_end2 = peak2 = 0.0
+    falls_after = False
     for i in range(count - 1, -1, -1):
         move = queue[i]
-        move.begin2 = min(move.start2, after2 + move.gain2)
-        soft_reach2 = soft_after2 + move.soft2
-        move.soft_begin2 = min(move.soft_start2, soft_reach2)
-        move.peak2 = np.inf
-        if move.soft_begin2 < soft_reach2:
-            if move.soft_begin2 + move.soft2 > soft_after2 or falling:
-                peak2 = min(move.speed * move.speed, (move.soft_begin2 + soft_reach2) / 2.0)
-            move.peak2 = peak2
-            falling = False
-        else:
-            falling = True
-        after2, soft_after2 = move.begin2, move.soft_begin2
+        move.begin2 = min(move.start2, end2 + move.gain2)
+        braking2 = soft_end2 + move.soft2  # from which the soft plan brakes over the whole move
+        falls = move.soft_start2 >= braking2
+        move.soft_begin2 = braking2 if falls else move.soft_start2
+        climbs = move.soft_begin2 + move.soft2 <= soft_end2
+        if not falls and (falls_after or not climbs):
+            peak2 = min(move.speed * move.speed, (move.soft_begin2 + braking2) / 2.0)
+        move.peak2 = np.inf if falls else peak2
+        end2, soft_end2, falls_after = move.begin2, move.soft_begin2, falls
 
 
 @inner(error_model="numpy", _nrt=False)
