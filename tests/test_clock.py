@@ -84,7 +84,7 @@ def test_the_clock_agrees_with_the_slow_planner(firmware: str, seed: int, step_m
 @pytest.mark.parametrize("firmware", FIRMWARES)
 def test_a_long_file_in_pieces_takes_as_long_as_at_once(firmware: str) -> None:
     """Where the queue is full, what is yet to come has no part in what goes by."""
-    text, limits = walk(7, 9000, 0.4), OURS[firmware]
+    text, limits = walk(7, 6000, 0.4), OURS[firmware]
     wanted = naive_clock.seconds(moves_of(text), limits)
     assert taken_s(text, limits) == pytest.approx(wanted, rel=1e-7)
     assert taken_s(text, limits, lines_at_once=313) == pytest.approx(wanted, rel=1e-7)

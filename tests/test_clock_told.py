@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from printmend.clock.told import Moment, told_anew
+from printmend.gcode import write
 from printmend.gcode.read import read_gcode
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.against import judged
@@ -157,3 +158,17 @@ def test_a_project_tells_the_times_of_each_plate(tmp_path: Path) -> None:
         for plate in (1, 2):
             text = archive.read(f"Metadata/plate_{plate}.gcode")
             assert b";TIME:%d\n" % round(1000 * duration.after_s / duration.before_s) in text
+
+
+def test_of_very_many_times_the_first_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where too many follow one another, what comes later stays, and nothing is told in another's place."""
+    # the first batch of notes fits, the second does not, the third would
+    monkeypatch.setattr(write, "_MOST_TIMES", 1100)
+    source, output = tmp_path / "part.gcode", tmp_path / "out.gcode"
+    text = timed_part()
+    source.write_bytes(text + b"M73 P1 R9\n" * 2000 + text)
+    mend_gcode(source, exactly(BENT), output)
+    old, new = ([line for line in path.read_bytes().splitlines() if TIMED.match(line)] for path in (source, output))
+    assert len(old) == len(new)
+    assert new[0] != old[0]
+    assert new[1020:] == old[1020:]

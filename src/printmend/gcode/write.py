@@ -89,7 +89,7 @@ def rewrite(
     ``look`` is shown every part after it is planned. Places of the written text that tell the time are added to
     ``times``, those of a text with numbered lines left out.
     """
-    writer, written_bytes = initial_writer(state), 0
+    writer, written_bytes, places = initial_writer(state), 0, times
     lines = np.zeros(2, np.int64)
     out = np.empty(_OUT_BYTES, np.uint8)
     at = 0
@@ -102,13 +102,15 @@ def rewrite(
             look(part)
         texts: list[memoryview] = []
         start = part.begin
-        told = iter(() if times is None or batch.numbered else _telling_time(part))
+        # the first of them and no others, else none could be told from another
+        places = places if places is not None and _takes_times(places, batch) else None
+        told = iter(() if places is None else _telling_time(part))
         place = next(told, None)
         while True:
             while place is not None and place["record"] <= start:
                 begin, end = int(place["begin"]), int(place["end"])
-                if times is not None and len(times) < _MOST_TIMES:
-                    times.append(TimePlace(written_bytes + begin - at, batch.chunk[begin:end].tobytes()))
+                if places is not None:
+                    places.append(TimePlace(written_bytes + begin - at, batch.chunk[begin:end].tobytes()))
                 place = next(told, None)
             if start >= part.end:
                 break
@@ -135,6 +137,11 @@ def follow(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan, *, loo
     for part in _planned(_ahead(_interpreted(chunks, state)), plan):
         if look is not None:
             look(part)
+
+
+def _takes_times(places: list[TimePlace], batch: _Batch) -> bool:
+    """Say whether places of a batch are to be noted: not of lines that are numbered anew, nor without end."""
+    return not batch.numbered and len(places) + len(batch.notes) <= _MOST_TIMES
 
 
 def _telling_time(part: Planned) -> np.ndarray:
