@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.measure import command
-from printmend.errors import ModelError, TraceError
+from printmend.errors import ModelError, RefusedError, TraceError
 from printmend.export.supported import export_supported
 from printmend.infer.posterior import DRAWS
 from printmend.learn.calliper_talk import _doubt, talk
@@ -223,6 +223,10 @@ def test_the_doubt_of_a_firmware_setting_is_that_of_the_machines(case):
     (play,) = belief.of("play", 0)
     acts, drawn = float(play.acts_mm[0]), play.draws_mm[0]
     assert acts == pytest.approx(drawn.mean(), abs=drawn.std())
+    if printer.kinematics == "corexy":
+        with pytest.raises(RefusedError, match="a motor of a CoreXY is none"):
+            export_supported(model, "marlin")
+        return
     export = export_supported(model, "marlin")
     assert export.doubt_mm > 0.25 * np.sqrt(np.mean((drawn - acts) ** 2))  # half of it on either side, of one axis
 

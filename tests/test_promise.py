@@ -78,7 +78,8 @@ def test_less_is_promised_where_less_was_measured(bent: SavedModel, part: Path) 
     poor = learn_model(measured(BENT, 0.2, 1, 250), ENDER3)
     promises = [check_gcode(part, model).after for model in (bent, poor)]
     assert promises[1].rms_mm > 2 * promises[0].rms_mm
-    assert promises[1].rms_high_mm - promises[1].rms_low_mm > 1.5 * (promises[0].rms_high_mm - promises[0].rms_low_mm)
+    assert promises[1].rms_low_mm > 2 * promises[0].rms_low_mm
+    assert promises[1].rms_high_mm > promises[0].rms_high_mm  # what no mark shows of the motion is the same
 
 
 def test_a_model_that_says_nothing_of_its_doubt_promises_what_it_plans(part: Path) -> None:
@@ -205,7 +206,7 @@ def test_a_printer_that_sticks_is_promised_no_better_than_its_marks_scatter(
 ) -> None:
     """Each axis stops anywhere within 0.1 mm of where it was sent; the callipers say that they read to 0.01 mm.
 
-    How much of that is the dots' own is not known: a quarter of its variance is expected, nearly all is in the range.
+    How much of that is the dots' own is not known: any share of its variance is as likely, half of it is expected.
     """
     trace = measured(BENT, 0.01, 7)
     stuck = rng.uniform(-0.05, 0.05, trace.measured_mm.shape)
@@ -215,7 +216,7 @@ def test_a_printer_that_sticks_is_promised_no_better_than_its_marks_scatter(
     planned = judge_gcode(part, part.with_name("out.gcode"), Twin.of(BENT, ENDER3)).after.rms_mm
     true_mm = np.hypot(planned, 0.05 / np.sqrt(3))  # across a line it is off by as much as either axis
     assert promise.rms_low_mm < true_mm < promise.rms_high_mm
-    assert promise.rms_mm == pytest.approx(true_mm / 2, rel=0.25)
+    assert promise.rms_mm == pytest.approx(true_mm / np.sqrt(2), rel=0.1)
 
 
 def test_a_shape_is_not_worse_for_lying_elsewhere() -> None:

@@ -1,4 +1,4 @@
-"""What a scan leaves open: its own scale, its carriage's wave, where the plate lay; and what it settles all the same."""
+"""What a scan leaves open: its own scale, its carriage's wave, where it lay; and what it settles all the same."""
 
 import re
 from dataclasses import replace
