@@ -92,14 +92,11 @@ def test_an_error_that_nobody_wrote_down_is_learned(odd: tuple[Mechanism, Trace,
         assert (table.lower_mm <= table.upper_mm).all()
 
 
-def test_auto_saves_what_was_added_and_reads_it_back(odd: tuple[Mechanism, Trace, HybridModel]) -> None:
+def test_what_was_added_is_saved_and_read_back(odd: tuple[Mechanism, Trace, HybridModel]) -> None:
     _, trace, model = odd
-    saved = learn_model(trace, PRINTER, rng=np.random.default_rng(0))
+    saved = learn_model(trace, PRINTER, model="hybrid", rng=np.random.default_rng(0))
     assert saved.learner == "hybrid"
-    assert "no known fault" in saved.findings[0]
     assert model.residual_after_mm < 0.8 * model.box.residual_after_mm
-    assert saved.document["trace"]["residual_after_mm"] == pytest.approx(0.03 * 2**0.5, rel=0.15)
-    assert saved.noise_mm == pytest.approx(0.03, rel=0.15)
     again = parse_model(model_text(saved), subject="the text")
     for mine, wanted in zip(again.mechanism.transmissions, model.mechanism.transmissions, strict=True):
         np.testing.assert_allclose(mine.lower_mm, wanted.lower_mm, atol=2e-9)

@@ -115,7 +115,8 @@ def test_the_screw_is_found_beside_the_belts(bent: SavedModel) -> None:
     assert kinds["x", "play"] == pytest.approx(0.3, abs=0.02)
     words = report(bent)
     for part in (
-        "X pulley eccentric",
+        "X belt play 0.",
+        "pulley eccentric",
         "Z lead 0.4",
         "too long",
         "lifts unevenly by 0.0",

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from printmend.promise.budget import parse_budget
 
 from printmend.cli.measure import command
-from printmend.errors import ModelError, TraceError
-from printmend.export.supported import _motor_sds
+from printmend.errors import ModelError, RefusedError, TraceError
+from printmend.export.supported import export_supported
+from printmend.infer.posterior import DRAWS
 from printmend.learn.calliper_talk import _doubt, talk
 from printmend.learn.callipers import (
     LONGEST_MM,
@@ -27,12 +27,12 @@ from printmend.machine import Frame, Mechanism, Transmission, healthy_transmissi
 from printmend.measure import write_plan
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.promise.belief import parse_belief
 from printmend.promise.by_hand import (
     BOTH_SHARE,
     FALLS,
     FAULTY_SHARE,
     HARMONICS,
-    MACHINES,
     OWN,
     PART_OF,
     PLAYS,
@@ -41,6 +41,7 @@ from printmend.promise.by_hand import (
     WAVE,
     calliper_section,
     machines,
+    model_by_hand,
 )
 from printmend.promise.predict import Errors, PathPlaces, Promise, promised
 from printmend.saved import read_model, saved_model
@@ -146,7 +147,7 @@ def test_machines_are_drawn_as_brute_force_draws_them(case):
     found = machines(distances, readings, estimates)
     for at in (0, 1, 2, OWN, OWN + 1, 2 * OWN):
         chance = np.average(drawn[at] != 0, weights=weight)
-        assert np.mean(found[at] != 0) == pytest.approx(chance, abs=4 * np.sqrt(chance * (1 - chance) / MACHINES))
+        assert np.mean(found[at] != 0) == pytest.approx(chance, abs=4 * np.sqrt(chance * (1 - chance) / DRAWS))
     known = features[0] @ drawn
     assert np.mean(features[0] @ found) == pytest.approx(np.average(known, weights=weight), abs=0.03)
 
@@ -175,15 +176,15 @@ def test_a_sound_printer_is_not_promised_badly_nor_a_loose_one_well(case):
         readings[count:] = np.nan
         section = calliper_section(distances, readings, printer)
         document = saved_model(broken(printer), learner="callipers", findings=("",), details={"promise": section})
-        budget = parse_budget(document)
-        assert budget is not None
+        belief = parse_belief(document)
+        assert belief is not None
         angle = np.linspace(0, 2 * np.pi, 400, endpoint=False)
         tangent = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
         ring = PathPlaces(
             np.array(printer.middle_mm) + 30 * np.stack([np.cos(angle), np.sin(angle)], axis=1),
             tangent, np.zeros(400), np.sign(tangent), np.full(400, 0.5),
         )  # fmt: skip
-        outlook = promised(broken(printer), budget, ring, Errors(0.0, 0.0, 0.0), Errors(0.0, 0.0, 0.0))
+        outlook = promised(broken(printer), belief, ring, Errors(0.0, 0.0, 0.0), Errors(0.0, 0.0, 0.0))
         assert outlook is not None
         return outlook.before
 
@@ -207,21 +208,27 @@ def test_machines_of_both_motors_must_be_as_many(case):
     printer, distances = case
     section = calliper_section(distances, read_off(distances, broken(printer)), printer)
     model = saved_model(broken(printer), learner="callipers", findings=("",), details={"promise": section})
-    assert parse_budget(model) is not None
-    section["stretch"] = section["stretch"][1:]
-    with pytest.raises(ModelError, match="machines"):
-        parse_budget(replace(model, document={**model.document, "promise": section}))
+    assert parse_belief(model) is not None
+    section["parts"][0]["draws"][0].append(0.0)
+    with pytest.raises(ModelError, match="draws of each size"):
+        parse_belief(replace(model, document={**model.document, "promise": section}))
 
 
 def test_the_doubt_of_a_firmware_setting_is_that_of_the_machines(case):
     printer, distances = case
     readings = read_off(distances, broken(printer, play=0.8))
-    section = calliper_section(distances, readings, printer)
-    model = saved_model(broken(printer), learner="callipers", findings=("",), details={"promise": section})
-    budget = parse_budget(model)
-    assert budget is not None
-    plays = np.array(section["motors"][printer.motors[0]]["factor_mm"]["play_powers"][0])
-    assert _motor_sds(model, budget, 0)[1] == pytest.approx(np.sqrt(np.mean(plays**2)), rel=0.02)
+    model = model_by_hand(distances, readings, printer)
+    belief = parse_belief(model)
+    assert belief is not None
+    (play,) = belief.of("play", 0)
+    acts, drawn = float(play.acts_mm[0]), play.draws_mm[0]
+    assert acts == pytest.approx(drawn.mean(), abs=drawn.std())
+    if printer.kinematics == "corexy":
+        with pytest.raises(RefusedError, match="a motor of a CoreXY is none"):
+            export_supported(model, "marlin")
+        return
+    export = export_supported(model, "marlin")
+    assert export.doubt_mm > 0.25 * np.sqrt(np.mean((drawn - acts) ** 2))  # half of it on either side, of one axis
 
 
 def test_the_machine_has_the_corrected_faults_only(case):
@@ -265,12 +272,13 @@ def test_the_command_lists_reads_and_learns(tmp_path):
     CliRunner().invoke(command, arguments, input=typed, catch_exceptions=False)
     model = read_model(tmp_path / "printer.mend.json")
     assert not model.is_healthy
-    budget = parse_budget(model)
-    assert budget is not None
-    assert not budget.placed
-    scale, play = (np.abs(budget.motors[0].factor_mm[at]).max() for at in (2, 3))
-    assert 0.01 < scale < 0.2  # mm in 100 mm
-    assert 0.01 < play < 0.3
+    belief = parse_belief(model)
+    assert belief is not None
+    assert not belief.placed
+    (scale,), (play,) = (belief.of(name, 0) for name in ("scale", "play"))
+    assert 0.01 < scale.draws_mm.std() < 0.2  # mm in 100 mm
+    assert scale.draws_mm.mean() == pytest.approx(1.0, abs=3 * scale.draws_mm.std())
+    assert play.draws_mm.max() < 0.3
 
 
 def test_a_reading_far_off_is_doubted_though_a_fault_might_explain_it():

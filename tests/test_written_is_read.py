@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from printmend.promise.budget import parse_budget
+from printmend.promise.belief import parse_belief
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
 from printmend.path import FLATBED, Trace
@@ -82,12 +82,12 @@ ODD: dict[str, Callable[[], tuple[Printer, Trace]]] = {
 
 
 def is_read(model: SavedModel, trace: Trace, path: Path) -> SavedModel:
-    """Write a model; return what is read, whose budget, effects and expectation can be made of it."""
+    """Write a model; return what is read, whose drawn machines and expectation can be made of it."""
     write_model(path, model)
     again = read_model(path)
     assert model_text(again) == model_text(model)
     assert again.digest == model.digest
-    assert parse_budget(again) is not None
+    assert parse_belief(again) is not None
     found = expectation(again, trace)
     assert found is None or np.isfinite([found.rms_low_mm, found.rms_mm, found.rms_high_mm]).all()
     return again

@@ -38,7 +38,9 @@ BOTH_SHARE = 0.5  # of printers with a faulty scale, play or pulley: how many ha
 SIZES = (0.25, 0.5, 1.0, 2.0)  # of all faults of a machine, in prior standard deviations: each as likely
 FALLS = (1, 2)  # power of their number by which a pulley's harmonics fall off: each as likely
 HARMONICS = (1, 2, 3, 4)  # of a pulley
-FINER_MM = 0.03  # what no distances show, as finer harmonics: half of the printers have none, few have more
+FINER_MM = 0.03  # what no distances show, as a pulley's finer harmonics: root mean square that few printers have more of
+FINER_SHARE = 0.5  # of printers that have any of it
+FEW_SDS = 1.645  # standard deviations of a normal value that 1 of 10 exceed
 FAR_MM = 1e4  # length of the print that was measured: nothing that was learned so depends on it
 TRIED = 16 * DRAWS  # number of machines that are drawn, because a play below 0 is none
 SEED = 19  # the same distances always give the same machines
@@ -63,6 +65,7 @@ def calliper_section(distances: Distances, readings_mm: np.ndarray, printer: Pri
     estimates = estimate(distances, readings_mm)
     acts = np.array([each.value if each.corrected else 0.0 for each in estimates])
     drawn = machines(distances, readings_mm, estimates)
+    rng = np.random.default_rng(SEED)
     parts: list[Part] = []
     for motor in range(2):
         mine, known = drawn[motor * OWN : (motor + 1) * OWN], acts[motor * len(NAMES) : (motor + 1) * len(NAMES)]
@@ -70,6 +73,9 @@ def calliper_section(distances: Distances, readings_mm: np.ndarray, printer: Pri
         at = [int(np.flatnonzero(k == ROUNDS)[0]) for k in HARMONICS]
         waves[0, at], waves[1, at] = mine[3::2], mine[2::2]  # the callipers' sine comes first
         acting[:, at[0]] = known[3], known[2]
+        finer = np.setdiff1d(np.arange(len(ROUNDS)), at)
+        finer_mm = FINER_MM / FEW_SDS * np.abs(rng.standard_normal(DRAWS)) * (rng.uniform(size=DRAWS) < FINER_SHARE)
+        waves[:, finer] = finer_mm * rng.standard_normal((2, len(finer), DRAWS)) / np.sqrt(len(finer))
         parts += [
             Part("scale", motor, (), SCALE_MM * known[:1], SCALE_MM * mine[:1]),
             Part("play", motor, (), np.maximum(known[1:2], 0.0), mine[1:2]),
@@ -80,7 +86,7 @@ def calliper_section(distances: Distances, readings_mm: np.ndarray, printer: Pri
     span = tuple((low, high) for low, high in map(printer.motor_range_mm, range(2)))
     bed = tuple((axis.min_mm, axis.max_mm) for axis in printer.axes[:2])
     scene = Scene(printer, (printer.x.mm_per_turn, printer.y.mm_per_turn), span, bed, FAR_MM, placed=False, homed=True)  # type: ignore[arg-type]
-    return belief_section(scene, parts, scatter_mm=FINER_MM, by_hand=True)
+    return belief_section(scene, parts, by_hand=True)
 
 
 def machines(distances: Distances, readings_mm: np.ndarray, estimates: Sequence[Estimate]) -> np.ndarray:

@@ -15,6 +15,7 @@ from printmend.promise.belief import parse_belief
 from printmend.saved import SavedModel
 
 LEAST_DOUBT = 0.001  # share: a tenth of a millimetre in 100; a smaller doubt is said in the expected error alone
+STRANGE_SDS = 2.0  # of a scan's own scale: beyond them few scanners are off
 
 
 def scale_words(model: SavedModel) -> tuple[str, ...]:
@@ -25,6 +26,9 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
         return ()
     acts, draws = _axes(belief.scene, belief.parts)
     doubt = float(np.sqrt(np.mean((draws - acts[:, None]) ** 2, axis=1)).max())
+    beyond = float(np.abs(np.array(shown, float) - acts).max())  # as far as it is the printer's
+    if beyond > STRANGE_SDS * _instrument(model).get("scale_sd", np.inf):
+        doubt = max(doubt, beyond)
     if doubt < LEAST_DOUBT:
         return ()
     return (in_words(np.array(shown, float), acts, doubt, length_given=knows_a_length(model)),)

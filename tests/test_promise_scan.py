@@ -1,0 +1,262 @@
+"""What a scan leaves open: its own scale, its carriage's wave, where it lay; and what it settles all the same."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printmend.corruption import Corruption, CrookedFrame, Drive, Play
+from printmend.errors import RefusedError, TraceError
+from printmend.export.supported import export_supported
+from printmend.machine import Frame
+from printmend.measure.distance import scaled_by, settled
+from printmend.measure.measurement import instrument_on_bed
+from printmend.measure.table import read_trace, write_trace
+from printmend.path import FLATBED, Trace
+from printmend.picture.paper import PAPER
+from printmend.printer import read_printer
+from printmend.probe import design_probe
+from printmend.promise.misfit import refusals
+from printmend.promise.predict import (
+    Promise,
+)
+from printmend.promise.scale import in_words, scale_words
+from printmend.repair import check_gcode, mend_gcode
+from printmend.repair.against import judge_gcode
+from printmend.repair.learned import learn_model, report
+from printmend.repair.mend import is_healthy
+from printmend.repair.prediction import advice_of
+from printmend.twin import Twin
+from tests.promised import CIRCLE, ENDER3, HEALTHY, measured, scanned
+
+
+@pytest.fixture
+def part(tmp_path: Path) -> Path:
+    (tmp_path / "part.gcode").write_text(CIRCLE)
+    return tmp_path / "part.gcode"
+
+
+def test_no_scanner_mends_a_healthy_printer(part: Path) -> None:
+    trace = measured(HEALTHY, 0.01, 3)
+    for far_mm, stretch in ((0.0, np.diag([0.0013, 0.0013])), (120.0, np.array([[0.002, 0.0004], [0.0004, 0.001]]))):
+        seen = scanned(trace, stretch)
+        model = learn_model(replace(seen, measured_mm=seen.measured_mm + far_mm), ENDER3)
+        done = mend_gcode(part, model, part.with_name("out.gcode"))
+        assert done.output is not None
+        assert done.output.read_bytes() == part.read_bytes()
+        assert done.prediction.after.rms_high_mm < 0.2
+        common = 100 * np.trace(stretch) / 2
+        assert 100 * np.mean(model.document["promise"]["shown"]) == pytest.approx(common, abs=0.02)
+
+
+def test_a_scanners_stretch_is_no_uneven_belt() -> None:
+    """Beside the smallest wave of its carriage, which no one turn of the plate tells from a belt's."""
+    trace = measured(HEALTHY, 0.005, 3)
+    seen = scanned(trace, np.diag([0.002, 0.0013]))
+    for wave_mm in (0.0, 0.012):
+        wave = wave_mm * np.sin(2 * np.pi * seen.commanded_mm[:, 1:] / 85) * [0.0, 1.0]
+        model = learn_model(replace(seen, measured_mm=seen.measured_mm + wave), ENDER3)
+        middle = np.linspace(60, 160, 200)
+        off = [table.branches_mm(middle)[0] - middle for table in model.mechanism.transmissions]
+        assert max(np.ptp(each) for each in off) < 3 * wave_mm + 1e-6, wave_mm
+
+
+def test_a_lens_that_bends_no_more_than_a_photo_does_is_not_mended() -> None:
+    seen = scanned(measured(HEALTHY, 0.002, 3), np.zeros((2, 2)), PAPER)
+    bend_mm = 0.01 * ((seen.commanded_mm - 110) / 100) ** 2
+    model = learn_model(replace(seen, measured_mm=seen.measured_mm + bend_mm), ENDER3)
+    assert is_healthy(model)
+    bent = learn_model(replace(seen, measured_mm=seen.measured_mm + 20 * bend_mm), ENDER3)
+    assert "scale that changes along the axis" in bent.findings[0]
+
+
+def test_an_axis_that_never_moved_says_nothing() -> None:
+    still = measured(HEALTHY, 0.002, 3)
+    still = replace(still, commanded_mm=still.commanded_mm * [1, 0], measured_mm=still.measured_mm * [1, 0])
+    assert is_healthy(learn_model(replace(still, instrument=PAPER, placed=False), ENDER3))
+
+
+def test_a_scale_that_no_scanner_has_is_mended(part: Path) -> None:
+    skewed = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.015, skew_deg=1.0))
+    model = learn_model(scanned(measured(skewed, 0.01, 4), np.diag([0.0005, 0.0003])), ENDER3)
+    said = check_gcode(part, model)
+    assert said.before.rms_mm > 0.1
+    assert said.after.made_of["instrument"] > 0.5 * said.after.rms_mm
+    upper = part.with_name("upper.gcode")
+    upper.write_text(CIRCLE + CIRCLE[CIRCLE.index("G1 Z") :].replace("Z0.2", "Z0.4").replace("X1", "X"))
+    whole = check_gcode(upper, model)  # the upper layer lies elsewhere: without the part's place it is off otherwise
+    length, rms, most = (
+        np.array([row[k] for row in whole.layers]) for k in ("length_mm", "before_rms_mm", "before_max_mm")
+    )
+    assert rms.min() > 0.1
+    assert (most >= rms).all()
+    assert most.max() <= 1.001 * whole.before.max_mm
+    assert np.sqrt(np.average(rms**2, weights=length)) == pytest.approx(whole.before.rms_mm, rel=0.05)
+    layer = CIRCLE[CIRCLE.index("G1 Z") :]
+    upper.write_text(CIRCLE + "".join(layer.replace("Z0.2", f"Z{0.2 * n:.1f}") for n in range(2, 90)))
+    alike = np.array([row["before_rms_mm"] for row in check_gcode(upper, model).layers])
+    assert alike == pytest.approx(alike.mean(), rel=0.25)  # each layer is the same circle
+    mend_gcode(part, model, part.with_name("out.gcode"))
+    truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(skewed, ENDER3))
+    assert truth.after.rms_mm < 0.1 * truth.before.rms_mm
+    surer = replace(FLATBED, scale_sd=0.0003, axes_sd=1e-4, lean_sd=1e-4)
+    known = learn_model(scanned(measured(skewed, 0.01, 4), np.zeros((2, 2)), surer), ENDER3)
+    assert check_gcode(part, known).after.rms_mm < 0.5 * said.after.rms_mm
+    assert scale_words(known) == ()
+
+
+def test_learn_says_what_scale_a_scan_leaves_open() -> None:
+    wide = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.004, y_scale=1.004))
+    model = learn_model(scanned(measured(wide, 0.01, 4), np.zeros((2, 2))), ENDER3)
+    (said,) = scale_words(model)
+    assert re.search(r"the print is \+0\.4\d % in X and \+0\.4\d % in Y too large .* Mending takes nothing", said)
+    assert said in report(model)
+    assert "Mending takes off +0.50 % in X and -0.00 % in Y, which may be wrong by 0.2 mm" in in_words(
+        np.array([0.005, 0.001]), np.array([0.005, -1e-6]), 0.002
+    )
+    healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.zeros((2, 2))), ENDER3)
+    assert scale_words(healthy) == ()
+
+
+def test_a_scan_of_a_skewed_corexy_leaves_the_direction_of_x(part: Path) -> None:
+    """No scan tells how a frame turns what it prints: x keeps its direction, however the plate lay on the glass."""
+    corexy, skewed = read_printer("corexy"), Corruption((Drive(), Drive()), frame=CrookedFrame(skew_deg=2.6))
+    sin = np.radians(-0.7)
+    seen = scanned(measured(skewed, 0.01, 4, 300, corexy), np.array([[-(sin**2) / 2, -sin], [sin, -(sin**2) / 2]]))
+    model = learn_model(seen, corexy)
+    mend_gcode(part, model, part.with_name("out.gcode"))
+    truth = judge_gcode(part, part.with_name("out.gcode"), Twin.of(skewed, corexy))
+    assert truth.after.rms_mm < 0.03 < 0.3 < truth.before.rms_mm
+
+
+def test_a_scan_of_a_corexy_with_another_pulley_turns_no_print() -> None:
+    """A motor whose scale is off by a tenth leans like a frame that is skewed by 5°: such a one would be seen."""
+    corexy, rng = read_printer("corexy"), np.random.default_rng(2)
+    points = np.vstack([[corexy.home_mm], rng.uniform(20, 280, (900, 2))])
+    belts = corexy.to_motor(points - corexy.home_mm) * np.array([0.89, 0.98])
+    printed = np.asarray(corexy.from_motor(belts)) + corexy.home_mm + rng.normal(0, 0.02, points.shape)
+    model = learn_model(scanned(Trace(points, printed, homed=True), np.zeros((2, 2))), corexy)
+    linear = [Frame.exponents.index(powers) for powers in ((1, 0), (0, 1))]
+    matrix = model.mechanism.frame.coefficients_mm[:, linear]
+    assert matrix[0, 1] - matrix[1, 0] == pytest.approx(0.0, abs=1e-6)
+    assert {fault["kind"] for fault in model.document["diagnosis"]} == {"scale"}
+
+
+def test_a_scan_knows_a_corexys_skew_better_than_its_scales() -> None:
+    corexy, skewed = read_printer("corexy"), Corruption((Drive(), Drive()), frame=CrookedFrame(skew_deg=0.5))
+    model = learn_model(scanned(measured(skewed, 0.01, 4, 300, corexy), np.zeros((2, 2))), corexy)
+    (skew,) = (fault for fault in model.document["diagnosis"] if fault["kind"] == "skew")
+    assert abs(skew["value"]) == pytest.approx(0.5, abs=0.06)
+    assert 0.02 < skew["sd"] < 0.1
+    assert "frame skewed by" in model.findings[0]
+
+
+@pytest.mark.parametrize(
+    ("preset", "frame", "kinds"),
+    [
+        ("ender3", CrookedFrame(x_scale=1.01), {("x", "scale")}),  # X alone: Y keeps its length
+        ("ender3", CrookedFrame(x_scale=1.01, y_scale=1.0099), {("x", "scale"), ("y", "scale")}),
+        ("corexy", CrookedFrame(skew_deg=0.6), {("frame", "skew")}),  # a crooked frame before two opposite scales
+    ],
+)
+def test_a_stretch_that_no_scanner_has_is_the_simplest_faults(
+    preset: str, frame: CrookedFrame, kinds: set[tuple[str, str]]
+) -> None:
+    printer = read_printer(preset)
+    crooked = Corruption((Drive(), Drive()), frame=frame)
+    model = learn_model(scanned(measured(crooked, 0.01, 4, 300, printer), np.zeros((2, 2))), printer)
+    assert {(fault["part"], fault["kind"]) for fault in model.document["diagnosis"]} == kinds
+
+
+def test_one_distance_settles_the_scale(rng: np.random.Generator) -> None:
+    true = rng.uniform(0, 150, (50, 2))
+    true[:2] = [[10, 20], [110, 110]]
+    stretch = np.array([[1.0025, 0.0], [0.0, 1.0025]])
+    span_mm = float(np.hypot(100, 90)) + 1.6
+    dots = np.full(2, 1.6 * 1.0025)
+    again, left, note = scaled_by(span_mm, (0, 1), dots, true @ stretch, replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4))
+    assert np.ptp(again - true, axis=0).max() < 0.2 * np.ptp(true @ stretch - true, axis=0).max()
+    assert left.scale_sd < 0.0005
+    assert "0.25 % too large" in note
+    with pytest.raises(TraceError, match="dot 0 to dot 1"):
+        scaled_by(120.0, (0, 1), dots, true, FLATBED)
+
+
+def test_a_trace_keeps_what_its_instrument_cannot_tell(tmp_path: Path) -> None:
+    trace = replace(measured(HEALTHY, 0.01, 5, 30), placed=False, instrument=FLATBED)
+    write_trace(tmp_path / "t.csv", trace)
+    assert read_trace(tmp_path / "t.csv", ENDER3).instrument == FLATBED
+    unknown = replace(trace, instrument=None).instrument_doubt  # how the plate lay is not known: no axis is surer
+    assert unknown.axes_sd == unknown.lean_sd
+    assert 2 * unknown.lean_sd**2 == pytest.approx(FLATBED.axes_sd**2 + FLATBED.lean_sd**2, rel=0.05)
+    assert replace(trace, instrument=None, placed=True).instrument_doubt.is_exact
+    text = (tmp_path / "t.csv").read_text()
+    (tmp_path / "bad.csv").write_text(text.replace("0.001300", "7"))
+    with pytest.raises(TraceError, match="scale_sd from 0"):
+        read_trace(tmp_path / "bad.csv", ENDER3)
+
+
+def test_a_length_that_was_given_is_not_asked_for_again() -> None:
+    """One distance settles the scale along it: a second scan, turned, what is left across it."""
+    stretched = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.0027, y_scale=1.0008))
+    doubt = Promise(0.05, 0.1, 0.2, 0.02, 0.09, 0.05, 0.0, 0.001, {"planning": 0.001, "instrument": 0.049})
+    both = settled(0.0, 0.0, 140.0, instrument_on_bed(FLATBED, np.eye(2), settled=True))[1]
+    whole = learn_model(scanned(measured(stretched, 0.01, 4), np.zeros((2, 2)), both), ENDER3)
+    assert advice_of(whole, doubt) == ("most of what is left is the scale, as far as the callipers left it open.",)
+    odd = {**whole.document["promise"], "instrument": {"scale_axes": 0.1, "axes_sd": "0.1", "scale_sd": [0.1]}}
+    assert "second scan" in advice_of(replace(whole, document={**whole.document, "promise": odd}), doubt)[0]
+    for instrument, is_known in ((FLATBED, False), (settled(0.0, 0.0, 140.0, FLATBED)[1], True)):
+        model = learn_model(scanned(measured(stretched, 0.01, 4), np.zeros((2, 2)), instrument), ENDER3)
+        scale, advice = *scale_words(model), *advice_of(model, doubt)
+        for said in (scale, advice):
+            assert ("--distance" in said) != is_known
+            assert ("second scan of the same plate" in said) == is_known
+
+
+@pytest.mark.parametrize("length_mm", [61.0, 79.5])
+def test_one_scans_wave_may_be_its_carriages(length_mm: float, rng: np.random.Generator) -> None:
+    """What a scanner's carriage does by running uneven is not printed into parts; two turns of the plate tell it."""
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (600, 2))])
+    wave = 0.022 * np.sin(points[:, 1] / length_mm * 2 * np.pi)
+    measured = points + np.stack([np.zeros(len(points)), wave], axis=1) + rng.normal(0, 0.01, points.shape)
+    scan = Trace(points, measured, homed=True, placed=False, instrument=FLATBED)
+    once = learn_model(scan, ENDER3)
+    assert is_healthy(once)
+    assert "Scan the same plate a second time" in report(once)
+    assert max(each["unexplained_mm2"] for each in once.document["promise"]["motors"].values()) > 0.4 * 0.022**2 / 2
+    twice = learn_model(replace(scan, instrument=replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4)), ENDER3)
+    assert not is_healthy(twice)
+
+
+def test_no_firmware_gets_the_stretch_of_a_scanner() -> None:
+    healthy = learn_model(scanned(measured(HEALTHY, 0.01, 3), np.diag([0.0013, 0.0013])), ENDER3)
+    for firmware in ("marlin", "klipper", "rrf", "linuxcnc"):
+        with pytest.raises(RefusedError, match="leave its settings as they are: there is nothing to mend"):
+            export_supported(healthy, firmware)
+    unsure = replace(FLATBED, scale_sd=0.01, axes_sd=0.01)
+    scaled = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.2))
+    model = learn_model(scanned(measured(scaled, 0.01, 4), np.zeros((2, 2)), unsure), ENDER3)
+    assert export_supported(model, "klipper").settings == ("scale of X",)
+
+
+@pytest.mark.parametrize("turn_mm", [(49.0, 41.5), (34.0, 40.0)])
+def test_a_pulley_of_a_far_other_size_is_learned_from_a_scan(turn_mm: tuple[float, float]) -> None:
+    """What such a printer misses is tens of millimetres in the middle of the bed, and nothing at home."""
+    printer = read_printer("corexy")
+    plan = design_probe(printer)
+    printed = np.asarray(printer.from_motor(printer.to_motor(plan.marks_mm) * np.array(turn_mm) / 40.0))
+    seen = printed + np.random.default_rng(3).normal(0, 0.02, printed.shape) + [60.0, 80.0]
+    document = learn_model(plan.trace(seen), printer).document
+    assert not refusals(document)
+    assert document["trace"]["residual_after_mm"] < 0.04
+
+
+def test_play_that_one_scan_cannot_tell_from_its_wave_is_no_finding(rng: np.random.Generator) -> None:
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (600, 2))])
+    twin = Twin.of(Corruption((Drive(belt=Play(0.04)), Drive())), ENDER3)
+    measured = twin.follow(points) + rng.normal(0, 0.01, points.shape)
+    for wave_mm, said in ((0.02, "X healthy; Y healthy"), (0.001, "X belt play 0.0")):
+        scan = Trace(points, measured, homed=True, placed=False, instrument=replace(FLATBED, wave_mm=wave_mm))
+        assert report(learn_model(scan, ENDER3)).startswith(said)
