@@ -642,7 +642,8 @@ _KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle
 offset period-34.6 splice teeth
 skew axes bow wavy jump lead periodic-1 backlash wobble-1"""
 _OF_FRAME = ("skew", "axes", "bow", "wavy")
-_OTHERS = ("ripple", "offset", "jump", "lead", "periodic-1", "backlash", "wobble-1")  # of Z, of one print, of older models
+# of Z, of one print, of older models
+_OTHERS = ("ripple", "offset", "jump", "lead", "periodic-1", "backlash", "wobble-1")
 
 
 def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
@@ -697,7 +698,9 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         assert _german(told), period
     for kind in (*_KINDS.split(), *QUANTITIES):
         if kind not in _OTHERS:
-            before, now = (NamedFault("frame" if kind in _OF_FRAME else "x", kind, size, 0.01, "mm", "") for size in (0.1, 0.3))
+            before, now = (
+                NamedFault("frame" if kind in _OF_FRAME else "x", kind, size, 0.01, "mm", "") for size in (0.1, 0.3)
+            )
             what, grew, _ = _change(before, now, 0.01).words.partition(" grew from ")
             assert grew
             assert _german(what), what
