@@ -14,7 +14,7 @@ HOSTS := .venv-hosts
 # Bytecode is kept, in folders that git ignores: else each worker of the tests would compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo begun paper test setup kernels lint types layers docs wheel notebook check hosts integrations studio-vendor lock clean
+.PHONY: demo begun paper test setup kernels lint types layers docs wheel dist notebook check hosts integrations studio-vendor lock clean
 
 # While the rest is being installed, both cores compile what both demonstrations would.
 demo:
@@ -76,8 +76,9 @@ $(STAMP): requirements.lock $(OWNER)
 	$(PIP) --require-hashes --no-deps -r requirements.lock
 	@touch $@
 
+# The last one reads the sentences of README, changes and docs.
 lint: $(STAMP)
-	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/python -m pytest -n0 -q tests/test_prose.py
 
 types: $(STAMP)
 	$(BIN)/mypy
@@ -92,6 +93,12 @@ docs: $(STAMP)
 # Does the wheel work where the lock and the extras are not?
 wheel: kernels
 	tools/try_wheel.sh $(BIN)/python
+
+# What a release publishes: the sources, the wheel with this Python's kernels, and the wheel for all others.
+dist: kernels
+	rm -rf dist
+	$(BIN)/python -m hatchling build -d dist
+	PRINTMEND_PURE=1 $(BIN)/python -m hatchling build -t wheel -d dist
 
 # Runs examples/story.ipynb; what it claims, it asserts.
 notebook: $(STAMP)

@@ -69,7 +69,7 @@ def kernel_seconds(text: np.ndarray) -> dict[str, float]:
         position = 0
         while position < len(text):
             begin, start = position, time.process_time()
-            count, position = k.interpret(text, begin, len(text), state.numbers, state.counts, records)
+            count, position = k.interpret(text, begin, len(text), state.numbers, state.counts, records, k.NO_NOTES)
             spent["interpret"] += time.process_time() - start
             first, pieces = plan(records[:count])
             start, done = time.process_time(), 0

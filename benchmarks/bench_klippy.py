@@ -8,6 +8,8 @@ true printer (true_printer.py), whose bed is as large as the file needs. Columns
 wanted path (RMS, RMS after, largest after, mm), what `mend` promised (RMS after), the job's time [s] and its change,
 places where the nozzle stops while it prints (below 1 mm/s) and where it nearly stands (below 6 mm/s; Klipper takes a
 right angle at 5), motion commands after ÷ before. * misses an aim: 0.012 mm, 1 % of time, 10 % of stops.
+With --bead two more, each from a run with pressure advance (klippy_bead.py): how uneven the bead is, of the original on
+a sound printer and of the mended file on the broken one; * is more than 1.1 times as uneven.
 
 Of several families the files take one after the other. With --results each line is kept: begun again, it goes on.
 With --moves a larger file ends after so many extruding moves.
@@ -21,8 +23,9 @@ import tempfile
 from pathlib import Path
 
 from bench_corpus import around
+from klippy_bead import ADVANCED, bead_deviation
 from klippy_cases import arguments, cases, drawn, text_of
-from klippy_judge import Judged, deposits, judge_both
+from klippy_judge import Judged, Track, deposits, judge_both, wanted_path
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import Corruption, corruption_toml
 from printmend.errors import PrintmendError
@@ -48,6 +51,15 @@ def both(
     corrected = plan(mended, printer, folder, around=original)
     true = TruePrinter.of(corruption_toml(corruption), printer)
     return judge_both(original, corrected, printer, true, text, mended)
+
+
+def beads(text: bytes, mended: bytes, printer: Printer, corruption: Corruption, folder: Path) -> tuple[float, float]:
+    """Return how uneven the bead of a file is on a sound printer, and that of its mended form on a broken one."""
+    original = plan(ADVANCED + text, printer, folder)
+    corrected = plan(ADVANCED + mended, printer, folder, around=original)
+    wanted, true = wanted_path(original), TruePrinter.of(corruption_toml(corruption), printer)
+    sound = bead_deviation(original, Track(original, printer), wanted)
+    return sound, bead_deviation(corrected, Track(corrected, printer, true), wanted)
 
 
 def mend(source: Path, model: Path, output: Path) -> dict:
@@ -84,6 +96,9 @@ def row(source: Path, family: str, options: argparse.Namespace, folder: Path) ->
         (f"{before.corners:6}", False), (f"{after.corners:6}", after.corners > 1.1 * before.corners + 1),
         (f"{after.moves / max(before.moves, 1):6.2f}", False),
     ]  # fmt: skip
+    if options.bead:
+        sound, bent = beads(top + text, top + output.read_bytes(), printer, corruption, folder / "run")
+        figures += [(f"{sound:7.3f}", False), (f"{bent:7.3f}", bent > 1.1 * sound)]
     line = "".join(text + ("*" if missed else " ") for text, missed in figures)
     return line + f" {source.name} ({family})" + (f"  COMPLAINS: {'; '.join(complaints)[:200]}" if complaints else "")
 
@@ -91,14 +106,17 @@ def row(source: Path, family: str, options: argparse.Namespace, folder: Path) ->
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--results", type=Path, metavar="FILE.jsonl")
+    parser.add_argument("--bead", action="store_true", help="judge the bead, too")
     options = parser.parse_args()
     known = {}
     if options.results is not None and options.results.exists():
         known = dict(json.loads(line) for line in options.results.read_text().splitlines())
-    print("  before    after      max  promise   time s  time %  stops   after corners  after  moves  file")
+    bead = "  sound  mended " if options.bead else ""
+    print(f"  before    after      max  promise   time s  time %  stops   after corners  after  moves {bead} file")
     with tempfile.TemporaryDirectory() as name:
         for source, family in cases(options):
             key = " ".join(map(str, (source, family, options.severity, options.seed, options.moves, options.preset)))
+            key += " bead" if options.bead else ""
             if key not in known:
                 try:
                     known[key] = row(source, family, options, Path(name))

@@ -16,21 +16,22 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from printmend.effects import EFFECTS, Of, columns_of, scene_of
+from printmend.effects import EFFECTS, Of, Scene, columns_of, scene_of
 from printmend.effects.effect import LONG_MOVE_MM, Places
 from printmend.infer.fit import HOME_SD_MM, fitted
-from printmend.infer.posterior import DRAWS, posterior_of
+from printmend.infer.machine import Sized
+from printmend.infer.posterior import Part, posterior_of
 from printmend.infer.simulate import drawn_parts, measured
 from printmend.learn.greybox import Greybox
 from printmend.path import Trace
-from printmend.printer import read_printer
+from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
 
 BINS = 12
 
 
 def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float] | None:
-    """Return the ranks, from 0 to 1, of one drawn printer's place and of what mending leaves; None where none was learned."""
+    """Return the ranks, from 0 to 1, of one drawn printer's place and of what mending leaves; None for another turn."""
     printer = read_printer(preset)
     plan = design_probe(printer)
     path = np.concatenate([np.array(printer.home_mm)[None], plan.waypoints_mm])
@@ -47,12 +48,9 @@ def ranks_of(preset: str, rng: np.random.Generator) -> tuple[float, float] | Non
     fit = fitted(trace, scene, box.mechanism)
     posterior = posterior_of(fit, rng)
     places = _places(printer, rng)
-    true_mm = sum((_moved(part.effect, part.where, part.shape, part.sizes_mm[:, None], places, scene) for part in true),
-                  np.zeros((len(places), 2, 1)))  # fmt: skip
-    drawn_mm = sum((_moved(part.effect, part.where, part.shape, part.draws_mm, places, scene) for part in posterior.parts),
-                   np.zeros((len(places), 2, DRAWS)))  # fmt: skip
-    acts_mm = sum((_moved(part.effect, part.where, part.shape, part.acts_mm[:, None], places, scene)
-                   for part in posterior.parts), np.zeros((len(places), 2, 1)))  # fmt: skip
+    true_mm = _all_moved([(part, part.sizes_mm[:, None]) for part in true], places, scene)
+    drawn_mm = _all_moved([(part, part.draws_mm) for part in posterior.parts], places, scene)
+    acts_mm = _all_moved([(part, part.acts_mm[:, None]) for part in posterior.parts], places, scene)
     one, axis = int(rng.integers(len(places))), int(rng.integers(2))
     left = (np.sqrt(np.mean(np.square(each - acts_mm).sum(axis=1), axis=0)) for each in (true_mm, drawn_mm))
     return _rank(true_mm[one, axis], drawn_mm[one, axis], rng), _rank(*left, rng)
@@ -63,19 +61,22 @@ def _rank(true: np.ndarray, drawn: np.ndarray, rng: np.random.Generator) -> floa
     return float((below + rng.uniform() * (same + 1)) / (len(drawn) + 1))
 
 
-def _places(printer: object, rng: np.random.Generator, count: int = 200) -> Places:
-    low = np.array([axis.min_mm + 0.3 * axis.length_mm for axis in printer.axes[:2]])  # type: ignore[attr-defined]
-    bed = low + rng.uniform(0, 0.4, (count, 2)) * [axis.length_mm for axis in printer.axes[:2]]  # type: ignore[attr-defined]
+def _places(printer: Printer, rng: np.random.Generator, count: int = 200) -> Places:
+    low = np.array([axis.min_mm + 0.3 * axis.length_mm for axis in printer.axes[:2]])
+    bed = low + rng.uniform(0, 0.4, (count, 2)) * [axis.length_mm for axis in printer.axes[:2]]
     side, ways = rng.choice([-1.0, 1.0], (2, count, 2))
     none = np.zeros((count, 2))
-    return Places(printer.to_motor(bed), side, bed, ways, -side, np.ones(count), np.full(count, LONG_MOVE_MM), none)  # type: ignore[attr-defined]
+    return Places(printer.to_motor(bed), side, bed, ways, -side, np.ones(count), np.full(count, LONG_MOVE_MM), none)
 
 
-def _moved(effect, where, shape, sizes, places, scene) -> np.ndarray:
-    """Return what the machine's effects do to places [N, 2, D]."""
-    if EFFECTS[effect].of is not Of.MACHINE:
-        return np.zeros((len(places), 2, sizes.shape[1]))
-    return np.einsum("ncp,pd->ncd", columns_of(effect, places, where, shape, scene), sizes)
+def _all_moved(parts: list[tuple[Sized | Part, np.ndarray]], places: Places, scene: Scene) -> np.ndarray:
+    """Return what the machine's effects with sizes [P, D] do to places [N, 2, D]."""
+    moved = np.zeros((len(places), 2, 1))
+    for part, sizes in parts:
+        if EFFECTS[part.effect].of is Of.MACHINE:
+            columns = columns_of(part.effect, places, part.where, part.shape, scene)
+            moved = moved + np.einsum("ncp,pd->ncd", columns, sizes)
+    return moved
 
 
 def main() -> None:

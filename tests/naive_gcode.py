@@ -59,10 +59,15 @@ class NaiveMachine:
                     yield from self.obey(command, words)
                     words = {}
                 command = name
-                if name == "M117":
-                    return  # the rest is a message
+                if name in ("M117", "M73"):
+                    return  # the rest is a message, or the progress
             else:
                 words[letter] = float(number) if number else None
+        if command is None and words and next(iter(words)) not in "XYZIJKEFR":
+            if set("XYZEF") & {w for w in words if words[w] is not None}:  # a command that nobody knows
+                self.known = dict.fromkeys("XYZ", False)
+                yield self.report("event")
+            return
         if command is not None or words:
             yield from self.obey(command, words)
 

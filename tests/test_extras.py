@@ -1,5 +1,6 @@
 """An installation without extras does its job, and says which extra is missing where one is."""
 
+import json
 import re
 import subprocess
 import sys
@@ -7,7 +8,18 @@ import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import pytest
+from click.testing import CliRunner
+
+from printmend.cli.main import group
+from printmend.errors import MissingToolError
 from printmend.extras import _EXTRAS
+
+# Three layers of a square: the demonstration's own body takes seconds.
+SQUARES = b"G21\nG90\nM83\nG28\n" + b"".join(
+    b"G1 Z%.1f F600\nG1 X90 Y90\nG1 X130 Y90 E2 F1800\nG1 X130 Y130 E2\nG1 X90 Y130 E2\nG1 X90 Y90 E2\n" % height
+    for height in (0.2, 0.4, 0.6)
+)
 
 BASE = """
 import sys
@@ -67,5 +79,56 @@ def test_without_extras_all_but_scans_is_there_and_those_name_theirs(tmp_path: P
     )
     said = "wanted the extra 'scan' of printmend, got an installation without it; pip install 'printmend[scan]'"
     assert done.stdout.splitlines() == [f"cv2: {said}"], done.stderr
-    assert done.stderr.splitlines() == [f"printmend: cv2: {said}"]
+    todo = "cv2, PIL, scipy, got an installation without them; pip install 'printmend[scan]'"
+    assert done.stderr.splitlines() == [f"printmend: printmend probe --sheet: wanted {todo}"]
     assert done.returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "extras"),
+    [
+        ("demo --part", "report,scan"),
+        ("demo --scan", "report,scan"),
+        ("studio", "report,scan,studio"),
+        ("studio --cluster local:1", "cluster,report,scan,studio"),
+        ("measure scan.png --probe probe.json", "scan"),
+        ("measure scan.png --gcode part.gcode --printer ender3", "scan"),
+        ("probe --printer ender3 --sheet sheet.pdf", "scan"),
+        ("twin probe.gcode --printer ender3 --corruption broken.toml --scan scan.png", "scan"),
+        ("verify scan.png -m here.mend.json --probe probe.json", "scan"),
+        ("diagnose trace.csv --printer ender3", "report"),
+        ("diagnose trace.csv --printer ender3 --report report.pdf", "report"),
+        ("mend part.gcode -m here.mend.json --report report.html", "report"),
+        ("history here.mend.json --picture wear.png", "report"),
+        ("selfrepair -o out", "report"),
+        ("curiosity -o out", "report"),
+        ("bench table1 --bodies generated:2", "paper,report,trees"),
+        ("bench table1 --bodies generated:2 --models greybox", "report"),
+        ("bench families --rows lightgbm+greedy", "trees"),
+        ("figures --dataset data -o out", "dataset,paper,report,scan,trees"),
+        ("dataset build --bodies models -o out", "dataset,paper,report"),
+        ("dataset export-reference out --bodies models", "scan"),
+        ("donate --scan scan.png", "scan"),
+    ],
+)
+def test_a_command_says_at_once_and_in_one_command_all_that_it_needs(
+    line: str, extras: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "here.mend.json").touch()
+    monkeypatch.setattr("printmend.extras.find_spec", lambda module: None)
+    with pytest.raises(MissingToolError) as said:
+        group.main(line.split(), standalone_mode=False)
+    assert said.value.todo == f"pip install 'printmend[{extras}]'"
+    assert [path.name for path in tmp_path.iterdir()] == ["here.mend.json"]
+
+
+def test_the_demonstration_needs_no_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("printmend.extras.find_spec", lambda module: None)
+    monkeypatch.setattr("printmend.body.demo_body_gcode", lambda: SQUARES)
+    done = CliRunner().invoke(group, ["demo", "--json", "-o", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "the paper's learner and the pictures; pip install 'printmend[report,trees]'" in done.stderr
+    said = json.loads(done.stdout)
+    assert [row["row"] for row in said["rows"]] == ["naive", "greybox", "oracle"]
+    assert [path.name for path in tmp_path.iterdir()] == ["corruption.toml"]

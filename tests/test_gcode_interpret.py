@@ -114,6 +114,9 @@ SINGLE = (
     "M104 S200",
     "G4 P10",
     "M117 G1 X99 Y99",
+    "M73 P10 R5 G1 X99 Y99",
+    "O1 X9 Y9",
+    "W1 E3",
     "",
     "; G1 X50",
     "(G1 X50)",
@@ -200,7 +203,7 @@ def test_records_are_filled_only_as_far_as_they_fit():
     text = b"X1\n" * 100
     state = initial_state()
     buffer, records = np.frombuffer(text, np.uint8), np.empty(10, k.RECORD)
-    count, after = k.interpret(buffer, 0, len(buffer), state.numbers, state.counts, records)
+    count, after = k.interpret(buffer, 0, len(buffer), state.numbers, state.counts, records, k.NO_NOTES)
     assert 0 < count <= 10
     assert after == 3 * count
 
@@ -269,7 +272,7 @@ def test_no_line_writes_more_records_than_there_is_room_for(line: str) -> None:
     text, state = np.frombuffer(f"G28\nG1 X0 Y0\n{line}\n".encode(), np.uint8), initial_state()
     room, beyond = 40, 10_000
     memory = np.zeros(room + beyond, k.RECORD)
-    count, stopped = k.interpret(text, 0, len(text), state.numbers, state.counts, memory[:room])
+    count, stopped = k.interpret(text, 0, len(text), state.numbers, state.counts, memory[:room], k.NO_NOTES)
     assert not memory[room:].tobytes().strip(b"\0")
     assert count <= room
     assert stopped < len(text)

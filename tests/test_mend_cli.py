@@ -266,10 +266,6 @@ def test_an_owner_sees_the_part_before_it_is_printed(folder: Path) -> None:
     before, after = (float(np.sqrt(np.mean(each.off_mm**2))) for each in (view.before, view.after))
     assert before > 0.1
     assert after < 0.01
-    # there and along 20 mm four times, with an acceleration of 1000 mm/s², and up to 0.2 mm before
-    whole = np.array([np.hypot(60, 60) / 100 + 0.1, *[20 / 30 + 0.03] * 4, 2 * np.sqrt(0.2 / 1000)])
-    assert view.minutes[0] == pytest.approx(whole.sum() / 60, rel=0.01)
-    assert view.minutes[1] == pytest.approx(view.minutes[0], rel=0.1)
     assert ((view.low_mm >= 0) & (view.high_mm <= 220)).all()
     (folder / "taller.gcode").write_bytes(SQUARE + b"\nG1 Z5\nG1 X70 Y60 E9\n")
     assert look_at(folder / "part.gcode", folder / "taller.gcode", BENT, placed=True) is None  # other layers

@@ -3,8 +3,12 @@
 import ast
 import itertools
 import os
+import re
+import shutil
 import subprocess
 import sys
+import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -82,3 +86,33 @@ def test_a_long_function_says_why() -> None:
                 if (many and "parameters" not in above) or (long and not any("Long" in line for line in beside)):
                     without.append(f"{path.name}:{node.lineno} {node.name}")
     assert not without
+
+
+def test_the_citation_and_the_conda_recipe_are_of_this_version() -> None:
+    assert re.findall(r"(?m)^version: (.+)$", (ROOT / "CITATION.cff").read_text()) == [printmend.__version__]
+    recipe = (ROOT / "recipe" / "recipe.yaml").read_text()
+    assert re.findall(r'(?m)^  version: "(.+)"$', recipe) == [printmend.__version__]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needed = recipe.partition("  run:\n")[2].partition("\n\n")[0]
+    wanted = [f"python {project['requires-python']}", *project["dependencies"]]
+    assert [line.strip("- ").replace(" ", "") for line in needed.splitlines()] == [w.replace(" ", "") for w in wanted]
+
+
+@pytest.mark.parametrize("pure", [False, True])
+def test_a_wheel_with_kernels_is_for_this_python_only(pure: bool, tmp_path: Path) -> None:
+    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, tmp_path)
+    kernel = tmp_path / "src" / "printmend" / "compiled" / "one.cpython-311.nbi"
+    kernel.parent.mkdir(parents=True)
+    kernel.touch()
+    (tmp_path / ".gitignore").write_text("/src/printmend/compiled/\n")
+    shutil.copy(ROOT / "src" / "printmend" / "__init__.py", kernel.parents[1])
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", "dist"],
+        cwd=tmp_path, env=os.environ | {"PRINTMEND_PURE": "1" if pure else ""}, check=True, capture_output=True,
+    )  # fmt: skip
+    (wheel,) = (tmp_path / "dist").iterdir()
+    tag = wheel.stem.split("-", 2)[2]
+    assert (tag == "py3-none-any") == pure
+    assert pure or tag.startswith(f"cp3{sys.version_info.minor}-none-")
+    assert any("compiled" in name for name in zipfile.ZipFile(wheel).namelist()) != pure

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Build the wheel, install it without the lock and without extras into a new environment, and do its job there:
-# probe, twin, learn, mend, check, export. Usage: tools/try_wheel.sh PYTHON, where PYTHON has hatchling.
+# Build both wheels, let pip choose, install that one without the lock and without extras into a new environment, and do
+# its job there: probe, twin, learn, mend, check, export, demo. Usage: tools/try_wheel.sh PYTHON, where PYTHON has hatchling.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 build=$(cd "$(dirname "$1")" && pwd)/$(basename "$1") # not resolved: a link into its environment
@@ -8,8 +8,13 @@ place=$(mktemp -d)
 trap 'rm -rf "$place"' EXIT
 
 "$build" -m hatchling build -t wheel -d "$place/dist" >/dev/null
+PRINTMEND_PURE=1 "$build" -m hatchling build -t wheel -d "$place/dist" >/dev/null
 "$build" -m venv "$place/venv"
-"$place/venv/bin/python" -m pip install --quiet --disable-pip-version-check "$place"/dist/*.whl
+"$place/venv/bin/python" -m pip download --quiet --disable-pip-version-check --no-deps --no-index \
+  --find-links "$place/dist" -d "$place/chosen" printmend
+ls "$place/dist" | sed 's/^/built: /'
+ls "$place/chosen" | sed 's/^/pip chooses: /'
+"$place/venv/bin/python" -m pip install --quiet --disable-pip-version-check "$place"/chosen/*.whl
 site=$("$place/venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
 echo "installed: $(du -sm --exclude=pip --exclude='pip-*' --exclude=setuptools --exclude='setuptools-*' "$site" | cut -f1) MB"
 
@@ -46,6 +51,8 @@ say printmend learn trace.csv --printer ender3 -o printer.mend.json
 say printmend mend part.gcode -m printer.mend.json -o mended.gcode
 say printmend check part.gcode -m printer.mend.json --against mended.gcode
 say printmend export -m printer.mend.json --to klipper
+say printmend demo -o demo
+printmend studio --help >/dev/null
 # what an extra would bring is named in one line
 if said=$(printmend measure scan.png --probe probe.json 2>&1); then exit 1; fi
 echo "+ printmend measure scan.png: $said"

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from parts import part
 
+from bench_clock import clocked
 from bench_klippy import both, mend
+from klippy_bead import ADVANCED, bead_deviation, commanded_mm
 from klippy_judge import Track, distances_mm, judge, judge_both, places, samples, slowest_mm_s, wanted_path
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import Corruption, Drive, WrongRadius, corruption_toml, sample
@@ -15,6 +17,7 @@ from printmend.corruption.belt import Play
 from printmend.corruption.frame import CrookedFrame
 from printmend.export.firmware import export_klipper
 from printmend.printer import read_printer
+from printmend.repair import mend_gcode
 from printmend.saved.model import exact_model, write_model
 from true_printer import TruePrinter
 
@@ -117,3 +120,30 @@ def test_klipper_takes_off_the_scale_that_export_gives_it(tmp_path: Path) -> Non
     before, after, complaints = judge_both(original, corrected, ENDER3, true, text, text)
     assert not complaints
     assert after.rms_mm < 0.012 < 0.1 < before.rms_mm
+
+
+@pytest.mark.parametrize(("family", "kind"), [("pulley-play", {}), ("everything", {"arcs": True})])
+def test_the_clock_runs_as_klippers_planner(family: str, kind: dict, tmp_path: Path) -> None:
+    """To a tenth of a percent, of the file as it is and mended; Klippy starts where it homed, as the clock does."""
+    corruption = sample(family, np.random.default_rng([3, *family.encode()]), "realistic")
+    source, output = tmp_path / "part.gcode", tmp_path / "out.gcode"
+    again = part(1).replace(b"G28\n", b"")
+    source.write_bytes(part(2, **kind) + b"M204 S1200\nSET_VELOCITY_LIMIT SQUARE_CORNER_VELOCITY=8\n" + again)
+    mend_gcode(source, exact_model(corruption.lower(ENDER3)), output)
+    original = plan(source.read_bytes(), ENDER3, tmp_path / "run")
+    corrected = plan(output.read_bytes(), ENDER3, tmp_path / "run", around=original)
+    for path, planned in ((source, original), (output, corrected)):
+        assert clocked(path, ENDER3)[0] == pytest.approx(planned.job_s, rel=1e-3)
+
+
+def test_an_even_line_has_an_even_bead(tmp_path: Path) -> None:
+    """Where nothing changes nothing swells; where the line's plastic changes, pressure advance evens it out."""
+    even = TOWARDS + b"".join(b"G1 X%d E0.4 F1800\n" % x for x in range(110, 201, 10))
+    wide = TOWARDS + b"".join(b"G1 X%d E%.2f F1800\n" % (x, 0.4 + 0.4 * (x % 20 == 0)) for x in range(110, 201, 10))
+    found = {}
+    for name, text in (("even", even), ("plain", wide), ("advanced", ADVANCED + wide)):
+        planned = plan(text, ENDER3, tmp_path)
+        found[name] = bead_deviation(planned, Track(planned, ENDER3), wanted_path(planned))
+        assert commanded_mm(planned, planned.end_s - 1e-9) == pytest.approx(planned.end_mm[:, 3], abs=1e-4)
+    assert found["even"] < 0.02
+    assert found["advanced"] < 0.6 * found["plain"]

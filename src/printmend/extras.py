@@ -1,4 +1,7 @@
-"""Which extra brings a library that is not installed."""
+"""Which extra brings a library that is not installed, asked before the work begins."""
+
+from collections.abc import Iterable
+from importlib.util import find_spec
 
 from printmend.errors import MissingToolError
 
@@ -26,6 +29,27 @@ _EXTRAS = {
     "sqlalchemy": "studio",
     "uvicorn": "studio",
 }
+
+
+def is_installed(module: str) -> bool:
+    """Say whether a module can be imported, without importing it."""
+    return find_spec(module) is not None
+
+
+def install_command(modules: Iterable[str]) -> str:
+    """Return the command that installs the extras of these modules."""
+    return f"pip install 'printmend[{','.join(sorted({_EXTRAS[module] for module in modules}))}]'"
+
+
+def require(subject: str, *modules: str) -> None:
+    """Raise `MissingToolError` that names every one of these modules that is not installed, and one command for all.
+
+    A command calls this first: what it needs at its end must not be missed there.
+    """
+    if missing := [module for module in modules if not is_installed(module)]:
+        raise MissingToolError(
+            subject, wanted=", ".join(missing), came="an installation without them", todo=install_command(missing)
+        )
 
 
 def missing_extra(error: ImportError) -> MissingToolError | None:

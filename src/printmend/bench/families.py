@@ -15,7 +15,7 @@ from printmend.bench.case import PRINTER, Case, Result
 from printmend.bench.drawn_body import drawn_body
 from printmend.bench.layers import LayerStand
 from printmend.bench.report import grouped, markdown_table, summary
-from printmend.bench.rows import OPTIMUM, Row, row, row_parts
+from printmend.bench.rows import OPTIMUM, Row, check_rows, row, row_parts
 from printmend.bench.run import run
 from printmend.bench.towers import TowerStand, tower_stand
 from printmend.corruption import fault
@@ -157,8 +157,7 @@ def families_table(
     """
     labels = tuple(dict.fromkeys((*rows, OPTIMUM)))
     names = [f"{label}@{noise:g}" for label in labels for noise in (noises_mm if measures(label) else (0.0,))]
-    for name in names:
-        row(name)
+    check_rows(names)
     return run(cases, names, out, executor, tick=tick)
 
 

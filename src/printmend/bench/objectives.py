@@ -14,7 +14,7 @@ import numpy as np
 
 from printmend.bench.case import Case, Result
 from printmend.bench.layers import LayerStand
-from printmend.bench.rows import row
+from printmend.bench.rows import check_rows, row
 from printmend.bench.run import run
 from printmend.bench.table1 import drawn_layers
 from printmend.body import body_of, demo_body_gcode, load_body
@@ -105,8 +105,7 @@ def objectives_table(
 ) -> tuple[list[ObjectiveLine], list[Result]]:
     """Return a line a family and objective; keep results in ``out``/objectives.jsonl."""
     names = {f"{learner}+optimal" + ("" if name == "rmse" else f"-{name}"): name for name in objectives}
-    for name in names:
-        row(name)
+    check_rows(names)
     results = run(cases, tuple(names), out, executor, tick=tick)
     figures = ("rmse_mm", "p95_mm", "area_mm2", "frechet_mm", "plan_s")
     lines = [

@@ -5,13 +5,14 @@ A row is named LEARNER, LEARNER+CONTROLLER or LEARNER+CONTROLLER@SIGMA: `lightgb
 mechanism. Without a controller it is the paper's greedy Algorithm 1. `optimum` is `oracle+optimal`: the lower bound.
 """
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from printmend.control.registry import controller
 from printmend.errors import InputError
+from printmend.extras import require
 from printmend.learn.registry import check_model_name, fit, fitted
 from printmend.path import Trace
 from printmend.printer import Printer
@@ -20,6 +21,7 @@ from printmend.twin import Twin
 
 OPTIMUM = "optimum"
 PAPER_ROWS = ("naive", "lightgbm", "lightgbm-axis", "forest", "forest-axis", "greybox", "oracle", OPTIMUM)
+_LIBRARIES = {"lightgbm": "lightgbm", "forest": "sklearn", "knn": "sklearn", "linear": "sklearn"}  # by learner's name
 MAX_NOISE_MM = 10.0  # of a coordinate, standard deviation
 
 
@@ -53,6 +55,17 @@ def row(name: str) -> Row:
     model, _, planner = ("oracle+optimal" if label == OPTIMUM else label).partition("+")
     check_model_name(model)
     return Row(model, controller(planner or "greedy"), noise_mm=noise_mm)
+
+
+def libraries(names: Iterable[str]) -> tuple[str, ...]:
+    """Return the libraries of extras that these rows learn with. Raise `InputError` for a row that does not exist."""
+    learners = {row(name).learner.partition("-")[0] for name in names}
+    return tuple(sorted({library for name, library in _LIBRARIES.items() if name in learners}))
+
+
+def check_rows(names: Iterable[str]) -> None:
+    """Raise `InputError` for a row that does not exist, `MissingToolError` where its library is missing."""
+    require("the rows of this table", *libraries(names))
 
 
 def row_parts(name: str) -> tuple[str, float]:

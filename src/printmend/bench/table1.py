@@ -11,7 +11,7 @@ import numpy as np
 from printmend.bench.case import PRINTER, Case, Result
 from printmend.bench.layers import LayerStand
 from printmend.bench.report import Summary, grouped, summary
-from printmend.bench.rows import OPTIMUM, Row, row
+from printmend.bench.rows import OPTIMUM, Row, check_rows, row
 from printmend.bench.run import run
 from printmend.body import load_body
 from printmend.body.load import is_mesh
@@ -237,8 +237,7 @@ def table1(
     Raises `InputError`, before anything is written, for a row that does not exist.
     """
     rows = tuple(dict.fromkeys(rows))
-    for name in rows:
-        row(name)
+    check_rows(rows)
     if not cases:
         raise InputError("bodies", wanted="at least one", came="none", todo="check --bodies, --reference and --limit")
     results = run(cases, rows, out, executor, tick=tick)

@@ -68,15 +68,17 @@ def table1(
     heldout. An interrupted run goes on where it was; OUT/sliced keeps the G-code of meshes.
     """
     from printmend.bench.report import body_table
-    from printmend.bench.rows import PAPER_ROWS, planned_for
+    from printmend.bench.rows import PAPER_ROWS, libraries, planned_for
     from printmend.bench.table1 import HEADER, cells, dataset_cases, draw_cases, reference_cases, stands_still, table1
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
     from printmend.dataset.bodies import body_files
+    from printmend.extras import require
 
     rows = tuple(models.split(",")) if models else PAPER_ROWS
     if objective is not None:
         rows = tuple(dict.fromkeys(planned_for(name, objective) for name in rows))
+    require("printmend bench table1", "matplotlib", *libraries(rows))
     if sum(map(bool, (bodies, reference, dataset))) != 1:
         raise click.UsageError("give --bodies or --reference or --dataset, one of them")
     if every_printer and dataset is None:

@@ -33,8 +33,10 @@ def command(
     from printmend.corruption import read_corruption, sample
     from printmend.demo import curiosity
     from printmend.demo.demo import check_out
+    from printmend.extras import require
     from printmend.printer import read_printer
 
+    require("printmend curiosity", "matplotlib")
     check_out(out)
     printer = read_printer("ender5")
     broken = read_corruption(broken_path) if broken_path else sample("pulley-loose", np.random.default_rng(seed))

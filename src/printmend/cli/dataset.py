@@ -47,12 +47,12 @@ def build(
 
     A build that was interrupted goes on with the same command. Bodies that fail are listed in OUT/failures.jsonl.
     """
-    import pyarrow  # noqa: F401 (says at once which extra is missing)
-
     from printmend.cli.progress import progress
     from printmend.dataset.bodies import body_files
     from printmend.dataset.build import Recipe, build_dataset, check_recipe
+    from printmend.extras import require
 
+    require("printmend dataset build", "manifold3d", "matplotlib", "pyarrow", "trimesh")
     recipe = Recipe(corruptions, tuple(families.split(",")), severity, seed, printer, timeout_s=timeout)
     check_recipe(recipe)  # before bodies are made or fetched
     unread: dict[Path, str] = {}
@@ -155,7 +155,9 @@ def export_reference(
     from printmend.cli.progress import progress
     from printmend.dataset.bodies import body_files
     from printmend.dataset.export import export_reference
+    from printmend.extras import require
 
+    require("printmend dataset export-reference", "scipy")
     files = body_files(bodies)
     with progress("bodies", len(files)) as tick:
         done = export_reference(

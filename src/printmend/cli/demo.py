@@ -22,7 +22,7 @@ def command(
 ) -> None:  # fmt: skip
     """Break a twin of an Ender-5, print one test layer, learn from it, plan all layers, print again.
 
-    No printer, slicer or network is needed. Pictures go to the folder --out.
+    No printer, slicer or network is needed. Pictures go to the folder --out, where matplotlib is installed.
     """
     import numpy as np
 
@@ -31,9 +31,12 @@ def command(
     from printmend.cli.table import show_table
     from printmend.corruption import read_corruption
     from printmend.demo import demo
+    from printmend.extras import require
     from printmend.printer import read_printer
 
     demo.check_out(out)
+    if part or scan:
+        require(f"printmend demo --{'part' if part else 'scan'}", "cv2", "matplotlib", "PIL", "scipy")
     if part:
         _show_part(seed, broken, out)
         return
@@ -49,6 +52,8 @@ def command(
         if file
         else body_of(demo_body_gcode(), printer, name="timing pulley")
     )
+    if less := demo.left_out():
+        click.echo(less, err=True)
     with progress("demo", demo.ticks(body)) as tick:
         done = demo.run_demo(body, corruption, printer, seed=seed, tick=tick)
         written = demo.write_demo(done, out, tick=tick)

@@ -26,15 +26,18 @@ def command(
 
     Results are kept in OUT/table1.jsonl: an interrupted run goes on where it was.
     """
-    from printmend.bench.rows import PAPER_ROWS
+    from printmend.bench.rows import PAPER_ROWS, libraries
     from printmend.bench.table1 import dataset_cases, table1
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
     from printmend.demo.demo import check_out
+    from printmend.extras import require
+
+    rows = tuple(models.split(",")) if models else PAPER_ROWS
+    require("printmend figures", "matplotlib", "pyarrow", "scipy", *libraries(rows))
     from printmend.demo.figures import table_lines, write_figures
 
     check_out(out)
-    rows = tuple(models.split(",")) if models else PAPER_ROWS
     cases = dataset_cases(root, protocol=protocol, seed=seed, limit=limit)
     with progress("bodies", len(cases)) as tick:
         lines, results = table1(cases, rows, out, executor=executor, tick=tick)

@@ -19,8 +19,11 @@ def command(model_path: Path, picture: Path | None, as_json: bool) -> None:
     The history lies beside the model, printer.mend.history.jsonl: `learn`, `learn --update` and `verify` add to it.
     """
     from printmend.cli.outputs import spare
+    from printmend.extras import require
     from printmend.repair.history import history_of, read_history, rows_of, trends_of
 
+    if picture is not None:
+        require("printmend history --picture", "matplotlib")
     spare((picture,), (model_path, history_of(model_path)))
     events = read_history(model_path)
     trends = trends_of(events)

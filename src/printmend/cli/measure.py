@@ -56,7 +56,10 @@ def command(
     serves as well.
     """
     from printmend.cli.outputs import spare
+    from printmend.extras import require
 
+    if not callipers or overlay is not None:
+        require("printmend measure", "cv2", "PIL", "scipy")
     output = output or Path("printer.mend.json" if callipers else "trace.csv")
     spare((output, overlay), (plan_path, part_path, *scans))
     if scanner_percent is not None and (part_path is not None or callipers):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from printmend.cli.model import ModelType
+from printmend.cli.number import Finite, Percent
 from printmend.cli.outcome import tell
 
 if TYPE_CHECKING:
@@ -28,18 +29,20 @@ if TYPE_CHECKING:
               help="Write what to expect: a page with pictures of the part, or all numbers.")  # fmt: skip
 @click.option("--force", is_flag=True,
               help="Write even where the prediction is not better, or where a file names another printer.")  # fmt: skip
-@click.option("--tolerance", "tolerance_mm", type=click.FloatRange(0.002, 0.2), default=0.01, show_default=True,
+@click.option("--tolerance", "tolerance_mm", type=Finite(0.002, 0.2), default=0.01, show_default=True,
               metavar="MM", help="How far the path may be off; more of it makes fewer moves and stops.")  # fmt: skip
 @click.option("--firmware", type=click.Choice(["marlin8", "marlin32", "klipper", "rrf", "prusa", "bambu"]),
               help="What reads the file: how many moves a second it takes. Default: as the file says.")  # fmt: skip
+@click.option("--slower", type=Percent(0, 1000), metavar="5%",
+              help="How much longer it may take: infill is drawn less closely first, outer walls last.")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(1, 64), default=1, show_default=True, help="Files at a time.")
 @click.option("--json", "as_json", is_flag=True, help="A line of JSON for each file.")
 @click.option("--quiet", is_flag=True, help="Say only what went wrong.")
 @click.pass_context
 def command(
     ctx: click.Context, sources: tuple[Path, ...], model_path: Path, output: Path | None, in_place: bool,
-    overwrite: bool, report: Path | None, force: bool, tolerance_mm: float, firmware: str | None, jobs: int,
-    as_json: bool, quiet: bool,
+    overwrite: bool, report: Path | None, force: bool, tolerance_mm: float, firmware: str | None, slower: float | None,
+    jobs: int, as_json: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Rewrite G-code so that this printer prints it right, and predict the error before and after.
 
@@ -50,13 +53,13 @@ def command(
     Ends with 0  written
               1  a fault of printmend itself
               2  a file, a model or a printer is not as it should be; nothing written
-              3  the prediction is not better; nothing written
+              3  the prediction is not better, or the print would take longer than it may; nothing written
     Of several files the others are written all the same, and it ends with the worst of theirs: 1, then 2, then 3.
     """
     from printmend.invert.fineness import Fineness
     from printmend.saved import read_model
 
-    fineness = Fineness(tolerance_mm, firmware)
+    fineness = Fineness(tolerance_mm, firmware, slower)
     if len(sources) > 1 or sources[0].is_dir() or as_json:
         if str(output) == "-" or any(str(source) == "-" for source in sources) or report is not None:
             raise click.UsageError("standard input or output and --report go with one file, without --json")

@@ -14,3 +14,10 @@ class Finite(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a number.", param, ctx)
         return number
+
+
+class Percent(Finite):
+    """A share as a percentage, with its sign or without: `5%` is 0.05."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        return super().convert(str(value).strip().removesuffix("%"), param, ctx) / 100.0

@@ -87,6 +87,7 @@ def command(
     import numpy as np
 
     from printmend.cli.outputs import spare
+    from printmend.extras import require
     from printmend.gcode.read import read_gcode
     from printmend.measure.table import read_trace
     from printmend.printer import read_printer
@@ -108,6 +109,8 @@ def command(
         raise click.UsageError("--sheets is for --on paper or --pen")
     if sheets > 1 and (size_mm is not None or part_path is not None or design != "fixed"):
         raise click.UsageError("--sheets shows as much of the bed as it can: leave out --size, --for and --design")
+    if sheet is not None:
+        require("printmend probe --sheet", "cv2", "PIL", "scipy")
     made = () if printer_name is None else (output, output.with_suffix(".json"), leaflet_of(output))
     spare((*made, sheet), (part_path, after, start_path, Path(printer_name or "-")))
     if sheet is not None:

@@ -43,8 +43,10 @@ def command(
     from printmend.cli.table import show_table
     from printmend.demo import selfrepair_report as report
     from printmend.demo.demo import check_out
+    from printmend.extras import require
     from printmend.printer import read_printer
 
+    require("printmend selfrepair", "matplotlib")
     check_out(out)
     broken, title = (None, "") if hull == ALL else _broken(hull, broken_path, model_path, both=both)
     printer = getattr(broken, "printer", None) or read_printer("ender5")

@@ -24,6 +24,12 @@ def command(
 
     The server listens on this computer only. It sends nothing anywhere but the files that you send to your printer.
     """
+    from printmend.extras import require
+
+    require(
+        "printmend studio", "cv2", "fastapi", "httpx2", "matplotlib", "pebble", "PIL", "reportlab", "scipy",
+        "sqlalchemy", "uvicorn", *(["distributed"] if cluster else []),
+    )  # fmt: skip
     from printmend.studio.serve import serve
 
     folder = folder or Path(click.get_app_dir("printmend")) / "studio"

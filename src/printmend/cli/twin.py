@@ -48,6 +48,7 @@ def command(
 
     from printmend.cli.outputs import spare
     from printmend.corruption import read_corruption
+    from printmend.extras import require
     from printmend.gcode.container import HINT_BYTES
     from printmend.gcode.read import read_gcode
     from printmend.measure import read_plan
@@ -56,6 +57,8 @@ def command(
     from printmend.twin import Twin
     from printmend.twin.gcode import print_gcode
 
+    if scan is not None:
+        require("printmend twin --scan", "cv2", "PIL", "scipy")
     spare((output, scan), (source, corruption_path, plan_path, Path(printer_name)))
     printer = read_printer(printer_name)
     twin = Twin.of(read_corruption(corruption_path), printer)

@@ -38,6 +38,7 @@ def command(
     """
     from printmend.cli.outputs import spare
     from printmend.errors import RefusedError, of_file
+    from printmend.extras import require
     from printmend.measure import read_plan, read_trace
     from printmend.repair.history import history_of
     from printmend.repair.verify import BROKEN, remember_verdict, update_words, updated, verify
@@ -46,6 +47,8 @@ def command(
     is_table = len(measured) == 1 and measured[0].suffix.lower() == ".csv"
     if not is_table and (plan_path is None) == (part_path is None):
         raise click.UsageError("scans need --probe, the plan of the check print, or --gcode, the part that was printed")
+    if not is_table:
+        require("printmend verify", "cv2", "PIL", "scipy")
     spare((output,), (*measured, plan_path, part_path, history_of(model_path)))
     model = read_model(model_path)
     if is_table:

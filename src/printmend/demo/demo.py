@@ -10,6 +10,7 @@ import numpy as np
 from printmend.bench.rows import row
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play, corruption_toml
 from printmend.errors import InputError
+from printmend.extras import install_command, is_installed
 from printmend.files import replacing
 from printmend.metrics import rmse
 from printmend.path import Body
@@ -28,6 +29,19 @@ NAMES = {
 }
 SHOWN = "greybox"
 HEADER = ("model", "RMSE steps", "RMSE mm", "learn s", "plan s")
+
+
+def rows() -> tuple[str, ...]:
+    """Return those of `ROWS` whose library is installed."""
+    return tuple(name for name in ROWS if is_installed("lightgbm") or not name.startswith("lightgbm"))
+
+
+def left_out() -> str:
+    """Return what this installation leaves out, and the command that adds it; empty where nothing is."""
+    parts = {"lightgbm": "the paper's learner", "matplotlib": "the pictures"}
+    missing = [module for module in parts if not is_installed(module)]
+    said = " and ".join(parts[module] for module in missing)
+    return f"left out: {said}; {install_command(missing)} adds what they need" if missing else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +93,7 @@ def run_demo(
     seed: int,
     tick: Callable[[str], None] = lambda what: None,
 ) -> Demo:
-    """Break ``printer``, print the body's training layer, and let each model of `ROWS` plan and print every layer.
+    """Break ``printer``, print the body's training layer, and let each model of `rows` plan and print every layer.
 
     The errors are over the layers other than the training layer (over it, where it is the only one).
     """
@@ -88,7 +102,7 @@ def run_demo(
     trace = layer_trace(training, twin.run(training.controls, training.start_steps), printer)
     tick("test layer printed")
     attempts = []
-    for name in ROWS:
+    for name in rows():
         chosen = row(name)
         begun = time.perf_counter()
         model = chosen.model(trace, printer, twin, np.random.default_rng(seed))
@@ -112,7 +126,7 @@ def run_demo(
 
 def ticks(body: Body) -> int:
     """Return how often `run_demo` and `write_demo` tick together."""
-    return 1 + len(ROWS) * len(body.layers) + 3
+    return 1 + len(rows()) * len(body.layers) + (3 if is_installed("matplotlib") else 0)
 
 
 def cells(attempt: Attempt) -> tuple[str, ...]:
@@ -165,13 +179,21 @@ def check_out(out: Path) -> None:
 
 
 def write_demo(demo: Demo, out: Path, *, tick: Callable[[str], None] = lambda what: None) -> list[Path]:
-    """Write the pictures and the corruption to ``out``; return what was written."""
+    """Write the pictures, where matplotlib is installed, and the corruption to ``out``; return what was written."""
+    out.mkdir(parents=True, exist_ok=True)
+    written = _write_pictures(demo, out, tick) if is_installed("matplotlib") else []
+    with replacing(out / "corruption.toml") as text:
+        text.write(corruption_toml(demo.corruption))
+    return [*written, out / "corruption.toml"]
+
+
+def _write_pictures(demo: Demo, out: Path, tick: Callable[[str], None]) -> list[Path]:
+    """Write three pictures: all layers from above, from the side, and the error along the test layer."""
     from matplotlib.colors import Normalize
 
     from printmend.draw import comparison, draw_above, draw_axis_error, draw_solid, new_figure, printed_layer, save
     from printmend.draw.body import above_view, solid_view
 
-    out.mkdir(parents=True, exist_ok=True)
     body, printer = demo.body, demo.printer
     attempts = {attempt.row: attempt for attempt in demo.attempts}
     wanted = [layer.nominal_steps.astype(float) for layer in body.layers]
@@ -209,6 +231,4 @@ def write_demo(demo: Demo, out: Path, *, tick: Callable[[str], None] = lambda wh
     figure.subplots_adjust(left=0.07, right=0.98, top=0.9, bottom=0.14, wspace=0.2)
     written.append(save(figure, out / "test-layer.png"))
     tick("test-layer.png")
-    with replacing(out / "corruption.toml") as text:
-        text.write(corruption_toml(demo.corruption))
-    return [*written, out / "corruption.toml"]
+    return written

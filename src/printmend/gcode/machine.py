@@ -37,15 +37,17 @@ class MachineState:
     """``numbers`` and ``counts`` are records of NUMBERS and COUNTS of `kernels`.
 
     The kernel advances both in place; `copy` before a trial run. ``unsure_moves`` counts the printing moves whose E
-    firmwares read differently, where neither the file nor its numbers tell which of them it is for.
+    firmwares read differently, where neither the file nor its numbers tell which of them it is for. ``odd_axis`` is the
+    letter of an axis that moves along in a file without E: it may be the extruder.
     """
 
     numbers: np.record
     counts: np.record
     unsure_moves: int = 0
+    odd_axis: str = ""
 
     def copy(self) -> "MachineState":
-        return MachineState(self.numbers.copy(), self.counts.copy(), self.unsure_moves)
+        return MachineState(self.numbers.copy(), self.counts.copy(), self.unsure_moves, self.odd_axis)
 
     @property
     def flavour(self) -> Flavour:
@@ -78,6 +80,7 @@ _NAMES = {
     b"reprapfirmware": Flavour.RRF,
     b"rrf": Flavour.RRF,
 }
+_WITH_A = (b"mach3", b"machinekit")
 
 
 def detect_flavour(*texts: bytes) -> Flavour:
@@ -86,10 +89,20 @@ def detect_flavour(*texts: bytes) -> Flavour:
     PrusaSlicer's `gcode_flavor = marlin` is its name for Marlin 1; Cura's `;FLAVOR:Marlin` is any Marlin, today
     nearly always 2.
     """
+    name, is_cura = _named(texts)
+    return Flavour.MARLIN2 if is_cura and name == b"marlin" else _NAMES.get(name, Flavour.UNKNOWN)
+
+
+def says_a_extrudes(*texts: bytes) -> bool:
+    """Say whether slicers' comments in pieces of a file name a firmware for which they write A instead of E."""
+    return _named(texts)[0] in _WITH_A
+
+
+def _named(texts: tuple[bytes, ...]) -> tuple[bytes, bool]:
+    """Return the first name of a firmware in pieces of a file, in small letters, and whether it is Cura's word."""
     for text in texts:
         if b"gcode_flavor" in text.lower() and (found := _CONFIG.search(text)):
-            return _NAMES.get(found[1].lower(), Flavour.UNKNOWN)
+            return found[1].lower(), False
         if b";FLAVOR:" in text and (found := _CURA.search(text)):
-            name = found[1].strip().lower()
-            return Flavour.MARLIN2 if name == b"marlin" else _NAMES.get(name, Flavour.UNKNOWN)
-    return Flavour.UNKNOWN
+            return found[1].strip().lower(), True
+    return b"", False

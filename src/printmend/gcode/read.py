@@ -8,8 +8,9 @@ import numpy as np
 from printmend.errors import GcodeError
 from printmend.gcode import kernels as k
 from printmend.gcode.container import HINT_BYTES, MAX_LINE_BYTES, Part, endless_line, open_gcode, refuse_binary
+from printmend.gcode.extruder import settle_extruder
 from printmend.gcode.layers import layers_of
-from printmend.gcode.machine import Flavour, MachineState, detect_flavour, initial_state
+from printmend.gcode.machine import Flavour, MachineState, detect_flavour, initial_state, says_a_extrudes
 from printmend.gcode.mark import find_e_rule
 from printmend.path import frozen
 from printmend.printer import Printer
@@ -94,16 +95,21 @@ def read_part(part: Part, *, printer: Printer | None = None) -> Program:
 
 def starting_state(part: Part, *, printer: Printer | None = None) -> MachineState:
     """Return the state before a program's first line: its firmware's rules, as far as the file shows them."""
-    state = initial_state(printer, detect_flavour(*part.hints()))
-    first = next(part.chunks(), None)
-    if first is not None:
-        settle_e(first[:HINT_BYTES], state)
+    first = next(part.chunks(), np.empty(0, np.uint8))
+    return _state_of(first[:HINT_BYTES], part.hints(), printer)
+
+
+def _state_of(top: np.ndarray, hints: tuple[bytes, ...], printer: Printer | None) -> MachineState:
+    """Return the state before the first line of a text that begins with ``top``."""
+    state = initial_state(printer, detect_flavour(*hints))
+    if len(top):
+        settle_extruder(top, state, says_a=says_a_extrudes(*hints))
+        settle_e(top, state)
     return state
 
 
 def _program(name: str, text: np.ndarray, hints: tuple[bytes, ...], printer: Printer | None) -> Program:
-    state = initial_state(printer, detect_flavour(*hints))
-    settle_e(text[:HINT_BYTES], state)
+    state = _state_of(text[:HINT_BYTES], hints, printer)
     moves = moves_of(interpret_text(text, state, name))
     if not len(moves):
         raise GcodeError(name, wanted="G-code with motion", came="no G0–G3 move", todo="give a sliced file")
@@ -116,7 +122,7 @@ def interpret_text(text: np.ndarray, state: MachineState, name: str = "G-code") 
     capacity = RECORDS
     while position < len(text):
         records = np.empty(capacity, k.RECORD)
-        count, after = k.interpret(text, position, len(text), state.numbers, state.counts, records)
+        count, after = k.interpret(text, position, len(text), state.numbers, state.counts, records, k.NO_NOTES)
         if after == position:  # one line may hold more statements than fit
             capacity = larger(capacity, name)
         parts.append(records[:count].copy() if count < capacity // 2 else records[:count])
@@ -236,7 +242,7 @@ def _pushed(text: np.ndarray, state: MachineState, rule: int, m83: int) -> tuple
     trial = state.copy()
     trial.counts.rule, trial.counts.m83 = rule, m83
     records = np.empty(RECORDS, k.RECORD)
-    count, _ = k.interpret(text, 0, len(text), trial.numbers, trial.counts, records)
+    count, _ = k.interpret(text, 0, len(text), trial.numbers, trial.counts, records, k.NO_NOTES)
     rows = records[:count]
     rows = rows[(rows["kind"] <= k.KIND_CCW) & (rows["words"] & k.WORD_E > 0) & (rows["words"] & k.WORDS_XYZ > 0)]
     length_mm = np.hypot(rows["x1"] - rows["x0"], rows["y1"] - rows["y0"]) + np.abs(rows["z1"] - rows["z0"])

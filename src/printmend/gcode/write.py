@@ -28,6 +28,8 @@ from one call to the next (the engaged side of a belt) is its own. What it retur
 
 PLANS_AT_ONCE = 5  # in the queue, in the writer and being made
 _RECORDS = 8192  # a batch: small enough to stay in the cache on its way through the threads
+_NOTES = 1024  # of a batch
+_MOST_TIMES = 100_000  # places that tell the time which are kept
 _OUT_BYTES = 1 << 20  # of text written at once
 _AHEAD = 2  # batches that a thread may be ahead of the next one
 _Item = TypeVar("_Item")
@@ -35,17 +37,18 @@ _Item = TypeVar("_Item")
 
 @dataclass(frozen=True, eq=False)
 class _Batch:
-    """Interpreted text: ``records`` of ``chunk[begin:end]``; ``numbered`` says whether lines have N words so far."""
+    """Interpreted text: what ``chunk[begin:end]`` says; ``numbered`` tells whether lines have N words so far."""
 
     chunk: np.ndarray
     begin: int
     end: int
     records: np.ndarray
+    notes: np.ndarray
     numbered: bool
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class Planned:
     """Planned records[begin:end] of a batch; ``last`` says that no more of it follows."""
 
     batch: _Batch
@@ -55,13 +58,38 @@ class _Part:
     pieces: np.ndarray
     last: bool
 
+    @property
+    def records(self) -> np.ndarray:
+        return self.batch.records
 
-def rewrite(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> Iterator[memoryview]:
+    @property
+    def notes(self) -> np.ndarray:
+        return self.batch.notes
+
+
+Look = Callable[[Planned], None]
+"""What looks on while a text is planned, part by part, in the order of the file."""
+
+
+@dataclass(frozen=True)
+class TimePlace:
+    """A place in a written text that tells the time: ``text`` stands at byte ``at`` of it."""
+
+    at: int
+    text: bytes
+
+
+def rewrite(
+    chunks: Iterable[np.ndarray], state: MachineState, plan: Plan, *,
+    look: Look | None = None, times: list[TimePlace] | None = None,
+) -> Iterator[memoryview]:  # fmt: skip
     """Yield the text of ``chunks`` (uint8, whole lines each) with the motion that ``plan`` wants.
 
     ``state`` is the machine's before the first chunk and is advanced. Each view is valid until the next is asked for.
+    ``look`` is shown every part after it is planned. Places of the written text that tell the time are added to
+    ``times``, those of a text with numbered lines left out.
     """
-    writer = initial_writer(state)
+    writer, written_bytes, places = initial_writer(state), 0, times
     lines = np.zeros(2, np.int64)
     out = np.empty(_OUT_BYTES, np.uint8)
     at = 0
@@ -70,13 +98,28 @@ def rewrite(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> It
         if part.begin == 0:
             at = batch.begin
         writer.numbered = batch.numbered
+        if look is not None:
+            look(part)
         texts: list[memoryview] = []
         start = part.begin
-        while start < part.end:
+        # the first of them and no others, else none could be told from another
+        places = places if places is not None and _takes_times(places, batch) else None
+        told = iter(() if places is None else _telling_time(part))
+        place = next(told, None)
+        while True:
+            while place is not None and place["record"] <= start:
+                begin, end = int(place["begin"]), int(place["end"])
+                if places is not None:
+                    places.append(TimePlace(written_bytes + begin - at, batch.chunk[begin:end].tobytes()))
+                place = next(told, None)
+            if start >= part.end:
+                break
+            stop = part.end if place is None else min(part.end, int(place["record"]))
             done, at, written = k.emit(
-                batch.chunk, at, batch.records[start:], part.end - start, part.first[start:], part.pieces, writer, out
+                batch.chunk, at, batch.records[start:], stop - start, part.first[start:], part.pieces, writer, out
             )
             start += done
+            written_bytes += written
             if done == 0 and written == 0:  # one record larger than the buffer
                 out = np.empty(2 * len(out), np.uint8)
             elif batch.numbered:
@@ -85,13 +128,27 @@ def rewrite(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> It
                 yield out[:written].data
         if part.last and at < batch.end:
             texts.append(batch.chunk[at : batch.end].data)
+            written_bytes += batch.end - at
         yield from _renumbered(b"".join(texts), lines) if batch.numbered else texts
 
 
-def follow(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan) -> None:
-    """Show ``plan`` the text of ``chunks`` and write nothing."""
-    for _ in _planned(_ahead(_interpreted(chunks, state)), plan):
-        pass
+def follow(chunks: Iterable[np.ndarray], state: MachineState, plan: Plan, *, look: Look | None = None) -> None:
+    """Show ``plan`` the text of ``chunks``, and each part to ``look`` after that; write nothing."""
+    for part in _planned(_ahead(_interpreted(chunks, state)), plan):
+        if look is not None:
+            look(part)
+
+
+def _takes_times(places: list[TimePlace], batch: _Batch) -> bool:
+    """Say whether places of a batch are to be noted: not of lines that are numbered anew, nor without end."""
+    return not batch.numbered and len(places) + len(batch.notes) <= _MOST_TIMES
+
+
+def _telling_time(part: Planned) -> np.ndarray:
+    """Return the notes of a planned part that tell the time."""
+    notes = part.notes
+    mine = (notes["what"] == k.NOTE_TIME) & (notes["record"] >= part.begin)
+    return notes[mine if part.last else mine & (notes["record"] < part.end)]
 
 
 def initial_writer(state: MachineState) -> np.record:
@@ -105,28 +162,30 @@ def initial_writer(state: MachineState) -> np.record:
 def _interpreted(chunks: Iterable[np.ndarray], state: MachineState) -> Iterator[_Batch]:
     # A batch is in use here, in two queues, in the planner and in the writer.
     ring = [np.empty(_RECORDS, k.RECORD) for _ in range(2 * _AHEAD + 4)]
+    notes = [np.empty(_NOTES, k.NOTE) for _ in ring]
     turn = 0
     for chunk in chunks:
         position = 0
         while position < len(chunk):
             records = ring[turn]
-            count, after = k.interpret(chunk, position, len(chunk), state.numbers, state.counts, records)
+            count, after = k.interpret(chunk, position, len(chunk), state.numbers, state.counts, records, notes[turn])
             if after == position:  # one line with more statements than fit
                 ring[turn] = np.empty(larger(len(records)), k.RECORD)
                 continue
             numbered = bool(state.counts.numbered + state.counts.checksums > 0)
-            yield _Batch(chunk, position, after, records[:count], numbered)
+            noted = notes[turn][: int(state.counts.noted)]
+            yield _Batch(chunk, position, after, records[:count], noted, numbered)
             turn = (turn + 1) % len(ring)
             position = after
 
 
-def _planned(batches: Iterable[_Batch], plan: Plan) -> Iterator[_Part]:
+def _planned(batches: Iterable[_Batch], plan: Plan) -> Iterator[Planned]:
     for batch in batches:
         begin, last = 0, False
         while not last:
             end, first, pieces = plan(batch.records, begin)
             last = end == len(batch.records)
-            yield _Part(batch, begin, end, first, pieces, last)
+            yield Planned(batch, begin, end, first, pieces, last)
             begin = end
 
 

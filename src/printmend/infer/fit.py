@@ -79,7 +79,8 @@ class Fit:
 
 def fitted(trace: Trace, scene: Scene, first: Mechanism) -> Fit:
     """Return the effects that a trace shows; ``first`` is a machine that is nearly right, for the first contacts."""
-    mechanism, fit, whole, turned_rad = first, None, trace, 0.0
+    mechanism, whole, turned_rad = first, trace, 0.0
+    fit: Fit | None = None
     if scene.homed:
         scene = replace(scene, home_sd_mm=_home_sd_mm(first, scene))
     motor = scene.printer.to_motor(trace.commanded_mm)
@@ -90,16 +91,20 @@ def fitted(trace: Trace, scene: Scene, first: Mechanism) -> Fit:
         places = places_of(trace, scene, contacts.row, contacts.side, bed_mm)
         rows = rows_of(trace, contacts, places, scene)
         if fit is None:
-            left_mm = _left_by(mechanism, trace, contacts, rows)
-            weight, members = weighed(rows, left_mm), ()
+            weight = weighed(rows, _left_by(mechanism, trace, contacts, rows))
+        elif len(rows.mark) == len(fit.rows.mark):
+            weight = weighed(rows, fit.left_mm())
         else:
-            weight, members = weighed(rows, fit.left_mm()) if len(rows.mark) == len(fit.rows.mark) else rows.weight, fit
-        newer = _searched(trace, scene, places, rows, contacts, weight, members or None)
+            weight = rows.weight
+        newer = _searched(trace, scene, places, rows, contacts, weight, fit)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
+        again = fit is not None and np.array_equal(contacts.row, fit.contacts.row)
         fit, mechanism = replace(newer, turned_rad=turned_rad), newer.mechanism
         more_rad = float(np.arctan(sum(part.sizes_mm[0] for part in fit.parts() if part.effect == "turn") / SCALE_MM))
         turned_rad += more_rad
+        if again and not more_rad:
+            break
     assert fit is not None
     return _on_all_marks(fit, trace)
 

@@ -1,4 +1,4 @@
-"""A drive's parameters (`saved.layout.Design`) as parts of a posterior: for learners that draw machines of their own."""
+"""A drive's parameters (`saved.layout.Design`) as parts: for learners that draw machines of their own."""
 
 import numpy as np
 from numpy.polynomial import polynomial

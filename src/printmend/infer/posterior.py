@@ -1,7 +1,7 @@
 """What is believed of a machine after a measurement: machines drawn from all sets of effects, each by its weight.
 
-The likeliest set and its neighbours, one block more, less or exchanged, are weighed by evidence and prior odds (Bayesian
-model averaging: Hoeting et al. 1999). A draw is one of these sets, with sizes from its posterior.
+The likeliest set and its neighbours, one block more, less or exchanged, are weighed by evidence and prior odds
+(Bayesian model averaging: Hoeting et al. 1999). A draw is one of these sets, with sizes from its posterior.
 """
 
 from dataclasses import dataclass
@@ -22,8 +22,8 @@ MOST_SETS = 24  # neighbours that are weighed at most
 class Part:
     """One effect at one place with one shape, as it is believed.
 
-    ``acts_mm`` [P] are the sizes that the model has: their mean in the likeliest set, 0 where that has none; ``draws_mm`` [P, D] those of the drawn
-    machines; ``chance`` is the share of them that have it.
+    ``acts_mm`` [P] are the sizes that the model has: their mean in the likeliest set, 0 where that has none.
+    ``draws_mm`` [P, D] are those of the drawn machines; ``chance`` is the share of them that have it.
     """
 
     effect: str

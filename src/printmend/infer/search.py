@@ -1,8 +1,8 @@
 """Which set of effects made a measurement: forward, backward and swap steps by log evidence and prior odds.
 
-With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. What one block gains
-beside a set follows from the block's share of the Gram matrix alone: with S its information and r its slope once the
-set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003).
+With the noise σ and a set's prior variances V given, errors are normal with covariance σ² + Φ V Φᵀ. What one block
+gains beside a set follows from the block's share of the Gram matrix alone: with S its information and r its slope once
+the set's own parts are off, ½ rᵀ(S + V⁻¹)⁻¹r − ½ log det(1 + V S) (MacKay 1992; Tipping & Faul 2003).
 """
 
 from dataclasses import dataclass
@@ -58,10 +58,10 @@ class Search:
     def posterior(self, members: Set, sigma_mm: float, *, rounds: int = 3) -> State:
         """Return the posterior of a set, the noise found by ``rounds`` of expectation and maximisation."""
         blocks = self.dictionary.blocks
-        columns = np.concatenate([np.arange(blocks[b].at.start, blocks[b].at.stop) for b, _ in members] or [[]]).astype(
+        columns = np.concatenate([np.arange(blocks[b].at.start, blocks[b].at.stop) for b, _ in members] or [np.zeros(0)]).astype(
             int
         )
-        sd = np.concatenate([blocks[b].sds_mm[v] for b, v in members] or [[]])
+        sd = np.concatenate([blocks[b].sds_mm[v] for b, v in members] or [np.zeros(0)])
         odds = sum(float(blocks[b].log_odds[v]) for b, v in members)
         matrix, slope = self.gram.matrix[np.ix_(columns, columns)], self.gram.slope[columns]
         scaled, scaled_slope = matrix * np.outer(sd, sd), slope * sd

@@ -14,7 +14,7 @@ CHANGING = ("breathing", "friction", "uneven_play")  # effects that add to a bel
 
 
 def drawn_parts(scene: Scene, rng: np.random.Generator) -> list[Sized]:
-    """Draw the effects that a printer, its print and its measurement have, each by its odds, with sizes by its prior."""
+    """Draw the effects of a printer, its print and its measurement, each by its odds and with sizes by its prior."""
     parts = []
     for effect in EFFECTS.values():
         by_place: dict[int, list[Term]] = {}

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from printmend.gcode import kernels as k
 from printmend.gcode.machine import Flavour
 from printmend.invert.kernels.layout import TOLERANCE_MM
 
@@ -18,6 +19,13 @@ _OF_FLAVOUR = {
     Flavour.MARLIN1: "marlin8", Flavour.MARLIN2: "marlin32", Flavour.KLIPPER: "klipper", Flavour.RRF: "rrf",
     Flavour.PRUSA: "prusa", Flavour.UNKNOWN: "marlin32",
 }  # fmt: skip
+COARSEST_MM = 0.2
+"""The largest tolerance: half a line's width."""
+SPARE = {
+    k.ROLE_INFILL: 16.0, k.ROLE_ASIDE: 16.0, k.ROLE_SOLID: 4.0, k.ROLE_INNER: 2.0, k.ROLE_UNKNOWN: 1.0,
+    k.ROLE_OUTER: 0.25,
+}  # fmt: skip
+"""How much more of a tolerance lines of each role may have where time is short: choices of ours, by what is seen."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +33,25 @@ class Fineness:
     """How far the path may be off, and what reads the file.
 
     ``tolerance_mm``: half of it where a chord bulges, all where that is short or slack is crossed. ``firmware`` is a
-    key of `SEGMENTS_PER_S`, or None: guessed from each file.
+    key of `SEGMENTS_PER_S`, or None: guessed from each file. ``slower`` is by which share the print may take longer at
+    the most, None without a limit; ``ease`` how much coarser lines are drawn for that, by their `SPARE`.
     """
 
     tolerance_mm: float = TOLERANCE_MM
     firmware: str | None = None
+    slower: float | None = None
+    ease: float = 0.0
+
+    @property
+    def tolerances_mm(self) -> dict[int, float]:
+        """How far lines of each role may be off."""
+        coarsest_mm = max(self.tolerance_mm, COARSEST_MM)
+        return {role: min(self.tolerance_mm * (1.0 + self.ease * spare), coarsest_mm) for role, spare in SPARE.items()}
+
+    @property
+    def most_ease(self) -> float:
+        """The ease from which on all lines are drawn as coarsely as they may be."""
+        return max(COARSEST_MM / self.tolerance_mm - 1.0, 0.0) / min(SPARE.values())
 
     def segments_per_s(self, flavour: Flavour) -> float:
         """Return how many moves a second a file of that ``flavour`` may have."""

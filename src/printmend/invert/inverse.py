@@ -1,6 +1,8 @@
 """The continuous planner: the motor commands that make a machine, broken as its model says, draw what was wanted."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -33,7 +35,7 @@ def lookup(mechanism: Mechanism, tolerance_mm: float = k.TOLERANCE_MM) -> look.M
     head.bed_map = frame.bed_map(corexy=printer.kinematics == "corexy").record
     head.home[:] = printer.home_mm
     head.home_side[:] = printer.x.home_direction, printer.y.home_direction
-    head.chord = chord_mm = tolerance_mm / 2
+    head.chord = head.chords[:] = chord_mm = tolerance_mm / 2
     parts: list[np.ndarray] = []
     size, sharpest = 0, 0.0
     screw = None if mechanism.screw is None or _is_straight(mechanism.screw) else mechanism.screw
@@ -156,12 +158,16 @@ class Planner:
         """The lower and the upper corner of the bed [2, 2]."""
         return self.model.head.bed.reshape(2, 2).T
 
-    def begin(self, segments_per_s: float = np.inf) -> None:
+    def begin(self, segments_per_s: float = np.inf, tolerances_mm: Mapping[int, float] = MappingProxyType({})) -> None:
         """Begin a program: nothing is known of where the machine is. What was added up so far is kept.
 
         ``segments_per_s`` is how many moves a second its firmware takes: no line is cut finer than that.
+        ``tolerances_mm`` holds how far lines of a role may be off where that is more than elsewhere.
         """
         self.model.head.period = 1.0 / (60.0 * segments_per_s)
+        self.model.head.chords[:] = self.model.head.chords[look.TRAVEL]
+        for role, tolerance_mm in tolerances_mm.items():
+            self.model.head.chords[role] = tolerance_mm / 2
         self.counts.known = self.counts.anywhere = self.counts.height = 0
         self.counts.mark = -1
         self.state.layer_z = np.inf  # whatever comes first begins a layer

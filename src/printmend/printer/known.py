@@ -4,6 +4,12 @@ import re
 from functools import cache
 from itertools import product
 
+
+def _of_sizes(words: str, *beds_mm: int) -> tuple[str, ...]:
+    """Return the printers of one model in several sizes: without its size, its words mean any of them."""
+    return tuple(f"{' | '.join(f'{word} {bed_mm}' for word in words.split(' | '))} | {words}" for bed_mm in beds_mm)
+
+
 # By the words for their maker: printers that differ in bed, kinematics or motors, each with the words for it. A space
 # stands for any separator or none. An upgrade that keeps the belts and the bed is the same printer (Ender-3, Pro, V2).
 _MADE = {
@@ -18,7 +24,7 @@ _MADE = {
         "p1p | p1s", "p2s", "x1 | x1c | x1 carbon | x1e", "a1", "a1 mini", "h2d", "h2s", "h2c",
     ),
     "creality | ender": (
-        "ender 2", "ender 3 | ender 3 v3 se | ender 3 v3 ke", "ender 3 max | ender 3 max neo", "ender 3 s1 plus",
+        "ender 2", "ender 3 | ender 3 v3 se", "ender 3 v3 ke", "ender 3 max | ender 3 max neo", "ender 3 s1 plus",
         "ender 3 v3", "ender 3 v3 plus", "ender 4", "ender 5", "ender 5 plus", "ender 5 max", "ender 6", "ender 7",
         "cr 5", "cr 6 | cr 6 se", "cr 6 max", "cr 8", "cr 10", "cr 10 mini", "cr 10 se", "cr 10 max", "cr 10 s4",
         "cr 10 s5", "cr 20", "cr 200b", "cr m4", "k1 | k1c | k1 se", "k1 max", "k2", "k2 plus", "sermoon",
@@ -32,12 +38,21 @@ _MADE = {
     "prusa": (
         "mk2", "mk3 | mk3 5", "mk4 | mk3 9", "mini | mini is", "xl | xl2 | xl5", "core one", "core one l",
     ),
+    "qidi": (
+        "q1 pro", "q2", "x smart 3", "x plus 3", "x plus 4", "x max 3", "x cf pro", "max 4",
+    ),
+    "rat rig": (
+        *_of_sizes("v core 3 | v core 3 1", 200, 300, 400, 500), *_of_sizes("v core 4", 300, 400, 500), "v minion",
+    ),
     "sovol": ("sv01", "sv02", "sv03", "sv04", "sv05", "sv06", "sv06 plus", "sv07", "sv07 plus", "sv08"),
     "two trees": ("sapphire plus", "sapphire pro", "bluer", "sp 3", "sp 5"),
-    "voron": ("voron 0 | v0", "voron 1 | v1", "voron 2 | v2", "trident", "switchwire | voron switchwire"),
+    "voron": (
+        "voron 0 | v0", "voron 1 | v1", *_of_sizes("voron 2 | v2 | voron 2 4 | v2 4", 250, 300, 350),
+        *_of_sizes("trident", 250, 300, 350), "switchwire | voron switchwire",
+    ),
     "voxelab": ("aquila", "aries"),
     "anet": (), "ankermake": (), "biqu": (), "flashforge": (), "flsun": (), "geeetech": (), "makerbot": (),
-    "qidi": (), "raise3d": (), "rat rig": (), "snapmaker": (), "tronxy": (), "ultimaker": (), "wanhao": (),
+    "raise3d": (), "snapmaker": (), "tronxy": (), "ultimaker": (), "wanhao": (),
 }  # fmt: skip
 _OF_ANY_MAKER = "prusai3"  # the clones of many makers are called so
 _LEAST_LETTERS = 3  # of a word with a digit that says by itself which printer it is, as P1S does

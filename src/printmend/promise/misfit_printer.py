@@ -63,8 +63,9 @@ def another_printers(left_mm: np.ndarray, trace: Trace, printer: Printer) -> tup
         )
     else:
         words = (
-            f"the table looks as if a CoreXY made it, no printer with a motor for each axis: that leaves {their_mm:.2f} "
-            f"mm unexplained, this one {ours_mm:.2f}. If it is another printer's, learn again with that --printer"
+            f"the table looks as if a CoreXY made it, no printer with a motor for each axis: that leaves "
+            f"{their_mm:.2f} mm unexplained, this one {ours_mm:.2f}. If it is another printer's, learn again with that "
+            "--printer"
         )
     return (Misfit("printer", WARNING, ours_mm, nats, words),)
 

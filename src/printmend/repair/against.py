@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
+from printmend.clock import file_seconds
 from printmend.errors import GcodeError
 from printmend.gcode.arcs import straightened
 from printmend.gcode.read import Moves, read_gcode
@@ -87,8 +88,11 @@ def judged(prediction: Prediction, source: str, output: str, mechanism: Mechanis
     heights = None
     if mechanism.screw is not None:
         heights = (_heights(before), _heights(after))
+    duration = prediction.duration
+    if duration is not None:
+        duration = replace(duration, after_s=file_seconds(output, duration.limits, mechanism.printer))
     return replace(
-        prediction, before=without_doubt(_errors(before)), after=without_doubt(_errors(after)),
+        prediction, duration=duration, before=without_doubt(_errors(before)), after=without_doubt(_errors(after)),
         layers=tuple(layers), commands=len(given), distance_to="the nearest wanted line of its layer", heights=heights,
     )  # fmt: skip
 

@@ -9,34 +9,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO
 
-import numpy as np
-
+from printmend.clock import Duration, with_times
 from printmend.effects import EFFECTS
-from printmend.errors import GcodeError, ModelError, RefusedError
+from printmend.errors import GcodeError, RefusedError
 from printmend.files import replacing
 from printmend.gcode.container import GcodeFile, Part, open_gcode
-from printmend.gcode.header import Described, described
+from printmend.gcode.header import described
 from printmend.gcode.mark import find_mark, find_test_print, marked
-from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starting_state
-from printmend.gcode.write import Plan, follow, rewrite
+from printmend.gcode.read import guessed_e_rule
+from printmend.gcode.write import Plan, TimePlace, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
-from printmend.printer import Printer
-from printmend.printer.known import printers_named
 from printmend.promise.misfit import refusals
 from printmend.promise.words import in_words
+from printmend.repair.meant import refuse_contradiction, refuse_other_printer
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
+from printmend.repair.program import Progress, Read, begun, counted, plan_file
+from printmend.repair.slower import eased
 from printmend.saved.model import SavedModel
 
-_OUTSIDE_MM = 15.0  # how far beyond the bed a file may print: purge lines and wipes lie a few millimetres beyond some
-_DOTS_WORDS = (
-    "only the lines of this test print are counted here, not its dots: a dot may be off in two directions, and these "
-    "figures are distances across a line"
-)
-_BED_OFF_MM = 30.0  # how far a slicer's bed and the preset's may differ where the printer is the same …
-_STRANGER_BED_OFF_MM = 15.0  # … and where the file names none that may be the model's
 _MOST_HELD_SHARE = 0.005  # share of the path that may be held back at the edge of the bed: that is still a print
 AS_USUAL = Fineness()
-Progress = Callable[[int], None]
 Watch = Callable[[Part, Plan], Plan]  # what is told of each program's plan, and may look on while it is carried out
 
 
@@ -66,7 +58,7 @@ def mend_gcode(
     each program is planned.
 
     Raises `GcodeError` for what cannot be read or was mended before, `ModelError` where the file is not for this
-    printer, `RefusedError` where mending would not help and not ``force``.
+    printer, `RefusedError` where mending would not help, or take longer than it may, and not ``force``.
     """
     output = None if output is None else Path(output)
     with open_gcode(source) as file:
@@ -75,14 +67,20 @@ def mend_gcode(
         if is_healthy(model):
             if not force:
                 _refuse_misfit(file, model)
-            said = _plan(file, planner, model, progress)
+            read = plan_file(file, planner, model, fineness, progress)
             with _destination(output) as handle, file.path.open("rb") as whole:
                 shutil.copyfileobj(whole, handle, 1 << 20)
-            return Mended(output, _predicted(planner, model, said))
+            return Mended(output, _predicted(planner, model, read))
+        slower = None
+        if fineness.slower is not None:
+            fineness, slower = eased(file, model, fineness, force=force)
         with _destination(output) as handle:
-            said = []
-            file.write(handle, lambda part: _mended_text(part, planner, model, fineness, progress, said, watch))
-            prediction = _predicted(planner, model, said, marks=1)
+            read = []
+            folder = None if output is None else output.parent
+            file.write(handle, lambda part: _mended_text(part, planner, model, fineness, progress, read, watch, folder))
+            prediction = _predicted(planner, model, read, marks=1)
+            if slower is not None:
+                prediction = replace(prediction, warnings=(*prediction.warnings, slower))
             _check_worth_writing(file, model, prediction, force=force)
         return Mended(output, prediction)
 
@@ -92,10 +90,10 @@ def check_gcode(source: Path | str, model: SavedModel, *, progress: Progress | N
     with open_gcode(source) as file:
         refuse_mended(file)
         planner = start(model.mechanism)
-        said = _plan(file, planner, model, progress)
-        prediction = _predicted(planner, model, said)
+        read = plan_file(file, planner, model, AS_USUAL, progress)
+        prediction = _predicted(planner, model, read)
         _refuse_motionless(file, prediction)
-        _refuse_other_printer(file, model, prediction)
+        refuse_other_printer(file.name, model.printer, prediction)
         return prediction
 
 
@@ -114,51 +112,36 @@ def refuse_mended(file: GcodeFile) -> None:
             )  # fmt: skip
 
 
-def _plan(file: GcodeFile, planner: Planner, model: SavedModel, progress: Progress | None) -> list[str | None]:
-    """Plan a file, and return what is to be said of how each of its programs was read."""
-    said = []
-    for part in file.parts:
-        state = starting_state(part, printer=model.printer)
-        said += _said_of(part, state)
-        planner.begin()
-        follow(_counted(part.chunks(), progress), state, planner.plan)
-    return said
-
-
-def _said_of(part: Part, state: MachineState) -> list[str | None]:
-    """Return what is to be said of how a program was read, and of what is not judged in it."""
-    is_probe = find_test_print(*part.hints()) == "probe"
-    return [e_warning(state), _DOTS_WORDS if is_probe else None]
-
-
-def _predicted(planner: Planner, model: SavedModel, said: list[str | None], *, marks: int = 0) -> Prediction:
-    """Return what to expect of a file that was planned, with what is to be ``said`` of it, once each.
+def _predicted(planner: Planner, model: SavedModel, read: list[Read], *, marks: int = 0) -> Prediction:
+    """Return what to expect of a file that was planned, whose programs were ``read``.
 
     ``marks`` lines stood before what is printed that are not the file's own.
     """
     prediction = with_doubt(prediction_of(planner), model)
     lines = tuple(line - marks for line in prediction.unknown_lines)
-    return replace(prediction, unknown_lines=lines, warnings=tuple(dict.fromkeys(filter(None, said))))
+    warnings = tuple(dict.fromkeys(words for one in read for words in one.said if words))
+    duration: Duration | None = None
+    for one in read:
+        duration = one.watch.duration if duration is None else duration + one.watch.duration
+    return replace(prediction, unknown_lines=lines, warnings=warnings, duration=duration)
 
 
 def _mended_text(
     part: Part, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None,
-    said: list[str | None], watch: Watch | None,
-) -> Iterator[memoryview]:  # fmt: skip
-    """Yield the text of a program as it is mended, and add to ``said`` what is to be said of how it was read."""
-    state = starting_state(part, printer=model.printer)
-    said += _said_of(part, state)
-    planner.begin(fineness.segments_per_s(state.flavour))
-    chunks = marked(_counted(part.chunks(), progress), model.digest, guessed_e_rule(part, state))
-    return rewrite(chunks, state, planner.plan if watch is None else watch(part, planner.plan))
+    read: list[Read], watch: Watch | None, folder: Path | None,
+) -> Iterator[bytes | memoryview]:  # fmt: skip
+    """Return the text of a program as it is mended, and add to ``read`` how it was read.
 
-
-def _counted(chunks: Iterator[np.ndarray], progress: Progress | None) -> Iterator[np.ndarray]:
-    """Yield the chunks of a text, and tell ``progress`` how many bytes each had."""
-    for chunk in chunks:
-        yield chunk
-        if progress is not None:
-            progress(len(chunk))
+    In ``folder`` a text waits in which times are told, until they are known.
+    """
+    state, one = begun(part, model, fineness)
+    read.append(one)
+    planner.begin(fineness.segments_per_s(state.flavour), fineness.tolerances_mm)
+    chunks = marked(counted(part.chunks(), progress), model.digest, guessed_e_rule(part, state))
+    places: list[TimePlace] = []
+    plan = planner.plan if watch is None else watch(part, planner.plan)
+    texts = rewrite(chunks, state, plan, look=one.watch.watch, times=places)
+    return with_times(texts, places, one.watch, folder)
 
 
 @contextmanager
@@ -178,11 +161,11 @@ def _destination(output: Path | None) -> Iterator[IO[bytes]]:
 def _check_worth_writing(file: GcodeFile, model: SavedModel, prediction: Prediction, *, force: bool) -> None:
     """Raise where the file should not be written."""
     _refuse_motionless(file, prediction)
-    _refuse_other_printer(file, model, prediction)
+    refuse_other_printer(file.name, model.printer, prediction)
     if force:
         return
     for part in file.parts:
-        _refuse_contradiction(part.name, described(*part.hints()), model.printer)
+        refuse_contradiction(part.name, described(*part.hints()), model.printer)
     _refuse_misfit(file, model)
     todo = "print the original, or use --force"
     if prediction.extruding + prediction.unknown == 0:
@@ -236,41 +219,3 @@ def _refuse_motionless(file: GcodeFile, prediction: Prediction) -> None:
         raise GcodeError(
             file.name, wanted="G-code with motion", came="no G0–G3 move in X or Y", todo="give a sliced file"
         )
-
-
-def _refuse_other_printer(file: GcodeFile, model: SavedModel, prediction: Prediction) -> None:
-    if not prediction.extruding:
-        return
-    printer = model.printer
-    todo = "use the model of the printer that this file is for"
-    for axis, low, high in zip((printer.x, printer.y), prediction.low_mm, prediction.high_mm, strict=True):
-        if low < axis.min_mm - _OUTSIDE_MM or high > axis.max_mm + _OUTSIDE_MM:
-            wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
-            came = f"extrusion from {low:.1f} to {high:.1f} mm"
-            raise ModelError(file.name, wanted=wanted, came=came, todo=todo)
-
-
-def _refuse_contradiction(name: str, said: Described, printer: Printer) -> None:
-    """Raise `ModelError` where a file says that it is for another printer than the model's."""
-    todo = f"use the model of the printer that this file is for, or --force if it is this {printer.name}"
-    mine, theirs = printers_named(printer.name), [printers_named(each) for each in said.names]
-    stranger = bool(mine and theirs) and not any(mine & each for each in theirs)
-    if said.bed_mm is not None:
-        own = ((printer.x.min_mm, printer.y.min_mm), (printer.x.max_mm, printer.y.max_mm))
-        off_mm = float(np.abs(np.subtract(own, said.bed_mm)).max())
-        if off_mm > (_STRANGER_BED_OFF_MM if stranger else _BED_OFF_MM):
-            for_whom = f" of {said.names[0]}" if stranger else ""
-            shown = [f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) mm" for low, high in (own, said.bed_mm)]
-            raise ModelError(
-                name, wanted=f"G-code for a bed from {shown[0]}", came=f"a bed from {shown[1]}{for_whom}", todo=todo
-            )
-    if said.print_mm is not None:
-        low, high = said.print_mm
-        ends = ((printer.x, low[0], high[0]), (printer.y, low[1], high[1]))
-        for axis, least, most in ends:
-            if least < axis.min_mm - _OUTSIDE_MM or most > axis.max_mm + _OUTSIDE_MM:
-                wanted = f"G-code for {printer.name}, {axis.name.upper()} from {axis.min_mm:g} to {axis.max_mm:g} mm"
-                raise ModelError(name, wanted=wanted, came=f"a header from {least:g} to {most:g} mm", todo=todo)
-    if stranger and any(theirs):
-        other = next(each for each, printers in zip(said.names, theirs, strict=True) if printers)
-        raise ModelError(name, wanted=f"G-code for {printer.name}", came=f"G-code for {other}", todo=todo)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from printmend.clock import Duration
 from printmend.invert import Planner
 from printmend.invert import layout as k
 from printmend.promise.belief import parse_belief
@@ -62,7 +63,8 @@ class Prediction:
     say where the file was read otherwise than its firmware may read it. From ``low_mm`` to ``high_mm`` is where
     printing moves end, from ``printed_low_mm`` to ``printed_high_mm`` where anything is printed, dots and the
     beginnings of moves too; ``on_bed`` says whether this is all on the bed.
-    ``heights`` are the errors in height before and after, where the model has a Z screw.
+    ``heights`` are the errors in height before and after, where the model has a Z screw. ``duration`` is how long both
+    take, None where nobody asked.
     """
 
     length_mm: float
@@ -93,6 +95,7 @@ class Prediction:
     heights: tuple[Heights, Heights] | None = None
     advice: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    duration: Duration | None = None
     path: PathPlaces | None = field(default=None, repr=False)
     gain_mm: np.ndarray | None = field(default=None, repr=False)
     most_worse_share: float = field(default=_MOST_WORSE_SHARE, repr=False)
@@ -131,7 +134,8 @@ class Prediction:
 
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""
-        plain = asdict(replace(self, path=None, gain_mm=None))
+        plain = asdict(replace(self, path=None, gain_mm=None, duration=None))
+        plain["duration"] = None if self.duration is None else self.duration.json()
         del plain["path"], plain["gain_mm"], plain["most_worse_share"]
         plain["layers"] = list(self.layers)
         plain |= {"planning_rms_mm": self.after.planning_rms_mm, "made_of": dict(self.after.made_of)}
@@ -172,6 +176,8 @@ class Prediction:
                 + (f"; slack is taken up at {counted(self.takeups, 'turn')}" if self.takeups else "")
                 + (f", at {self.stops} of them the nozzle stops for a moment (a small seam)" if self.stops else "")
             )
+        if self.duration is not None:
+            rows.append(self.duration.words(mended=not self.is_untouched))
         if self.coarse:
             coarse = counted(self.coarse, "place")
             rows.append(f"off by more than the tolerance at {coarse}: the firmware takes no shorter moves")

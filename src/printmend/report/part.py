@@ -1,13 +1,14 @@
 """The prediction as a file: JSON for programs, one self-contained HTML page for people."""
 
-import importlib.util
 import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import printmend
-from printmend.errors import InputError, MissingToolError
+from printmend.clock import span_words
+from printmend.errors import InputError
+from printmend.extras import require
 from printmend.files import replacing
 from printmend.printer import Axis
 from printmend.promise.belief import parse_belief
@@ -19,18 +20,15 @@ if TYPE_CHECKING:
     from printmend.report.part_view import PartView
 
 _MOST_ROWS = 400  # of the table; the drawing has them all
-_SAME_MIN = 0.5  # a printing time that differs by less is the same
+_SAME_S = 1.0  # a printing time that differs by less is the same
 
 
 def check_report_name(path: Path | None) -> None:
     """Raise `InputError` for a report that is neither .html nor .json, before any work is done."""
     if path is not None and path.suffix.lower() not in (".html", ".htm", ".json"):
         raise InputError(path, wanted="a report in .html or .json", came=repr(path.suffix), todo="change its name")
-    if path is not None and path.suffix.lower() != ".json" and importlib.util.find_spec("matplotlib") is None:
-        raise MissingToolError(
-            path, wanted="the extra 'report' of printmend, which draws", came="an installation without it",
-            todo="pip install 'printmend[report]', or name a report in .json",
-        )  # fmt: skip
+    if path is not None and path.suffix.lower() != ".json":
+        require(f"a report in {path.suffix}", "matplotlib")
 
 
 def write_report(
@@ -95,10 +93,10 @@ def _numbers(prediction: Prediction, view: "PartView | None") -> list[tuple[str,
     before, after = prediction.before, prediction.after
     ranged = f" ({after.rms_low_mm:.3f}–{after.rms_high_mm:.3f} in nine of ten prints)" if after.made_of else ""
     found = [(f"{before.rms_mm:.3f} → {after.rms_mm:.3f} mm", f"typical error as it is → mended{ranged}")]
-    if view is not None:
-        longer = view.minutes[1] - view.minutes[0]
-        more = "as long as before" if abs(longer) < _SAME_MIN else f"{longer:+.0f} min for mending"
-        found.append((f"about {view.minutes[1]:.0f} min", f"printing time, {more}"))
+    if (duration := prediction.duration) is not None:
+        longer_s = duration.after_s - duration.before_s
+        more = "as long as before" if abs(longer_s) < _SAME_S else f"{span_words(longer_s)} of it for mending"
+        found.append((span_words(duration.after_s), f"printing time, {more}, as {duration.limits.words}"))
     if prediction.clamped_extruding or prediction.unknown or prediction.splines:
         return [*found, ("look below", "not all of it stays on the bed, or is understood")]
     where = "stays on the bed" if prediction.on_bed else "is where the file says, some of it beyond the edge of the bed"

@@ -1,5 +1,6 @@
-"""What an owner looks at before printing: does it stay on the bed, how long does it take, where are seams, how does it
-look. Both files are read again, and one layer is printed by the model, as it is and mended.
+"""What an owner looks at before printing: does it stay on the bed, where are seams, how does it look.
+
+Both files are read again, and one layer is printed by the model, as it is and mended.
 """
 
 from collections.abc import Sequence
@@ -15,8 +16,6 @@ from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
 
 MOST_BYTES = 80_000_000  # of a file that is read again whole
-ACCELERATION_MM_S2 = 1000.0  # of an ordinary printer; both files are timed with the same
-_CORNER = np.cos(np.radians(45.0))  # a sharper turn is a stop
 _PITCH_MM = 0.4  # of path between two places that are drawn
 _CHORD_MM = 0.002  # how far an arc's chords may lie from it
 _SEAM_MM = 1.5  # a move without plastic amid a path that is shorter takes up slack
@@ -35,14 +34,12 @@ class DrawnLayer:
 class PartView:
     """The mended file beside the one it was made from.
 
-    ``low_mm`` and ``high_mm`` [2] are the corners of all that the head is told to do; ``minutes`` the estimated
-    printing times before and after. ``layer`` (from 0) is the one drawn, ``seams_mm`` [K, 2] where the nozzle is
-    when it stops in it while a belt turns back.
+    ``low_mm`` and ``high_mm`` [2] are the corners of all that the head is told to do. ``layer`` (from 0) is
+    the one drawn, ``seams_mm`` [K, 2] where the nozzle is when it stops in it while a belt turns back.
     """
 
     low_mm: np.ndarray
     high_mm: np.ndarray
-    minutes: tuple[float, float]
     layer: int
     z_mm: float
     before: DrawnLayer
@@ -72,32 +69,10 @@ def look_at(source: Path, output: Path, mechanism: Mechanism, *, placed: bool) -
     before, after = (_walked(moves, layer, mechanism) for moves in (wanted, given))
     ends = np.concatenate([given.start_mm[told], given.end_mm[told]])[:, :2]
     return PartView(
-        ends.min(axis=0), ends.max(axis=0), (minutes(wanted), minutes(given)), layer,
+        ends.min(axis=0), ends.max(axis=0), layer,
         float(np.median(wanted.end_mm[mine, 2])), _printed(wanted, layer, before, tree, aligned=not placed),
         _printed(given, layer, after, tree, aligned=False), _new_seams(wanted, given, layer, after),
     )  # fmt: skip
-
-
-def minutes(moves: Moves) -> float:
-    """Return the printing time of a file's moves."""
-    return minutes_along(moves.end_mm - moves.start_mm, moves.feed_mm_s)
-
-
-def minutes_along(way: np.ndarray, feed: np.ndarray) -> float:
-    """Return how long moves [N, 3] mm at feeds [N] mm/s take: stretches between sharp corners, each sped up and slowed
-    down once."""
-    length = np.linalg.norm(way, axis=1)
-    used = (length > 0) & (feed > 0)
-    way, length, feed = way[used], length[used], feed[used]
-    if not len(length):
-        return 0.0
-    unit = way / length[:, None]
-    first = np.concatenate([[0], 1 + np.flatnonzero(np.sum(unit[1:] * unit[:-1], axis=1) < _CORNER)])
-    along = np.add.reduceat(length, first)
-    speed = along / np.add.reduceat(length / feed, first)
-    reach = speed**2 / ACCELERATION_MM_S2
-    whole = along / speed + speed / ACCELERATION_MM_S2
-    return float(np.where(along > reach, whole, 2 * np.sqrt(along / ACCELERATION_MM_S2)).sum()) / 60
 
 
 def _fullest(moves: Moves, drawn: np.ndarray) -> int:

@@ -23,9 +23,10 @@ from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.printer import Printer
 from printmend.printer.toml import parse_printer
 from printmend.saved.branches import Branches, Wave
+from printmend.saved.notes import check_notes
 from printmend.saved.screw import parse_screw, parse_series, screw_section
 from printmend.saved.series import ScrewSeries
-from printmend.saved.values import TODO, check_notes, number, numbers, refuse, rising, rounded, section_of
+from printmend.saved.values import TODO, number, numbers, refuse, rising, rounded, section_of
 
 FORMAT = "printmend model"
 VERSION = 2  # of a file with a screw

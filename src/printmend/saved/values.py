@@ -8,7 +8,6 @@ import numpy as np
 from printmend.errors import ModelError
 
 LARGEST = 1e5  # no number of a model is larger, in whatever unit: 100 m
-MAX_SDS = 1024  # standard deviations that one part of a motor may have
 TODO = "learn it again: `printmend learn trace.csv --printer P`"
 
 
@@ -57,27 +56,6 @@ def numbers(section: Mapping[str, Any], key: str, subject: str, most: int) -> np
     if values and not -LARGEST <= min(values) <= max(values) <= LARGEST:  # JSON's integers may be beyond any float
         refuse(subject, f"numbers up to {LARGEST:g} in {key}", "others")
     return np.array(values, float)
-
-
-def check_notes(document: Mapping[str, Any], subject: str) -> None:
-    """Refuse notes about the machine that an update could not go on from."""
-    for fault in _noted(document, "diagnosis", list, subject):
-        if not isinstance(fault, dict) or not all(isinstance(fault.get(key), str) for key in ("part", "kind", "unit")):
-            refuse(subject, "faults with part, kind and unit as text", repr(fault)[:40])
-        number(fault, "value", subject)
-        number(fault, "sd", subject)
-    if not all(isinstance(line, str) for line in _noted(document, "z", dict, subject).values()):
-        refuse(subject, "what was said of Z as text", "something else")
-    motors = _noted(document, "uncertainty", dict, subject)
-    for motor in motors:
-        sds = _noted(section_of(motors, motor, dict, subject), "sd_mm", dict, subject)
-        for part in sds:
-            numbers(sds, part, subject, MAX_SDS)
-
-
-def _noted(document: Mapping[str, Any], key: str, kind: type, subject: str) -> Any:
-    """Return a value of a kind, empty where there is none."""
-    return section_of(document, key, kind, subject) if key in document else kind()
 
 
 def refuse(subject: str, wanted: str, came: str) -> NoReturn:

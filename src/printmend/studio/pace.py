@@ -1,11 +1,8 @@
-"""How long a print takes before and after it is mended, and how many commands a second the printer has to take in."""
+"""How long a print takes as its slicer says, and how many commands a second the printer has to take in."""
 
 import re
-from dataclasses import dataclass
 
 import numpy as np
-
-from printmend.report.part_view import minutes_along
 
 _SPENT = (  # PrusaSlicer and its family, Bambu and Orca, Cura
     re.compile(rb"estimated printing time \(normal mode\)[ \t]*=[ \t]*(\d[\dhmsd ]*)"),
@@ -16,24 +13,14 @@ _WORDS = (b"estimated printing time", b"total estimated time", b";TIME:")
 _UNITS_S = {b"d": 86400.0, b"h": 3600.0, b"m": 60.0, b"s": 1.0, b"": 1.0}
 
 
-@dataclass(frozen=True)
-class Pace:
-    """How long a print's moves take, ``seconds``, and how many commands come at most in its ``busiest`` second."""
-
-    seconds: float
-    busiest: int
-
-
-def pace(way_mm: np.ndarray, feed_mm_s: np.ndarray) -> Pace:
-    """Return the pace of moves [N, 3] mm at feeds [N] mm/s: the time as `printmend.report` reckons it, the busiest
-    second as if the head sped up at once. Moves without a length or a feed take no time."""
+def busiest(way_mm: np.ndarray, feed_mm_s: np.ndarray) -> int:
+    """Return how many of the moves [N, 3] mm at feeds [N] mm/s come at most in one second, as if the head sped up at
+    once. Moves without a length or a feed take no time."""
     length_mm = np.linalg.norm(way_mm, axis=1)
     moving = (length_mm > 0) & (feed_mm_s > 0)
     ends = np.cumsum(length_mm[moving] / feed_mm_s[moving])
-    if not len(ends):
-        return Pace(0.0, 0)
     within = np.searchsorted(ends, ends + 1.0) - np.arange(len(ends))
-    return Pace(60 * minutes_along(way_mm, feed_mm_s), int(within.max()))
+    return int(within.max(initial=0))
 
 
 def slicer_s(*texts: bytes) -> float | None:

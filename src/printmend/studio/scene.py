@@ -24,7 +24,7 @@ from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
 from printmend.printer import Printer
 from printmend.studio import kernels
-from printmend.studio.pace import Pace, pace
+from printmend.studio.pace import busiest
 
 COARSE_LINES = 40_000  # of a large part's first picture
 MOST_POINTS = 600_000  # what a graphics card of an ordinary computer turns without a jerk; 14 MB
@@ -60,8 +60,8 @@ class Scene:
     """Points [P] along the extruded path: ``wanted_mm`` [P, 3], how far ``raw_mm`` and ``mended_mm`` [P, 2] lie from
     there, each with its distance from the wanted path [P] mm; ``joined`` [P]: a bead leads on to the next point;
     ``width_mm`` and ``height_mm`` [P] of the bead, ``layer`` [P] from 0. ``mended_mm`` is None before mending. Of parts
-    with too many points only every ``every``-th layer is there. ``raw_pace`` and ``mended_pace`` say how long it
-    takes, once it is mended."""
+    with too many points only every ``every``-th layer is there. ``raw_busiest`` and ``mended_busiest`` are
+    the moves of the busiest second, once it is mended."""
 
     wanted_mm: np.ndarray
     raw_mm: np.ndarray
@@ -73,8 +73,8 @@ class Scene:
     height_mm: np.ndarray
     layer: np.ndarray
     every: int
-    raw_pace: Pace | None = None
-    mended_pace: Pace | None = None
+    raw_busiest: int = 0
+    mended_busiest: int = 0
 
     def rms_mm(self, error_mm: np.ndarray) -> float:
         """Return the root mean square of an error [P] over the length of the path."""
@@ -234,13 +234,14 @@ def as_mended(scene: Scene, drawing: Drawing, truth: Mechanism, tap: Tap, *, ali
     look = drawing.at + np.where(drawing.bead_end, -_BESIDE_END_SHARE, _BESIDE_END_SHARE)
     off = _off_mm(np.column_stack([np.interp(look, given_at, column) for column in result[:, :2].T]), drawing, aligned)
     error = _distance(scene.wanted_mm, scene.wanted_mm[:, :2] + off, drawing.joined)
-    raw_pace = pace(lines.end_mm - lines.start_mm, feed / 60)
+    raw_busiest = busiest(lines.end_mm - lines.start_mm, feed / 60)
     feed = np.repeat(feed, np.maximum(counts, 1))
     of_piece = np.repeat(counts > 0, np.maximum(counts, 1))
     feed[of_piece] = np.where(pieces["feed"] > 0, pieces["feed"], feed[of_piece])
     way = told.end_mm - told.start_mm
-    mended_pace = pace(way, feed / 60)
-    return replace(scene, mended_mm=off, mended_error_mm=error, raw_pace=raw_pace, mended_pace=mended_pace)
+    return replace(
+        scene, mended_mm=off, mended_error_mm=error, raw_busiest=raw_busiest, mended_busiest=busiest(way, feed / 60)
+    )
 
 
 def _motion(records: np.ndarray) -> np.ndarray:

@@ -173,7 +173,7 @@ def _mend(job: Job) -> dict[str, Any]:
         scene = as_mended(scene, drawing, model.mechanism, tap)
         write_mended(job.folder / MENDED, scene)
         job.file(MENDED)
-        paces = _paces(named, scene)
+        paces = _paces(named, scene, prediction.duration)
     table = prediction.json()
     table.pop("layers")
     return {"name": name, "output": None if refused else output, "refused": refused, "may_force": forced,
@@ -200,18 +200,16 @@ def _draw(job: Job, path: Path, model: Any) -> tuple[Any, Any]:
     return drawing, scene
 
 
-def _paces(path: Path, scene: Any) -> dict[str, Any]:
+def _paces(path: Path, scene: Any, duration: Any) -> dict[str, Any]:
     """Return how long a print takes before and after, going by the slicer where it says so, and the busiest seconds."""
     from printmend.gcode.container import open_gcode
     from printmend.studio.pace import slicer_s
 
     with open_gcode(path) as file:
         told_s = slicer_s(*file.parts[0].hints())
-    before, after = scene.raw_pace, scene.mended_pace
-    longer_s = after.seconds - before.seconds
-    return {"before_s": before.seconds if told_s is None else told_s, "told": told_s is not None,
-            "after_s": longer_s + (before.seconds if told_s is None else told_s),
-            "busiest": [before.busiest, after.busiest]}  # fmt: skip
+    before_s = duration.before_s if told_s is None else told_s
+    return {"before_s": before_s, "told": told_s is not None, "after_s": before_s * (1.0 + duration.share),
+            "busiest": [scene.raw_busiest, scene.mended_busiest]}  # fmt: skip
 
 
 def _model(path: Path) -> Any:

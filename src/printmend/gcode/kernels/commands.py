@@ -42,7 +42,9 @@ def begin_record(r, begin, end, after, numbers, counts, flags):
         flags |= FLAG_INCH
     if counts.arc_absolute:
         flags |= FLAG_ARC_ABSOLUTE
-    r.flags = flags | counts.known * FLAG_KNOWN_X0
+    if counts.e_is_a:
+        flags |= FLAG_E_IS_A
+    r.flags = flags | counts.known * FLAG_KNOWN_X0 | counts.role << ROLE_SHIFT
     r.layer, r.turns, r.plane = counts.layer, 0, counts.plane
     r.kind, r.event, r.axes = 0, 0, NO_SLOT
 

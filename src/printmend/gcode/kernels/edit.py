@@ -12,7 +12,6 @@ from printmend.gcode.kernels.text import (
     is_digit,
     is_letter,
     parse_number,
-    upper,
 )
 from printmend.gcode.kernels.words import (
     DECIMALS_3,
@@ -29,6 +28,7 @@ from printmend.gcode.kernels.words import (
     e_scaled,
     keeps_centre,
     keeps_place,
+    letter_of,
     own_motion,
     piece_motion,
     put_command,
@@ -88,7 +88,7 @@ def edit_statement(buf, r, piece, before, writer, out, at):
             p = min(p + 1, r.end)
         if p >= r.end or not is_letter(buf[p]):
             break
-        letter = np.int64(upper(buf[p]))
+        letter = letter_of(buf[p], r)
         bit = 1 << (letter - LETTER_A)
         q = p + 1
         while q < r.end and is_blank(buf[q]):

@@ -17,7 +17,9 @@ from printmend.gcode.kernels.commands import (
 )
 from printmend.gcode.kernels.klipper import long_command
 from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.notes import has_room, note_comment, note_statement
 from printmend.gcode.kernels.plain import plain_move
+from printmend.gcode.kernels.roles import role_of
 from printmend.gcode.kernels.spline import CURVES_A_LINE, chords_of, most_records, put_chords
 from printmend.gcode.kernels.statement import EXTENDED, LAST_MOVE, STATEMENT, read_statement
 from printmend.gcode.kernels.text import is_blank, is_digit, starts_with, upper
@@ -26,15 +28,14 @@ from printmend.jit import entry, inner
 _LAYER_CHANGE = np.frombuffer(b"LAYER_CHANGE", np.uint8)
 _CHANGE_LAYER = np.frombuffer(b"CHANGE_LAYER", np.uint8)
 _LAYER = np.frombuffer(b"LAYER", np.uint8)
+# Words with which a line may begin that goes on with the motion of an earlier one.
+_MODAL_LEADS = WORDS_XYZ | WORDS_IJK | WORD_E | WORD_F | WORD_R
 _LAYER_OBJECT = np.frombuffer(b"BEGIN_LAYER_OBJECT", np.uint8)
 
 
 @inner
 def _comment(buf, p, stop, counts):
     """Count layer comments: `;LAYER_CHANGE`, `;LAYER:3`, `; CHANGE_LAYER`, `; layer 3, Z = …`, KISSlicer's."""
-    p = _after_blanks(buf, p, stop)
-    if p >= stop:
-        return
     first = upper(buf[p])
     if first == LETTER_L and starts_with(buf, p, stop, _LAYER):
         q = p + 5
@@ -48,8 +49,9 @@ def _comment(buf, p, stop, counts):
         counts.layer += 1
 
 
+# Its many parameters are the interpreter's state and arrays, and the line in hand.
 @inner
-def _line(buf, p, stop, after, s, values, numbers, counts, records, n):
+def _line(buf, p, stop, after, s, values, numbers, counts, records, n, notes):
     """Obey one line, buf[p:stop], statement by statement; return the next free record. s is scratch, a STATEMENT."""
     p = _after_blanks(buf, p, stop)
     if p + 2 < stop and buf[p] == 0xEF and buf[p + 1] == 0xBB and buf[p + 2] == 0xBF:  # UTF-8's mark
@@ -57,7 +59,12 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n):
     if p >= stop:
         return n
     if buf[p] == SEMICOLON:
-        _comment(buf, p + 1, stop, counts)
+        text = _after_blanks(buf, p + 1, stop)
+        if text < stop:
+            _comment(buf, text, stop, counts)
+            counts.role = role_of(buf, text, stop, counts.role)
+            if len(notes) > 0:
+                note_comment(buf, p, text, stop, notes, counts, n)
         return n
     s.flags = s.spaced = 0
     if upper(buf[p]) == LETTER_N and p + 1 < stop and is_digit(buf[p + 1]):
@@ -77,6 +84,8 @@ def _line(buf, p, stop, after, s, values, numbers, counts, records, n):
         # Nobody knows what a firmware makes of these, or there is no room to write them again.
         if s.garbled or s.words & s.bare or s.twice & (WORDS_IJK | WORD_R) or p - s.start > MAX_CODE_BYTES:
             r.flags = r.flags | FLAG_OPAQUE
+        if len(notes) > 0:
+            note_statement(buf, s, p if s.again else stop, values, notes, counts, n)
         what = _obey(buf, stop, s, r, values, numbers, counts)
         chords = chords_of(r, s, values, numbers, counts) if what == EVENT_SPLINE and curves < CURVES_A_LINE else 0
         if chords > 0:
@@ -119,11 +128,14 @@ def _obey(buf, stop, s, r, values, numbers, counts):
     if s.letter == LETTER_G and s.code > LAST_MOVE:
         return g_command(r, numbers, counts, s.words, s.bare, s.unclear, values, s.code)
     if s.letter == LETTER_G or s.letter == 0:
+        named = (s.words | s.unclear) & (WORDS_XYZ | WORD_E | WORD_F)
         if s.letter == LETTER_G:
             counts.modal = s.code // 10
+        elif not (1 << max(s.lead - LETTER_A, 0)) & _MODAL_LEADS and named:  # `O1 X5`: another command, or a modal move
+            r.flags = r.flags | FLAG_OPAQUE
+            return EVENT_UNKNOWN + ALL_LOST
         else:
             r.flags = r.flags | FLAG_MODAL
-        named = (s.words | s.unclear) & (WORDS_XYZ | WORD_E | WORD_F)
         if counts.modal >= 0 and (s.letter == LETTER_G or named):
             move(r, numbers, counts, s.words, s.unclear, values, counts.modal)
         return 0
@@ -138,13 +150,15 @@ def _obey(buf, stop, s, r, values, numbers, counts):
 
 
 @entry
-def interpret(buf, begin, end, numbers, counts, records):
+def interpret(buf, begin, end, numbers, counts, records, notes):
     """Interpret the whole lines buf[begin:end]; return (records filled, where it stopped).
 
     ``buf`` uint8, ``numbers`` float64 [NUMBERS] and ``counts`` int64 [COUNTS] are the machine's state and are
     advanced; ``records`` is an array of RECORD. It stops before a line whose statements may not fit in ``records``
-    (see `most_records`): call again with the rest.
+    (see `most_records`) or whose notes may not fit in ``notes``, an array of NOTE: call again with the rest.
+    ``counts.noted`` says how many notes there are; without room for any nothing is noted.
     """
+    counts.noted = 0
     values = np.zeros(26)
     scratch = np.zeros(1, STATEMENT)
     n = np.int64(0)
@@ -168,9 +182,9 @@ def interpret(buf, begin, end, numbers, counts, records):
             after += 1
         elif after > stop:  # a lone carriage return ends a line too
             after = stop + 1
-        if most_records(buf, p, stop) > capacity - n:
+        if most_records(buf, p, stop) > capacity - n or not has_room(notes, counts):
             break
-        n = _line(buf, p, stop, after, scratch[0], values, numbers, counts, records, n)
+        n = _line(buf, p, stop, after, scratch[0], values, numbers, counts, records, n, notes)
         counts.line += 1
         p = after
     return n, p

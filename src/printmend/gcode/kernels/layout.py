@@ -74,6 +74,12 @@ FLAG_ARC_ABSOLUTE = 1 << 20  # G90.1: I J K are coordinates
 FLAG_PLAIN = 1 << 21  # written `G1 X… Y…`: upper case, one blank before each word, no word twice, millimetres
 FLAG_TWICE = 1 << 22  # a word comes twice: the last one counts
 FLAG_CURVE = 1 << 23  # a chord of a G5; all but its last one have no text of their own
+FLAG_E_IS_A = 1 << 24  # the extruder's word is A, and stands among the words as E
+
+# What a line is printed for, from this bit of its flags on: walls that are seen and others, closed surfaces, infill,
+# and what is no part of the object.
+ROLE_SHIFT, ROLE_MASK = 25, 7
+ROLE_UNKNOWN, ROLE_OUTER, ROLE_INNER, ROLE_SOLID, ROLE_INFILL, ROLE_ASIDE = 0, 1, 2, 3, 4, 5
 
 # What the firmware is: the cases in which firmwares differ.
 FLAVOUR_UNKNOWN, FLAVOUR_MARLIN2, FLAVOUR_MARLIN1, FLAVOUR_KLIPPER, FLAVOUR_RRF, FLAVOUR_PRUSA = 0, 1, 2, 3, 4, 5
@@ -120,15 +126,41 @@ COUNTS = np.dtype(
         ("tool", "i8"),  # −1 before the first T
         ("wcs", "i8"),  # row of ``work``
         ("layer", "i8"),  # layer comments seen
+        ("role", "i8"),  # ROLE_* by the last comment that says it
         ("rule", "i8"),  # E_*
         ("arc_absolute", "i8"),  # 1 after G90.1
         ("flavour", "i8"),  # FLAVOUR_*
+        ("e_is_a", "i8"),  # 1 where A drives the extruder: A and E then stand for each other
+        ("noted", "i8"),  # notes that the last call of the interpreter made
         ("numbered", "i8"),  # lines with an N word
         ("checksums", "i8"),  # lines that end in *checksum
         ("saved", np.dtype([("key", "i8"), *_MODAL_COUNTS], align=True), SAVED_SLOTS),  # 0 for a free slot
     ],
     align=True,
 )
+# What is said beside the motion: no record, for nothing stands between two moves because of it.
+NOTE_VALUES = 5
+NOTE = np.dtype(
+    [
+        ("record", "i8"),  # the record of the same call before which it stands
+        ("begin", "i8"),  # its first byte in the chunk
+        ("end", "i8"),  # and its end, the line end excluded
+        ("what", "i8"),  # NOTE_*
+        ("values", "f8", NOTE_VALUES),  # NaN where not given
+    ],
+    align=True,
+)
+NO_NOTES = np.empty(0, NOTE)
+NOTES_A_LINE = 8  # of one line those are kept that there is room for: at least so many
+NOTE_TIME = 1  # M73, or a comment that tells a printing time
+NOTE_DWELL = 2  # G4: seconds, of P and of S
+NOTE_PERCENT = 3  # M220: the share of all speeds [%]
+NOTE_SPEEDS = 4  # M203: the largest of X Y Z E, in the firmware's unit
+NOTE_ACCELS = 5  # M201: of X Y Z E [mm/s²]
+NOTE_CORNERS = 6  # M205, M566: the jump of speed of X Y Z E, in the firmware's unit; J, the junction deviation [mm]
+NOTE_ACCEL = 7  # M204: P T R S [mm/s²]
+NOTE_LIMITS = 8  # SET_VELOCITY_LIMIT: velocity, acceleration, square corner velocity, cruise ratio, accel to decel
+
 MAX_CODE_BYTES = 512  # of a statement without its comment
 
 # Where a word's value stands among the 26 that a statement may have, and its bit among a record's words: its letter's

@@ -19,7 +19,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     """Obey the line at p and fill record n; return the start of the next line, or −1 if it is no plain move."""
     if p + 4 > end or buf[p] != LETTER_G or (buf[p + 1] != ONE and buf[p + 1] != ZERO) or buf[p + 2] != SPACE:
         return -1
-    if counts.inch != 0:
+    if counts.inch != 0 or counts.e_is_a != 0:
         return -1
     start = p
     x = y = z = e = f = 0.0
@@ -92,7 +92,7 @@ def plain_move(buf, p, end, numbers, counts, records, n):
     ox, oy, oz = numbers.offset[0], numbers.offset[1], numbers.offset[2]
     feed, flow, area = numbers.feed, numbers.flow, numbers.area
     layer, plane, line = counts.layer, counts.plane, counts.line
-    flags = known * FLAG_KNOWN_X0 | FLAG_SPACED | FLAG_PLAIN
+    flags = known * FLAG_KNOWN_X0 | FLAG_SPACED | FLAG_PLAIN | counts.role << ROLE_SHIFT
     if buf[start + 1] == ZERO:
         flags |= FLAG_RAPID
     if relative:

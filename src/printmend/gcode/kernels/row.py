@@ -5,7 +5,7 @@ import numpy as np
 
 from printmend.gcode.kernels.ascii import *
 from printmend.gcode.kernels.layout import *
-from printmend.gcode.kernels.text import is_blank, is_letter, upper
+from printmend.gcode.kernels.text import is_blank, is_letter
 from printmend.gcode.kernels.words import (
     axis_value,
     cased,
@@ -13,8 +13,10 @@ from printmend.gcode.kernels.words import (
     copy_bytes,
     decimals,
     e_decimals,
+    e_letter,
     e_rest,
     e_scaled,
+    letter_of,
     piece_motion,
     put_command,
     put_feed,
@@ -43,7 +45,7 @@ def put_extra(buf, r, out, at):
         p += 1
         while p < r.end and not is_letter(buf[p]) and buf[p] != SEMICOLON and buf[p] != STAR and buf[p] != OPEN:
             p += 1
-        if not (PLAIN_WORDS >> (upper(buf[start]) - LETTER_A)) & 1:
+        if not (PLAIN_WORDS >> (letter_of(buf[start], r) - LETTER_A)) & 1:
             stop = p
             while stop > start and is_blank(buf[stop - 1]):
                 stop -= 1
@@ -96,7 +98,7 @@ def put_row(buf, r, piece, cumulated, before, last, writer, out, at):
         if r.flags & FLAG_E_RELATIVE:
             step = e_rest(r, before, writer) if last else step - e_scaled(r, before)
         if step != 0 or not r.flags & FLAG_E_RELATIVE:
-            at = put_word(out, at, r, LETTER_E, step, e_decimals(r))
+            at = put_word(out, at, r, e_letter(r), step, e_decimals(r))
     if at == body:
         return start  # shorter than the resolution: nothing to write
     at = put_feed(out, at, r, piece.feed if piece.feed > 0 else r.feed, writer)

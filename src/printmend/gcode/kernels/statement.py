@@ -25,13 +25,14 @@ EXTENDED, FILLED_IN = 1, 2  # stand in for a command's letter: SET_PIN, and {…
 ASKED = -20  # the code of `T?` and `Tx`, with which the printer asks
 LAST_MOVE = 30  # G0 to G3 are moves: their codes, in tenths, go up to this
 
-# M commands in tenths whose argument is free text.
-_M_TEXT = np.array([1170, 1180, 230, 280, 300, 320, 360, 980, 5500, 5870, 4700, 9280, 8620, 8623, 8626, 10020])
+# M commands in tenths whose argument is free text, or a share that is printed: no firmware moves for it.
+_M_TEXT = np.array([730, 1170, 1180, 230, 280, 300, 320, 360, 980, 5500, 5870, 4700, 9280, 8620, 8623, 8626, 10020])
 
 STATEMENT = np.dtype(
     [
         ("start", "i8"),  # its first byte, after any N word and modes that stand before it
         ("letter", "i8"),  # its command's letter, 0 for none, EXTENDED or FILLED_IN
+        ("lead", "i8"),  # the letter of its first word where it has no command, 0 before that
         ("code", "i8"),  # its command's number in tenths: 921 is G92.1
         ("words", "i8"),  # bits of its words, as in a RECORD: those with a value,
         ("bare", "i8"),  # those without,
@@ -53,7 +54,7 @@ def read_statement(buf, p, stop, s, values, numbers, counts):
     Returns where reading stopped. Commands that set a mode (G90, G53) are obeyed here, because they may stand before
     another on a line; ``flags`` and ``spaced`` of s are the line's and are kept.
     """
-    s.start, s.letter, s.code = p, 0, 0
+    s.start, s.letter, s.code, s.lead = p, 0, 0, 0
     s.words = s.bare = s.unclear = s.twice = 0
     s.garbled = s.over = s.again = 0
     if p + 1 < stop and _is_of_name(buf[p]) and _is_of_name(buf[p + 1]):
@@ -123,6 +124,10 @@ def _letter(buf, p, stop, s, values, numbers, counts, byte):
         if byte == LETTER_T and s.letter == 0:
             s.letter, s.code, s.start, s.over = LETTER_T, ASKED, p, 1
             return p
+    if counts.e_is_a and byte in (LETTER_A, LETTER_E):
+        byte = LETTER_A + LETTER_E - byte
+    if s.letter == 0 and s.lead == 0:
+        s.lead = byte
     bit = 1 << (byte - LETTER_A)
     s.twice |= s.words & bit
     if not found:

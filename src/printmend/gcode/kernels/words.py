@@ -182,6 +182,21 @@ def scaled_feed(r, feed):
 
 
 @inner
+def e_letter(r):
+    """Return the letter of the extruder's word."""
+    return LETTER_A if r.flags & FLAG_E_IS_A else LETTER_E
+
+
+@inner
+def letter_of(byte, r):
+    """Return the letter, a capital, as which a word counts: A for E and E for A where A drives the extruder."""
+    letter = np.int64(upper(byte))
+    if r.flags & FLAG_E_IS_A and letter in (LETTER_A, LETTER_E):
+        return LETTER_A + LETTER_E - letter
+    return letter
+
+
+@inner
 def e_decimals(r):
     """Return the decimals of E in the file's unit, for steps of 10 nm of filament, in inches of 2.5 nm."""
     return DECIMALS_7 if r.flags & FLAG_INCH else DECIMALS_5

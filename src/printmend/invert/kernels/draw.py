@@ -17,6 +17,7 @@ from printmend.invert.kernels.curve import (
 )
 from printmend.invert.kernels.layout import (
     ASTRAY_MM,
+    ASTRAY_PER_CHORD,
     CLAMP_MM,
     HOLD_MM,
     LOOK_CLOSER_MM,
@@ -253,7 +254,7 @@ def extrude(model, curve, state, counts, pieces, n, record, row, layers, errors,
             x, y, m0, m1, clamp = command(model, m0, m1, record, quantum)
             n = draw(model, curve, state, pieces, n, record, PIECE_LINE, t, end, m0, m1, x, y, row, layers, errors)
             # Where the way to its start was held back already, only the error tells.
-            if clamp > CLAMP_MM or state.error > ASTRAY_MM:
+            if clamp > CLAMP_MM or state.error > max(ASTRAY_MM, ASTRAY_PER_CHORD * model.head.chord):
                 counts.clamped += 1
                 counts.clamped_extruding += 1
                 state.beyond = max(state.beyond, clamp, state.error)

@@ -11,7 +11,8 @@ MIN_PIECE_MM = 0.08  # firmwares drop or merge shorter moves: Marlin those of fe
 NEAR_MM = 0.005  # two places of the path that are this near are one
 ARRIVED_MM = 0.001  # a belt that ends this near to where it is wanted is there
 CLAMP_MM = 0.02  # a command held back at the edge of the bed by less is not counted
-ASTRAY_MM = 0.05  # only the edge of the bed keeps an extruding command that far from its line
+# Only the edge of the bed keeps an extruding command that far from its line, whatever the tolerance allows.
+ASTRAY_MM, ASTRAY_PER_CHORD = 0.05, 10.0
 SAME_FEED = 0.005  # speeds that differ by a smaller share are written as one
 CHORDS_A_RECORD = 8192  # into which one move is cut, at the most, were it straight
 PIECES_A_RECORD = 32768  # that it may become: a rest and two dead moves at each turn and each part of a rise, too

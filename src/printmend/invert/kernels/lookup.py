@@ -12,6 +12,7 @@ from printmend.machine.kernels import bed
 from printmend.machine.kernels.table import branch_at
 
 LOWER, UPPER = 0, 1
+ROLES, TRAVEL = 8, 7  # of lines, as the records' flags have them; and of travels
 BEND_BLOCK = 64  # one curvature stands for that many entries of the tables
 
 # A machine in numbers. What is [3] belongs to a motor, Z the third where there is a screw, what is [3, 2] to a motor
@@ -34,7 +35,8 @@ HEAD = np.dtype(
         ("table", "i8", (3, 2)),  # belt positions [mm]
         ("floor", "f8", (3, 2)),  # the lowest of them [mm]
         ("guide", "i8", (3, 2)),  # entry k is the index of the first entry of the table that is ≥ floor + k·pitch
-        ("chord", "f8"),  # how far a chord may lie from the wanted path [mm]
+        ("chord", "f8"),  # how far a chord may lie from the wanted path [mm], of the line in hand
+        ("chords", "f8", ROLES),  # the same of lines of each role, of travels the last
         ("sample", "f8"),  # how densely a chord must be looked at [mm]
         ("look", "f8"),  # how densely the prediction looks [mm]
         ("period", "f8"),  # how much time a move must take at the least [min]

@@ -24,6 +24,8 @@ from printmend.gcode.kernels.layout import (
     KIND_LINEAR,
     PIECE_LINE,
     PIECE_TRAVEL,
+    ROLE_MASK,
+    ROLE_SHIFT,
     WORD_E,
     WORD_X,
     WORD_Y,
@@ -69,6 +71,7 @@ from printmend.invert.kernels.layout import (
 )
 from printmend.invert.kernels.lookup import (
     LOWER,
+    TRAVEL,
     UPPER,
     backward,
     forward,
@@ -341,6 +344,7 @@ def mend(
             continue
         known = (r.flags & FLAG_KNOWN_X1) != 0 and (r.flags & FLAG_KNOWN_Y1) != 0
         extruding = r.flags & FLAG_EXTRUDING != 0
+        model.head.chord = model.head.chords[(r.flags >> ROLE_SHIFT) & ROLE_MASK if extruding else TRAVEL]
         counts.moves += 1
         if extruding and known:
             counts.extruding += 1

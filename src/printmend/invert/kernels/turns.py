@@ -18,6 +18,8 @@ from printmend.gcode.kernels.layout import (
     KIND_CCW,
     KIND_CW,
     KIND_LINEAR,
+    ROLE_MASK,
+    ROLE_SHIFT,
 )
 from printmend.invert.kernels.curve import is_flat_arc, norm, place, stays_near, trace
 from printmend.invert.kernels.layout import HOLD_MM, MIN_PIECE_MM, NEAR_MM, NODES, TURNS
@@ -59,7 +61,8 @@ def survey(model, state, counts, records, count, i, curve, run, across, along, r
     """Fill ``run`` with the turns of the path that record i begins: extruding moves, each from where the last ended.
 
     The belts have to go to the path less (``across``, ``along``), which the Z screw pushes the nozzle by; where not
-    ``rising``, the path ends before a record that rises. ``curve`` is scratch.
+    ``rising``, the path ends before a record that rises. It ends, too, where lines may be off by another distance.
+    ``curve`` is scratch.
     """
     run.begin = 0.0
     n = 1
@@ -71,6 +74,8 @@ def survey(model, state, counts, records, count, i, curve, run, across, along, r
             if (r.kind != KIND_LINEAR and r.kind != KIND_CW and r.kind != KIND_CCW) or r.flags & FLAG_OPAQUE:
                 break
             if not r.flags & FLAG_EXTRUDING or not r.flags & FLAG_KNOWN_X1 or not r.flags & FLAG_KNOWN_Y1:
+                break
+            if model.head.chords[(r.flags >> ROLE_SHIFT) & ROLE_MASK] != model.head.chord:
                 break
             if r.x0 != before.x1 or r.y0 != before.y1 or r.z0 != before.z1:
                 break

@@ -143,6 +143,10 @@ export default [
   ["connect it again", "Die Adresse noch einmal angeben"],
 
   // G-code
+  ["moves that extrude with E", "Bewegungen, die mit E auftragen"],
+  ["none, and moves that name {a}", "keine, aber Bewegungen mit {a}"],
+  ["write '; gcode_flavor = mach3' at its top if A is the extruder, else print it as it is", "'; gcode_flavor = mach3' an den Anfang schreiben, wenn A der Extruder ist, sonst die Datei drucken, wie sie ist"],
+  ["slice it for a firmware that extrudes with E", "Für eine Firmware slicen, die mit E aufträgt"],
   ["G-code with motion", "G-Code mit Bewegung"],
   ["an empty file", "eine leere Datei"],
   ["no G0–G3 move", "keine Bewegung (G0 bis G3)"],

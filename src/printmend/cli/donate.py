@@ -1,0 +1,48 @@
+"""`printmend donate`: pack what was measured into one file, to give away."""
+
+from pathlib import Path
+
+import click
+
+from printmend.cli.model import ModelType
+
+
+@click.command(
+    epilog="Example: printmend donate --probe probe.json --scan scan.png -m printer.mend.json -o donation.zip"
+)
+@click.option("--probe", "plan", type=click.Path(path_type=Path), metavar="PROBE.json", help="The test print's plan.")
+@click.option("--scan", "scans", multiple=True, type=click.Path(path_type=Path), metavar="SCAN",
+              help="A scan or photo of the test print; repeat.")  # fmt: skip
+@click.option("--trace", type=click.Path(path_type=Path), metavar="TRACE.csv", help="What was measured.")
+@click.option("-m", "--model", metavar="NAME|printer.mend.json", type=ModelType(),
+              help="What was learned and promised; its history comes with it.")  # fmt: skip
+@click.option("--check", "checks", multiple=True, type=click.Path(path_type=Path), metavar="SCAN|TRACE.csv",
+              help="A scan or a table of the check print; repeat.")  # fmt: skip
+@click.option("-o", "--output", type=click.Path(path_type=Path, dir_okay=False), default=Path("donation.zip"),
+              show_default=True)  # fmt: skip
+def command(
+    plan: Path | None, scans: tuple[Path, ...], trace: Path | None, model: Path | None, checks: tuple[Path, ...],
+    output: Path,
+) -> None:  # fmt: skip
+    """Pack a test print, what it taught and what came of it into one zip file that helps to improve printmend.
+
+    Nothing is sent. Numbers and pixels are packed; names, places, dates, notes and the metadata of pictures are not.
+    manifest.json in it says what each file is.
+    """
+    from printmend.cli.outputs import spare
+    from printmend.extras import require
+    from printmend.repair.donation import donation, write_donation
+
+    if any(path.suffix.lower() != ".csv" for path in (*scans, *checks)):
+        require("printmend donate", "cv2", "PIL")
+    if not any((plan, scans, trace, model, checks)):
+        raise click.UsageError("name what to give: --probe, --scan, --trace, --model or --check")
+    spare((output,), (plan, *scans, trace, model, *checks))
+    parts = donation(plan=plan, scans=scans, trace=trace, model=model, checks=checks)
+    write_donation(output, parts)
+    click.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB, with")
+    for part in parts:
+        less = f" (left out: {'; '.join(part.left_out)})" if part.left_out else ""
+        click.echo(f"  {part.name:<19}{part.what}{less}")
+    click.echo("Left out of all: names and places of files, dates, notes, what the owner calls the printer.")
+    click.echo("Nothing was sent. Look at the pictures before you give it away: they show what lay on the glass.")

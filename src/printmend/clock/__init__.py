@@ -1,0 +1,25 @@
+"""The clock: seconds of a file as it is and as mended, by a model of the firmware's planner.
+
+`limits_of` reads from a file what its machine may do at most; `start_stopwatch` returns two clocks, which look on while
+the file is planned and then say how long it takes.
+"""
+
+from printmend.clock.clock import Clock, Duration, Stopwatch, span_words, start_clock, start_stopwatch
+from printmend.clock.file import file_seconds
+from printmend.clock.limits import FIRMWARES, Limits, klipper, limits_of
+from printmend.clock.told import with_times
+
+__all__ = [
+    "FIRMWARES",
+    "Clock",
+    "Duration",
+    "Limits",
+    "Stopwatch",
+    "file_seconds",
+    "klipper",
+    "limits_of",
+    "span_words",
+    "start_clock",
+    "start_stopwatch",
+    "with_times",
+]

@@ -1,0 +1,150 @@
+"""What a file tells of its printing time (M73, comments of slicers), told anew for the mended file."""
+
+import re
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from printmend.clock.clock import Stopwatch
+from printmend.gcode.write import TimePlace
+
+_COPY_BYTES = 1 << 20  # at once
+_WORD = re.compile(rb"(?<![A-Za-z])([PQRSCDpqrscd])\s*(\d{1,9}(?:\.\d{1,9})?)(?![\d.])")
+_NUMBER = re.compile(rb"(?<![\d.])\d{1,9}(?:\.\d{1,9})?(?![\d.])")
+_UNITS_S = {b"d": 86400, b"h": 3600, b"m": 60, b"s": 1}
+_SPAN = re.compile(
+    rb"(?:(?<!\d)\d{1,9} ?(?:d(?:ays?)?|h(?:ours?)?|m(?:in(?:utes?)?)?|s(?:ec(?:onds?)?)?)(?![a-z])(?:,? )?)+",
+    re.IGNORECASE,
+)
+_PART = re.compile(rb"(\d+)( ?)([dhms])", re.IGNORECASE)
+_NOT_FILLED_IN = b"6666"  # what Cura's engine writes where nobody puts the time in
+_LEAST_S = 1e-3  # of a time by which another is divided
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A place of a file: how far both prints are there [s], and how long they take in all."""
+
+    before_s: float
+    after_s: float
+    before_all_s: float
+    after_all_s: float
+
+    def whole(self, value: float) -> float:
+        """Return how much of something that goes with the whole time the mended print has."""
+        return value * _ratio(self.after_all_s, self.before_all_s)
+
+    def gone(self, value: float) -> float:
+        """Return a time since the start as the mended print has it."""
+        return value * _ratio(self.after_s, self.before_s)
+
+    def left(self, value: float) -> float:
+        """Return a time until the end as the mended print has it."""
+        return value * _ratio(self.after_all_s - self.after_s, self.before_all_s - self.before_s)
+
+    def percent(self, value: float) -> float:
+        """Return a share of the time since the start as the mended print has it [%]."""
+        return min(self.gone(value) / _ratio(self.after_all_s, self.before_all_s), 100.0)
+
+
+def told_anew(text: bytes, moment: Moment) -> bytes:
+    """Return a line that tells a printing time, with the mended print's times in the line's own words.
+
+    Each is changed in proportion to the clock's two times, so that what the clock knows nothing of stays as the slicer
+    took it. A comment behind M73 stays.
+    """
+    if text[:1] in b"Mm":
+        command, semicolon, comment = text.partition(b";")
+        return _WORD.sub(lambda found: _word(found, moment), command) + semicolon + comment
+    head, colon, value = text.partition(b":")
+    if b"=" in head or not colon:
+        head, colon, value = text.partition(b"=")
+    if _SPAN.search(value):
+        return head + colon + _SPAN.sub(lambda found: _span(found[0], moment), value)
+    if value.strip() == _NOT_FILLED_IN:
+        return text
+    change = moment.gone if b"ELAPSED" in head.upper() else moment.whole
+    return head + colon + _NUMBER.sub(lambda found: _like(found[0], change(float(found[0]))), value, count=1)
+
+
+def with_times(
+    texts: Iterable[memoryview], places: Sequence[TimePlace], watch: Stopwatch, folder: Path | None
+) -> Iterator[bytes | memoryview]:
+    """Yield a text with its ``places`` told anew, and let both clocks of ``watch`` finish.
+
+    ``places`` grows while ``texts`` are made (`rewrite`). What follows the first of them lies in a temporary file in
+    ``folder`` until all is known.
+    """
+    at = 0
+    with tempfile.TemporaryFile(dir=folder) as spool:
+        for text in texts:
+            if places:
+                spool.write(text)
+            else:
+                at += len(text)
+                yield text
+        watch.finish()
+        yield from _patched(spool, at, places, watch)
+
+
+def _patched(spool: IO[bytes], at: int, places: Sequence[TimePlace], watch: Stopwatch) -> Iterator[bytes]:
+    """Yield what ``spool`` holds, which begins at byte ``at`` of the whole, with its ``places`` told anew."""
+    spool.seek(0)
+    for place, moment in zip(places, _moments(watch), strict=False):
+        yield from _copied(spool, place.at - at)
+        spool.seek(len(place.text), 1)
+        yield told_anew(place.text, moment)
+        at = place.at + len(place.text)
+    yield from iter(lambda: spool.read(_COPY_BYTES), b"")
+
+
+def _moments(watch: Stopwatch) -> Iterator[Moment]:
+    """Yield the moment of each place that tells the time."""
+    whole = watch.before.seconds, watch.after.seconds
+    count = min(int(watch.before.state.noted), len(watch.before.times_s))
+    for before_s, after_s in zip(watch.before.times_s[:count], watch.after.times_s[:count], strict=True):
+        yield Moment(float(before_s), float(after_s), *whole)
+
+
+def _copied(spool: IO[bytes], size: int) -> Iterator[bytes]:
+    while size > 0 and (data := spool.read(min(size, _COPY_BYTES))):
+        yield data
+        size -= len(data)
+
+
+def _ratio(after_s: float, before_s: float) -> float:
+    """Return a ratio of two times; nothing takes as long as nothing."""
+    return after_s / before_s if before_s > _LEAST_S and after_s >= 0.0 else 1.0
+
+
+def _word(found: re.Match[bytes], moment: Moment) -> bytes:
+    """Return a word of M73: P and Q are percent, R and S minutes until the end, C and D until the next stop."""
+    letter, value = found[1].upper(), float(found[2])
+    change = moment.percent if letter in b"PQ" else moment.left
+    return found[0][: found.start(2) - found.start()] + _like(found[2], change(value))
+
+
+def _like(old: bytes, value: float) -> bytes:
+    """Return a number with as many decimals as the old one."""
+    decimals = len(old.partition(b".")[2])
+    return f"{value:.{decimals}f}".encode()
+
+
+def _span(old: bytes, moment: Moment) -> bytes:
+    """Return a time in days, hours, minutes and seconds in the same units as the old one; the first may be large."""
+    parts = _PART.findall(old)
+    units = [_UNITS_S[unit.lower()] for _, _, unit in parts]
+    seconds = moment.whole(sum(int(number) * unit for (number, _, _), unit in zip(parts, units, strict=True)))
+    numbers = iter(_split(round(seconds / units[-1]) * units[-1], units))
+    return _PART.sub(lambda found: b"%d%b%b" % (next(numbers), found[2], found[3]), old)
+
+
+def _split(seconds: float, units_s: Sequence[int]) -> list[int]:
+    """Return how many of each unit, the largest first, make so many seconds."""
+    numbers = []
+    for unit_s in units_s:
+        numbers.append(int(seconds // unit_s))
+        seconds -= numbers[-1] * unit_s
+    return numbers

@@ -1,0 +1,116 @@
+# ruff: noqa: F403, F405 (numba needs the layout's constants as globals of this file)
+"""Notes beside the records: what a text says of time and of the machine's limits, which moves nothing by itself."""
+
+import numpy as np
+
+from printmend.gcode.kernels.ascii import *
+from printmend.gcode.kernels.layout import *
+from printmend.gcode.kernels.statement import EXTENDED
+from printmend.gcode.kernels.text import (
+    CAPITAL,
+    SPACED,
+    is_letter,
+    name_hash,
+    parse_number,
+    starts_with,
+    upper,
+    word_hash,
+)
+from printmend.jit import inner
+
+_TIMES = (
+    np.frombuffer(b"TIME:", np.uint8),
+    np.frombuffer(b"TIME_ELAPSED:", np.uint8),
+    np.frombuffer(b"PRINT.TIME:", np.uint8),
+    np.frombuffer(b"PRINT TIME:", np.uint8),
+    np.frombuffer(b"BUILD TIME:", np.uint8),
+    np.frombuffer(b"ESTIMATED PRINTING TIME", np.uint8),
+    np.frombuffer(b"ESTIMATED FIRST LAYER PRINTING TIME", np.uint8),
+    np.frombuffer(b"MODEL PRINTING TIME:", np.uint8),
+)
+_VELOCITY_LIMIT = name_hash("SET_VELOCITY_LIMIT")
+_LIMIT_KEYS = np.array(
+    [name_hash(name) for name in ("VELOCITY", "ACCEL", "SQUARE_CORNER_VELOCITY", "MINIMUM_CRUISE_RATIO",
+        "ACCEL_TO_DECEL")]
+)  # fmt: skip
+
+
+@inner
+def has_room(notes, counts):
+    """Say whether the notes of another line fit; without an array for them nothing is noted."""
+    return len(notes) == 0 or counts.noted + NOTES_A_LINE <= len(notes)
+
+
+@inner
+def _put(notes, counts, record, begin, end, what):
+    """Write a note without values, and return it; where there is no more room, the last one is written over."""
+    note = notes[min(counts.noted, len(notes) - 1)]
+    counts.noted = min(counts.noted + 1, len(notes))
+    note.record, note.begin, note.end, note.what = record, begin, end, what
+    for k in range(NOTE_VALUES):
+        note.values[k] = np.nan
+    return note
+
+
+@inner
+def note_comment(buf, start, p, stop, notes, counts, record):
+    """Note a comment, whose text begins at p and whose line at ``start``, if it tells a printing time."""
+    first = upper(buf[p])
+    if first not in (LETTER_T, LETTER_P, LETTER_B, LETTER_E, LETTER_M):
+        return
+    for text in _TIMES:
+        if starts_with(buf, p, stop, text):
+            _put(notes, counts, record, start, stop, NOTE_TIME)
+            return
+
+
+@inner
+def note_statement(buf, s, stop, values, notes, counts, record):
+    """Note a statement, which ends at ``stop``, if it tells the progress, waits, or sets a limit."""
+    unit = 25.4 if counts.inch else 1.0
+    if s.letter == EXTENDED:
+        _note_velocity_limit(buf, s.start, stop, notes, counts, record)
+    elif s.letter == LETTER_G and s.code == 40:
+        note = _put(notes, counts, record, s.start, stop, NOTE_DWELL)
+        note.values[0] = values[VALUE_P] / 1000.0 if s.words & WORD_P else 0.0
+        note.values[1] = values[VALUE_S] if s.words & WORD_S else 0.0
+    elif s.letter != LETTER_M:
+        return
+    elif s.code == 730:
+        _put(notes, counts, record, s.start, stop, NOTE_TIME)
+    elif s.code == 2200:
+        if s.words & WORD_S:
+            _put(notes, counts, record, s.start, stop, NOTE_PERCENT).values[0] = values[VALUE_S]
+    elif s.code in (2010, 2030, 2050, 5660):
+        what = NOTE_ACCELS if s.code == 2010 else (NOTE_SPEEDS if s.code == 2030 else NOTE_CORNERS)
+        note = _put(notes, counts, record, s.start, stop, what)
+        for k in range(5):
+            letter = (VALUE_X, VALUE_Y, VALUE_Z, VALUE_E, VALUE_J)[k]
+            if s.words & (1 << letter):
+                note.values[k] = values[letter] * unit
+    elif s.code == 2040:
+        note = _put(notes, counts, record, s.start, stop, NOTE_ACCEL)
+        for k in range(4):
+            letter = (VALUE_P, VALUE_T, VALUE_R, VALUE_S)[k]
+            if s.words & (1 << letter):
+                note.values[k] = values[letter] * unit
+
+
+@inner
+def _note_velocity_limit(buf, p, stop, notes, counts, record):
+    """Note Klipper's SET_VELOCITY_LIMIT."""
+    start = p
+    name, p = word_hash(buf, p, stop)
+    if name != _VELOCITY_LIMIT:
+        return
+    note = _put(notes, counts, record, start, stop, NOTE_LIMITS)
+    while p < stop and buf[p] != SEMICOLON:
+        if not is_letter(buf[p]):
+            p += 1
+            continue
+        key, p = word_hash(buf, p, stop)
+        if p < stop and buf[p] == EQUALS:
+            value, p, found = parse_number(buf, p + 1, stop, np.int64(SPACED | CAPITAL))
+            for k in range(len(_LIMIT_KEYS)):
+                if found and key == _LIMIT_KEYS[k]:
+                    note.values[k] = value

@@ -1,0 +1,79 @@
+"""The programs of a file on their way through the planner: how each begins, what looks on, what is to be said of it."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from printmend.clock import Stopwatch, limits_of, start_stopwatch
+from printmend.errors import GcodeError
+from printmend.gcode.container import GcodeFile, Part
+from printmend.gcode.header import described
+from printmend.gcode.mark import find_test_print
+from printmend.gcode.read import MachineState, e_warning, starting_state
+from printmend.gcode.write import follow
+from printmend.invert import Fineness, Planner
+from printmend.printer import Printer
+from printmend.repair.meant import small_bed_words
+from printmend.saved.model import SavedModel
+
+_DOTS_WORDS = (
+    "only the lines of this test print are counted here, not its dots: a dot may be off in two directions, and these "
+    "figures are distances across a line"
+)
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Read:
+    """How a program was read: what is to be ``said`` of that, and the clocks that looked on."""
+
+    said: tuple[str | None, ...]
+    watch: Stopwatch
+
+
+def plan_file(
+    file: GcodeFile, planner: Planner, model: SavedModel, fineness: Fineness, progress: Progress | None
+) -> list[Read]:
+    """Plan a file, and return how each of its programs was read."""
+    read = []
+    for part in file.parts:
+        state, one = begun(part, model, fineness)
+        planner.begin(fineness.segments_per_s(state.flavour), fineness.tolerances_mm)
+        follow(counted(part.chunks(), progress), state, planner.plan, look=one.watch.watch)
+        one.watch.finish()
+        read.append(one)
+    return read
+
+
+def begun(part: Part, model: SavedModel, fineness: Fineness) -> tuple[MachineState, Read]:
+    """Return the state before a program's first line, and what is known of the program so far."""
+    state, hints = _beginning(part, model), part.hints()
+    watch = start_stopwatch(limits_of(state.flavour, hints, fineness.firmware))
+    return state, Read(_said_of(hints, state, model.printer), watch)
+
+
+def _beginning(part: Part, model: SavedModel) -> MachineState:
+    """Return the state before a program's first line; raise `GcodeError` where nobody knows what extrudes."""
+    state = starting_state(part, printer=model.printer)
+    if axis := state.odd_axis:
+        wanted, came = "moves that extrude with E", f"none, and moves that name {axis}"
+        if axis == "A":
+            todo = "write '; gcode_flavor = mach3' at its top if A is the extruder, else print it as it is"
+            raise GcodeError(part.name, wanted=wanted, came=came, todo=todo)
+        raise GcodeError(part.name, wanted=wanted, came=came, todo="slice it for a firmware that extrudes with E")
+    return state
+
+
+def _said_of(hints: tuple[bytes, ...], state: MachineState, printer: Printer) -> tuple[str | None, ...]:
+    """Return what is to be said of how a program was read, for which bed, and of what is not judged in it."""
+    is_probe = find_test_print(*hints) == "probe"
+    return e_warning(state), small_bed_words(described(*hints), printer), _DOTS_WORDS if is_probe else None
+
+
+def counted(chunks: Iterator[np.ndarray], progress: Progress | None) -> Iterator[np.ndarray]:
+    """Yield the chunks of a text, and tell ``progress`` how many bytes each had."""
+    for chunk in chunks:
+        yield chunk
+        if progress is not None:
+            progress(len(chunk))

@@ -1,0 +1,80 @@
+"""A limit on the time that mending adds: what matters least is drawn more coarsely until the print is fast enough."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from printmend.errors import RefusedError
+from printmend.gcode import kernels as k
+from printmend.gcode.container import GcodeFile
+from printmend.gcode.write import Planned, follow
+from printmend.invert import Fineness, start
+from printmend.repair.program import begun
+from printmend.saved.model import SavedModel
+
+_TRIALS = 6  # of an ease between one that is too slow and one that is not
+_NEAR_SHARE = 0.1  # of the limit: nearer to it no further one is tried
+_NAMES = {
+    k.ROLE_ASIDE: "skirt and support", k.ROLE_INFILL: "infill", k.ROLE_SOLID: "closed surfaces",
+    k.ROLE_INNER: "inner walls", k.ROLE_UNKNOWN: "lines without a type", k.ROLE_OUTER: "outer walls",
+}  # fmt: skip
+
+
+def eased(file: GcodeFile, model: SavedModel, fineness: Fineness, *, force: bool) -> tuple[Fineness, str | None]:
+    """Return the finest way to draw a file that makes it no slower than it may be, and what is to be said of that.
+
+    Plans the file once where it is fast enough anyway, else up to `_TRIALS` and two times. Raises `RefusedError` where
+    it is too slow even with the coarsest lines, unless ``force``.
+    """
+    assert fineness.slower is not None
+    limit, roles = fineness.slower, set[int]()
+    if _share(file, model, fineness, roles) <= limit:
+        return fineness, None
+    low, high = 0.0, fineness.most_ease
+    coarsest = replace(fineness, ease=high)
+    least = _share(file, model, coarsest, roles)
+    if least > limit:
+        if not force:
+            raise RefusedError(
+                file.name, wanted=f"at most {100 * limit:g} % more printing time",
+                came=f"{100 * least:.1f} % with all lines as coarse as they may be", todo="allow more, or use --force",
+            )  # fmt: skip
+        return coarsest, f"it takes {100 * least:.1f} % longer, though {_words(coarsest, roles)}"
+    for _ in range(_TRIALS):
+        ease = float(np.sqrt((1.0 + low) * (1.0 + high))) - 1.0
+        share = _share(file, model, replace(fineness, ease=ease), roles)
+        if share > limit:
+            low = ease
+            continue
+        high = ease
+        if share > (1.0 - _NEAR_SHARE) * limit:
+            break
+    found = replace(fineness, ease=high)
+    return found, f"to take no longer than it may, {_words(found, roles)}"
+
+
+def _share(file: GcodeFile, model: SavedModel, fineness: Fineness, roles: set[int]) -> float:
+    """Return by which share a file takes longer when it is drawn in a way, and add the roles of its lines."""
+    planner = start(model.mechanism, tolerance_mm=fineness.tolerance_mm)
+    before_s = after_s = 0.0
+    for part in file.parts:
+        state, one = begun(part, model, fineness)
+        planner.begin(fineness.segments_per_s(state.flavour), fineness.tolerances_mm)
+
+        def look(planned: Planned, watch: Callable[[Planned], None] = one.watch.watch) -> None:
+            flags = planned.records["flags"]
+            roles.update(np.unique(flags[flags & k.FLAG_EXTRUDING > 0] >> k.ROLE_SHIFT & k.ROLE_MASK).tolist())
+            watch(planned)
+
+        follow(part.chunks(), state, planner.plan, look=look)
+        one.watch.finish()
+        before_s, after_s = before_s + one.watch.before.seconds, after_s + one.watch.after.seconds
+    return after_s / before_s - 1.0 if before_s > 0.0 else 0.0
+
+
+def _words(fineness: Fineness, roles: set[int]) -> str:
+    """Say how far lines may be off."""
+    tolerances = fineness.tolerances_mm
+    parts = [f"{name} within {tolerances[role]:.3f}" for role, name in _NAMES.items() if role in roles]
+    return f"lines are drawn less closely [mm]: {', '.join(parts)}"
