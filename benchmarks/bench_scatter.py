@@ -3,11 +3,11 @@
     .venv/bin/python benchmarks/bench_scatter.py --draws 20
 
 Foreign printers with eccentric pulleys and play (benchmarks/outside.py): as they are, sticking and slipping, with a
-loose nozzle (benchmarks/outside_faults.py); their probe read into a table with 0.05 mm of noise. For each motor's
-residuals of the grey box: tails (excess kurtosis), what lasts from dot to dot (correlation with the next), what goes
-with the way that the motor came (correlation), printmend's own pattern and misfits. One line a kind: in how many prints
-each of these is beyond what chance makes in one of a hundred, and the share of the residuals' variance that the fault
-made.
+loose nozzle (benchmarks/outside_faults.py); their probe read into a table with 0.05 mm of noise. For each axis' residuals
+of the learned model: tails (excess kurtosis), what lasts from dot to dot (correlation with the next), what goes with
+the way that the motor came (correlation); and whether the model tells of a misfit itself. One line a kind: in how many
+prints each of these is beyond what chance makes in one of a hundred, and the share of the residuals' variance that the
+fault made.
 """
 
 import argparse
@@ -21,14 +21,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 import outside
 import outside_faults
 from bench_outside import PRESETS, run, walk_of
-from printmend.learn.greybox import Greybox, motor_rows
 from printmend.path import Trace, last_way
 from printmend.printer import read_printer
-from printmend.promise.misfit_tests import causes_of
-from printmend.promise.unexplained import unexplained
+from printmend.repair.learned import learn
 
 KINDS = ("none", "stick_slip", "jitter")
-TESTS = ("tails", "lasting", "way", "pattern", "misfit")
+TESTS = ("tails", "lasting", "way", "misfit")
 CHANCE_SDS = 2.81  # standard deviations: 1 % for the two motors together, either side
 
 
@@ -43,21 +41,19 @@ def tested(kind: str, seed: int, noise_mm: float, probe: Path) -> tuple[dict[str
     ways = plain if fault is None else fault(moves, plain, 0.0)
     ends, wanted = np.array([home, *(way[-1] for way in ways)]), np.array([home, *(move.end_mm for move in moves)])
     trace = Trace(wanted, ends + rng.normal(0, noise_mm, ends.shape), homed=True)
-    printer = read_printer("ender3")
-    box = Greybox().fit(trace, printer, rng=rng)
+    learned = learn(trace, read_printer("ender3"), rng=rng)
+    assert learned.fit is not None  # a probe shows each motor's whole turn
+    left_mm = learned.fit.left_by_mark_mm(learned.trace)
     told = dict.fromkeys(TESTS, False)
-    told["misfit"] = bool(causes_of(box, trace))
+    told["misfit"] = bool(learned.saved.document["misfit"]["found"])
     squares = 0.0
-    for drive, rows in zip(box.drives, motor_rows(trace, printer, box.periods_mm), strict=True):
-        touch = drive.choice.fit.touch
-        left = touch.residual_mm - np.nanmean(touch.residual_mm)
+    for axis, left in enumerate((left_mm - np.nanmean(left_mm, axis=0)).T):
         known = np.isfinite(left)
-        scaled, way = left[known] / left[known].std(), last_way(rows.motor_mm)[known]
+        scaled, way = left[known] / left[known].std(), last_way(learned.trace.commanded_mm[:, axis])[known]
         count = len(scaled)
         told["tails"] |= abs(np.mean(scaled**4) - 3) > CHANCE_SDS * np.sqrt(24 / count)
         told["lasting"] |= abs(np.mean(scaled[1:] * scaled[:-1])) > CHANCE_SDS / np.sqrt(count)
         told["way"] |= abs(np.mean(scaled * (way - way.mean())) / way.std()) > CHANCE_SDS / np.sqrt(count)
-        told["pattern"] |= unexplained(rows, touch.residual_mm, touch.side).variance_mm2 > 0
         squares += float(np.mean(left[known] ** 2)) / 2
     return told, max(1 - noise_mm**2 / squares, 0.0)
 

@@ -1,6 +1,7 @@
 """`printmend learn` and `printmend export`, as a user calls them."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,6 @@ from printmend.corruption import (
 from printmend.corruption.frame import CrookedFrame
 from printmend.errors import ConfigError, PrintmendError
 from printmend.export.firmware import EXPORTS, simple_part
-from printmend.learn.greybox import Greybox
 from printmend.machine import Mechanism
 from printmend.measure import write_trace
 from printmend.path import Trace
@@ -70,9 +70,7 @@ def test_says_what_is_wrong_and_how_sure_it_is(tmp_path: Path) -> None:
     done = run("learn", trace_file(tmp_path, fault), "--printer", "ender3", "-o", path)
     assert done.exit_code == 0, done.output
     first, second, comes, last = done.output.strip().splitlines()
-    assert first.startswith("X pulley eccentric 0.2")
-    assert "±" in first
-    assert "belt play 0.3" in first
+    assert re.match(r"X (?=.*pulley eccentric 0\.2\d+ ± )(?=.*belt play 0\.3\d+ ± )", first)
     assert first.endswith("; Y healthy")
     assert float(second.split("scatters by ")[1].split()[0]) == pytest.approx(np.hypot(0.05, 0.05), rel=0.1)
     assert comes == f"next: printmend mend part.gcode -m '{path}' --report part.html"
@@ -95,15 +93,19 @@ def test_json_is_for_programs(tmp_path: Path) -> None:
 
 
 def test_the_saved_machine_is_the_learned_one(tmp_path: Path, rng: np.random.Generator) -> None:
-    corruption = sample("everything", np.random.default_rng(3))
-    marks = Twin.of(corruption, ENDER3).follow(PLAN.waypoints_mm)[PLAN.rows]
+    twin = Twin.of(sample("everything", np.random.default_rng(3)), ENDER3)
+    marks = twin.follow(PLAN.waypoints_mm)[PLAN.rows]
     trace = replace(PLAN.trace(marks), placed=True)  # else the end stops say where it is
-    fit = Greybox().fit(trace, ENDER3, rng=np.random.default_rng(0))
-    saved = learn_model(trace, ENDER3, rng=np.random.default_rng(0)).mechanism
-    for a, b in zip(fit.mechanism.transmissions, saved.transmissions, strict=True):
+    model = learn_model(trace, ENDER3, rng=np.random.default_rng(0))
+    write_model(tmp_path / "m.json", model)
+    learned, saved = model.mechanism, read_model(tmp_path / "m.json").mechanism
+    for a, b in zip(learned.transmissions, saved.transmissions, strict=True):
         np.testing.assert_allclose(a.lower_mm, b.lower_mm, atol=1e-7)
         np.testing.assert_allclose(a.upper_mm, b.upper_mm, atol=1e-7)
-    np.testing.assert_allclose(fit.mechanism.frame.coefficients_mm, saved.frame.coefficients_mm, atol=1e-8)
+    np.testing.assert_allclose(learned.frame.coefficients_mm, saved.frame.coefficients_mm, atol=1e-8)
+    way = np.vstack([[ENDER3.home_mm], rng.uniform(30, 190, (300, 2))])
+    off_mm = (Twin(saved).follow(way) - twin.follow(way))[1:]
+    assert np.sqrt(np.square(off_mm).sum(axis=1).mean()) < 0.05  # of 5.7 mm that marks are off
 
 
 def test_a_scan_learns_its_place_from_the_end_stops() -> None:

@@ -49,6 +49,7 @@ from printmend.promise.scale import in_words
 from printmend.repair import check_gcode, mend_gcode
 from printmend.repair.learned import learn_model, todo
 from printmend.repair.prediction import _beyond_seen
+from printmend.repair.update import QUANTITIES, _change
 from printmend.saved.branches import Wave
 from printmend.saved.model import SavedModel, exact_model, saved_model, write_model
 from printmend.studio import kernels, serve, work
@@ -636,6 +637,9 @@ def test_why_something_did_not_work_is_said_in_the_pages_own_words() -> None:
 _KINDS = """scale harmonic-1 harmonic-2 harmonic-5 play loose-belt play-by-angle friction elastic ripple drift warp
 offset period-34.6 splice teeth
 skew axes bow wavy jump lead periodic-1 backlash wobble-1"""
+_OF_FRAME = ("skew", "axes", "bow", "wavy")
+# of Z, of one print, of older models
+_OTHERS = ("ripple", "offset", "jump", "lead", "periodic-1", "backlash", "wobble-1")
 
 
 def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
@@ -688,6 +692,15 @@ def test_all_that_is_said_of_a_printer_is_said_in_german_too() -> None:
         told = of_rows._other_turns(box)[0].words  # type: ignore[arg-type]
         assert f"repeats every {period / 3:.1f} mm, not every 40" in told  # three equal waves in what was learned
         assert _german(told), period
+    for kind in (*_KINDS.split(), *QUANTITIES):
+        if kind not in _OTHERS:
+            before, now = (
+                NamedFault("frame" if kind in _OF_FRAME else "x", kind, size, 0.01, "mm", "") for size in (0.1, 0.3)
+            )
+            what, grew, _ = _change(before, now, 0.01).words.partition(" grew from ")
+            assert grew
+            assert _german(what), what
+            assert _german(_change(now, before, 0.01).words)
     for acts in (0.0, 0.01):
         assert _german(in_words(np.full(2, 0.01), np.full(2, acts), 0.002).removeprefix("warning: "))
     for words in ("told to ±", "the heights span", "no heights were measured", "no height was measured after"):

@@ -274,7 +274,7 @@ def test_a_printer_with_nothing_to_mend_is_shown_so(browser: Browser, server: Se
     found = [{"kind": "thermal", "severity": "refusal", "size_mm": 0.1, "evidence": 20.0, "words":
               "X grew by +0.32 mm from end to end; Y grew by +0.31 mm from end to end while the print went on, as a "
               "machine that warms up does. The model is of the end of the print"}]  # fmt: skip
-    document = {**sound.document, "misfit": {"found": found, "effects": []}}
+    document = {**sound.document, "misfit": {"found": found}}
     write_model(kept, replace(sound, document=document))
     page.reload()
     words = "X wuchs um +0,32 mm von Ende zu Ende; Y wuchs um +0,31 mm von Ende zu Ende, während gedruckt wurde"

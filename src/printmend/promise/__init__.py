@@ -1,6 +1,6 @@
-"""What a model is worth: what it does not know, what it promises of a print, what of it may act.
+"""What a model is worth: the machines that it may be, and what they promise of a print.
 
-`budget` is what a fit leaves unknown, as a section of the saved model; `unexplained` what its residuals hold beyond
-noise; `predict` turns both into the expected error of a file with a 90 % range. What the tests of misfit found goes
-into the section ``misfit``; `effects` is what it may do to a new print.
+`belief` is the section ``promise`` of the saved model: drawn machines, part by part. `predict` turns them into the
+expected error of a file with a 90 % range. `of_rows`, `misfit_rows` and `misfit_printer` say what is wrong with a
+measurement itself; with what the effects say it goes into the section ``misfit``.
 """

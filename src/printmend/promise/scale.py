@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from printmend.effects import Scene
+from printmend.effects.aspect import SHARES
 from printmend.effects.effect import SCALE_MM
 from printmend.infer.posterior import Part
 from printmend.measure.table import TOGETHER
@@ -49,8 +50,8 @@ def _axes(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
     for axis in range(2):
         scales = [part for part in parts if part.effect == "scale" and (scene.corexy or part.where == axis)]
         factor = 0.5 if scene.corexy else 1.0
-        others = [part for part in parts if part.effect == "aspect" and part.where == axis]
-        each = [(factor, part) for part in scales] + [(1.0, part) for part in others]
+        unlike = [(float(SHARES[axis]), part) for part in parts if part.effect == "aspect"]
+        each = [*((factor, part) for part in scales), *unlike]
         acts = sum(share * float(part.acts_mm[0]) for share, part in each)
         draws = sum(
             (share * part.draws_mm[0] for share, part in each), np.zeros(parts[0].draws_mm.shape[1] if parts else 1)

@@ -34,7 +34,7 @@ from printmend.promise.belief import belief_section
 from printmend.promise.misfit import Misfit, misfit_section, misfit_words
 from printmend.promise.misfit_printer import another_home, another_printers
 from printmend.promise.misfit_rows import in_order, passed_over
-from printmend.promise.of_rows import lost_rows, said_of_rows
+from printmend.promise.of_rows import MOST_LOST, lost_rows, said_of_rows
 from printmend.promise.scale import scale_words, shown_scales
 from printmend.protocols import WorldModel
 from printmend.saved import Branches, SavedModel, ScrewSeries, saved_model, with_screw
@@ -142,7 +142,10 @@ def searched_model(
         *said_of_rows(box, trace, left_mm),
     )
     diagnosis = diagnose(posterior.parts, fit.scene, gaps_of(box))
-    return _saved(trace, mechanism, branches, diagnosis, promise, told, more, noise_mm, PLANE_FACTOR * noise_mm)
+    return _saved(
+        trace, mechanism, branches, diagnosis, promise, told, more, noise_mm, PLANE_FACTOR * noise_mm,
+        lost_rows(left_mm),
+    )  # fmt: skip
 
 
 def drawn_model(
@@ -153,10 +156,12 @@ def drawn_model(
     parts = [part for motor, drive in enumerate(box.drives) for part in _drawn(scene, motor, drive, rng)]
     promise = belief_section(scene, parts)
     branches = (box.drives[0].branches, box.drives[1].branches)
-    told = (*told, *misfits_of(parts, scene), *said_of_rows(box, trace, left_over_mm(box)))
+    left_mm = left_over_mm(box)
+    told = (*told, *misfits_of(parts, scene), *said_of_rows(box, trace, left_mm))
     diagnosis = diagnose(parts, scene, gaps_of(box))
     return _saved(
-        trace, box.mechanism, branches, diagnosis, promise, told, more, box.noise_mm, box.residual_after_mm
+        trace, box.mechanism, branches, diagnosis, promise, told, more, box.noise_mm, box.residual_after_mm,
+        lost_rows(left_mm),
     )  # fmt: skip
 
 
@@ -184,6 +189,7 @@ def _saved(
     more: Mapping[str, Any],
     noise_mm: float,
     left_mm: float,
+    lost: np.ndarray,
 ) -> SavedModel:
     mechanism, branches = _anchored(mechanism, branches, trace)
     details: dict[str, Any] = {
@@ -191,7 +197,7 @@ def _saved(
             {"part": f.part, "kind": f.kind, "value": round(f.value, 6), "sd": round(f.sd, 6), "unit": f.unit}
             for f in diagnosis.faults
         ],
-        "trace": _trace_section(trace, left_mm),
+        "trace": _trace_section(trace, left_mm, lost),
         "promise": dict(promise),
         "misfit": misfit_section(tuple(told)),
         **more,
@@ -302,18 +308,25 @@ def _is_partial(box: GreyboxModel) -> bool:
     return any(drive.sight.angles < ALL_SEEN for drive in box.drives)
 
 
-def _trace_section(trace: Trace, left_mm: float) -> dict[str, Any]:
-    """Return what a saved model tells of its measurement: rows, errors before and after, the instrument's scatter."""
+def _trace_section(trace: Trace, left_mm: float, lost: np.ndarray | None = None) -> dict[str, Any]:
+    """Return what a saved model tells of its measurement: rows, errors before and after, the instrument's scatter.
+
+    Points ``lost`` [N] that the model leaves out are counted, and are not among these errors.
+    """
     scatter_mm = instrument_scatter_mm(trace)
     told = trace.measured_rows
+    seen_mm = trace.commanded_mm[told & ((np.arange(len(trace)) > 0) | (not trace.homed))]
+    count, measured = 0 if lost is None else int(lost.sum()), int(told.sum())
+    if lost is not None and 0 < count <= MOST_LOST * measured:
+        told = told & ~lost
     off_mm = (trace.measured_mm - trace.commanded_mm)[told]
     if not trace.placed:  # nobody knows where the plate lay
         off_mm = off_mm - off_mm.mean(axis=0)
-    seen_mm = trace.commanded_mm[told & ((np.arange(len(trace)) > 0) | (not trace.homed))]
     return {
         "rows": len(trace),
-        "measured": int(told.sum()),
+        "measured": measured,
         **({"seen_mm": np.round([seen_mm.min(axis=0), seen_mm.max(axis=0)], 3).tolist()} if len(seen_mm) else {}),
+        **({"left_out": count} if told.sum() < measured else {}),
         "residual_before_mm": round(float(np.sqrt(np.mean(np.square(off_mm).sum(axis=1)))), 6),
         "residual_after_mm": round(left_mm, 6),
         **({} if scatter_mm is None else {"instrument_mm": round(scatter_mm, 6)}),

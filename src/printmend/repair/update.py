@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.diagnosis.named import diagnose, faults_of, kind_words, misfits_of
+from printmend.diagnosis.named import diagnose, faults_of, misfits_of
 from printmend.effects import Scene, scene_of
 from printmend.effects.pulley import HARMONICS
 from printmend.effects.words import NAMED_SIGMAS, Fault
@@ -43,7 +43,17 @@ from printmend.saved import SavedModel, saved_model, screw_of, with_screw
 
 LEAST_CHANGE = {"mm": 0.01, "%": 0.02, "°": 0.02}  # a smaller change is not worth a word
 PLAIN_CHANGE = 0.05  # a larger change is plain: it is told with two decimals
-QUANTITIES = {"play": "belt play", "scale": "scale error", "skew": "axis' skew"}
+# What of a motor {a}, or of the frame, grows or shrinks, by the kind of its fault without a number
+QUANTITIES = {
+    "play": "{a} belt play", "loose-belt": "{a} belt play", "play-by-angle": "{a} belt play",
+    "friction": "{a} lost motion", "scale": "{a} scale error", "drift": "{a} change of scale along the axis",
+    "harmonic-1": "{a} pulley's eccentricity", "harmonic-2": "{a} pulley's ovalness",
+    "harmonic-3": "{a} pulley's three corners", "harmonic-4": "{a} pulley's four corners",
+    "harmonic": "{a} pulley's unevenness", "period": "{a} idler's or pulley's unevenness",
+    "elastic": "{a} belt's stretch", "splice": "{a} belt's joint or dent", "teeth": "{a} belt's ripple",
+    "warp": "{a} belt's or guide's unevenness", "skew": "the frame's skew", "axes": "the difference of X and Y",
+    "bow": "the bend of the guides", "wavy": "the waves of the guides",
+}  # fmt: skip
 OF_ONE_PRINT = ("offset",)  # kinds of fault that differ from print to print: nobody lays a plate twice alike
 
 
@@ -229,8 +239,9 @@ def _change(was: Fault, new: Fault, sd: float) -> Change:
     digits, space = 2 if abs(new.value - was.value) >= PLAIN_CHANGE else 3, "" if new.unit == "°" else " "
     old, value = (round(each.value, digits) + 0.0 for each in (was, new))  # never −0
     name = new.part.upper() if new.part != "frame" else "the frame's"
-    what = QUANTITIES.get(new.kind, kind_words(new.kind))
-    words = f"{name} {what} {verb} from {old:.{digits}f} to {value:.{digits}f}{space}{new.unit} (± {sd:.3f})"
+    plain = QUANTITIES.get(new.kind.rstrip("0123456789.").removesuffix("-"), f"{{a}} {new.kind.replace('_', ' ')}")
+    what = QUANTITIES.get(new.kind, plain).format(a=name)
+    words = f"{what} {verb} from {old:.{digits}f} to {value:.{digits}f}{space}{new.unit} (± {sd:.3f})"
     return Change(name, new.kind, was.value, new.value, sd, new.unit, words)
 
 

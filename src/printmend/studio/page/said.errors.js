@@ -2,6 +2,7 @@
 // where it names what only the command line has, English as the page says it]. {a} stands for numbers and names.
 export default [
   ["room for a tower of {a} mm by {b} mm high", "Platz für einen Turm von {a} mm und {b} mm Höhe"],
+  ["measured marks", "gemessene Punkte"],
   ["less", "weniger"],
   ["measure the Z screw with a dial gauge, at a dozen heights", "Die Z-Spindel mit einer Messuhr messen, in einem Dutzend Höhen"],
   // what it is about
