@@ -68,6 +68,7 @@ class OnePrintVectorEnv(VectorEnv):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
+    # Its many parameters are its options.
     def __init__(
         self,
         num_envs: int,
