@@ -17,15 +17,16 @@ from printmend.printer import Printer, read_printer
 
 KEPT_SEED = 20261124  # of the scenes that agents are compared on: train on others
 TEST_PRINT, PRINT = 0, 1
+_LOOKAHEAD = 8  # of the next targets in `now`; all of them are in `path`
 _NOISE_MM = 0.05  # of a coordinate, standard deviation, as a flatbed scan or callipers have it
 _SCAN_STEPS = 600  # of a coordinate at most, that a printed point can lie beside its command in a scan's space
 
 
-def one_print_space(printer: Printer, lookahead: int, ticks: int, probe_ticks: int) -> gymnasium.spaces.Dict:
+def one_print_space(printer: Printer, ticks: int, probe_ticks: int) -> gymnasium.spaces.Dict:
     """Return the space of an agent's observations, all in full steps.
 
     `phase` is 0 during the test print and 1 during the print, `tick` [1] counts the controls of it so far. `now`
-    [8 + 2·lookahead] is what `Print-v0` shows; during the test print the "next targets" are its start. `path`
+    [24] is what `Print-v0` shows; during the test print the "next targets" are its start. `path`
     [ticks + 1, 2] is the start and the targets of the print, known from the beginning. `scan` [probe_ticks + 1, 4] are
     the test print's nominal x and y, and how far beside them the scan says that it was printed; zeros until the test
     print is done.
@@ -39,7 +40,7 @@ def one_print_space(printer: Printer, lookahead: int, ticks: int, probe_ticks: i
         {
             "phase": gymnasium.spaces.Discrete(2),
             "tick": gymnasium.spaces.Box(0, max(ticks, probe_ticks), (1,), np.int64),
-            "now": observation_space(printer, lookahead),
+            "now": observation_space(printer, _LOOKAHEAD),
             "path": gymnasium.spaces.Box(np.zeros_like(path_high), path_high, dtype=np.float32),
             "scan": gymnasium.spaces.Box(-scan_high, scan_high, dtype=np.float32),
         }
@@ -68,7 +69,6 @@ class OnePrintVectorEnv(VectorEnv):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
-    # Its many parameters are its options.
     def __init__(
         self,
         num_envs: int,
@@ -79,19 +79,18 @@ class OnePrintVectorEnv(VectorEnv):
         ticks: int = 500,
         probe_ticks: int = 600,
         noise_mm: float = _NOISE_MM,
-        lookahead: int = 8,
         reward: Reward = "final",
         scenes: int = 64,
     ) -> None:
         self.num_envs = num_envs
         self.printer = read_printer(printer) if isinstance(printer, str) else printer
-        self.single_observation_space = one_print_space(self.printer, lookahead, ticks, probe_ticks)
+        self.single_observation_space = one_print_space(self.printer, ticks, probe_ticks)
         self.single_action_space = gymnasium.spaces.MultiDiscrete([2 * C_MAX + 1] * 2)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._drawn_from = (family, severity, ticks)
         self._noise_steps = noise_mm / np.array(self.printer.mm_per_step)
-        self._lookahead, self._dense, self._count = lookahead, reward == "dense", scenes
+        self._dense, self._count = reward == "dense", scenes
         middle = np.array(self.printer.bed_steps) // 2
         self._test_print = Layer(0, 0.2, middle, np.zeros((probe_ticks, 2)), np.ones(probe_ticks, bool))
         self._probe_ticks = probe_ticks
@@ -182,8 +181,8 @@ class OnePrintVectorEnv(VectorEnv):
         self._scan, self._path = scan, path
 
     def _observe(self) -> dict[str, np.ndarray]:
-        now = np.empty((self.num_envs, 8 + 2 * self._lookahead), np.float32)
-        kernels.observe(self.tasks, self.fleet, self._lookahead, now)
+        now = np.empty((self.num_envs, 8 + 2 * _LOOKAHEAD), np.float32)
+        kernels.observe(self.tasks, self.fleet, _LOOKAHEAD, now)
         phase, tick = np.where(self._probing, TEST_PRINT, PRINT), self.fleet.tick[:, None].copy()
         return {"phase": phase, "tick": tick, "now": now, "path": self._path, "scan": self._scan}
 
