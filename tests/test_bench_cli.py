@@ -46,6 +46,14 @@ def test_bench_prints_the_table_and_keeps_the_results(printmend, vase: Path, tmp
     assert [line["row"] for line in table] == ["naive", "oracle"]
 
 
+def test_the_table_says_where_a_model_was_left_to_another_planner(printmend, vase: Path, tmp_path: Path) -> None:
+    models = "naive,naive+optimal,oracle+optimal"
+    code, out, _ = printmend("bench", "table1", "--bodies", vase, "--models", models, "--out", tmp_path / "out")
+    assert code == 0
+    (said,) = [line for line in out.splitlines() if "planned by" in line]
+    assert said == "naive+optimal: planned by greedy, to which optimal leaves models without tables of play"
+
+
 def test_an_objective_changes_the_plan(printmend, vase: Path, tmp_path: Path) -> None:
     """Planned for the area, the print gives some of the RMSE away; the rows that do not plan stay."""
     common = ("bench", "table1", "--bodies", vase, "--families", "pulley-loose", "--models", "naive,oracle,optimum")

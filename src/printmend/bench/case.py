@@ -17,7 +17,7 @@ from printmend.path import Trace
 from printmend.plugins import CONTROLLERS, CORRUPTIONS, LEARNERS, code_digest
 
 PRINTER = "ender5"
-RULES = 3  # part of every key: raise it when the way a case is evaluated changes
+RULES = 4  # part of every key: raise it when the way a case is evaluated changes
 # Where a case's files lie and what they are called: they may be moved, so this is no part of what a case is.
 _PLACES = ("body", "source", "reference", "sliced")
 

@@ -67,7 +67,7 @@ def table1(
     up to three random layers are planned and printed: any layers with --protocol paper, never the training layer with
     heldout. An interrupted run goes on where it was; OUT/sliced keeps the G-code of meshes.
     """
-    from printmend.bench.report import body_table
+    from printmend.bench.report import body_table, left_texts
     from printmend.bench.rows import PAPER_ROWS, planned_for
     from printmend.bench.table1 import HEADER, cells, dataset_cases, draw_cases, reference_cases, stands_still, table1
     from printmend.cli.progress import progress
@@ -105,6 +105,8 @@ def table1(
         show_table(f"Table I, protocol {protocol}, {what}", HEADER, [cells(line) for line in lines])
         if per_body or reference is not None:
             click.echo("\n" + body_table(results, rows))
+        for text in left_texts(results):
+            click.echo(text)
         if worse := stands_still(results, rows):
             click.echo(
                 f"Worse than naive: {', '.join(worse)}, planned by the paper's Algorithm 1, which stands still where "

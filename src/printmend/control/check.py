@@ -8,7 +8,7 @@ from printmend.errors import InputError, ModelError
 from printmend.machine import PlayTables
 from printmend.path import Plan
 from printmend.printer import Printer
-from printmend.protocols import Controller, IncrementTables, JointTables, Tables, WorldModel
+from printmend.protocols import Controller, IncrementTables, JointTables, State, Tables, WorldModel
 
 
 def check_plan(
@@ -44,6 +44,18 @@ def tables_of(model: WorldModel, start: np.ndarray, c_max: int) -> Tables | None
         wanted, came = wrong
         raise ModelError("the model's tables", wanted=wanted, came=came, todo="correct its `tabulate`")
     return tables
+
+
+def advanced(model: WorldModel, state: State, controls: np.ndarray) -> State:
+    """Return the states [K] after the controls [K, 2]. Raise `ModelError` where a model's `advance` gives no such."""
+    after = model.advance(state, controls)
+    position = np.asarray(after.position_steps, float)
+    if position.shape != controls.shape or not np.isfinite(position).all():
+        came = f"{position.shape}" + ", nan or infinity among them" * (position.shape == controls.shape)
+        raise ModelError(
+            "the model", wanted=f"finite positions {controls.shape}", came=came, todo="correct its `advance`"
+        )
+    return after
 
 
 def _wrong(tables: Tables, printer: Printer, start: np.ndarray, c_max: int) -> tuple[str, str] | None:
