@@ -71,6 +71,8 @@ def _wrong(tables: Tables, printer: Printer, start: np.ndarray, c_max: int) -> t
                 if not 0 <= motor.start < len(lower) or motor.origin_steps != at:
                     came = f"{len(lower)} entries from {motor.first_step} on, the start being number {motor.start}"
                     return f"branches over the layer's start, motor position {at}", came
+                if not ((np.diff(lower) >= 0).all() and (np.diff(upper) >= 0).all() and (lower <= upper).all()):
+                    return "branches that never fall, lower ≤ upper", "others, or nan"
         case IncrementTables():
             values = tables.displacement_steps
             shapes = tuple((steps + 1, 2 * c_max + 1) for steps in bed)
