@@ -18,16 +18,9 @@ from printmend.body.load import is_mesh
 from printmend.corruption import fault, read_corruption
 from printmend.corruption.sampling import Severity, check_family
 from printmend.dataset.bodies import body_rng, digest
-from printmend.dataset.build import (
-    BODIES,
-    RECIPE,
-    body_file,
-    changed_corruptions,
-    corruption_file,
-    read_lines,
-    read_recipe,
-)
+from printmend.dataset.build import changed_corruptions, read_recipe
 from printmend.dataset.parquet import read_body
+from printmend.dataset.places import BODIES, RECIPE, body_file, corruption_file, read_lines
 from printmend.dataset.reference import read_reference
 from printmend.errors import InputError
 from printmend.executor import HERE, Executor

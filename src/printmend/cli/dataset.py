@@ -45,7 +45,8 @@ def build(
 ) -> None:  # fmt: skip
     """Build a data set: STL or G-code to layers of controls, and where broken printers put the nozzle.
 
-    A build that was interrupted goes on with the same command. Bodies that fail are listed in OUT/failures.jsonl.
+    A build that was interrupted goes on with the same command, which also builds again what is missing or damaged.
+    Bodies that fail are listed in OUT/failures.jsonl.
     """
     import pyarrow  # noqa: F401 (says at once which extra is missing)
 
@@ -61,11 +62,16 @@ def build(
     with progress("bodies", len(files)) as tick:
         built = build_dataset(out, files, recipe, executor, licence=licence, unread=unread, tick=tick)
     if as_json:
-        click.echo(json.dumps({"folder": str(out), "bodies": built.bodies, "failures": dict(built.failures)}))
+        said = {"bodies": built.bodies, "mended": built.mended, "left": built.left, "failures": dict(built.failures)}
+        click.echo(json.dumps({"folder": str(out), **said}))
     else:
-        click.echo(f"{out}: {built.bodies} bodies, {corruptions} corruptions")
+        again = f", {built.mended} built again" if built.mended else ""
+        click.echo(f"{out}: {built.bodies} bodies, {corruptions} corruptions{again}")
         for name, reason in built.failures:
             click.echo(f"left out {name}: {reason}", err=True)
+    if built.left:
+        todo = "name their files, too, with --bodies"
+        raise InputError(out, wanted="whole bodies", came=f"damaged ones: {', '.join(built.left[:3])}", todo=todo)
     if not built.bodies:
         todo = "see what is wrong with each in failures.jsonl"
         raise InputError(str(out), wanted="a body at least", came=f"none of {len(built.failures)}", todo=todo)
@@ -95,17 +101,23 @@ def info(folder: Path, as_json: bool) -> None:
 def verify(folder: Path) -> None:
     """Check every file's checksum, and print a sample of the prints again on the twin."""
     from printmend.cli.progress import progress
-    from printmend.dataset.verify import contents, verify_dataset
+    from printmend.dataset.build import read_recipe
+    from printmend.dataset.places import BODIES, read_lines
+    from printmend.dataset.verify import verify_dataset
     from printmend.units import counted
 
-    count = contents(folder).bodies
+    read_recipe(folder)  # says what a folder that is no data set is
+    count = len(read_lines(folder / BODIES))
     with progress("bodies", count) as tick:
         wrong = verify_dataset(folder, tick=tick)
     for text in wrong:
         click.echo(text, err=True)
     if wrong:
         raise InputError(
-            folder, wanted="a whole data set", came=counted(len(wrong), "fault"), todo="fetch or build it again"
+            folder,
+            wanted="a whole data set",
+            came=counted(len(wrong), "fault"),
+            todo="fetch or build it again: what is whole stays",
         )
     click.echo(f"{folder}: {count} bodies, whole")
 

@@ -17,8 +17,8 @@ from printmend.bench.rows import row
 from printmend.bench.table1 import HEADER, Line, cells, figure6
 from printmend.corruption import read_corruption
 from printmend.dataset.bodies import thinned
-from printmend.dataset.build import body_file, corruption_file
 from printmend.dataset.parquet import read_body
+from printmend.dataset.places import body_file, corruption_file
 from printmend.draw import (
     comparison,
     draw_above,
