@@ -42,7 +42,7 @@ command.add_command(objectives)
 @click.option("--every-printer", is_flag=True, help="With --dataset: each body on all of its printers, not on one.")
 @click.option("--protocol", type=click.Choice(["paper", "heldout"]), default="paper", show_default=True)
 @click.option("--families", default="pulley", show_default=True, help="Corruptions to draw from, with commas.")
-@click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
+@click.option("--severity", type=click.Choice(["damaged", "realistic", "paper"]), default="damaged", show_default=True)
 @click.option(
     "--printer", default="ender5", show_default=True, help="A preset, for --bodies; `printmend printer` lists them."
 )
@@ -69,7 +69,16 @@ def table1(
     """
     from printmend.bench.report import body_table, left_texts
     from printmend.bench.rows import PAPER_ROWS, planned_for
-    from printmend.bench.table1 import HEADER, cells, dataset_cases, draw_cases, reference_cases, stands_still, table1
+    from printmend.bench.table1 import (
+        HEADER,
+        cells,
+        dataset_cases,
+        draw_cases,
+        parts,
+        reference_cases,
+        stands_still,
+        table1,
+    )
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
     from printmend.dataset.bodies import body_files
@@ -99,10 +108,15 @@ def table1(
         lines, results = table1(cases, rows, out, executor=executor, tick=tick)
     if as_json:
         table = [asdict(line) for line in lines]
-        click.echo(json.dumps({"table": table, "bodies": [item.flat() for item in results]}))
+        by_play = {part.title: [asdict(line) for line in part.lines] for part in parts(results, rows)}
+        bodies_ = [item.flat() for item in results]
+        click.echo(json.dumps({"table": table, "parts": by_play, "bodies": bodies_}))
     else:
         what = f"{len({case.body for case in cases})} bodies" + every_printer * " on every printer"
-        show_table(f"Table I, protocol {protocol}, {what}", HEADER, [cells(line) for line in lines])
+        found = parts(results, rows)
+        for part in found:  # of families that mix those with play and those without, a table each
+            families_ = f", families {part.title}" if len(found) > 1 else ""
+            show_table(f"Table I, protocol {protocol}, {what}{families_}", HEADER, [cells(line) for line in part.lines])
         if per_body or reference is not None:
             click.echo("\n" + body_table(results, rows))
         for text in left_texts(results):

@@ -27,7 +27,7 @@ def command() -> None:
 )  # fmt: skip
 @click.option("--corruptions", default=1, show_default=True, help="Broken printers that each body is printed on.")
 @click.option("--families", default="pulley", show_default=True, help="What is broken on them by turns, with commas.")
-@click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
+@click.option("--severity", type=click.Choice(["damaged", "realistic", "paper"]), default="damaged", show_default=True)
 @click.option("--printer", default="ender5", show_default=True, help="Their healthy kind, a preset.")
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of corruptions and generated bodies."
@@ -150,7 +150,7 @@ def fetch(source: str, out: Path) -> None:
 )
 @click.option("--corruptions", default=50, show_default=True, help="How many gain tables to draw.")
 @click.option("--layers", type=click.IntRange(1), help="Evenly spaced layers a body; all without it.")
-@click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
+@click.option("--severity", type=click.Choice(["damaged", "realistic", "paper"]), default="damaged", show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws the corruptions.")
 @click.option("--json", "as_json", is_flag=True, help="The summary as JSON on stdout.")
 def export_reference(
