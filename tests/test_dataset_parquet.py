@@ -457,3 +457,29 @@ def test_a_set_of_before_is_read(data: Path, tmp_path: Path) -> None:
     assert len(read_print(print_file(copy, lines[0]["body"], 1))[0]) > 10
     with pytest.raises(InputError, match="wanted schema 1, as the build began"):
         build_dataset(copy, [], RECIPE, Serial())
+
+
+def test_its_card_names_every_file_and_column(data: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(data, copy)
+    asked = ["dataset", "card", str(copy), "--name", "Broken: printers", "--creator", "A. Nother"]
+    asked += ["--url", "https://x.y/z"]
+    assert CliRunner().invoke(group, asked).exit_code == 0
+    card = json.loads((copy / "croissant.json").read_text())
+    for part in card["distribution"]:
+        assert list(copy.glob(part["includes"]))
+    assert sum(len(list(copy.glob(part["includes"]))) for part in card["distribution"]) == 9
+    for records, columns in zip(card["recordSet"], (BODY_COLUMNS, PRINT_COLUMNS), strict=True):
+        assert [field["name"] for field in records["field"]] == list(columns)
+        sources = {field["source"]["fileSet"]["@id"] for field in records["field"]}
+        assert sources <= {part["@id"] for part in card["distribution"]}
+    assert card["license"] == "CC0-1.0"
+    assert "identifier" not in card  # there is no DOI yet
+    text = (copy / "README.md").read_text()
+    assert text.startswith('---\npretty_name: "Broken: printers"\n')
+    assert text.split("---")[1].count('data_files: "') == 2
+    assert CliRunner().invoke(group, [*asked, "--doi", "10.1/2"]).exit_code == 0  # a card of before is replaced
+    assert "https://doi.org/10.1/2" in (copy / "croissant.json").read_text()
+    (copy / "README.md").write_text("mine")
+    assert "another README" in str(CliRunner().invoke(group, asked).exception)
+    assert (copy / "README.md").read_text() == "mine"

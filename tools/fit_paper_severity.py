@@ -14,14 +14,15 @@ from pathlib import Path
 import numpy as np
 
 PAPER_NAIVE_STEPS = 27.6  # Table I
-_BISECTIONS = 14
+_BISECTIONS = 10
 
 
 def main() -> None:
-    from printmend.bench.table1 import draw_cases, set_up
+    from printmend.bench.table1 import CORRUPTION, draw_cases, set_up
     from printmend.corruption import sampling
     from printmend.dataset.bodies import body_files
     from printmend.metrics import rmse
+    from printmend.twin import Twin
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bodies", default="generated:160")
@@ -34,12 +35,14 @@ def main() -> None:
         files, protocol="paper", families=families, severity="paper", seed=options.seed, sliced=sliced
     )  # fmt: skip
 
+    stands = [set_up(case) for case in cases]  # their layers stay as they are
+
     def naive_steps(largest: float) -> np.ndarray:
         sampling.PAPER_LARGEST = largest
         errors = []
-        for case in cases:
-            stand = set_up(case)
-            prints = [stand.twin.run(layer.controls, layer.start_steps) for layer in stand.layers]
+        for case, stand in zip(cases, stands, strict=True):
+            twin = Twin.of(sampling.fault(case.family, case.rng(CORRUPTION), "paper"), stand.printer)
+            prints = [twin.run(layer.controls, layer.start_steps) for layer in stand.layers]
             errors.append(rmse(np.concatenate([layer.nominal_steps for layer in stand.layers]), np.concatenate(prints)))
         return np.array(errors)
 

@@ -37,7 +37,7 @@ TABLE = "table1"
 WITH_PLAY = ("play", "loose", "set-screw", "everything")  # parts of the names of families with play
 
 # The purposes for which a body's generator is seeded; part of the meaning of a seed.
-_FAMILY, _CORRUPTION, _LAYERS, _LEARNER, _NOISE = 1, 2, 3, 4, 5
+_FAMILY, CORRUPTION, _LAYERS, _LEARNER, _NOISE = 1, 2, 3, 4, 5
 
 
 def draw_cases(
@@ -132,7 +132,7 @@ def set_up(case: Case) -> LayerStand:
     else:
         printer = read_printer(case.printer)
         body = load_body(_gcode(case, printer), printer)
-        twin = Twin.of(fault(case.family, case.rng(_CORRUPTION), cast(Severity, case.severity)), printer)
+        twin = Twin.of(fault(case.family, case.rng(CORRUPTION), cast(Severity, case.severity)), printer)
         training = body.training_layer
         printed = twin.run(training.controls, training.start_steps)
     layers = drawn_layers(body.layers, training, case.protocol, case.layers, case.rng(_LAYERS), subject=body.name)

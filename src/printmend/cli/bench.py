@@ -11,6 +11,7 @@ from printmend.cli.bench_families import families
 from printmend.cli.bench_objectives import NAMES, objectives
 from printmend.cli.bench_prints import prints
 from printmend.cli.bench_real import real
+from printmend.cli.bench_suite import submit_check, suite
 from printmend.cli.where import with_executor
 
 
@@ -23,6 +24,8 @@ command.add_command(real)
 command.add_command(families)
 command.add_command(prints)
 command.add_command(objectives)
+command.add_command(suite)
+command.add_command(submit_check)
 
 
 # Its many parameters are its options.

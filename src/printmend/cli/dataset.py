@@ -140,6 +140,23 @@ def fetch(source: str, out: Path) -> None:
 
 
 @command.command(
+    epilog="Example: printmend dataset card data --name Broken --creator Me --url https://example.org/data"
+)
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--name", required=True, help="What the data set is called.")
+@click.option("--creator", "creators", required=True, multiple=True, help="Who is cited for it; repeat.")
+@click.option("--url", required=True, help="Where it is published.")
+@click.option("--description", default="", help="In a sentence or two; without it, what it holds.")
+@click.option("--doi", default="", help="Its identifier, once there is one: 10.5281/zenodo.123.")
+def card(folder: Path, name: str, creators: tuple[str, ...], url: str, description: str, doi: str) -> None:
+    """Write a data set's card: croissant.json for machines, and README.md as Hugging Face reads it."""
+    from printmend.dataset.card import write_card
+
+    for path in write_card(folder, name=name, url=url, creators=creators, description=description, doi=doi):
+        click.echo(path)
+
+
+@command.command(
     "export-reference",
     short_help="Write bodies and corruptions as the published code reads them.",
     epilog="Example: printmend dataset export-reference data --bodies models/ --layers 3",
