@@ -9,6 +9,7 @@ import hashlib
 import logging
 import multiprocessing
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -19,7 +20,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-import printmend
 from printmend.errors import InputError
 
 Item = TypeVar("Item")
@@ -215,11 +215,11 @@ class Cluster:
 @cache
 def program_version() -> str:
     """Return the version of the program that runs here: the release, and 8 hex digits over the package's own files."""
-    root, digest = Path(printmend.__file__).parent, hashlib.sha256()
+    root, digest = Path(__file__).parent, hashlib.sha256()
     for path in sorted(root.rglob("*")):
         if path.is_file() and not {"__pycache__", "compiled"} & set(path.relative_to(root).parts):
             digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
-    return f"{printmend.__version__}+{digest.hexdigest()[:8]}"
+    return f"{sys.modules[__package__].__version__}+{digest.hexdigest()[:8]}"
 
 
 def _wait_until_started(client: Any, workers: int) -> None:

@@ -1,9 +1,10 @@
 """`printmend bench`: the paper's tables over your own bodies."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +14,9 @@ from printmend.cli.bench_prints import prints
 from printmend.cli.bench_real import real
 from printmend.cli.bench_suite import submit_check, suite
 from printmend.cli.where import with_executor
+
+if TYPE_CHECKING:
+    from printmend.bench.case import Result
 
 
 @click.group(epilog="Example: printmend bench table1 --bodies models/ --limit 20 --workers 2")
@@ -70,20 +74,10 @@ def table1(
     up to three random layers are planned and printed: any layers with --protocol paper, never the training layer with
     heldout. An interrupted run goes on where it was; OUT/sliced keeps the G-code of meshes.
     """
-    from printmend.bench.report import body_table, left_texts
     from printmend.bench.rows import PAPER_ROWS, planned_for
-    from printmend.bench.table1 import (
-        HEADER,
-        cells,
-        dataset_cases,
-        draw_cases,
-        parts,
-        reference_cases,
-        stands_still,
-        table1,
-    )
+    from printmend.bench.table1 import dataset_cases, draw_cases, parts, reference_cases, table1
     from printmend.cli.progress import progress
-    from printmend.cli.table import show_failures, show_table
+    from printmend.cli.table import show_failures
     from printmend.dataset.bodies import body_files
 
     rows = tuple(models.split(",")) if models else PAPER_ROWS
@@ -116,17 +110,26 @@ def table1(
         click.echo(json.dumps({"table": table, "parts": by_play, "bodies": bodies_}))
     else:
         what = f"{len({case.body for case in cases})} bodies" + every_printer * " on every printer"
-        found = parts(results, rows)
-        for part in found:  # of families that mix those with play and those without, a table each
-            families_ = f", families {part.title}" if len(found) > 1 else ""
-            show_table(f"Table I, protocol {protocol}, {what}{families_}", HEADER, [cells(line) for line in part.lines])
-        if per_body or reference is not None:
-            click.echo("\n" + body_table(results, rows))
-        for text in left_texts(results):
-            click.echo(text)
-        if worse := stands_still(results, rows):
-            click.echo(
-                f"Worse than naive: {', '.join(worse)}, planned by the paper's Algorithm 1, which stands still where "
-                f"play swallows a step; {worse[-1]}+optimal crosses it."
-            )
+        _show(results, rows, f"Table I, protocol {protocol}, {what}", per_body=per_body or reference is not None)
     show_failures(results)
+
+
+def _show(results: "Sequence[Result]", rows: Sequence[str], title: str, *, per_body: bool) -> None:
+    """Print the table, one each for families with play and without it, and what to know of its rows."""
+    from printmend.bench.report import body_table, left_texts
+    from printmend.bench.table1 import HEADER, cells, parts, stands_still
+    from printmend.cli.table import show_table
+
+    found = parts(results, rows)
+    for part in found:
+        families = f", families {part.title}" if len(found) > 1 else ""
+        show_table(title + families, HEADER, [cells(line) for line in part.lines])
+    if per_body:
+        click.echo("\n" + body_table(results, rows))
+    for text in left_texts(results):
+        click.echo(text)
+    if worse := stands_still(results, rows):
+        click.echo(
+            f"Worse than naive: {', '.join(worse)}, planned by the paper's Algorithm 1, which stands still where "
+            f"play swallows a step; {worse[-1]}+optimal crosses it."
+        )

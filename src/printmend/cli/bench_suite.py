@@ -16,8 +16,9 @@ from printmend.cli.where import with_executor
 @click.option("--out", "-o", type=click.Path(path_type=Path), default="printmend-suite", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The results as JSON lines on stdout.")
 def suite(name: str | None, rows: str, executor: Any, out: Path, as_json: bool) -> None:
-    """Run rows on a suite whose seed, bodies, splits and metrics are frozen; without a SUITE, list them.
+    """Run rows on a suite that never changes.
 
+    Its seed, bodies, splits and metrics are frozen. Without a SUITE, all are listed.
     Each row becomes a file OUT/SUITE/ROW.json with its figures, cost, versions and every case. An interrupted run goes
     on where it was.
     """
@@ -44,7 +45,7 @@ def suite(name: str | None, rows: str, executor: Any, out: Path, as_json: bool) 
 @click.command("submit-check", epilog="Example: printmend bench submit-check results/Families-v1/greybox+optimal.json")
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 def submit_check(files: tuple[Path, ...]) -> None:
-    """Check results of `bench suite`: the suite's checksum, every case, figures that follow from them."""
+    """Check results of `bench suite`: checksum, cases, figures."""
     from printmend.bench.submission import check_submission
 
     for path in files:

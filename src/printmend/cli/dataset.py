@@ -149,7 +149,7 @@ def fetch(source: str, out: Path) -> None:
 @click.option("--description", default="", help="In a sentence or two; without it, what it holds.")
 @click.option("--doi", default="", help="Its identifier, once there is one: 10.5281/zenodo.123.")
 def card(folder: Path, name: str, creators: tuple[str, ...], url: str, description: str, doi: str) -> None:
-    """Write a data set's card: croissant.json for machines, and README.md as Hugging Face reads it."""
+    """Write its card: Croissant for machines, a README."""
     from printmend.dataset.card import write_card
 
     for path in write_card(folder, name=name, url=url, creators=creators, description=description, doi=doi):
