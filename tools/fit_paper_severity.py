@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 
 PAPER_NAIVE_STEPS = 27.6  # Table I
-_BISECTIONS = 10
+BETWEEN, NEAR = (1.3, 2.6), 0.01  # the radius is looked for here, so near
 
 
 def main() -> None:
+    from scipy.optimize import brentq
+
     from printmend.bench.table1 import CORRUPTION, draw_cases, set_up
     from printmend.corruption import sampling
     from printmend.dataset.bodies import body_files
@@ -46,11 +48,8 @@ def main() -> None:
             errors.append(rmse(np.concatenate([layer.nominal_steps for layer in stand.layers]), np.concatenate(prints)))
         return np.array(errors)
 
-    low, high = 1.0, 3.0
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if naive_steps(middle).mean() < PAPER_NAIVE_STEPS else (low, middle)
-    largest = round((low + high) / 2, 2)
+    found = brentq(lambda size: naive_steps(size).mean() - PAPER_NAIVE_STEPS, *BETWEEN, xtol=NEAR / 2)
+    largest = round(found, 2)
     errors = naive_steps(largest)
     spread = errors.std(ddof=1) / np.sqrt(len(errors))
     print(f"largest {largest:.2f}: Naive {errors.mean():.2f} ± {spread:.2f} steps over {len(errors)} bodies")

@@ -38,7 +38,7 @@ Severity = Literal["damaged", "realistic", "paper"]
 SEVERITIES: tuple[Severity, ...] = ("damaged", "realistic", "paper")
 # The largest pulley of the severity `paper`, in radii: with it Naive's mean RMSE over generated bodies is the paper's
 # 27.6 full steps. `tools/fit_paper_severity.py` found it.
-PAPER_LARGEST = 1.8
+PAPER_LARGEST = 1.72
 _R0_MM = radius_mm(40.0)
 _PHI = np.linspace(0.0, TURN_RAD, 1024, endpoint=False)
 _LOOP_MM = 600.0  # length of a printer's belt
