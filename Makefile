@@ -88,6 +88,7 @@ layers: $(STAMP)
 
 # Builds build/site; a dead link or a public name without documentation stops it.
 docs: $(STAMP)
+	$(BIN)/python tools/leaderboard.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 # Does the wheel work where the lock and the extras are not?

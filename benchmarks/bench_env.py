@@ -1,4 +1,5 @@
-"""Environment steps a second for 1024 prints side by side, with the mean return of each agent.
+"""Environment steps a second for 1024 prints side by side, with the mean return of each agent; then of the paper's
+problem with its test print and scan, stepped at random.
 
 python benchmarks/bench_env.py [--envs 1024] [--ticks 500] [--json]
 """
@@ -9,7 +10,7 @@ import time
 
 import numpy as np
 
-from printmend.env import PrintVectorEnv, algorithm1_agent, naive_agent, planning_agent, random_agent
+from printmend.env import OnePrintVectorEnv, PrintVectorEnv, algorithm1_agent, naive_agent, planning_agent, random_agent
 
 
 def measured(envs: int, ticks: int) -> list[dict]:
@@ -48,12 +49,34 @@ def measured(envs: int, ticks: int) -> list[dict]:
     return rows
 
 
+def one_print(envs: int) -> dict:
+    """Return the steps a second of the paper's problem, over one episode and the beginning of the next."""
+    env = OnePrintVectorEnv(envs)
+    env.reset(seed=1)
+    actions = np.random.default_rng(0).integers(0, 7, (64, envs, 2))
+    env.step(actions[0])  # compile
+    env.reset()
+    started, steps = time.perf_counter(), 0
+    done = np.zeros(envs, bool)
+    while not done.all():
+        _, _, done, _, _ = env.step(actions[steps % 64])
+        steps += 1
+    env.step(actions[0])
+    return {
+        "agent": "one print, random",
+        "envs": envs,
+        "steps_per_s": round(envs * steps / (time.perf_counter() - started)),
+    }
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--envs", type=int, default=1024)
     parser.add_argument("--ticks", type=int, default=500)
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
+    one = one_print(given.envs)
+    print(json.dumps(one) if given.json else "{agent:18} {steps_per_s:>12,} steps/s".format(**one))
     for row in measured(given.envs, given.ticks):
         print(
             json.dumps(row)

@@ -133,11 +133,11 @@ class Value(DeterministicMixin, Model):
         return linen.Dense(1)(hidden), {}
 
 
-def train(steps: int, *, seed: int = 0, count: int = 64, rollouts: int = 64) -> Policy:
-    """Train for so many steps of ``count`` prints side by side; return the policy."""
+def train(prints: gymnasium.vector.VectorEnv, steps: int, *, seed: int = 0, rollouts: int = 64) -> Policy:
+    """Train for so many steps of prints side by side; return the policy."""
     config.jax.backend = "jax"
     set_seed(seed)
-    env = wrap_env(ShapeEnv(count), wrapper="gymnasium", verbose=False)
+    env, count = wrap_env(prints, wrapper="gymnasium", verbose=False), prints.num_envs
     spaces = {"observation_space": env.observation_space, "action_space": env.action_space}
     models = {"policy": Policy(**spaces), "value": Value(**spaces)}
     for role, model in models.items():
@@ -208,6 +208,6 @@ if __name__ == "__main__":
     parser.add_argument("--steps", type=int, default=5000, help="of 64 prints side by side")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    found = compare(train(options.steps, seed=options.seed))
+    found = compare(train(ShapeEnv(64), options.steps, seed=options.seed))
     for name, (shape, error) in found.items():
         print(f"{name:40} {shape:6.3f} steps from the line, RMSE {error:6.3f}")

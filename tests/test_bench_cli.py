@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from printmend.bench.case import Case, Result
-from printmend.bench.table1 import stands_still
+from printmend.bench.table1 import Line, Part, stands_still
 from printmend.cli.main import main
 from printmend.dataset.reference import write_reference
+from printmend.demo.figures import table_lines
 from tests.bodies import circle_body, write_vase
 
 
@@ -44,6 +45,14 @@ def test_bench_prints_the_table_and_keeps_the_results(printmend, vase: Path, tmp
     assert code == 0
     assert [result["rmse_steps"] for result in bodies] == [line["abrmse_steps"] for line in table]
     assert [line["row"] for line in table] == ["naive", "oracle"]
+
+
+def test_the_table_says_where_a_model_was_left_to_another_planner(printmend, vase: Path, tmp_path: Path) -> None:
+    models = "naive,naive+optimal,oracle+optimal"
+    code, out, _ = printmend("bench", "table1", "--bodies", vase, "--models", models, "--out", tmp_path / "out")
+    assert code == 0
+    (said,) = [line for line in out.splitlines() if "planned by" in line]
+    assert said == "naive+optimal: planned by greedy, to which optimal leaves models without tables of play"
 
 
 def test_an_objective_changes_the_plan(printmend, vase: Path, tmp_path: Path) -> None:
@@ -172,3 +181,30 @@ def test_learners_that_stand_still_in_play_are_named() -> None:
     ]
     assert stands_still(results, tuple(of)) == ("greybox",)
     assert stands_still(results[::2], tuple(of)) == ()
+
+
+def test_families_with_play_have_a_table_of_their_own(printmend, tmp_path: Path) -> None:
+    (tmp_path / "bodies").mkdir()
+    for number in range(6):
+        write_vase(tmp_path / "bodies" / f"{number}.gcode", layers=4, radius_mm=9.0 + number)
+    arguments = ("bench", "table1", "--bodies", tmp_path / "bodies", "--families", "pulley,pulley-play",
+                 "--models", "naive,oracle", "--protocol", "heldout", "--out", tmp_path / "out")  # fmt: skip
+    code, out, err = printmend(*arguments)
+    assert code == 0, err
+    titles = [line for line in out.splitlines() if line.startswith("Table I")]
+    assert [title.rpartition(", ")[2] for title in titles] == ["families without play", "families with play"]
+    code, out, _ = printmend(*arguments, "--json")
+    found = json.loads(out)["parts"]
+    naive, oracle = found["without play"]
+    assert oracle["abrmse_steps"] < 1 < naive["abrmse_steps"]
+    assert found["with play"][1]["abrmse_steps"] > 5  # Algorithm 1 stands still there, whatever it knows
+    assert naive["bodies"] + found["with play"][0]["bodies"] == 6
+
+
+def test_the_papers_own_figures_stand_beside_families_without_play_only() -> None:
+    line = Line("naive", 3, 0, 1.0, 0.2, 1.0, 1.0, None, 0.1, 100.0)
+    header, ((*_, paper),) = table_lines(Part(False, (line,)))
+    assert (header[-1], paper) == ("paper", "27.6")
+    header, ((*_, last),) = table_lines(Part(True, (line,)))
+    assert "paper" not in header
+    assert last != "27.6"

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from printmend.bench.case import Case, Result, code_version
+from printmend.bench.case import Case, Result
 from printmend.bench.report import body_table, failure_texts, text_table
 from printmend.bench.rows import PAPER_ROWS, row
 from printmend.bench.run import read_results, run
 from printmend.bench.table1 import cells, draw_cases, lines, table1
 from printmend.bench.trial import evaluate
 from printmend.errors import ConfigError, InputError
-from printmend.executor import Processes, Serial, WorkerDied
+from printmend.executor import Processes, Serial, WorkerDied, program_version
 from tests.bodies import write_vase
 from tests.mortal import dies_on_two
 
@@ -225,7 +225,7 @@ def test_every_result_is_one_line_of_json(vases: list[Path], tmp_path: Path) -> 
     table1(drawn(vases[:1]), ("naive",), tmp_path / "out")
     (line,) = (tmp_path / "out" / "table1.jsonl").read_text().splitlines()
     record = json.loads(line)
-    assert (record["row"], record["code"]) == ("naive", code_version())
+    assert (record["row"], record["code"]) == ("naive", program_version())
     assert Result.of(record).flat() == record
     assert (tmp_path / "out" / "figure6-pulley-paper.png").read_bytes().startswith(b"\x89PNG")
 

@@ -1,5 +1,7 @@
 """Controllers that plan ahead: against exhaustive search, and where Algorithm 1 deadlocks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,9 @@ from printmend.control.kernels import coupled as kernels
 from printmend.control.registry import controller
 from printmend.control.window import window
 from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
+from printmend.errors import ModelError
 from printmend.learn.mechanism_model import MechanismModel
-from printmend.machine import lattice_tables
+from printmend.machine import PlayTables, lattice_tables, run_motors
 from printmend.path import Plan
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
@@ -146,3 +149,31 @@ def test_targets_that_run_away(name: str, ender5: Printer) -> None:
     plan = controller(name).plan(model, targets, start, c_max=2)
     np.testing.assert_array_equal(plan.imagined_steps, Twin(model.mechanism).run(plan.controls, start))
     assert rmse(plan, targets) <= rmse(controller("greedy").plan(model, targets, start, c_max=2), targets)
+
+
+def test_a_plan_whose_belts_no_branch_explains_ends_before_the_kernels(ender5: Printer) -> None:
+    """They hold the law of the play as indices, and check none: another law would lead them beyond their arrays."""
+    motor = lattice_tables(worn("egg", 5.0, ender5).mechanism, START).motors[0]  # type: ignore[arg-type]
+    belt = run_motors((motor,), np.tile([[1], [-1]], (20, 1)))[:, 0]
+    window(motor, TARGETS[:40, 0], belt, 3)
+    belt[20] += 1e-3
+    with pytest.raises(RuntimeError, match="no branch of its play"):
+        window(motor, TARGETS[:40, 0], belt, 3)
+
+
+@pytest.mark.parametrize("wrong", ["falls", "crosses"])
+@pytest.mark.parametrize("name", ["greedy", "lookahead", "optimal", "optimal-area"])
+def test_tables_of_no_play_are_refused(name: str, wrong: str, ender5: Printer) -> None:
+    """Kernels trust the branches that a model of another package gives: they must rise, lower ≤ upper."""
+
+    class Wrong(MechanismModel):
+        def tabulate(self, start_steps: np.ndarray, *, c_max: int = 3) -> PlayTables:
+            tables = super().tabulate(start_steps, c_max=c_max)
+            motor = tables.motors[0]
+            lower = motor.lower_steps.copy()
+            lower[300] += -50.0 if wrong == "falls" else 0.0
+            upper = motor.upper_steps - (60.0 if wrong == "crosses" else 0.0)
+            return replace(tables, motors=(replace(motor, lower_steps=lower, upper_steps=upper), tables.motors[1]))
+
+    with pytest.raises(ModelError, match="never fall"):
+        controller(name).plan(Wrong(worn("egg", 5.0, ender5).mechanism), TARGETS[:20], START)

@@ -27,6 +27,7 @@ from printmend.corruption import (
     parse_corruption,
     published_names,
 )
+from printmend.corruption.sampling import sample
 from printmend.errors import ConfigError
 from printmend.machine import Mechanism, Transmission
 from printmend.printer import Printer
@@ -225,3 +226,14 @@ def test_wrong_toml_is_named(text: str, named: str) -> None:
 
 def test_empty_toml_is_healthy() -> None:
     assert parse_corruption("", subject="empty") == HEALTHY
+
+
+def test_the_papers_severity_is_damaged_but_for_its_pulleys() -> None:
+    drawn = [sample("pulley", np.random.default_rng(seed), "paper") for seed in range(60)]
+    kinds = {type(drive.pulley).__name__ for corruption in drawn for drive in corruption.drives}
+    assert kinds == {"WrongRadius", "PublishedHull"}
+    for family in ("play", "frame", "friction", "set-screw"):
+        one, other = (sample(family, np.random.default_rng(4), severity) for severity in ("paper", "damaged"))
+        assert one == other
+    with pytest.raises(ConfigError, match="damaged, realistic or paper"):
+        sample("play", np.random.default_rng(4), "worn")  # type: ignore[arg-type]

@@ -25,8 +25,10 @@ from printmend.body.solid import stl_bytes
 from printmend.cli.main import group
 from printmend.corruption import read_corruption
 from printmend.dataset import build as builder
-from printmend.dataset.build import Recipe, body_file, build_dataset, corruption_file, print_file, read_lines
-from printmend.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, read_about, read_body, read_print
+from printmend.dataset.build import Recipe, build_dataset
+from printmend.dataset.join import joined, names
+from printmend.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, digest_of, read_about, read_body, read_print
+from printmend.dataset.places import body_file, corruption_file, print_file, read_lines
 from printmend.dataset.verify import contents, fetch_dataset, verify_dataset
 from printmend.errors import InputError, TraceError, UnwritableError
 from printmend.executor import Serial
@@ -92,7 +94,9 @@ def test_files_are_typed_encoded_a_row_group_a_layer_and_say_what_they_are(data:
                       for i in range(len(columns))}  # fmt: skip
         assert {chunk.compression for chunk in chunks.values()} == {"ZSTD"}
         for name, (kind, _) in columns.items():
-            wanted = {"float32": "BYTE_STREAM_SPLIT", "bool": "PLAIN"}.get(kind, "DELTA_BINARY_PACKED")
+            wanted = {"float32": "BYTE_STREAM_SPLIT", "bool": "PLAIN", "string": "RLE_DICTIONARY"}.get(
+                kind, "DELTA_BINARY_PACKED"
+            )
             assert wanted in chunks[name].encodings
         about = read_about(path)
         assert about["licence"] == "CC0-1.0"
@@ -232,7 +236,6 @@ def test_a_data_set_is_fetched_whole_and_faults_are_named(data: Path, tmp_path: 
     for use in (
         lambda: fetch_dataset(str(copy), tmp_path / "third"),
         lambda: dataset_cases(copy, protocol="paper", seed=0),
-        lambda: build_dataset(copy, [], RECIPE, Serial()),
     ):
         with pytest.raises(InputError, match=r"corruptions/0001\.toml"):
             use()
@@ -281,7 +284,7 @@ def test_what_does_not_fit_is_refused(data: Path, sources: list[Path], tmp_path:
     with pytest.raises(InputError, match="the folder of a data set"):
         contents(tmp_path)
     (tmp_path / "dataset.json").write_text('{"schema": 99}')
-    with pytest.raises(InputError, match="wanted schema 1"):
+    with pytest.raises(InputError, match="wanted schema 2"):
         contents(tmp_path)
 
 
@@ -298,3 +301,185 @@ def test_the_table_of_a_data_set_is_made_of_its_prints(data: Path) -> None:
         wanted = [layer.nominal_steps for layer in read_body(body_file(data, case.body), judged).layers]
         printed = read_print(print_file(data, case.body, case.sample), judged)
         assert result.values["rmse_steps"] == pytest.approx(rmse(np.concatenate(wanted), np.concatenate(printed)), 1e-4)
+
+
+def damaged(data: Path, copy: Path) -> list[str]:
+    """Copy a data set and damage it: a body is cut, a print is gone, another is of other content, a printer is gone."""
+    shutil.copytree(data, copy)
+    names = [line["body"] for line in read_lines(copy / "bodies.jsonl")]
+    os.truncate(body_file(copy, names[0]), 100)
+    print_file(copy, names[1], 0).unlink()
+    print_file(copy, names[1], 1).unlink()
+    whole = print_file(copy, names[2], 1)
+    whole.write_bytes(whole.read_bytes()[:-8] + b"damaged!")
+    corruption_file(copy, 1).unlink()
+    return names
+
+
+def test_a_build_mends_what_is_missing_or_damaged(data: Path, sources: list[Path], tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    names = damaged(data, copy)
+    listed = read_lines(copy / "bodies.jsonl")
+    some = build_dataset(copy, sources[:2], RECIPE, Serial(), licence="CC0-1.0")
+    assert (some.bodies, some.mended, some.left) == (2, 2, (names[2],))  # nobody named the third one's file
+    assert verify_dataset(copy) == [f"prints/corruption=1/{names[2]}.parquet: not the file that was written"]
+    before = {path: path.stat().st_mtime_ns for path in copy.rglob("*.parquet") if names[2] not in path.name}
+    all_ = build_dataset(copy, sources, RECIPE, Serial(), licence="CC0-1.0")
+    assert (all_.bodies, all_.mended, all_.left) == (3, 1, ())
+    assert verify_dataset(copy) == []
+    assert {path: path.stat().st_mtime_ns for path in before} == before  # what was whole stays
+    assert {line["body"]: line["files"] for line in read_lines(copy / "bodies.jsonl")} == {
+        line["body"]: line["files"] for line in listed
+    }
+    again = build_dataset(copy, sources, RECIPE, Serial())
+    assert (again.bodies, again.mended) == (3, 0)
+
+
+def test_the_command_says_what_is_damaged_and_builds_it_again(data: Path, sources: list[Path], tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    names = damaged(data, copy)
+    said = CliRunner().invoke(group, ["dataset", "verify", str(copy)])
+    assert isinstance(said.exception, InputError)
+    assert "got 5 faults" in str(said.exception)
+    lines = said.stderr.splitlines()
+    assert [line for line in lines if line.endswith("missing")] == [
+        "corruptions/0001.toml: missing",
+        *(f"prints/corruption={number}/{names[1]}.parquet: missing" for number in range(2)),
+    ]
+    info = CliRunner().invoke(group, ["dataset", "info", str(copy), "--json"])
+    assert json.loads(info.stdout)["bodies"] == 3
+    asked = ["dataset", "build", "--corruptions", "2", "--families", ",".join(RECIPE.families), "--seed", "3"]
+    asked += ["--licence", "CC0-1.0", "-o", str(copy)]
+    some = CliRunner().invoke(group, [*asked, "--bodies", str(sources[0])])
+    assert "damaged ones" in str(some.exception)
+    every = CliRunner().invoke(group, [*asked, "--bodies", str(sources[0].parent)])
+    assert every.exit_code == 0, every.output
+    assert "2 built again" in every.stdout
+    assert verify_dataset(copy) == []
+
+
+def test_a_slicer_that_was_missing_is_no_lasting_failure(
+    sources: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solid, root = tmp_path / "box.stl", tmp_path / "set"
+    trimesh.creation.box((20, 20, 20)).export(solid)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    built = build_dataset(root, [solid, sources[0], sources[3]], RECIPE, Serial())
+    assert built.bodies == 1
+    assert [name.split("-")[0] for name, _ in built.failures] == ["box", "broken"]
+    program = tmp_path / "prusa-slicer"
+    program.write_text(
+        f'#!/bin/sh\nwhile [ $# -gt 1 ]; do [ "$1" = --output ] && /bin/cp {sources[1]} "$2"; shift; done\n'
+    )
+    program.chmod(0o755)
+    again = build_dataset(root, [solid, sources[0], sources[3]], RECIPE, Serial())
+    assert again.bodies == 2
+    assert [name.split("-")[0] for name, _ in again.failures] == ["broken"]  # that one has nothing to print: it lasts
+
+
+def test_name_and_licence_survive_a_folder_with_a_manifest(sources: list[Path], tmp_path: Path) -> None:
+    folder = tmp_path / "models" / "deep"
+    folder.mkdir(parents=True)
+    for number, source in enumerate(sources[:3]):
+        shutil.copy(source, folder / f"{number}.gcode")
+    (tmp_path / "models" / "manifest.csv").write_text(
+        "File,Name,License\ndeep/0.gcode,Dragon vase,CC-BY-4.0\ndeep/1.gcode,,CC0-1.0\n"
+    )
+    (folder / "licences.json").write_text('{"2": "MIT"}')
+    root = tmp_path / "set"
+    build_dataset(root, sorted(folder.glob("*.gcode")), RECIPE, Serial(), licence="GPL-3.0")
+    found = {line["source"]: (line["body"][:-9], line["licence"]) for line in read_lines(root / "bodies.jsonl")}
+    assert found == {"0.gcode": ("Dragon_vase", "CC-BY-4.0"), "1.gcode": ("1", "CC0-1.0"), "2.gcode": ("2", "MIT")}
+    (root / "sliced").mkdir()  # as the G-code of meshes lies there
+    for line in read_lines(root / "bodies.jsonl"):
+        shutil.copy(folder / line["source"], root / "sliced" / line["gcode"])
+    second = tmp_path / "second"
+    build_dataset(second, sorted((root / "sliced").glob("*.gcode")), RECIPE, Serial())
+    assert {line["licence"] for line in read_lines(second / "bodies.jsonl")} == {"CC-BY-4.0", "CC0-1.0", "MIT"}
+    (tmp_path / "models" / "manifest.csv").write_text("name\nx\n")
+    with pytest.raises(InputError, match="a column `file`"):
+        build_dataset(tmp_path / "third", [folder / "0.gcode"], RECIPE, Serial())
+
+
+def test_controls_and_positions_are_read_side_by_side(data: Path) -> None:
+    line = read_lines(data / "bodies.jsonl")[1]
+    assert list(names(data)) == [each["body"] for each in read_lines(data / "bodies.jsonl")]
+    table = joined(data, line["body"], 1)
+    assert table.column_names == [*BODY_COLUMNS, "x_printed", "y_printed"]
+    body, printed = read_body(body_file(data, line["body"])), read_print(print_file(data, line["body"], 1))
+    assert table["tick"].to_pylist() == [tick for layer in body.layers for tick in range(layer.transitions + 1)]
+    np.testing.assert_array_equal(np.stack([table["x_printed"], table["y_printed"]], axis=1), np.concatenate(printed))
+    np.testing.assert_array_equal(
+        np.stack([table["x_nominal"], table["y_nominal"]], axis=1),
+        np.concatenate([layer.nominal_steps for layer in body.layers]),
+    )
+    some = joined(data, line["body"], 1, layers=[2])
+    assert set(some["layer"].to_pylist()) == {body.layers[2].index}
+    keys = ["body", "layer", "tick"]  # a join by keys finds the same
+    by_keys = pq.read_table(body_file(data, line["body"])).join(
+        pq.read_table(print_file(data, line["body"], 1)).drop_columns([]), keys, join_type="inner"
+    )
+    assert by_keys.num_rows == table.num_rows
+    with pytest.raises(InputError, match="wanted 0 to 1"):
+        joined(data, line["body"], 2)
+
+
+def test_the_keys_of_folders_are_whole_numbers(data: Path) -> None:
+    assert sorted(path.name for path in (data / "prints").iterdir()) == ["corruption=0", "corruption=1"]
+    table = pq.read_table(data / "prints")
+    assert str(table.schema.field("corruption").type.value_type) == "int32"
+    assert set(table["corruption"].to_pylist()) == {0, 1}
+
+
+def test_a_set_of_before_is_read(data: Path, tmp_path: Path) -> None:
+    """Schema 1: no keys in the rows, folders with zeros before their numbers."""
+    copy = tmp_path / "copy"
+    shutil.copytree(data, copy)
+    for number in range(2):
+        (copy / "prints" / f"corruption={number}").rename(copy / "prints" / f"corruption={number:04d}")
+    for path in copy.rglob("*.parquet"):
+        table, about = pq.read_table(path), read_about(path)
+        with pq.ParquetWriter(path, table.schema.remove(2).remove(0)) as writer:
+            for part in table.drop_columns(["body", "tick"]).to_batches():
+                writer.write_batch(part)
+            writer.add_key_value_metadata({b"printmend": json.dumps({**about, "schema": 1})})
+    text = (copy / "bodies.jsonl").read_text()
+    for number in range(2):
+        text = text.replace(f"corruption={number}/", f"corruption={number:04d}/")
+    lines = [json.loads(line) for line in text.splitlines()]
+    for line in lines:
+        line["files"] = {name: digest_of(copy / name) for name in line["files"]}
+    (copy / "bodies.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    values = json.loads((copy / "dataset.json").read_text())
+    values["schema"] = values["recipe"]["schema"] = 1
+    (copy / "dataset.json").write_text(json.dumps(values))
+    assert contents(copy).bodies == 3
+    assert len(read_print(print_file(copy, lines[0]["body"], 1))[0]) > 10
+    with pytest.raises(InputError, match="wanted schema 1, as the build began"):
+        build_dataset(copy, [], RECIPE, Serial())
+
+
+def test_its_card_names_every_file_and_column(data: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(data, copy)
+    asked = ["dataset", "card", str(copy), "--name", "Broken: printers", "--creator", "A. Nother"]
+    asked += ["--url", "https://x.y/z"]
+    assert CliRunner().invoke(group, asked).exit_code == 0
+    card = json.loads((copy / "croissant.json").read_text())
+    for part in card["distribution"]:
+        assert list(copy.glob(part["includes"]))
+    assert sum(len(list(copy.glob(part["includes"]))) for part in card["distribution"]) == 9
+    for records, columns in zip(card["recordSet"], (BODY_COLUMNS, PRINT_COLUMNS), strict=True):
+        assert [field["name"] for field in records["field"]] == list(columns)
+        sources = {field["source"]["fileSet"]["@id"] for field in records["field"]}
+        assert sources <= {part["@id"] for part in card["distribution"]}
+    assert card["license"] == "CC0-1.0"
+    assert "identifier" not in card  # there is no DOI yet
+    text = (copy / "README.md").read_text()
+    assert text.startswith('---\npretty_name: "Broken: printers"\n')
+    assert text.split("---")[1].count('data_files: "') == 2
+    assert CliRunner().invoke(group, [*asked, "--doi", "10.1/2"]).exit_code == 0  # a card of before is replaced
+    assert "https://doi.org/10.1/2" in (copy / "croissant.json").read_text()
+    (copy / "README.md").write_text("mine")
+    assert "another README" in str(CliRunner().invoke(group, asked).exception)
+    assert (copy / "README.md").read_text() == "mine"

@@ -1,5 +1,6 @@
 """The examples do what they say; `make notebook` runs the notebook, `make integrations` the agents."""
 
+import runpy
 import sys
 from pathlib import Path
 
@@ -38,3 +39,9 @@ def test_the_learner_keeps_what_it_must_and_learns(tmp_path: Path) -> None:
 def test_the_controller_keeps_what_it_must() -> None:
     for check in QUICK:
         CONTROLLER_CHECKS[check](ControllerCandidate("own_controller:MINE"))
+
+
+def test_the_problem_is_played_by_name() -> None:
+    found = runpy.run_path(str(EXAMPLES / "one_print.py"))["scores"]("play", "damaged", scenes=2)
+    assert list(found) == ["Naive", "greybox", "meta"]
+    assert abs(found["Naive"]).max() < 1e-9 < found["greybox"].min()

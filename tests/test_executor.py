@@ -1,11 +1,12 @@
 """Where cases run: time limits, addresses. A cluster whose worker dies runs in integrations/tests/test_chains.py."""
 
+import re
 import threading
 
 import pytest
 
 from printmend.errors import InputError
-from printmend.executor import Cluster, Processes, Serial, executor, limited
+from printmend.executor import Cluster, Processes, Serial, executor, limited, program_version
 
 
 def test_work_that_takes_too_long_on_a_worker_ends_it_once_it_has_answered(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,3 +33,25 @@ def test_executors_by_number() -> None:
     assert executor(1) == Serial()
     assert executor(2) == Processes(2)
     assert executor(1, "tcp://host:8786") == Cluster("tcp://host:8786")
+
+
+class Workers:
+    """A cluster's client whose workers say which program they run."""
+
+    def __init__(self, *versions: object) -> None:
+        self.versions = versions
+
+    def run(self, function, *, on_error: str) -> dict[str, object]:
+        assert (function, on_error) == (program_version, "return")
+        return {f"tcp://worker:{n}": said for n, said in enumerate(self.versions)}
+
+
+def test_workers_of_another_program_are_refused() -> None:
+    mine, cluster = program_version(), Cluster("tcp://host:8786")
+    cluster._compare_versions(Workers(mine, mine))
+    with pytest.raises(
+        InputError, match=rf"wanted workers with printmend {re.escape(mine)}, got 1 of 2 .*:1 with 0.1.0\+old"
+    ):
+        cluster._compare_versions(Workers(mine, "0.1.0+old"))
+    with pytest.raises(InputError, match="no such function"):  # one that cannot even say
+        cluster._compare_versions(Workers(AttributeError("no such function"), mine))

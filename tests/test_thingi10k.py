@@ -13,7 +13,8 @@ import trimesh
 from printmend.body.mesh import read_solid
 from printmend.dataset import thingi10k
 from printmend.dataset.bodies import body_files
-from printmend.dataset.build import Recipe, build_dataset, read_lines
+from printmend.dataset.build import Recipe, build_dataset
+from printmend.dataset.places import read_lines
 from printmend.dataset.thingi10k import licence_beside
 from printmend.errors import InputError, MeshError
 from printmend.executor import Serial

@@ -19,6 +19,7 @@ from tests.test_demo_scan import BROKEN
 from printmend.cli.main import group
 from printmend.demo import part
 from printmend.demo import scan as demo_scan
+from printmend.env import open_loop_agent, score_agent
 from printmend.printer import Printer, read_printer
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -101,9 +102,22 @@ def test_the_agent_that_takes_up_play_does_not_deadlock() -> None:
 def test_the_agent_that_is_trained_stands_beside_planning() -> None:
     pytest.importorskip("skrl", reason="the extra `agents` is not installed")
     example = runpy.run_path(str(EXAMPLES / "train_agent.py"))
-    found = example["compare"](example["train"](64, count=8, rollouts=32), count=2)
+    found = example["compare"](example["train"](example["ShapeEnv"](8), 64, rollouts=32), count=2)
     shape, error = zip(*found.values(), strict=True)
     assert list(found)[:2] == ["Naive", "agent"]
     assert np.isfinite([*shape, *error]).all()
     assert found["agent"] != found["Naive"]
     assert found["optimal, learned from one layer"][0] < 0.5 * found["Naive"][0]
+
+
+def test_agents_of_one_print_are_trained_and_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("skrl", reason="the extra `agents` is not installed")
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    example, printer = runpy.run_path(str(EXAMPLES / "train_one_print.py")), read_printer("ender5")
+    policy = example["train"](example["AimEnv"]("play", 8, 8), 64, rollouts=32)
+    reads = example["taught"]("play", 8, 1, printer, seed=1, batch=4)
+    for plan in (example["ppo_plan"](policy), reads):
+        found = score_agent(open_loop_agent(plan, printer), "play", scenes=2)
+        assert np.isfinite(found).all()
+        assert (found <= 1.0 + 1e-9).all()
+        assert found.any()  # neither is Naive

@@ -5,15 +5,19 @@ worked on the item was killed.
 """
 
 import contextlib
+import hashlib
 import logging
 import multiprocessing
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from printmend.errors import InputError
@@ -116,11 +120,12 @@ class Cluster:
     def map(self, work: Callable[[Item], Value], items: Iterable[Item]) -> Iterator[tuple[Item, Value | WorkerDied]]:
         """Yield each item with its value; as many items as the workers can use are under way at any time.
 
-        Raises `InputError` where the scheduler goes away.
+        Raises `InputError` where the scheduler goes away, and where a worker has other code than this program.
         """
         from distributed import KilledWorker
 
         with self.client() as client, client.get_executor(pure=False) as pool:
+            self._compare_versions(client)
             rest = list(reversed(list(items)))
             under_way: dict[Future[Value], Item] = {}
             while rest or under_way:
@@ -153,7 +158,18 @@ class Cluster:
         if kind == "local":
             return int(count)
         with self._connected() as client:
+            self._compare_versions(client)
             return sum(client.nthreads().values())
+
+    def _compare_versions(self, client: Any) -> None:
+        """Raise `InputError` where a worker runs another printmend: what it made would not be what this one makes."""
+        mine, found = program_version(), client.run(program_version, on_error="return")
+        others = {place: said for place, said in found.items() if said != mine}
+        if others:
+            place, said = next(iter(others.items()))
+            came = f"{len(others)} of {len(found)} with another, {place} with {said}"
+            todo = "install the same there, and start its workers again"
+            raise InputError("--cluster", wanted=f"workers with printmend {mine}", came=came, todo=todo)
 
     @contextlib.contextmanager
     def client(self) -> Iterator[Any]:
@@ -194,6 +210,16 @@ class Cluster:
             came = f"{type(error).__name__}: {error}"
             todo = "start `dask scheduler`, or correct the address"
             raise InputError("--cluster", wanted=f"a scheduler at {self.address}", came=came, todo=todo) from None
+
+
+@cache
+def program_version() -> str:
+    """Return the version of the program that runs here: the release, and 8 hex digits over the package's own files."""
+    root, digest = Path(__file__).parent, hashlib.sha256()
+    for path in sorted(root.rglob("*")):
+        if path.is_file() and not {"__pycache__", "compiled"} & set(path.relative_to(root).parts):
+            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return f"{sys.modules[__package__].__version__}+{digest.hexdigest()[:8]}"
 
 
 def _wait_until_started(client: Any, workers: int) -> None:

@@ -133,7 +133,8 @@ def digest(kernel: Any) -> str:
 
     Raises `TypeError` for a kernel that uses a value whose content cannot be told.
     """
-    total = hashlib.sha256(np.__version__.encode() + _HOW)
+    bounds = b"bounds checked" if config.BOUNDSCHECK else b""  # NUMBA_BOUNDSCHECK=1: other code of the same kernel
+    total = hashlib.sha256(np.__version__.encode() + _HOW + bounds)
     waiting, seen = [kernel], {id(kernel)}
     while waiting:
         value = waiting.pop()

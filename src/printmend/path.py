@@ -198,7 +198,11 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What a controller chose: ``controls`` [T, 2] int8 steps and the ``imagined`` positions [T + 1, 2] steps."""
+    """What a controller chose: ``controls`` [T, 2] int8 steps and the ``imagined`` positions [T + 1, 2] steps.
+
+    ``planner`` names the controller that a model was left to, where that is another than was asked.
+    """
 
     controls: np.ndarray
     imagined_steps: np.ndarray = field(repr=False)
+    planner: str = ""

@@ -56,4 +56,5 @@ class LayerStand:
         prints = [
             self.twin.run(plan.controls, layer.start_steps) for plan, layer in zip(plans, self.layers, strict=True)
         ]
-        return {**self.facts, **self.figures(self.layers, prints, self.printer), "plan_s": plan_s}
+        left_to = {"left_to": plans[0].planner} if plans and plans[0].planner else {}
+        return {**self.facts, **self.figures(self.layers, prints, self.printer), "plan_s": plan_s, **left_to}

@@ -101,6 +101,19 @@ def body_table(results: Sequence[Result], rows: Sequence[str]) -> str:
     return text_table(("body", *rows), [(body, *(shown(body, row) for row in rows)) for body in bodies])
 
 
+def left_texts(results: Sequence[Result]) -> list[str]:
+    """Return a text for each controller that left rows' models to another one, as they have no tables of play."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for result in results:
+        if (planner := result.value("left_to")) is not None:
+            asked = result.row.partition("+")[2].partition("@")[0]
+            found.setdefault((asked, str(planner)), []).append(result.row)
+    return [
+        f"{', '.join(dict.fromkeys(rows))}: planned by {planner}, to which {asked} leaves models without tables of play"
+        for (asked, planner), rows in found.items()
+    ]
+
+
 _NAMED_CASES = 3  # of those that failed alike
 
 

@@ -6,8 +6,9 @@ import time
 from collections.abc import Hashable, Mapping
 from typing import Any, Protocol
 
-from printmend.bench.case import Case, Result, code_version
+from printmend.bench.case import Case, Result
 from printmend.errors import PrintmendError
+from printmend.executor import program_version
 from printmend.extras import missing_extra
 
 # The module of each table has ``set_up(case) -> Stand`` and ``read_row(name)``; both may raise `PrintmendError`.
@@ -61,7 +62,7 @@ def evaluate_rows(case: Case, rows: Mapping[str, TableRow]) -> list[Result]:
 
 def failed(case: Case, row: str, reason: str) -> Result:
     """Return the result of what could not be evaluated."""
-    return Result(case, row, error=reason, code=code_version())
+    return Result(case, row, error=reason, code=program_version())
 
 
 def _reason(error: Exception) -> str:
@@ -87,4 +88,4 @@ def _evaluate_row(
     wrong = [what for what, value in values.items() if isinstance(value, float) and not math.isfinite(value)]
     if wrong:
         return failed(case, name, f"{wrong[0]} is not finite")
-    return Result(case, name, values, code=code_version())
+    return Result(case, name, values, code=program_version())

@@ -1,9 +1,10 @@
 """`printmend bench`: the paper's tables over your own bodies."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,7 +12,11 @@ from printmend.cli.bench_families import families
 from printmend.cli.bench_objectives import NAMES, objectives
 from printmend.cli.bench_prints import prints
 from printmend.cli.bench_real import real
+from printmend.cli.bench_suite import submit_check, suite
 from printmend.cli.where import with_executor
+
+if TYPE_CHECKING:
+    from printmend.bench.case import Result
 
 
 @click.group(epilog="Example: printmend bench table1 --bodies models/ --limit 20 --workers 2")
@@ -23,6 +28,8 @@ command.add_command(real)
 command.add_command(families)
 command.add_command(prints)
 command.add_command(objectives)
+command.add_command(suite)
+command.add_command(submit_check)
 
 
 # Its many parameters are its options.
@@ -42,7 +49,7 @@ command.add_command(objectives)
 @click.option("--every-printer", is_flag=True, help="With --dataset: each body on all of its printers, not on one.")
 @click.option("--protocol", type=click.Choice(["paper", "heldout"]), default="paper", show_default=True)
 @click.option("--families", default="pulley", show_default=True, help="Corruptions to draw from, with commas.")
-@click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
+@click.option("--severity", type=click.Choice(["damaged", "realistic", "paper"]), default="damaged", show_default=True)
 @click.option(
     "--printer", default="ender5", show_default=True, help="A preset, for --bodies; `printmend printer` lists them."
 )
@@ -69,9 +76,9 @@ def table1(
     """
     from printmend.bench.report import body_table
     from printmend.bench.rows import PAPER_ROWS, libraries, planned_for
-    from printmend.bench.table1 import HEADER, cells, dataset_cases, draw_cases, reference_cases, stands_still, table1
+    from printmend.bench.table1 import dataset_cases, draw_cases, parts, reference_cases, table1
     from printmend.cli.progress import progress
-    from printmend.cli.table import show_failures, show_table
+    from printmend.cli.table import show_failures
     from printmend.dataset.bodies import body_files
     from printmend.extras import require
 
@@ -101,15 +108,31 @@ def table1(
         lines, results = table1(cases, rows, out, executor=executor, tick=tick)
     if as_json:
         table = [asdict(line) for line in lines]
-        click.echo(json.dumps({"table": table, "bodies": [item.flat() for item in results]}))
+        by_play = {part.title: [asdict(line) for line in part.lines] for part in parts(results, rows)}
+        bodies_ = [item.flat() for item in results]
+        click.echo(json.dumps({"table": table, "parts": by_play, "bodies": bodies_}))
     else:
         what = f"{len({case.body for case in cases})} bodies" + every_printer * " on every printer"
-        show_table(f"Table I, protocol {protocol}, {what}", HEADER, [cells(line) for line in lines])
-        if per_body or reference is not None:
-            click.echo("\n" + body_table(results, rows))
-        if worse := stands_still(results, rows):
-            click.echo(
-                f"Worse than naive: {', '.join(worse)}, planned by the paper's Algorithm 1, which stands still where "
-                f"play swallows a step; {worse[-1]}+optimal crosses it."
-            )
+        _show(results, rows, f"Table I, protocol {protocol}, {what}", per_body=per_body or reference is not None)
     show_failures(results)
+
+
+def _show(results: "Sequence[Result]", rows: Sequence[str], title: str, *, per_body: bool) -> None:
+    """Print the table, one each for families with play and without it, and what to know of its rows."""
+    from printmend.bench.report import body_table, left_texts
+    from printmend.bench.table1 import HEADER, cells, parts, stands_still
+    from printmend.cli.table import show_table
+
+    found = parts(results, rows)
+    for part in found:
+        families = f", families {part.title}" if len(found) > 1 else ""
+        show_table(title + families, HEADER, [cells(line) for line in part.lines])
+    if per_body:
+        click.echo("\n" + body_table(results, rows))
+    for text in left_texts(results):
+        click.echo(text)
+    if worse := stands_still(results, rows):
+        click.echo(
+            f"Worse than naive: {', '.join(worse)}, planned by the paper's Algorithm 1, which stands still where "
+            f"play swallows a step; {worse[-1]}+optimal crosses it."
+        )

@@ -22,8 +22,8 @@ def command(ctx: click.Context, name: str, as_json: bool) -> None:
         outcomes.append(outcome)
         if not as_json:
             click.echo(f"ok      {outcome.check}" if outcome.reason is None else f"FAILED  {outcome.check}")
-            if outcome.reason is not None:
-                click.echo(f"        {outcome.reason}")
+            if said := outcome.reason or outcome.note:
+                click.echo(f"        {said}")
     failed = sum(outcome.reason is not None for outcome in outcomes)
     if as_json:
         click.echo(json.dumps({"name": name, "kind": kind, "checks": [asdict(outcome) for outcome in outcomes]}))

@@ -27,7 +27,7 @@ def command() -> None:
 )  # fmt: skip
 @click.option("--corruptions", default=1, show_default=True, help="Broken printers that each body is printed on.")
 @click.option("--families", default="pulley", show_default=True, help="What is broken on them by turns, with commas.")
-@click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
+@click.option("--severity", type=click.Choice(["damaged", "realistic", "paper"]), default="damaged", show_default=True)
 @click.option("--printer", default="ender5", show_default=True, help="Their healthy kind, a preset.")
 @click.option(
     "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of corruptions and generated bodies."
@@ -45,7 +45,8 @@ def build(
 ) -> None:  # fmt: skip
     """Build a data set: STL or G-code to layers of controls, and where broken printers put the nozzle.
 
-    A build that was interrupted goes on with the same command. Bodies that fail are listed in OUT/failures.jsonl.
+    A build that was interrupted goes on with the same command, which also builds again what is missing or damaged.
+    Bodies that fail are listed in OUT/failures.jsonl.
     """
     from printmend.cli.progress import progress
     from printmend.dataset.bodies import body_files
@@ -61,11 +62,16 @@ def build(
     with progress("bodies", len(files)) as tick:
         built = build_dataset(out, files, recipe, executor, licence=licence, unread=unread, tick=tick)
     if as_json:
-        click.echo(json.dumps({"folder": str(out), "bodies": built.bodies, "failures": dict(built.failures)}))
+        said = {"bodies": built.bodies, "mended": built.mended, "left": built.left, "failures": dict(built.failures)}
+        click.echo(json.dumps({"folder": str(out), **said}))
     else:
-        click.echo(f"{out}: {built.bodies} bodies, {corruptions} corruptions")
+        again = f", {built.mended} built again" if built.mended else ""
+        click.echo(f"{out}: {built.bodies} bodies, {corruptions} corruptions{again}")
         for name, reason in built.failures:
             click.echo(f"left out {name}: {reason}", err=True)
+    if built.left:
+        todo = "name their files, too, with --bodies"
+        raise InputError(out, wanted="whole bodies", came=f"damaged ones: {', '.join(built.left[:3])}", todo=todo)
     if not built.bodies:
         todo = "see what is wrong with each in failures.jsonl"
         raise InputError(str(out), wanted="a body at least", came=f"none of {len(built.failures)}", todo=todo)
@@ -95,17 +101,23 @@ def info(folder: Path, as_json: bool) -> None:
 def verify(folder: Path) -> None:
     """Check every file's checksum, and print a sample of the prints again on the twin."""
     from printmend.cli.progress import progress
-    from printmend.dataset.verify import contents, verify_dataset
+    from printmend.dataset.build import read_recipe
+    from printmend.dataset.places import BODIES, read_lines
+    from printmend.dataset.verify import verify_dataset
     from printmend.units import counted
 
-    count = contents(folder).bodies
+    read_recipe(folder)  # says what a folder that is no data set is
+    count = len(read_lines(folder / BODIES))
     with progress("bodies", count) as tick:
         wrong = verify_dataset(folder, tick=tick)
     for text in wrong:
         click.echo(text, err=True)
     if wrong:
         raise InputError(
-            folder, wanted="a whole data set", came=counted(len(wrong), "fault"), todo="fetch or build it again"
+            folder,
+            wanted="a whole data set",
+            came=counted(len(wrong), "fault"),
+            todo="fetch or build it again: what is whole stays",
         )
     click.echo(f"{folder}: {count} bodies, whole")
 
@@ -128,6 +140,23 @@ def fetch(source: str, out: Path) -> None:
 
 
 @command.command(
+    epilog="Example: printmend dataset card data --name Broken --creator Me --url https://example.org/data"
+)
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--name", required=True, help="What the data set is called.")
+@click.option("--creator", "creators", required=True, multiple=True, help="Who is cited for it; repeat.")
+@click.option("--url", required=True, help="Where it is published.")
+@click.option("--description", default="", help="In a sentence or two; without it, what it holds.")
+@click.option("--doi", default="", help="Its identifier, once there is one: 10.5281/zenodo.123.")
+def card(folder: Path, name: str, creators: tuple[str, ...], url: str, description: str, doi: str) -> None:
+    """Write its card: Croissant for machines, a README."""
+    from printmend.dataset.card import write_card
+
+    for path in write_card(folder, name=name, url=url, creators=creators, description=description, doi=doi):
+        click.echo(path)
+
+
+@command.command(
     "export-reference",
     short_help="Write bodies and corruptions as the published code reads them.",
     epilog="Example: printmend dataset export-reference data --bodies models/ --layers 3",
@@ -138,7 +167,7 @@ def fetch(source: str, out: Path) -> None:
 )
 @click.option("--corruptions", default=50, show_default=True, help="How many gain tables to draw.")
 @click.option("--layers", type=click.IntRange(1), help="Evenly spaced layers a body; all without it.")
-@click.option("--severity", type=click.Choice(["damaged", "realistic"]), default="damaged", show_default=True)
+@click.option("--severity", type=click.Choice(["damaged", "realistic", "paper"]), default="damaged", show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws the corruptions.")
 @click.option("--json", "as_json", is_flag=True, help="The summary as JSON on stdout.")
 def export_reference(

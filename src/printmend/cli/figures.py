@@ -27,7 +27,7 @@ def command(
     Results are kept in OUT/table1.jsonl: an interrupted run goes on where it was.
     """
     from printmend.bench.rows import PAPER_ROWS, libraries
-    from printmend.bench.table1 import dataset_cases, table1
+    from printmend.bench.table1 import dataset_cases, parts, table1
     from printmend.cli.progress import progress
     from printmend.cli.table import show_failures, show_table
     from printmend.demo.demo import check_out
@@ -40,10 +40,11 @@ def command(
     check_out(out)
     cases = dataset_cases(root, protocol=protocol, seed=seed, limit=limit)
     with progress("bodies", len(cases)) as tick:
-        lines, results = table1(cases, rows, out, executor=executor, tick=tick)
+        _, results = table1(cases, rows, out, executor=executor, tick=tick)
     show_failures(results)
     with progress("figures", 7) as tick:
-        written = write_figures(root, cases, lines, results, out, tick=tick)
-    show_table(f"Table I, protocol {protocol}, {len(cases)} bodies", *table_lines(lines))
+        written = write_figures(root, cases, rows, results, out, tick=tick)
+    for part in parts(results, rows):
+        show_table(f"Table I, protocol {protocol}, families {part.title}", *table_lines(part))
     for path in written:
         click.echo(f"wrote {path}")

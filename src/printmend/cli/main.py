@@ -45,6 +45,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "figures": "Draw the paper's figures and its Table I from a data set.",
         "selfrepair": "A broken printer prints its own timing pulley, again and again.",
         "curiosity": "Choose test prints until a promise is met; beside other ways.",
+        "new": "Begin a package with a learner or a planner of your own.",
         "conformance": "Does a learner, a planner or a fault of your own keep what it must?",
     },
     "For your shell": {

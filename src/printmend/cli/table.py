@@ -15,17 +15,18 @@ def show_failures(results: "Sequence[Result]") -> None:
 
     Raise `InputError` where there is nothing but failures: then there is no table.
     """
-    from printmend.bench.case import code_version
     from printmend.bench.report import failure_texts
     from printmend.errors import InputError
+    from printmend.executor import program_version
 
     for text in failure_texts(results):
         click.echo(f"failed: {text}", err=True)
-    others = [item.code for item in results if item.code != code_version()]
+    mine = program_version()
+    others = [item.code for item in results if item.code != mine]
     if others:
         versions = ", ".join(sorted(set(others)))
         click.echo(
-            f"{len(others)} of {len(results)} results were kept from printmend {versions}; this is {code_version()}. "
+            f"{len(others)} of {len(results)} results were kept from printmend {versions}; this is {mine}. "
             "Another --out makes all anew.",
             err=True,
         )

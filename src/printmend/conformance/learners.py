@@ -7,10 +7,11 @@ from functools import cache, partial
 
 import numpy as np
 
-from printmend.conformance.need import need
+from printmend.conformance.need import HARMLESS_STEPS, near, need
 from printmend.conformance.shapes import ring_layer
 from printmend.conformance.tables import follow_tables
 from printmend.control.check import tables_of
+from printmend.control.increments import increments_by_advance
 from printmend.control.registry import controller
 from printmend.corruption import HEALTHY, sample
 from printmend.learn import fit
@@ -25,6 +26,7 @@ TRAINING = ring_layer((520.0, 540.0), 110.0)
 OTHER = ring_layer((530.0, 530.0), 70.0, turn=0.7, index=1)
 START = np.array([520, 540])
 WORLDS = ("healthy", "gain-table", "pulley", "pulley-play")
+PLANNED_TARGETS = 300  # of a layer, for a look at how it is planned
 NOISE_MM = 0.05  # of a coordinate, as callipers have it
 _TWINS: dict[tuple[str, str], Twin] = {}
 
@@ -71,7 +73,7 @@ def starts_where_the_layer_starts(candidate: LearnerCandidate, world: str) -> No
     """The start is known: imagined = nominal there."""
     state = candidate.fitted(world).start(np.array([520, 431]))
     np.testing.assert_array_equal(state.nominal_steps, [[520, 431]])
-    np.testing.assert_array_equal(state.position_steps, [[520.0, 431.0]])
+    near(state.position_steps, np.array([[520.0, 431.0]]), "at the start")
 
 
 def advance_agrees_with_tables(candidate: LearnerCandidate, world: str, c_max: int) -> None:
@@ -86,7 +88,7 @@ def advance_agrees_with_tables(candidate: LearnerCandidate, world: str, c_max: i
         state = model.advance(state, control[None])
         positions.append(state.position_steps[0])
     imagined = follow_tables(tables, model.printer, START, controls)[1:]
-    np.testing.assert_array_equal(imagined, positions)
+    near(imagined, np.array(positions), "tables beside `advance`")
 
 
 def advance_takes_batches(candidate: LearnerCandidate, world: str) -> None:
@@ -97,11 +99,11 @@ def advance_takes_batches(candidate: LearnerCandidate, world: str) -> None:
     batch = model.advance(state, controls)
     for k, control in enumerate(controls):
         alone = model.advance(state, control[None])
-        np.testing.assert_array_equal(batch[k].position_steps, alone.position_steps)
+        near(batch[k].position_steps, alone.position_steps, "one of a batch beside itself alone")
         np.testing.assert_array_equal(batch[k].nominal_steps, alone.nominal_steps)
     together = model.advance(batch, controls[::-1].copy())
     alone = model.advance(batch[3], controls[::-1][3:4])
-    np.testing.assert_array_equal(together[3].position_steps, alone.position_steps)
+    near(together[3].position_steps, alone.position_steps, "one of a batch beside itself alone")
 
 
 def rest_changes_nothing(candidate: LearnerCandidate, world: str) -> None:
@@ -109,7 +111,7 @@ def rest_changes_nothing(candidate: LearnerCandidate, world: str) -> None:
     model = candidate.fitted(world)
     state = model.advance(model.start(START), np.array([[3, -2]]))
     rested = model.advance(state, np.zeros((1, 2), int))
-    np.testing.assert_array_equal(rested.position_steps, state.position_steps)
+    near(rested.position_steps, state.position_steps, "at rest")
     np.testing.assert_array_equal(rested.nominal_steps, state.nominal_steps)
 
 
@@ -123,20 +125,36 @@ def tables_are_sound(candidate: LearnerCandidate, world: str) -> None:
             need((np.diff(lower) >= 0).all() and (np.diff(upper) >= 0).all(), "wanted branches that never fall")
 
 
+def is_planned_for(candidate: LearnerCandidate, world: str) -> str:
+    """The best planner finds controls; say which it was, and why, where that is not `optimal` itself."""
+    model, targets = candidate.fitted(world), OTHER.nominal_steps[: PLANNED_TARGETS + 1]
+    plan = controller("optimal").plan(model, targets[1:], targets[0])
+    need(np.isfinite(plan.imagined_steps).all(), "wanted finite imagined positions")
+    if not plan.planner:
+        return "by `optimal`, on its tables of play"
+    if tables_of(model, targets[0], 3) is not None:
+        return f"by `{plan.planner}`, to which `optimal` leaves models whose tables know nothing of play"
+    if increments_by_advance(model, targets[0]) is not None:
+        return f"by `{plan.planner}`, on tables that were read off `advance`: it remembers nothing"
+    return (
+        f"by `{plan.planner}`, on `advance`, some hundred targets a second: it has no tables, and remembers or couples "
+        "its axes"
+    )
+
+
 def seeds_repeat(candidate: LearnerCandidate) -> None:
-    """The same trace and seed give the same model, to the last bit."""
+    """The same trace and seed give the same model."""
     controls, ends = random_controls(50, 3, seed=1), []
     for again in range(2):
         model = candidate.fitted("pulley", again=again)
         ends.append(model.advance(model.start(START), controls).position_steps)
-    np.testing.assert_array_equal(ends[0], ends[1])
+    near(ends[0], ends[1], "learned again")
 
 
 def a_healthy_printer_is_left_alone(candidate: LearnerCandidate) -> None:
-    """What was learned from a healthy printer plans the commands as they were."""
-    model, targets = candidate.fitted("healthy"), OTHER.nominal_steps
-    plan = controller("greedy").plan(model, targets[1:], targets[0])
-    np.testing.assert_array_equal(plan.controls, np.diff(targets, axis=0))
+    """Planned with what was learned from a healthy printer, another layer is printed as wanted."""
+    error = plan_error(printed("healthy", "ender5"), candidate.fitted("healthy"))
+    need(error <= HARMLESS_STEPS, f"wanted an RMSE of at most {HARMLESS_STEPS} full steps, got {error:.3f}")
 
 
 def prints_another_layer_no_worse_than_naive(candidate: LearnerCandidate, world: str, preset: str) -> None:
@@ -179,7 +197,7 @@ def random_controls(count: int, c_max: int, *, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).integers(-c_max, c_max + 1, (count, 2))
 
 
-CHECKS: dict[str, Callable[[LearnerCandidate], None]] = {
+CHECKS: dict[str, Callable[[LearnerCandidate], str | None]] = {
     **{f"is a frozen world model ({w})": partial(is_a_frozen_world_model, world=w) for w in WORLDS},
     **{f"starts where the layer starts ({w})": partial(starts_where_the_layer_starts, world=w) for w in WORLDS},
     **{
@@ -190,6 +208,7 @@ CHECKS: dict[str, Callable[[LearnerCandidate], None]] = {
     **{f"advance takes batches ({w})": partial(advance_takes_batches, world=w) for w in WORLDS},
     **{f"rest changes nothing ({w})": partial(rest_changes_nothing, world=w) for w in WORLDS},
     **{f"tables are sound ({w})": partial(tables_are_sound, world=w) for w in WORLDS},
+    **{f"is planned for ({w})": partial(is_planned_for, world=w) for w in ("pulley-play",)},
     "seeds repeat": seeds_repeat,
     "a healthy printer is left alone": a_healthy_printer_is_left_alone,
     **{

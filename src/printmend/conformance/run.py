@@ -14,10 +14,11 @@ _LONGEST = 200  # characters of a reason
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """A check and what it found: ``reason`` is None where the candidate keeps it."""
+    """A check and what it found: ``reason`` is None where the candidate keeps it; a ``note`` says what it saw."""
 
     check: str
     reason: str | None
+    note: str = ""
 
 
 def kind_of(name: str) -> str:
@@ -75,11 +76,11 @@ def conformance(name: str) -> Iterator[CheckOutcome]:
 def _outcomes(checks: dict, candidate: object) -> Iterator[CheckOutcome]:
     for label, check in checks.items():
         try:
-            check(candidate)
+            note = check(candidate)
         except Exception as error:  # a plug-in may raise anything
             yield CheckOutcome(label, _said(error))
         else:
-            yield CheckOutcome(label, None)
+            yield CheckOutcome(label, None, note or "")
 
 
 def _said(error: Exception) -> str:

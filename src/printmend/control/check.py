@@ -8,7 +8,7 @@ from printmend.errors import InputError, ModelError
 from printmend.machine import PlayTables
 from printmend.path import Plan
 from printmend.printer import Printer
-from printmend.protocols import Controller, IncrementTables, JointTables, Tables, WorldModel
+from printmend.protocols import Controller, IncrementTables, JointTables, State, Tables, WorldModel
 
 
 def check_plan(
@@ -46,6 +46,18 @@ def tables_of(model: WorldModel, start: np.ndarray, c_max: int) -> Tables | None
     return tables
 
 
+def advanced(model: WorldModel, state: State, controls: np.ndarray) -> State:
+    """Return the states [K] after the controls [K, 2]. Raise `ModelError` where a model's `advance` gives no such."""
+    after = model.advance(state, controls)
+    position = np.asarray(after.position_steps, float)
+    if position.shape != controls.shape or not np.isfinite(position).all():
+        came = f"{position.shape}" + ", nan or infinity among them" * (position.shape == controls.shape)
+        raise ModelError(
+            "the model", wanted=f"finite positions {controls.shape}", came=came, todo="correct its `advance`"
+        )
+    return after
+
+
 def _wrong(tables: Tables, printer: Printer, start: np.ndarray, c_max: int) -> tuple[str, str] | None:
     """Return what is wanted of tables and what came, None where all is well."""
     bed = printer.bed_steps
@@ -59,6 +71,8 @@ def _wrong(tables: Tables, printer: Printer, start: np.ndarray, c_max: int) -> t
                 if not 0 <= motor.start < len(lower) or motor.origin_steps != at:
                     came = f"{len(lower)} entries from {motor.first_step} on, the start being number {motor.start}"
                     return f"branches over the layer's start, motor position {at}", came
+                if not ((np.diff(lower) >= 0).all() and (np.diff(upper) >= 0).all() and (lower <= upper).all()):
+                    return "branches that never fall, lower ≤ upper", "others, or nan"
         case IncrementTables():
             values = tables.displacement_steps
             shapes = tuple((steps + 1, 2 * c_max + 1) for steps in bed)

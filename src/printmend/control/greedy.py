@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.control.check import check_plan, tables_of
+from printmend.control.check import advanced, check_plan, tables_of
+from printmend.control.increments import agrees, increments_by_advance
 from printmend.control.kernels import greedy as kernels
-from printmend.errors import ModelError
 from printmend.machine import PlayTables
 from printmend.path import Plan
 from printmend.protocols import IncrementTables, JointTables, WorldModel
@@ -15,7 +15,7 @@ from printmend.protocols import IncrementTables, JointTables, WorldModel
 
 @dataclass(frozen=True)
 class Greedy:
-    """The published planner, compiled for models that tabulate and batched for those that do not.
+    """The published planner, compiled for models that tabulate or could, and batched for the others.
 
     Deadlocks where the play exceeds what one control can take up: no control then changes the imagined position
     (physics.md eq. 25). Plans are equal to the published loop's, to the last tie.
@@ -40,30 +40,32 @@ class Greedy:
                 plan = kernels.plan_both if tables.is_coupled else kernels.plan_play
                 plan(targets, tables.arrays, c_max, controls, imagined)
             case None:
-                _plan_batched(model, targets, start, c_max, controls, imagined)
+                _plan_by_advance(model, targets, start, c_max, controls, imagined)
         return Plan(controls, imagined)
 
 
+def _plan_by_advance(
+    model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int, controls: np.ndarray, imagined: np.ndarray
+) -> None:
+    """Plan with tables read off `advance`, where they are worth it and hold; else one call of it a target."""
+    asked = sum(steps + 1 for steps in model.printer.bed_steps)  # times the controls of an axis
+    if len(targets) * (2 * c_max + 1) > asked and (tables := increments_by_advance(model, start, c_max=c_max)):
+        kernels.plan_increments(targets, start, *tables.displacement_steps, controls, imagined)
+        if agrees(model, start, controls, imagined):
+            return
+    _plan_batched(model, targets, start, c_max, controls, imagined)
+
+
 def _plan_batched(
-    model: WorldModel,
-    targets: np.ndarray,
-    start: np.ndarray,
-    c_max: int,
-    controls: np.ndarray,
-    imagined: np.ndarray,
+    model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int, controls: np.ndarray, imagined: np.ndarray
 ) -> None:
     """Plan by advancing all controls of each target at once."""
     candidates = np.array(list(itertools.product(range(-c_max, c_max + 1), repeat=2)))
     state = model.start(start)
     imagined[0] = state.position_steps[0]
     for t, target in enumerate(targets):
-        after = model.advance(state, candidates)
-        error = target - np.asarray(after.position_steps, float)
-        if error.shape != candidates.shape or not np.isfinite(error).all():
-            came = f"{error.shape}, nan or infinity among them" if error.shape == candidates.shape else f"{error.shape}"
-            raise ModelError(
-                "the model", wanted=f"finite positions {candidates.shape}", came=came, todo="correct its `advance`"
-            )
+        after = advanced(model, state, candidates)
+        error = target - after.position_steps
         best = int(np.argmin(error[:, 0] * error[:, 0] + error[:, 1] * error[:, 1]))
         controls[t] = candidates[best]
         state = after[best]

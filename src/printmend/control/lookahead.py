@@ -37,7 +37,8 @@ class Lookahead:
             kernels.plan_both(targets, seen, following, tables.arrays, c_max, controls, imagined)
             return Plan(controls, imagined)
         plans = [plan_motor(*each, c_max) for each in zip(tables.motors, targets.T, following, strict=True)]
-        return Plan(*(np.stack(both, axis=1) for both in zip(*plans, strict=True)))
+        controls, imagined = (np.stack(both, axis=1) for both in zip(*plans, strict=True))
+        return Plan(controls, imagined)
 
 
 def plan_motor(

@@ -1,18 +1,20 @@
 """The cheapest plan there is on a model with play, by dynamic programming an axis (physics.md eq. 25, cure 2)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from printmend.control.beam import Beam
 from printmend.control.check import check_plan, tables_of
 from printmend.control.coupled import Breadth, plan_coupled
 from printmend.control.greedy import Greedy
+from printmend.control.increments import increments_by_advance
 from printmend.control.kernels import optimal as kernels
 from printmend.control.lookahead import Lookahead
 from printmend.control.window import better, window
 from printmend.machine import LatticeMotor, PlayTables, run_motors
 from printmend.path import Plan
-from printmend.protocols import WorldModel
+from printmend.protocols import Tables, WorldModel
 
 # Costs kept at a time: about a megabyte, which stays in the processor's cache, whatever the layer's length.
 _COSTS_KEPT = 1 << 17
@@ -28,8 +30,8 @@ class Optimal:
     Each axis of a cartesian machine is solved exactly: the states are the motor's index and the places where the play
     can have left the carriage. A CoreXY or a crooked frame couples the axes: both are solved together, guided by what
     each alone would still cost; states that are too far behind to catch up are left out. Never worse than `Greedy` and
-    `Lookahead` on the model; models without memory are left to `Greedy`. With the true model it is the bound of every
-    table, `optimum`.
+    `Lookahead` on the model. Models without tables of play are left to `Greedy`, those without any that remember to
+    `Beam`; the plan's ``planner`` says so. With the true model it is the bound of every table, `optimum`.
     """
 
     name: str = "optimal"
@@ -38,8 +40,10 @@ class Optimal:
         """Choose controls [T, 2] for targets [T, 2] from ``start_steps`` [2]. Raise `InputError` off the bed."""
         targets, start = check_plan(model.printer, targets_steps, start_steps, c_max)
         tables = tables_of(model, start, c_max)
-        if not isinstance(tables, PlayTables) or len(targets) == 0:
+        if len(targets) == 0:
             return Greedy().plan(model, targets, start, c_max=c_max)
+        if not isinstance(tables, PlayTables):
+            return _plan_without_play(model, tables, targets, start, c_max)
         if tables.is_coupled:
             return plan_coupled(model, tables, targets, start, c_max, _BREADTH)
         greedy = Greedy().plan(model, targets, start, c_max=c_max)
@@ -50,6 +54,19 @@ class Optimal:
             if not always_nearest(motor, wanted, belt):
                 controls[:, axis], imagined[:, axis] = solve(motor, wanted, belt, c_max)
         return Plan(controls, imagined)
+
+
+def _plan_without_play(
+    model: WorldModel, tables: Tables | None, targets: np.ndarray, start: np.ndarray, c_max: int
+) -> Plan:
+    """Leave a model to `Greedy`, and one that remembers, or couples its axes, and has no tables to `Beam`, too.
+
+    The plan says which it was.
+    """
+    greedy = replace(Greedy().plan(model, targets, start, c_max=c_max), planner="greedy")
+    if tables is not None or increments_by_advance(model, start, c_max=c_max) is not None:
+        return greedy
+    return better(greedy, replace(Beam().plan(model, targets, start, c_max=c_max), planner="beam"), targets)
 
 
 def always_nearest(motor: LatticeMotor, targets: np.ndarray, belt: np.ndarray) -> bool:

@@ -15,6 +15,7 @@ _MODULES = {
     "greedy": "printmend.control.greedy",
     "lookahead": "printmend.control.lookahead",
     "optimal": "printmend.control.optimal",
+    "beam": "printmend.control.beam",
     "optimal-area": "printmend.control.area",
 }
 

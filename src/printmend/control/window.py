@@ -46,7 +46,11 @@ def _highest(values: np.ndarray) -> np.ndarray:
 
 
 def window(motor: LatticeMotor, targets: np.ndarray, known: np.ndarray, c_max: int) -> Window:
-    """Return the states about the targets [T] and about ``known`` [T + 1], the belt in a plan that works."""
+    """Return the states about the targets [T] and about ``known`` [T + 1], the belt in a plan that works.
+
+    The kernels hold the law of the play in the form of these indices and check none. Raise `RuntimeError` where the
+    known plan's belt is at no such place: then `machine.kernels.play` has another law.
+    """
     start = motor.origin_steps
     wanted = np.concatenate([[start], targets])
     lower, upper = motor.lower_steps, motor.upper_steps
@@ -58,6 +62,8 @@ def window(motor: LatticeMotor, targets: np.ndarray, known: np.ndarray, c_max: i
     places = np.unique(np.concatenate([lower, upper, [start]]))
     first, last = np.searchsorted(upper, places, "left"), np.searchsorted(lower, places, "right") - 1
     low, high = np.searchsorted(places, lower), np.searchsorted(places, upper)
+    if not (places[np.minimum(np.searchsorted(places, known), len(places) - 1)] == known).all():
+        raise RuntimeError(f"motor {motor.name}: a belt rests where no branch of its play leaves it")
     # Room for the next place on either side, and for what a target moves while the play is crossed, both as they are
     # near by. Where exhaustive searches were made, more room changed nothing.
     slope = np.diff(lower, append=lower[-1] + 1.0)

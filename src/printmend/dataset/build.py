@@ -3,12 +3,13 @@
 dataset.json                        what was asked, so that an interrupted build goes on as it began; checksums of:
 corruptions/0003.toml               what is broken on printer 3
 bodies/NAME.parquet                 a body (`parquet.py`)
-prints/corruption=0003/NAME.parquet its print on printer 3
+prints/corruption=3/NAME.parquet    its print on printer 3
 bodies.jsonl                        a line a body that is whole: source, licence, slicing, points, checksums
 failures.jsonl                      a line a body that is not, and why; delete the file to try these again
 sliced/                             the G-code of meshes
 """
 
+import hashlib
 import json
 import re
 import time
@@ -25,16 +26,26 @@ import printmend
 from printmend.body.generated import LICENCE
 from printmend.corruption.sampling import Severity, check_family
 from printmend.dataset.bodies import digest
-from printmend.dataset.parquet import SCHEMA, digest_of, write_body, write_print
-from printmend.dataset.thingi10k import licence_beside
-from printmend.errors import InputError, PrintmendError, UnwritableError
+from printmend.dataset.manifest import known_of
+from printmend.dataset.parquet import READ, SCHEMA, digest_of, write_body, write_print
+from printmend.dataset.places import (
+    BODIES,
+    FAILURES,
+    RECIPE,
+    body_file,
+    corruption_file,
+    print_file,
+    read_lines,
+    rewrite_lines,
+)
+from printmend.dataset.whole import damaged_bodies
+from printmend.errors import InputError, MissingToolError, PrintmendError, UnwritableError
 from printmend.executor import Executor, WorkerDied
 from printmend.files import read_text, replacing
 from printmend.path import Body
 from printmend.printer import Printer, check_preset, read_printer
 from printmend.twin import Twin
 
-RECIPE, BODIES, FAILURES = "dataset.json", "bodies.jsonl", "failures.jsonl"
 MAX_CORRUPTIONS = 9999  # their numbers have four digits
 
 
@@ -53,10 +64,16 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Built:
-    """What a build came to: bodies that are whole, and (body, reason) of those that are not."""
+    """What a build came to: bodies that are whole, and (body, reason) of those that are not.
+
+    ``mended`` are those that had been built before and were damaged; ``left`` names those that still are, since nobody
+    named their files.
+    """
 
     bodies: int
     failures: tuple[tuple[str, str], ...]
+    mended: int = 0
+    left: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -90,27 +107,33 @@ def build_dataset(
     unread: Mapping[Path, str] = MappingProxyType({}),
     tick: Callable[[str], None] = lambda name: None,
 ) -> Built:
-    """Build what is missing of a data set in ``root``; files of equal content count once.
+    """Build what is missing of a data set in ``root``, or damaged; files of equal content count once.
 
-    ``licence`` is noted for every body but those that are made here or have one in a `licences.json` beside. A body
-    that cannot be sliced, or whose worker dies, is a failure with its reason, as is each of the ``unread`` files, whose
-    reasons are known. Raises `InputError` where ``root`` holds something else or was begun otherwise.
+    ``licence`` is noted for every body but those that are made here or of which a list beside says another
+    (`printmend.dataset.manifest`). A body that cannot be sliced, or whose worker dies, is a failure with its reason, as
+    is each of the ``unread`` files, whose reasons are known. Failures are not tried again, but for those for want of a
+    slicer. Raises `InputError` where ``root`` holds something else or was begun otherwise.
     """
     check_recipe(recipe)
     root = Path(root).absolute()  # workers may run elsewhere
     _begin(root, recipe)
-    done = {line["identity"] for name in (BODIES, FAILURES) for line in read_lines(root / name)}
+    _forget_passing(root / FAILURES)
+    damaged = damaged_bodies(root, recipe.corruptions, executor)
+    done = {line["identity"] for name in (BODIES, FAILURES) for line in read_lines(root / name)} - damaged.keys()
     tasks: dict[str, _Task] = {}
     for path in files:
-        identity = digest(path)
-        name = f"{re.sub(r'[^A-Za-z0-9._-]', '_', path.stem)[:60].lstrip('.')}-{identity[:8]}"
+        identity, known = digest(path), known_of(path)
+        name = f"{re.sub(r'[^A-Za-z0-9._-]', '_', known.name)[:60].lstrip('.')}-{identity[:8]}"
         made = re.match(r"[a-z]+-g\d+-s\d+-\d{5}$", path.stem) is not None
         if identity in done:
             tick(path.stem)
         else:
-            said = LICENCE if made else licence_beside(path) or licence
+            said = LICENCE if made else known.licence or licence
             task = _Task(str(root), str(path.absolute()), name, identity, said, recipe)
             tasks.setdefault(identity, task)
+    left = tuple(sorted(name for identity, name in damaged.items() if identity not in tasks))
+    if again := damaged.keys() & tasks.keys():
+        rewrite_lines(root / BODIES, [line for line in read_lines(root / BODIES) if line["identity"] not in again])
     with (root / BODIES).open("a", encoding="utf-8") as good, (root / FAILURES).open("a", encoding="utf-8") as bad:
         for path, why in unread.items():
             if (identity := digest(path) if path.is_file() else path.stem) not in done:
@@ -122,26 +145,22 @@ def build_dataset(
                 line, file = outcome, good
             else:
                 line, file = {"identity": task.identity, "body": task.name, "source": task.source, "why": failed}, bad
+                line |= {"passing": True} if isinstance(outcome, dict) and outcome.get("passing") else {}
             file.write(json.dumps(line) + "\n")
             file.flush()
             tick(task.name)
     failures = tuple((line["body"], line["why"]) for line in read_lines(root / FAILURES))
-    return Built(len(read_lines(root / BODIES)), failures)
+    whole = read_lines(root / BODIES)
+    mended = sum(line["identity"] in again for line in whole)
+    return Built(len(whole) - len(left), failures, mended, left)
 
 
-def read_lines(path: Path) -> list[dict[str, Any]]:
-    """Read JSON lines, none where there is no file. A last line that was cut short is removed from the file."""
-    if not path.exists():
-        return []
-    data = path.read_bytes()
-    whole, _, cut = data.rpartition(b"\n")
-    try:
-        lines = [json.loads(line) for line in whole.decode().splitlines()]
-    except (UnicodeDecodeError, ValueError) as error:
-        raise InputError(path, wanted="lines of JSON", came=f"{error}", todo="name another folder") from None
-    if cut:
-        path.write_bytes(whole + b"\n" if whole else b"")
-    return lines
+def _forget_passing(path: Path) -> None:
+    """Take failures off the list that say nothing of the body: a slicer was not there."""
+    lines = read_lines(path)
+    lasting = [line for line in lines if not line.get("passing")]
+    if len(lasting) < len(lines):
+        rewrite_lines(path, lasting)
 
 
 def read_recipe(root: Path) -> Recipe:
@@ -151,7 +170,7 @@ def read_recipe(root: Path) -> Recipe:
     text = read_text(path, wanted="the folder of a data set", todo=todo)
     try:
         values = json.loads(text)
-        if values["schema"] != SCHEMA:
+        if values["schema"] not in READ:
             raise InputError(path, wanted=f"schema {SCHEMA}", came=f"schema {values['schema']}", todo="build it again")
         return Recipe(**{**values["recipe"], "families": tuple(values["recipe"]["families"])})
     except (ValueError, TypeError, KeyError, AttributeError) as error:
@@ -181,25 +200,8 @@ def changed_corruptions(root: Path) -> list[str]:
     return wrong
 
 
-def corruption_file(root: Path, number: int) -> Path:
-    """Return where the description of a broken printer lies."""
-    return Path(root) / "corruptions" / f"{number:04d}.toml"
-
-
-def body_file(root: Path, name: str) -> Path:
-    """Return where the body of that name lies in a data set."""
-    return Path(root) / "bodies" / f"{name}.parquet"
-
-
-def print_file(root: Path, name: str, number: int) -> Path:
-    """Return where the print of a body by the broken printer of that number lies in a data set."""
-    return Path(root) / "prints" / f"corruption={number:04d}" / f"{name}.parquet"
-
-
 def _begin(root: Path, recipe: Recipe) -> None:
     """Write the recipe and the corruptions, or check that the folder was begun with the same."""
-    from printmend.corruption import corruption_toml, sample
-
     if (root / RECIPE).exists():
         if (found := read_recipe(root)) != recipe:
             other = next(name for name, value in asdict(recipe).items() if getattr(found, name) != value)
@@ -207,6 +209,8 @@ def _begin(root: Path, recipe: Recipe) -> None:
                 root, wanted=f"{other} {getattr(found, other)}, as the build began", came=f"{getattr(recipe, other)}",
                 todo="ask for the same, or name another folder",
             )  # fmt: skip
+        if changed_corruptions(root):
+            _bring_back(root, recipe)
         if wrong := changed_corruptions(root):
             raise InputError(
                 root, wanted="the broken printers it began with", came="; ".join(wrong[:3]),
@@ -218,14 +222,30 @@ def _begin(root: Path, recipe: Recipe) -> None:
     (root / "corruptions").mkdir(parents=True)
     files = {}
     for number in range(recipe.corruptions):
-        family = recipe.families[number % len(recipe.families)]
-        drawn = sample(family, np.random.default_rng([recipe.seed, number]), recipe.severity)
         with replacing(path := corruption_file(root, number)) as file:
-            file.write(corruption_toml(drawn))
+            file.write(_drawn(recipe, number))
         files[path.relative_to(root).as_posix()] = digest_of(path)
     with replacing(root / RECIPE) as file:
         about = {"schema": SCHEMA, "recipe": asdict(recipe), "printmend": printmend.__version__, "files": files}
         file.write(json.dumps(about, indent=1) + "\n")
+
+
+def _drawn(recipe: Recipe, number: int) -> str:
+    """Return the description of broken printer ``number``: the seed draws it."""
+    from printmend.corruption import corruption_toml, sample
+
+    family = recipe.families[number % len(recipe.families)]
+    return corruption_toml(sample(family, np.random.default_rng([recipe.seed, number]), recipe.severity))
+
+
+def _bring_back(root: Path, recipe: Recipe) -> None:
+    """Write descriptions again that are missing or changed, where what the seed draws is still what it drew then."""
+    for name, known in read_checksums(root).items():
+        path, text = root / name, _drawn(recipe, int(Path(name).stem))
+        if hashlib.sha256(text.encode()).hexdigest() == known and (not path.is_file() or digest_of(path) != known):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(path) as file:
+                file.write(text)
 
 
 def _build_body(task: _Task) -> dict[str, Any]:
@@ -234,6 +254,8 @@ def _build_body(task: _Task) -> dict[str, Any]:
         return _built(task)
     except (OSError, UnwritableError):
         raise  # a full disk is no fault of the body: the build ends, and goes on when there is room
+    except MissingToolError as error:
+        return {"error": str(error), "passing": True}
     except PrintmendError as error:
         return {"error": str(error)}
     except Exception as error:  # one body must not end the build
@@ -268,17 +290,17 @@ def _built(task: _Task) -> dict[str, Any]:
     body = Body(task.name, body_of(str(gcode), printer, name=source.stem).layers)
     about = {
         "body": task.name, "source": source.name, "identity": task.identity, "licence": task.licence,
-        "sliced": sliced, "slicing": slicing_of(Path(gcode)), "printer": recipe.printer,
+        "sliced": sliced, "gcode": Path(gcode).name, "slicing": slicing_of(Path(gcode)), "printer": recipe.printer,
     }  # fmt: skip
-    files = {body_file(Path(), task.name).as_posix(): write_body(body_file(root, task.name), body, about)}
+    files = {f"bodies/{task.name}.parquet": write_body(body_file(root, task.name), body, about)}
     for number in range(recipe.corruptions):
         todo = "build the data set anew"
         broken = read_text(corruption_file(root, number), wanted="a corruption in TOML", todo=todo)
         twin = _twin(broken, printer)
         printed = [twin.run(layer.controls, layer.start_steps) for layer in body.layers]
         what = {**about, "corruption": number, "family": recipe.families[number % len(recipe.families)]}
-        place = print_file(Path(), task.name, number)
-        files[place.as_posix()] = write_print(root / place, body.layers, printed, what)
+        place = print_file(root, task.name, number)
+        files[place.relative_to(root).as_posix()] = write_print(place, body.layers, printed, what)
     return {
         **about, "layer_count": len(body.layers), "points": body.transitions + len(body.layers), "files": files,
         "slice_s": round(ready - begun, 3), "print_s": round(time.perf_counter() - ready, 3),

@@ -1,11 +1,11 @@
 """The files of a data set: one for each body, one for each of its prints on a broken printer.
 
 Both are Parquet with a row for each position of the nozzle on the lattice and a row group for each layer, so that row i
-of a body is row i of each of its prints. A layer's first row is where it starts; every other row is one tick after the
-row before. The columns are in `BODY_COLUMNS` and `PRINT_COLUMNS`. Whole numbers are stored as differences
-(DELTA_BINARY_PACKED), positions byte by byte (BYTE_STREAM_SPLIT), all packed with zstd. The metadata of each file, JSON
-under the key `printmend`, say what body it is, from which source, under which licence, how it was sliced, and where its
-layers are.
+of a body is row i of each of its prints; `body`, `layer` and `tick` say so in each row, for those who join by keys. A
+layer's first row is where it starts; every other row is one tick after the row before. The columns are in
+`BODY_COLUMNS` and `PRINT_COLUMNS`. Whole numbers are stored as differences (DELTA_BINARY_PACKED), positions byte by
+byte (BYTE_STREAM_SPLIT), names by a dictionary, all packed with zstd. The metadata of each file, JSON under the key
+`printmend`, say what body it is, from which source, under which licence, how it was sliced, and where its layers are.
 """
 
 import hashlib
@@ -23,14 +23,20 @@ from printmend.errors import TraceError
 from printmend.files import replacing
 from printmend.path import Body, Layer
 
-SCHEMA = 1  # the version of the columns
+SCHEMA = 2  # the version of the columns
+READ = (1, SCHEMA)  # versions that are read; the first has neither `body` nor `tick`
 KEY = b"printmend"  # of our metadata in a file
 _ZSTD_LEVEL = 3  # higher ones take longer and save less than a percent
 _DELTA, _SPLIT = "DELTA_BINARY_PACKED", "BYTE_STREAM_SPLIT"
 
 # name → (type of Arrow, what it is)
-BODY_COLUMNS = {
+_KEYS = {
+    "body": ("string", "the body's name"),
     "layer": ("int32", "the layer's number, from 0"),
+    "tick": ("int32", "the row's number in its layer, 0 where the layer starts"),
+}
+BODY_COLUMNS = {
+    **_KEYS,
     "x_control": ("int8", "full steps of x commanded in the tick that leads here, −1, 0 or 1; 0 where a layer starts"),
     "y_control": ("int8", "the same of y"),
     "x_nominal": ("int32", "where a healthy printer's nozzle is, full steps of x from the lower corner of the bed"),
@@ -38,7 +44,7 @@ BODY_COLUMNS = {
     "extruding": ("bool", "whether plastic is laid down in the tick that leads here"),
 }
 PRINT_COLUMNS = {
-    "layer": ("int32", "the layer's number, from 0"),
+    **_KEYS,
     "x_printed": ("float32", "where the broken printer's nozzle is, full steps of x"),
     "y_printed": ("float32", "the same of y"),
 }
@@ -54,8 +60,8 @@ def write_body(path: Path, body: Body, about: dict[str, Any]) -> str:
         nominal, start = layer.nominal_steps, np.zeros((1, 2), np.int8)
         control = np.concatenate([start, layer.controls])
         extruding = np.concatenate([[False], layer.extruding])
-        number = np.full(len(nominal), layer.index, np.int32)
-        parts.append([number, *control.T, *nominal.T.astype(np.int32), extruding])
+        keys = _keys(about["body"], layer.index, len(nominal))
+        parts.append([*keys, *control.T, *nominal.T.astype(np.int32), extruding])
     layers = [
         {"layer": item.index, "z_mm": item.z_mm, "rows": item.transitions + 1, "start_steps": item.start_steps.tolist()}
         for item in body.layers
@@ -66,10 +72,29 @@ def write_body(path: Path, body: Body, about: dict[str, Any]) -> str:
 def write_print(path: Path, layers: Sequence[Layer], printed_steps: Sequence[np.ndarray], about: dict[str, Any]) -> str:
     """Write a body's printed positions [T + 1, 2] of every layer; return the SHA-256 of the file."""
     parts = [
-        [np.full(len(printed), layer.index, np.int32), *printed.T.astype(np.float32)]
+        [*_keys(about["body"], layer.index, len(printed)), *printed.T.astype(np.float32)]
         for layer, printed in zip(layers, printed_steps, strict=True)
     ]
     return _write(path, PRINT_COLUMNS, parts, about)
+
+
+def _keys(body: str, layer: int, rows: int) -> list:
+    """Return the columns by which a body and its prints are joined."""
+    return [np.full(rows, body, object), np.full(rows, layer, np.int32), np.arange(rows, dtype=np.int32)]
+
+
+def read_columns(path: Path, rows: Sequence[int] | None = None) -> Any:
+    """Return a file, or some of its row groups, as a table of Arrow. Raise `TraceError` for a file that is none."""
+    import pyarrow as arrow
+    from pyarrow import parquet
+
+    read_about(path)
+    try:
+        with parquet.ParquetFile(path) as file:
+            groups = range(file.num_row_groups)
+            return file.read_row_groups(list(groups) if rows is None else [groups[row] for row in rows])
+    except (OSError, arrow.ArrowException, IndexError) as error:
+        raise _strange(path, f"{type(error).__name__}: {error}") from None
 
 
 def read_body(path: Path, rows: Sequence[int] | None = None) -> Body:
@@ -117,7 +142,7 @@ def _about(path: Path, metadata: dict[bytes, bytes] | None) -> dict[str, Any]:
         version = about["schema"]
     except (KeyError, ValueError, TypeError) as error:
         raise _strange(path, f"{type(error).__name__}: {error}") from None
-    if version != SCHEMA:
+    if version not in READ:
         raise TraceError(path, wanted=f"schema {SCHEMA}", came=f"schema {version}", todo="build or fetch it again")
     return dict(about)
 
@@ -137,10 +162,15 @@ def _write(path: Path, columns: dict[str, tuple[str, str]], parts: Sequence[list
         for name, (kind, text) in columns.items()
     ]
     schema = arrow.schema(fields)
-    encodings = {name: _SPLIT if kind == "float32" else _DELTA for name, (kind, _) in columns.items() if kind != "bool"}
+    encodings = {
+        name: _SPLIT if kind == "float32" else _DELTA
+        for name, (kind, _) in columns.items()
+        if kind not in ("bool", "string")
+    }
+    words = [name for name, (kind, _) in columns.items() if kind == "string"]
     buffer = io.BytesIO()
     with parquet.ParquetWriter(
-        buffer, schema, compression="zstd", compression_level=_ZSTD_LEVEL, use_dictionary=False,
+        buffer, schema, compression="zstd", compression_level=_ZSTD_LEVEL, use_dictionary=words,
         column_encoding=encodings, write_page_checksum=True, write_statistics=["layer"],
     ) as writer:  # fmt: skip
         for part in parts:

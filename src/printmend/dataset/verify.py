@@ -6,25 +6,24 @@ import urllib.parse
 import urllib.request
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from printmend.dataset.build import (
+from printmend.dataset.build import Recipe, changed_corruptions, read_checksums, read_recipe
+from printmend.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, digest_of, read_body, read_print
+from printmend.dataset.places import (
     BODIES,
     FAILURES,
     RECIPE,
-    Recipe,
     body_file,
-    changed_corruptions,
+    body_files_of,
     corruption_file,
     print_file,
-    read_checksums,
     read_lines,
-    read_recipe,
 )
-from printmend.dataset.parquet import digest_of, read_body, read_print
+from printmend.dataset.whole import faults_of, files_of
 from printmend.errors import InputError, TraceError
 from printmend.files import replacing
 
@@ -33,7 +32,7 @@ REPLAYED = 8  # prints that `verify_dataset` makes again on the twin
 
 @dataclass(frozen=True)
 class Contents:
-    """What a data set holds; ``bytes_a_value`` is the size of the files over rows and columns."""
+    """What a data set holds; ``bytes_a_value`` is the size of the files that are there over rows and columns."""
 
     recipe: Recipe
     bodies: int
@@ -50,8 +49,14 @@ def contents(root: Path) -> Contents:
     """Return what a data set holds. Raise `InputError` for a folder that holds none."""
     recipe, lines = read_recipe(root), read_lines(Path(root) / BODIES)
     points = sum(line["points"] for line in lines)
-    size = sum((Path(root) / name).stat().st_size for line in lines for name in _names(line))
-    values = points * (6 + 3 * recipe.corruptions)
+    size = sum(
+        (Path(root) / name).stat().st_size
+        for line in lines
+        for name in files_of(line, BODIES)
+        if (Path(root) / name).is_file()
+    )
+    columns = len(BODY_COLUMNS) + len(PRINT_COLUMNS) * recipe.corruptions
+    values = points * columns
     return Contents(
         recipe=recipe,
         bodies=len(lines),
@@ -72,32 +77,29 @@ def verify_dataset(root: Path, *, tick: Callable[[str], None] = lambda name: Non
     from printmend.twin import Twin
 
     root, recipe = Path(root), read_recipe(root)
-    lines, wrong = read_lines(root / BODIES), changed_corruptions(root)
+    lines, wrong, whole = read_lines(root / BODIES), changed_corruptions(root), []
     for line in lines:
-        own = [
-            body_file(Path(), line["body"]),
-            *(print_file(Path(), line["body"], n) for n in range(recipe.corruptions)),
-        ]
-        wrong += [f"{path.as_posix()}: not in the list" for path in own if path.as_posix() not in line["files"]]
-        for name, digest in _names(line).items():
-            path = root / name
-            if not path.is_file():
-                wrong.append(f"{name}: missing")
-            elif digest_of(path) != digest:
-                wrong.append(f"{name}: not the file that was written")
-        tick(line["body"])
+        try:
+            found = faults_of(root, files_of(line, BODIES), body_files_of(root, line["body"], recipe.corruptions))
+        except (InputError, KeyError) as error:
+            found = [str(error) if isinstance(error, InputError) else f"{BODIES}: a line without {error}"]
+        wrong += found
+        if not found:
+            whole.append(line["body"])
+        tick(str(line.get("body")))
     rng = np.random.default_rng(recipe.seed)
-    for at in rng.permutation(len(lines))[:REPLAYED]:
-        name, number = lines[at]["body"], int(rng.integers(recipe.corruptions))
+    for at in rng.permutation(len(whole))[:REPLAYED]:
+        name, number = whole[at], int(rng.integers(recipe.corruptions))
         try:
             body, printed = read_body(body_file(root, name)), read_print(print_file(root, name, number))
-        except TraceError as error:
-            wrong.append(str(error))
+            corruption = read_corruption(corruption_file(root, number))
+        except InputError as error:  # a corruption that is missing is in the list already
+            wrong += [str(error)] if isinstance(error, TraceError) else []
             continue
-        twin = Twin.of(read_corruption(corruption_file(root, number)), read_printer(recipe.printer))
+        twin = Twin.of(corruption, read_printer(recipe.printer))
         again = [twin.run(layer.controls, layer.start_steps).astype(np.float32) for layer in body.layers]
         if len(again) != len(printed) or not all(map(np.array_equal, again, printed)):
-            wrong.append(f"{print_file(Path(), name, number)}: the twin prints something else")
+            wrong.append(f"{print_file(root, name, number).relative_to(root)}: the twin prints something else")
     return wrong
 
 
@@ -127,18 +129,9 @@ def fetch_dataset(source: str, root: Path, *, tick: Callable[[str], None] = lamb
         name = corruption_file(Path(), number).as_posix()
         came += _fetch_checked(source, root, name, known.get(name))
     for line in read_lines(root / BODIES):
-        came += sum(_fetch_checked(source, root, name, digest) for name, digest in _names(line).items())
+        came += sum(_fetch_checked(source, root, name, digest) for name, digest in files_of(line, BODIES).items())
         tick(line["body"])
     return came
-
-
-def _names(line: dict[str, Any]) -> dict[str, str]:
-    """Return a body's files and their checksums. Raise `InputError` for a name that leads out of the folder."""
-    for name in line["files"]:
-        parts = PurePosixPath(name).parts
-        if not parts or parts[0] not in ("bodies", "prints") or ".." in parts or not name.endswith(".parquet"):
-            raise InputError(BODIES, wanted="files below bodies/ and prints/", came=name, todo="ask its publisher")
-    return dict(line["files"])
 
 
 def _fetch_checked(source: str, root: Path, name: str, digest: str | None) -> bool:

@@ -14,11 +14,11 @@ from scipy.optimize import minimize
 from printmend.bench.case import Case, Result
 from printmend.bench.report import markdown_table
 from printmend.bench.rows import row
-from printmend.bench.table1 import HEADER, Line, cells, figure6
+from printmend.bench.table1 import HEADER, Part, cells, figure6, parts
 from printmend.corruption import read_corruption
 from printmend.dataset.bodies import thinned
-from printmend.dataset.build import body_file, corruption_file
 from printmend.dataset.parquet import read_body
+from printmend.dataset.places import body_file, corruption_file
 from printmend.draw import (
     comparison,
     draw_above,
@@ -223,8 +223,14 @@ def _point_distance(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.sort(np.hypot(*(one - other).T))[:3].mean())
 
 
-def table_lines(lines: Sequence[Line]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the header and the texts of Table I, the paper's own figure in the last column."""
+def table_lines(part: Part) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return the header and the texts of a part of Table I, the paper's own figure in the last column.
+
+    Nothing of the paper's stands beside families with play: it has none.
+    """
+    if part.play:
+        return HEADER, [cells(line) for line in part.lines]
+    lines = part.lines
     paper = [f"{PAPER_STEPS[line.row]:.1f}" if line.row in PAPER_STEPS else "–" for line in lines]
     return (*HEADER, "paper"), [(*cells(line), said) for line, said in zip(lines, paper, strict=True)]
 
@@ -260,16 +266,18 @@ def table_figure(header: Sequence[str], rows: Sequence[Sequence[str]]) -> Figure
 
 
 def write_figures(
-    root: Path, cases: Sequence[Case], lines: Sequence[Line], results: Sequence[Result], out: Path,
+    root: Path, cases: Sequence[Case], rows: Sequence[str], results: Sequence[Result], out: Path,
     *, tick: Callable[[str], None] = lambda what: None,
 ) -> list[Path]:  # fmt: skip
     """Write figure1.svg to figure6.svg and table1.md, .tex and .svg; return their paths.
 
+    Families with play have a table of their own, table1-play, where there are others, too.
     There is no figure6.svg where every row failed on every body.
     """
     out.mkdir(parents=True, exist_ok=True)
-    header, texts = table_lines(lines)
-    case, shown_rows = shown_case(cases, results), [line.row for line in lines]
+    found = parts(results, rows)
+    tables = {"table1" + "-play" * (part.play and len(found) > 1): table_lines(part) for part in found}
+    case = shown_case(cases, results)
     printer = read_printer(case.printer)
     twin = Twin.of(read_corruption(corruption_file(root, case.sample)), printer)
     shown = show(case)
@@ -279,16 +287,17 @@ def write_figures(
         "figure3": lambda: trajectory_figure(twin),
         "figure4": similarity_figure,
         "figure5": lambda: body_figure(shown, solid=False),
-        "figure6": lambda: figure6(results, shown_rows),
-        "table1": lambda: table_figure(header, texts),
+        "figure6": lambda: figure6(results, rows),
+        **{name: partial(table_figure, *table) for name, table in tables.items()},
     }
     written = []
     for name, draw in drawings.items():
         if (figure := draw()) is not None:
             written.append(_write(out / f"{name}.svg", svg(figure, dpi=DPI)))
         tick(name)
-    written.append(_write(out / "table1.md", markdown_table(header, texts)))
-    written.append(_write(out / "table1.tex", latex_table(header, texts)))
+    for name, table in tables.items():
+        written.append(_write(out / f"{name}.md", markdown_table(*table)))
+        written.append(_write(out / f"{name}.tex", latex_table(*table)))
     return written
 
 

@@ -1,24 +1,39 @@
 """The paper's partially observed decision problem for reinforcement learning; needs the extra ``[rl]``.
 
-``gymnasium.make("printmend/Print-v0")`` after ``import printmend.env``.
+``gymnasium.make("printmend/Print-v0")`` after ``import printmend.env``: a new fault every episode, nothing measured is
+ever observed. ``"printmend/OnePrint-pulley-loose-damaged-v1"`` and its kin, `OnePrint-{family}-{severity}-v1` for the
+families of `SCENES`: first a test print and its scan, then the print.
 """
 
 import gymnasium
 
 from printmend.env.agents import algorithm1_agent, naive_agent, planning_agent, random_agent
 from printmend.env.fleet import random_layer
+from printmend.env.one_agents import learning_agent, one_naive_agent, open_loop_agent, probing_controls, score_agent
+from printmend.env.one_print_env import OnePrintEnv
+from printmend.env.one_vector_env import KEPT_SEED, OnePrintVectorEnv
 from printmend.env.print_env import PrintEnv, draw_damaged
+from printmend.env.scenes import SCENES
 from printmend.env.vector_env import PrintVectorEnv
 
 __all__ = [
+    "KEPT_SEED",
+    "SCENES",
+    "OnePrintEnv",
+    "OnePrintVectorEnv",
     "PrintEnv",
     "PrintVectorEnv",
     "algorithm1_agent",
     "draw_damaged",
+    "learning_agent",
     "naive_agent",
+    "one_naive_agent",
+    "open_loop_agent",
     "planning_agent",
+    "probing_controls",
     "random_agent",
     "random_layer",
+    "score_agent",
 ]
 
 if "printmend/Print-v0" not in gymnasium.registry:
@@ -27,3 +42,11 @@ if "printmend/Print-v0" not in gymnasium.registry:
         entry_point="printmend.env.print_env:PrintEnv",
         vector_entry_point="printmend.env.vector_env:PrintVectorEnv",
     )
+    for _severity, _families in SCENES.items():
+        for _family in _families:
+            gymnasium.register(
+                f"printmend/OnePrint-{_family}-{_severity}-v1",
+                entry_point="printmend.env.one_print_env:OnePrintEnv",
+                vector_entry_point="printmend.env.one_vector_env:OnePrintVectorEnv",
+                kwargs={"family": _family, "severity": _severity},
+            )

@@ -98,6 +98,23 @@ def observe(tasks, fleet, lookahead, out):
 
 
 @entry
+def where(fleet, out):
+    """Fill out [N, 2] with where the nozzles are."""
+    for n in range(out.shape[0]):
+        out[n, 0], out[n, 1] = bed.printed(fleet.beds[n], fleet.position[n, 0], fleet.position[n, 1])
+
+
+@entry
+def follow(rows, fleet, way):
+    """Note in way[n, tick] the nominal and the printed place of each environment of the mask ``rows`` [N]."""
+    for n in range(rows.shape[0]):
+        if rows[n]:
+            t = fleet.tick[n]
+            way[n, t, 0], way[n, t, 1] = fleet.nominal[n, 0], fleet.nominal[n, 1]
+            way[n, t, 2], way[n, t, 3] = bed.printed(fleet.beds[n], fleet.position[n, 0], fleet.position[n, 1])
+
+
+@entry
 def greedy(c_max, machines, tasks, fleet, out):
     """Fill controls [N, 2]: Algorithm 1 on the true machines, all (2 c_max + 1)² candidates, first minimum wins."""
     for n in range(out.shape[0]):
