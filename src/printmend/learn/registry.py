@@ -38,6 +38,7 @@ _MODULES = {
     "bilateral": "printmend.peers.bilateral",
     "prandtl-ishlinskii": "printmend.peers.prandtl",
     "bouc-wen": "printmend.peers.boucwen",
+    "gaussian-process": "printmend.peers.process",
 }
 
 

@@ -23,6 +23,13 @@ _FINER = 33  # half-widths between the best one's neighbours that are tried then
 
 def backlash_drive(rows: MotorRows) -> Drive:
     """Return the drive u = (1 + e)·play(m) of the likeliest width, without play where that predicts as well."""
+    half_mm = likely_play_mm(rows) / 2
+    gain, _ = best_width(rows, lags(rows, np.array([half_mm])))
+    return lambda motor_mm: (gain * (motor_mm - half_mm) - motor_mm, gain * (motor_mm + half_mm) - motor_mm)
+
+
+def likely_play_mm(rows: MotorRows) -> float:
+    """Return the width of the play [mm] that explains the rows best, 0 where none predicts held-out blocks as well."""
     table = lags(rows, _RADII_MM)
 
     def fit(some: MotorRows, with_play: bool) -> np.ndarray:
@@ -30,12 +37,15 @@ def backlash_drive(rows: MotorRows) -> Drive:
         gain, at = best_width(some, tried)
         return np.asarray(gain * (rows.motor_mm + tried[:, at]) - rows.motor_mm)
 
-    if not chosen(rows, (False, True), fit):
-        return constant_drive(best_width(rows, table[:, :1])[0], 0.0)
-    _, at = best_width(rows, table)
+    return best_play_mm(rows) if chosen(rows, (False, True), fit) else 0.0
+
+
+def best_play_mm(rows: MotorRows) -> float:
+    """Return the width of the play [mm] that explains the rows best behind a scale."""
+    _, at = best_width(rows, lags(rows, _RADII_MM))
     radii = np.linspace(_RADII_MM[max(at - 1, 0)], _RADII_MM[min(at + 1, len(_RADII_MM) - 1)], _FINER)
-    gain, at = best_width(rows, lags(rows, radii))
-    return constant_drive(gain, float(radii[at]))
+    _, at = best_width(rows, lags(rows, radii))
+    return float(2 * radii[at])
 
 
 def best_width(rows: MotorRows, table_mm: np.ndarray) -> tuple[float, int]:
@@ -46,11 +56,6 @@ def best_width(rows: MotorRows, table_mm: np.ndarray) -> tuple[float, int]:
     gain = np.maximum((columns * place[:, None]).sum(axis=0) / np.maximum((columns**2).sum(axis=0), 1e-12), 0.1)
     at = int(np.argmin(((place[:, None] - gain * columns) ** 2).sum(axis=0)))
     return float(gain[at]), at
-
-
-def constant_drive(gain: float, half_mm: float) -> Drive:
-    """Return the branches of a gain behind a play of half-width ``half_mm``."""
-    return lambda motor_mm: (gain * (motor_mm - half_mm) - motor_mm, gain * (motor_mm + half_mm) - motor_mm)
 
 
 @dataclass(frozen=True)

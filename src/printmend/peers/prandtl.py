@@ -72,7 +72,8 @@ def fitted_operator(rows: MotorRows, reach_mm: float) -> PrandtlIshlinskii:
     motor = rows.motor_mm[:, None]
     columns = rows.centred(np.concatenate([motor, motor + lags(rows, radii)], axis=1))
     target = rows.centred(rows.error_mm) + (1 - LEAST_GAIN) * columns[:, 0]
-    weights = nnls(columns, target)[0]
+    basis, triangle = np.linalg.qr(columns)  # the same problem in as few rows as there are operators
+    weights = nnls(triangle, basis.T @ target)[0]
     return PrandtlIshlinskii(LEAST_GAIN + float(weights[0]), radii, weights[1:])
 
 

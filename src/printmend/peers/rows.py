@@ -25,13 +25,15 @@ class MotorRows:
     """One motor: ``motor_mm`` [N] commanded, ``error_mm`` [N] measured less commanded (NaN where unmeasured).
 
     ``layer`` [N] numbers the prints from 0: each has an origin of its own, and the path is not joined between them.
-    ``engaged`` is the way in which the motor homed just before row 0, 0 where its play rests in the middle.
+    ``engaged`` is the way in which the motor homed just before row 0, 0 where its play rests in the middle; ``turn_mm``
+    is the travel of one turn of a healthy pulley.
     """
 
     motor_mm: np.ndarray
     error_mm: np.ndarray
     layer: np.ndarray
     engaged: int = 0
+    turn_mm: float = 40.0
 
     def __post_init__(self) -> None:
         for name in ("motor_mm", "error_mm", "layer"):
@@ -75,7 +77,8 @@ def motor_rows(trace: Trace, printer: Printer) -> tuple[MotorRows, MotorRows]:
     if not np.isfinite(commanded).all():
         raise TraceError("trace", wanted="a commanded position in every row", came="an empty one", todo="fill it in")
     engaged = [printer.motor_home_direction(k) if trace.homed else 0 for k in range(2)]
-    a, b = (MotorRows(commanded[:, k], measured[:, k] - commanded[:, k], layer, engaged[k]) for k in range(2))
+    turns = [printer.axes[k].mm_per_turn for k in range(2)]
+    a, b = (MotorRows(commanded[:, k], measured[:, k] - commanded[:, k], layer, engaged[k], turns[k]) for k in range(2))
     if a.is_sparse and b.is_sparse:
         raise TraceError(
             "trace", wanted=f"{_FEWEST_ROWS} measured rows of a motor that moved", todo="measure more way-points",
