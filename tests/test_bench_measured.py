@@ -6,26 +6,36 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.io import savemat
 
 from printmend.bench.measured import forms
+from printmend.bench.measured.axis import bench_of
+from printmend.bench.measured.measured import MeasuredRow, MeasuredStand, measured_cases, measured_table
 from printmend.bench.measured.sources import SOURCES, source
-from printmend.bench.measured.tracks import Track, less_free, span
-from printmend.errors import TraceError
+from printmend.bench.measured.tracks import MeasuredSet, Track, less_free, span
+from printmend.cli.bench import command
+from printmend.errors import InputError, TraceError
+from printmend.protocols import WorldModel
 
 # Of the words of every split, fixed before any learner was judged: a change makes another benchmark.
 SPLITS = "dea612cca01ddff8"
-CORPUS = {"pulleys": "e2d85545918c4673", "encoder": "4a31ded6fa3ab1e0"}  # of what is learned from and judged of the files themselves
+CORPUS = {
+    "pulleys": "e2d85545918c4673",
+    "encoder": "4a31ded6fa3ab1e0",
+}  # of what is learned from and judged of the files themselves
 
 
 def write_servo(path: Path) -> Path:
     """A log of the form of the published ones: a target every 5 rows, the servo behind it by half its play."""
     rng, head = np.random.default_rng(0), "timestamp,target pos (5),pos (5),target pos (3),pos (3)"
     lines, at = [head], 2047
+    before = 2047
     for target in rng.integers(1800, 2300, 40):
         for k in range(5):
-            at = at + (target - at) // 2 if k < 3 else target - 5 * int(np.sign(target - 2047))
+            at = at + (target - at) // 2 if k < 3 else target - 5 * int(np.sign(target - before))
             lines.append(f"t,{target},{at},1747,1748")
+        before = target
     path.write_text("\n".join(lines) + "\n")
     return path
 
@@ -93,7 +103,7 @@ def test_a_damper_is_halved(tmp_path: Path) -> None:
 
 def test_an_encoders_turn_is_unwrapped(tmp_path: Path) -> None:
     (only,) = forms.read_encoder(write_encoder(tmp_path / "lut.csv"))
-    assert only.turn == 16384
+    assert only.mm_per_unit == 40 / 16384
     error = only.learned[0].measured - only.learned[0].commanded
     assert np.ptp(error) == pytest.approx(40 * 16384 / 36000, abs=1)
     assert set(only.learned[0].commanded) & set(only.judged[0].commanded) == set()
@@ -131,6 +141,65 @@ def test_wrong_files_are_named(tmp_path: Path, read: object, name: str, text: st
     path.write_text(text)
     with pytest.raises(TraceError, match=named):
         read(path)  # type: ignore[operator]
+
+
+def make_folder(root: Path) -> Path:
+    """All forms at their places, but for the pulleys, which `tests/test_bench_real.py` makes."""
+    for item in SOURCES:
+        (root / item.place).parent.mkdir(parents=True, exist_ok=True)
+    write_encoder(root / source("encoder").place)
+    write_servo(root / source("servo").place)
+    write_damper(root / source("damper").place)
+    write_tanks(root / source("tanks").place)
+    write_bouc_wen(root / source("bouc-wen").place)
+    write_dimensions(root / source("dimensions").place)
+    return root
+
+
+def test_every_form_has_a_row_for_a_learner(tmp_path: Path) -> None:
+    cases, absent = measured_cases(make_folder(tmp_path / "data"))
+    assert [item.name for item in absent] == ["pulleys"]
+    results = measured_table(cases, ("naive", "affine", "backlash", "backlash"), tmp_path / "out")
+    assert [item.error for item in results] == [None] * len(results)
+    share = {(item.row, item.case.body): item.values["share"] for item in results}
+    assert all(value == 1.0 for (row, _), value in share.items() if row == "naive")
+    assert share["backlash", "servo 5"] < 0.3
+    assert share["affine", "dimensions x"] < 0.5
+    again = measured_table(cases, ("naive",), tmp_path / "out")
+    assert [item.values for item in again] == [item.values for item in results if item.row == "naive"]
+
+
+def test_a_learners_prediction_does_not_depend_on_the_units(tmp_path: Path) -> None:
+    motor = 30 * np.sin(np.linspace(0, 12, 400))
+    track = Track(motor, np.clip(np.cumsum(np.diff(motor, prepend=0)), -20, 20))
+    shares = []
+    for scale in (1.0, -250.0):
+        scaled = Track(track.commanded, scale * track.measured + 7)
+        item = MeasuredSet("made", (scaled.part(0, 0.5),), (scaled.part(0.5, 1),))
+        shares.append(MeasuredStand(item, bench_of(item)).judge(learned(item), MeasuredRow("backlash"))["share"])
+    assert shares[0] == pytest.approx(shares[1], rel=1e-6)
+
+
+def learned(item: MeasuredSet) -> WorldModel:
+    stand = MeasuredStand(item, bench_of(item))
+    return stand.fit(stand.measure(MeasuredRow("backlash")), MeasuredRow("backlash"))
+
+
+def test_the_command_says_what_is_absent_and_how_to_fetch_it(tmp_path: Path) -> None:
+    folder, out = make_folder(tmp_path / "data"), str(tmp_path / "out")
+    command_line = ["measured", str(folder), "--models", "naive,affine", "--out", out]
+    done = CliRunner().invoke(command, [*command_line, "--sets", "pulleys,dimensions", "--json"])
+    assert done.exit_code == 0, done.output
+    assert {item["body"] for item in json.loads(done.stdout)} == {"dimensions x", "dimensions y"}
+    assert "absent: pulleys" in done.stderr
+    assert "git clone" in done.stderr
+    assert "| naive | 1.000 | 1.000 |" in (tmp_path / "out" / "measured.md").read_text()
+    for wrong, named in ((["--sets", "no"], "wanted names out of"), (["--sets", "pulleys"], "wanted a measured set")):
+        done = CliRunner().invoke(command, [*command_line, *wrong])
+        assert isinstance(done.exception, InputError)
+        assert named in str(done.exception)
+    done = CliRunner().invoke(command, ["measured", str(folder), "--models", "oracle", "--out", out])
+    assert "nobody knows the truth" in str(done.exception)
 
 
 def test_what_is_free_is_taken_off() -> None:

@@ -17,6 +17,7 @@ TABLES = {
     "prints": "printmend.bench.prints",
     "objectives": "printmend.bench.objectives",
     "real": "printmend.bench.real.real",
+    "measured": "printmend.bench.measured.measured",
 }
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from printmend.cli.bench_families import families
+from printmend.cli.bench_measured import measured
 from printmend.cli.bench_objectives import NAMES, objectives
 from printmend.cli.bench_prints import prints
 from printmend.cli.bench_real import real
@@ -16,10 +17,11 @@ from printmend.cli.where import with_executor
 
 @click.group(epilog="Example: printmend bench table1 --bodies models/ --limit 20 --workers 2")
 def command() -> None:
-    """Judge learners and planners: Table I, every fault, real data, test prints."""
+    """Judge learners and planners: Table I, every fault, measured data, test prints."""
 
 
 command.add_command(real)
+command.add_command(measured)
 command.add_command(families)
 command.add_command(prints)
 command.add_command(objectives)

@@ -15,6 +15,7 @@ from printmend.files import read_text
 _RUN_UP_MM = 10.0  # a carriage had sped up over this way before a traverse's first sample, or more
 _BEHIND_MM = 2.0  # traverses came without their own line: any distance keeps the way back behind the way out
 _COUNTS, _CENTIDEGREES = 16384, 36000  # of an encoder's turn, as counts and as its table has them
+_TURN_MM = 40.0  # of a printer's axis, to which an encoder's turn is laid
 _EVERY_COUNT, _EVERY_SAMPLE = 64, 8
 _FEWEST = 8  # samples of a track
 _SETTLED_ROWS = 3  # of one target, after which a servo stands
@@ -36,7 +37,7 @@ def read_pulleys(path: Path) -> list[MeasuredSet]:
             raise _wrong(path, "a traverse of either direction, and a later one", f"{len(mine)} of {key[0]} {key[1]:g}")
         later = [track for n, track in enumerate(tracks) if n not in first]
         learned = tuple(tracks[n] for n in first if n is not None)
-        sets.append(MeasuredSet(f"pulley {key[0]} {key[1]:g} mm/s", learned, tuple(later), free="line"))
+        sets.append(MeasuredSet(f"{key[0]} {key[1]:g}", learned, tuple(later), "line", 1.0))
     return sets
 
 
@@ -49,7 +50,9 @@ def read_encoder(path: Path) -> list[MeasuredSet]:
     turned = np.unwrap(angle * (2 * np.pi / _CENTIDEGREES)) * (_COUNTS / (2 * np.pi))
     learned = Track(count[::_EVERY_COUNT], turned[::_EVERY_COUNT])
     half = slice(_EVERY_COUNT // 2, None, _EVERY_COUNT)
-    return [MeasuredSet("stepper encoder", (learned,), (Track(count[half], turned[half]),), turn=float(_COUNTS))]
+    return [
+        MeasuredSet("stepper encoder", (learned,), (Track(count[half], turned[half]),), mm_per_unit=_TURN_MM / _COUNTS)
+    ]
 
 
 def read_servo(path: Path) -> list[MeasuredSet]:
@@ -97,7 +100,7 @@ def read_tanks(path: Path) -> list[MeasuredSet]:
 def read_bouc_wen(folder: Path) -> list[MeasuredSet]:
     """Return the set of the hysteretic benchmark: a folder of uval_multisine.mat and its three fellows."""
     signals = {
-        name: Track(*(_matlab(folder / f"{kind}val_{name}.mat", (f"{kind}val_{name}",))[0] for kind in "uy"))
+        name: Track(_signal(folder, f"uval_{name}"), _signal(folder, f"yval_{name}"))
         for name in ("multisine", "sinesweep")
     }
     multisine = signals["multisine"]
@@ -113,7 +116,7 @@ def read_dimensions(path: Path) -> list[MeasuredSet]:
         tracks = [Track(np.array([0.0, nominal]), np.array([0.0, measured])) for nominal, measured in rows]
         if len(tracks) < _FEWEST or min(nominal for nominal, _ in rows) <= 0:
             raise _wrong(path, f"{_FEWEST} positive dimensions of axis {axis}", f"{len(tracks)} lines")
-        sets.append(MeasuredSet(f"dimensions {axis}", tuple(tracks[::2]), tuple(tracks[1::2]), "start", joined=False))
+        sets.append(MeasuredSet(f"dimensions {axis}", tuple(tracks[::2]), tuple(tracks[1::2]), "start", 1.0, False))
     return sets
 
 
@@ -139,6 +142,10 @@ def _number(path: Path, text: str | None) -> float:
     if not np.isfinite(value):
         raise _wrong(path, "numbers", repr(text))
     return value
+
+
+def _signal(folder: Path, name: str) -> np.ndarray:
+    return _matlab(folder / f"{name}.mat", (name,))[0]
 
 
 def _matlab(path: Path, names: Sequence[str]) -> list[np.ndarray]:

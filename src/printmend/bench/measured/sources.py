@@ -1,7 +1,7 @@
 """Where measured sets come from: licence, the command that fetches them, the file, and the split.
 
-The splits were fixed before any learner was judged on them; `tests/test_bench_measured.py` keeps their digest. Files are
-looked for below the folder that is given to `printmend bench measured`.
+The splits were fixed before any learner was judged on them; `tests/test_bench_measured.py` keeps their digest. Files
+are looked for below the folder that is given to `printmend bench measured`.
 """
 
 from collections.abc import Callable

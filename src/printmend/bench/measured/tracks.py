@@ -35,15 +35,16 @@ class MeasuredSet:
     """What is learned from and what is judged.
 
     ``free`` is what of a judged track is not predicted: its mean, its straight line, or nothing but its start.
-    ``turn`` is the input after which something of the machine comes again, where that is known. Tracks of a ``joined``
-    set follow each other on one machine; else each begins at rest.
+    Input and output are lengths or angles of one unit, of which ``mm_per_unit`` make a millimetre of a printer's axis;
+    None where they are different things, which are stretched to it. Tracks of a ``joined`` set follow each other on one
+    machine; else each begins at rest.
     """
 
     name: str
     learned: tuple[Track, ...]
     judged: tuple[Track, ...]
     free: Free = "mean"
-    turn: float | None = None
+    mm_per_unit: float | None = None
     joined: bool = True
 
 
