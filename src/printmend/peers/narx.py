@@ -35,7 +35,7 @@ class Option(NamedTuple):
     apart_mm: float
 
 
-OPTIONS = (Option(0, 1.0), *(Option(terms, apart) for terms in (1, 2, 4, 8, 12) for apart in (1.0, 4.0)))
+OPTIONS = (Option(0, 1.0), *(Option(terms, apart) for terms in (1, 2, 4, 8) for apart in (1.0, 4.0)))
 
 
 def places_library(motor_mm: np.ndarray, way: np.ndarray, turn_mm: float) -> np.ndarray:
