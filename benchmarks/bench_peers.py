@@ -87,9 +87,8 @@ def main() -> None:
             for more in compared(options.samples, options.seed, options.learners.split(",")):
                 runs += more
                 write(options.out, runs)
-        print(
-            f"{len(runs)} runs in {time.perf_counter() - begun:.0f} s, {time.process_time():.0f} of them this process's\n"
-        )
+        spent = f"{time.perf_counter() - begun:.0f} s, {time.process_time():.0f} s of the processor"
+        print(f"{len(runs)} runs in {spent}\n")
     runs = read(options.out)
     options.figure.parent.mkdir(parents=True, exist_ok=True)
     draw(options.figure, runs)

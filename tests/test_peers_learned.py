@@ -7,10 +7,12 @@ from printmend.conformance.learners import OTHER, LearnerCandidate, naive_error,
 from printmend.control.registry import controller
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import healthy_mechanism
+from printmend.metrics import rmse
 from printmend.path import Trace
 from printmend.peers.ilc import GAIN, followed, iterate, smoothed
 from printmend.peers.memory import MemoryModel
 from printmend.peers.memory import followed as followed_element
+from printmend.peers.mpc import cost_steps2
 from printmend.peers.narx import Narx, Option, fitted_narx, free_run, increments, picked, stays_bounded
 from printmend.peers.network import TAPS_MM, NetworkLearner, inputs, remembered
 from printmend.peers.process import process_drive
@@ -19,7 +21,7 @@ from printmend.printer import read_printer
 from tests.test_peers import rows_of, zigzag
 
 PRINTER = read_printer("ender5")
-INVERSE = "printmend.peers.inverse:INVERSE"
+INVERSE, MPC = "printmend.peers.inverse:INVERSE", "printmend.peers.mpc:MPC"
 FEATURES = 2 * (3 + 2 * 4) + 4
 
 
@@ -142,3 +144,24 @@ def test_iterative_learning_mends_its_own_layer_on_a_broken_printer(rng: np.rand
 def test_commands_go_as_fast_as_they_may() -> None:
     np.testing.assert_array_equal(followed(np.array([[0.0, 0], [7, 0.4], [7, 1.6], [7, 1.6]]), 3)[:, 0], [3, 3, 1])
     np.testing.assert_allclose(smoothed(np.array([[0.0, 1], [3, 1], [0, 1]]), 3), [[1, 1], [1, 1], [1, 1]])
+
+
+def test_predictive_control_crosses_the_play_and_leaves_the_healthy_alone() -> None:
+    targets = OTHER.nominal_steps[:80]
+    healthy = controller(MPC).plan(MechanismModel(healthy_mechanism(PRINTER)), targets[1:], targets[0])
+    assert np.abs(healthy.imagined_steps - targets).max() < 1e-9
+    twin, model = printed("pulley-play", "ender5"), LearnerCandidate("oracle").fitted("pulley-play")
+    errors = []
+    for planner in (MPC, "greedy", "optimal"):
+        plan = controller(planner).plan(model, targets[1:], targets[0])
+        errors.append(rmse(targets, twin.run(plan.controls, targets[0])))
+    assert errors[2] <= errors[0] < 2.5 * errors[2]
+    assert errors[0] < 0.2 * errors[1]
+
+
+def test_predictive_control_costs_what_its_sequence_misses() -> None:
+    model = MechanismModel(healthy_mechanism(PRINTER))
+    sequences = np.array([[[1, 0], [1, 0]], [[0, 0], [0, 3]]])
+    targets = np.array([[101.0, 100], [102, 100]])
+    cost = cost_steps2(model, model.start(np.array([100, 100])), sequences, targets)
+    np.testing.assert_allclose(cost, [0, 1 + 4 + 9], atol=1e-9)
