@@ -4,7 +4,7 @@
 
 S. A. Billings, Nonlinear System Identification (2013), ch. 3: forward regression orthogonal least squares, ranked by
 the error reduction ratio. That every term is multiplied by the input's change is what a NARX model of hysteresis needs
-to stand still when the input does (P. E. O. G. B. Abreu et al., Nonlinear Dynamics 102 (2020) 2745-2760). With sines of
+to stand still when the input does (P. E. O. G. B. Abreu et al., Nonlinear Dynamics 102, 2020). With sines of
 the motor's turn in the library it is also what SINDy would find (S. L. Brunton et al., PNAS 113 (2016) 3932-3937),
 which picks in another way. Held-out blocks decide, in free run, how many terms stay and over what distance increments
 are taken.

@@ -2,8 +2,8 @@
 
 C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning (2006), ch. 2, 4 and 5; periodic features
 are those of D. MacKay 1998 (their eq. 4.31), the play operator as a further input is how hysteresis becomes a function
-(H. Hu and R. Ben Mrad, Mechatronics 13 (2003) 85-93). scikit-learn fits it: one squared exponential kernel with a
-length for each input, by marginal likelihood.
+(X. Zhao and Y. Tan, Sensors and Actuators A 126 (2006) 306-311). scikit-learn fits it: one squared exponential kernel
+with a length for each input, by marginal likelihood.
 
 The model is the two branches that the process predicts with the play taken up either way. Whether it is told the side
 at all, held-out blocks decide.

@@ -33,9 +33,9 @@ class Source:
 SOURCES = (
     Source(
         "pulleys", "noncircular_pulleys_mocap/position_error_by_travel.csv", "MIT",
-        "R. Caballero et al.: motion capture of a belt printer with printed non-circular pulleys",
-        "git clone https://github.com/RenzoCab/Non-Circular-Pulleys, then make the CSV from its dudt_*.mat: integrate the"
-        " gradient, cut it at constant speed, take each traverse's line off",
+        "RenzoCab/Non-Circular-Pulleys: motion capture of a belt printer with printed non-circular pulleys",
+        "git clone https://github.com/RenzoCab/Non-Circular-Pulleys, then make the CSV from its dudt_*.mat: integrate"
+        " the gradient, cut it at constant speed, take each traverse's line off",
         "each shape and speed: the first traverse of either direction is learned from, the later ones are judged",
         forms.read_pulleys,
     ),
