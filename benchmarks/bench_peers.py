@@ -7,8 +7,8 @@ noise. Each learner sees these and nothing else. A layer of another body is plan
 compared with what was wanted. Models with tables are planned by `optimal`, all others by the peers' inverse. Iterative
 learning has no model: it prints that same layer five times, and measures a fifth of the points each time.
 
-Writes benchmarks/results/peers.csv (a row for every run), docs/figures/peers.png, and prints the tables of
-docs/peers.md. Seconds are of the processor.
+Writes benchmarks/results/peers.csv (a row for every run; a run of some learners leaves the others' rows there) and
+docs/figures/peers.png, and prints the tables of docs/peers.md. Seconds are of the processor.
 """
 
 import argparse
@@ -82,9 +82,11 @@ def main() -> None:
     if not options.draw_only:
         begun = time.perf_counter()
         warm(options.learners.split(","))
-        runs: list[Run] = []
+        names = options.learners.split(",")
+        shown = [name.rpartition(":")[2].lower() for name in names]
+        runs = [run for run in (read(options.out) if options.out.exists() else []) if run.learner not in shown]
         with threadpool_limits(1):
-            for more in compared(options.samples, options.seed, options.learners.split(",")):
+            for more in compared(options.samples, options.seed, names):
                 runs += more
                 write(options.out, runs)
         spent = f"{time.perf_counter() - begun:.0f} s, {time.process_time():.0f} s of the processor"
@@ -193,7 +195,11 @@ def ratio(runs: Sequence[Run]) -> float:
 
 
 def learners_of(runs: Sequence[Run]) -> list[str]:
-    return list(dict.fromkeys(run.learner for run in runs))
+    """Return the learners' names, in the order of `LEARNERS`."""
+    order = [name.rpartition(":")[2].lower() for name in (*LEARNERS, ILC)]
+    return sorted(
+        {run.learner for run in runs}, key=lambda name: (order.index(name) if name in order else len(order), name)
+    )
 
 
 def table(corner: str, names: Sequence[str], columns: Sequence[str], cells: Sequence[Sequence[float]]) -> str:

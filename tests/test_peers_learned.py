@@ -35,7 +35,7 @@ def test_forward_least_squares_picks_the_terms_that_are_there(rng: np.random.Gen
 
 
 def test_narx_finds_the_equation_that_made_the_data(rng: np.random.Generator) -> None:
-    """de = dm·(0.02 − 0.8·way·e): a hysteresis of 1.25 mm without its corner; free runs come within 1 %."""
+    """de = dm·(0.02 − 0.8·way·e): a hysteresis of 1.25 mm without its corner, to 6 %: free runs take longer steps."""
     weights = np.zeros(FEATURES)
     weights[0], weights[-3] = 0.02, -0.8
     truth, motor = Narx(weights, 40.0), zigzag(rng, 60, pitch_mm=0.2)
@@ -44,10 +44,12 @@ def test_narx_finds_the_equation_that_made_the_data(rng: np.random.Generator) ->
     np.testing.assert_allclose(free_run(truth, rows), error, atol=0.02)  # larger steps of the same equation
     design, value = increments(rows, 1.0)
     assert design.shape == (len(value), FEATURES)
-    found = fitted_narx(rows, Option(2, 1.0))
-    assert np.flatnonzero(found.weights).tolist() == [0, FEATURES - 3]
-    assert found.weights[-3] == pytest.approx(-0.8, rel=0.05)
-    assert np.std(free_run(found, rows) - error) < 0.05 * np.std(error)
+    for option, noise_mm, off in ((Option(2), 0.0, 0.06), (Option(0, True), 0.02, 0.06)):
+        noisy = MotorRows(motor, error + rng.normal(0, noise_mm, len(motor)), rows.layer)
+        found = fitted_narx(noisy, option)
+        assert np.flatnonzero(found.weights).tolist() == [0, FEATURES - 3]
+        assert found.weights[-3] == pytest.approx(-0.8, rel=off)
+        assert np.std(free_run(found, rows) - error) < 0.05 * np.std(error)
 
 
 def test_a_narx_model_that_drifts_is_none(rng: np.random.Generator) -> None:

@@ -23,7 +23,8 @@ TAPS_MM = 0.2 * 2.0 ** np.arange(6)  # of travel before now
 _GRID_MM = 0.2  # of travel between the places that are remembered
 _REMEMBERED = round(TAPS_MM[-1] / _GRID_MM)
 _HARMONICS = 4  # of the motor's turn among the inputs
-_WIDTHS, _UPDATES, _MOST_ROWS = (24, 24), 100, 400
+_PLACE_WAVES, _LONGEST_MM = 8, 240.0  # of the place: what does not come again each turn
+_WIDTHS, _UPDATES, _MOST_ROWS = (24, 24), 150, 500
 _DECAYS = (1.0, 0.03)  # of the weights, from smooth to bent
 _LEAST_MM = 1e-6  # of spread, below which there is nothing to learn
 Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
@@ -67,8 +68,9 @@ class Network:
 
 
 def inputs(memory: np.ndarray, motor_mm: np.ndarray, turn_mm: float) -> np.ndarray:
-    """Return the inputs [K, F]: the place, the turn's harmonics, and how far the motor came in each tap's travel."""
-    angle = 2 * np.pi / turn_mm * motor_mm[:, None] * np.arange(1, _HARMONICS + 1)
+    """Return the inputs [K, F]: waves of the turn and the place, how far the motor came in each tap's travel."""
+    rates = np.concatenate([np.arange(1, _HARMONICS + 1) / turn_mm, np.arange(1, _PLACE_WAVES + 1) / _LONGEST_MM])
+    angle = 2 * np.pi * motor_mm[:, None] * rates
     came = (motor_mm[:, None] - memory[:, np.rint(TAPS_MM / _GRID_MM).astype(int) - 1]) / TAPS_MM
     return np.concatenate([motor_mm[:, None] / 100.0 - 1.0, np.cos(angle), np.sin(angle), came], axis=1)
 

@@ -23,7 +23,7 @@ from printmend.peers.operators import lags
 from printmend.peers.rows import MotorRows, chosen, least_squares
 from printmend.printer import Printer
 
-_MOST_ROWS = 160  # that the process looks at: its cost grows with their cube
+_SEARCH_ROWS, _MOST_ROWS = 160, 800  # that it looks at to find its kernel, and in the end: its cost is their cube
 _GRID_MM = 0.5  # between the places where it is asked
 _LEAST_HALF_MM = 0.05  # half-width of the operator that tells the side
 _LEAST_MM = 1e-6  # of spread, below which there is nothing to learn
@@ -45,7 +45,7 @@ def process_drive(rows: MotorRows) -> Drive:
         return predicted(fitted_process(some, sides[told], kernels[told]), rows.motor_mm, sides[told], rows.turn_mm)
 
     told = chosen(rows_left, (False, True), fit)
-    process = fitted_process(rows_left, sides[told], kernels[told])
+    process = fitted_process(rows_left, sides[told], kernels[told], most=_MOST_ROWS)
     places = np.arange(known.min() - rows.turn_mm, known.max() + rows.turn_mm, _GRID_MM)
     forwards, back = (
         predicted(process, places, np.full(len(places), way if told else 0.0), rows.turn_mm) for way in (1.0, -1.0)
@@ -58,14 +58,14 @@ def process_drive(rows: MotorRows) -> Drive:
     return drive
 
 
-def fitted_process(rows: MotorRows, side: np.ndarray, kernel: Any = None) -> Any:
-    """Fit a process to at most `_MOST_ROWS` rows, its kernel too unless one is given."""
+def fitted_process(rows: MotorRows, side: np.ndarray, kernel: Any = None, *, most: int = _SEARCH_ROWS) -> Any:
+    """Fit a process to at most ``most`` rows, its kernel too unless one is given."""
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
     known = np.flatnonzero(rows.known)
-    seen = np.unique(np.linspace(0, len(known) - 1, _MOST_ROWS).astype(int))
+    seen = np.unique(np.linspace(0, len(known) - 1, most).astype(int))
     error = rows.centred(rows.error_mm[:, None])[seen, 0]
     optimizer = None if kernel is not None else "fmin_l_bfgs_b"
     if kernel is None:
