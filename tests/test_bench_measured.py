@@ -96,6 +96,17 @@ def test_servo_rows_count_once_settled(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.abs(learned.commanded - learned.measured), 5)
 
 
+def test_a_servo_that_is_called_away_is_not_settled(tmp_path: Path) -> None:
+    """As in the published log, whose second motor gets a new target while it is still on its way."""
+    path = tmp_path / "log.csv"
+    lines = ["target pos (5),pos (5),target pos (3),pos (3)"]
+    for n in range(20):
+        for k, pos in enumerate((1994, 2010, 2030, 2042, 2042)):
+            lines.append(f"{2047 - n % 2},{pos},{2147 if n % 2 else 1747},{1748 + 80 * k}")
+    path.write_text("\n".join(lines) + "\n")
+    assert [item.name for item in forms.read_servo(path)] == ["servo 5"]
+
+
 def test_a_damper_is_halved(tmp_path: Path) -> None:
     (only,) = forms.read_damper(write_damper(tmp_path / "d.json"))
     assert (len(only.learned[0].commanded), len(only.judged[0].commanded)) == (250, 250)

@@ -18,7 +18,7 @@ _COUNTS, _CENTIDEGREES = 16384, 36000  # of an encoder's turn, as counts and as 
 _TURN_MM = 40.0  # of a printer's axis, to which an encoder's turn is laid
 _EVERY_COUNT, _EVERY_SAMPLE = 64, 8
 _FEWEST = 8  # samples of a track
-_SETTLED_ROWS = 3  # of one target, after which a servo stands
+_SETTLED_ROWS = 3  # of one target, after which a servo may stand
 _DIMENSIONS = ("axis", "nominal_mm", "measured_mm")
 
 
@@ -66,7 +66,8 @@ def read_servo(path: Path) -> list[MeasuredSet]:
         )
         fresh = np.diff(target, prepend=np.nan) != 0  # a new target
         since = np.arange(len(target)) - np.maximum.accumulate(np.where(fresh, np.arange(len(target)), 0))
-        settled = np.append(fresh[1:], True) & (since >= _SETTLED_ROWS)
+        stands = np.diff(pos, prepend=np.nan) == 0  # some targets change before the servo is there
+        settled = np.append(fresh[1:], True) & (since >= _SETTLED_ROWS) & stands
         if not settled.any() or np.ptp(target[settled]) == 0:
             continue
         track = Track(target[settled], pos[settled])
