@@ -27,7 +27,7 @@ _REFERENCE_MM = 100.0  # places are counted in this
 _MOST_WIDER = 1.5  # spread of a free run's error over that of the measured ones
 _APART_MM = 1.0  # of path between the rows whose increments are regressed
 _FIRST_GUESS = -0.8, -2.0  # weights of the plainest hysteresis: 0.4 mm wide
-_REFINED = 6  # times that a free run is looked at along every weight
+_REFINED = 5  # times that a free run is looked at along every weight
 _MOST_ERROR_MM = 20.0  # e that the terms see
 
 
@@ -38,7 +38,9 @@ class Option(NamedTuple):
     hysteresis: bool = False
 
 
-OPTIONS = (Option(0), Option(0, True), Option(4, True), Option(8), Option(8, True))
+OPTIONS = (
+    Option(0), Option(1), Option(2), Option(4), Option(8), Option(0, True), Option(4, True), Option(8, True),
+)  # fmt: skip
 
 
 def places_library(motor_mm: np.ndarray, way: np.ndarray, turn_mm: float) -> np.ndarray:
