@@ -35,20 +35,20 @@ def test_forward_least_squares_picks_the_terms_that_are_there(rng: np.random.Gen
 
 
 def test_narx_finds_the_equation_that_made_the_data(rng: np.random.Generator) -> None:
-    """de = dm·(0.02 − 0.8·way·e): a hysteresis of 1.25 mm without its corner, to 6 %: free runs take longer steps."""
+    """de = dm·(−0.6 − 1.5·way·e): a play of 0.8 mm without its corner, to 6 %: free runs take longer steps."""
     weights = np.zeros(FEATURES)
-    weights[0], weights[-3] = 0.02, -0.8
+    weights[0], weights[-3] = -0.6, -1.5
     truth, motor = Narx(weights, 40.0), zigzag(rng, 60, pitch_mm=0.2)
     error = followed_element(truth, rows_of(motor, motor))
     rows = MotorRows(motor, error, np.zeros(len(motor), int))
-    np.testing.assert_allclose(free_run(truth, rows), error, atol=0.02)  # larger steps of the same equation
+    np.testing.assert_allclose(free_run(truth, rows), error, atol=0.03)  # larger steps of the same equation
     design, value = increments(rows, 1.0)
     assert design.shape == (len(value), FEATURES)
     for option, noise_mm, off in ((Option(2), 0.0, 0.06), (Option(0, True), 0.02, 0.06)):
         noisy = MotorRows(motor, error + rng.normal(0, noise_mm, len(motor)), rows.layer)
         found = fitted_narx(noisy, option)
         assert np.flatnonzero(found.weights).tolist() == [0, FEATURES - 3]
-        assert found.weights[-3] == pytest.approx(-0.8, rel=off)
+        assert found.weights[[0, -3]] == pytest.approx([-0.6, -1.5], rel=off)
         assert np.std(free_run(found, rows) - error) < 0.05 * np.std(error)
 
 
