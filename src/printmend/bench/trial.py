@@ -18,6 +18,7 @@ TABLES = {
     "prints": "printmend.bench.prints",
     "objectives": "printmend.bench.objectives",
     "real": "printmend.bench.real.real",
+    "measured": "printmend.bench.measured.measured",
 }
 
 

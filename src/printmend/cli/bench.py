@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from printmend.cli.bench_families import families
+from printmend.cli.bench_measured import measured
 from printmend.cli.bench_objectives import NAMES, objectives
 from printmend.cli.bench_prints import prints
 from printmend.cli.bench_real import real
@@ -21,10 +22,11 @@ if TYPE_CHECKING:
 
 @click.group(epilog="Example: printmend bench table1 --bodies models/ --limit 20 --workers 2")
 def command() -> None:
-    """Judge learners and planners: Table I, every fault, real data, test prints."""
+    """Judge learners and planners: Table I, every fault, measured data, test prints."""
 
 
 command.add_command(real)
+command.add_command(measured)
 command.add_command(families)
 command.add_command(prints)
 command.add_command(objectives)
@@ -74,7 +76,6 @@ def table1(
     up to three random layers are planned and printed: any layers with --protocol paper, never the training layer with
     heldout. An interrupted run goes on where it was; OUT/sliced keeps the G-code of meshes.
     """
-    from printmend.bench.report import body_table
     from printmend.bench.rows import PAPER_ROWS, libraries, planned_for
     from printmend.bench.table1 import dataset_cases, draw_cases, parts, reference_cases, table1
     from printmend.cli.progress import progress

@@ -33,6 +33,12 @@ _MODULES = {
     "prior": "printmend.learn.prior.prior",
     "hybrid": "printmend.learn.hybrid.hybrid",
     "meta": "printmend.learn.meta.meta",
+    "affine": "printmend.peers.affine",
+    "backlash": "printmend.peers.backlash",
+    "bilateral": "printmend.peers.bilateral",
+    "prandtl-ishlinskii": "printmend.peers.prandtl",
+    "bouc-wen": "printmend.peers.boucwen",
+    "gaussian-process": "printmend.peers.process",
 }
 
 
