@@ -58,9 +58,9 @@ class Search:
     def posterior(self, members: Set, sigma_mm: float, *, rounds: int = 3) -> State:
         """Return the posterior of a set, the noise found by ``rounds`` of expectation and maximisation."""
         blocks = self.dictionary.blocks
-        columns = np.concatenate([np.arange(blocks[b].at.start, blocks[b].at.stop) for b, _ in members] or [np.zeros(0)]).astype(
-            int
-        )
+        columns = np.concatenate(
+            [np.arange(blocks[b].at.start, blocks[b].at.stop) for b, _ in members] or [np.zeros(0)]
+        ).astype(int)
         sd = np.concatenate([blocks[b].sds_mm[v] for b, v in members] or [np.zeros(0)])
         odds = sum(float(blocks[b].log_odds[v]) for b, v in members)
         matrix, slope = self.gram.matrix[np.ix_(columns, columns)], self.gram.slope[columns]
