@@ -13,7 +13,7 @@ import numpy as np
 
 from printmend.errors import GcodeError, ModelError, RefusedError
 from printmend.files import replacing
-from printmend.gcode.container import GcodeFile, Part, open_gcode
+from printmend.gcode.container import GcodeFile, Part, Text, open_gcode
 from printmend.gcode.header import Described, described
 from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import MachineState, e_warning, guessed_e_rule, starting_state
@@ -24,6 +24,7 @@ from printmend.printer.known import printers_named
 from printmend.promise.laws import LAWS
 from printmend.promise.misfit import refusals
 from printmend.promise.words import in_words
+from printmend.provenance import seal_key, sealed
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.saved.model import SavedModel
 
@@ -81,7 +82,14 @@ def mend_gcode(
             return Mended(output, _predicted(planner, model, said))
         with _destination(output) as handle:
             said = []
-            file.write(handle, lambda part: _mended_text(part, planner, model, fineness, progress, said, watch))
+            # Only a text can end with a seal: in a container the programs are compressed, each by itself.
+            key = seal_key(model.document) if file.container == "plain" else None
+
+            def texts(part: Part) -> Iterator[Text]:
+                text = _mended_text(part, planner, model, fineness, progress, said, watch)
+                return text if key is None else sealed(text, key)
+
+            file.write(handle, texts)
             prediction = _predicted(planner, model, said, marks=1)
             _check_worth_writing(file, model, prediction, force=force)
         return Mended(output, prediction)
