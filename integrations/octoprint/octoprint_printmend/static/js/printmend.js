@@ -53,6 +53,15 @@ $(function () {
                     title: gettext("Waiting for the mended copy"), hide: false,
                     text: data.path + " " + gettext("was not started; its mended copy follows.")
                 });
+            } else if (data.what === "foreign" || data.what === "forged") {
+                show(data.path, {
+                    title: data.held ? gettext("Not to be printed") : gettext("Printed as it is"), hide: false,
+                    text: data.path + ": " + data.reason
+                });
+            } else if (data.what === "refused") {
+                show(data.path, {
+                    title: gettext("Not printed"), type: "error", hide: false, text: data.path + ": " + data.reason
+                });
             } else if (data.what === "failed") {
                 show(data.path, {
                     title: gettext("Not mended, not printed"), type: "error", hide: false,
