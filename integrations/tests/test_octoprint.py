@@ -102,9 +102,8 @@ def learned(path: Path, slack_mm: float) -> bytes:
         return out.read_bytes()
 
 
-@contextmanager
-def octoprint_running(base: Path) -> Iterator[OctoPrint]:
-    """Run OctoPrint with the plugin and its virtual printer in ``base`` until the end of the block."""
+def set_up(base: Path, program: Path) -> None:
+    """Make the settings, a user and a model."""
     model = base / "printer.mend.json"
     learned(model, 0.4)
     gated = base / "gated"  # printmend that waits for as long as there is a file HOLD
@@ -112,11 +111,18 @@ def octoprint_running(base: Path) -> Iterator[OctoPrint]:
     gated.write_text(f'#!/bin/sh\necho "37 %" >&2\n{wait}\nexec "{PRINTMEND}" "$@"\n')
     gated.chmod(0o755)
     (base / "config.yaml").write_text(CONFIG.format(command=gated, model=model))
-    program = HOSTS / "octoprint/bin/octoprint"
     add = [program, "--basedir", base, "user", "add", "me", "--password", "pw", "--admin"]
     subprocess.run(list(map(str, add)), check=True, capture_output=True, env=environment())  # noqa: S603
     users = base / "users.yaml"
     users.write_text(users.read_text().replace("apikey: null", f"apikey: {KEY}"))
+
+
+@contextmanager
+def octoprint_running(base: Path) -> Iterator[OctoPrint]:
+    """Run OctoPrint with the plugin and its virtual printer in ``base`` until the end of the block."""
+    program = HOSTS / "octoprint/bin/octoprint"
+    if not (base / "config.yaml").exists():
+        set_up(base, program)
     port = free_port()
     serve = [program, "serve", "--iknowwhatimdoing", "--basedir", base, "--host", "127.0.0.1", "--port", port]
     with running(serve, base / "out", env=environment()):
@@ -242,7 +248,7 @@ def test_a_copy_lives_as_long_as_its_original(octoprint: OctoPrint, hold: Path) 
 def test_what_the_printer_was_before_is_mended_anew(octoprint: OctoPrint) -> None:
     """After learning again: beside its original, under a name of its own, and all at once."""
     model = octoprint.base / "printer.mend.json"
-    octoprint.upload("o.gcode", part(1, size_mm=6.0))
+    octoprint.upload("o.gcode", part(1, size_mm=8.0))
     wait_for(lambda: octoprint.told("o.gcode").get("copy") == "o.mended.gcode", "the copy")
     octoprint.get("/api/files/local/o.mended.gcode", {"command": "copy", "destination": "mine.gcode"})
     wait_for(lambda: octoprint.told("mine.gcode").get("state") == "current", "a copy of the copy")
@@ -263,6 +269,35 @@ def test_what_the_printer_was_before_is_mended_anew(octoprint: OctoPrint) -> Non
     learned(model, 0.3)
     assert octoprint.refuses("mine.gcode", "original is not here any more")
     learned(model, 0.4)
+
+
+def test_mending_waits_for_a_print_and_an_ending_may_be_in_capitals(octoprint: OctoPrint) -> None:
+    octoprint.upload("long.gcode", b"; printmend probe: one that waits\nM0\n" + part(2), start=True)
+    wait_for(lambda: octoprint.state() == "Paused", "the pause")
+    octoprint.upload("c.GCODE", part(1, size_mm=6.0))
+    wait_for(lambda: octoprint.told("c.GCODE").get("state") == "unmended", "the word for it")
+    assert octoprint.get("/api/plugin/printmend")["waiting"] == ["c.mended.gcode"]
+    octoprint.get("/api/job", {"command": "cancel"})
+    wait_for(lambda: octoprint.told("c.mended.gcode").get("state") == "current", "the copy")
+    octoprint.prints("c.GCODE", "c.mended.gcode")
+
+
+def test_a_restart_forgets_nothing(tmp_path: Path) -> None:
+    with octoprint_running(tmp_path) as octoprint:
+        octoprint.upload("r.gcode", part(1, size_mm=6.0))
+        wait_for(lambda: octoprint.told("r.gcode").get("copy") == "r.mended.gcode", "the copy")
+        healthy = part(1, size_mm=5.0)
+        write_model(tmp_path / "printer.mend.json", exact_model(Corruption().lower(read_printer("ender3"))))
+        octoprint.upload("healthy.gcode", healthy)
+        wait_for(lambda: octoprint.told("healthy.gcode").get("copy"), "the copy of a healthy printer")
+        assert octoprint.told("healthy.gcode")["state"] == "current"
+    learned(tmp_path / "printer.mend.json", 0.4)
+    with octoprint_running(tmp_path) as octoprint:
+        octoprint.prints("r.gcode", "r.mended.gcode")
+        assert octoprint.said("start r.gcode") == 1  # it was mended once
+        octoprint.prints("healthy.gcode", "healthy.mended.gcode")
+        assert octoprint.disk("healthy.gcode").read_bytes() == healthy
+        assert octoprint.disk("healthy.mended.gcode").read_bytes() != healthy
 
 
 @pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")

@@ -87,7 +87,7 @@ class PrintmendPlugin(
     def on_api_get(self, request):
         model = self._model()
         told = {"model": model.digest, "printer": model.name} if model is not None else {}
-        return flask.jsonify(**told, mending=self._mending)
+        return flask.jsonify(**told, mending=self._mending, waiting=[task[2] for task in self._later])
 
     def on_api_command(self, command, data):
         if command == "mend_all":
