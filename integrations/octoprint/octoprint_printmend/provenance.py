@@ -138,7 +138,8 @@ def is_sealed(path: str, key: str, *, breathe: Callable[[], object] = lambda: No
                 return False
             code.update(piece)
             left -= len(piece)
-            breathe()
+            if left:
+                breathe()
     return hmac.compare_digest(code.hexdigest()[:32].encode(), digits)
 
 
