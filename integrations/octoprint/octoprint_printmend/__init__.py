@@ -8,9 +8,11 @@ it is there. A test print that `printmend probe` wrote is printed as it is. prin
 """
 
 import contextlib
+import importlib.metadata
 import json
 import os
 import queue
+import re
 import shutil
 import tempfile
 import threading
@@ -18,6 +20,7 @@ import time
 
 import flask
 import octoprint.plugin
+from octoprint.access.permissions import Permissions
 from octoprint.events import Events
 from octoprint.filemanager.destinations import FileDestinations
 from octoprint.filemanager.util import DiskFileWrapper
@@ -29,6 +32,8 @@ ENDING = ".mended.gcode"
 LOCAL = FileDestinations.LOCAL
 ENDED = (Events.PRINT_DONE, Events.PRINT_FAILED, Events.PRINT_CANCELLED)
 LOOK_S = 0.2
+MODEL_BYTES = 64 << 20  # the largest model that can be uploaded
+TEST_PART_MM = 20.0
 
 
 class PrintmendPlugin(
@@ -39,6 +44,7 @@ class PrintmendPlugin(
     octoprint.plugin.TemplatePlugin,
     octoprint.plugin.AssetPlugin,
     octoprint.plugin.SimpleApiPlugin,
+    octoprint.plugin.BlueprintPlugin,
 ):
     """What OctoPrint loads."""
 
@@ -70,7 +76,7 @@ class PrintmendPlugin(
             self._settings.set(["if_unmended"], "print")
 
     def get_template_configs(self):
-        return [{"type": "settings", "custom_bindings": False}]
+        return [{"type": "settings", "custom_bindings": True}]
 
     def is_template_autoescaped(self):
         return True
@@ -79,22 +85,79 @@ class PrintmendPlugin(
         return {"js": ["js/printmend.js"]}
 
     def get_api_commands(self):
-        return {"cancel": [], "mend_all": []}
+        return {"cancel": [], "mend_all": [], "test": []}
 
     def is_api_protected(self):
+        return True
+
+    def is_blueprint_csrf_protected(self):
         return True
 
     def on_api_get(self, request):
         model = self._model()
         told = {"model": model.digest, "printer": model.name} if model is not None else {}
-        return flask.jsonify(**told, mending=self._mending, waiting=[task[2] for task in self._later])
+        return flask.jsonify(**told, models=self._models(), mending=self._mending,
+                             waiting=[task[2] for task in self._later])  # fmt: skip
 
     def on_api_command(self, command, data):
+        if not Permissions.FILES_UPLOAD.can():
+            flask.abort(403)
+        if command == "test":
+            self._queue.put((self._test,))
+            return flask.jsonify(queued=True)
         if command == "mend_all":
             return flask.jsonify(queued=self._mend_all())
         if self._mending is not None:
             self._program.stop()
         return flask.jsonify(cancelled=self._program.cancelled)
+
+    @octoprint.plugin.BlueprintPlugin.route("/model", methods=["POST"])
+    @Permissions.SETTINGS.require(403)
+    def upload_model(self):
+        """Keep a model that the page sends, and mend with it from now on."""
+        folder = os.path.join(self.get_plugin_data_folder(), "models")
+        os.makedirs(folder, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder, suffix=".tmp", delete=False) as file:
+            file.write(flask.request.get_data())
+        try:
+            model = provenance.read_model(file.name)
+        except provenance.NoModelError as error:
+            os.unlink(file.name)
+            return flask.jsonify(error=str(error).replace(file.name, "the file")), 400
+        plain = re.sub(r"[^A-Za-z0-9]+", "-", model.name).strip("-") or "printer"
+        place = os.path.join(folder, f"{plain}.{model.digest[:8]}.mend.json")
+        os.replace(file.name, place)
+        self._settings.set(["model"], place)
+        self._settings.save()
+        return flask.jsonify(path=place, model=model.digest, printer=model.name)
+
+    def _models(self):
+        """Return the models that were uploaded, the latest first."""
+        folder = os.path.join(self.get_plugin_data_folder(), "models")
+        names = [name for name in os.listdir(folder) if name.endswith(".json")] if os.path.isdir(folder) else []
+        paths = sorted((os.path.join(folder, name) for name in names), key=os.path.getmtime, reverse=True)
+        return [{"path": path, "name": os.path.basename(path)[: -len(".mend.json")]} for path in paths]
+
+    def _test(self):
+        """Mend a small square in the middle of the bed, and say what came of it."""
+        self._program.cancelled = False
+        with tempfile.TemporaryDirectory(dir=self.get_plugin_data_folder()) as work:
+            source, fresh, report = (os.path.join(work, end) for end in ("test.gcode", "out.gcode", "report.json"))
+            with open(source, "w", encoding="utf-8") as file:
+                file.write(square(self._printer_profile_manager.get_current_or_default()["volume"]))
+            begun_s = time.monotonic()
+            reason = self._run(source, fresh, report)
+            told = {}
+            if not reason and os.path.exists(report):
+                with open(report, encoding="utf-8") as file:
+                    told = {key: value for key, value in json.load(file).items() if key in ("before", "after")}
+        model = self._model()
+        self._say("tested", "", reason=reason.replace(source, "a test square"), took_s=time.monotonic() - begun_s,
+                  printer=model.name if model is not None else "", **told)  # fmt: skip
+
+    def _run(self, source, fresh, report, told=lambda percent: None):
+        command, model = (os.path.expanduser(self._settings.get([key])) for key in ("command", "model"))
+        return self._program.mend(command, model, source, fresh, report, told)
 
     # What a file is.
 
@@ -222,7 +285,8 @@ class PrintmendPlugin(
                 function(*arguments)
             except Exception:
                 self._logger.exception("%s", arguments)
-                self._fail(*arguments, reason="an error in the plugin: see octoprint.log")
+                if arguments:
+                    self._fail(*arguments, reason="an error in the plugin: see octoprint.log")
             self._mending = None
 
     def _consider(self, path):
@@ -272,12 +336,10 @@ class PrintmendPlugin(
         self._program.cancelled = False
         self._mending = path
         self._say("start", path)
-        command, model = (os.path.expanduser(self._settings.get([key])) for key in ("command", "model"))
         with tempfile.TemporaryDirectory(dir=self.get_plugin_data_folder()) as work:
             source, fresh, report = (os.path.join(work, end) for end in ("in.gcode", "out.gcode", "report.json"))
             shutil.copyfile(self._disk(path), source)
-            reason = self._program.mend(command, model, source, fresh, report,
-                                        lambda percent: self._tell("progress", path, percent=percent))  # fmt: skip
+            reason = self._run(source, fresh, report, lambda percent: self._tell("progress", path, percent=percent))
             if reason:
                 self._fail(path, target, reason=reason)
                 return
@@ -363,7 +425,46 @@ def copy_name(path):
     return os.path.join(folder, name.rsplit(".", 1)[0] + ENDING)
 
 
+def square(volume):
+    """Return G-code of one square in the middle of a bed."""
+    x, y = (0.0, 0.0) if volume["origin"] == "center" else (volume["width"] / 2, volume["depth"] / 2)
+    half = TEST_PART_MM / 2
+    corners = [(x + a * half, y + b * half) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
+    lines = ["G21", "G90", "M83", "G28", "G1 Z0.2 F600", "G1 X{:.3f} Y{:.3f} F6000".format(*corners[0])]
+    lines += ["G1 X{:.3f} Y{:.3f} E0.66 F1800".format(*corner) for corner in corners[1:]]
+    return "\n".join(lines) + "\n"
+
+
+def body_sizes(current_max_body_sizes, *args, **kwargs):
+    """Let a model be larger than OctoPrint's usual requests."""
+    return [("POST", r"/model", MODEL_BYTES)]
+
+
+def update_information():
+    """Say where newer versions are: in the repository that this package names as its home, if it names one."""
+    try:
+        told = importlib.metadata.metadata("octoprint-printmend")
+    except importlib.metadata.PackageNotFoundError:
+        return {}
+    links = " ".join([told.get("Home-page") or "", *(told.get_all("Project-URL") or [])])
+    home = re.search(r"https://github\.com/([^/\s,]+)/([^/\s,]+)", links)
+    if home is None:
+        return {}
+    return {"printmend": {
+        "displayName": "printmend", "displayVersion": told["Version"], "current": told["Version"],
+        "type": "github_release", "user": home[1], "repo": home[2].removesuffix(".git"),
+        "pip": f"https://github.com/{home[1]}/{home[2]}/archive/{{target_version}}.zip",
+    }}  # fmt: skip
+
+
 __plugin_name__ = "printmend"
+__plugin_author__ = "printmend's authors"
+__plugin_license__ = "AGPL-3.0-or-later"
+__plugin_description__ = "Mends uploaded G-code for this printer's broken pulleys, belts and frame."
 __plugin_pythoncompat__ = ">=3.9,<4"
 __plugin_implementation__ = PrintmendPlugin()
-__plugin_hooks__ = {"octoprint.comm.protocol.gcode.queuing": __plugin_implementation__.hold}
+__plugin_hooks__ = {
+    "octoprint.comm.protocol.gcode.queuing": __plugin_implementation__.hold,
+    "octoprint.server.http.bodysize": body_sizes,
+    "octoprint.plugin.softwareupdate.check_config": update_information,
+}
