@@ -54,7 +54,7 @@ export function errorOf({ raw, mended }, morph) {
 // is left of the error does not look all the same.
 const nice = (value) => { const p = 10 ** Math.floor(Math.log10(value)); return [1, 2, 5, 10].map((k) => k * p).find((v) => v >= value * 0.999); };
 export function scaleOf(scene) {
-  const most = nice(Math.max(scene?.p95_mm || 0.01, 0.01)), left = nice(Math.max(scene?.left_mm || 0, 0.002));
+  const most = nice(Math.max(scene?.p95_mm || 0.01, 0.01)), left = nice(Math.max(scene?.left_mm || 0, 0.005));
   return { most, fine: scene?.mended && left < most / 2 ? left : 0 };
 }
 
