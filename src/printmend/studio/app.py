@@ -34,7 +34,7 @@ def create_app(
     folder: Path,
     *,
     hosts: Iterable[str] = LOOPBACK,
-    token: str | None = None,
+    knows: Callable[[str], bool] | None = None,
     workers: int = WORKERS,
     cluster: Executor | None = None,
     most_bytes: int = MOST_BYTES,
@@ -70,7 +70,7 @@ def create_app(
         app.include_router(router)
     app.mount("/", StaticFiles(directory=PAGE, html=True))
     return Guard(
-        GZipMiddleware(app, minimum_size=2000, compresslevel=5), hosts=hosts, token=token, most_bytes=most_bytes
+        GZipMiddleware(app, minimum_size=2000, compresslevel=5), hosts=hosts, knows=knows, most_bytes=most_bytes
     )
 
 
