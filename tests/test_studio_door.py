@@ -1,6 +1,7 @@
 """Who comes into the studio from other computers, and what keeps others from coming in."""
 
 import http.client
+import re
 import socket
 import threading
 import time
@@ -87,6 +88,28 @@ def test_everything_is_kept_where_the_system_has_users_data(tmp_path: Path, monk
     assert usual_folder() == tmp_path / "data/printmend/studio"
     assert CliRunner().invoke(group, ["studio", "--devices"]).exit_code == 0
     assert usual_folder().stat().st_mode & 0o077 == 0
+
+
+def test_the_api_describes_itself_in_openapi_and_has_a_name_that_stays(folder: Path) -> None:
+    with TestClient(create_app(folder, workers=1), base_url=HERE) as client:
+        assert client.get("/api/v1/health").json() == client.get("/api/health").json()
+        assert client.get("/api/v1/absent").status_code == client.get("/api/absent").status_code == 404
+        for _ in range(2):
+            document = client.get("/api/v1/openapi.json").json()
+            assert document["openapi"] == "3.1.0"
+            assert "itemSchema" not in str(document)
+        ids = [one["operationId"] for operations in document["paths"].values() for one in operations.values()]
+        assert {
+            "jobs_list",
+            "jobs_cancel",
+            "printers_add",
+            "printers_get",
+            "files_upload",
+            "play_start",
+            "studio_health",
+        } <= set(ids)
+        assert all(re.fullmatch(r"[a-z]+(_[a-z]+)+", one) for one in ids)
+        assert document["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
 
 
 def test_connections_that_ask_for_nothing_keep_nobody_out(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

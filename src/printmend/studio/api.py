@@ -112,14 +112,14 @@ def _settle(file: Any, beside: Path, target: Path) -> None:
     os.replace(beside, target)
 
 
-@router.delete("/uploads/{key}", status_code=204, tags=["files"])
+@router.delete("/uploads/{key}", name="remove", status_code=204, tags=["files"])
 def remove_upload(here: Here, key: Key) -> None:
     """Remove a file that was sent."""
     here.store.upload(key)
     here.store.remove_upload(key)
 
 
-@router.get("/jobs", tags=["jobs"])
+@router.get("/jobs", name="list", tags=["jobs"])
 def jobs(here: Here, printer: Annotated[str | None, Query(pattern=KEY)] = None) -> list[JobCard]:
     """List jobs, the newest first."""
     waiting, cards = here.jobs.waiting(), []
@@ -138,7 +138,7 @@ def card(here: StudioState, key: str, waiting: list[str] | None = None) -> JobCa
     return JobCard(**{**job, "files": files, "ahead": ahead, "may_force": may_force})
 
 
-@router.get("/jobs/{key}", tags=["jobs"])
+@router.get("/jobs/{key}", name="get", tags=["jobs"])
 def job(here: Here, key: Key) -> JobCard:
     """Return a job."""
     return card(here, key)
@@ -178,7 +178,7 @@ def cancel(here: Here, key: Key) -> JobCard:
     return card(here, key)
 
 
-@router.delete("/jobs/{key}", status_code=204, tags=["jobs"])
+@router.delete("/jobs/{key}", name="remove", status_code=204, tags=["jobs"])
 def remove_job(here: Here, key: Key) -> None:
     """Remove a job and all that it made, and the file that it was given where no other job has it."""
     upload = here.store.job(key)["params"].get("upload")
@@ -203,7 +203,7 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=200)]) -> F
     )
 
 
-@router.post("/play/preview", tags=["play"])
+@router.post("/play/preview", name="preview", tags=["play"])
 def play_preview(here: Here, faults: FaultsIn) -> Preview:
     """Return the pulleys and the test print of a printer that is broken like this."""
     from printmend.studio.play import faults_of, preview
@@ -213,7 +213,7 @@ def play_preview(here: Here, faults: FaultsIn) -> Preview:
     return shown
 
 
-@router.post("/play", status_code=202, tags=["play"])
+@router.post("/play", name="start", status_code=202, tags=["play"])
 def play(here: Here, faults: FaultsIn) -> JobCard:
     """Print the test print on such a printer, scan it, learn, and mend a part: a job."""
     return card(here, here.jobs.submit("play", None, {"faults": faults.model_dump()}))
