@@ -476,6 +476,15 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
             studio._open("DELETE", f"/jobs/{job}").close()
             followed.read()  # ends whole, as that of any other job: a stream that breaks off raises here
             assert (folder / "uploads" / kept).exists() == left_over
+        one, gone, two = (studio.post(f"/printers/{key}/mend", {"upload": studio.upload(part), "scene": False})["id"]
+                          for _ in range(3))  # fmt: skip
+        shared = studio._open("GET", f"/jobs/events?key={one}&key={gone}&key={two}&key={old}")
+        studio._open("DELETE", f"/jobs/{gone}").close()
+        told = [json.loads(line[6:]) for line in shared.read().decode().splitlines() if line.startswith("data: ")]
+        last = {job["id"]: job["state"] for job in told}
+        assert (last[one], last[two]) == ("done", "done")
+        with pytest.raises(StudioError, match="wanted a job of this studio"):
+            studio._open("GET", f"/jobs/events?key={old}&key={gone}")
         going = studio.post("/play")["id"]
         stream = studio._open("GET", f"/jobs/{going}/events")
     finally:
