@@ -322,9 +322,13 @@ class Printmend:
         for path in folder.rglob("*.*"):
             place = path.relative_to(folder)
             plain = place.with_name(Path(place.stem).stem + place.suffix)  # without the digits of its content
-            if place.parts[0] == "records" or place.name == "models.json" or str(path) in needed or not path.is_file():
+            if place.parts[0] == "records" or place.name == "models.json" or not path.is_file():
                 continue
-            if not (gcodes / plain).exists() and time.time() - path.stat().st_mtime > 86400 * KEPT_DAYS:
+            days = (time.time() - path.stat().st_mtime) / 86400
+            if str(path) in needed or (gcodes / plain).exists():
+                if days > 1:
+                    os.utime(path)  # the days are counted from when it was here last
+            elif days > KEPT_DAYS:
                 path.unlink(missing_ok=True)
         for record in self.ledger.records():
             if record.result not in there and not os.path.exists(record.original):

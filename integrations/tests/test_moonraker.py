@@ -2,6 +2,7 @@
 
 import contextlib
 import http.client
+import importlib.util
 import json
 import os
 import shutil
@@ -11,6 +12,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hosts import INTEGRATIONS, PRINTMEND, call, environment, form, free_port, running, wait_for
@@ -361,6 +363,35 @@ def test_a_kill_leaves_a_stub(tmp_path: Path) -> None:
 def test_who_chose_so_prints_the_file_as_it_came(tmp_path: Path) -> None:
     assert worker(tmp_path, "exit 3", "print", 600).wait() == 1
     assert (tmp_path / "gcodes/x.gcode").read_bytes() == part(1)
+
+
+def test_an_original_outlives_its_file_by_a_month(tmp_path: Path) -> None:
+    spec = importlib.util.spec_from_file_location("component", INTEGRATIONS / "moonraker/printmend.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    folder, gcodes = tmp_path / "printmend", tmp_path / "gcodes"
+    for place in (folder / "sub", gcodes):
+        place.mkdir(parents=True)
+    component = object.__new__(module.Printmend)
+    component.settings = {"folder": str(folder), "gcodes": str(gcodes)}
+    component.ledger = module.provenance.Ledger(str(folder))
+    names = {"here.12345678.gcode": False, "renamed.12345678.gcode": False, "sub/gone.12345678.gcode": True}
+    for name in names:
+        (folder / name).write_bytes(name.encode())
+        os.utime(folder / name, (1, 1))
+    (gcodes / "here.gcode").write_bytes(b"")
+    for result, name in (("a", "renamed.12345678.gcode"), ("b", "sub/gone.12345678.gcode")):
+        component.ledger.write(module.provenance.Record("s", result, "m", "p", "1", str(folder / name), {}))
+    metadata = {"other.gcode": {"printmend": {"sha256": "a"}}, "new.gcode": {}}
+    component.storage = SimpleNamespace(metadata=metadata)
+    component._prune()  # what is not known yet may need any of them
+    assert {path.name for path in folder.rglob("*.gcode")} == {Path(name).name for name in names}
+    del metadata["new.gcode"]
+    for _ in range(2):
+        component._prune()
+        assert {name: not (folder / name).exists() for name in names} == names
+        assert [record.result for record in component.ledger.records()] == ["a"]
+    assert min((folder / name).stat().st_mtime for name, gone in names.items() if not gone) > 1
 
 
 @pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
