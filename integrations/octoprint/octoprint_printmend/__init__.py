@@ -32,6 +32,7 @@ ENDING = ".mended.gcode"
 LOCAL = FileDestinations.LOCAL
 ENDED = (Events.PRINT_DONE, Events.PRINT_FAILED, Events.PRINT_CANCELLED)
 LOOK_S = 0.2
+LATER_S = 1.0  # between two looks whether the printer is free
 MODEL_BYTES = 64 << 20  # the largest model that can be uploaded
 TEST_PART_MM = 20.0
 
@@ -254,9 +255,6 @@ class PrintmendPlugin(
             leftovers, self._leftovers = self._leftovers, set()
             for copy in leftovers:
                 self._remove(copy)
-            later, self._later = self._later, []
-            for task in later:
-                self._queue.put(task)
 
     def _drop_copy(self, path):
         """Remove the copy that was made of a file: its original is another one now, or gone."""
@@ -279,7 +277,17 @@ class PrintmendPlugin(
         return self._printer.is_printing() or self._printer.is_paused()
 
     def _work(self):
-        while (task := self._queue.get()) is not None:
+        while True:
+            try:
+                task = self._queue.get(timeout=LATER_S if self._later else None)
+            except queue.Empty:  # no event says when a job that ended has left the printer free
+                if not self._is_busy():
+                    later, self._later = self._later, []
+                    for waited in later:
+                        self._queue.put(waited)
+                continue
+            if task is None:
+                return
             function, *arguments = task
             try:
                 function(*arguments)
