@@ -13,6 +13,8 @@ import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
+from printmend.promise.budget import parse_budget
+from printmend.promise.effects import parse_effects
 
 from printmend.cli.main import group
 from printmend.errors import InputError
@@ -21,8 +23,6 @@ from printmend.measure.table import read_trace, write_trace
 from printmend.path import Origin, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.promise.budget import parse_budget
-from printmend.promise.effects import parse_effects
 from printmend.repair.donation import donation, write_donation
 from printmend.repair.history import remember, remember_learned
 from printmend.repair.learned import learn_model

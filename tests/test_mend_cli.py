@@ -261,14 +261,14 @@ def test_twin_chords_and_later_homing(folder: Path) -> None:
 
 def test_an_owner_sees_the_part_before_it_is_printed(folder: Path) -> None:
     run("mend", folder / "part.gcode", "-m", folder / "printer.mend.json")
-    view = look_at(folder / "part.gcode", folder / "part.mended.gcode", BENT, placed=True)
+    view = look_at(folder / "part.gcode", folder / "part.mended.gcode", BENT)
     assert view is not None
     before, after = (float(np.sqrt(np.mean(each.off_mm**2))) for each in (view.before, view.after))
     assert before > 0.1
     assert after < 0.01
     assert ((view.low_mm >= 0) & (view.high_mm <= 220)).all()
     (folder / "taller.gcode").write_bytes(SQUARE + b"\nG1 Z5\nG1 X70 Y60 E9\n")
-    assert look_at(folder / "part.gcode", folder / "taller.gcode", BENT, placed=True) is None  # other layers
+    assert look_at(folder / "part.gcode", folder / "taller.gcode", BENT) is None  # other layers
 
 
 def test_a_seam_is_drawn_where_it_is_printed(folder: Path) -> None:
@@ -279,7 +279,7 @@ def test_a_seam_is_drawn_where_it_is_printed(folder: Path) -> None:
     rows = "".join(f"G1 X{x:.3f} Y{y:.3f} E1\n" for x, y in star)
     (folder / "star.gcode").write_bytes(START + f"G0 X{star[0, 0]} Y{star[0, 1]}\nG1 F1800\n{rows}".encode())
     mend_gcode(folder / "star.gcode", exactly(broken), folder / "star.mended.gcode")
-    view = look_at(folder / "star.gcode", folder / "star.mended.gcode", broken, placed=True)
+    view = look_at(folder / "star.gcode", folder / "star.mended.gcode", broken)
     assert view is not None
     assert len(view.seams_mm) > 10
     off = shapely.distance(shapely.LineString(star), shapely.points(view.seams_mm))

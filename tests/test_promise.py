@@ -16,7 +16,7 @@ from printmend.export.firmware import remainder
 from printmend.export.supported import export_supported
 from printmend.gcode.container import open_gcode
 from printmend.infer.posterior import DRAWS
-from printmend.path import Trace
+from printmend.path import FLATBED, Trace
 from printmend.printer import read_printer
 from printmend.promise.belief import belief_section, parse_belief
 from printmend.promise.predict import (
@@ -37,10 +37,12 @@ from printmend.repair.against import judge_gcode
 from printmend.repair.learned import learn_model
 from printmend.repair.mend import _check_worth_writing
 from printmend.repair.prediction import advice_of
+from printmend.report.part_view import look_at
 from printmend.saved.model import SavedModel, exact_model
+from printmend.studio.scene import as_printed, read_drawing
 from printmend.twin import Twin
 from tests.mending import SQUARE
-from tests.promised import BENT, CIRCLE, ENDER3, HEALTHY, measured
+from tests.promised import BENT, CIRCLE, ENDER3, HEALTHY, measured, scanned
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +74,31 @@ def test_the_promise_is_kept_and_says_what_it_is_made_of(bent: SavedModel, part:
     said = done.prediction.summary()
     assert "9 of 10 prints" in said
     assert "what the test print left open 0.00" in said
+
+
+def test_figures_and_pictures_leave_the_same_shift_out(part: Path) -> None:
+    """Nobody knows where a scan lay: figures, the page's colours and the report's are of the shape."""
+    model = learn_model(scanned(measured(BENT, 0.02, 1), np.zeros((2, 2)), FLATBED), ENDER3)
+    done = mend_gcode(part, model, part.with_name("out.gcode")).prediction
+    assert done.of_shape
+    shift_mm = float(np.hypot(*done.shift_mm))
+    assert shift_mm > 0.05
+    assert f"all of it also lies {shift_mm:.2f} mm beside its place" in done.summary()
+    assert done.json()["shift_mm"] == pytest.approx(done.shift_mm)
+    drawing = read_drawing(part, ENDER3)
+    shape, all_of = (as_printed(drawing, model.mechanism, aligned=aligned) for aligned in (True, False))
+    assert done.path is not None
+    figure = float(np.sqrt(np.average(shape_of(done.path) ** 2, weights=done.path.weight)))
+    assert shape.rms_mm(shape.raw_error_mm) == pytest.approx(figure, rel=0.03)
+    assert all_of.rms_mm(all_of.raw_error_mm) > 1.1 * figure
+    view = look_at(part, part.with_name("out.gcode"), model.mechanism, shift_mm=done.shift_mm)
+    assert view is not None
+    assert np.sqrt(np.mean(view.before.off_mm**2)) == pytest.approx(figure, rel=0.05)
+    known = check_gcode(part, exact_model(Twin.of(BENT, ENDER3).homed()))  # its figures contain the place
+    assert not known.of_shape
+    assert "these figures contain that" in known.summary()
+    still = check_gcode(part, exact_model(Twin.of(HEALTHY, ENDER3).homed()))
+    assert (still.shift_words, still.shift_mm) == ("", pytest.approx((0.0, 0.0), abs=1e-9))
 
 
 def test_less_is_promised_where_less_was_measured(bent: SavedModel, part: Path) -> None:

@@ -107,17 +107,6 @@ def test_only_this_computer_and_its_own_pages_may_talk_to_it(folder: Path) -> No
         assert client.post("/api/play/preview", json={}, headers={"origin": HERE}).status_code == 200
 
 
-def test_a_token_is_asked_for_and_kept_as_a_cookie_that_scripts_cannot_read(folder: Path) -> None:
-    with _client(folder, token="secret-word") as client:  # noqa: S106 - a test's own
-        assert client.get("/").status_code == client.get("/api/health").status_code == 401
-        assert client.get("/api/health", headers={"authorization": "Bearer wrong"}).status_code == 401
-        assert client.get("/api/health", headers={"authorization": "Bearer secret-word"}).status_code == 200
-        come = client.get("/", params={"token": "secret-word"})
-        assert come.status_code == 200
-        assert "HttpOnly; SameSite=Strict" in come.headers["set-cookie"]
-        assert client.get("/api/health").status_code == 200  # the browser sends the cookie now
-
-
 def test_nothing_that_is_sent_grows_without_bounds_or_gets_out_of_its_folder(folder: Path) -> None:
     with _client(folder, most_bytes=1000) as client:
         assert client.post("/api/uploads?name=a.gcode", content=b"x" * 1001).status_code == 413
@@ -487,6 +476,15 @@ def test_jobs_are_done_stopped_and_begun_again_and_another_program_mends_by_addr
             studio._open("DELETE", f"/jobs/{job}").close()
             followed.read()  # ends whole, as that of any other job: a stream that breaks off raises here
             assert (folder / "uploads" / kept).exists() == left_over
+        one, gone, two = (studio.post(f"/printers/{key}/mend", {"upload": studio.upload(part), "scene": False})["id"]
+                          for _ in range(3))  # fmt: skip
+        shared = studio._open("GET", f"/jobs/events?key={one}&key={gone}&key={two}&key={old}")
+        studio._open("DELETE", f"/jobs/{gone}").close()
+        told = [json.loads(line[6:]) for line in shared.read().decode().splitlines() if line.startswith("data: ")]
+        last = {job["id"]: job["state"] for job in told}
+        assert (last[one], last[two]) == ("done", "done")
+        with pytest.raises(StudioError, match="wanted a job of this studio"):
+            studio._open("GET", f"/jobs/events?key={old}&key={gone}")
         going = studio.post("/play")["id"]
         stream = studio._open("GET", f"/jobs/{going}/events")
     finally:

@@ -110,13 +110,6 @@ def test_a_test_print_is_copied_as_it_is_and_mended_by_hand_alone(job: Watch) ->
     assert out.read_bytes() == probe.read_bytes()
 
 
-def test_the_plug_ins_know_a_test_print_as_printmend_does() -> None:
-    folder = Path(__file__).parents[1] / "integrations"
-    expression = mark._TEST_PRINT.pattern.decode()
-    for name in ("octoprint/octoprint_printmend/__init__.py", "moonraker/printmend.py", "klipper/printmend.py"):
-        assert f'TEST_PRINT = re.compile(rb"{expression}", re.MULTILINE)' in (folder / name).read_text()
-
-
 def test_the_command(job: Watch) -> None:
     (job.source / "part.gcode").write_bytes(SQUARE)
     os.utime(job.source / "part.gcode", (1, 1))

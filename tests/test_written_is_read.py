@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from printmend.promise.belief import parse_belief
 
 from printmend.corruption import Corruption, Drive, EccentricBore, Play, sample
 from printmend.path import FLATBED, Trace
 from printmend.printer import Printer, read_printer
+from printmend.promise.belief import parse_belief
 from printmend.repair.history import ageing_of, read_history, remember_learned, trends_of
 from printmend.repair.learned import learn_model
 from printmend.repair.update import update

@@ -4,26 +4,39 @@
 [printmend]
 model: ~/printer_data/config/printer.mend.json
 #segment: 1.0         longest piece of a corrected move [mm]
+#if_foreign: hold     (or print) a file that was mended with another model
+#if_forged: hold      (or print) a file that was changed after it was mended
 
 What is wanted goes through the inverse of the frame and of each motor's drive: u ← min(max(u, lower(m)), upper(m)) is
 the belt under a motor at m, so m = lower⁻¹(u) going forwards and upper⁻¹(u) going back. Where a motor turns, a move
-that extrudes nothing takes up the slack first. Pure Python: no numpy, no printmend beside Klipper.
+that extrudes nothing takes up the slack first. Pure Python: no numpy, and of printmend only the file that knows seals.
 """
 
 import bisect
-import hashlib
+import importlib.util
 import json
 import math
 import os
-import re
 
-MARK = re.compile(rb"^; mended by printmend (\S+)", re.MULTILINE)
-TEST_PRINT = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)  # as printmend.gcode.mark has it
+PLACE = os.path.join(os.path.dirname(os.path.realpath(__file__)), "../../src/printmend/provenance.py")
 NEWEST = 2
 PITCH_MM = 0.05  # of the tables, and at least 24 places a wave
 EXPONENTS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
 STILL_MM = 1e-7
 LEFT_MM = 0.02  # what corrected pieces may leave
+
+
+def load_provenance():
+    """Return printmend's module of marks and seals, from the folder that this file was linked from."""
+    if not os.path.isfile(PLACE):
+        raise ImportError(f"there is no {PLACE}: link printmend.py out of printmend's folder, do not copy it")
+    spec = importlib.util.spec_from_file_location("printmend_provenance", PLACE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+provenance = load_provenance()
 
 
 class ModelRefused(Exception):
@@ -42,8 +55,8 @@ def read_model(path):
     if document.get("version", 0) > NEWEST:
         raise ModelRefused(f"{path} was written by a newer printmend: update this extra")
     digest = document.pop("digest", None)
-    plain = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
-    if digest != hashlib.sha256(plain.encode()).hexdigest()[:16]:
+    document["key"] = provenance.seal_key(document)
+    if digest != document["key"][:16]:
         raise ModelRefused(f"{path} was changed or damaged: copy it again")
     if document.get("screw") is not None:
         raise ModelRefused("the model has a bad Z screw, which a live transform cannot correct: use `printmend mend`")
@@ -261,6 +274,9 @@ class Printmend:
         except ModelRefused as refused:
             raise config.error(f"[printmend] {refused}") from None
         self._compare(config, document["printer"])
+        self.key = document["key"]
+        choices = {"hold": "hold", "print": "print"}
+        self.chosen = {state: config.getchoice("if_" + state, choices, "hold") for state in ("foreign", "forged")}
         self.machine = Machine(document)
         left_mm = self.machine.left_mm(self.segment_mm)
         if left_mm > LEFT_MM:
@@ -358,17 +374,33 @@ class Printmend:
             self.gcode_move.reset_last_position()
 
     def _loaded(self):
-        """Leave a mended file alone, and a test print, which must show the printer as it is."""
+        """Leave a mended file alone, and a test print, which must show the printer as it is.
+
+        Raises where the file is another model's: whoever loaded it to print it gets the error, and nothing is printed.
+        """
         path = self.printer.lookup_object("virtual_sdcard").file_path()
-        try:
-            with open(path, "rb") as file:
-                start = file.read(1 << 20)
-        except (OSError, TypeError):
-            return
-        what = "mended" if MARK.search(start) else "a test print" if TEST_PRINT.search(start) else ""
+        start = provenance.head_of(path or "")
+        mark = provenance.MARK.search(start)
+        if mark is not None:
+            self._refuse(mark[2].decode("ascii", "replace"), path)
+        what = "mended" if mark else "a test print" if provenance.TEST_PRINT_MARK.search(start) else ""
         if what and self.active:
             self._switch(False)
             self.printer.lookup_object("gcode").respond_info(f"printmend: the file is {what}; moves stay as they are")
+
+    def _refuse(self, digest, path):
+        """Raise where a mended file is another model's, or is not what printmend wrote."""
+        reactor = self.printer.get_reactor()
+        if digest != self.key[:16]:
+            state, words = "foreign", f"was mended with model {digest}, and {self.key[:16]} is in use"
+        elif not provenance.is_sealed(path, self.key, breathe=lambda: reactor.pause(reactor.monotonic())):
+            state, words = "forged", "was changed after it was mended"
+        else:
+            return
+        if provenance.action(state, self.chosen) == "hold":
+            raise self.printer.command_error(
+                f"printmend: {os.path.basename(path)} {words}; mend its original again, or choose if_{state}: print"
+            )
 
     def _unloaded(self):
         self._switch(True)

@@ -13,6 +13,7 @@ from klippy_judge import judge_both
 from klippy_run import RefusedByPlanner, plan
 from printmend.corruption import corruption_toml, sample
 from printmend.printer import read_printer
+from printmend.repair import mend_gcode
 from printmend.saved.model import exact_model, read_model, write_model
 from true_printer import TruePrinter
 
@@ -83,3 +84,28 @@ def test_its_tables_are_the_models(family: str, tmp_path: Path) -> None:
         assert np.abs(upper - [drive.at(drive.upper, m) for m in places]).max() < 2e-4
         back = [drive.inverse(drive.lower, drive.at(drive.lower, m)) for m in places]
         assert np.abs(places - back).max() < 1e-6
+
+
+def test_a_file_of_another_model_or_changed_since_is_not_begun(tmp_path: Path) -> None:
+    (cards := tmp_path / "cards").mkdir()
+    machine = sample("play", np.random.default_rng(1)).lower(ENDER3)
+    other = sample("play", np.random.default_rng(2)).lower(ENDER3)
+    write_model(model := tmp_path / "printer.mend.json", exact_model(machine))
+    (source := tmp_path / "part.gcode").write_bytes(part(1))
+    for name, who in (("own", machine), ("foreign", other)):
+        mend_gcode(source, exact_model(who), cards / f"{name}.gcode")
+    (cards / "forged.gcode").write_bytes((cards / "own.gcode").read_bytes().replace(b"F1800", b"F1900"))
+
+    def said(name: str, *more: str) -> str:
+        lines = "\n".join([f"[printmend]\nmodel: {model}", *more, f"[virtual_sdcard]\npath: {cards}\n"])
+        plan(f"SDCARD_PRINT_FILE FILENAME={name}.gcode\n".encode(), ENDER3, tmp_path, extras=lines)
+        return (tmp_path / "log").read_text(errors="replace")
+
+    with pytest.raises(RefusedByPlanner, match="was mended with model"):
+        said("foreign")
+    with pytest.raises(RefusedByPlanner, match="was changed after it was mended"):
+        said("forged")
+    for name, more in (("own", ()), ("foreign", ("if_foreign: print",)), ("forged", ("if_forged: print",))):
+        log = said(name, *more)
+        assert "the file is mended; moves stay as they are" in log
+        assert "mend its original again" not in log

@@ -1,22 +1,26 @@
 """The OctoPrint plugin, installed as a package in a real OctoPrint with its virtual printer."""
 
 import re
+import shutil
 import subprocess
+import tempfile
+import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from hosts import PRINTMEND, call, environment, form, free_port, running, wait_for
+from hosts import INTEGRATIONS, PRINTMEND, call, environment, form, free_port, running, wait_for
 from parts import part
 from playwright.sync_api import expect
-from studio_server import CHROMIUM, Server, Watched, chromium
+from studio_server import CHROMIUM, PICTURES, Server, Watched, chromium
 
 from klippy_run import HOSTS
 from printmend.client import Studio, StudioError
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.printer import read_printer
+from printmend.repair import mend_gcode
 from printmend.saved.model import exact_model, write_model
 
 expect.set_options(timeout=600_000)  # as long as a busy machine may take
@@ -46,6 +50,35 @@ class OctoPrint:
     def told(self, name: str) -> dict:
         return self.get(f"/api/files/local/{name}").get("printmend", {})
 
+    def start(self, name: str) -> None:
+        wait_for(lambda: self.state() == "Operational", "the printer free")
+        self.get(f"/api/files/local/{name}", {"command": "select", "print": True})
+
+    def disk(self, name: str) -> Path:
+        return self.base / "uploads" / name
+
+    def said(self, what: str) -> int:
+        """Return how often the plugin's log says something."""
+        return (self.base / "logs/octoprint.log").read_text().count(what)
+
+    def refuses(self, name: str, reason: str) -> bool:
+        """Say whether a file's print was refused before a line of it was sent."""
+        refused, before = self.said(f"refused {name}"), len(self.sent())
+        self.start(name)
+        wait_for(lambda: self.said(f"refused {name}") > refused, "the refusal")
+        wait_for(lambda: self.state() == "Operational", "the printer free")
+        lines = {line.split(";")[0].strip() for line in self.disk(name).read_text().splitlines()}
+        return not [line for line in self.sent()[before:] if line in lines and line[:3] == "G1 "] and self.said(reason)
+
+    def prints(self, name: str, mended: str) -> None:
+        """Start a file; return when all of another was sent."""
+        before = len(self.sent())
+        self.start(name)
+        wait_for(lambda: self.last(mended) in self.sent()[before:] and self.state() == "Operational", "the print")
+
+    def last(self, name: str) -> str:
+        return [line for line in self.disk(name).read_text().splitlines() if line.startswith("G1")][-1].split(";")[0]
+
     def state(self) -> str:
         return self.get("/api/job")["state"]
 
@@ -61,22 +94,37 @@ class OctoPrint:
         return re.findall(r"- Send: N\d+ (.*)\*\d+$", log, re.MULTILINE)
 
 
-@contextmanager
-def octoprint_running(base: Path) -> Iterator[OctoPrint]:
-    """Run OctoPrint with the plugin and its virtual printer in ``base`` until the end of the block."""
+def learned(path: Path, slack_mm: float) -> bytes:
+    """Write a model; return a part that was mended with it."""
+    model = exact_model(Corruption((Drive(belt=Play(slack_mm)), Drive(belt=Play(0.6)))).lower(read_printer("ender3")))
+    write_model(path, model)
+    with tempfile.TemporaryDirectory() as work:
+        (source := Path(work, "in.gcode")).write_bytes(part(1, size_mm=6.0))
+        mend_gcode(source, model, out := Path(work, "out.gcode"))
+        return out.read_bytes()
+
+
+def set_up(base: Path, program: Path) -> None:
+    """Make the settings, a user and a model."""
     model = base / "printer.mend.json"
-    machine = Corruption((Drive(belt=Play(0.4)), Drive(belt=Play(0.6)))).lower(read_printer("ender3"))
-    write_model(model, exact_model(machine))
+    learned(model, 0.4)
     gated = base / "gated"  # printmend that waits for as long as there is a file HOLD
     wait = f'while [ -e "{base}/HOLD" ]; do sleep 0.1; done'
     gated.write_text(f'#!/bin/sh\necho "37 %" >&2\n{wait}\nexec "{PRINTMEND}" "$@"\n')
     gated.chmod(0o755)
     (base / "config.yaml").write_text(CONFIG.format(command=gated, model=model))
-    program = HOSTS / "octoprint/bin/octoprint"
     add = [program, "--basedir", base, "user", "add", "me", "--password", "pw", "--admin"]
     subprocess.run(list(map(str, add)), check=True, capture_output=True, env=environment())  # noqa: S603
     users = base / "users.yaml"
     users.write_text(users.read_text().replace("apikey: null", f"apikey: {KEY}"))
+
+
+@contextmanager
+def octoprint_running(base: Path) -> Iterator[OctoPrint]:
+    """Run OctoPrint with the plugin and its virtual printer in ``base`` until the end of the block."""
+    program = HOSTS / "octoprint/bin/octoprint"
+    if not (base / "config.yaml").exists():
+        set_up(base, program)
     port = free_port()
     serve = [program, "serve", "--iknowwhatimdoing", "--basedir", base, "--host", "127.0.0.1", "--port", port]
     with running(serve, base / "out", env=environment()):
@@ -103,10 +151,11 @@ def hold(octoprint: OctoPrint) -> Iterator[Path]:
 def test_upload_and_print_prints_the_mended_copy_alone(octoprint: OctoPrint) -> None:
     text = part(1, size_mm=6.0)
     octoprint.upload("part.gcode", text, start=True)
-    wait_for(lambda: octoprint.told("part.mended.gcode").get("state") == "mended", "the copy")
+    wait_for(lambda: octoprint.told("part.mended.gcode").get("state") == "current", "the copy")
     told = octoprint.told("part.mended.gcode")
     assert told["after"]["rms_mm"] < 0.01 < 0.1 < told["before"]["rms_mm"]
-    wait_for(lambda: octoprint.told("part.gcode") == {"state": "original", "copy": "part.mended.gcode"}, "the link")
+    wait_for(lambda: octoprint.told("part.gcode").get("copy") == "part.mended.gcode", "the link")
+    assert octoprint.told("part.gcode")["state"] == "unmended"
     mended = octoprint.base / "uploads/part.mended.gcode"
     lines = [line.split(";")[0].strip() for line in mended.read_text().splitlines()]
     lines = [line for line in lines if line]
@@ -129,14 +178,14 @@ def test_an_upload_is_answered_at_once(octoprint: OctoPrint, hold: Path) -> None
     octoprint.upload("quick.gcode", part(1, size_mm=6.0))  # returns, though mending cannot end
     assert octoprint.told("quick.mended.gcode") == {}
     hold.unlink()
-    wait_for(lambda: octoprint.told("quick.mended.gcode").get("state") == "mended", "the copy")
+    wait_for(lambda: octoprint.told("quick.mended.gcode").get("state") == "current", "the copy")
 
 
 def test_a_test_print_is_printed_as_it_is(octoprint: OctoPrint) -> None:
     text = b"; printmend first layer: of a part\n" + part(1, size_mm=7.0)
     before = len(octoprint.sent())
     octoprint.upload("probe.gcode", text, start=True)
-    wait_for(lambda: octoprint.told("probe.gcode") == {"state": "test print"}, "the word for it")
+    wait_for(lambda: octoprint.told("probe.gcode").get("state") == "test print", "the word for it")
     lines = [line.split(";")[0].strip() for line in text.decode().splitlines()]
     lines = [line for line in lines if line]
     wait_for(lambda: octoprint.state() == "Operational" and lines[-1] in octoprint.sent()[before:], "the print")
@@ -163,6 +212,127 @@ def test_what_cannot_be_mended_is_not_printed(octoprint: OctoPrint) -> None:
     assert not [line for line in octoprint.sent()[before:] if "X9" in line]
 
 
+def test_neither_a_mark_nor_a_name_is_believed(octoprint: OctoPrint, tmp_path: Path) -> None:
+    foreign, own = learned(tmp_path / "m.json", 0.9), learned(octoprint.base / "printer.mend.json", 0.4)
+    mark = next(line for line in own.splitlines(True) if line.startswith(b"; mended by"))
+    texts = {"foreign": (foreign, "not this printer's"), "forged": (mark + part(1), "not what printmend wrote")}
+    for state, (text, reason) in texts.items():
+        octoprint.upload(f"{state}.mended.gcode", text)
+        wait_for(lambda state=state: octoprint.told(f"{state}.mended.gcode").get("state") == state, state)
+        assert octoprint.refuses(f"{state}.mended.gcode", reason)
+    # An unmended file of a mended one's name is one that gets a copy.
+    octoprint.upload("evil.mended.gcode", part(1, size_mm=5.0), start=True)
+    wait_for(lambda: octoprint.told("evil.mended.mended.gcode").get("state") == "current", "its copy")
+    wait_for(lambda: octoprint.last("evil.mended.mended.gcode") in octoprint.sent()[-30:], "the print of its copy")
+    wait_for(lambda: octoprint.state() == "Operational", "the end of the print")
+    # What was mended somewhere else with this model is printed.
+    octoprint.upload("elsewhere.gcode", own)
+    wait_for(lambda: octoprint.told("elsewhere.gcode").get("state") == "current", "the seal")
+    octoprint.prints("elsewhere.gcode", "elsewhere.gcode")
+
+
+def test_a_copy_lives_as_long_as_its_original(octoprint: OctoPrint, hold: Path) -> None:
+    copy = octoprint.disk("v.mended.gcode")
+    octoprint.upload("v.gcode", part(1, size_mm=6.0))
+    wait_for(lambda: octoprint.told("v.gcode").get("copy") == "v.mended.gcode", "the copy")
+    hold.touch()
+    octoprint.upload("v.gcode", part(1, size_mm=7.0))
+    wait_for(lambda: not copy.exists(), "the old copy gone")
+    hold.unlink()
+    wait_for(lambda: octoprint.told("v.gcode").get("copy") == "v.mended.gcode", "the new copy")
+    octoprint.get("/api/files/local/v.gcode", {"command": "move", "destination": "w.gcode"})
+    wait_for(lambda: octoprint.told("w.gcode").get("copy") == "w.mended.gcode", "the copy of the new name")
+    assert not copy.exists()
+    call(f"{octoprint.url}/api/files/local/w.gcode", headers={"X-Api-Key": KEY}, method="DELETE")
+    wait_for(lambda: not octoprint.disk("w.mended.gcode").exists(), "the copy gone with its original")
+
+
+def test_what_the_printer_was_before_is_mended_anew(octoprint: OctoPrint) -> None:
+    """After learning again: beside its original, under a name of its own, and all at once."""
+    model = octoprint.base / "printer.mend.json"
+    octoprint.upload("o.gcode", part(1, size_mm=8.0))
+    wait_for(lambda: octoprint.told("o.gcode").get("copy") == "o.mended.gcode", "the copy")
+    octoprint.get("/api/files/local/o.mended.gcode", {"command": "copy", "destination": "mine.gcode"})
+    wait_for(lambda: octoprint.told("mine.gcode").get("state") == "current", "a copy of the copy")
+    old = octoprint.disk("mine.gcode").read_bytes()
+    learned(model, 0.3)
+    octoprint.prints("mine.gcode", "mine.gcode")
+    assert octoprint.disk("mine.gcode").read_bytes() != old
+    octoprint.prints("o.gcode", "o.mended.gcode")
+    assert octoprint.disk("o.mended.gcode").read_bytes() == octoprint.disk("mine.gcode").read_bytes()
+    learned(model, 0.4)
+    queued = octoprint.get("/api/plugin/printmend", {"command": "mend_all"})["queued"]
+    assert {"o.mended.gcode", "mine.gcode"} <= set(queued)
+    wait_for(lambda: octoprint.disk("o.mended.gcode").read_bytes() == old, "the first model's copy again")
+    # One whose original is gone is not printed.
+    wait_for(lambda: octoprint.disk("mine.gcode").read_bytes() == old, "and the other")
+    call(f"{octoprint.url}/api/files/local/o.gcode", headers={"X-Api-Key": KEY}, method="DELETE")
+    wait_for(lambda: not octoprint.disk("o.mended.gcode").exists(), "the copy gone with its original")
+    learned(model, 0.3)
+    assert octoprint.refuses("mine.gcode", "original is not here any more")
+    learned(model, 0.4)
+
+
+def test_mending_waits_for_a_print_and_an_ending_may_be_in_capitals(octoprint: OctoPrint) -> None:
+    octoprint.upload("long.gcode", b"; printmend probe: one that waits\nM0\n" + part(2), start=True)
+    wait_for(lambda: octoprint.state() == "Paused", "the pause")
+    octoprint.upload("c.GCODE", part(1, size_mm=6.0))
+    wait_for(lambda: octoprint.told("c.GCODE").get("state") == "unmended", "the word for it")
+    assert octoprint.get("/api/plugin/printmend")["waiting"] == ["c.mended.gcode"]
+    octoprint.get("/api/job", {"command": "cancel"})
+    wait_for(lambda: octoprint.told("c.mended.gcode").get("state") == "current", "the copy")
+    octoprint.prints("c.GCODE", "c.mended.gcode")
+
+
+def test_a_restart_forgets_nothing(tmp_path: Path) -> None:
+    with octoprint_running(tmp_path) as octoprint:
+        octoprint.upload("r.gcode", part(1, size_mm=6.0))
+        wait_for(lambda: octoprint.told("r.gcode").get("copy") == "r.mended.gcode", "the copy")
+        healthy = part(1, size_mm=5.0)
+        write_model(tmp_path / "printer.mend.json", exact_model(Corruption().lower(read_printer("ender3"))))
+        octoprint.upload("healthy.gcode", healthy)
+        wait_for(lambda: octoprint.told("healthy.gcode").get("copy"), "the copy of a healthy printer")
+        assert octoprint.told("healthy.gcode")["state"] == "current"
+    learned(tmp_path / "printer.mend.json", 0.4)
+    with octoprint_running(tmp_path) as octoprint:
+        octoprint.prints("r.gcode", "r.mended.gcode")
+        assert octoprint.said("start r.gcode") == 1  # it was mended once
+        octoprint.prints("healthy.gcode", "healthy.mended.gcode")
+        assert octoprint.disk("healthy.gcode").read_bytes() == healthy
+        assert octoprint.disk("healthy.mended.gcode").read_bytes() != healthy
+
+
+def test_a_model_is_uploaded_and_tried(octoprint: OctoPrint) -> None:
+    model = octoprint.base / "printer.mend.json"
+    send = {"X-Api-Key": KEY, "Content-Type": "application/octet-stream"}
+    refused = call(f"{octoprint.url}/plugin/printmend/model", model.read_bytes().replace(b"0.4", b"0.5"), send)
+    assert (refused["status"], "changed or damaged" in refused["text"]) == (400, True)
+    told = call(f"{octoprint.url}/plugin/printmend/model", model.read_bytes(), send)
+    assert told["printer"] == "Creality Ender-3"
+    assert Path(told["path"]).read_bytes() == model.read_bytes()
+    assert octoprint.get("/api/settings")["plugins"]["printmend"]["model"] == told["path"]
+    now = octoprint.get("/api/plugin/printmend")
+    assert (now["model"], [one["path"] for one in now["models"]]) == (told["model"], [told["path"]])
+    octoprint.get("/api/plugin/printmend", {"command": "test"})
+    wait_for(lambda: octoprint.said("tested  {'reason': ''"), "the test square")
+    octoprint.get("/api/settings", {"plugins": {"printmend": {"model": str(model)}}})
+
+
+def test_its_folder_alone_is_a_package_that_octoprint_can_install(tmp_path: Path) -> None:
+    """As the plugin manager installs an archive, but for the network."""
+    archive = shutil.make_archive(str(tmp_path / "plugin"), "zip", INTEGRATIONS, "octoprint")
+    python, wheels = HOSTS / "octoprint/bin/python", tmp_path / "wheels"
+    command = [python, "-m", "pip", "wheel", "--no-index", "--no-build-isolation", "--no-deps", "-w", wheels, archive]
+    subprocess.run(list(map(str, command)), check=True, capture_output=True)  # noqa: S603
+    with zipfile.ZipFile(next(wheels.glob("*.whl"))) as wheel:
+        names = wheel.namelist()
+        told = wheel.read(next(name for name in names if name.endswith("METADATA"))).decode()
+    for name in ("provenance.py", "program.py", "static/js/printmend.js", "templates/printmend_settings.jinja2"):
+        assert f"octoprint_printmend/{name}" in names
+    assert any(name.endswith("LICENSE") for name in names)
+    assert "Author: printmend's authors" in told
+
+
 @pytest.mark.skipif(not CHROMIUM.exists(), reason="needs Debian's chromium")
 def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint, hold: Path) -> None:
     with chromium() as browser:
@@ -186,6 +356,22 @@ def test_a_popup_tells_of_mending_and_cancels_it(octoprint: OctoPrint, hold: Pat
         hold.unlink()
         octoprint.upload("shown2.gcode", part(1, size_mm=6.0))
         expect(popup.filter(has_text="shown2.mended.gcode").filter(has_text="→")).to_be_visible()
+        # The list says the same, and that the model is another one now.
+        page.locator("#files .search-query").fill("shown2")  # a page of the list has few files
+        entry = page.locator("#files .entry").filter(has_text="shown2.mended.gcode")
+        expect(entry.locator(".printmend")).to_have_text(re.compile(r"^mended 0\.\d+ mm → 0\.00\d mm$"))
+        page.screenshot(path=PICTURES / "octoprint-files.png")
+        learned(octoprint.base / "printer.mend.json", 0.3)
+        page.evaluate("$('.modal.in').modal('hide')")  # what OctoPrint itself has to say of the tests before
+        expect(page.locator(".modal-scrollable")).to_have_count(0)
+        page.locator("#navbar_show_settings").click()
+        page.locator("#settings_plugin_printmend_link a").click()
+        settings = page.locator("#settings_plugin_printmend")
+        settings.get_by_role("button", name="Save and test").click()
+        expect(settings.get_by_role("status").filter(has_text="a test square")).to_contain_text("→")
+        expect(entry.locator(".printmend")).to_contain_text("mended with an earlier model")
+        page.screenshot(path=PICTURES / "octoprint-settings.png")
+        learned(octoprint.base / "printer.mend.json", 0.4)
     assert octoprint.told("shown.gcode") == {"state": "failed", "reason": "cancelled"}
 
 

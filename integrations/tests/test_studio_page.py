@@ -379,6 +379,23 @@ def test_what_goes_wrong_is_said_in_one_line(browser: Browser, server: Server, t
     page.context.close()  # the browser notes each answer of 400 as an error of the page, rightly
 
 
+def test_tabs_share_one_stream_of_events(browser: Browser, server: Server, tmp_path: Path) -> None:
+    """A browser opens six connections to a server; with a stream each, the seventh tab would wait."""
+    (source := tmp_path / "part.gcode").write_bytes(part(2))
+    studio, context = Studio(server.address), browser.new_context(locale="en-GB")
+    pages = [Watched(context.new_page(), server.address) for _ in range(8)]
+    for k, watched in enumerate(pages):
+        key = _measured(server, f"Tab {k}")
+        studio.post(f"/printers/{key}/mend", {"upload": studio.upload(source)})
+        watched.page.goto(server.address + f"#/printers/{key}/mend")
+    for watched in pages:
+        expect(watched.page.get_by_role("link", name="Download mended")).to_be_visible()
+        asked = watched.page.evaluate("performance.getEntriesByType('resource').map((one) => one.name)")
+        assert not [one for one in asked if one.endswith("/events")]
+        assert (watched.problems, watched.foreign) == ([], [])
+    context.close()
+
+
 def test_of_several_files_each_has_its_own_fate(browser: Browser, server: Server, tmp_path: Path) -> None:
     """One is mended, one is for a larger bed and mended all the same, one is no G-code and is taken off the list."""
     watched, key = _page(browser, server), _measured(server, "Three at once")

@@ -1,24 +1,31 @@
 """`printmend studio`: everything in the browser."""
 
+import os
+import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import click
 
 
 @click.command(epilog="Example: printmend studio")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens. Any other than this computer "
-              "needs a token, which is printed once.")  # fmt: skip
+@click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens. Elsewhere than on this "
+              "computer only known devices come in; the first one's address is printed once.")  # fmt: skip
 @click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0 takes a free one.")
 @click.option("--name", "names", multiple=True, metavar="NAME", help="A further name by which browsers reach it.")
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 @click.option("--folder", type=click.Path(path_type=Path, file_okay=False), help="Where everything is kept [default: a "
               "folder of the user's]")  # fmt: skip
+@click.option("--device", metavar="NAME", help="Let in another device, print its address, and end.")
+@click.option("--revoke", metavar="NAME", help="Let a device in no longer, and end.")
+@click.option("--devices", is_flag=True, help="List the devices that are let in, and end.")
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True, help="Jobs at a time.")
 @click.option("--cluster", help="Run jobs on Dask workers instead, which see the folder, too: tcp://HOST:PORT of a "
               "scheduler, or local:N.")  # fmt: skip
+# Its many parameters are its options.
 def command(
-    host: str, port: int, names: tuple[str, ...], no_browser: bool, folder: Path | None, workers: int,
-    cluster: str | None,
+    host: str, port: int, names: tuple[str, ...], no_browser: bool, folder: Path | None, device: str | None,
+    revoke: str | None, devices: bool, workers: int, cluster: str | None,
 ) -> None:  # fmt: skip
     """Open printmend in the browser: your printers, measuring, mending, and a printer to break.
 
@@ -30,9 +37,36 @@ def command(
         "printmend studio", "cv2", "fastapi", "httpx2", "matplotlib", "pebble", "PIL", "reportlab", "scipy",
         "sqlalchemy", "uvicorn", *(["distributed"] if cluster else []),
     )  # fmt: skip
-    from printmend.studio.serve import serve
+    from printmend.studio.devices import Devices
+    from printmend.studio.serve import let_in, serve
 
-    folder = folder or Path(click.get_app_dir("printmend")) / "studio"
-    folder.mkdir(parents=True, exist_ok=True)
-    serve(folder, host=host, port=port, names=names, browser=not no_browser, workers=workers, cluster=cluster,
-          told=lambda words: click.echo(words))  # fmt: skip
+    folder = _made(folder or usual_folder())
+    if device is not None:
+        click.echo(f"{device}: {let_in(folder, device, host=host, port=port)}")
+    if revoke is not None:
+        Devices(folder).revoke(revoke)
+        click.echo(f"{revoke} is let in no longer")
+    if devices:
+        for one in Devices(folder).known():
+            click.echo(f"{one.name}, since {datetime.fromtimestamp(one.created_s, UTC).date().isoformat()}")
+    if device is None and revoke is None and not devices:
+        serve(folder, host=host, port=port, names=names, browser=not no_browser, workers=workers, cluster=cluster,
+              told=lambda words: click.echo(words))  # fmt: skip
+
+
+def usual_folder() -> Path:
+    """Return where a studio keeps everything: where the system has users' data, or where earlier versions put it."""
+    before = Path(click.get_app_dir("printmend")) / "studio"
+    if before.is_dir() or sys.platform in ("win32", "darwin"):
+        return before
+    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share") / "printmend/studio"
+
+
+def _made(folder: Path) -> Path:
+    """Return the folder, made for its owner only where it was not there."""
+    if not folder.is_dir():
+        folder.mkdir(parents=True)
+        folder.chmod(0o700)
+    elif folder == usual_folder():
+        folder.chmod(0o700)
+    return folder

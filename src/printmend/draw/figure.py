@@ -15,6 +15,11 @@ INK = "#22303a"
 PALETTE = ("#0b7285", "#e8590c", "#5f3dc4", "#2b8a3e", "#c2255c", "#868e96", "#1864ab")
 # Calm where the print is right, hot where it is wrong; the lightness grows to the middle and falls again.
 ERROR_COLOURS = LinearSegmentedColormap.from_list("error", ["#0b7285", "#3bc9b0", "#ffd43b", "#f76707", "#a61e4d"])
+# Of two parts: its lower half is for what is left after mending, which would else look all the same.
+FINE_COLOURS = LinearSegmentedColormap.from_list(
+    "error in two parts",
+    [(0, "#1c3f6e"), (0.5, "#0b7285"), (0.625, "#3bc9b0"), (0.75, "#ffd43b"), (0.875, "#f76707"), (1, "#a61e4d")],
+)
 
 
 def new_figure(columns: int = 1, *, width_in: float = 5.0, height_in: float = 5.0) -> tuple[Figure, list[Axes]]:

@@ -8,11 +8,8 @@ import numpy as np
 
 import printmend
 from printmend.gcode.container import HINT_BYTES
+from printmend.provenance import MARK, MENDED, TEST_PRINT_MARK
 
-_MENDED = b"; mended by printmend "
-_MARK = re.compile(rb"(?:^|\r)(?:\xef\xbb\xbf)?" + _MENDED + rb"\S+ model=(\S+)(?: e=([012])([01])\b)?", re.MULTILINE)
-# The plug-ins under integrations/ run without printmend and hold the same expression.
-_TEST_PRINT = re.compile(rb"^; printmend (probe|first layer): ", re.MULTILINE)
 # Headers that must stay first; the mark follows the line that ends them.
 _HEADERS = (
     (b"; HEADER_BLOCK_START", b"; HEADER_BLOCK_END"),  # Bambu, Orca
@@ -26,19 +23,19 @@ def find_mark(*texts: bytes) -> str | None:
     """Return the model hash of the mark in pieces of a file (`Part.hints`), or None."""
     for text in texts:
         if found := _mark(text):
-            return found[1].decode("ascii", "replace")
+            return found[2].decode("ascii", "replace")
     return None
 
 
 def find_e_rule(text: bytes) -> tuple[int, int] | None:
     """Return how a mended file's E was read, (C_RULE, C_M83), where its mark says it."""
     found = _mark(text)
-    return None if found is None or found[2] is None else (int(found[2]), int(found[3]))
+    return None if found is None or found[3] is None else (int(found[3]), int(found[4]))
 
 
 def _mark(text: bytes) -> re.Match[bytes] | None:
     """Return the mark in a text; the expression looks at each place of it, so it is asked only where the words are."""
-    return _MARK.search(text) if _MENDED in text else None
+    return MARK.search(text) if MENDED in text else None
 
 
 def find_test_print(*texts: bytes) -> str | None:
@@ -48,7 +45,7 @@ def find_test_print(*texts: bytes) -> str | None:
     """
     if find_mark(*texts) is not None:
         return None
-    return next((found[1].decode() for text in texts if (found := _TEST_PRINT.search(text))), None)
+    return next((found[1].decode() for text in texts if (found := TEST_PRINT_MARK.search(text))), None)
 
 
 def is_test_print(path: Path) -> bool:
@@ -75,7 +72,7 @@ def marked(
     ``e_rule`` is how E was read, where that had to be guessed: the mended numbers are read in the same way.
     """
     guessed = "" if e_rule is None else f" e={e_rule[0]}{e_rule[1]}"
-    mark = _MENDED + f"{printmend.__version__} model={model_hash}{guessed}".encode()
+    mark = MENDED + f"{printmend.__version__} model={model_hash}{guessed}".encode()
     first = True
     for chunk in chunks:
         if first:

@@ -211,10 +211,17 @@ def _thinned(path: PathPlaces, placed: bool) -> PathPlaces:
 
 def shape_of(path: PathPlaces) -> np.ndarray:
     """Return the errors across a path [N] less the best shift of the whole part: the errors of its shape."""
-    normal = np.stack([-path.tangent[:, 1], path.tangent[:, 0]], axis=1)
-    root = np.sqrt(path.weight)
-    shift = np.linalg.lstsq(normal * root[:, None], path.off_mm * root, rcond=None)[0]
-    return np.asarray(path.off_mm - normal @ shift)
+    return np.asarray(path.off_mm - _normals(path.tangent) @ best_shift(path.tangent, path.off_mm, path.weight))
+
+
+def best_shift(tangent: np.ndarray, off_mm: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the shift [2] mm of a whole part that leaves the least of its errors across the path [N]."""
+    root = np.sqrt(weight)
+    return np.asarray(np.linalg.lstsq(_normals(tangent) * root[:, None], off_mm * root, rcond=None)[0])
+
+
+def _normals(tangent: np.ndarray) -> np.ndarray:
+    return np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
 
 
 def _aims(mechanism: Mechanism, path: PathPlaces, at_rest: bool) -> _Aims:

@@ -13,7 +13,7 @@ from printmend.clock import Duration, with_times
 from printmend.effects import EFFECTS
 from printmend.errors import GcodeError, RefusedError
 from printmend.files import replacing
-from printmend.gcode.container import GcodeFile, Part, open_gcode
+from printmend.gcode.container import GcodeFile, Part, Text, open_gcode
 from printmend.gcode.header import described
 from printmend.gcode.mark import find_mark, find_test_print, marked
 from printmend.gcode.read import guessed_e_rule
@@ -21,6 +21,7 @@ from printmend.gcode.write import Plan, TimePlace, rewrite
 from printmend.invert import Fineness, Planner, is_identity, start
 from printmend.promise.misfit import refusals
 from printmend.promise.words import in_words
+from printmend.provenance import seal_key, sealed
 from printmend.repair.meant import refuse_contradiction, refuse_other_printer
 from printmend.repair.prediction import Prediction, prediction_of, with_doubt
 from printmend.repair.program import Progress, Read, begun, counted, plan_file
@@ -77,7 +78,14 @@ def mend_gcode(
         with _destination(output) as handle:
             read = []
             folder = None if output is None else output.parent
-            file.write(handle, lambda part: _mended_text(part, planner, model, fineness, progress, read, watch, folder))
+            # Only a text can end with a seal: in a container the programs are compressed, each by itself.
+            key = seal_key(model.document) if file.container == "plain" else None
+
+            def texts(part: Part) -> Iterator[Text]:
+                text = _mended_text(part, planner, model, fineness, progress, read, watch, folder)
+                return text if key is None else sealed(text, key)
+
+            file.write(handle, texts)
             prediction = _predicted(planner, model, read, marks=1)
             if slower is not None:
                 prediction = replace(prediction, warnings=(*prediction.warnings, slower))

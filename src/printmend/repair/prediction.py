@@ -11,7 +11,7 @@ from printmend.invert import Planner
 from printmend.invert import layout as k
 from printmend.promise.belief import parse_belief
 from printmend.promise.misfit import said_of
-from printmend.promise.predict import Errors, PathPlaces, Promise, promised, shape_of, without_doubt
+from printmend.promise.predict import Errors, PathPlaces, Promise, best_shift, promised, shape_of, without_doubt
 from printmend.promise.scale import knows_a_length, knows_all_but_a_reading
 from printmend.promise.words import in_a_line, in_words
 from printmend.saved.model import SavedModel
@@ -20,6 +20,7 @@ from printmend.units import counted
 _EDGE_MM = 0.5  # a print that is less than this beyond the bed's edge, as slicers round it, is on the bed
 _LEAST_GAIN_MM = 0.0005  # a smaller gain is none: the numbers in a file resolve no more
 _NO_ERROR_MM = 1e-6  # root mean square below which a model knows of no error in a file
+_SHIFT_MM = 0.005  # a whole part that is shifted by less lies at its place
 _WORTH_ADVICE_MM = 0.03  # an expected error that may be larger than this is worth another print
 _WORTH_CAUSE_MM = (
     0.005  # … if what it mostly comes from is this much at least: what dots at rest do not show is in every range
@@ -65,6 +66,9 @@ class Prediction:
     beginnings of moves too; ``on_bed`` says whether this is all on the bed.
     ``heights`` are the errors in height before and after, where the model has a Z screw. ``duration`` is how long both
     take, None where nobody asked.
+    ``shift_mm`` is by how much all of the unmended print lies beside its place, as far as the model knows. Where the
+    errors are ``of_shape`` they are those of the shape at its best place, without it: the measurement did not show
+    where on the bed a print lies. Else they contain it.
     """
 
     length_mm: float
@@ -96,6 +100,8 @@ class Prediction:
     advice: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     duration: Duration | None = None
+    shift_mm: tuple[float, float] = (0.0, 0.0)
+    of_shape: bool = False
     path: PathPlaces | None = field(default=None, repr=False)
     gain_mm: np.ndarray | None = field(default=None, repr=False)
     most_worse_share: float = field(default=_MOST_WORSE_SHARE, repr=False)
@@ -132,6 +138,18 @@ class Prediction:
             known_mm = max(known_mm, float(np.abs(self.path.off_mm).max(initial=0.0)))
         return known_mm < _NO_ERROR_MM and self.commands == self.moves
 
+    @property
+    def shift_words(self) -> str:
+        """One sentence about the shift of the whole print; empty where it lies at its place."""
+        x_mm, y_mm = self.shift_mm
+        if math.hypot(x_mm, y_mm) < _SHIFT_MM or self.is_untouched:
+            return ""
+        figures = "these figures leave that out" if self.of_shape else "these figures contain that"
+        return (
+            f"as it is, all of it also lies {math.hypot(x_mm, y_mm):.2f} mm beside its place "
+            f"(X {x_mm:+.2f}, Y {y_mm:+.2f} mm); {figures}, and mending takes it away"
+        )
+
     def json(self) -> dict[str, Any]:
         """Return plain values for a report."""
         plain = asdict(replace(self, path=None, gain_mm=None, duration=None))
@@ -157,6 +175,8 @@ class Prediction:
             rows.append(f"  {name:8} {errors.rms_mm:7.3f}  {ranged:>15}  {errors.p95_mm:11.3f}  {errors.max_mm:7.3f}")
         for (name, _), height in zip(told, self.heights or (), strict=False):
             rows.append(f"  {name:8} {height.rms_mm:7.3f}  {'':15}  {'':11}  {height.max_mm:7.3f}  in height")
+        if self.shift_words:
+            rows.append(self.shift_words)
         if self.gain_mm is not None:
             which = told[-1]
             comma = "mended, it" if len(told) > 1 else "it"
@@ -221,6 +241,7 @@ def prediction_of(planner: Planner) -> Prediction:
             float(layers["rise_most"][:, which].max(initial=0.0)),
         )
         heights.append(Heights((square / length) ** 0.5 if length else 0.0, most))
+    path = _path_places(planner.samples, layers["z"])
     return Prediction(
         length_mm=length,
         before=without_doubt(errors[0]),
@@ -247,8 +268,17 @@ def prediction_of(planner: Planner) -> Prediction:
         on_bed=bool((low_mm > bed_mm[0] - _EDGE_MM).all() and (high_mm < bed_mm[1] + _EDGE_MM).all()),
         unknown_lines=tuple(int(line) for line in counts.unknown_at[: counts.unknown]),
         heights=(heights[0], heights[1]) if planner.has_screw else None,
-        path=_path_places(planner.samples, layers["z"]),
+        shift_mm=_shift(path),
+        path=path,
     )
+
+
+def _shift(path: PathPlaces | None) -> tuple[float, float]:
+    """Return by how much all of a print lies beside its place [mm]."""
+    if path is None or not path.weight.sum() > 0:
+        return 0.0, 0.0
+    x_mm, y_mm = best_shift(path.tangent, path.off_mm, path.weight)
+    return float(x_mm), float(y_mm)
 
 
 def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
@@ -275,6 +305,7 @@ def with_doubt(prediction: Prediction, model: SavedModel) -> Prediction:
         prediction, before=outlook.before, after=outlook.after, gain_mm=outlook.gain_mm, layers=tuple(layers),
         advice=(*_beyond_seen(model, prediction), *advice_of(model, outlook.after)),
         most_worse_share=_MOST_WORSE_SHARE_BY_HAND if belief.by_hand else _MOST_WORSE_SHARE,
+        of_shape=not belief.placed,
     )  # fmt: skip
 
 

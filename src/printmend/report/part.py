@@ -11,7 +11,6 @@ from printmend.errors import InputError
 from printmend.extras import require
 from printmend.files import replacing
 from printmend.printer import Axis
-from printmend.promise.belief import parse_belief
 from printmend.repair.prediction import Prediction
 from printmend.saved import SavedModel
 from printmend.units import counted
@@ -56,10 +55,10 @@ def _page(source: str, model: SavedModel, prediction: Prediction, output: Path |
     from printmend.report.pictures import layers_picture, part_picture
 
     name = Path(source).name
-    known = parse_belief(model)
     view = None
     if output is not None and Path(source).is_file():
-        view = look_at(Path(source), output, model.mechanism, placed=known is None or known.placed)
+        shift_mm = prediction.shift_mm if prediction.of_shape else (0.0, 0.0)
+        view = look_at(Path(source), output, model.mechanism, shift_mm=shift_mm)
     advice = "".join(f"<li>{say(each)}</li>" for each in _before_printing(model, prediction, view))
     body = strip(_numbers(prediction, view)) + f"<h2>Before you print</h2><ul>{advice}</ul>"
     if view is not None:
@@ -140,7 +139,8 @@ def _before_printing(model: SavedModel, prediction: Prediction, view: "PartView 
             f"Left as written, as wrong as before: {counted(prediction.splines, 'curve')} (G5), because the file does "
             "not say where such a curve begins, or leaves out I J or P Q."
         )
-    advice = (f"{each[0].upper()}{each[1:].removesuffix('.')}." for each in (*prediction.advice, *prediction.warnings))
+    words = (*prediction.advice, *prediction.warnings, *filter(None, [prediction.shift_words]))
+    advice = (f"{each[0].upper()}{each[1:].removesuffix('.')}." for each in words)
     return [*advice, *said]
 
 

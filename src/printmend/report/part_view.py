@@ -47,11 +47,14 @@ class PartView:
     seams_mm: np.ndarray
 
 
-def look_at(source: Path, output: Path, mechanism: Mechanism, *, placed: bool) -> PartView | None:
+def look_at(
+    source: Path, output: Path, mechanism: Mechanism, *, shift_mm: tuple[float, float] = (0.0, 0.0)
+) -> PartView | None:
     """Return the view of a mended file; None for one that is too large, or has no layer to show that
     both files count alike.
 
-    Unless ``placed``, the unmended layer is laid where it fits best, for nobody knows where on the bed it lies.
+    ``shift_mm`` is by how much all of the unmended print lies beside its place, where nobody knows that place and the
+    figures leave it out; the drawing leaves it out, too.
     """
     if max(source.stat().st_size, output.stat().st_size) > MOST_BYTES:
         return None
@@ -70,8 +73,8 @@ def look_at(source: Path, output: Path, mechanism: Mechanism, *, placed: bool) -
     ends = np.concatenate([given.start_mm[told], given.end_mm[told]])[:, :2]
     return PartView(
         ends.min(axis=0), ends.max(axis=0), layer,
-        float(np.median(wanted.end_mm[mine, 2])), _printed(wanted, layer, before, tree, aligned=not placed),
-        _printed(given, layer, after, tree, aligned=False), _new_seams(wanted, given, layer, after),
+        float(np.median(wanted.end_mm[mine, 2])), _printed(wanted, layer, before, tree, shift_mm),
+        _printed(given, layer, after, tree), _new_seams(wanted, given, layer, after),
     )  # fmt: skip
 
 
@@ -106,15 +109,15 @@ def _walked(moves: Moves, layer: int, mechanism: Mechanism) -> _Walk:
     return _Walk(chosen[of], places, printed)
 
 
-def _printed(moves: Moves, layer: int, walk: _Walk, wanted: shapely.STRtree, *, aligned: bool) -> DrawnLayer:
-    """Measure how far a layer lies from the wanted lines, as it was printed."""
+def _printed(
+    moves: Moves, layer: int, walk: _Walk, wanted: shapely.STRtree, shift_mm: tuple[float, float] = (0.0, 0.0)
+) -> DrawnLayer:
+    """Measure how far a layer lies from the wanted lines, as it was printed, less a shift of all of it."""
     if not len(walk.of):
         return DrawnLayer([], np.zeros(0))
-    printed = walk.printed_mm
+    printed = walk.printed_mm - np.array(shift_mm)
     bead = (moves.extruding & (moves.layer == layer))[walk.of] & np.isfinite(printed).all(axis=1)
     bead[0] = False
-    if aligned:
-        printed = printed - np.mean((printed - walk.places[:, :2])[bead], axis=0)
     begin, last = np.flatnonzero(bead) - 1, np.flatnonzero(bead)
     points = shapely.points((printed[begin] + printed[last]) / 2)
     off = np.zeros(len(points))

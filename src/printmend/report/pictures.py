@@ -20,6 +20,7 @@ from printmend.report.part_view import DrawnLayer, PartView
 
 MOST_POINTS = 3000  # of a curve
 _EVEN_MM = 0.02  # play that varies by less along the axis is a number, not a picture
+_FINEST_MM = 0.005  # a smaller error is not worth half of the colours
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +47,10 @@ def layers_picture(layers: Sequence[dict[str, float]], part: str) -> Group:
 
 def part_picture(view: PartView) -> Group:
     """Return the drawings of one layer of a part, as it is and mended, in the same colours."""
-    everything = [each.off_mm for each in (view.before, view.after) if len(each.off_mm)]
-    worst_mm = max([float(np.quantile(each, 0.98)) for each in everything] + [0.04])
+    before_mm, after_mm = (float(np.quantile(each.off_mm, 0.95)) if len(each.off_mm) else 0.0
+                           for each in (view.before, view.after))  # fmt: skip
+    worst_mm, left_mm = max(before_mm, after_mm, 0.04), max(after_mm, _FINEST_MM)
+    fine_mm = left_mm if left_mm < worst_mm / 2 else None
     both = np.concatenate([np.concatenate(each.lines) for each in (view.before, view.after) if len(each.lines)])
     corners = both.min(axis=0), both.max(axis=0)
 
@@ -55,7 +58,8 @@ def part_picture(view: PartView) -> Group:
         high_in = 3.7 * float(np.clip((wide := corners[1] - corners[0])[1] / max(wide[0], 1e-6), 0.3, 1.4)) + 1.15
         figure, axes = new_figure(1, width_in=3.8, height_in=high_in)
         figure.subplots_adjust(left=0.02, right=0.98, top=1 - 0.35 / high_in, bottom=0.8 / high_in)
-        draw_coloured(axes[0], drawn.lines, drawn.off_mm, corners_mm=corners, worst_mm=worst_mm, title=title)
+        draw_coloured(axes[0], drawn.lines, drawn.off_mm, corners_mm=corners, worst_mm=worst_mm, title=title,
+                      fine_mm=fine_mm)  # fmt: skip
         if len(seams):
             axes[0].plot(
                 *seams.T, "o", markersize=3.5, markerfacecolor="none", color=INK, markeredgewidth=0.8, zorder=9

@@ -5,7 +5,6 @@ tables), the frame, the noise, a summary of the trace and a digest of all that. 
 a `ModelError`; nothing in the file is ever executed.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -22,6 +21,7 @@ from printmend.machine import Frame, Mechanism, Transmission, healthy_transmissi
 from printmend.machine.kernels.bed import MOST_WAVES, WAVE_FIELDS
 from printmend.printer import Printer
 from printmend.printer.toml import parse_printer
+from printmend.provenance import seal_key
 from printmend.saved.branches import Branches, Wave
 from printmend.saved.notes import check_notes
 from printmend.saved.screw import parse_screw, parse_series, screw_section
@@ -241,8 +241,7 @@ def _laid_out(value: Any, line: str) -> str:
 
 
 def _digest(document: Mapping[str, Any]) -> str:
-    plain = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
-    return hashlib.sha256(plain.encode()).hexdigest()[:16]
+    return seal_key(document)[:16]
 
 
 def _table_section(mechanism: Mechanism, motor: int) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi import Path as Where
 from fastapi.responses import FileResponse
 from fastapi.sse import EventSourceResponse, ServerSentEvent
+from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 
 from printmend import __version__
@@ -26,6 +27,7 @@ from printmend.studio.store import DONE, HALF, NotThereError
 LONGEST_UPLOAD_S = 900.0  # for one file
 LEAST_FREE_BYTES = 500_000_000  # on the disk, below which nothing more is taken
 _LOOK_S, _ASK_S = 0.05, 1.0  # how often a job's folder is looked at, and at the latest the job itself
+_MOST_FOLLOWED = 64  # jobs in one stream
 _ODD = re.compile(r"[^\w.+ ()\-]")
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {
@@ -41,6 +43,7 @@ def studio_of(request: Request) -> StudioState:
 
 Here = Annotated[StudioState, Depends(studio_of)]
 Key = Annotated[str, Where(pattern=KEY)]
+Keys = Annotated[list[Annotated[str, Field(pattern=KEY)]], Query(alias="key", min_length=1, max_length=_MOST_FOLLOWED)]
 
 
 def plain_name(name: str) -> str:
@@ -112,14 +115,14 @@ def _settle(file: Any, beside: Path, target: Path) -> None:
     os.replace(beside, target)
 
 
-@router.delete("/uploads/{key}", status_code=204, tags=["files"])
+@router.delete("/uploads/{key}", name="remove", status_code=204, tags=["files"])
 def remove_upload(here: Here, key: Key) -> None:
     """Remove a file that was sent."""
     here.store.upload(key)
     here.store.remove_upload(key)
 
 
-@router.get("/jobs", tags=["jobs"])
+@router.get("/jobs", name="list", tags=["jobs"])
 def jobs(here: Here, printer: Annotated[str | None, Query(pattern=KEY)] = None) -> list[JobCard]:
     """List jobs, the newest first."""
     waiting, cards = here.jobs.waiting(), []
@@ -138,36 +141,61 @@ def card(here: StudioState, key: str, waiting: list[str] | None = None) -> JobCa
     return JobCard(**{**job, "files": files, "ahead": ahead, "may_force": may_force})
 
 
-@router.get("/jobs/{key}", tags=["jobs"])
-def job(here: Here, key: Key) -> JobCard:
-    """Return a job."""
-    return card(here, key)
-
-
 def _there(here: Here, key: Key) -> None:
     """Refuse what is no job while that can still be said: a stream that has begun can only end."""
     here.store.job(key)
 
 
+def _any_there(here: Here, keys: Keys) -> None:
+    """Refuse keys of which none is a job's."""
+    for key in keys:
+        with contextlib.suppress(NotThereError):
+            here.store.job(key)
+            return
+    here.store.job(keys[0])
+
+
+@router.get("/jobs/events", name="events_of", response_class=EventSourceResponse, tags=["jobs"],
+            dependencies=[Depends(_any_there)])  # fmt: skip
+async def events_of(request: Request, here: Here, keys: Keys) -> AsyncIterator[ServerSentEvent]:
+    """Follow several jobs in one stream, as `/jobs/{key}/events` follows one; it ends when all of them have."""
+    async for event in _changes(request, here, keys):
+        yield event
+
+
 @router.get("/jobs/{key}/events", response_class=EventSourceResponse, tags=["jobs"], dependencies=[Depends(_there)])
 async def events(request: Request, here: Here, key: Key) -> AsyncIterator[ServerSentEvent]:
     """Follow a job: an event with the job's table whenever it changes, the last one when it has ended."""
-    last, stamp, asked_s = None, None, 0.0
-    while True:
-        if (fresh := here.jobs.stamp(key)) != stamp or time.monotonic() - asked_s > _ASK_S:
-            stamp, asked_s = fresh, time.monotonic()
+    async for event in _changes(request, here, [key]):
+        yield event
+
+
+async def _changes(request: Request, here: StudioState, keys: list[str]) -> AsyncIterator[ServerSentEvent]:
+    """Yield an event for each change of jobs, until all have ended or the server does."""
+    left: dict[str, tuple[Any, float, JobCard | None]] = dict.fromkeys(keys, (None, 0.0, None))
+    while left:
+        for key, (stamp, asked_s, last) in list(left.items()):
+            if (fresh := here.jobs.stamp(key)) == stamp and time.monotonic() - asked_s < _ASK_S:
+                continue
             try:
                 now = await run_in_threadpool(card, here, key)
             except NotThereError:  # removed while somebody followed it
-                return
+                del left[key]
+                continue
+            left[key] = fresh, time.monotonic(), now
             if now != last:
                 yield ServerSentEvent(data=now, event="job")
-                last = now
             if now.state in DONE:
-                return
+                del left[key]
         if request.app.state.stopping():  # a page asks again when the server is back
             return
         await asyncio.sleep(_LOOK_S)
+
+
+@router.get("/jobs/{key}", name="get", tags=["jobs"])
+def job(here: Here, key: Key) -> JobCard:
+    """Return a job."""
+    return card(here, key)
 
 
 @router.post("/jobs/{key}/cancel", tags=["jobs"])
@@ -178,7 +206,7 @@ def cancel(here: Here, key: Key) -> JobCard:
     return card(here, key)
 
 
-@router.delete("/jobs/{key}", status_code=204, tags=["jobs"])
+@router.delete("/jobs/{key}", name="remove", status_code=204, tags=["jobs"])
 def remove_job(here: Here, key: Key) -> None:
     """Remove a job and all that it made, and the file that it was given where no other job has it."""
     upload = here.store.job(key)["params"].get("upload")
@@ -203,7 +231,7 @@ def file(here: Here, key: Key, name: Annotated[str, Where(max_length=200)]) -> F
     )
 
 
-@router.post("/play/preview", tags=["play"])
+@router.post("/play/preview", name="preview", tags=["play"])
 def play_preview(here: Here, faults: FaultsIn) -> Preview:
     """Return the pulleys and the test print of a printer that is broken like this."""
     from printmend.studio.play import faults_of, preview
@@ -213,7 +241,7 @@ def play_preview(here: Here, faults: FaultsIn) -> Preview:
     return shown
 
 
-@router.post("/play", status_code=202, tags=["play"])
+@router.post("/play", name="start", status_code=202, tags=["play"])
 def play(here: Here, faults: FaultsIn) -> JobCard:
     """Print the test print on such a printer, scan it, learn, and mend a part: a job."""
     return card(here, here.jobs.submit("play", None, {"faults": faults.model_dump()}))

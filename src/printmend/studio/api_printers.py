@@ -90,7 +90,7 @@ def _bed(printer: Printer) -> list[float]:
     return [printer.x.min_mm, printer.y.min_mm, printer.x.max_mm, printer.y.max_mm]
 
 
-@router.get("")
+@router.get("", name="list")
 def printers(here: Here) -> list[PrinterCard]:
     """List one's own printers."""
     return [_card(here, row) for row in here.store.printers()]
@@ -144,7 +144,7 @@ def _resized(printer: Printer, bed_mm: list[float]) -> Printer:
     return replace(printer, x=axes[0], y=axes[1])
 
 
-@router.get("/{key}")
+@router.get("/{key}", name="get")
 def printer(here: Here, key: Key) -> PrinterCard:
     """Return a printer."""
     return _card(here, here.store.printer(key))

@@ -4,6 +4,7 @@ from collections.abc import AsyncIterator, Callable, Iterable
 from concurrent.futures import Executor
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -34,7 +35,7 @@ def create_app(
     folder: Path,
     *,
     hosts: Iterable[str] = LOOPBACK,
-    token: str | None = None,
+    knows: Callable[[str], bool] | None = None,
     workers: int = WORKERS,
     cluster: Executor | None = None,
     most_bytes: int = MOST_BYTES,
@@ -58,8 +59,11 @@ def create_app(
 
     app = FastAPI(
         title="printmend studio", version=__version__, description=_ABOUT, lifespan=lifespan, docs_url=None,
-        redoc_url=None, openapi_url="/api/openapi.json",
+        redoc_url=None, openapi_url=None, generate_unique_id_function=_operation_id,
     )  # fmt: skip
+    app.add_api_route(
+        "/api/openapi.json", lambda: _description(app), include_in_schema=False, response_class=JSONResponse
+    )
     app.state.most_bytes, app.state.stopping = most_bytes, stopping
     app.add_exception_handler(PrintmendError, _refused)
     app.add_exception_handler(RequestValidationError, _misfit)
@@ -70,8 +74,27 @@ def create_app(
         app.include_router(router)
     app.mount("/", StaticFiles(directory=PAGE, html=True))
     return Guard(
-        GZipMiddleware(app, minimum_size=2000, compresslevel=5), hosts=hosts, token=token, most_bytes=most_bytes
+        GZipMiddleware(app, minimum_size=2000, compresslevel=5), hosts=hosts, knows=knows, most_bytes=most_bytes
     )
+
+
+def _operation_id(route: APIRoute) -> str:
+    """Return an operation's name: what it is about, and what it does."""
+    return "_".join(str(word) for word in (*route.tags[:1], route.name))
+
+
+def _description(app: FastAPI) -> dict[str, Any]:
+    """Return what the API is as OpenAPI 3.1, which has no word yet for the events of a stream."""
+    document = app.openapi()
+    for operations in document["paths"].values():
+        for operation in operations.values():
+            for answer in operation["responses"].values():
+                for content in answer.get("content", {}).values():
+                    if content.pop("itemSchema", None) is not None:
+                        content["schema"] = {"type": "string", "description": "Server-sent events, one JSON table each"}
+    document["components"]["securitySchemes"] = {"token": {"type": "http", "scheme": "bearer"}}
+    document["security"] = [{}, {"token": []}]  # on the studio's own computer none is needed
+    return document
 
 
 def _name_operations(router: APIRouter) -> None:

@@ -1,14 +1,13 @@
 """The door: who may talk to the studio, how much they may send, and what a browser may do with its pages.
 
-The server has no accounts. It listens on this computer only, unless it was given a token. A page of another site that
-is open in the same browser could still send requests here: such a request names its site as Origin, or reaches us by a
-name that is not ours (DNS rebinding), and both are refused.
+The server has no accounts. It listens on this computer only, unless it knows devices by their tokens. A page of
+another site that is open in the same browser could still send requests here: such a request names its site as Origin,
+or reaches us by a name that is not ours (DNS rebinding), and both are refused.
 """
 
 import contextlib
-import hmac
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -18,6 +17,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 COOKIE = "printmend_token"
+_VERSION = "/api/v1/"
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'; "
     "manifest-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -29,14 +29,17 @@ _HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
+_KEPT_S = 400 * 86_400  # a browser keeps its token; a device that should not is revoked
 _SMALL_BYTES = 1_000_000  # bytes of a request that is no upload
 
 
 class Guard:
-    """The ASGI application ``app`` behind the door: it answers to the names ``hosts``; ``token`` is the key or None."""
+    """The ASGI application ``app`` behind the door: it answers to the names ``hosts``; ``knows`` tells good tokens."""
 
-    def __init__(self, app: ASGIApp, *, hosts: Iterable[str], token: str | None, most_bytes: int) -> None:
-        self._app, self._hosts, self._token, self._most_bytes = app, frozenset(hosts), token, most_bytes
+    def __init__(
+        self, app: ASGIApp, *, hosts: Iterable[str], knows: Callable[[str], bool] | None, most_bytes: int
+    ) -> None:
+        self._app, self._hosts, self._knows, self._most_bytes = app, frozenset(hosts), knows, most_bytes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request through, or answer it with the reason why not."""
@@ -45,6 +48,9 @@ class Guard:
             return
         if scope["type"] != "http":
             return
+        if scope["path"].startswith(_VERSION):  # the same under a name that stays
+            path = "/api/" + scope["path"].removeprefix(_VERSION)
+            scope = {**scope, "path": path, "raw_path": path.encode()}
         headers = Headers(scope=scope)
         limit = self._most_bytes if scope["path"] == "/api/uploads" else _SMALL_BYTES
         refusal = self._refusal(scope, headers, limit)
@@ -71,24 +77,24 @@ class Guard:
             return 400, "the length of the request is no number"
         if int(length) > limit:
             return 413, f"wanted at most {limit / 1e6:g} MB, got {int(length) / 1e6:.0f} MB; give a smaller file"
-        if self._token is not None and not self._knows_token(scope, headers):
+        if self._knows is not None and not any(map(self._knows, _given(scope, headers))):
             return 401, "this studio needs its token: open the address that it printed when it started"
         return None
 
-    def _knows_token(self, scope: Scope, headers: Headers) -> bool:
-        given = [headers.get("authorization", "").removeprefix("Bearer "), _query_token(scope)]
-        with contextlib.suppress(CookieError):
-            given += [
-                morsel.value for name, morsel in SimpleCookie(headers.get("cookie", "")).items() if name == COOKIE
-            ]
-        token = (self._token or "").encode()
-        return any(hmac.compare_digest(one.encode(), token) for one in given)
-
     def _fresh_cookie(self, scope: Scope) -> str | None:
-        """Return the cookie for a browser that came with the token in its address."""
-        if self._token is None or not _query_token(scope):
+        """Return the cookie for a browser that came with a token in its address."""
+        token = _query_token(scope)
+        if self._knows is None or not token or not self._knows(token):
             return None
-        return f"{COOKIE}={self._token}; Path=/; HttpOnly; SameSite=Strict"
+        return f"{COOKIE}={token}; Path=/; Max-Age={_KEPT_S}; HttpOnly; SameSite=Strict"
+
+
+def _given(scope: Scope, headers: Headers) -> list[str]:
+    """Return the tokens that a request bears."""
+    given = [headers.get("authorization", "").removeprefix("Bearer "), _query_token(scope)]
+    with contextlib.suppress(CookieError):
+        given += [morsel.value for name, morsel in SimpleCookie(headers.get("cookie", "")).items() if name == COOKIE]
+    return [one for one in given if one]
 
 
 def _query_token(scope: Scope) -> str:

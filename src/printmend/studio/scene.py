@@ -23,6 +23,7 @@ from printmend.invert import layout
 from printmend.machine import Mechanism
 from printmend.machine.printing import print_from_home
 from printmend.printer import Printer
+from printmend.promise.predict import best_shift
 from printmend.studio import kernels
 from printmend.studio.pace import busiest
 
@@ -251,9 +252,24 @@ def _motion(records: np.ndarray) -> np.ndarray:
 
 
 def _off_mm(printed_mm: np.ndarray, drawing: Drawing, aligned: bool) -> np.ndarray:
-    """Return how far printed points lie from the drawn ones [mm]; aligned, without their mean."""
+    """Return how far printed points lie from the drawn ones [mm]; aligned, with the whole part at its best place.
+
+    That is the place from which a prediction counts the errors of a shape, so that colours and figures tell the same.
+    """
     off = (printed_mm - drawing.points_mm[:, :2])[drawing.keep]
-    return off - off.mean(axis=0) if aligned and len(off) else off
+    if not aligned:
+        return off
+    begin = np.flatnonzero(drawing.joined[:-1])
+    wanted = drawing.points_mm[drawing.keep][:, :2]
+    way = wanted[begin + 1] - wanted[begin]
+    length = np.hypot(*way.T)
+    begin, way, length = (each[length > 0] for each in (begin, way, length))
+    if not len(begin):
+        return off
+    tangent = way / length[:, None]
+    middle = (off[begin] + off[begin + 1]) / 2
+    to_left = tangent[:, 0] * middle[:, 1] - tangent[:, 1] * middle[:, 0]
+    return off - best_shift(tangent, to_left, length)
 
 
 def _source_lines(records: Columns) -> Lines:
@@ -391,7 +407,7 @@ def write_mended(path: Path, scene: Scene) -> None:
     """
     assert scene.mended_mm is not None
     assert scene.mended_error_mm is not None
-    head = {"points": len(scene.wanted_mm), "row": ROW}
+    head = {"points": len(scene.wanted_mm), "row": ROW, "p95_mm": _p95_mm(scene.mended_error_mm)}
     _write(path, head, [_packed_offsets(scene.mended_mm, scene.mended_error_mm)])
 
 

@@ -1,7 +1,6 @@
 """Start the studio: a socket on this computer, a token where others may come, the browser."""
 
 import contextlib
-import secrets
 import socket
 import sqlite3
 import threading
@@ -15,6 +14,8 @@ import uvicorn
 from printmend.errors import InputError, reason
 from printmend.executor import Cluster, executor
 from printmend.studio.app import WORKERS, create_app
+from printmend.studio.devices import FIRST, Devices
+from printmend.studio.door import Door
 from printmend.studio.guard import LOOPBACK
 
 _EVERYWHERE = ("0.0.0.0", "::")  # noqa: S104 - recognised, never a default
@@ -26,37 +27,53 @@ def serve(
     folder: Path, *, host: str, port: int, names: tuple[str, ...] = (), browser: bool, told: Callable[[str], None],
     workers: int = WORKERS, cluster: str | None = None,
 ) -> None:  # fmt: skip
-    """Serve until Ctrl-C. Another ``host`` than this computer needs a token, which ``told`` hears once.
+    """Serve until Ctrl-C. From another ``host`` than this computer only known devices come in, see `Devices`.
 
     ``names`` are further names by which browsers reach it; ``cluster`` runs the jobs elsewhere (see `executor`). Raises
     `InputError` where the port is not free, another studio has the folder, or nobody answers at the cluster's address.
     """
     remote = None if cluster is None else cast(Cluster, executor(1, cluster))
-    token = None if host in LOOPBACK else secrets.token_urlsafe(24)
+    devices = None if host in LOOPBACK else Devices(folder)
+    known = () if devices is None else devices.known()
     reached = _everywhere() if host in _EVERYWHERE else [host]
     hosts = {*LOOPBACK, *names, *reached}
     listener = _listener(host, port)
     alone = _alone(folder)
     threading.Thread(target=_draw_beforehand, daemon=True).start()
     port = listener.getsockname()[1]
-    shown = f"[{reached[0]}]" if ":" in reached[0] else reached[0]
-    address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
+    token = devices.add(FIRST) if devices is not None and not known else None
+    address = _address(reached[0], port, token)
     told(f"printmend studio: {address}  (Ctrl-C ends it; everything is kept in {folder})")
     if token:
-        told("Whoever knows this address may use the studio. It is not encrypted: put a proxy with TLS in front of it.")
+        told("Whoever knows this address may use the studio; it is shown once. `--device NAME` lets in another device.")
+    elif known:
+        told(f"It lets in {', '.join(one.name for one in known)}. `--device NAME` lets in another device.")
+    if devices is not None:
+        told("It is not encrypted: put a proxy with TLS in front of it.")
     with contextlib.ExitStack() as stack:
         stack.callback(alone.close)
         pool = None if remote is None else stack.enter_context(remote.client()).get_executor(pure=False)
         config = uvicorn.Config(
-            create_app(folder.resolve(), hosts=hosts, token=token, workers=workers, cluster=pool,
-                       stopping=lambda: server.should_exit), log_level="warning",
+            create_app(folder.resolve(), hosts=hosts, knows=None if devices is None else devices.knows, workers=workers,
+                       cluster=pool, stopping=lambda: server.should_exit), log_level="warning",
             server_header=False, timeout_keep_alive=30, timeout_graceful_shutdown=2, limit_concurrency=400, ws="none",
-            lifespan="on",
+            lifespan="on", http=Door,
         )  # fmt: skip
         server = uvicorn.Server(config)
         if browser:
             threading.Thread(target=_show, args=(server, address), daemon=True).start()
         server.run(sockets=[listener])
+
+
+def let_in(folder: Path, name: str, *, host: str, port: int) -> str:
+    """Let a device in; return the address that it opens. Raises `InputError` for a name that is taken."""
+    token = Devices(folder).add(name)
+    return _address(_everywhere()[0] if host in (*_EVERYWHERE, *LOOPBACK) else host, port, token)
+
+
+def _address(host: str, port: int, token: str | None) -> str:
+    shown = f"[{host}]" if ":" in host else host
+    return f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
 
 
 def _alone(folder: Path) -> sqlite3.Connection:

@@ -170,7 +170,7 @@ def _mend(job: Job) -> dict[str, Any]:
     paces = None
     if drawing is not None and tap.seen:
         job.tell(0.8, "draw")
-        scene = as_mended(scene, drawing, model.mechanism, tap)
+        scene = as_mended(scene, drawing, model.mechanism, tap, aligned=_is_of_shape(model))
         write_mended(job.folder / MENDED, scene)
         job.file(MENDED)
         paces = _paces(named, scene, prediction.duration)
@@ -188,16 +188,24 @@ def _draw(job: Job, path: Path, model: Any) -> tuple[Any, Any]:
     """Draw a part as it is printed, a large one coarsely first; return its `Drawing` and its `Scene`."""
     from printmend.studio.scene import as_printed, coarse, lay_points, read_motion, write_wanted
 
-    motion = read_motion(path, model.printer)
+    motion, aligned = read_motion(path, model.printer), _is_of_shape(model)
     if (few := coarse(motion)) is not None:
-        write_wanted(job.folder / COARSE, as_printed(lay_points(few), model.mechanism))
+        write_wanted(job.folder / COARSE, as_printed(lay_points(few), model.mechanism, aligned=aligned))
         job.file(COARSE)
         job.tell(0.15, "read")
     drawing = lay_points(motion)
-    scene = as_printed(drawing, model.mechanism)
+    scene = as_printed(drawing, model.mechanism, aligned=aligned)
     write_wanted(job.folder / WANTED, scene)
     job.file(WANTED)
     return drawing, scene
+
+
+def _is_of_shape(model: Any) -> bool:
+    """Say whether a part is drawn at its best place, as the prediction's figures are: nobody knows where it lies."""
+    from printmend.promise.belief import parse_belief
+
+    known = parse_belief(model)
+    return known is not None and not known.placed
 
 
 def _paces(path: Path, scene: Any, duration: Any) -> dict[str, Any]:

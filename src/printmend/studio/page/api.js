@@ -69,8 +69,30 @@ export function upload(file, told = () => {}) {
 
 export const ended = (job) => ["done", "failed", "cancelled"].includes(job?.state);
 
-// Follow a job until it ends; `told` hears each change. Returns a function that stops listening.
+// Follow a job until it ends; `told` hears each change. Returns a function that stops listening. All tabs share one stream,
+// where the browser can.
+let worker = null;
+const heard = new Map();
 export function follow(key, told) {
+  if (typeof SharedWorker === "undefined") return alone(key, told);
+  if (!worker) {
+    worker = new SharedWorker("/stream.js").port;
+    worker.onmessage = ({ data: { job, away } }) => { tell(Boolean(away)); if (job) for (const one of [...(heard.get(job.id) ?? [])]) one(job); };
+    addEventListener("pagehide", () => { for (const one of heard.keys()) worker.postMessage({ leave: one }); });
+    addEventListener("pageshow", ({ persisted }) => { if (persisted) for (const one of heard.keys()) worker.postMessage({ follow: one }); });
+  }
+  if (!heard.has(key)) heard.set(key, new Set());
+  heard.get(key).add(told);
+  worker.postMessage({ follow: key });
+  return () => {
+    if (!heard.get(key)?.delete(told) || heard.get(key).size) return;
+    heard.delete(key);
+    worker.postMessage({ leave: key });
+  };
+}
+
+// The same with a stream of its own.
+function alone(key, told) {
   let source = null, stopped = false;
   const hear = (job) => {
     if (stopped) return;

@@ -2,11 +2,11 @@
 import { html, useEffect, useMemo, useState } from "./vendor.js";
 import { Save } from "./drawings.js";
 import { useLook, Zoom } from "./look.js";
-import { beadOf, errorOf, heightOf, placeOf } from "./scene.js";
+import { beadOf, errorOf, heightOf, placeOf, shareOf } from "./scene.js";
 import { number, t } from "./words.js";
 
-const SHADES = 20, WINDOW_MM = 9;
-const RAMP = [[0, [47, 143, 131]], [0.45, [233, 196, 106]], [0.72, [231, 111, 81]], [1, [155, 34, 38]]]; // as in view3d.js
+const SHADES = 40, WINDOW_MM = 9;
+const RAMP = [[0, [38, 70, 120]], [0.5, [47, 143, 131]], [0.725, [233, 196, 106]], [0.86, [231, 111, 81]], [1, [155, 34, 38]]]; // as in view3d.js
 export function ramp(share) {
   const k = Math.max(1, RAMP.findIndex(([at]) => share <= at)), [a, from] = RAMP[k - 1], [b, to] = RAMP[k];
   return from.map((v, i) => Math.round(v + ((to[i] - v) * (share - a)) / (b - a)));
@@ -50,7 +50,7 @@ const bar = ([low, high, top, height]) => {
   return `M${a} ${y[0]}H${b}A${r.toFixed(3)} ${(height / 2).toFixed(3)} 0 0 1 ${b} ${y[1]}H${a}A${r.toFixed(3)} ${(height / 2).toFixed(3)} 0 0 1 ${a} ${y[0]}`;
 };
 
-export function Cut({ scene, morph, most, name }) {
+export function Cut({ scene, morph, scale, name }) {
   const [across, setAcross] = useState(1), { low_mm: low, high_mm: high } = scene, middle = (axis) => (low[axis] + high[axis]) / 2;
   const [at, setAt] = useState(middle(1)), along = 1 - across;
   const whole = [low[along] - 2, -high[2] - 2, high[along] - low[along] + 4, high[2] + 4];
@@ -63,7 +63,7 @@ export function Cut({ scene, morph, most, name }) {
   useEffect(() => { setBox(near(wanted)); }, [scene, across]);
   const seen = (row) => row[1] > box[0] - box[2] && row[0] < box[0] + 2 * box[2] && -row[2] < box[1] + 2 * box[3] && -row[2] + row[3] > box[1] - box[3];
   const shades = Array.from({ length: SHADES }, () => "");
-  for (const row of cut) if (seen(row)) shades[morph <= 0.02 ? 0 : Math.min(SHADES - 1, Math.floor((row[4] / most) * SHADES))] += bar(row);
+  for (const row of cut) if (seen(row)) shades[morph <= 0.02 ? 0 : Math.min(SHADES - 1, Math.floor(shareOf(row[4], scale) * SHADES))] += bar(row);
   const size = box[2] / 90;
   return html`<section class="card stack" data-testid="cut"><div class="row between"><h3>${t("cut")}</h3><div class="row"><div class="segment" role="group" aria-label=${t("cut")}>${[1, 0].map((axis) => html`<button aria-pressed=${axis === across} onClick=${() => { setAcross(axis); setAt(middle(axis)); }}>${t("cut_along", { axis: "XY"[1 - axis] })}</button>`)}</div>
       <button class="quiet" onClick=${() => setBox(whole)}>${t("cut_whole")}</button><button class="quiet" onClick=${() => setBox(near(cut))}>${t("cut_wall")}</button></div></div>

@@ -93,9 +93,16 @@ function Numbers({ job, printer, changed }) {
       ${output && html`<div class="stack beside"><a class="button primary big" href=${fileOf(job, output)} download=${output}>${t(untouched ? "download_same" : "download")}</a><${Send} printer=${printer} changed=${changed} file=${{ job: job.id, name: output }} /></div>`}</div>
     <p class="faint">${pace && html`${t(pace.told ? "time" : "time_least", { time: lasting(pace.before_s) })}${more && html` → <b>${lasting(pace.after_s)}</b>`}<br />`}
       ${untouched ? t("untouched") : t("moves", { before: number(p.moves, 0), after: number(p.commands, 0), n: number(p.takeups, 0) })}${more && html`<br />${t("busiest", { before: number(pace.busiest[0], 0), after: number(pace.busiest[1], 0) })}`}${more && p.stops > 0 && html`<br />${t("stops", { n: number(p.stops, 0) })}`}<br />${p.clamped > 0 ? html`${t("clamped", { n: number(p.clamped, 0) })}` : p.on_bed === false ? t("off_bed") : p.unknown || p.splines ? "" : t("on_bed")}</p>
+    ${shift(p) && html`<p>${shift(p)}</p>`}
     ${left(p).map((line) => html`<p class="note">${line}</p>`)}
     ${[...p.advice, ...p.warnings ?? []].map((line) => html`<p class="note">${sentence(line)}</p>`)}
     ${layers.length > 1 && html`<div><div class="row between"><h3>${t("by_layer")}</h3><div class="row"><span class="key kp">${t("printed")}</span>${untouched ? null : html`<span class="key km">${t("mended")}</span>`}<${Save} id="layers" name="layers" /></div></div><${Layers} layers=${layers} untouched=${untouched} /></div>`}</section>`;
+}
+
+// Where all of the print lies beside its place: no error of its shape.
+function shift({ shift_mm: by, of_shape: out, before, after }) {
+  const [x, y] = by ?? [0, 0], far = Math.hypot(x, y), signed = (v) => (v < 0 ? "−" : "+") + number(Math.abs(v), 2);
+  return far >= 0.005 && before.rms_mm !== after.rms_mm ? t(out ? "shift_out" : "shift_in", { mm: mm(far), x: signed(x), y: signed(y) }) : "";
 }
 
 // What mending had to leave as the file has it, or cannot promise.

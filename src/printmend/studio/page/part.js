@@ -4,17 +4,17 @@ import { html, useEffect, useRef, useState } from "./vendor.js";
 import { Cut } from "./cut.js";
 import { Save, saveBlob } from "./drawings.js";
 import { mm, number, t } from "./words.js";
+import { scaleOf } from "./scene.js";
 import { vector } from "./vector.js";
 import { View } from "./view3d.js";
 
 const PLACES = [["wanted", 0], ["printed", 1], ["mended", 2]];
-const nice = (value) => { const p = 10 ** Math.floor(Math.log10(value)); return [1, 2, 5, 10].map((k) => k * p).find((v) => v >= value * 0.999); };
 
 export function Part({ scene, bed, name = "part", morph: start, busy = false, children }) {
   const canvas = useRef(), view = useRef();
   const [failed, setFailed] = useState(false), [morph, setMorph] = useState(start ?? 1), [enlarge, setEnlarge] = useState(1);
   const [top, setTop] = useState(0), [single, setSingle] = useState(false), [cut, setCut] = useState(false);
-  const last = (scene?.layers.length ?? 1) - 1, most = nice(Math.max(scene?.p95_mm || 0.01, 0.01));
+  const last = (scene?.layers.length ?? 1) - 1, scale = scaleOf(scene), { most, fine } = scale;
   useEffect(() => {
     try { view.current = new View(canvas.current, { onFrame: (ms, fine) => { if (canvas.current) Object.assign(canvas.current.dataset, { frame: ms.toFixed(1), fine, pictures: Number(canvas.current.dataset.pictures ?? 0) + 1 }); } }); } catch { setFailed(true); }
     return () => { view.current?.close(); view.current = null; };
@@ -28,7 +28,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, ch
     view.current?.show(scene, bed);
     setTop(last);
     setSingle(false);
-    view.current?.set({ most });
+    view.current?.set({ most, fine });
   }, [scene]);
   useEffect(() => { view.current?.wait(busy); }, [busy]);
   useEffect(() => { if (start !== undefined) setMorph(start); }, [start, scene]);
@@ -63,7 +63,7 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, ch
     <div class="layers"><input type="range" min="0" max=${last} value=${Math.min(top, last)} aria-label=${says}
       onInput=${(event) => setTop(Number(event.target.value))} /></div>
     <div class="under">
-      <div class="glass scale" hidden=${morph <= 0.02}><i></i><span><b>0</b><b>${number(most / 2, most < 0.1 ? 3 : 2)}</b><b>≥ ${mm(most)}</b></span><span>${t("colour")}</span></div>
+      <div class="glass scale" hidden=${morph <= 0.02}><i class=${fine ? "fine" : ""}></i><span><b>0</b><b>${fine ? number(fine, 3) : number(most / 2, most < 0.1 ? 3 : 2)}</b><b>≥ ${mm(most)}</b></span><span>${t("colour")}${fine ? html`<br />${t("colour_fine")}` : ""}</span></div>
       <div class="glass row">
         <span>${says}</span>
         <label class="row"><input type="checkbox" checked=${single} onChange=${(event) => setSingle(event.target.checked)} />${t("one_layer")}</label>
@@ -73,6 +73,6 @@ export function Part({ scene, bed, name = "part", morph: start, busy = false, ch
   </div>
   ${scene && html`<label class="field"><span class="sr">${t("morph")}</span>
     <input type="range" min="0" max=${scene.mended ? 2 : 1} step="0.01" value=${morph} onInput=${(event) => setMorph(Number(event.target.value))} /><span class="row between faint" aria-hidden="true">${places.map(([place]) => html`<span>${t(place)}</span>`)}</span></label>
-  ${cut && html`<${Cut} scene=${scene} morph=${morph} most=${most} name=${name} />`}
+  ${cut && html`<${Cut} scene=${scene} morph=${morph} scale=${scale} name=${name} />`}
   ${scene.every > 1 && !scene.coarse && html`<p class="faint">${t("every", { n: scene.every })}</p>`}`}`;
 }

@@ -31,7 +31,7 @@ export function useScene(job) {
   const scene = useMemo(() => {
     if (!wanted && !coarse) return null;
     const [head, base, raw] = wanted ?? coarse;
-    return { ...head, of: job?.id, base, raw, coarse: !wanted, mended: wanted ? mended?.[1] ?? null : null };
+    return { ...head, of: job?.id, base, raw, coarse: !wanted, mended: wanted ? mended?.[1] ?? null : null, left_mm: (wanted && mended?.[0].p95_mm) || 0 };
   }, [coarse, wanted, mended]);
   return [scene, problem];
 }
@@ -49,6 +49,17 @@ export function errorOf({ raw, mended }, morph) {
   const [r, m] = morph <= 1 ? [morph / 1000, 0] : [(2 - morph) / 1000, (morph - 1) / 1000];
   return (i) => r * raw[4 * i + 2] + (m ? m * mended[4 * i + 2] : 0);
 }
+
+// The scale of the colours [mm]: `most` at its end, and where there is something mended `fine` in its middle, so that what
+// is left of the error does not look all the same.
+const nice = (value) => { const p = 10 ** Math.floor(Math.log10(value)); return [1, 2, 5, 10].map((k) => k * p).find((v) => v >= value * 0.999); };
+export function scaleOf(scene) {
+  const most = nice(Math.max(scene?.p95_mm || 0.01, 0.01)), left = nice(Math.max(scene?.left_mm || 0, 0.005));
+  return { most, fine: scene?.mended && left < most / 2 ? left : 0 };
+}
+
+// Where on the ramp of colours an error lies; without a fine part only the ramp's second half is used.
+export const shareOf = (error, { most, fine }) => (error < fine ? error / fine : 1 + Math.min(1, (error - fine) / (most - fine))) / 2;
 
 // The bead that leads on from point `i`: [width, height] in mm; null where none does.
 export const beadOf = ({ base }, i) => (base[4 * i + 3] & 1 ? [((base[4 * i + 3] >> 1) & 255) / 100, (base[4 * i + 3] >> 9) / 100] : null);

@@ -25,7 +25,7 @@ export default {
 
   view: "Das Teil in drei Dimensionen. Pfeiltasten drehen, Plus und Minus zoomen, Bild auf und ab gehen durch die Schichten.",
   morph: "Von gewollt über gedruckt zu geheilt", layer: "Schicht {n} von {of}, {z} mm hoch", one_layer: "Nur diese Schicht",
-  colour: "Abstand von der gewollten Linie, mm", every: "Nur jede {n}. Schicht ist gezeichnet: Das Teil ist sehr groß.",
+  colour_fine: "die linke Hälfte ist gespreizt", colour: "Abstand von der gewollten Linie, mm", every: "Nur jede {n}. Schicht ist gezeichnet: Das Teil ist sehr groß.",
   no_gl: "Dieser Browser kann nicht dreidimensional zeichnen (WebGL 2 ist aus).", reset: "Ganzes Teil", view_top: "Von oben",
 
   printers_now: "Jeder Drucker hat eine Karte. Den eigenen hinzufügen, seinen Testdruck drucken und sehen, was ihm fehlt.",
@@ -66,6 +66,7 @@ export default {
   mend_now: "Den G-Code eines Teils ablegen. Es erscheint wie gewollt, wie dieser Drucker es druckt, und geheilt.",
   drop_gcode: "G-Code hier ablegen: .gcode, .bgcode oder .3mf, auch mehrere", files: "Dateien", waits: "Wartet", ready: "Fertig", download: "Geheilt herunterladen", download_same: "Unverändert herunterladen", refused: "Nicht geheilt", forget: "{name} aus der Liste nehmen", anyway: "Trotzdem heilen", anyway_now: "Nur wer es besser weiß: Die Datei wird dann doch für diesen Drucker geheilt.",
   step_read: "Liest", step_rewrite: "Heilt", step_draw: "Zeichnet", step_compare: "Vergleicht", range: "9 von 10 Drucken: {low} bis {high} mm",
+  shift_out: "Wie er druckt, liegt das Ganze auch {mm} mm neben seinem Platz (X {x}, Y {y} mm). Zahlen und Farben lassen das weg; Heilen behebt es.", shift_in: "Wie er druckt, liegt das Ganze {mm} mm neben seinem Platz (X {x}, Y {y} mm). Zahlen und Farben enthalten das; Heilen behebt es.",
   rms_raw: "daneben, wie er druckt", rms_mended: "daneben, geheilt", p95: "95 % des Wegs innerhalb {mm} mm", moves: "{before} → {after} Befehle, Spiel {n}-mal aufgenommen", untouched: "Nichts zu heilen: Jeder Befehl bleibt, wie er ist.",
   time: "Druckdauer nach dem Slicer: {time}", time_least: "Druckdauer ungefähr: {time}", hours: "{h} h {m} min", minutes: "{m} min",
   busiest: "In der dichtesten Sekunde: {before} → {after} Befehle",

@@ -25,7 +25,7 @@ export default {
 
   view: "The part in three dimensions. Arrow keys turn it, plus and minus zoom, page up and down move through the layers.",
   morph: "From wanted over printed to mended", layer: "Layer {n} of {of}, {z} mm high", one_layer: "This layer only",
-  colour: "Distance from the wanted line, mm", every: "Every {n}th layer is drawn: the part is very large.",
+  colour_fine: "the left half is enlarged", colour: "Distance from the wanted line, mm", every: "Every {n}th layer is drawn: the part is very large.",
   no_gl: "This browser cannot draw in three dimensions (WebGL 2 is off).", reset: "Whole part", view_top: "From above",
 
   printers_now: "Every printer gets a card. Add yours, print its test print, and see what is wrong with it.",
@@ -66,6 +66,7 @@ export default {
   mend_now: "Drop the G-code of a part. You see it as wanted, as this printer prints it, and mended.",
   drop_gcode: "Drop G-code here: .gcode, .bgcode or .3mf, several if you like", files: "Files", waits: "Waiting", ready: "Ready", download: "Download mended", download_same: "Download as it is", refused: "Not mended", forget: "Remove {name} from the list", anyway: "Mend it anyway", anyway_now: "Only if you know better: the file is then mended for this printer all the same.",
   step_read: "Reading", step_rewrite: "Mending", step_draw: "Drawing", step_compare: "Comparing", range: "9 of 10 prints: {low} to {high} mm",
+  shift_out: "As it prints, all of it also lies {mm} mm beside its place (X {x}, Y {y} mm). Figures and colours leave that out; mending takes it away.", shift_in: "As it prints, all of it lies {mm} mm beside its place (X {x}, Y {y} mm). Figures and colours contain that; mending takes it away.",
   rms_raw: "off as it prints", rms_mended: "off when mended", p95: "95 % of the path within {mm} mm", moves: "{before} → {after} commands, slack taken up {n} times", untouched: "Nothing to mend: every command stays as it is.",
   time: "Print time, going by the slicer: {time}", time_least: "Print time, about: {time}", hours: "{h} h {m} min", minutes: "{m} min",
   busiest: "In the busiest second: {before} → {after} commands",

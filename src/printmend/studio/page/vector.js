@@ -1,7 +1,7 @@
 // The three-dimensional view as lines: the beads that can be seen from here, each as wide as it looks, the far ones first.
 import { Vector3, WebGLRenderTarget } from "./vendor.js";
 import { ramp } from "./cut.js";
-import { beadOf, errorOf, heightOf, placeOf } from "./scene.js";
+import { beadOf, errorOf, heightOf, placeOf, shareOf } from "./scene.js";
 
 const MOST_PX = 2400;
 const LIGHTS = [[0.5, new Vector3(-0.35, 0.65, 0.7).normalize()], [0.14, new Vector3(0.7, 0.1, 0.5).normalize()]]; // as in view3d.js
@@ -35,7 +35,7 @@ export function vector(view) {
     if (face.dot(eye) < 0) face.negate();
     face.transformDirection(camera.matrixWorldInverse);
     const light = 1.06 * LIGHTS.reduce((sum, [share, from]) => sum + share * Math.max(face.dot(from), 0), 0.42);
-    const base = uniforms.tinted.value > 0.5 ? ramp(Math.min(1, error(i + 1) / uniforms.most.value)) : plain;
+    const base = uniforms.tinted.value > 0.5 ? ramp(shareOf(error(i + 1), { most: uniforms.most.value, fine: uniforms.fine.value })) : plain;
     const stroke = (Math.hypot(Math.hypot(side.x, side.y) * wide, side.z * high) * height) / (2 * near * far);
     return [far, `<path d="M${flat(a)}L${flat(b)}" stroke="rgb(${base.map((v) => Math.min(255, Math.round(v * light))).join(" ")})" stroke-width="${Math.max(0.3, stroke).toFixed(2)}"/>`];
   }).sort(([one], [other]) => other - one);

@@ -50,17 +50,17 @@ void main() {
 const FRAGMENT = `
 precision highp float; precision highp int;
 in float across; in float err; in vec3 sideDir; in vec3 faceDir; flat in int number;
-uniform float most, tinted; uniform bool counted; uniform vec3 plain; out vec4 colour;
+uniform float most, fine, tinted; uniform bool counted; uniform vec3 plain; out vec4 colour;
 vec3 ramp(float t) {
-  vec3 a = vec3(0.184, 0.561, 0.514), b = vec3(0.914, 0.769, 0.416), c = vec3(0.906, 0.435, 0.318), d = vec3(0.608, 0.133, 0.149);
-  return t < 0.45 ? mix(a, b, t / 0.45) : t < 0.72 ? mix(b, c, (t - 0.45) / 0.27) : mix(c, d, clamp((t - 0.72) / 0.28, 0.0, 1.0));
+  vec3 z = vec3(0.149, 0.275, 0.471), a = vec3(0.184, 0.561, 0.514), b = vec3(0.914, 0.769, 0.416), c = vec3(0.906, 0.435, 0.318), d = vec3(0.608, 0.133, 0.149);
+  return t < 0.5 ? mix(z, a, t / 0.5) : t < 0.725 ? mix(a, b, (t - 0.5) / 0.225) : t < 0.86 ? mix(b, c, (t - 0.725) / 0.135) : mix(c, d, clamp((t - 0.86) / 0.14, 0.0, 1.0));
 }
 void main() {
   if (counted) { colour = vec4(ivec4(number, number >> 8, number >> 16, 255) & 255) / 255.0; return; }
   float rise = sqrt(max(0.0, 1.0 - across * across));
   vec3 normal = normalize(sideDir * across + faceDir * rise);
   float light = 0.42 + 0.5 * max(dot(normal, normalize(vec3(-0.35, 0.65, 0.7))), 0.0) + 0.14 * max(dot(normal, normalize(vec3(0.7, 0.1, 0.5))), 0.0);
-  vec3 base = tinted > 0.5 ? ramp(clamp(err / most, 0.0, 1.0)) : plain;
+  vec3 base = tinted > 0.5 ? ramp(err < fine ? 0.5 * err / fine : 0.5 + 0.5 * clamp((err - fine) / (most - fine), 0.0, 1.0)) : plain;
   colour = vec4(base * light * mix(0.8, 1.06, rise), 1.0);
 }`;
 const FLOOR = {
@@ -94,7 +94,7 @@ export class View {
     this.wheel = () => this.glance();
     canvas.addEventListener("wheel", this.wheel, { passive: true });
     this.uniforms = {
-      morph: { value: 1 }, unit: { value: 0.002 }, enlarge: { value: 1 }, minimum: { value: 0.0004 }, most: { value: 1 }, tinted: { value: 1 },
+      morph: { value: 1 }, unit: { value: 0.002 }, enlarge: { value: 1 }, minimum: { value: 0.0004 }, most: { value: 1 }, fine: { value: 0 }, tinted: { value: 1 },
       plain: { value: new Color("#9aa7a5") }, low: { value: new Vector3() }, pitch: { value: new Vector3() }, counted: { value: false },
       base: { value: null }, raw: { value: null }, mended: { value: null },
     };

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: AGPL-3.0-or-later
+"""printmend as a program of its own: how it is started, how far it is, and how it is stopped."""
+
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import threading
+
+LIMIT_S = 3600
+NICENESS = 10  # the printer's own work comes first
+PERCENT = re.compile(r"(\d+) %")  # how far printmend is, on its standard error
+
+
+class Program:
+    """One run of printmend at a time."""
+
+    def __init__(self):
+        self._process = None
+        self.cancelled = False
+
+    def mend(self, command, model, source, fresh, report, told):
+        """Mend a file into ``fresh``; return the reason where there is none. ``told`` hears the percentage."""
+        return self._run([command, "mend", source, "-m", model, "-o", fresh, "--report", report], fresh, told)
+
+    def stop(self):
+        """End printmend, and whatever it started: a script of the owner's may not be the program itself."""
+        self.cancelled = True
+        self._kill()
+
+    def _kill(self):
+        process = self._process
+        if process is not None:
+            with contextlib.suppress(OSError):  # ended by itself
+                if hasattr(os, "killpg"):
+                    os.killpg(process.pid, signal.SIGKILL)
+                else:  # Windows
+                    process.kill()
+
+    def _run(self, arguments, fresh, told):
+        environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "VIRTUAL_ENV")}
+        environment["PRINTMEND_PROGRESS"] = "1"
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 — the owner's own program, from the settings
+                arguments, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                start_new_session=True, creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
+            )  # fmt: skip
+        except OSError as error:
+            return f"{arguments[0]}: {error.strerror or error}"
+        if hasattr(os, "setpriority"):
+            with contextlib.suppress(OSError):  # ended already
+                os.setpriority(os.PRIO_PGRP, self._process.pid, NICENESS)
+        if self.cancelled:  # before there was a program to stop
+            self._kill()
+        late = threading.Event()
+        limit = threading.Timer(LIMIT_S, lambda: (late.set(), self._kill()))
+        limit.start()
+        lines = []
+        for line in self._process.stderr:
+            words = line.decode("utf-8", "replace").strip()
+            if percent := PERCENT.fullmatch(words):
+                told(int(percent[1]))
+            elif words:
+                lines.append(words)
+        code = self._process.wait()
+        limit.cancel()
+        self._process = None
+        if late.is_set():
+            return f"mending took longer than {LIMIT_S} s"
+        if self.cancelled:
+            return "cancelled"
+        if code == 0 and os.path.exists(fresh):
+            return ""
+        return lines[-1].removeprefix("printmend: ") if lines else f"printmend ended with {code}"

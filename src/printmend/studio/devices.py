@@ -1,0 +1,92 @@
+"""Who may use a studio from other computers: devices by name, each with its token, of which only the hash is kept."""
+
+import hashlib
+import hmac
+import json
+import secrets
+import threading
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from printmend.errors import InputError
+from printmend.files import replacing
+
+FILE = "devices.json"
+FIRST = "first device"  # the name of the token that a studio makes where it has none
+LONGEST_NAME = 60
+
+
+@dataclass(frozen=True)
+class Device:
+    """A device that may use the studio, and the SHA-256 of its token: 24 random bytes need no slower hash."""
+
+    name: str
+    sha256: str
+    created_s: float
+
+
+class Devices:
+    """The devices of a studio's folder; another program may add and revoke them while the studio runs."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / FILE
+        self._lock = threading.Lock()
+        self._seen: tuple[int, int] | None = None
+        self._known: tuple[Device, ...] = ()
+
+    def known(self) -> tuple[Device, ...]:
+        """Return the devices, the oldest first. Raises `InputError` for a file that is not one of ours."""
+        with self._lock:
+            try:
+                at = self._path.stat()
+            except FileNotFoundError:
+                self._seen, self._known = None, ()
+                return ()
+            if self._seen != (at.st_mtime_ns, at.st_size):
+                self._known, self._seen = _read(self._path), (at.st_mtime_ns, at.st_size)
+            return self._known
+
+    def add(self, name: str) -> str:
+        """Let a device in; return its token, which is not kept. Raises `InputError` for a name that is taken."""
+        name = name.strip()
+        if not name or len(name) > LONGEST_NAME or not name.isprintable():
+            raise InputError("the device", wanted=f"a name of 1 to {LONGEST_NAME} characters", came=repr(name),
+                             todo="name it after what it is: phone, laptop")  # fmt: skip
+        if any(one.name.casefold() == name.casefold() for one in self.known()):
+            raise InputError(name, wanted="a device that is not known yet", came="one of that name",
+                             todo="take another name, or --revoke it first")  # fmt: skip
+        token = secrets.token_urlsafe(24)
+        self._write((*self.known(), Device(name, _hash(token), time.time())))
+        return token
+
+    def revoke(self, name: str) -> None:
+        """Let a device in no longer. Raises `InputError` where there is none of that name."""
+        left = tuple(one for one in self.known() if one.name.casefold() != name.strip().casefold())
+        if len(left) == len(self.known()):
+            came = ", ".join(one.name for one in left) or "none"
+            raise InputError(name, wanted="a device of this studio", came=came, todo="see --devices")
+        self._write(left)
+
+    def knows(self, token: str) -> bool:
+        """Say whether a token is that of a device."""
+        given = _hash(token)
+        return any([hmac.compare_digest(one.sha256, given) for one in self.known()])  # noqa: C419 — each time all of them
+
+    def _write(self, devices: tuple[Device, ...]) -> None:
+        self._path.touch(mode=0o600)  # its owner's alone, and stays so when it is replaced
+        with replacing(self._path) as file:
+            json.dump([asdict(one) for one in devices], file, indent=1)
+
+
+def _read(path: Path) -> tuple[Device, ...]:
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8") or "[]")
+        return tuple(Device(str(row["name"]), str(row["sha256"]), float(row["created_s"])) for row in rows)
+    except (OSError, ValueError, TypeError, KeyError):
+        raise InputError(path, wanted="the devices of a studio", came="another file",
+                         todo="remove it, and let the devices in again with --device") from None  # fmt: skip
+
+
+def _hash(token: str) -> str:
+    return hashlib.sha256(token.encode()).hexdigest()

@@ -1,0 +1,164 @@
+"""Who comes into the studio from other computers, and what keeps others from coming in."""
+
+import http.client
+import re
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+import uvicorn
+from click.testing import CliRunner
+from starlette.testclient import TestClient
+
+from printmend.cli.main import group
+from printmend.cli.studio import usual_folder
+from printmend.errors import InputError
+from printmend.studio import door
+from printmend.studio.app import create_app
+from printmend.studio.devices import Devices
+
+HERE = "http://127.0.0.1:8765"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "studio").mkdir()
+    return tmp_path / "studio"
+
+
+def test_a_token_is_asked_for_and_kept_as_a_cookie_that_scripts_cannot_read(folder: Path) -> None:
+    devices = Devices(folder)
+    token, other = devices.add("phone"), devices.add("laptop")
+    with TestClient(create_app(folder, workers=1, knows=devices.knows), base_url=HERE) as client:
+        assert client.get("/").status_code == client.get("/api/health").status_code == 401
+        assert client.get("/api/health", headers={"authorization": "Bearer wrong"}).status_code == 401
+        assert client.get("/api/health", headers={"authorization": f"Bearer {token}"}).status_code == 200
+        come = client.get("/", params={"token": token})
+        assert come.status_code == 200
+        assert "HttpOnly; SameSite=Strict" in come.headers["set-cookie"]
+        assert client.get("/api/health").status_code == 200  # the browser sends the cookie now
+        Devices(folder).revoke("Phone")  # by another program, while the studio runs
+        assert client.get("/api/health").status_code == 401
+        assert client.get("/api/health", headers={"authorization": f"Bearer {other}"}).status_code == 200
+
+
+def test_a_folder_of_devices_holds_no_token_and_is_its_owners_alone(folder: Path) -> None:
+    token = Devices(folder).add("phone")
+    kept = folder / "devices.json"
+    assert token not in kept.read_text()
+    assert kept.stat().st_mode & 0o077 == 0
+    assert Devices(folder).knows(token)  # after a restart
+    Devices(folder).add(" tv\n")  # blanks around a name are not part of it
+    assert [one.name for one in Devices(folder).known()] == ["phone", "tv"]
+    for call, name, words in (
+        ("add", "PHONE", "one of that name"),
+        ("add", " ", "a name"),
+        ("revoke", "pc", "phone, tv"),
+    ):
+        with pytest.raises(InputError, match=words):
+            getattr(Devices(folder), call)(name)
+    kept.write_text("{")
+    with pytest.raises(InputError, match="another file"):
+        Devices(folder).known()
+
+
+def test_devices_are_let_in_and_revoked_by_name(folder: Path) -> None:
+    def say(*more: str) -> str:
+        done = CliRunner().invoke(group, ["studio", "--folder", str(folder), *more])
+        assert done.exit_code == 0, done.output
+        return done.stdout
+
+    address = say("--device", "phone", "--host", "workshop", "--port", "9000")
+    assert address.startswith("phone: http://workshop:9000/?token=")
+    assert Devices(folder).knows(address.strip().partition("token=")[2])
+    assert say("--devices").startswith("phone, since 20")
+    say("--revoke", "phone")
+    assert say("--devices") == ""
+
+
+def test_everything_is_kept_where_the_system_has_users_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.delenv("XDG_DATA_HOME", raising=False)
+    assert usual_folder() == tmp_path / ".local/share/printmend/studio"
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    assert usual_folder() == tmp_path / "data/printmend/studio"
+    assert CliRunner().invoke(group, ["studio", "--devices"]).exit_code == 0
+    assert usual_folder().stat().st_mode & 0o077 == 0
+
+
+def test_the_api_describes_itself_in_openapi_and_has_a_name_that_stays(folder: Path) -> None:
+    with TestClient(create_app(folder, workers=1), base_url=HERE) as client:
+        assert client.get("/api/v1/health").json() == client.get("/api/health").json()
+        assert client.get("/api/v1/absent").status_code == client.get("/api/absent").status_code == 404
+        for _ in range(2):
+            document = client.get("/api/v1/openapi.json").json()
+            assert document["openapi"] == "3.1.0"
+            assert "itemSchema" not in str(document)
+        ids = [one["operationId"] for operations in document["paths"].values() for one in operations.values()]
+        assert {
+            "jobs_list",
+            "jobs_cancel",
+            "printers_add",
+            "printers_get",
+            "files_upload",
+            "play_start",
+            "studio_health",
+        } <= set(ids)
+        assert all(re.fullmatch(r"[a-z]+(_[a-z]+)+", one) for one in ids)
+        assert document["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
+
+
+def test_connections_that_ask_for_nothing_keep_nobody_out(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(door, "ASK_S", 0.5)
+    app = create_app(folder, workers=1)
+    server = uvicorn.Server(
+        uvicorn.Config(app, port=0, log_level="error", ws="none", http=door.Door, limit_concurrency=50)
+    )
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    silent: list[socket.socket] = []
+    try:
+        while not server.started:
+            time.sleep(0.02)
+        place = server.servers[0].sockets[0].getsockname()
+        for k in range(2 * door.MOST_SILENT):
+            silent.append(socket.create_connection(place))
+            if k % 2:
+                silent[-1].sendall(b"GET /api/health HTTP/1.1\r\nHost: 127.0.0.1\r\nX-More: ")
+
+        def ended() -> int:
+            """Count those that the server has ended."""
+            for one in silent:
+                one.settimeout(5)
+            return sum(_is_ended(one) for one in silent)
+
+        assert ended() == len(silent)  # some at once, the others after the time to ask
+        asking = http.client.HTTPConnection(*place, timeout=5)
+        for _ in range(2):  # a second request on a connection, too, and then half of one
+            asking.request("GET", "/api/health")
+            answer = asking.getresponse()
+            assert (answer.status, b"version" in answer.read()) == (200, True)
+        asking.sock.sendall(b"GET /api/hea")
+        silent.append(asking.sock)
+        assert _is_ended(asking.sock)
+        assert not door.Door._silent
+    finally:
+        server.should_exit = True
+        thread.join()
+        for one in silent:
+            one.close()
+
+
+def _is_ended(link: socket.socket) -> bool:
+    try:
+        while link.recv(65536):
+            pass
+    except ConnectionError:
+        pass
+    except TimeoutError:
+        return False
+    return True
