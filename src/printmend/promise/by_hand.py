@@ -38,7 +38,9 @@ BOTH_SHARE = 0.5  # of printers with a faulty scale, play or pulley: how many ha
 SIZES = (0.25, 0.5, 1.0, 2.0)  # of all faults of a machine, in prior standard deviations: each as likely
 FALLS = (1, 2)  # power of their number by which a pulley's harmonics fall off: each as likely
 HARMONICS = (1, 2, 3, 4)  # of a pulley
-FINER_MM = 0.03  # what no distances show, as a pulley's finer harmonics: root mean square that few printers have more of
+FINER_MM = (
+    0.03  # what no distances show, as a pulley's finer harmonics: root mean square that few printers have more of
+)
 FINER_SHARE = 0.5  # of printers that have any of it
 FEW_SDS = 1.645  # standard deviations of a normal value that 1 of 10 exceed
 FAR_MM = 1e4  # length of the print that was measured: nothing that was learned so depends on it
