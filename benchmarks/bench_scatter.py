@@ -3,11 +3,11 @@
     .venv/bin/python benchmarks/bench_scatter.py --draws 20
 
 Foreign printers with eccentric pulleys and play (benchmarks/outside.py): as they are, sticking and slipping, with a
-loose nozzle (benchmarks/outside_faults.py); their probe read into a table with 0.05 mm of noise. For each axis' residuals
-of the learned model: tails (excess kurtosis), what lasts from dot to dot (correlation with the next), what goes with
-the way that the motor came (correlation); and whether the model tells of a misfit itself. One line a kind: in how many
-prints each of these is beyond what chance makes in one of a hundred, and the share of the residuals' variance that the
-fault made.
+loose nozzle (benchmarks/outside_faults.py); their probe read into a table with 0.05 mm of noise. For each axis'
+residuals of the learned model: tails (excess kurtosis), what lasts from dot to dot (correlation with the next), what
+goes with the way that the motor came (correlation); and whether the model tells of a misfit itself. One line a kind:
+in how many prints each of these is beyond what chance makes in one of a hundred, and the share of the residuals'
+variance that the fault made.
 """
 
 import argparse

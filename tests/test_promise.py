@@ -121,7 +121,7 @@ def test_a_learner_without_doubt_promises_no_less_than_it_leaves(part: Path) -> 
     before = check_gcode(part, model).before
     off_mm = np.sqrt(np.mean((trace.measured_mm - trace.commanded_mm) ** 2))
     assert before.rms_low_mm < off_mm < before.rms_high_mm
-    assert before.made_of["scatter"] > 0.9 * before.rms_mm
+    assert before.made_of["uneven"] > 0.9 * before.rms_mm
 
 
 def test_drawn_machines_move_marks_as_their_effects_say(bent: SavedModel) -> None:
@@ -308,7 +308,7 @@ def test_a_section_that_is_none_of_ours_is_refused_in_one_line(bent: SavedModel)
         {**section, "version": 1},
         {**section, "parts": [{**first, "effect": "nobody"}, *others]},
         {**section, "parts": [{**first, "where": 7}, *others]},
-        {**section, "parts": [{**first, "shape": [-1.0, 0.0, 3.0]}, *others]},
+        {**section, "parts": [{**first, "effect": "uneven", "shape": []}, *others]},
         {**section, "parts": [{**first, "acts": [*first["acts"], 0.0]}, *others]},
         {**section, "parts": [{**first, "draws": [row[1:] for row in first["draws"]]}, *others]},
         {**section, "parts": [{**first, "there": [DRAWS]}, *others]},

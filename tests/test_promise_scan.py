@@ -30,6 +30,7 @@ from printmend.repair.mend import is_healthy
 from printmend.repair.prediction import advice_of
 from printmend.twin import Twin
 from tests.promised import CIRCLE, ENDER3, HEALTHY, measured, scanned
+from tests.test_greybox_learning import stairs
 
 
 @pytest.fixture
@@ -63,13 +64,16 @@ def test_a_scanners_stretch_is_no_uneven_belt() -> None:
         assert max(np.ptp(each) for each in off) < 3 * wave_mm + 1e-6, wave_mm
 
 
-def test_a_lens_that_bends_no_more_than_a_photo_does_is_not_mended() -> None:
-    seen = scanned(measured(HEALTHY, 0.002, 3), np.zeros((2, 2)), PAPER)
+def test_a_lens_that_bends_no_more_than_a_photo_does_is_mended_by_no_more() -> None:
+    """No effect stands for a lens: what one bends is taken for bent guides, of the same few hundredths at the edges."""
+    seen = scanned(measured(HEALTHY, 0.002, 3, 400), np.zeros((2, 2)), PAPER)
     bend_mm = 0.01 * ((seen.commanded_mm - 110) / 100) ** 2
     model = learn_model(replace(seen, measured_mm=seen.measured_mm + bend_mm), ENDER3)
-    assert is_healthy(model)
+    way = stairs(100)
+    moved = Twin(model.mechanism).follow(way) - way
+    assert np.ptp(moved, axis=0).max() < 0.025
     bent = learn_model(replace(seen, measured_mm=seen.measured_mm + 20 * bend_mm), ENDER3)
-    assert "scale that changes along the axis" in bent.findings[0]
+    assert not is_healthy(bent)
 
 
 def test_an_axis_that_never_moved_says_nothing() -> None:
@@ -209,25 +213,18 @@ def test_a_length_that_was_given_is_not_asked_for_again() -> None:
     assert "second scan" in advice_of(replace(whole, document={**whole.document, "promise": odd}), doubt)[0]
     for instrument, is_known in ((FLATBED, False), (settled(0.0, 0.0, 140.0, FLATBED)[1], True)):
         model = learn_model(scanned(measured(stretched, 0.01, 4), np.zeros((2, 2)), instrument), ENDER3)
-        scale, advice = *scale_words(model), *advice_of(model, doubt)
-        for said in (scale, advice):
+        for said in (*scale_words(model), *advice_of(model, doubt)):
             assert ("--distance" in said) != is_known
             assert ("second scan of the same plate" in said) == is_known
 
 
-@pytest.mark.parametrize("length_mm", [61.0, 79.5])
-def test_one_scans_wave_may_be_its_carriages(length_mm: float, rng: np.random.Generator) -> None:
-    """What a scanner's carriage does by running uneven is not printed into parts; two turns of the plate tell it."""
+def test_a_wave_along_the_bed_is_named_with_its_length_and_size(rng: np.random.Generator) -> None:
     points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (600, 2))])
-    wave = 0.022 * np.sin(points[:, 1] / length_mm * 2 * np.pi)
+    wave = 0.022 * np.sin(points[:, 1] / 61.0 * 2 * np.pi)
     measured = points + np.stack([np.zeros(len(points)), wave], axis=1) + rng.normal(0, 0.01, points.shape)
-    scan = Trace(points, measured, homed=True, placed=False, instrument=FLATBED)
-    once = learn_model(scan, ENDER3)
-    assert is_healthy(once)
-    assert "Scan the same plate a second time" in report(once)
-    assert max(each["unexplained_mm2"] for each in once.document["promise"]["motors"].values()) > 0.4 * 0.022**2 / 2
-    twice = learn_model(replace(scan, instrument=replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4)), ENDER3)
-    assert not is_healthy(twice)
+    twice = replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4)
+    model = learn_model(Trace(points, measured, homed=True, placed=False, instrument=twice), ENDER3)
+    assert re.search(r"every (60|61)\.\d mm, by 0\.02", model.findings[0])
 
 
 def test_no_firmware_gets_the_stretch_of_a_scanner() -> None:
@@ -253,10 +250,13 @@ def test_a_pulley_of_a_far_other_size_is_learned_from_a_scan(turn_mm: tuple[floa
     assert document["trace"]["residual_after_mm"] < 0.04
 
 
-def test_play_that_one_scan_cannot_tell_from_its_wave_is_no_finding(rng: np.random.Generator) -> None:
-    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (600, 2))])
+@pytest.mark.parametrize("wave_mm", [0.02, 0.001])
+def test_small_play_is_as_large_as_it_is_said_to_be(wave_mm: float, rng: np.random.Generator) -> None:
+    """However uneven the carriage runs: it follows the place, and play the direction."""
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (400, 2))])
     twin = Twin.of(Corruption((Drive(belt=Play(0.04)), Drive())), ENDER3)
     measured = twin.follow(points) + rng.normal(0, 0.01, points.shape)
-    for wave_mm, said in ((0.02, "X healthy; Y healthy"), (0.001, "X belt play 0.0")):
-        scan = Trace(points, measured, homed=True, placed=False, instrument=replace(FLATBED, wave_mm=wave_mm))
-        assert report(learn_model(scan, ENDER3)).startswith(said)
+    scan = Trace(points, measured, homed=True, placed=False, instrument=replace(FLATBED, wave_mm=wave_mm))
+    (play,) = learn_model(scan, ENDER3).document["diagnosis"]
+    assert (play["part"], play["kind"]) == ("x", "play")
+    assert abs(play["value"] - 0.04) < 3 * play["sd"] < 0.03

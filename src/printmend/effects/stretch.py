@@ -6,6 +6,8 @@ import numpy as np
 
 from printmend.effects.effect import GONE, Acts, Of, Places, Scene, Term
 
+ALWAYS = 1e3  # logarithm of its odds: no instrument is exact, though its picture may look so
+
 
 class Stretch:
     """A linear error of the picture, as uncertain as the instrument says."""
@@ -19,7 +21,7 @@ class Stretch:
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         if scene.instrument.covariance.any():
-            yield Term(self.name, 0, (), (1.0, 1.0, 1.0), 7.0)
+            yield Term(self.name, 0, (), (1.0, 1.0, 1.0), ALWAYS)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         values, axes = np.linalg.eigh(scene.instrument.covariance)

@@ -37,11 +37,11 @@ def scale_words(model: SavedModel) -> tuple[str, ...]:
 
 def shown_scales(scene: Scene, parts: Sequence[Part]) -> list[float]:
     """Return by which shares a print is too large in its picture in X and Y, the instrument's own included."""
-    acts, _ = _axes(scene, parts)
+    _, draws = _axes(scene, parts)
     values, axes = np.linalg.eigh(scene.instrument.covariance)
     stretch = sum((part.mean_mm for part in parts if part.effect == "stretch"), np.zeros(3))
     common, half, _ = (axes * np.sqrt(np.maximum(values, 0.0))) @ stretch
-    return [round(float(each), 6) for each in acts + np.array([common + half, common - half])]
+    return [round(float(each), 6) for each in draws.mean(axis=1) + np.array([common + half, common - half])]
 
 
 def _axes(scene: Scene, parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:

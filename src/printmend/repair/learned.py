@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from printmend.diagnosis.gaps import gaps_of
 from printmend.diagnosis.named import Diagnosis, diagnose, misfits_of
 from printmend.diagnosis.screw import ScrewFound, find_screw
-from printmend.effects import Scene, scene_of
+from printmend.effects import EFFECTS, Scene, scene_of
 from printmend.errors import ConfigError
 from printmend.identify.drive import ALL_SEEN
 from printmend.infer.fit import Fit, fitted
@@ -25,7 +25,7 @@ from printmend.learn import learner
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
 from printmend.learn.hybrid import HybridModel
 from printmend.learn.walls import with_walls
-from printmend.machine import Mechanism, healthy_mechanism, healthy_transmission
+from printmend.machine import Frame, Mechanism, healthy_mechanism, healthy_transmission
 from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.path import Trace
@@ -225,11 +225,27 @@ def _learned_without_parts(
     left = (trace.measured_mm - Twin(mechanism).follow(trace.commanded_mm))[known]
     left = left if trace.placed else left - left.mean(axis=0)
     turns = (printer.x.mm_per_turn, printer.y.mm_per_turn)
-    promise = belief_section(scene_of(trace, printer, turns), (), scatter_mm=float(np.sqrt(np.mean(left**2))))
+    scene = scene_of(trace, printer, turns)
+    promise = belief_section(scene, _left_by_place(scene, left))
     details = {"misfit": misfit_section(told), "promise": promise}
     finding = f"learned by {name}, which knows no play, no direction and no uncertainty"
     saved = saved_model(mechanism, learner=name, noise_mm=noise, findings=(finding,), details=details)
     return Learned(saved, None, trace)
+
+
+def _left_by_place(scene: Scene, left_mm: np.ndarray) -> list[Part]:
+    """Return what a learner without doubt leaves of its points [N, 2] as an error of both motors by place: it may come
+    again at any of them."""
+    rng = np.random.default_rng(0)
+    size_mm = np.sqrt(np.mean(np.square(scene.printer.to_motor(left_mm)), axis=0))
+    found = []
+    for term in EFFECTS["uneven"].terms(scene):
+        profile = np.array(term.sd_mm)
+        if term.where == len(found):  # the first of a motor's: any size will do
+            profile *= size_mm[term.where] / np.sqrt(np.sum(profile**2) / 2)
+            draws = profile[:, None] * rng.standard_normal((len(profile), DRAWS))
+            found.append(Part(term.effect, term.where, term.shape, np.zeros(len(profile)), draws))
+    return found
 
 
 def without_jumps(trace: Trace, box: GreyboxModel) -> Trace:
@@ -343,6 +359,7 @@ def _anchored(
     """
     if trace.placed or not trace.homed:
         return mechanism, branches
+    mechanism = replace(mechanism, frame=_frame_from_home(mechanism))
     homed = mechanism.homed()
     moved: list[Branches | None] = []
     for motor, one in enumerate(branches):
@@ -352,6 +369,15 @@ def _anchored(
             one = replace(one, mean=replace(one.mean, powers_mm=np.concatenate([powers[:1] + shift_mm, powers[1:]])))
         moved.append(one)
     return _unshifted(homed, (moved[0], moved[1]))
+
+
+def _frame_from_home(mechanism: Mechanism) -> Frame:
+    """Return a frame that moves nothing at home: its own shift is the origin's, which is no drive's."""
+    home = np.array(mechanism.printer.home_mm, float)[None]
+    frame, constant = mechanism.frame, Frame.exponents.index((0, 0))
+    coefficients = frame.coefficients_mm.copy()
+    coefficients[:, constant] -= (frame.apply(home) - home)[0]
+    return replace(frame, coefficients_mm=coefficients)
 
 
 def left_over_mm(box: GreyboxModel) -> np.ndarray:
