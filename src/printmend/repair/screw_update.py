@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from printmend.effects.words import NAMED_SIGMAS
 from printmend.diagnosis.screw import KINDS, ScrewFound, find_screw, heights_mm, without_push
+from printmend.effects.words import NAMED_SIGMAS
 from printmend.path import Trace
 from printmend.repair.learned import Z_SAID, with_screw_found
 from printmend.saved import SavedModel, ScrewSeries, screw_of, with_screw
