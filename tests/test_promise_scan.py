@@ -218,13 +218,15 @@ def test_a_length_that_was_given_is_not_asked_for_again() -> None:
             assert ("second scan of the same plate" in said) == is_known
 
 
-def test_a_wave_along_the_bed_is_named_with_its_length_and_size(rng: np.random.Generator) -> None:
-    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (600, 2))])
-    wave = 0.022 * np.sin(points[:, 1] / 61.0 * 2 * np.pi)
+@pytest.mark.parametrize("length_mm", [61.0, 79.5])
+def test_a_wave_along_the_bed_that_two_scans_show_is_mended(length_mm: float, rng: np.random.Generator) -> None:
+    points = np.vstack([[ENDER3.home_mm], rng.uniform(10, 210, (400, 2))])
+    wave = 0.022 * np.sin(points[:, 1] / length_mm * 2 * np.pi)
     measured = points + np.stack([np.zeros(len(points)), wave], axis=1) + rng.normal(0, 0.01, points.shape)
     twice = replace(FLATBED, axes_sd=1e-4, lean_sd=1e-4)
     model = learn_model(Trace(points, measured, homed=True, placed=False, instrument=twice), ENDER3)
-    assert re.search(r"every (60|61)\.\d mm, by 0\.02", model.findings[0])
+    left = (Twin(model.mechanism).follow(points) - points)[:, 1] - wave
+    assert np.std(left) < 0.4 * np.std(wave)
 
 
 def test_no_firmware_gets_the_stretch_of_a_scanner() -> None:
@@ -232,10 +234,6 @@ def test_no_firmware_gets_the_stretch_of_a_scanner() -> None:
     for firmware in ("marlin", "klipper", "rrf", "linuxcnc"):
         with pytest.raises(RefusedError, match="leave its settings as they are: there is nothing to mend"):
             export_supported(healthy, firmware)
-    unsure = replace(FLATBED, scale_sd=0.01, axes_sd=0.01)
-    scaled = Corruption((Drive(), Drive()), frame=CrookedFrame(x_scale=1.2))
-    model = learn_model(scanned(measured(scaled, 0.01, 4), np.zeros((2, 2)), unsure), ENDER3)
-    assert export_supported(model, "klipper").settings == ("scale of X",)
 
 
 @pytest.mark.parametrize("turn_mm", [(49.0, 41.5), (34.0, 40.0)])
