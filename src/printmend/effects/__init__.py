@@ -11,6 +11,7 @@ from printmend.effects.bend import Bend
 from printmend.effects.bent import Bent
 from printmend.effects.breathing import Breathing
 from printmend.effects.carriage import Carriage
+from printmend.effects.carriage_wave import CarriageWave
 from printmend.effects.creep import Creep
 from printmend.effects.drift import Drift
 from printmend.effects.effect import Acts, Effect, Of, Places, Scene, Term, home_of, places_of, scene_of
@@ -49,7 +50,7 @@ _ALL: tuple[Effect, ...] = (
     Place(), Scale(), Bend(), Pulley(), Play(), Breathing(), Friction(), Elastic(), Uneven(), Splice(), Idler(),
     Teeth(), Skew(), Aspect(), Bent(), Rail(), Racking(), Tilt(), Lag(), Speed(), TwoMotors(), UnevenPlay(),
     Drift(), Creep(), Step(), Warmth(), Wear(), Wander(),
-    Origin(), Shift(), Turn(), Stretch(), Carriage(), Halves(), Bead(),
+    Origin(), Shift(), Turn(), Stretch(), Carriage(), CarriageWave(), Halves(), Bead(),
 )  # fmt: skip
 _NEEDS = ("name", "of", "acts", "from_home", "fate", "most", "terms", "columns", "finer")
 

@@ -10,6 +10,7 @@ from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, m
 
 HARMONICS = np.arange(1.0, 33.0)  # corners of a pulley need so many
 FOLDS = (2, 3, 4, 5, 6)  # of symmetric pulleys: oval, three-cornered, …
+OTHER_TURN_SHARE = 0.003  # of printers: a pulley of another size than the printer's, whose error shows
 OFF_FOLD = 0.08  # size of what breaks a symmetry, as a share of the usual
 
 
@@ -39,7 +40,9 @@ class Pulley:
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            yield from alternatives(self.name, motor, [()], *(tuple(np.tile(each, 2)) for each in profiles()))
+            usual = abs(scene.turns_mm[motor] / scene.printer.axes[motor].mm_per_turn - 1) < NEAR_SHARE
+            each = (tuple(np.tile(profile, 2)) for profile in profiles())
+            yield from alternatives(self.name, motor, [()], *each, share=None if usual else OTHER_TURN_SHARE)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS))

@@ -1,0 +1,60 @@
+"""A wave that a scanner's carriage makes with its own screw or belt: along one axis of the picture alone."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from printmend.effects.effect import (
+    GONE,
+    Acts,
+    Of,
+    Places,
+    Scene,
+    Term,
+    along,
+    finer_periods,
+    periods_mm,
+    waves,
+)
+from printmend.effects.prior import alternatives
+from printmend.effects.words import Found, Message, Told
+
+SHORTEST_MM, LONGEST_MM = 10.0, 150.0  # of a period
+ONE_TURN_SD = 5e-4  # of the difference of the picture's axes: scans at two turns know it better, and cancel the wave
+
+SAID = Message(
+    "{a} has a wave of {b} mm, which a scanner's carriage makes, too: mending leaves it as it is. Scan the same plate "
+    "a second time, turned by a quarter, and both are told apart"
+)
+
+
+class CarriageWave:
+    """A wave along one axis of a picture that was taken at one turn."""
+
+    name = "carriage_wave"
+    of = Of.INSTRUMENT
+    acts = Acts.NOT
+    from_home = True
+    fate = GONE
+    most = 2
+
+    def terms(self, scene: Scene) -> Iterator[Term]:
+        if not scene.instrument.wave_mm or scene.instrument.axes_sd < ONE_TURN_SD:
+            return
+        for axis in range(2):
+            low, high = scene.bed_span_mm[axis]
+            shapes = [
+                (float(each),) for each in periods_mm(SHORTEST_MM, min(LONGEST_MM, 0.5 * (high - low)), high - low)
+            ]
+            if shapes:
+                yield from alternatives(self.name, axis, shapes, (1.0, 1.0))
+
+    def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
+        return along(where, waves(places.bed_mm[:, where], shape[0], np.ones(1)))
+
+    def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
+        return finer_periods(shape[0], round_)
+
+    def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
+        size_mm = float(np.linalg.norm(found.sizes_mm)) / 2**0.5
+        yield Told("carriage", SAID("XY"[found.where], f"{size_mm:.3f}"), is_harmless=True)
