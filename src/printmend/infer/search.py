@@ -14,6 +14,7 @@ from printmend.effects import EFFECTS
 from printmend.infer.gram import Dictionary, Gram
 
 LEAST_SIGMA_MM = 2e-4  # tables and G-code are written no finer
+LEAST_BETTER = 1e-6  # of the score: what rounding leaves
 MOST_STEPS = 80  # of the search: more blocks than any printer's
 Set = tuple[tuple[int, int], ...]  # (block, alternative in size) of each member
 
@@ -177,15 +178,14 @@ def _grown(search: Search, state: State) -> State | None:
 
 
 def _exchanged(search: Search, state: State) -> State | None:
-    """Return the best set with one member dropped, or another in its place; None where none is better."""
-    best: State | None = None
-    for at in range(len(state.members)):
+    """Return a better set with one member dropped, or another in its place, the last that came first; None for none."""
+    for at in reversed(range(len(state.members))):
         others = (*state.members[:at], *state.members[at + 1 :])
         without = search.posterior(others, state.sigma_mm, rounds=0)
         choice, gain = search.gains(without, search.offered(others)).without(state.members[at]).best()
         members = (*others, choice) if gain > 0 else others
-        if without.score + max(gain, 0.0) > state.score + 1e-6:
+        if without.score + max(gain, 0.0) > state.score + LEAST_BETTER:
             tried = search.posterior(members, state.sigma_mm)
-            if tried.score > (best or state).score + 1e-6:
-                best = tried
-    return best
+            if tried.score > state.score + LEAST_BETTER:
+                return tried
+    return None
