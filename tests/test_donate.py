@@ -13,8 +13,6 @@ import pytest
 from click.testing import CliRunner, Result
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
-from printmend.promise.budget import parse_budget
-from printmend.promise.effects import parse_effects
 
 from printmend.cli.main import group
 from printmend.errors import InputError
@@ -23,6 +21,7 @@ from printmend.measure.table import read_trace, write_trace
 from printmend.path import Origin, Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
+from printmend.promise.belief import parse_belief
 from printmend.repair.donation import donation, write_donation
 from printmend.repair.history import remember, remember_learned
 from printmend.repair.learned import learn_model
@@ -104,8 +103,7 @@ def test_nothing_personal_is_in_it_and_it_serves_all_the_same(folder: Path, meas
     (folder / "probe.json").write_bytes(files["probe.json"])
     assert len(read_plan(folder / "probe.json")) == len(read_plan(folder / "bob.json"))
     model = parse_model(files["printer.mend.json"].decode(), subject="given")
-    assert parse_budget(model) is not None
-    assert parse_effects(model.document) == ()
+    assert parse_belief(model) is not None
     assert model.printer == replace(ENDER3, name=model.printer.name)
     assert [json.loads(line)["day"] for line in files["history.jsonl"].splitlines()] == [0, 8]
 

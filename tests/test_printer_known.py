@@ -10,7 +10,7 @@ from printmend.gcode.header import Described
 from printmend.printer import preset_names, read_printer
 from printmend.printer.known import bare_name, printers_named
 from printmend.printer.toml import preset_text
-from printmend.repair.mend import _refuse_contradiction
+from printmend.repair.meant import refuse_contradiction
 
 FOREIGN = (
     "Bambu Lab P1S", "Bambu Lab X1 Carbon 0.4 nozzle", "X1C", "Bambu Lab A1", "Bambu Lab A1 mini",
@@ -73,7 +73,7 @@ OWN = {
 def is_refused(preset: str, *names: str) -> bool:
     printer = read_printer(preset)
     try:
-        _refuse_contradiction("part.gcode", Described(names, None), printer)
+        refuse_contradiction("part.gcode", Described(names, None), printer)
     except ModelError as error:
         return "--force" in error.todo and error.came in [f"G-code for {name}" for name in names]
     return False
@@ -123,7 +123,7 @@ def test_one_name_of_its_own_is_enough():
 def test_a_printer_that_its_owner_named_takes_any_name():
     mine = replace(read_printer("ender5"), name="workhorse")
     for name in FOREIGN:
-        _refuse_contradiction("part.gcode", Described((name,), None), mine)
+        refuse_contradiction("part.gcode", Described((name,), None), mine)
     assert printers_named("/home/voron/ender5/workhorse.toml") == frozenset()
     assert printers_named(r"C:\printers\ender5.toml") == printers_named("Ender-5") != frozenset()
 

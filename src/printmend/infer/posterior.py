@@ -4,17 +4,20 @@ The likeliest set and its neighbours, one block more, less or exchanged, are wei
 (Bayesian model averaging: Hoeting et al. 1999). A draw is one of these sets, with sizes from its posterior.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from printmend.effects import EFFECTS, Acts, Scene
+from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of
+from printmend.effects.sample import drawn_places
 from printmend.infer.fit import Fit
 from printmend.infer.machine import Sized
 from printmend.infer.search import Gains, Set
 
 DRAWS = 96  # machines that are drawn
 LEAST_LOG_WEIGHT = -7.0  # sets less likely than e^−7 of the likeliest are left out
+MOST_WORSE_SHARE = 0.05  # of the drawn machines that may print no better with what acts
 MOST_SETS = 24  # neighbours that are weighed at most
 
 
@@ -85,7 +88,24 @@ def posterior_of(fit: Fit, rng: np.random.Generator) -> Posterior:
         key = (blocks[b].effect, blocks[b].where, blocks[b].shape)
         acts_mm = acting.get(key, np.zeros(len(draws[b]))) if b in likely else np.zeros(len(draws[b]))
         parts.append(Part(*key, acts_mm, draws[b]))
+    if not _gains(fit.scene, parts):
+        parts = [replace(part, acts_mm=np.zeros_like(part.acts_mm)) for part in parts]
     return Posterior(fit.scene, tuple(parts), len(likely), fit.state.sigma_mm, tuple(nats))
+
+
+def _gains(scene: Scene, parts: Sequence[Part]) -> bool:
+    """Say whether what acts makes nearly all drawn machines print better over what was measured."""
+    places = drawn_places(scene)
+    drawn_mm, acts_mm = np.zeros((len(places), 2, DRAWS)), np.zeros((len(places), 2, 1))
+    for part in parts:
+        if EFFECTS[part.effect].of is Of.MACHINE:
+            columns = columns_of(part.effect, places, part.where, part.shape, scene)
+            drawn_mm += np.einsum("ncp,pd->ncd", columns, part.draws_mm)
+            acts_mm += np.einsum("ncp,pd->ncd", columns, part.acts_mm[:, None])
+    if not scene.placed:
+        drawn_mm, acts_mm = drawn_mm - drawn_mm.mean(axis=0), acts_mm - acts_mm.mean(axis=0)
+    before, after = (np.square(each).sum(axis=1).mean(axis=0) for each in (drawn_mm, drawn_mm - acts_mm))
+    return float(np.mean(after >= before)) <= MOST_WORSE_SHARE
 
 
 def _weighed_sets(fit: Fit) -> tuple[list[Set], np.ndarray, list[float]]:
