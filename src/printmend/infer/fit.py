@@ -20,7 +20,8 @@ DEGREES = 5.0  # of freedom of Student's t, by which rows are weighed: one wrong
 LEAST_BESIDE = -9.0  # of the score that a block adds, below which it is left out of the last fit
 CHUNK_ROWS = 16384  # that are summed at once
 MOST_MARKS = 1200  # marks that are looked at: more take time and say the same
-PASSES = 3  # of contacts, then search
+PASSES = 4  # of contacts, then search, at most
+SETTLED_MM = 0.02  # belts that move less from pass to pass change no column worth a word
 WEIGHINGS = 2  # of rows in each pass
 HOME_SD_MM = 0.1  # of an end stop's place: switches scatter by as much
 BEGUN_WITH = ("place", "scale")  # a search from nothing may explain a pulley's size by a skewed frame, bit by bit
@@ -99,7 +100,11 @@ def fitted(trace: Trace, scene: Scene, first: Mechanism) -> Fit:
         newer = _searched(trace, scene, places, rows, contacts, weight, fit)
         if fit is not None and _typical_mm(newer) > WORSE * _typical_mm(fit):
             break  # its contacts are no better than the last
-        again = fit is not None and np.array_equal(contacts.row, fit.contacts.row)
+        again = (
+            fit is not None
+            and np.array_equal(contacts.row, fit.contacts.row)
+            and float(np.abs(bed_mm - fit.places.bed_mm).max()) < SETTLED_MM
+        )
         fit, mechanism = replace(newer, turned_rad=turned_rad), newer.mechanism
         more_rad = float(np.arctan(sum(part.sizes_mm[0] for part in fit.parts() if part.effect == "turn") / SCALE_MM))
         turned_rad += more_rad

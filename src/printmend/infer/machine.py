@@ -44,7 +44,7 @@ def _from_home(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[B
     """Return the machine that the end stops put right, with each belt as far from there as it rests."""
     moved = [part for part in parts if not EFFECTS[part.effect].from_home]
     mechanism, series = machine_of(replace(scene, homed=False), [part for part in parts if part not in moved])
-    homed = mechanism.homed()
+    homed = replace(mechanism, frame=frame_from_home(mechanism)).homed()
     tables, branches = [], []
     for motor, (table, one) in enumerate(zip(homed.transmissions, series, strict=True)):
         by_mm = float(table.lower_mm[0] - mechanism.transmissions[motor].lower_mm[0])
@@ -56,6 +56,15 @@ def _from_home(scene: Scene, parts: Sequence[Sized]) -> tuple[Mechanism, tuple[B
             one = replace(one, mean=replace(one.mean, powers_mm=powers))
         branches.append(one)
     return replace(homed, transmissions=(tables[0], tables[1])), (branches[0], branches[1])
+
+
+def frame_from_home(mechanism: Mechanism) -> Frame:
+    """Return a machine's frame so that it moves nothing at home: its own shift there is no drive's."""
+    home = np.array(mechanism.printer.home_mm, float)[None]
+    frame, constant = mechanism.frame, Frame.exponents.index((0, 0))
+    coefficients = frame.coefficients_mm.copy()
+    coefficients[:, constant] -= (frame.apply(home) - home)[0]
+    return replace(frame, coefficients_mm=coefficients)
 
 
 def _is_of(part: Sized, motor: int) -> bool:

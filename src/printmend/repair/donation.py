@@ -37,8 +37,8 @@ _TIME = (1980, 1, 1, 0, 0, 0)  # of every file in the zip: the first that the fo
 _TOKEN = re.compile(r"[\w.+%°-]{1,40}|printmend model")
 _KEY = re.compile(r"[a-z0-9_-]{1,40}")
 # Keys whose values are words of printmend's own; of all others only numbers are given.
-_WORDS = {"event", "format", "home_side", "kind", "kinematics", "learner", "part", "program", "pulley", "result",
-          "severity", "state", "unit"}  # fmt: skip
+_WORDS = {"effect", "event", "format", "home_side", "kind", "kinematics", "learner", "part", "program", "pulley",
+          "result", "severity", "state", "unit"}  # fmt: skip
 _MODEL = ("format", "version", "program", "learner", "printer", "motors", "frame", "screw", "noise_mm", "diagnosis",
           "trace", "uncertainty", "promise", "misfit")  # fmt: skip
 

@@ -18,14 +18,14 @@ from printmend.effects import EFFECTS, Scene, scene_of
 from printmend.errors import ConfigError
 from printmend.identify.drive import ALL_SEEN
 from printmend.infer.fit import Fit, fitted
-from printmend.infer.machine import machine_of
+from printmend.infer.machine import frame_from_home, machine_of
 from printmend.infer.parts import parts_of_drive
 from printmend.infer.posterior import DRAWS, Part, posterior_of
 from printmend.learn import learner
 from printmend.learn.greybox import Greybox, GreyboxModel, LearnedDrive
 from printmend.learn.hybrid import HybridModel
 from printmend.learn.walls import with_walls
-from printmend.machine import Frame, Mechanism, healthy_mechanism, healthy_transmission
+from printmend.machine import Mechanism, healthy_mechanism, healthy_transmission
 from printmend.measure.once import counted_once, digest_of
 from printmend.measure.whose import check_origin
 from printmend.path import Trace
@@ -359,7 +359,7 @@ def _anchored(
     """
     if trace.placed or not trace.homed:
         return mechanism, branches
-    mechanism = replace(mechanism, frame=_frame_from_home(mechanism))
+    mechanism = replace(mechanism, frame=frame_from_home(mechanism))
     homed = mechanism.homed()
     moved: list[Branches | None] = []
     for motor, one in enumerate(branches):
@@ -369,15 +369,6 @@ def _anchored(
             one = replace(one, mean=replace(one.mean, powers_mm=np.concatenate([powers[:1] + shift_mm, powers[1:]])))
         moved.append(one)
     return _unshifted(homed, (moved[0], moved[1]))
-
-
-def _frame_from_home(mechanism: Mechanism) -> Frame:
-    """Return a frame that moves nothing at home: its own shift is the origin's, which is no drive's."""
-    home = np.array(mechanism.printer.home_mm, float)[None]
-    frame, constant = mechanism.frame, Frame.exponents.index((0, 0))
-    coefficients = frame.coefficients_mm.copy()
-    coefficients[:, constant] -= (frame.apply(home) - home)[0]
-    return replace(frame, coefficients_mm=coefficients)
 
 
 def left_over_mm(box: GreyboxModel) -> np.ndarray:
