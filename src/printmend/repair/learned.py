@@ -238,7 +238,7 @@ def _left_by_place(scene: Scene, left_mm: np.ndarray) -> list[Part]:
     again at any of them."""
     rng = np.random.default_rng(0)
     size_mm = np.sqrt(np.mean(np.square(scene.printer.to_motor(left_mm)), axis=0))
-    found = []
+    found: list[Part] = []
     for term in EFFECTS["uneven"].terms(scene):
         profile = np.array(term.sd_mm)
         if term.where == len(found):  # the first of a motor's: any size will do
