@@ -173,9 +173,17 @@ def iterated(twin: Twin, layer: Layer, points: int, noise_mm: float, rng: np.ran
     return rmse(targets, twin.run(last.controls, layer.start_steps)), time.process_time() - begun
 
 
+def head_of(path: Path) -> list[str]:
+    """Return the lines that say how a table was made; they stand above its columns, and are kept."""
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+    return [line for line in lines if line.startswith("#")]
+
+
 def write(path: Path, runs: Sequence[Run]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
+    head = head_of(path)
     with replacing(path) as file:
+        file.writelines(head)
         table = csv.writer(file, lineterminator="\n")
         table.writerow([field.name for field in fields(Run)])
         for run in runs:
@@ -184,8 +192,9 @@ def write(path: Path, runs: Sequence[Run]) -> None:
 
 def read(path: Path) -> list[Run]:
     with open(path, newline="", encoding="utf-8") as file:
+        rows = (line for line in file if not line.startswith("#"))
         return [Run(**{field.name: field.type(record[field.name]) for field in fields(Run)})  # type: ignore[operator]
-                for record in csv.DictReader(file)]  # fmt: skip
+                for record in csv.DictReader(rows)]  # fmt: skip
 
 
 def ratio(runs: Sequence[Run]) -> float:

@@ -47,3 +47,11 @@ def test_every_learner_has_the_same_points_and_judge(
     monkeypatch.setattr(sys, "argv", ["bench_peers.py", *given, "--draw-only"])
     script.main()
     assert printed.partition("\n\n")[2] == capsys.readouterr().out
+    head = "# command: the first run\n"
+    out.write_text(head + out.read_text(encoding="utf-8"), encoding="utf-8")
+    monkeypatch.setattr(sys, "argv", ["bench_peers.py", *given, "--learners", "naive"])
+    script.main()  # a run of some learners
+    assert printed.partition("\n\n")[2].count("\n") == capsys.readouterr().out.partition("\n\n")[2].count("\n")
+    kept = out.read_text(encoding="utf-8")
+    assert kept.startswith(head)
+    assert kept.count("\n") == 2 + len(rows)
