@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, held, onto_bed, waves
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
 from printmend.effects.prior import alternatives
 from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Fault, Found, amount, motor_name
@@ -28,7 +28,7 @@ class Elastic:
             yield from alternatives(self.name, motor, [scene.motor_span_mm[motor]], profile)
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x = (held(places.motor_mm[:, where], shape) - scene.motor_middle_mm(where)) / SCALE_MM
+        x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM
         turn = waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS)
         return onto_bed(scene, where, x[:, None] * turn)
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, held, onto_bed
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed
 from printmend.effects.play import play_mm
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Fault, Found, amount, motor_name, those_of
@@ -25,8 +25,10 @@ class Friction:
             yield from alternatives(self.name, motor, [scene.motor_span_mm[motor]], (1.0, 0.5))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        x = (held(places.motor_mm[:, where], shape) - scene.motor_middle_mm(where)) / SCALE_MM
-        return onto_bed(scene, where, 0.5 * places.side[:, [where]] * np.stack([x, x * x], axis=1))
+        x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM
+        low, high = ((end - scene.motor_middle_mm(where)) / SCALE_MM for end in shape)
+        seen = np.clip(x, low, high)  # beyond what was seen it goes on straight
+        return onto_bed(scene, where, 0.5 * places.side[:, [where]] * np.stack([x, seen * (2 * x - seen)], axis=1))
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())

@@ -10,6 +10,7 @@ from printmend.infer.contacts import contacts_of
 from printmend.infer.machine import Sized, machine_of
 from printmend.path import Trace
 
+MOST_LOG_ODDS = 50.0  # of what is always there
 CHANGING = ("breathing", "friction", "uneven_play")  # effects that add to a belt's play and take away from it
 
 
@@ -21,7 +22,7 @@ def drawn_parts(scene: Scene, rng: np.random.Generator) -> list[Sized]:
         for term in effect.terms(scene):
             by_place.setdefault(term.where, []).append(term)
         for terms in by_place.values():
-            odds = float(np.exp([term.log_odds for term in terms]).sum())
+            odds = float(np.exp(np.minimum([term.log_odds for term in terms], MOST_LOG_ODDS)).sum())
             if rng.uniform() < odds / (1 + odds):
                 term = terms[int(rng.integers(len(terms)))]
                 parts.append(

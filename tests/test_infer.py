@@ -1,0 +1,173 @@
+"""The engine: what effects promise to inference, what the search finds, and whether its draws are true (Talts 2018)."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from printmend.effects import EFFECTS, Acts, Of, Scene, columns_of, home_of, places_of, scene_of
+from printmend.effects.prior import share_of
+from printmend.effects.sample import drawn_places
+from printmend.infer.contacts import contacts_of
+from printmend.infer.fit import HOME_SD_MM, Fit, fitted
+from printmend.infer.machine import Sized, machine_of
+from printmend.infer.posterior import DRAWS, posterior_of
+from printmend.infer.simulate import drawn_parts, measured
+from printmend.machine import healthy_mechanism
+from printmend.path import FLATBED, Trace
+from printmend.printer import Printer, read_printer
+
+NOISE_MM = 0.02
+# What each effect is drawn with to be found: places, shapes and sizes [mm] that a mechanic would call worth mending.
+FAULTS = {
+    "scale": Sized("scale", 0, (), np.array([0.4])),
+    "play": Sized("play", 1, (), np.array([0.15])),
+    "skew": Sized("skew", 0, (), np.array([0.3])),
+    "idler": Sized("idler", 0, (27.3,), np.array([0.04, 0.02])),
+    "racking": Sized("racking", 0, (), np.array([0.15, 0.0])),
+    "tilt": Sized("tilt", 0, (), np.array([0.1])),
+    "drift": Sized("drift", 1, (), np.array([0.15])),
+    "step": Sized("step", 0, (0.43,), np.array([0.15])),
+    "creep": Sized("creep", 0, (0.12,), np.array([0.2])),
+    "warmth": Sized("warmth", 0, (0.25,), np.array([0.1, 0.1, 0.0, 0.0])),
+    "wear": Sized("wear", 0, (), np.array([0.2])),
+    "halves": Sized("halves", 0, (112.0,), np.array([0.1, 0.05])),
+    "turn": Sized("turn", 0, (), np.array([0.5])),
+}
+
+
+def path_of(printer: Printer) -> tuple[np.ndarray, np.ndarray]:
+    """Return way-points all over the bed, approached from every side, and which of them leave a dot."""
+    rng = np.random.default_rng(4)
+    low, high = np.array([[axis.min_mm, axis.max_mm] for axis in printer.axes[:2]]).T
+    dots = low + rng.uniform(0.08, 0.92, (240, 2)) * (high - low)
+    before = dots + rng.choice([-4.0, 4.0], (240, 2))
+    path = np.concatenate([np.array(printer.home_mm)[None], np.stack([before, dots], axis=1).reshape(-1, 2)])
+    return path, np.arange(len(path)) % 2 == 0
+
+
+def scene_for(printer: Printer) -> Scene:
+    path, dots = path_of(printer)
+    dots[0] = False
+    every = Trace(path, np.where(dots[:, None], path, np.nan), homed=True)
+    scene = scene_of(every, printer, (printer.x.mm_per_turn, printer.y.mm_per_turn))
+    return replace(scene, home_sd_mm=(HOME_SD_MM, HOME_SD_MM))
+
+
+def learned(printer: Printer, parts: list[Sized], seed: int) -> Fit:
+    scene, (path, dots) = scene_for(printer), path_of(printer)
+    dots[0] = False
+    trace = measured(path, dots, scene, parts, NOISE_MM, np.random.default_rng(seed))
+    # The first guess knows the play, as a grey box does: contacts come of it.
+    first, _ = machine_of(scene, [part for part in parts if part.effect == "play"])
+    return fitted(trace, scene, first if parts else healthy_mechanism(printer))
+
+
+def scenes() -> Iterator[Scene]:
+    for preset in ("ender3", "corexy"):
+        scene = scene_for(read_printer(preset))
+        yield scene
+        yield replace(scene, placed=False, instrument=FLATBED, walls=True)
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_an_effect_keeps_its_promises_to_inference(name: str) -> None:
+    """Finite columns for each size, odds that add up to its share, nothing at home, shapes that stay its own."""
+    effect, offered = EFFECTS[name], 0
+    for scene in scenes():
+        places = drawn_places(scene)
+        by_place: dict[int, float] = {}
+        for term in effect.terms(scene):
+            offered += 1
+            by_place[term.where] = by_place.get(term.where, 0.0) + float(np.exp(min(term.log_odds, 50.0)))
+            if offered % 40 == 1:
+                columns = columns_of(name, places, term.where, term.shape, scene)
+                assert columns.shape == (len(places), 2, len(term.sd_mm))
+                assert np.isfinite(columns).all()
+                for shape in effect.finer(term.shape, 0):
+                    assert len(shape) == len(term.shape)
+                    assert columns_of(name, places, term.where, shape, scene).shape == columns.shape
+                if scene.homed and effect.of is Of.MACHINE and effect.from_home:
+                    assert np.abs(columns_of(name, home_of(scene), term.where, term.shape, scene)).max() < 1e-12
+        if name not in ("origin", "stretch", "bead", "turn", "pulley"):  # always there, or with a share by the scene
+            for odds in by_place.values():
+                assert odds / (1 + odds) == pytest.approx(share_of(name), rel=1e-6)
+    assert offered
+
+
+@pytest.mark.parametrize(
+    "name", sorted(name for name, effect in EFFECTS.items() if effect.acts is not Acts.NOT and effect.of is Of.MACHINE)
+)
+def test_a_mechanism_prints_what_the_columns_say(name: str, rng: np.random.Generator) -> None:
+    """To first order: small sizes, beside play that keeps the contacts apart."""
+    scene = scene_for(read_printer("corexy" if name == "aspect" else "ender3"))
+    terms = list(EFFECTS[name].terms(scene))
+    term = terms[int(rng.integers(len(terms)))]
+    part = Sized(name, term.where, term.shape, 1e-4 * rng.standard_normal(len(term.sd_mm)))
+    play = [Sized("play", motor, (), np.array([0.5])) for motor in range(2)]
+    path, _ = path_of(scene.printer)
+    motor = scene.printer.to_motor(path)
+    places = []
+    for parts in (play, [*play, part]):
+        mechanism, _ = machine_of(scene, parts)
+        contacts = contacts_of(mechanism, motor)
+        places.append(mechanism.bed.printed(contacts.belt_mm))
+    known = (contacts.row >= 0).all(axis=1)
+    trace = Trace(path, path, homed=True)
+    seen = places_of(trace, scene, contacts.row, contacts.side, scene.printer.from_motor(contacts.belt_mm))
+    said = columns_of(name, seen, term.where, term.shape, scene) @ part.sizes_mm
+    size = max(float(np.abs(said[known]).max()), 1e-6)
+    np.testing.assert_allclose((places[1] - places[0])[known], said[known], atol=0.03 * size + 2e-7)
+
+
+@pytest.mark.parametrize("preset", ["ender3", "corexy"])
+def test_noise_alone_makes_no_machine(preset: str) -> None:
+    for seed in range(4):
+        posterior = posterior_of(learned(read_printer(preset), [], seed), np.random.default_rng(0))
+        assert not any(part.acts_mm.any() for part in posterior.parts)
+
+
+@pytest.mark.parametrize("name", sorted(FAULTS))
+def test_a_fault_is_found_and_known_to_its_draws(name: str) -> None:
+    true = FAULTS[name]
+    fit = learned(read_printer("ender3"), [true], 2)
+    found = [part for part in posterior_of(fit, np.random.default_rng(0)).parts if part.effect == name]
+    if name == "turn":  # it is turned back beforehand
+        assert 100 * np.tan(fit.turned_rad) == pytest.approx(true.sizes_mm[0], abs=0.05)
+        return
+    assert found, [part.effect for part in fit.parts()]
+    assert sum(part.chance for part in found if part.where == true.where) > 0.5
+    if not true.shape:
+        best = max(found, key=lambda part: part.chance)
+        sd = best.draws_mm[:, best.draws_mm.any(axis=0)].std(axis=1)
+        assert (np.abs(best.mean_mm / best.chance - true.sizes_mm) < 5 * sd + 2e-3).all()
+
+
+def test_drawn_printers_rank_evenly_among_their_draws() -> None:
+    """Simulation-based calibration, in small: `benchmarks/bench_sbc.py` does it in large."""
+    printer = read_printer("ender3")
+    scene, (path, dots) = scene_for(printer), path_of(printer)
+    dots[0] = False
+    places, ranks = drawn_places(scene), []
+    for seed in range(20):
+        rng = np.random.default_rng([7, seed])
+        true = [part for part in drawn_parts(scene, rng) if part.effect in ("scale", "play", "skew", "pulley", "drift")]
+        mild = [replace(part, sizes_mm=np.clip(part.sizes_mm, -0.5, 0.5)) for part in true]
+        trace = measured(path, dots, scene, mild, NOISE_MM, rng)
+        first, _ = machine_of(scene, [part for part in mild if part.effect == "play"])
+        posterior = posterior_of(fitted(trace, scene, first), rng)
+        one, axis = int(rng.integers(len(places))), int(rng.integers(2))
+        truth = sum(_moved(part, part.sizes_mm[:, None], places, scene)[one, axis] for part in mild) + np.zeros(1)
+        draws = sum(_moved(part, part.draws_mm, places, scene)[one, axis] for part in posterior.parts) + np.zeros(DRAWS)
+        below, same = (draws < truth - 1e-9).sum(), (np.abs(draws - truth) <= 1e-9).sum()
+        ranks.append((below + rng.uniform() * (same + 1)) / (DRAWS + 1))
+    counts = np.histogram(ranks, bins=5, range=(0, 1))[0]
+    assert np.sum((counts - 4.0) ** 2 / 4.0) < 18.5  # χ² of 4 degrees: one in a thousand is larger
+
+
+def _moved(part: object, sizes: np.ndarray, places: object, scene: Scene) -> np.ndarray:
+    if EFFECTS[part.effect].of is not Of.MACHINE:  # type: ignore[attr-defined]
+        return np.zeros((len(places), 2, sizes.shape[1]))  # type: ignore[arg-type]
+    columns = columns_of(part.effect, places, part.where, part.shape, scene)  # type: ignore[attr-defined,arg-type]
+    return np.asarray(np.einsum("ncp,pd->ncd", columns, sizes))
