@@ -6,7 +6,7 @@ import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
 from printmend.effects.play import play_mm
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import harmonic_faults, is_loose
 from printmend.effects.words import Fault, Found, amount, motor_name, those_of
 
@@ -26,7 +26,7 @@ class Breathing:
     def terms(self, scene: Scene) -> Iterator[Term]:
         profile = tuple(np.tile(HARMONICS**-2.0, 2))
         for motor in range(2):
-            yield from alternatives(self.name, motor, [()], profile)
+            yield from alternatives(self.name, motor, [()], profile, share=turning_share(self.name, scene, motor))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         turn = waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS)

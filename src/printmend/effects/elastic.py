@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.pulley import LEAST_EFFECT_MM, wave_sizes
 from printmend.effects.words import NAMED_SIGMAS, Fault, Found, amount, motor_name
 
@@ -25,7 +25,9 @@ class Elastic:
     def terms(self, scene: Scene) -> Iterator[Term]:
         profile = tuple(np.tile(HARMONICS**-2.5, 2))
         for motor in range(2):
-            yield from alternatives(self.name, motor, [scene.motor_span_mm[motor]], profile)
+            yield from alternatives(
+                self.name, motor, [scene.motor_span_mm[motor]], profile, share=turning_share(self.name, scene, motor)
+            )
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         x = (places.motor_mm[:, where] - scene.motor_middle_mm(where)) / SCALE_MM

@@ -7,7 +7,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from printmend.effects.effect import Term
+from printmend.effects.effect import Scene, Term
+
+NEAR_SHARE = 0.02  # a turn that differs from the printer's by less is its pulley's
 
 
 @cache
@@ -33,6 +35,12 @@ def happens_share(event: str) -> float:
 def wear_share(name: str) -> float:
     """Return by what share of its size an effect changes in a month."""
     return float(_table()["since"]["wear"].get(name, 0.0))
+
+
+def turning_share(name: str, scene: Scene, motor: int) -> float:
+    """Return how many printers have an effect of a motor's turn, where that may be of another length than it should."""
+    off = abs(scene.turns_mm[motor] / scene.printer.axes[motor].mm_per_turn - 1)
+    return share_of(name) * (1.0 if off < NEAR_SHARE else share_of("other_turn"))
 
 
 def alternatives(

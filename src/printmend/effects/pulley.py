@@ -5,12 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import NEAR_SHARE, alternatives, turning_share
 from printmend.effects.words import LEAST, NAMED_SIGMAS, Fault, Found, amount, motor_name, those_of
 
 HARMONICS = np.arange(1.0, 33.0)  # corners of a pulley need so many
 FOLDS = (2, 3, 4, 5, 6)  # of symmetric pulleys: oval, three-cornered, …
-OTHER_TURN_SHARE = 0.003  # of printers: a pulley of another size than the printer's, whose error shows
 OFF_FOLD = 0.08  # size of what breaks a symmetry, as a share of the usual
 
 
@@ -24,7 +23,6 @@ def profiles() -> list[np.ndarray]:
 LEAST_EFFECT_MM = 0.003  # a wave that shifts a print by less is not named: no print shows it
 EVEN_SHARE = 0.25  # share of the odd harmonics of its play that the even ones of a loose belt may have
 NAMED_HARMONICS = 3  # most harmonics of a pulley that are named: the largest
-NEAR_SHARE = 0.02  # a turn that differs from the printer's by less is its pulley's
 _SHAPES = {1: "eccentric", 2: "oval", 3: "three-cornered", 4: "four-cornered"}
 
 
@@ -40,9 +38,8 @@ class Pulley:
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for motor in range(2):
-            usual = abs(scene.turns_mm[motor] / scene.printer.axes[motor].mm_per_turn - 1) < NEAR_SHARE
             each = (tuple(np.tile(profile, 2)) for profile in profiles())
-            yield from alternatives(self.name, motor, [()], *each, share=None if usual else OTHER_TURN_SHARE)
+            yield from alternatives(self.name, motor, [()], *each, share=turning_share(self.name, scene, motor))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         return onto_bed(scene, where, waves(places.motor_mm[:, where], scene.turns_mm[where], HARMONICS))

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, along
+from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, along, onto_bed
 from printmend.effects.prior import alternatives
 from printmend.effects.words import Found, Message, Told, span_mm
 
@@ -20,7 +20,7 @@ ACROSS = Message(
 
 
 class Racking:
-    """Play of one bed axis that changes along the other, in mm per 100 mm."""
+    """Play that changes along the other axis, in mm per 100 mm: of a belt (0, 1), or of a CoreXY's bed axis (2, 3)."""
 
     name = "racking"
     cause = "a gantry that racks"  # of an expected error
@@ -31,20 +31,28 @@ class Racking:
     most = 1
 
     def terms(self, scene: Scene) -> Iterator[Term]:
-        for axis in range(2):
-            yield from alternatives(self.name, axis, [()], (1.0, 1.0))
+        for where in range(4 if scene.corexy else 2):
+            yield from alternatives(self.name, where, [()], (1.0, 1.0))
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
-        other = (places.bed_mm[:, 1 - where] - scene.middle_mm[1 - where]) / SCALE_MM
-        lag = 0.5 * places.ways[:, where] * other
-        return np.concatenate([along(where, lag[:, None]), along(1 - where, lag[:, None])], axis=2)
+        axis = where % 2
+        if where < 2:  # the middle is that of the other motor's way, on most printers of the other axis
+            other = (places.motor_mm[:, 1 - axis] - scene.motor_middle_mm(1 - axis)) / SCALE_MM
+            lag = onto_bed(scene, axis, (0.5 * places.side[:, axis] * other)[:, None])
+        else:
+            other = (places.bed_mm[:, 1 - axis] - scene.middle_mm[1 - axis]) / SCALE_MM
+            lag = along(axis, (0.5 * places.ways[:, axis] * other)[:, None])
+        across = along(1 - axis, (0.5 * places.ways[:, axis] * other)[:, None])
+        return np.concatenate([lag, across], axis=2)
 
     def finer(self, shape: tuple[float, ...], round_: int) -> Iterator[tuple[float, ...]]:
         return iter(())
 
     def told(self, found: Found, beside: Sequence[Found], scene: Scene) -> Iterator[Told]:
-        along_mm, across_mm = found.sizes_mm * span_mm(scene, 1 - found.where) / SCALE_MM
-        mine, other = "XY"[found.where], "XY"[1 - found.where]
+        axis = found.where % 2
+        along_mm, across_mm = found.sizes_mm * span_mm(scene, 1 - axis) / SCALE_MM
+        names = "AB" if scene.corexy and found.where < 2 else "XY"
+        mine, other = names[axis], names[1 - axis]
         if abs(across_mm) > ACROSS_SHARE * abs(along_mm):
             yield Told("racking-across", ACROSS(other, mine, f"{abs(across_mm) / 2:.2f}"))
         else:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from printmend.effects.effect import SCALE_MM, STAYS, Acts, Of, Places, Scene, Term, onto_bed, waves
-from printmend.effects.prior import alternatives
+from printmend.effects.prior import alternatives, turning_share
 from printmend.effects.words import Found, Message, Told, carrier_name, span_mm
 
 DIFFER = Message(
@@ -27,7 +27,9 @@ class TwoMotors:
 
     def terms(self, scene: Scene) -> Iterator[Term]:
         for axis in range(0 if scene.corexy else 2):
-            yield from alternatives(self.name, axis, [()], (1.0, 0.7, 0.5) * 2)
+            yield from alternatives(
+                self.name, axis, [()], (1.0, 0.7, 0.5) * 2, share=turning_share(self.name, scene, axis)
+            )
 
     def columns(self, places: Places, where: int, shape: tuple[float, ...], scene: Scene) -> np.ndarray:
         other = (places.bed_mm[:, 1 - where] - scene.middle_mm[1 - where]) / SCALE_MM
