@@ -12,9 +12,10 @@ RUN apt-get update && apt-get install -y --no-install-recommends gcc libc6-dev l
     && rm -rf /var/lib/apt/lists/*
 WORKDIR /src
 COPY . .
-# The locked environment compiles the kernels and builds the wheel; versions without hashes bind what `lab` installs.
+# The locked environment compiles the kernels and builds the wheels; versions without hashes bind what `lab` installs.
 RUN make kernels \
     && .venv/bin/python -m hatchling build -t wheel -d /dist \
+    && (cd lab && ../.venv/bin/python -m hatchling build -t wheel -d /dist) \
     && cp owner.lock pip.lock /dist \
     && sed -n 's/^\([A-Za-z0-9._-]*==[^\\]*\)\\$/\1/p' requirements.lock >/dist/constraints.txt
 
@@ -28,7 +29,7 @@ ENV PYTHONUNBUFFERED=1 PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 NUMBA_
 
 FROM base AS studio
 RUN --mount=type=bind,from=build,source=/dist,target=/dist \
-    pip install --require-hashes --no-deps -r /dist/owner.lock && pip install --no-deps /dist/*.whl
+    pip install --require-hashes --no-deps -r /dist/owner.lock && pip install --no-deps /dist/printmend-*.whl
 USER 10001:10001
 VOLUME /data
 EXPOSE 8765
@@ -42,7 +43,8 @@ FROM base AS lab
 # hadolint ignore=DL3008
 RUN apt-get update && apt-get install -y --no-install-recommends prusa-slicer && rm -rf /var/lib/apt/lists/*
 RUN --mount=type=bind,from=build,source=/dist,target=/dist \
-    set -- /dist/*.whl && pip install -c /dist/constraints.txt "printmend[all] @ file://$1"
+    set -- /dist/printmend-*.whl /dist/printmend_lab-*.whl \
+    && pip install -c /dist/constraints.txt "printmend[all] @ file://$1" "printmend-lab[all] @ file://$2"
 USER 10001:10001
 WORKDIR /data
 VOLUME /data

@@ -19,7 +19,7 @@ export PYTHONDONTWRITEBYTECODE :=
 # While the rest is being installed, both cores compile what both demonstrations would.
 demo:
 	@$(MAKE) --no-print-directory -j3 begun
-	@$(BIN)/printmend demo --part >.venv/part.txt & part=$$!; trap 'kill $$part' INT TERM; $(BIN)/printmend demo; one=$$?; \
+	@$(BIN)/printmend demo --part >.venv/part.txt & part=$$!; trap 'kill $$part' INT TERM; $(BIN)/printmend paper; one=$$?; \
 	wait $$part; other=$$?; cat .venv/part.txt; exit $$((one | other))
 
 begun: $(BEGUN) $(OWNER)
@@ -60,12 +60,12 @@ ANEW := --clear
 endif
 endif
 
-$(CORE): core.lock pip.lock pyproject.toml
+$(CORE): core.lock pip.lock pyproject.toml lab/pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "printmend needs Python 3.11 or newer; set PYTHON=/path/to/python3" >&2; exit 2; }
 	@$(PYTHON) -m venv $(ANEW) .venv || { echo "python's venv is missing: apt-get install python3-venv" >&2; exit 2; }
 	$(PIP) --require-hashes --no-deps -r pip.lock
 	$(PIP) --require-hashes --no-deps -r core.lock
-	$(PIP) --no-build-isolation --no-deps -e .
+	$(PIP) --no-build-isolation --no-deps -e . -e lab
 	@touch $@
 
 $(OWNER): owner.lock $(CORE)
@@ -91,15 +91,16 @@ docs: $(STAMP)
 	$(BIN)/python tools/leaderboard.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
-# Does the wheel work where the lock and the extras are not?
+# Do the wheels work where the lock and the extras are not?
 wheel: kernels
 	tools/try_wheel.sh $(BIN)/python
 
-# What a release publishes: the sources, the wheel with this Python's kernels, and the wheel for all others.
+# What a release publishes: the sources, the wheel with this Python's kernels, and the wheel for all others; the lab's.
 dist: kernels
 	rm -rf dist
 	$(BIN)/python -m hatchling build -d dist
 	PRINTMEND_PURE=1 $(BIN)/python -m hatchling build -t wheel -d dist
+	cd lab && ../$(BIN)/python -m hatchling build -d ../dist
 
 # Runs examples/story.ipynb; what it claims, it asserts.
 notebook: $(STAMP)
@@ -155,7 +156,7 @@ studio-vendor:
 # the one that comes with Python 3.11.
 LOCK := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links --no-header
 lock:
-	$(LOCK) pyproject.toml --extra dev -o requirements.lock
+	$(LOCK) pyproject.toml lab/pyproject.toml --extra dev --no-emit-package printmend -o requirements.lock
 	echo pip | $(LOCK) - -o pip.lock
 	printf 'editables\nhatchling\n' | $(LOCK) pyproject.toml - -c requirements.lock -o core.lock
 	printf 'editables\nhatchling\n' | $(LOCK) pyproject.toml - --extra report,scan,studio,trees -c requirements.lock -o owner.lock

@@ -8,11 +8,11 @@ import time
 import numpy as np
 import shapely
 
-from printmend.body import demo_body_gcode
-from printmend.body.lattice import follow_polyline, to_steps
-from printmend.body.layers import layers_of, strokes_of
 from printmend.gcode.read import read_gcode
 from printmend.printer import read_printer
+from printmend_lab.body import demo_body_gcode
+from printmend_lab.body.lattice import follow_polyline, to_steps
+from printmend_lab.body.layers import layers_of, strokes_of
 
 
 def seconds(function, repeats: int = 5) -> float:

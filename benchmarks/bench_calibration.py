@@ -13,15 +13,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
 from printmend.learn.greybox import Greybox
 from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.published import layer_trace
 from printmend.twin import Twin
+from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.published import layer_trace
 
 FAMILIES = ("play", "eccentric", "polygon", "fourier", "published", "pulley-play", "pulley-loose", "set-screw",
             "elastic", "friction", "smooth")  # fmt: skip

@@ -11,8 +11,8 @@ import sys
 import time
 from pathlib import Path
 
-from printmend.dataset.parquet import read_about, read_body, read_print
-from printmend.dataset.places import BODIES, body_file, print_file, read_lines
+from printmend_lab.dataset.parquet import read_about, read_body, read_print
+from printmend_lab.dataset.places import BODIES, body_file, print_file, read_lines
 
 SECONDS = 1.0  # of reading, each kind
 

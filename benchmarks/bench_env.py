@@ -10,7 +10,14 @@ import time
 
 import numpy as np
 
-from printmend.env import OnePrintVectorEnv, PrintVectorEnv, algorithm1_agent, naive_agent, planning_agent, random_agent
+from printmend_lab.env import (
+    OnePrintVectorEnv,
+    PrintVectorEnv,
+    algorithm1_agent,
+    naive_agent,
+    planning_agent,
+    random_agent,
+)
 
 
 def measured(envs: int, ticks: int) -> list[dict]:

@@ -17,8 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from printmend.bench.drawn_body import drawn_body
-from printmend.control.registry import controller
 from printmend.corruption import Corruption, Drive, PublishedHull, sample
 from printmend.learn import learner
 from printmend.learn.mechanism_model import MechanismModel
@@ -27,9 +25,11 @@ from printmend.learn.prior.mixture import mixture, parse_weights
 from printmend.machine import Mechanism
 from printmend.metrics import rmse
 from printmend.printer import Printer, read_printer
-from printmend.published import layer_trace
 from printmend.twin import Twin
 from printmend.units import TURN_RAD
+from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.control.registry import controller
+from printmend_lab.published import layer_trace
 
 HULLS = ("small", "line", "triangle", "square", "egg")
 TURN_MM = 40.0

@@ -15,18 +15,18 @@ import time
 
 import numpy as np
 
-from printmend.bench.print_shapes import SHAPES, path_print
-from printmend.body import body_of, demo_body_gcode
 from printmend.corruption import sample
 from printmend.errors import PrintmendError
 from printmend.learn import fit
-from printmend.learn.meta.tasks import draw_drive
 from printmend.machine import Mechanism, Transmission
 from printmend.machine.printing import print_from_home
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.published import layer_trace
 from printmend.twin import Twin
+from printmend_lab.bench.print_shapes import SHAPES, path_print
+from printmend_lab.body import body_of, demo_body_gcode
+from printmend_lab.meta.tasks import draw_drive
+from printmend_lab.published import layer_trace
 
 SEED, NOISE_MM = 77001, 0.05
 KINDS = ("pulley-play", "pulley-loose", "elastic", "frame", "smooth", "taught, no family")

@@ -21,18 +21,18 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from printmend.bench.prints import draw_print_cases, measured_print, set_up
-from printmend.bench.rows import row
-from printmend.control.check import tables_of
-from printmend.control.registry import controller
 from printmend.errors import PrintmendError
 from printmend.files import replacing
 from printmend.learn import fit
 from printmend.metrics import rmse
 from printmend.path import Layer
-from printmend.peers.ilc import iterate
 from printmend.protocols import WorldModel
 from printmend.twin import Twin
+from printmend_lab.bench.prints import draw_print_cases, measured_print, set_up
+from printmend_lab.bench.rows import row
+from printmend_lab.control.check import tables_of
+from printmend_lab.control.registry import controller
+from printmend_lab.peers.ilc import iterate
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, FIGURE = ROOT / "benchmarks" / "results" / "peers.csv", ROOT / "docs" / "figures" / "peers.png"
@@ -43,11 +43,11 @@ COMMON_MM, COMMON_POINTS = 0.05, 300  # the noise of every budget, the budget of
 OURS = ("greybox", "hybrid", "meta")
 PEERS = (
     "affine", "backlash", "bilateral", "prandtl-ishlinskii", "bouc-wen", "gaussian-process",
-    "printmend.peers.narx:NARX", "printmend.peers.network:TCN", "printmend.peers.network:ENSEMBLE",
+    "printmend_lab.peers.narx:NARX", "printmend_lab.peers.network:TCN", "printmend_lab.peers.network:ENSEMBLE",
 )  # fmt: skip
 LEARNERS = ("naive", *PEERS, "lightgbm-axis", *OURS)
 ILC, ILC_PRINTS = "ilc", 5
-INVERSE = "printmend.peers.inverse:INVERSE"
+INVERSE = "printmend_lab.peers.inverse:INVERSE"
 TICKS = 600  # of the layer that is judged
 
 

@@ -17,8 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from printmend.body import body_of, demo_body_gcode
-from printmend.control.registry import controller, controller_names
 from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
 from printmend.errors import InputError
 from printmend.learn import fit, model_names
@@ -26,8 +24,10 @@ from printmend.learn.mechanism_model import MechanismModel
 from printmend.path import Layer
 from printmend.printer import read_printer
 from printmend.protocols import State, WorldModel
-from printmend.published import layer_trace
 from printmend.twin import Twin
+from printmend_lab.body import body_of, demo_body_gcode
+from printmend_lab.control.registry import controller, controller_names
+from printmend_lab.published import layer_trace
 
 
 @dataclass(frozen=True, eq=False)

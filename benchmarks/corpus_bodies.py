@@ -14,14 +14,14 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from printmend.body import body_of, load_body
-from printmend.body.layers import layers_of, strokes_of
-from printmend.body.load import is_mesh
-from printmend.body.slicer import slice_to
-from printmend.dataset.bodies import body_files, digest
 from printmend.errors import PrintmendError
 from printmend.gcode.read import read_gcode
 from printmend.printer import read_printer
+from printmend_lab.body import body_of, load_body
+from printmend_lab.body.layers import layers_of, strokes_of
+from printmend_lab.body.load import is_mesh
+from printmend_lab.body.slicer import slice_to
+from printmend_lab.dataset.bodies import body_files, digest
 
 
 def evaluate(path: Path, sliced: Path, timeout_s: float) -> dict:
@@ -32,7 +32,7 @@ def evaluate(path: Path, sliced: Path, timeout_s: float) -> dict:
     row |= {"layers": 0, "points": 0, "reason": ""}
     try:
         if mesh:
-            from printmend.body.mesh import read_solid
+            from printmend_lab.body.mesh import read_solid
 
             solid = read_solid(path)
             notes += solid.notes

@@ -1,6 +1,6 @@
 """Play the paper's problem with three agents: a test print, its noisy scan, then a print that nothing watches.
 
-pip install 'printmend[rl]' && python examples/one_print.py --family pulley-loose
+pip install 'printmend-lab[rl]' && python examples/one_print.py --family pulley-loose
 
 A score of 0 is the path commanded as it is, 1 the best plan on the true machine. The scenes are kept ones: agents that
 are trained must be trained on others (`examples/train_one_print.py`).
@@ -10,8 +10,8 @@ import argparse
 
 import numpy as np
 
-from printmend.env import SCENES, learning_agent, one_naive_agent, score_agent
 from printmend.printer import read_printer
+from printmend_lab.env import SCENES, learning_agent, one_naive_agent, score_agent
 
 
 def scores(family: str, severity: str, *, scenes: int = 32) -> dict[str, np.ndarray]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from printmend.control.check import check_plan
 from printmend.path import Plan
+from printmend_lab.control.check import check_plan
 
 
 @dataclass(frozen=True)

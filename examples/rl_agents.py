@@ -1,6 +1,6 @@
 """Play the paper's decision problem with four agents: random, Naive, and two that know the true machine.
 
-pip install 'printmend[rl]' && python examples/rl_agents.py
+pip install 'printmend-lab[rl]' && python examples/rl_agents.py
 
 The belts are loose. Algorithm 1, the paper's planner, then does far worse than Naive, though its model is perfect: it
 takes the control whose imagined result is nearest to the next target, and inside the play no control changes the
@@ -9,7 +9,7 @@ result, so that the motor never gets through. An agent that takes up the play fo
 
 import numpy as np
 
-from printmend.env import PrintVectorEnv, algorithm1_agent, naive_agent, planning_agent, random_agent
+from printmend_lab.env import PrintVectorEnv, algorithm1_agent, naive_agent, planning_agent, random_agent
 
 
 def mean_return(env: PrintVectorEnv, agent, ticks: int) -> float:

@@ -1,6 +1,6 @@
 """Train an agent by reinforcement learning (PPO of skrl) for the shape of a print, and set it beside planning.
 
-pip install 'printmend[agents]' && python examples/train_agent.py
+pip install 'printmend-lab[agents]' && python examples/train_agent.py
 
 One machine: both pulleys off their bore, both belts with play. The loss is of the shape: how far a printed point lies
 from the line about it; being early or late along the line costs nothing, which no sum over time-stamped targets says.
@@ -23,17 +23,17 @@ from skrl.models.jax import DeterministicMixin, GaussianMixin, Model
 from skrl.trainers.jax import SequentialTrainer
 from skrl.utils import set_seed
 
-from printmend.control.area import LeastArea
-from printmend.control.optimal import Optimal
 from printmend.corruption import Corruption, Drive, EccentricBore, Play
-from printmend.env import PrintVectorEnv, random_layer
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.registry import fit
 from printmend.metrics import rmse
 from printmend.path import Layer
 from printmend.printer import read_printer
-from printmend.published import layer_trace
 from printmend.twin import Twin
+from printmend_lab.control.area import LeastArea
+from printmend_lab.control.optimal import Optimal
+from printmend_lab.env import PrintVectorEnv, random_layer
+from printmend_lab.published import layer_trace
 
 MACHINE = Corruption((Drive(pulley=EccentricBore(0.3), belt=Play(0.8)), Drive(pulley=EccentricBore(0.2, 2.0),
                                                                               belt=Play(0.6))))  # fmt: skip

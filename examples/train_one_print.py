@@ -1,6 +1,6 @@
 """Train two agents for the paper's problem, and set them beside Naive and the grey box on scenes kept from training.
 
-pip install 'printmend[agents]' && python examples/train_one_print.py --family play
+pip install 'printmend-lab[agents]' && python examples/train_one_print.py --family play
 
 `PPO` (of skrl) learns by trying: at every tick it says how far beside the next target to aim, knowing what the scan
 says about that place. `GRU` is recurrent: it reads the whole scan, then the path, and is taught to say what the optimal
@@ -19,13 +19,13 @@ import optax
 from flax import linen
 from train_agent import Policy, train
 
-from printmend.control.optimal import Optimal
-from printmend.env import OnePrintVectorEnv, learning_agent, one_naive_agent, open_loop_agent, score_agent
-from printmend.env.one_agents import probing_controls
-from printmend.env.scenes import draw_scene
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
+from printmend_lab.control.optimal import Optimal
+from printmend_lab.env import OnePrintVectorEnv, learning_agent, one_naive_agent, open_loop_agent, score_agent
+from printmend_lab.env.one_agents import probing_controls
+from printmend_lab.env.scenes import draw_scene
 
 PROBE_TICKS, TICKS, NOISE_MM = 600, 500, 0.05  # as in the registered environments
 C_MAX = 3

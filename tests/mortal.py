@@ -4,7 +4,7 @@ import os
 import signal
 from pathlib import Path
 
-from printmend.bench.case import Case, Result
+from printmend_lab.bench.case import Case, Result
 
 
 def dies_on_two(item: int) -> int:

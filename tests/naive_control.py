@@ -4,10 +4,10 @@ import itertools
 
 import numpy as np
 
-from printmend.control.window import Window
 from printmend.machine import PlayTables
 from printmend.path import Plan
 from printmend.protocols import WorldModel
+from printmend_lab.control.window import Window
 
 
 def greedy(model: WorldModel, targets: np.ndarray, start: np.ndarray, c_max: int = 3) -> Plan:

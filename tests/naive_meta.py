@@ -1,4 +1,4 @@
-"""The columns of `printmend.learn.meta`, written one after the other as physics.md says them."""
+"""The columns of `printmend_lab.meta`, written one after the other as physics.md says them."""
 
 import numpy as np
 

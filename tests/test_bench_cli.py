@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printmend.bench.case import Case, Result
-from printmend.bench.table1 import Line, Part, stands_still
 from printmend.cli.main import main
-from printmend.dataset.reference import write_reference
-from printmend.demo.figures import table_lines
+from printmend_lab.bench.case import Case, Result
+from printmend_lab.bench.table1 import Line, Part, stands_still
+from printmend_lab.dataset.reference import write_reference
+from printmend_lab.demo.figures import table_lines
 from tests.bodies import circle_body, write_vase
 
 
@@ -93,9 +93,9 @@ def test_dataset_goes_out_and_comes_back(printmend, vase: Path, tmp_path: Path) 
         (("dataset", "import-reference", "VASE"), "no such folder"),
         (("dataset", "export-reference", "EMPTY/new", "--bodies", "VASE", "--corruptions", "6000"), "1 to 5000"),
         (("dataset", "export-reference", "EMPTY/new", "--bodies", "BROKEN"), "BROKEN"),
-        (("demo", "--body", "BROKEN"), "BROKEN"),
-        (("demo", "--corruption", "BROKEN"), "TOML"),
-        (("demo", "--out", "VASE"), "a folder for the pictures"),
+        (("paper", "--body", "BROKEN"), "BROKEN"),
+        (("paper", "--corruption", "BROKEN"), "TOML"),
+        (("paper", "--out", "VASE"), "a folder for the pictures"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(printmend, arguments, said: str, vase: Path, tmp_path: Path) -> None:

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from printmend.bench.case import Result
-from printmend.bench.drawn_body import drawn_body
-from printmend.bench.families import (
+from printmend.corruption import families as corruption_families
+from printmend.errors import InputError
+from printmend.printer import Printer, read_printer
+from printmend_lab.bench.case import Result
+from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.bench.families import (
     FAMILIES,
     ROWS,
     TEST_SEED,
@@ -23,11 +26,8 @@ from printmend.bench.families import (
     family_markdown,
     family_tables,
 )
-from printmend.bench.rows import OPTIMUM, row, row_parts
-from printmend.bench.trial import evaluate
-from printmend.corruption import families as corruption_families
-from printmend.errors import InputError
-from printmend.printer import Printer, read_printer
+from printmend_lab.bench.rows import OPTIMUM, row, row_parts
+from printmend_lab.bench.trial import evaluate
 
 CASE = drawn_case("families", "play", "damaged", 0.5, 0, 7)
 
@@ -143,7 +143,7 @@ def test_a_run_resumes(tmp_path: Path) -> None:
 
 
 def test_the_command_prints_cells(tmp_path: Path) -> None:
-    from printmend.cli.bench import command
+    from printmend_lab.cli.bench import command
 
     args = ["families", "--families", "play", "--severity", "damaged", "--coverage", "0.5", "--noise", "0,0.1",
             "--rows", "naive+greedy", "--samples", "1", "--out", str(tmp_path), "--json"]  # fmt: skip

@@ -9,14 +9,14 @@ import pytest
 from click.testing import CliRunner
 from scipy.io import savemat
 
-from printmend.bench.measured import forms
-from printmend.bench.measured.axis import bench_of
-from printmend.bench.measured.measured import MeasuredRow, MeasuredStand, measured_cases, measured_table
-from printmend.bench.measured.sources import SOURCES, source
-from printmend.bench.measured.tracks import MeasuredSet, Track, less_free, span
-from printmend.cli.bench import command
 from printmend.errors import InputError, TraceError
 from printmend.protocols import WorldModel
+from printmend_lab.bench.measured import forms
+from printmend_lab.bench.measured.axis import bench_of
+from printmend_lab.bench.measured.measured import MeasuredRow, MeasuredStand, measured_cases, measured_table
+from printmend_lab.bench.measured.sources import SOURCES, source
+from printmend_lab.bench.measured.tracks import MeasuredSet, Track, less_free, span
+from printmend_lab.cli.bench import command
 
 # Of the words of every split, fixed before any learner was judged: a change makes another benchmark.
 SPLITS = "dea612cca01ddff8"

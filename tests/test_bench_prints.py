@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from printmend.bench.case import Result
-from printmend.bench.families import body_of, drawn_case
-from printmend.bench.print_shapes import SHAPES, body_program, layer_mm, path_print
-from printmend.bench.prints import draw_print_cases, print_lines, read_row
-from printmend.bench.rows import OPTIMUM
-from printmend.cli.bench import command
 from printmend.errors import InputError
 from printmend.printer import Printer
+from printmend_lab.bench.case import Result
+from printmend_lab.bench.families import body_of, drawn_case
+from printmend_lab.bench.print_shapes import SHAPES, body_program, layer_mm, path_print
+from printmend_lab.bench.prints import draw_print_cases, print_lines, read_row
+from printmend_lab.bench.rows import OPTIMUM
+from printmend_lab.cli.bench import command
 
 CASE = drawn_case("prints", "pulley-play", "damaged", 1.0, 0, 11)
 

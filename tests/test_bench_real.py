@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from printmend.bench.real.evidence import Trace1d
-from printmend.bench.real.periodic import fit
-from printmend.bench.real.real import plain_fit, real_cases, real_table, scatter_mm2
-from printmend.bench.real.shipped import shipped_fit
-from printmend.bench.real.traverse import COLUMNS, Traverse, detrended, middles_mm, read_traverses
 from printmend.errors import InputError, TraceError
+from printmend_lab.bench.real.evidence import Trace1d
+from printmend_lab.bench.real.periodic import fit
+from printmend_lab.bench.real.real import plain_fit, real_cases, real_table, scatter_mm2
+from printmend_lab.bench.real.shipped import shipped_fit
+from printmend_lab.bench.real.traverse import COLUMNS, Traverse, detrended, middles_mm, read_traverses
 
 TURN_MM, LAG_MM, MIDDLE_MM = 42.3, 0.8, 85.0
 
@@ -130,7 +130,7 @@ def write_csv(path: Path, items: list[Traverse]) -> Path:
 
 
 def test_the_command_prints_and_saves(tmp_path: Path, rng: np.random.Generator) -> None:
-    from printmend.cli.bench import command
+    from printmend_lab.cli.bench import command
 
     items = [traverse(rng, sign, walk=0.2) for sign in (1, -1, 1, -1, 1, -1, 1, 1, -1, 1, -1)]
     data = write_csv(tmp_path / "made.csv", items)

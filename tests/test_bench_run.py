@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from printmend.bench.case import Case, Result
-from printmend.bench.report import body_table, failure_texts, text_table
-from printmend.bench.rows import PAPER_ROWS, row
-from printmend.bench.run import read_results, run
-from printmend.bench.table1 import cells, draw_cases, lines, table1
-from printmend.bench.trial import evaluate
 from printmend.errors import ConfigError, InputError
 from printmend.executor import Processes, Serial, WorkerDied, program_version
+from printmend_lab.bench.case import Case, Result
+from printmend_lab.bench.report import body_table, failure_texts, text_table
+from printmend_lab.bench.rows import PAPER_ROWS, row
+from printmend_lab.bench.run import read_results, run
+from printmend_lab.bench.table1 import cells, draw_cases, lines, table1
+from printmend_lab.bench.trial import evaluate
 from tests.bodies import write_vase
 from tests.mortal import dies_on_two
 
@@ -132,7 +132,7 @@ def test_a_plug_in_that_is_edited_during_a_run_does_not_end_it(
     vases: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code = ["first"]
-    monkeypatch.setattr("printmend.bench.case.code_digest", lambda *what: code[0])
+    monkeypatch.setattr("printmend_lab.bench.case.code_digest", lambda *what: code[0])
 
     def edited(case: Case, rows: tuple[str, ...]) -> list[Result]:
         code[0] = "second"

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from printmend.body.generated import KINDS, generated_name, generated_solid
-from printmend.body.generated.dice import Dice
-from printmend.body.solid import stl_bytes
-from printmend.dataset.bodies import body_files
 from printmend.errors import InputError
+from printmend_lab.body.generated import KINDS, generated_name, generated_solid
+from printmend_lab.body.generated.dice import Dice
+from printmend_lab.body.solid import stl_bytes
+from printmend_lab.dataset.bodies import body_files
 
 # number → the first digits of the SHA-256 of its STL; a change here needs another GENERATOR
 DIGESTS = {

@@ -7,11 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printmend.body.mesh import read_solid
-from printmend.body.pulley import FLANGE_DIAMETER_MM, FLANGE_MM, TEETH, TOOTHED_MM, timing_pulley, toothed_outline_mm
-from printmend.body.solid import Solid, refuse_oversize, stl_bytes
 from printmend.errors import MeshError
 from printmend.printer import Printer
+from printmend_lab.body.mesh import read_solid
+from printmend_lab.body.pulley import (
+    FLANGE_DIAMETER_MM,
+    FLANGE_MM,
+    TEETH,
+    TOOTHED_MM,
+    timing_pulley,
+    toothed_outline_mm,
+)
+from printmend_lab.body.solid import Solid, refuse_oversize, stl_bytes
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 CUBE = np.array(
@@ -170,7 +177,7 @@ def test_hostile_3mf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(read_solid(write_3mf(tmp_path / "loop.3mf", extra=loop)).faces) == 4
     with pytest.raises(MeshError, match="finite"):
         read_solid(write_3mf(tmp_path / "nan.3mf", x="nan"))
-    monkeypatch.setattr("printmend.body.mesh._MAX_BYTES", 2**18)
+    monkeypatch.setattr("printmend_lab.body.mesh._MAX_BYTES", 2**18)
     bomb = tmp_path / "bomb.3mf"
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("3D/3dmodel.model", bytes(2**21))

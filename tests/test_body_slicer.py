@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printmend.body import demo_body_gcode, load_body
-from printmend.body.layers import strokes_of
-from printmend.body.slicer import _processor, slice_solid, slice_to
-from printmend.body.solid import Solid
 from printmend.errors import MeshError, MissingToolError
 from printmend.gcode.read import read_gcode
 from printmend.printer import Printer
+from printmend_lab.body import demo_body_gcode, load_body
+from printmend_lab.body.layers import strokes_of
+from printmend_lab.body.slicer import _processor, slice_solid, slice_to
+from printmend_lab.body.solid import Solid
 from tests.test_body_mesh import CORNERS, CUBE, cube, write_stl
 
 needs_slicer = pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="PrusaSlicer is not installed")
@@ -107,7 +107,7 @@ def test_command_lists_the_layers(tmp_path: Path) -> None:
 
     from click.testing import CliRunner
 
-    from printmend.cli.body import command
+    from printmend_lab.cli.body import command
 
     path = tmp_path / "demo.gcode"
     path.write_bytes(demo_body_gcode())

@@ -5,20 +5,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from printmend.conformance.learners import LearnerCandidate, is_planned_for
-from printmend.control.beam import Beam
-from printmend.control.greedy import Greedy
-from printmend.control.increments import agrees, increments_by_advance
-from printmend.control.optimal import Optimal
 from printmend.corruption import sample
-from printmend.env import random_layer
-from printmend.env.scenes import draw_scene
 from printmend.errors import ModelError
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.metrics import rmse
 from printmend.path import Layer
 from printmend.printer import Printer
 from printmend.protocols import State
+from printmend_lab.conformance.learners import LearnerCandidate, is_planned_for
+from printmend_lab.control.beam import Beam
+from printmend_lab.control.greedy import Greedy
+from printmend_lab.control.increments import agrees, increments_by_advance
+from printmend_lab.control.optimal import Optimal
+from printmend_lab.env import random_layer
+from printmend_lab.env.scenes import draw_scene
 
 
 @dataclass(frozen=True, eq=False)

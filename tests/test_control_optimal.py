@@ -5,10 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.control import coupled, optimal
-from printmend.control.kernels import coupled as kernels
-from printmend.control.registry import controller
-from printmend.control.window import window
 from printmend.corruption import Corruption, Drive, Play, PublishedHull, sample
 from printmend.errors import ModelError
 from printmend.learn.mechanism_model import MechanismModel
@@ -16,6 +12,10 @@ from printmend.machine import PlayTables, lattice_tables, run_motors
 from printmend.path import Plan
 from printmend.printer import Printer, read_printer
 from printmend.twin import Twin
+from printmend_lab.control import coupled, optimal
+from printmend_lab.control.kernels import coupled as kernels
+from printmend_lab.control.registry import controller
+from printmend_lab.control.window import window
 from tests import naive_control
 from tests.shapes import layer_along, ring_layer
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.body.space import space_path
 from printmend.corruption import (
     Corruption,
     CrookedFrame,
@@ -26,6 +25,7 @@ from printmend.machine import Mechanism
 from printmend.path import Body
 from printmend.printer import Printer
 from printmend.twin import Twin
+from printmend_lab.body.space import space_path
 from tests.shapes import ring_layer
 
 MIDDLE = np.array([550, 550, 200])

@@ -18,24 +18,24 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
-from printmend.bench.table1 import dataset_cases
-from printmend.bench.trial import evaluate
-from printmend.body.mesh import read_solid
-from printmend.body.solid import stl_bytes
 from printmend.cli.main import group
 from printmend.corruption import read_corruption
-from printmend.dataset import build as builder
-from printmend.dataset.build import Recipe, build_dataset
-from printmend.dataset.join import joined, names
-from printmend.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, digest_of, read_about, read_body, read_print
-from printmend.dataset.places import body_file, corruption_file, print_file, read_lines
-from printmend.dataset.verify import contents, fetch_dataset, verify_dataset
 from printmend.errors import InputError, TraceError, UnwritableError
 from printmend.executor import Serial
 from printmend.files import replacing
 from printmend.metrics import rmse
 from printmend.printer import read_printer
 from printmend.twin import Twin
+from printmend_lab.bench.table1 import dataset_cases
+from printmend_lab.bench.trial import evaluate
+from printmend_lab.body.mesh import read_solid
+from printmend_lab.body.solid import stl_bytes
+from printmend_lab.dataset import build as builder
+from printmend_lab.dataset.build import Recipe, build_dataset
+from printmend_lab.dataset.join import joined, names
+from printmend_lab.dataset.parquet import BODY_COLUMNS, PRINT_COLUMNS, digest_of, read_about, read_body, read_print
+from printmend_lab.dataset.places import body_file, corruption_file, print_file, read_lines
+from printmend_lab.dataset.verify import contents, fetch_dataset, verify_dataset
 from tests.bodies import write_vase
 
 RECIPE = Recipe(2, ("pulley-play", "gain-table"), "damaged", 3)
@@ -113,7 +113,7 @@ def test_files_are_typed_encoded_a_row_group_a_layer_and_say_what_they_are(data:
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from printmend.dataset import build as builder
+from printmend_lab.dataset import build as builder
 from printmend.executor import Serial
 real, calls = builder.write_print, []
 def dies(path, *rest):

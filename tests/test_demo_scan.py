@@ -8,9 +8,9 @@ import pytest
 import shapely
 from click.testing import CliRunner
 
-from printmend.bench import contour
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore, Play
+from printmend.demo import contour
 from printmend.errors import InputError
 from printmend.gcode.read import read_gcode
 from printmend.metrics.shape import stroke_distances

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from printmend.body.pulley import demo_body_gcode
 from printmend.cli.main import group
 from printmend.corruption import Corruption
 from printmend.corruption.frame import CrookedFrame
@@ -30,6 +29,7 @@ from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
 from printmend.twin import Twin
 from printmend.twin.scanner import CLEAN, render_scan
+from printmend_lab.body.pulley import demo_body_gcode
 from tests.test_docs import PAGES, ROOT
 from tests.test_learn_space import DRIVES, SCREW, measured, tower
 from tests.test_printer_convert import KLIPPER

@@ -6,7 +6,11 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from printmend.corruption import HEALTHY, sample
-from printmend.env import (
+from printmend.errors import ConfigError
+from printmend.path import Layer
+from printmend.printer import Printer, read_printer
+from printmend.twin import Twin
+from printmend_lab.env import (
     PrintEnv,
     PrintVectorEnv,
     algorithm1_agent,
@@ -14,10 +18,6 @@ from printmend.env import (
     random_agent,
     random_layer,
 )
-from printmend.errors import ConfigError
-from printmend.path import Layer
-from printmend.printer import Printer, read_printer
-from printmend.twin import Twin
 
 
 def played(env: PrintEnv, actions: np.ndarray, seed: int) -> tuple[float, dict]:

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from printmend import evaluate
-from printmend.conformance.controllers import CHECKS as CONTROLLER_CHECKS
-from printmend.conformance.controllers import ControllerCandidate
-from printmend.conformance.learners import CHECKS as LEARNER_CHECKS
-from printmend.conformance.learners import LearnerCandidate
 from printmend.learn import learner
+from printmend_lab import evaluate
+from printmend_lab.conformance.controllers import CHECKS as CONTROLLER_CHECKS
+from printmend_lab.conformance.controllers import ControllerCandidate
+from printmend_lab.conformance.learners import CHECKS as LEARNER_CHECKS
+from printmend_lab.conformance.learners import LearnerCandidate
 from tests.mending import ENDER5
 from tests.test_mend_laws import part
 

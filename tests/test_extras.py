@@ -11,9 +11,11 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from printmend.cli import main
 from printmend.cli.main import group
 from printmend.errors import MissingToolError
-from printmend.extras import _EXTRAS
+from printmend.extras import _EXTRAS, _LAB
+from printmend_lab.commands import COMMANDS
 
 # Three layers of a square: the demonstration's own body takes seconds.
 SQUARES = b"G21\nG90\nM83\nG28\n" + b"".join(
@@ -28,7 +30,7 @@ import printmend
 for name in set(printmend.__all__) - {{"measure_scans"}}:
     getattr(printmend, name)
 import printmend.export.firmware, printmend.learn.callipers, printmend.learn.prior.prior, printmend.repair.update
-import printmend.learn.hybrid.residual, printmend.learn.meta, printmend.probe.part_layer, printmend.promise.misfit_rows
+import printmend.learn.hybrid.residual, printmend.probe.part_layer, printmend.promise.misfit_rows
 import printmend.cli.main as cli
 try:
     printmend.measure_scans
@@ -59,18 +61,23 @@ def test_what_make_demo_installs_is_a_part_of_the_lock_and_has_all_that_it_needs
 
 
 def test_every_module_is_in_the_extra_that_is_named() -> None:
-    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    projects = [
+        tomllib.loads((Path(__file__).parents[1] / place / "pyproject.toml").read_text())["project"]
+        for place in ("", "lab")
+    ]
     extras = {
         extra: {re.split(r"[>\[]", item)[0] for item in items}
+        for project in projects
         for extra, items in project["optional-dependencies"].items()
     }
+    assert projects[1]["optional-dependencies"].keys() & set(_EXTRAS.values()) == _LAB
     homes = packages_distributions()
     for module, extra in _EXTRAS.items():
         # a distribution that is one compiled file does not say which module it brings
         assert {home.lower() for home in homes.get(module, [module])} & extras[extra], module
     assert "printmend" in extras["all"]
-    base = {re.split(r"[>\[]", item)[0] for item in project["dependencies"]}
-    assert not base & set().union(*(extras[extra] for extra in _EXTRAS.values()))
+    base = {re.split(r"[>\[]", item)[0] for item in projects[0]["dependencies"]}
+    assert not base & set().union(*(extras[extra] for extra in _EXTRAS.values())) - {"printmend", "printmend-lab"}
 
 
 def test_without_extras_all_but_scans_is_there_and_those_name_theirs(tmp_path: Path) -> None:
@@ -102,11 +109,11 @@ def test_without_extras_all_but_scans_is_there_and_those_name_theirs(tmp_path: P
         ("history here.mend.json --picture wear.png", "report"),
         ("selfrepair -o out", "report"),
         ("curiosity -o out", "report"),
-        ("bench table1 --bodies generated:2", "paper,report,trees"),
+        ("bench table1 --bodies generated:2", "report,trees+paper"),
         ("bench table1 --bodies generated:2 --models greybox", "report"),
         ("bench families --rows lightgbm+greedy", "trees"),
-        ("figures --dataset data -o out", "dataset,paper,report,scan,trees"),
-        ("dataset build --bodies models -o out", "dataset,paper,report"),
+        ("figures --dataset data -o out", "report,scan,trees+dataset,paper"),
+        ("dataset build --bodies models -o out", "report+dataset,paper"),
         ("dataset export-reference out --bodies models", "scan"),
         ("donate --scan scan.png", "scan"),
     ],
@@ -119,16 +126,47 @@ def test_a_command_says_at_once_and_in_one_command_all_that_it_needs(
     monkeypatch.setattr("printmend.extras.find_spec", lambda module: None)
     with pytest.raises(MissingToolError) as said:
         group.main(line.split(), standalone_mode=False)
-    assert said.value.todo == f"pip install 'printmend[{extras}]'"
+    ours, _, labs = extras.partition("+")
+    lab = f" 'printmend-lab[{labs}]'" if labs else ""
+    assert said.value.todo == f"pip install 'printmend[{ours}]'{lab}"
     assert [path.name for path in tmp_path.iterdir()] == ["here.mend.json"]
 
 
-def test_the_demonstration_needs_no_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_demonstrations_need_no_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("printmend.extras.find_spec", lambda module: None)
-    monkeypatch.setattr("printmend.body.demo_body_gcode", lambda: SQUARES)
-    done = CliRunner().invoke(group, ["demo", "--json", "-o", str(tmp_path)])
+    monkeypatch.setattr("printmend_lab.body.demo_body_gcode", lambda: SQUARES)
+    done = CliRunner().invoke(group, ["paper", "--json", "-o", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert "the paper's learner and the pictures; pip install 'printmend[report,trees]'" in done.stderr
     said = json.loads(done.stdout)
     assert [row["row"] for row in said["rows"]] == ["naive", "greybox", "oracle"]
     assert [path.name for path in tmp_path.iterdir()] == ["corruption.toml"]
+
+
+@pytest.fixture
+def without_lab(monkeypatch: pytest.MonkeyPatch):
+    """Let no other package add commands."""
+    with monkeypatch.context() as patched:
+        patched.setattr("importlib.metadata.entry_points", lambda group: [])
+        main.packages.cache_clear()
+        main.homes.cache_clear()
+        yield
+    main.packages.cache_clear()
+    main.homes.cache_clear()
+
+
+def test_a_command_of_the_lab_says_where_it_is(without_lab) -> None:
+    for name in main.LAB:
+        with pytest.raises(MissingToolError) as said:
+            group.main([name, "--help"], standalone_mode=False)
+        assert said.value.todo == "pip install printmend-lab"
+    told = CliRunner().invoke(group, ["--help"]).output
+    assert "pip install printmend-lab" in " ".join(told.split())
+    assert "Table I" not in told
+
+
+def test_the_lab_has_the_commands_that_printmend_names() -> None:
+    assert set(main.LAB) == {name for commands in COMMANDS.values() for name in commands}
+    told = CliRunner().invoke(group, ["--help"]).output
+    assert "Table I" in told
+    assert "pip install" not in told

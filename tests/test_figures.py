@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from printmend.demo.figures import latex_table, similarity_figure
+from printmend_lab.demo.figures import latex_table, similarity_figure
 
 
 def test_latex_is_escaped() -> None:

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import sample
 from printmend.corruption.jump import MissedSteps, ToothSkips
 from printmend.identify.drive.kernels.jumps import cheapest_levels
@@ -15,8 +14,9 @@ from printmend.learn.greybox import Greybox, motor_rows
 from printmend.machine import Transmission, healthy_mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.published import layer_trace
 from printmend.twin import Twin
+from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.published import layer_trace
 from tests.naive_greybox import cheapest_history
 
 ZIGZAG_MM = np.array([[20.0, 30.0], [190.0, 180.0], [25.0, 35.0], [185.0, 60.0], [30.0, 170.0], [120.0, 40.0]])

@@ -13,8 +13,8 @@ from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import Printer, read_printer
 from printmend.probe import design_probe
-from printmend.published import layer_trace
 from printmend.twin import Twin
+from printmend_lab.published import layer_trace
 from tests.naive_machine import NaiveDrive, circle, corners, loose, walk
 from tests.shapes import ring_layer
 

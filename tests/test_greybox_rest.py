@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.bench.drawn_body import drawn_body
-from printmend.control.registry import controller
 from printmend.corruption import sample
 from printmend.learn.greybox import Greybox
 from printmend.learn.mechanism_model import MechanismModel
@@ -14,8 +12,10 @@ from printmend.machine import PlayTables
 from printmend.metrics import rmse
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.published import layer_trace
 from printmend.twin import Twin
+from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.control.registry import controller
+from printmend_lab.published import layer_trace
 
 ENDER5 = read_printer("ender5")
 MIDDLE, FORWARDS, BACK = (0.5, 0.5), (0.0, 0.0), (1.0, 1.0)

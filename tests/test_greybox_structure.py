@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, ElasticBelt, FourierHull, Play, sample
 from printmend.diagnosis.gaps import gaps_of
 from printmend.learn.greybox import Greybox, GreyboxModel
@@ -13,8 +12,9 @@ from printmend.machine import Mechanism
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe
-from printmend.published import layer_trace
 from printmend.twin import Twin
+from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.published import layer_trace
 
 ENDER3, ENDER5 = read_printer("ender3"), read_printer("ender5")
 

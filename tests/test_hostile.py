@@ -18,8 +18,6 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from printmend.bench.run import read_results
-from printmend.body.mesh import read_solid
 from printmend.cache import kernel_folder
 from printmend.cli.main import group
 from printmend.corruption import read_corruption
@@ -32,6 +30,8 @@ from printmend.measure.table import read_trace
 from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
 from printmend.saved import read_model, write_model
+from printmend_lab.bench.run import read_results
+from printmend_lab.body.mesh import read_solid
 from tests.mending import BENT, SQUARE, START, exactly
 from tests.mortal import heed_ctrl_c
 

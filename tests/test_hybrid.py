@@ -24,10 +24,10 @@ from printmend.machine import Mechanism, Transmission, healthy_mechanism
 from printmend.machine.kernels import run
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.published import layer_trace
 from printmend.repair.learned import learn_model
 from printmend.saved import model_text, parse_model
 from printmend.twin import Twin
+from printmend_lab.published import layer_trace
 from tests.naive_greybox import follow_tables_slowly
 from tests.shapes import ring_layer
 

@@ -5,16 +5,16 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from printmend.bench.print_shapes import SHAPES, path_print
 from printmend.corruption import Corruption, sample
-from printmend.learn.meta import MetaLearner, kernels
-from printmend.learn.meta.bayes import FEATURES, OUTPUTS, forward, posterior
-from printmend.learn.meta.columns import GROUPS, columns, groups
-from printmend.learn.meta.meta import shipped
-from printmend.learn.meta.tasks import draw_drive, draw_lesson, evidence
 from printmend.path import Trace
 from printmend.printer import read_printer
 from printmend.twin import Twin
+from printmend_lab.bench.print_shapes import SHAPES, path_print
+from printmend_lab.meta import MetaLearner, kernels
+from printmend_lab.meta.bayes import FEATURES, OUTPUTS, forward, posterior
+from printmend_lab.meta.columns import GROUPS, columns, groups
+from printmend_lab.meta.meta import shipped
+from printmend_lab.meta.tasks import draw_drive, draw_lesson, evidence
 from tests import naive_law, naive_meta
 
 PRINTER = read_printer("ender5")
@@ -67,7 +67,7 @@ def test_evidence_knows_no_order_and_the_posterior_is_that_of_eq_19() -> None:
 
 
 def test_the_weights_are_small_and_fit_the_network() -> None:
-    path = resources.files("printmend.learn.meta") / "meta.safetensors"
+    path = resources.files("printmend_lab.meta") / "meta.safetensors"
     assert len(path.read_bytes()) < 1_000_000
     said = forward(np, shipped(), np.zeros(FEATURES))
     assert said.shape == (OUTPUTS,)

@@ -10,13 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 from printmend.cli.main import group
-from printmend.conformance import kind_of
-from printmend.conformance.begin import begin_package
-from printmend.conformance.controllers import CHECKS as CONTROLLER_CHECKS
-from printmend.conformance.controllers import ControllerCandidate
-from printmend.conformance.learners import CHECKS as LEARNER_CHECKS
-from printmend.conformance.learners import LearnerCandidate
 from printmend.errors import InputError
+from printmend_lab.conformance import kind_of
+from printmend_lab.conformance.begin import begin_package
+from printmend_lab.conformance.controllers import CHECKS as CONTROLLER_CHECKS
+from printmend_lab.conformance.controllers import ControllerCandidate
+from printmend_lab.conformance.learners import CHECKS as LEARNER_CHECKS
+from printmend_lab.conformance.learners import LearnerCandidate
 from tests.conformance import broken_by
 from tests.test_examples import QUICK
 

@@ -5,12 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printmend.control.registry import controller
-from printmend.control.space import plan_space
 from printmend.corruption import families, sample
 from printmend.corruption.screw import Screw
-from printmend.env import kernels
-from printmend.env.fleet import fleet_of, machines_of, tasks_of
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import Mechanism
 from printmend.machine.kernels import run
@@ -18,6 +14,10 @@ from printmend.path import Layer
 from printmend.printer import read_printer
 from printmend.protocols import SpaceModel
 from printmend.twin import Twin
+from printmend_lab.control.registry import controller
+from printmend_lab.control.space import plan_space
+from printmend_lab.env import kernels
+from printmend_lab.env.fleet import fleet_of, machines_of, tasks_of
 
 SCREW = Screw(0.03, 0.1, 1.0, 0.3, 2.0, 0.3)
 START = np.array([531, 467, 60])

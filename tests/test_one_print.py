@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from printmend.control.optimal import Optimal
-from printmend.env import (
+from printmend.errors import ConfigError
+from printmend.learn.mechanism_model import MechanismModel
+from printmend.metrics import rmse
+from printmend.printer import read_printer
+from printmend.twin import Twin
+from printmend_lab.control.optimal import Optimal
+from printmend_lab.env import (
     SCENES,
     OnePrintEnv,
     OnePrintVectorEnv,
@@ -18,12 +23,7 @@ from printmend.env import (
     random_layer,
     score_agent,
 )
-from printmend.env.scenes import LEAST_GAIN_STEPS, draw_scene
-from printmend.errors import ConfigError
-from printmend.learn.mechanism_model import MechanismModel
-from printmend.metrics import rmse
-from printmend.printer import read_printer
-from printmend.twin import Twin
+from printmend_lab.env.scenes import LEAST_GAIN_STEPS, draw_scene
 
 SMALL = {"ticks": 60, "probe_ticks": 40}
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import printmend
+import printmend_lab
 
 ROOT = Path(__file__).parents[1]
 
@@ -50,7 +51,8 @@ def test_the_package_runs_as_a_program() -> None:
 @pytest.mark.parametrize("asked", ["none", "its own", "another"])
 def test_another_python_makes_the_environment_anew(asked: str, tmp_path: Path) -> None:
     (tmp_path / "Makefile").write_bytes((ROOT / "Makefile").read_bytes())
-    for name in ("core.lock", "owner.lock", "pip.lock", "requirements.lock", "pyproject.toml"):
+    for name in ("core.lock", "owner.lock", "pip.lock", "requirements.lock", "pyproject.toml", "lab/pyproject.toml"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     made = tmp_path / ".venv"
     (made / "bin").mkdir(parents=True)
@@ -73,7 +75,7 @@ def test_another_python_makes_the_environment_anew(asked: str, tmp_path: Path) -
 def test_a_long_function_says_why() -> None:
     """No function is above 60 lines or 10 parameters unless the reason stands above it."""
     without = []
-    for path in sorted((ROOT / "src" / "printmend").rglob("*.py")):
+    for path in sorted([*(ROOT / "src").rglob("*.py"), *(ROOT / "lab" / "src").rglob("*.py")]):
         text = path.read_text()
         lines = text.splitlines()
         for node in ast.walk(ast.parse(text)):
@@ -92,6 +94,9 @@ def test_the_citation_and_the_conda_recipe_are_of_this_version() -> None:
     assert re.findall(r"(?m)^version: (.+)$", (ROOT / "CITATION.cff").read_text()) == [printmend.__version__]
     recipe = (ROOT / "recipe" / "recipe.yaml").read_text()
     assert re.findall(r'(?m)^  version: "(.+)"$', recipe) == [printmend.__version__]
+    lab = tomllib.loads((ROOT / "lab" / "pyproject.toml").read_text())["project"]
+    assert lab["dependencies"] == [f"printmend=={printmend_lab.__version__}"]
+    assert printmend_lab.__version__ == printmend.__version__
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     needed = recipe.partition("  run:\n")[2].partition("\n\n")[0]
     wanted = [f"python {project['requires-python']}", *project["dependencies"]]

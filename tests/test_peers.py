@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from printmend.conformance.learners import OTHER, TRAINING
 from printmend.corruption import Corruption, Drive, Play
 from printmend.corruption.frame import CrookedFrame
 from printmend.learn import fit
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import Mechanism, Transmission, healthy_transmission
 from printmend.path import Trace
-from printmend.peers.boucwen import BoucWen, Shape, boucwen_element, moved
-from printmend.peers.branches import followed, transmission
-from printmend.peers.memory import MemoryModel
-from printmend.peers.memory import followed as followed_element
-from printmend.peers.operators import lags, play
-from printmend.peers.prandtl import PrandtlIshlinskii, fitted_operator, prandtl_element
-from printmend.peers.rows import MotorRows, block_errors_mm2, chosen, least_squares, motor_rows, ways
 from printmend.printer import Printer, read_printer
-from printmend.published import layer_trace
 from printmend.twin import Twin
+from printmend_lab.conformance.learners import OTHER, TRAINING
+from printmend_lab.peers.boucwen import BoucWen, Shape, boucwen_element, moved
+from printmend_lab.peers.branches import followed, transmission
+from printmend_lab.peers.memory import MemoryModel
+from printmend_lab.peers.memory import followed as followed_element
+from printmend_lab.peers.operators import lags, play
+from printmend_lab.peers.prandtl import PrandtlIshlinskii, fitted_operator, prandtl_element
+from printmend_lab.peers.rows import MotorRows, block_errors_mm2, chosen, least_squares, motor_rows, ways
+from printmend_lab.published import layer_trace
 
 PRINTER = read_printer("ender5")
 

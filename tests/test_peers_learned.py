@@ -3,25 +3,25 @@
 import numpy as np
 import pytest
 
-from printmend.conformance.learners import OTHER, LearnerCandidate, naive_error, plan_error, printed
-from printmend.control.registry import controller
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import healthy_mechanism
 from printmend.metrics import rmse
 from printmend.path import Trace
-from printmend.peers.ilc import GAIN, followed, iterate, smoothed
-from printmend.peers.memory import MemoryModel
-from printmend.peers.memory import followed as followed_element
-from printmend.peers.mpc import cost_steps2
-from printmend.peers.narx import Narx, Option, fitted_narx, free_run, increments, picked, stays_bounded
-from printmend.peers.network import TAPS_MM, NetworkLearner, inputs, remembered
-from printmend.peers.process import process_drive
-from printmend.peers.rows import MotorRows
 from printmend.printer import read_printer
+from printmend_lab.conformance.learners import OTHER, LearnerCandidate, naive_error, plan_error, printed
+from printmend_lab.control.registry import controller
+from printmend_lab.peers.ilc import GAIN, followed, iterate, smoothed
+from printmend_lab.peers.memory import MemoryModel
+from printmend_lab.peers.memory import followed as followed_element
+from printmend_lab.peers.mpc import cost_steps2
+from printmend_lab.peers.narx import Narx, Option, fitted_narx, free_run, increments, picked, stays_bounded
+from printmend_lab.peers.network import TAPS_MM, NetworkLearner, inputs, remembered
+from printmend_lab.peers.process import process_drive
+from printmend_lab.peers.rows import MotorRows
 from tests.test_peers import rows_of, zigzag
 
 PRINTER = read_printer("ender5")
-INVERSE, MPC = "printmend.peers.inverse:INVERSE", "printmend.peers.mpc:MPC"
+INVERSE, MPC = "printmend_lab.peers.inverse:INVERSE", "printmend_lab.peers.mpc:MPC"
 FEATURES = 2 * (3 + 2 * 4) + 4
 
 

@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from printmend.bench.drawn_body import drawn_body
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Polygon
 from printmend.identify.pulley.shapes import ANGLES, HARMONICS, draw, kinds, series, turned
 from printmend.learn.greybox import Greybox, GreyboxModel
@@ -14,9 +13,10 @@ from printmend.learn.prior.mixture import ENTRIES, Component, Mixture, parse_wei
 from printmend.learn.prior.training import COMPONENTS, train
 from printmend.path import Trace
 from printmend.printer import read_printer
-from printmend.published import layer_trace
 from printmend.repair.learned import learn_model
 from printmend.twin import Twin
+from printmend_lab.bench.drawn_body import drawn_body
+from printmend_lab.published import layer_trace
 
 PRINTER = read_printer("ender5")
 PHI = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)

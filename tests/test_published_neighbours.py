@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from printmend.control.registry import controller
 from printmend.corruption import sample
 from printmend.learn import fit, learner
 from printmend.path import Layer
 from printmend.printer import read_printer
-from printmend.published import layer_trace, network, transitions_of
-from printmend.published.neighbours import KNN, LINEAR
 from printmend.twin import Twin
+from printmend_lab.control.registry import controller
+from printmend_lab.published import layer_trace, network, transitions_of
+from printmend_lab.published.neighbours import KNN, LINEAR
 
 PRINTER = read_printer("ender5")
 START = np.array([500, 500])
@@ -61,7 +61,7 @@ def test_a_network_fits_what_a_line_cannot_the_same_way_each_time(monkeypatch: p
     data = transitions_of(trace, PRINTER)
     rows = np.concatenate([data.nominal_steps, data.controls], axis=1).astype(float)
     line, one, again = (
-        fit(f"printmend.published.{name}", trace, PRINTER, rng=np.random.default_rng(0))
+        fit(f"printmend_lab.published.{name}", trace, PRINTER, rng=np.random.default_rng(0))
         for name in ("neighbours:LINEAR", "network:NETWORK", "network:NETWORK")
     )
     misses = [np.sqrt(np.mean((model.predict(rows) - data.displacement_steps) ** 2)) for model in (line, one)]

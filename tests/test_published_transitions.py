@@ -6,7 +6,7 @@ import pytest
 from printmend.errors import TraceError
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.published import layer_trace, transitions_of
+from printmend_lab.published import layer_trace, transitions_of
 from tests.shapes import ring_layer
 
 LAYER = ring_layer((530.0, 530.0), 40.0)

@@ -13,9 +13,9 @@ from printmend.learn import fit
 from printmend.machine import lattice_tables
 from printmend.path import Trace
 from printmend.printer import Printer
-from printmend.published import AxisModel, Ensemble, from_forest, from_lightgbm, layer_trace
-from printmend.published.trees import JointTreeModel
 from printmend.twin import Twin
+from printmend_lab.published import AxisModel, Ensemble, from_forest, from_lightgbm, layer_trace
+from printmend_lab.published.trees import JointTreeModel
 from tests.shapes import layer_along, ring_layer
 
 LAYER = ring_layer((530.0, 530.0), 60.0)
@@ -163,7 +163,7 @@ def test_mechanism_of_axis_gains_returns_to_where_it_was(ender5: Printer, rng: n
 
 def test_published_order_of_the_rows(ender5: Printer) -> None:
     """Table I's order on layers that were not trained on: Naive > LightGBM > per-axis LightGBM ≥ Oracle."""
-    from printmend.control.greedy import Greedy
+    from printmend_lab.control.greedy import Greedy
 
     errors: dict[str, list[float]] = {}
     for seed in range(2):

@@ -11,13 +11,14 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from printmend.cli.main import COMMANDS, group
+from printmend.cli.main import group
 from printmend.errors import ConfigError
 from printmend.saved import write_model
 from tests.mending import BENT, SQUARE, exactly
 from tests.mortal import heed_ctrl_c
 
 PROGRAM = str(Path(sys.executable).parent / "printmend")
+NAMES = group.list_commands(click.Context(group))
 
 
 @pytest.fixture
@@ -101,7 +102,10 @@ def test_shells_complete_commands_and_models(place: Path) -> None:
 
 def test_every_command_has_a_manual_page_of_its_help(place: Path) -> None:
     assert CliRunner().invoke(group, ["man", "-o", "pages"]).exit_code == 0
-    assert {path.stem for path in (place / "pages").iterdir()} == {"printmend", *(f"printmend-{n}" for n in COMMANDS)}
+    assert {path.stem for path in (place / "pages").iterdir()} == {
+        "printmend",
+        *(f"printmend-{n}" for n in NAMES),
+    }
     requests = {"TH", "SH", "PP", "TP", "nf", "fi", "B"}
     for path in (place / "pages").iterdir():
         text = path.read_text()
@@ -111,4 +115,4 @@ def test_every_command_has_a_manual_page_of_its_help(place: Path) -> None:
             command = group.get_command(click.Context(group), path.stem.removeprefix("printmend-"))
             for option in (one for one in command.params if isinstance(one, click.Option)):
                 assert max(option.opts, key=len).replace("-", "\\-") in text
-    assert all(f"\\fB{name}\\fP\n" in (place / "pages/printmend.1").read_text() for name in COMMANDS)
+    assert all(f"\\fB{name}\\fP\n" in (place / "pages/printmend.1").read_text() for name in NAMES)

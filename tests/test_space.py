@@ -7,12 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from printmend.bench.drawn_body import drawn_tower
-from printmend.bench.families import corruption_of, drawn_case
-from printmend.bench.trial import evaluate
-from printmend.body.space import SpacePath, space_path
-from printmend.control.registry import controller
-from printmend.control.space import plan_space
 from printmend.corruption import HEALTHY, Corruption, sample
 from printmend.corruption.screw import Screw
 from printmend.errors import InputError, TraceError
@@ -21,11 +15,17 @@ from printmend.identify.screw.screw import _touched
 from printmend.learn.hybrid import HybridModel
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.learn.naive import NaiveModel
-from printmend.learn.space import fit_space, space_trace
 from printmend.machine import Mechanism, lattice_screw
 from printmend.printer import Printer, read_printer
 from printmend.protocols import SpaceModel
 from printmend.twin import Twin
+from printmend_lab.bench.drawn_body import drawn_tower
+from printmend_lab.bench.families import corruption_of, drawn_case
+from printmend_lab.bench.trial import evaluate
+from printmend_lab.body.space import SpacePath, space_path
+from printmend_lab.control.registry import controller
+from printmend_lab.control.space import plan_space
+from printmend_lab.space import fit_space, space_trace
 from tests import naive_control
 
 SCREW = Screw(0.03, 0.1, 1.0, 0.3, 2.0, 0.3)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from printmend.bench import suites
-from printmend.bench.submission import check_submission, leaderboard, write_result
-from printmend.bench.suites import SUITES, Suite, checksum, frozen_cases, metrics, run_suite
 from printmend.cli.main import group
 from printmend.errors import ConfigError, InputError
+from printmend_lab.bench import suites
+from printmend_lab.bench.submission import check_submission, leaderboard, write_result
+from printmend_lab.bench.suites import SUITES, Suite, checksum, frozen_cases, metrics, run_suite
 
 DOCS = Path(__file__).parents[1] / "docs"
 FEW = 4

@@ -20,11 +20,11 @@ BETWEEN, NEAR = (1.3, 2.6), 0.01  # the radius is looked for here, so near
 def main() -> None:
     from scipy.optimize import brentq
 
-    from printmend.bench.table1 import CORRUPTION, draw_cases, set_up
     from printmend.corruption import sampling
-    from printmend.dataset.bodies import body_files
     from printmend.metrics import rmse
     from printmend.twin import Twin
+    from printmend_lab.bench.table1 import CORRUPTION, draw_cases, set_up
+    from printmend_lab.dataset.bodies import body_files
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bodies", default="generated:160")

@@ -5,8 +5,8 @@
 
 from pathlib import Path
 
-from printmend.bench.submission import leaderboard
 from printmend.files import replacing
+from printmend_lab.bench.submission import leaderboard
 
 DOCS = Path(__file__).parents[1] / "docs"
 

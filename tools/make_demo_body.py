@@ -1,17 +1,17 @@
 """Build and slice the body that ships with printmend: `.venv/bin/python tools/make_demo_body.py`.
 
-Needs PrusaSlicer. Writes src/printmend/body/data/timing_pulley.gcode without the slicer's dump of its settings,
-which are in src/printmend/body/profiles/ender5_abs.ini.
+Needs PrusaSlicer. Writes src/printmend/demo/timing_pulley.gcode without the slicer's dump of its settings,
+which are in lab/src/printmend_lab/body/profiles/ender5_abs.ini.
 """
 
 from pathlib import Path
 
-from printmend.body.pulley import timing_pulley
-from printmend.body.slicer import slice_solid
 from printmend.files import replacing
 from printmend.printer import read_printer
+from printmend_lab.body.pulley import timing_pulley
+from printmend_lab.body.slicer import slice_solid
 
-TARGET = Path(__file__).resolve().parents[1] / "src" / "printmend" / "body" / "data" / "timing_pulley.gcode"
+TARGET = Path(__file__).resolve().parents[1] / "src" / "printmend" / "demo" / "timing_pulley.gcode"
 
 
 def main() -> None:

@@ -1,4 +1,6 @@
-"""Compile what learn, check, mend, planners and demonstrations need into src/printmend/compiled, for wheel or clone.
+"""Compile what learn, check, mend, planners and demonstrations need into the packages' folders `compiled`.
+
+The wheel of printmend takes its folder along; that of printmend-lab does not.
 
     .venv/bin/python tools/ship_kernels.py
 
@@ -11,6 +13,10 @@ import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from printmend.shipped import Shipped
 
 LEARNED = {"lightgbm": "gain-table", "lightgbm-axis": "gain-table", "meta": "pulley"}  # each on a world it can learn
 Task = tuple[Callable[[str], None], str]
@@ -18,8 +24,6 @@ Task = tuple[Callable[[str], None], str]
 
 def main() -> None:
     """Fill the folder; print what each part of the work compiled, and the sum."""
-    from printmend.shipped import shipped
-
     work = tasks()
     entries, seconds = 0, 0.0
     with tempfile.TemporaryDirectory(prefix="printmend-") as empty:
@@ -29,16 +33,27 @@ def main() -> None:
                 said, count, took_s, used = done.result()
                 print(f"{said}: {count} compiled in {took_s:.0f} s", flush=True)
                 entries, seconds = entries + count, seconds + took_s
-                shipped.used.update(used)
-    shipped.forget_others()
-    size = sum(path.stat().st_size for path in shipped.folder.iterdir())
-    print(f"{entries} compiled in {seconds:.0f} s; {len(shipped.used)} in {shipped.folder}: {size / 1e6:.1f} MB")
+                for home, names in zip(homes(), used, strict=True):
+                    home.used.update(names)
+    print(f"{entries} compiled in {seconds:.0f} s")
+    for home in homes():
+        home.forget_others()
+        size = sum(path.stat().st_size for path in home.folder.iterdir())
+        print(f"{len(home.used)} in {home.folder}: {size / 1e6:.1f} MB")
+
+
+def homes() -> tuple["Shipped", "Shipped"]:
+    """Return where the kernels of each package go."""
+    import printmend_lab  # noqa: F401 - its folder is found by its module
+    from printmend.shipped import shipped
+
+    return shipped("printmend"), shipped("printmend_lab")
 
 
 def tasks() -> list[list[Task]]:
     """Return the work: what shares kernels stands together, for one process, and what takes longest comes first."""
-    from printmend.control.registry import controller_names
     from printmend.repair.warm import STEPS
+    from printmend_lab.control.registry import controller_names
 
     slow = {"optimal", "optimal-area"}
     return [
@@ -55,21 +70,20 @@ def tasks() -> list[list[Task]]:
 
 def fill() -> None:
     """Let a process keep what it compiles."""
-    from printmend.shipped import shipped
+    from printmend.shipped import Shipped
 
-    shipped.fill = True
+    Shipped.fill = True
 
 
-def do(work: list[Task]) -> tuple[str, int, float, set[str]]:
+def do(work: list[Task]) -> tuple[str, int, float, list[set[str]]]:
     """Do a part of the work; return its names, how much it compiled, in how many seconds, and the files used."""
     from printmend.jit import compilations
-    from printmend.shipped import shipped
 
     entries, seconds = compilations.entries, compilations.seconds
     for what, name in work:
         what(name)
     said = ", ".join(name for _, name in work)
-    return said, compilations.entries - entries, compilations.seconds - seconds, shipped.used
+    return said, compilations.entries - entries, compilations.seconds - seconds, [home.used for home in homes()]
 
 
 def learn_or_mend(step: str) -> None:
@@ -81,8 +95,8 @@ def learn_or_mend(step: str) -> None:
 
 def plan(name: str) -> None:
     """Let a controller plan once for every kind of tables, as tables of bodies and the tests do."""
-    from printmend.conformance.controllers import KINDS, START, TARGETS, faulty_model
-    from printmend.control.registry import controller
+    from printmend_lab.conformance.controllers import KINDS, START, TARGETS, faulty_model
+    from printmend_lab.control.registry import controller
 
     for kind in KINDS:
         controller(name).plan(faulty_model(kind), TARGETS[:40], START)
@@ -92,8 +106,8 @@ def learn(name: str) -> None:
     """Learn in another way, and tabulate and run what was learned."""
     import numpy as np
 
-    from printmend.conformance.learners import START, LearnerCandidate
-    from printmend.control.check import tables_of
+    from printmend_lab.conformance.learners import START, LearnerCandidate
+    from printmend_lab.control.check import tables_of
 
     model = LearnerCandidate(name).fitted(LEARNED[name])
     tables_of(model, START, 3)
@@ -120,11 +134,11 @@ def print_and_play(_: str) -> None:
     """Make a body of G-code, unpack binary G-code, undo skipped teeth, play the paper's game."""
     import numpy as np
 
-    from printmend.body.load import body_of
-    from printmend.env import PrintVectorEnv, algorithm1_agent
     from printmend.gcode.kernels.meatpack import unpack
     from printmend.identify.drive.kernels.jumps import cheapest_levels
     from printmend.printer import read_printer
+    from printmend_lab.body.load import body_of
+    from printmend_lab.env import PrintVectorEnv, algorithm1_agent
 
     body_of(b"G90\nM83\nG1 X90 Y90 Z0.2 E1\n" + b"G2 X90 Y90 I20 J0 E5\n" * 3, read_printer("ender5"), name="circles")
     unpack(np.frombuffer(bytes(4), np.uint8), np.empty(16, np.uint8))

@@ -1,6 +1,6 @@
 """Teach the learner `meta` and write its weights; needs the extra `train` (jax on the processor is enough).
 
-    .venv/bin/python tools/train_meta.py --seed 1 --minutes 20 -o src/printmend/learn/meta/meta.safetensors
+    .venv/bin/python tools/train_meta.py --seed 1 --minutes 20 -o lab/src/printmend_lab/meta/meta.safetensors
 
 made the weights that are shipped. The steps, not the minutes, decide the weights: ``--steps`` makes them again.
 """
@@ -45,10 +45,10 @@ def train(seed: int, steps: int, seconds: float) -> tuple[dict, int]:
     import jax
     import jax.numpy as jnp
 
-    from printmend.learn.meta.bayes import FEATURES, LAYERS, OUTPUTS, WIDTH, believed, forward, membership, posterior
-    from printmend.learn.meta.columns import groups
-    from printmend.learn.meta.tasks import draw_drive, reach_of
     from printmend.printer import read_printer
+    from printmend_lab.meta.bayes import FEATURES, LAYERS, OUTPUTS, WIDTH, believed, forward, membership, posterior
+    from printmend_lab.meta.columns import groups
+    from printmend_lab.meta.tasks import draw_drive, reach_of
 
     printer = read_printer("ender5")
     rng, begun = np.random.default_rng(seed), time.monotonic()
@@ -105,8 +105,8 @@ def train(seed: int, steps: int, seconds: float) -> tuple[dict, int]:
 
 
 def _lesson(rng: np.random.Generator, drives: list, printer: object, member: np.ndarray) -> tuple:
-    from printmend.learn.meta.bayes import first_look
-    from printmend.learn.meta.tasks import draw_lesson
+    from printmend_lab.meta.bayes import first_look
+    from printmend_lab.meta.tasks import draw_lesson
 
     drawn = draw_lesson(rng, drives[rng.integers(len(drives))], printer)  # type: ignore[arg-type]
     found = drawn.evidence

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Build both wheels, let pip choose, install that one without the lock and without extras into a new environment, and do
-# its job there: probe, twin, learn, mend, check, export, demo. Usage: tools/try_wheel.sh PYTHON, where PYTHON has hatchling.
+# Build the wheels, let pip choose, install printmend's without the lock and without extras into a new environment, and do
+# its job there: probe, twin, learn, mend, check, export, demo. Then add the lab's, and see that its commands are there.
+# Usage: tools/try_wheel.sh PYTHON, where PYTHON has hatchling.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 build=$(cd "$(dirname "$1")" && pwd)/$(basename "$1") # not resolved: a link into its environment
@@ -9,6 +10,7 @@ trap 'rm -rf "$place"' EXIT
 
 "$build" -m hatchling build -t wheel -d "$place/dist" >/dev/null
 PRINTMEND_PURE=1 "$build" -m hatchling build -t wheel -d "$place/dist" >/dev/null
+(cd lab && "$build" -m hatchling build -t wheel -d "$place/dist" >/dev/null)
 "$build" -m venv "$place/venv"
 "$place/venv/bin/python" -m pip download --quiet --disable-pip-version-check --no-deps --no-index \
   --find-links "$place/dist" -d "$place/chosen" printmend
@@ -53,7 +55,16 @@ say printmend check part.gcode -m printer.mend.json --against mended.gcode
 say printmend export -m printer.mend.json --to klipper
 say printmend demo -o demo
 printmend studio --help >/dev/null
-# what an extra would bring is named in one line
-if said=$(printmend measure scan.png --probe probe.json 2>&1); then exit 1; fi
-echo "+ printmend measure scan.png: $said"
-[ "$(wc -l <<<"$said")" = 1 ] && grep -q "printmend\[scan\]" <<<"$said"
+# what an extra or the lab would bring is named in one line
+lacks() { # PACKAGE COMMAND...
+  local package=$1 said code=0
+  shift
+  said=$("$@" 2>&1) || code=$?
+  echo "+ $*: $said"
+  [ "$code" = 2 ] && [ "$(wc -l <<<"$said")" = 1 ] && grep -qF "pip install $package" <<<"$said"
+}
+lacks "'printmend[scan]'" printmend measure scan.png --probe probe.json
+lacks printmend-lab printmend bench families --help
+python -m pip install --quiet --disable-pip-version-check --no-index --find-links "$place/dist" printmend-lab
+say printmend bench families --help >/dev/null
+say printmend paper -o paper

@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[2]
 SCRIPT = '''
 import numpy as np
 
-from printmend.conformance.controllers import KINDS, START, TARGETS, faulty_model
-from printmend.control.registry import controller
+from printmend_lab.conformance.controllers import KINDS, START, TARGETS, faulty_model
+from printmend_lab.control.registry import controller
 from printmend.jit import entry
 from printmend.learn.mechanism_model import MechanismModel
 from printmend.machine import LatticeMotor, PlayTables, lattice_tables, healthy_mechanism

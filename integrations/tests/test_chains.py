@@ -23,10 +23,6 @@ from tests.mending import ENDER5, SQUARE
 from tests.test_mend_laws import part
 
 import printmend
-from printmend.bench.families import drawn_case
-from printmend.bench.rows import OPTIMUM
-from printmend.bench.run import read_results
-from printmend.bench.trial import evaluate
 from printmend.cli.main import group
 from printmend.corruption import Corruption, Drive, Play, corruption_toml, sample
 from printmend.errors import ScanError
@@ -44,6 +40,10 @@ from printmend.repair.learned import learn_model
 from printmend.repair.mend import mend_gcode
 from printmend.repair.part import measure_part
 from printmend.twin import Twin
+from printmend_lab.bench.families import drawn_case
+from printmend_lab.bench.rows import OPTIMUM
+from printmend_lab.bench.run import read_results
+from printmend_lab.bench.trial import evaluate
 
 PRINTER = read_printer("ender3")
 BROKEN = foreign.Machine(waves=(((1, 0.2, 0.5),), ((1, 0.1, 2.0), (2, 0.06, 1.0))), play=(0.25, 0.12))
@@ -260,8 +260,8 @@ import os
 import sys
 from pathlib import Path
 from printmend import executor as module
-from printmend.bench.case import Case
-from printmend.bench.run import run
+from printmend_lab.bench.case import Case
+from printmend_lab.bench.run import run
 from printmend.cli.main import group
 from printmend.errors import InputError
 from printmend.executor import executor

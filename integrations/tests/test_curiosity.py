@@ -8,8 +8,8 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import sample
-from printmend.demo import curiosity
 from printmend.printer import read_printer
+from printmend_lab.demo import curiosity
 
 PRINTER = read_printer("ender5")
 BROKEN = sample("pulley-loose", np.random.default_rng(3))

@@ -19,8 +19,8 @@ from tests.test_demo_scan import BROKEN
 from printmend.cli.main import group
 from printmend.demo import part
 from printmend.demo import scan as demo_scan
-from printmend.env import open_loop_agent, score_agent
 from printmend.printer import Printer, read_printer
+from printmend_lab.env import open_loop_agent, score_agent
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -40,7 +40,9 @@ def test_the_chain_mends_a_part_that_nobody_learned_from(tmp_path: Path) -> None
     assert done.before.rms > 0.1
     assert done.after.rms < 0.03
     assert not done.refused
-    said = "\n".join(demo_scan.lines(done, written := demo_scan.write_pictures(done, tmp_path)))
+    said = "\n".join(
+        demo_scan.lines(done, written := [*demo_scan.written(tmp_path), demo_scan.write_picture(done, tmp_path)])
+    )
     assert "pulley eccentric" in said
     assert {"overlay.png", "before-after.png", "part.mended.gcode"} <= {path.name for path in written}
     assert all(path.stat().st_size > 1000 for path in written if path.suffix == ".png")
@@ -68,7 +70,7 @@ def test_a_printer_prints_its_own_pulley(tmp_path: Path) -> None:
 
 def test_demo_tells_the_story(tmp_path: Path) -> None:
     out_folder, vase = tmp_path / "pictures", write_vase(tmp_path / "vase.gcode", layers=4, radius_mm=9.0)
-    told = CliRunner().invoke(group, ["demo", "--body", str(vase), "--out", str(out_folder)], catch_exceptions=False)
+    told = CliRunner().invoke(group, ["paper", "--body", str(vase), "--out", str(out_folder)], catch_exceptions=False)
     assert (told.exit_code, told.stderr) == (0, "")
     rows = told.stdout.splitlines()[2:7]
     names = ["Naive", "LightGBM", "LightGBM per axis", "Grey box", "Oracle"]
@@ -77,7 +79,7 @@ def test_demo_tells_the_story(tmp_path: Path) -> None:
     written = ["above.png", "corruption.toml", "solid.png", "test-layer.png"]
     assert sorted(path.name for path in out_folder.iterdir()) == written
     # What was broken can be broken again.
-    again = ["demo", "--body", str(vase), "--corruption", str(out_folder / "corruption.toml"), "--json"]
+    again = ["paper", "--body", str(vase), "--corruption", str(out_folder / "corruption.toml"), "--json"]
     second = CliRunner().invoke(group, [*again, "--out", str(out_folder)], catch_exceptions=False)
     shown = [f"{row['rmse_steps']:.3f}" for row in json.loads(second.stdout)["rows"]]
     assert shown == [line.split()[-4] for line in rows]

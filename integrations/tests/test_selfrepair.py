@@ -9,12 +9,12 @@ from click.testing import CliRunner
 
 from printmend.cli.main import group
 from printmend.corruption import HEALTHY, Corruption, Drive, EccentricBore
-from printmend.demo import pulley_part, selfrepair
-from printmend.demo.pulley_part import RADIUS_MM, pulley_gcode
-from printmend.demo.selfrepair import printed_pulley
 from printmend.gcode.read import read_gcode
 from printmend.printer import read_printer
 from printmend.twin import Twin
+from printmend_lab.demo import pulley_part, selfrepair
+from printmend_lab.demo.pulley_part import RADIUS_MM, pulley_gcode
+from printmend_lab.demo.selfrepair import printed_pulley
 
 PRINTER = read_printer("ender5")
 

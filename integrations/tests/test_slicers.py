@@ -14,15 +14,15 @@ from hosts import INTEGRATIONS, PRINTMEND, SOURCE
 from parts import part
 
 from klippy_run import HOSTS
-from printmend.body import demo_body_gcode
-from printmend.body.layers import strokes_of
-from printmend.body.pulley import timing_pulley
-from printmend.body.slicer import slice_solid
 from printmend.corruption import Corruption, Drive
 from printmend.corruption.belt import Play
 from printmend.gcode.read import read_gcode
 from printmend.printer import read_printer
 from printmend.saved.model import exact_model, write_model
+from printmend_lab.body import demo_body_gcode
+from printmend_lab.body.layers import strokes_of
+from printmend_lab.body.pulley import timing_pulley
+from printmend_lab.body.slicer import slice_solid
 
 HOOK = INTEGRATIONS / "slicers/printmend_post.py"
 STL = """solid part

@@ -15,12 +15,8 @@ and the model rewrites G-code; here a simulated printer prints:
     print(model.findings[0])
     print(printmend.judge_gcode("part.gcode", "part.mended.gcode", broken).summary())
 
-A learner of one's own, anything with a name and a `fit` (`protocols`), is judged on bodies beside the others:
-
-    print(printmend.evaluate(["naive", "greybox", MINE], bodies, families=["pulley-play"]))
-
-The names are imported when they are first used. `learn.registry` and `control.registry` know the learners and planners,
-`learn.space` and `control.space` those of three axes, `env` is the decision problem for reinforcement learning.
+The names are imported when they are first used. `learn.registry` knows the learners. The package printmend-lab has the
+planners and judges learners of one's own, anything with a name and a `fit` (`protocols`).
 """
 
 import os

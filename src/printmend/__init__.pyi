@@ -1,6 +1,5 @@
 """The public names and where they live; `printmend/__init__.py` imports each when it is first used."""
 
-from .bench.evaluate import evaluate
 from .corruption.toml import read_corruption
 from .errors import PrintmendError
 from .measure.measurement import measure_scans
@@ -21,7 +20,6 @@ __all__ = [
     "Twin",
     "check_gcode",
     "design_probe",
-    "evaluate",
     "judge_gcode",
     "learn_model",
     "measure_scans",

@@ -17,6 +17,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessP
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -214,11 +215,17 @@ class Cluster:
 
 @cache
 def program_version() -> str:
-    """Return the version of the program that runs here: the release, and 8 hex digits over the package's own files."""
-    root, digest = Path(__file__).parent, hashlib.sha256()
-    for path in sorted(root.rglob("*")):
-        if path.is_file() and not {"__pycache__", "compiled"} & set(path.relative_to(root).parts):
-            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    """Return the version of the program that runs here: the release, and 8 hex digits over the files of its packages.
+
+    They are printmend and, where it is installed, printmend-lab.
+    """
+    digest = hashlib.sha256()
+    for name in ("printmend", "printmend_lab"):
+        spec = find_spec(name)
+        for root in map(Path, [] if spec is None else spec.submodule_search_locations or []):
+            for path in sorted(root.rglob("*")):
+                if path.is_file() and not {"__pycache__", "compiled"} & set(path.relative_to(root).parts):
+                    digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
     return f"{sys.modules[__package__].__version__}+{digest.hexdigest()[:8]}"
 
 

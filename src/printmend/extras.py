@@ -5,7 +5,7 @@ from importlib.util import find_spec
 
 from printmend.errors import MissingToolError
 
-# pyproject.toml says what each extra installs.
+# pyproject.toml and lab/pyproject.toml say what each extra installs.
 _EXTRAS = {
     "cv2": "scan",
     "PIL": "scan",
@@ -29,6 +29,7 @@ _EXTRAS = {
     "sqlalchemy": "studio",
     "uvicorn": "studio",
 }
+_LAB = {"dataset", "paper", "rl", "thingi10k"}  # extras of printmend-lab
 
 
 def is_installed(module: str) -> bool:
@@ -38,7 +39,9 @@ def is_installed(module: str) -> bool:
 
 def install_command(modules: Iterable[str]) -> str:
     """Return the command that installs the extras of these modules."""
-    return f"pip install 'printmend[{','.join(sorted({_EXTRAS[module] for module in modules}))}]'"
+    extras = {_EXTRAS[module] for module in modules}
+    found = {"printmend": extras - _LAB, "printmend-lab": extras & _LAB}
+    return "pip install " + " ".join(f"'{name}[{','.join(sorted(some))}]'" for name, some in found.items() if some)
 
 
 def require(subject: str, *modules: str) -> None:
@@ -57,8 +60,8 @@ def missing_extra(error: ImportError) -> MissingToolError | None:
     module = (error.name or "").partition(".")[0]
     if module not in _EXTRAS or not isinstance(error, ModuleNotFoundError):
         return None
-    extra = _EXTRAS[module]
+    whose = "printmend-lab" if _EXTRAS[module] in _LAB else "printmend"
     return MissingToolError(
-        module, wanted=f"the extra {extra!r} of printmend", came="an installation without it",
-        todo=f"pip install 'printmend[{extra}]'",
+        module, wanted=f"the extra {_EXTRAS[module]!r} of {whose}", came="an installation without it",
+        todo=install_command([module]),
     )  # fmt: skip

@@ -22,7 +22,7 @@ from numba.core.registry import CPUDispatcher
 from numba.core.runtime import rtsys
 
 from printmend import compiler
-from printmend.shipped import shipped
+from printmend.shipped import Shipped, shipped
 
 log = logging.getLogger(__name__)
 
@@ -92,6 +92,8 @@ class _Kept(FunctionCache):
     def __init__(self, compiled: Any) -> None:
         super().__init__(compiled.py_func)
         self._compiled = compiled
+        package = compiled.py_func.__module__.partition(".")[0]
+        self._shipped = shipped(package if package == "printmend_lab" else "printmend")
         self._cache_file._source_stamp = None  # a digest; what the entry calls may stand below it in its file
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -100,7 +102,7 @@ class _Kept(FunctionCache):
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
             found = self._kept(sig, target_context)
-            if found is None and (data := shipped.load(stamp, sig, codegen)) is not None:
+            if found is None and (data := self._shipped.load(stamp, sig, codegen)) is not None:
                 self._impl.locator.ensure_cache_path()
                 self._cache_file.save(self._index_key(sig, codegen), data)
                 found = self._impl.rebuild(target_context, data)
@@ -119,8 +121,8 @@ class _Kept(FunctionCache):
     def save_overload(self, sig: Any, data: Any) -> None:
         stamp = self._stamp()
         super().save_overload(sig, data)
-        if shipped.fill:
-            shipped.save(stamp, sig, data)
+        if Shipped.fill:
+            self._shipped.save(stamp, sig, data)
 
     def _stamp(self) -> str:
         if self._cache_file._source_stamp is None:

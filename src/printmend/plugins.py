@@ -5,7 +5,8 @@ Either by an entry point of an installed package,
     [project.entry-points."printmend.learners"]
     ours = "my_package.my_module:OURS"
 
-or by saying where it is, `my_package.my_module:OURS`, found from the current folder too. Loading one runs its code.
+(``OURS`` may also be a dict from name to learner), or by saying where it is, `my_package.my_module:OURS`, found from
+the current folder too. Loading one runs its code.
 """
 
 import hashlib
@@ -44,6 +45,8 @@ def load_plugin(group: str, name: str, *, wanted: str, has: tuple[str, ...]) -> 
         found = getattr(module, attribute)
     except AttributeError:
         raise ConfigError(name, wanted=f"{wanted} in {module_name}", came="no such name", todo="correct it") from None
+    if isinstance(found, dict):
+        found = found.get(name)
     missing = [key for key in has if not hasattr(found, key)]
     if missing or isinstance(found, type):
         came = f"a class: {attribute}() would be one" if isinstance(found, type) else f"one without {missing[0]}"
@@ -51,10 +54,11 @@ def load_plugin(group: str, name: str, *, wanted: str, has: tuple[str, ...]) -> 
     return found
 
 
-def code_digest(groups: tuple[str, ...], names: tuple[str, ...]) -> str | None:
+def code_digest(groups: tuple[str, ...], names: tuple[str, ...], *, ours: str) -> str | None:
     """Return a digest of the code behind the plug-ins among ``names``, None where there are none.
 
     Results that are kept are those of this code. It is all of a plug-in's package, or its module where it is in none.
+    The package ``ours`` counts as none: its results say its version.
     """
     digest, found = hashlib.sha256(), False
     for name in names:
@@ -62,6 +66,8 @@ def code_digest(groups: tuple[str, ...], names: tuple[str, ...]) -> str | None:
             if not is_plugin(group, name):
                 continue
             place = name if ":" in name else _points(group)[name].value
+            if place.startswith(f"{ours}."):
+                break
             module = _imported(place.partition(":")[0], name)
             top = sys.modules[module.__name__.partition(".")[0]]
             folders = [Path(folder) for folder in getattr(top, "__path__", ())]

@@ -9,20 +9,21 @@ of all that went into the entry, so that what belongs to another source is never
 import hashlib
 import lzma
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from numba.core.caching import IndexDataCacheFile
 from numba.core.codegen import ll
 
-FOLDER = Path(__file__).parent / "compiled"
-
 
 class Shipped:
     """The kernels in a folder; `used` are the names of the files that were asked for, or made."""
 
-    def __init__(self, folder: Path, *, fill: bool = False) -> None:
-        self.folder, self.fill = folder, fill
+    fill = False  # set it on the class: keep what is compiled
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self.used: set[str] = set()
 
     def load(self, digest: str, sig: Any, codegen: Any) -> tuple | None:
@@ -66,4 +67,7 @@ def _key(sig: Any, codegen: Any) -> tuple:
     return sig, triple, codegen._data_layout
 
 
-shipped = Shipped(FOLDER)
+@cache
+def shipped(package: str) -> Shipped:
+    """Return what comes with a package, `printmend` or `printmend_lab`: its kernels lie in its folder `compiled`."""
+    return Shipped(Path(str(sys.modules[package].__file__)).parent / "compiled")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from sklearn.ensemble import RandomForestRegressor
 
-from printmend.conformance.learners import CHECKS, TRAINING, LearnerCandidate, random_controls
 from printmend.corruption import sample
 from printmend.learn import fit, learner_names, model_names
 from printmend.printer import Printer
 from printmend.twin import Twin
+from printmend_lab.conformance.learners import CHECKS, TRAINING, LearnerCandidate, random_controls
 from tests.conformance import broken_by
 from tests.test_control_greedy import assert_same_plan
 
@@ -22,8 +22,8 @@ def candidate(name: str) -> LearnerCandidate:
 
 @pytest.mark.parametrize("name", model_names())
 def test_keeps_what_a_world_model_must(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("printmend.conformance.need.NEAR_STEPS", 0.0)  # those that come with printmend are exact
-    monkeypatch.setattr("printmend.conformance.learners.HARMLESS_STEPS", 0.0)
+    monkeypatch.setattr("printmend_lab.conformance.need.NEAR_STEPS", 0.0)  # those that come with printmend are exact
+    monkeypatch.setattr("printmend_lab.conformance.learners.HARMLESS_STEPS", 0.0)
     checks = dict(CHECKS)
     if name.startswith("forest"):  # one of 20 trees keeps these laws as one of 100 does, in a fifth of the time
         monkeypatch.setattr("sklearn.ensemble.RandomForestRegressor", partial(RandomForestRegressor, n_estimators=20))

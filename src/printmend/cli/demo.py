@@ -10,59 +10,32 @@ import click
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Draws what is broken.")
 @click.option("--corruption", "broken", type=click.Path(path_type=Path), help="A TOML file that says what is broken.")
 @click.option(
-    "--body", "file", type=click.Path(path_type=Path), help="A G-code file or mesh; without it, a timing pulley."
+    "--body", "file", type=click.Path(path_type=Path), help="G-code of the part; without it, a timing pulley."
 )
 @click.option("-o", "--out", type=click.Path(path_type=Path), default="printmend-demo", show_default=True,
-              help="Folder for the pictures.")  # fmt: skip
-@click.option("--scan", is_flag=True, help="The owner's way instead: print a probe, scan it, learn, mend G-code.")
+              help="Folder for the files and pictures.")  # fmt: skip
+@click.option("--scan", is_flag=True, help="Measure by two scans of the test print.")
 @click.option("--part", is_flag=True, help="One layer of a part instead: print, scan, learn, print the part right.")
-@click.option("--json", "as_json", is_flag=True, help="The table as JSON on stdout.")
+@click.option("--json", "as_json", is_flag=True, help="The figures as JSON on stdout.")
 def command(
     seed: int, broken: Path | None, file: Path | None, out: Path, scan: bool, part: bool, as_json: bool
 ) -> None:  # fmt: skip
-    """Break a twin of an Ender-5, print one test layer, learn from it, plan all layers, print again.
+    """Break a twin of an Ender-5, print a test plate, learn from it, mend a part's G-code, print the part.
 
-    No printer, slicer or network is needed. Pictures go to the folder --out, where matplotlib is installed.
+    No printer or network is needed. A picture goes to the folder --out, where matplotlib is installed.
     """
-    import numpy as np
+    from printmend.demo.damage import check_out
+    from printmend.extras import install_command, is_installed, require
 
-    from printmend.body import body_of, demo_body_gcode, load_body
-    from printmend.cli.progress import progress
-    from printmend.cli.table import show_table
-    from printmend.corruption import read_corruption
-    from printmend.demo import demo
-    from printmend.extras import require
-    from printmend.printer import read_printer
-
-    demo.check_out(out)
+    check_out(out)
     if part or scan:
         require(f"printmend demo --{'part' if part else 'scan'}", "cv2", "matplotlib", "PIL", "scipy")
+    elif not is_installed("matplotlib"):
+        click.echo(f"left out: the picture; {install_command(['matplotlib'])} adds what it needs", err=True)
     if part:
         _show_part(seed, broken, out)
-        return
-    if scan:
-        from printmend.cli.demo_scan import show_scan
-
-        show_scan(seed, broken, file, out, as_json=as_json)
-        return
-    printer = read_printer("ender5")
-    corruption = read_corruption(broken) if broken else demo.demo_corruption(np.random.default_rng(seed))
-    body = (
-        load_body(file, printer, note=lambda text: click.echo(text, err=True))
-        if file
-        else body_of(demo_body_gcode(), printer, name="timing pulley")
-    )
-    if less := demo.left_out():
-        click.echo(less, err=True)
-    with progress("demo", demo.ticks(body)) as tick:
-        done = demo.run_demo(body, corruption, printer, seed=seed, tick=tick)
-        written = demo.write_demo(done, out, tick=tick)
-    if as_json:
-        rows = [{key: value for key, value in vars(one).items() if key != "printed_steps"} for one in done.attempts]
-        click.echo(json.dumps({"rows": rows, "written": [str(path) for path in written]}))
-        return
-    show_table(demo.title(done), demo.HEADER, [demo.cells(attempt) for attempt in done.attempts])
-    click.echo(demo.closing(done, written))
+    else:
+        _show_chain(seed, broken, file, out, scan=scan, as_json=as_json)
 
 
 def _show_part(seed: int, broken: Path | None, out: Path) -> None:
@@ -73,3 +46,30 @@ def _show_part(seed: int, broken: Path | None, out: Path) -> None:
     corruption = read_corruption(broken) if broken else part.DAMAGE
     done = part.run_part(read_printer("ender5"), out, seed=seed, corruption=corruption)
     click.echo("\n".join([*part.lines(done), f"wrote {part.write_figure(done, out)}"]))
+
+
+def _show_chain(seed: int, broken: Path | None, file: Path | None, out: Path, *, scan: bool, as_json: bool) -> None:
+    """Break a twin, print and measure a probe on it, learn, mend a part, print it; say what came of it."""
+    import numpy as np
+
+    from printmend.cli.progress import progress
+    from printmend.corruption import read_corruption
+    from printmend.demo import scan as chain
+    from printmend.demo.damage import demo_corruption
+    from printmend.extras import is_installed
+    from printmend.gcode.read import read_gcode
+    from printmend.printer import read_printer
+
+    printer = read_printer("ender5")
+    corruption = read_corruption(broken) if broken else demo_corruption(np.random.default_rng(seed))
+    part = bytes(read_gcode(file, printer=printer).text) if file else None
+    with progress("demo", chain.TICKS if scan else chain.TICKS_TYPED) as tick:
+        done = chain.run_chain(printer, corruption, out, seed=seed, part=part, scanned=scan, tick=tick)
+        written = chain.written(out)
+        if is_installed("matplotlib"):
+            written.append(chain.write_picture(done, out))
+        tick("pictures")
+    if as_json:
+        click.echo(json.dumps({**chain.figures(done), "written": [str(path) for path in written]}))
+    else:
+        click.echo("\n".join(chain.lines(done, written)))

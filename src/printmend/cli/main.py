@@ -6,12 +6,13 @@ import os
 import signal
 import sys
 import warnings
+from functools import cache
 from typing import NoReturn
 
 import click
 
 from printmend import __version__
-from printmend.errors import PrintmendError, reason
+from printmend.errors import MissingToolError, PrintmendError, reason
 from printmend.extras import missing_extra
 
 # Who needs it → command → one line of help. The module printmend.cli.NAME holds a click command called `command`; it
@@ -39,21 +40,14 @@ GROUPS: dict[str, dict[str, str]] = {
     },
     "For researchers": {
         "twin": "Print G-code on a broken printer that exists only here.",
-        "body": "Show what a mesh or G-code file becomes: layers and steps.",
-        "bench": "Judge learners and planners: Table I, every fault, real data, test prints.",
-        "dataset": "Build, check and fetch data sets of bodies printed on broken printers.",
-        "figures": "Draw the paper's figures and its Table I from a data set.",
-        "selfrepair": "A broken printer prints its own timing pulley, again and again.",
-        "curiosity": "Choose test prints until a promise is met; beside other ways.",
-        "new": "Begin a package with a learner or a planner of your own.",
-        "conformance": "Does a learner, a planner or a fault of your own keep what it must?",
     },
     "For your shell": {
         "completion": "Complete commands, options and models in your shell.",
         "man": "Write a manual page for each command.",
     },
 }
-COMMANDS = {name: words for commands in GROUPS.values() for name, words in commands.items()}
+PLUGINS = "printmend.commands"  # entry points: `NAME = "package.commands:COMMANDS"`, in the form of GROUPS
+LAB = ("paper", "body", "bench", "dataset", "figures", "selfrepair", "curiosity", "new", "conformance")
 
 
 PIPE_CLOSED = 141  # as a shell says it of a program that SIGPIPE ended
@@ -71,19 +65,46 @@ class LazyGroup(click.Group):
             sys.exit(PIPE_CLOSED)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
+        return list(homes())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
+        if (home := homes().get(cmd_name)) is None:
+            if cmd_name in LAB:
+                raise MissingToolError(
+                    f"printmend {cmd_name}", wanted="the package printmend-lab", came="an installation without it",
+                    todo="pip install printmend-lab",
+                )  # fmt: skip
             return None
-        module = importlib.import_module(f"printmend.cli.{cmd_name.replace('-', '_')}")
-        return module.command
+        return importlib.import_module(f"{home}.cli.{cmd_name.replace('-', '_')}").command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        width = max(map(len, COMMANDS))
-        for who, commands in GROUPS.items():
+        width = max(map(len, homes()))
+        found: dict[str, list[tuple[str, str]]] = {}
+        for _, groups in packages():
+            for who, commands in groups.items():
+                found.setdefault(who, []).extend((name.ljust(width), words) for name, words in commands.items())
+        for who, rows in found.items():
             with formatter.section(who):
-                formatter.write_dl([(name.ljust(width), words) for name, words in commands.items()])
+                formatter.write_dl(rows)
+        if not homes().keys() & set(LAB):
+            formatter.write_text(f"printmend-lab adds {', '.join(LAB)}: pip install printmend-lab")
+
+
+@cache
+def packages() -> list[tuple[str, dict[str, dict[str, str]]]]:
+    """Return the packages that have commands, this one first, and their commands in the form of `GROUPS`."""
+    from importlib.metadata import entry_points
+
+    others = [(point.module.partition(".")[0], point.load()) for point in entry_points(group=PLUGINS)]
+    return [("printmend", GROUPS), *others]
+
+
+@cache
+def homes() -> dict[str, str]:
+    """Return each command's package; a name that two packages have is the first one's."""
+    return {
+        name: package for package, groups in reversed(packages()) for commands in groups.values() for name in commands
+    }
 
 
 @click.group(
@@ -96,10 +117,10 @@ class LazyGroup(click.Group):
 def group(ctx: click.Context) -> None:
     """Print straight on a broken 3-D printer: learn its fault from one print, rewrite the G-code."""
     name = ctx.invoked_subcommand
-    if name in COMMANDS:
+    if name in homes():
         from printmend.cli.settings import settings_of
 
-        settings = settings_of(list(COMMANDS), lambda: ctx.command.get_command(ctx, name), name)  # type: ignore[attr-defined]
+        settings = settings_of([*homes(), *LAB], lambda: ctx.command.get_command(ctx, name), name)  # type: ignore[attr-defined]
         ctx.default_map = {name: settings}
 
 

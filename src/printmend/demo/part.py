@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 
-from printmend.bench import contour
 from printmend.corruption import Corruption, Drive, EccentricBore, Ellipse, Play
+from printmend.demo import contour
 from printmend.draw import PrintedLayer, comparison, draw_alike, save
 from printmend.draw.figure import INK, PALETTE
 from printmend.errors import RefusedError

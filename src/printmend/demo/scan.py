@@ -1,35 +1,42 @@
-"""The owner's way as a demonstration: probe → broken twin → scan → measure → learn → mend → the twin again."""
+"""The owner's way as a demonstration: probe → broken twin → measure → learn → mend → the twin again.
+
+The measurement is two scans of the plate, or, where nothing reads images, what a ruler would say of each dot.
+"""
 
 import contextlib
+import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from printmend.bench import contour
-from printmend.body import demo_body_gcode
 from printmend.corruption import Corruption, corruption_toml
+from printmend.demo import contour
+from printmend.demo.body import demo_body_gcode
 from printmend.errors import RefusedError
 from printmend.files import replacing
 from printmend.gcode.read import read_gcode
-from printmend.measure.measurement import measure_scans
+from printmend.measure.plan import ProbePlan
 from printmend.measure.table import write_trace
 from printmend.metrics.pointwise import aligned_rmse
 from printmend.metrics.shape import ContourError, stroke_distances
 from printmend.path import Trace
-from printmend.picture.image import write_image
 from printmend.printer import Printer
 from printmend.probe import design_probe, write_probe
 from printmend.repair import mend_gcode
 from printmend.repair.learned import learn_model
 from printmend.saved import SavedModel, write_model
 from printmend.twin import Twin
-from printmend.twin.scanner import DEGRADATIONS, scan_trace
+from printmend.twin.gcode import print_gcode
+
+if TYPE_CHECKING:
+    from printmend.measure.measurement import Measurement
 
 SCANS = {"scan.png": 0, "turned.png": 1}  # quarter turns of the plate on the glass
-TICKS = 9  # steps of the progress that it reports
+TICKS, TICKS_TYPED = 9, 7  # steps of the progress that it reports, with scans and without
+TYPED_MM = 0.05  # noise of dots that nobody scanned
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +51,7 @@ class ScanDemo:
     """
 
     corruption: Corruption
+    scans: int
     marks: int
     missing: int
     mark_mm: float
@@ -66,6 +74,7 @@ def run_chain(
     folder: Path,
     *,
     seed: int,
+    scanned: bool = True,
     dirt: str = "default",
     part: bytes | None = None,
     overlay: bool = True,
@@ -80,21 +89,18 @@ def run_chain(
     write_probe(folder / "probe.gcode", plan)
     printed = twin.follow(plan.waypoints_mm)
     tick("test plate printed")
-    for name, quarters in SCANS.items():
-        # equal generators: the same dots on the same scanner
-        scan = scan_trace(
-            Trace(plan.waypoints_mm, printed), plan, dpi=600.0, degradations=DEGRADATIONS[dirt],
-            rng=np.random.default_rng(seed), quarter_turns=quarters,
-        )  # fmt: skip
-        write_image(folder / name, scan.image, dpi=600.0)
-        tick(name)
-    paths = [folder / name for name in SCANS]
-    measurement = measure_scans(paths, plan, overlay=folder / "overlay.png" if overlay else None)
-    write_trace(folder / "trace.csv", measurement.trace)
-    found = np.isfinite(measurement.measured_mm).all(axis=1)
-    scale, mark_mm = _mark_errors(printed[plan.rows][found], measurement.measured_mm[found])
+    scale, mark_mm, missing = 1.0, TYPED_MM * math.sqrt(2), 0
+    notes: tuple[str, ...] = ()
+    if scanned:
+        measurement = _measured(Trace(plan.waypoints_mm, printed), plan, folder, seed, dirt, overlay, tick)
+        trace, missing, notes = measurement.trace, len(measurement.missing), measurement.notes
+        found = np.isfinite(measurement.measured_mm).all(axis=1)
+        scale, mark_mm = _mark_errors(printed[plan.rows][found], measurement.measured_mm[found])
+    else:
+        trace = print_gcode(folder / "probe.gcode", twin, noise_mm=TYPED_MM, rng=np.random.default_rng(seed))
+    write_trace(folder / "trace.csv", trace)
     tick("marks measured")
-    model = learn_model(measurement.trace, printer, rng=np.random.default_rng(seed))
+    model = learn_model(trace, printer, rng=np.random.default_rng(seed))
     write_model(folder / "printer.mend.json", model)
     tick("fault learned")
     source, target = folder / "part.gcode", folder / "part.mended.gcode"
@@ -117,10 +123,28 @@ def run_chain(
         toml.write(corruption_toml(corruption))
     tick("judged")
     return ScanDemo(
-        corruption, len(plan), len(measurement.missing), mark_mm, 100 * (scale - 1), measurement.notes, model,
-        before, after,
-        shift_before_mm, shift_mm, refused, ideal, mended,
+        corruption, len(SCANS) if scanned else 0, len(plan), missing, mark_mm, 100 * (scale - 1), notes, model,
+        before, after, shift_before_mm, shift_mm, refused, ideal, mended,
     )  # fmt: skip
+
+
+def _measured(
+    printed: Trace, plan: ProbePlan, folder: Path, seed: int, dirt: str, overlay: bool, tick: Callable[[str], None]
+) -> "Measurement":
+    """Scan the plate into ``folder`` and read the scans. What reads images is imported here: the rest needs none."""
+    from printmend.measure.measurement import measure_scans
+    from printmend.picture.image import write_image
+    from printmend.twin.scanner import DEGRADATIONS, scan_trace
+
+    for name, quarters in SCANS.items():
+        # equal generators: the same dots on the same scanner
+        scan = scan_trace(
+            printed, plan, dpi=600.0, degradations=DEGRADATIONS[dirt], rng=np.random.default_rng(seed),
+            quarter_turns=quarters,
+        )  # fmt: skip
+        write_image(folder / name, scan.image, dpi=600.0)
+        tick(name)
+    return measure_scans([folder / name for name in SCANS], plan, overlay=folder / "overlay.png" if overlay else None)
 
 
 def _mark_errors(printed_mm: np.ndarray, measured_mm: np.ndarray) -> tuple[float, float]:
@@ -142,9 +166,14 @@ def figures(done: ScanDemo) -> dict[str, Any]:
 
 def lines(done: ScanDemo, written: list[Path]) -> list[str]:
     """Say what came of it."""
+    measured = f"{done.marks} marks measured with {TYPED_MM} mm of noise each way"
+    if done.scans:
+        measured = (
+            f"{done.marks - done.missing} of {done.marks} marks read from two scans, {1000 * done.mark_mm:.0f} µm from "
+            f"where they are, typically, the scanner's scale ({done.scale_percent:+.2f} %) taken off"
+        )
     rows = [
-        f"{done.marks - done.missing} of {done.marks} marks read from two scans, {1000 * done.mark_mm:.0f} µm from "
-        f"where they are, typically, the scanner's scale ({done.scale_percent:+.2f} %) taken off",
+        measured,
         f"learned: {done.model.findings[0]}",
         "distance from the wanted outline of another part on the same broken printer, its place on the bed taken off "
         f"({np.hypot(*done.shift_before_mm):.2f} mm as it is, {np.hypot(*done.shift_mm):.2f} mm mended) [mm]:",
@@ -159,8 +188,14 @@ def lines(done: ScanDemo, written: list[Path]) -> list[str]:
     return [*rows, *(f"wrote {path}" for path in written)]
 
 
-def write_pictures(done: ScanDemo, folder: Path) -> list[Path]:
-    """Draw the part's layer before and after; return what lies in the folder."""
+def written(folder: Path) -> list[Path]:
+    """Return what the chain left in its folder."""
+    names = ("probe.gcode", *SCANS, "overlay.png", "trace.csv", "printer.mend.json", "part.mended.gcode")
+    return [folder / name for name in names if (folder / name).exists()]
+
+
+def write_picture(done: ScanDemo, folder: Path) -> Path:
+    """Draw the part's layer before and after; return the picture's path."""
     from matplotlib.colors import Normalize
 
     from printmend.draw import PrintedLayer, comparison, draw_alike, save
@@ -183,6 +218,4 @@ def write_pictures(done: ScanDemo, folder: Path) -> list[Path]:
     ]  # fmt: skip
     title = "a part that was not learned from, on the broken printer"
     figure = comparison(titles, draw_alike(pictures, colours=colours), title=title, colours=colours)
-    picture = save(figure, folder / "before-after.png")
-    names = ("probe.gcode", *SCANS, "overlay.png", "trace.csv", "printer.mend.json", "part.mended.gcode")
-    return [*(folder / name for name in names if (folder / name).exists()), picture]
+    return save(figure, folder / "before-after.png")

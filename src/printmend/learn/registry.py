@@ -1,7 +1,7 @@
 """World models by name. Names cost nothing: a learner's module is imported when it is asked for.
 
 To add a learner: give its module a dict ``LEARNERS`` from name to learner, and add a line here. The conformance suite
-then runs on it. Those of other packages need no line: `printmend.plugins`.
+then runs on it. Those of other packages, printmend-lab's too, need no line: `printmend.plugins`.
 """
 
 import importlib
@@ -16,40 +16,22 @@ from printmend.printer import Printer
 from printmend.protocols import Learner, WorldModel
 
 ORACLE = "oracle"
-_TREES = "printmend.published.trees"
-_SIMPLE = "printmend.published.neighbours"
 _MODULES = {
     "naive": "printmend.learn.naive",
-    "lightgbm": _TREES,
-    "lightgbm-axis": _TREES,
-    "lightgbm-axis-periodic": _TREES,
-    "lightgbm-rolled": _TREES,
-    "lightgbm-axis-rolled": _TREES,
-    "forest": _TREES,
-    "forest-axis": _TREES,
-    "knn-axis": _SIMPLE,
-    "linear-axis": _SIMPLE,
     "greybox": "printmend.learn.greybox.greybox",
     "prior": "printmend.learn.prior.prior",
     "hybrid": "printmend.learn.hybrid.hybrid",
-    "meta": "printmend.learn.meta.meta",
-    "affine": "printmend.peers.affine",
-    "backlash": "printmend.peers.backlash",
-    "bilateral": "printmend.peers.bilateral",
-    "prandtl-ishlinskii": "printmend.peers.prandtl",
-    "bouc-wen": "printmend.peers.boucwen",
-    "gaussian-process": "printmend.peers.process",
 }
 
 
 def learner_names() -> tuple[str, ...]:
-    """Return the names of the learners that come with printmend."""
-    return tuple(_MODULES)
+    """Return the names of the learners that are installed: printmend's own, then those of other packages."""
+    return (*_MODULES, *plugin_names(LEARNERS))
 
 
 def model_names() -> tuple[str, ...]:
     """Return the names that `fit` takes, places of plug-ins aside: the learners and the Oracle."""
-    return (*_MODULES, ORACLE)
+    return (*learner_names(), ORACLE)
 
 
 def learner(name: str) -> Learner:
@@ -59,7 +41,7 @@ def learner(name: str) -> Learner:
     elif is_plugin(LEARNERS, name):
         found = load_plugin(LEARNERS, name, wanted="a learner, with name and fit", has=("name", "fit"))
     else:
-        known = ", ".join((*_MODULES, *plugin_names(LEARNERS)))
+        known = ", ".join(learner_names())
         raise ConfigError("learner", wanted=f"one of {known}, or module:NAME", came=repr(name), todo="correct the name")
     return found
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from printmend.body import demo_body_gcode
 from printmend.corruption import (
     Corruption,
     CrookedFrame,
@@ -20,6 +19,7 @@ from printmend.corruption import (
     Screw,
 )
 from printmend.corruption.pulley import Pulley
+from printmend.demo.body import demo_body_gcode
 from printmend.gcode.read import Moves, read_gcode
 from printmend.measure.plan import ProbePlan
 from printmend.path import Trace

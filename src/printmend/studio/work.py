@@ -410,7 +410,7 @@ def _play(job: Job) -> dict[str, Any]:
     """Break a printer that exists only here, scan its test print, learn, and mend a part that nobody learned from."""
     from dataclasses import replace
 
-    from printmend.body import demo_body_gcode
+    from printmend.demo.body import demo_body_gcode
     from printmend.measure.measurement import measure_scans
     from printmend.path import Trace
     from printmend.picture.image import write_image

@@ -1,0 +1,183 @@
+"""Suites with names and versions: cases that never change, so that rows of different papers can stand in one table.
+
+A suite is frozen by a checksum over its cases, the faults drawn for them, the bodies and the metrics. What changes any
+of these needs a new version; a program that draws something else refuses to run the old one.
+"""
+
+import hashlib
+import importlib.metadata
+import json
+import platform
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from printmend.corruption import fault
+from printmend.errors import ConfigError, InputError
+from printmend.executor import HERE, Executor, program_version
+from printmend.machine import Mechanism
+from printmend.printer import read_printer
+from printmend_lab.bench import families, table1
+from printmend_lab.bench.case import Case, Result
+from printmend_lab.bench.rows import OPTIMUM, row
+from printmend_lab.bench.run import run
+from printmend_lab.dataset.bodies import body_files
+
+METRICS = ("mean", "median", "p95", "ratio", "failures")
+_LIBRARIES = ("numpy", "numba", "lightgbm", "scikit-learn", "scipy")
+# Tables are compared to this many mm, at every so manyth entry: machines differ in the last digits of a sine.
+_TABLE_MM, _TABLE_STRIDE, _OFF_ROUND = 1e-3, 37, 0.3717
+
+
+@dataclass(frozen=True)
+class Suite:
+    """``count`` cases that ``draw`` makes, with a folder for bodies; ``checksum`` is theirs when they were frozen.
+
+    A row that measures has noise of ``noise_mm`` a coordinate.
+    """
+
+    name: str
+    about: str
+    draw: Callable[[Path], list[Case]]
+    noise_mm: float
+    count: int
+    checksum: str
+
+    def label(self, name: str) -> str:
+        """Return a row's name with the suite's noise, where it measures."""
+        return f"{name}@{self.noise_mm:g}" if self.noise_mm and families.measures(name) else name
+
+
+def _table1(folder: Path) -> list[Case]:
+    files = body_files(["generated:100"], made=folder / "generated", seed=0)
+    return table1.draw_cases(
+        files, protocol="heldout", families=("pulley",), severity="paper", seed=0, sliced=folder / "sliced"
+    )
+
+
+def _families(folder: Path) -> list[Case]:
+    names = [name for name in families.FAMILIES if "screw" not in name.replace("set-screw", "")]
+    return families.draw_family_cases(names, coverages=(1.0,), samples=2, seed=families.TEST_SEED)
+
+
+SUITES = {
+    suite.name: suite
+    for suite in (
+        Suite(
+            "printmend/TableI-v1",
+            "The paper's Table I: 100 bodies made from seed 0, pulleys of the paper's severity, held-out layers.",
+            _table1, 0.0, 100, "99aedd6c77c67f8a6052764b118674b997449eaa5750211fe88b66d94b16427d",
+        ),
+        Suite(
+            "printmend/Families-v1",
+            "Every planar family, damaged and realistic, two faults of each, a body one turn across, 0.05 mm of noise.",
+            _families, 0.05, 104, "a348de9ae1b61aff9db1819408b946e42f602c3a4576347173fb3a4c47c20990",
+        ),
+    )
+}  # fmt: skip
+
+
+def suite(name: str) -> Suite:
+    """Return the suite of that name. Raise `ConfigError` where there is none."""
+    if name not in SUITES:
+        raise ConfigError("suite", wanted=f"one of {', '.join(SUITES)}", came=repr(name), todo="correct the name")
+    return SUITES[name]
+
+
+def frozen_cases(chosen: Suite, folder: Path) -> dict[str, Case]:
+    """Return a suite's cases by their keys. Raise `InputError` where they are not those that were frozen."""
+    cases = chosen.draw(folder)
+    if (found := checksum(cases)) != chosen.checksum:
+        raise InputError(
+            chosen.name, wanted=f"cases with the checksum {chosen.checksum[:16]}", came=found[:16],
+            todo="use the printmend, numpy and manifold3d of its results, or a newer version of the suite",
+        )  # fmt: skip
+    return {case.key("case"): case for case in cases}
+
+
+def checksum(cases: Sequence[Case]) -> str:
+    """Return a SHA-256 over cases, the faults and bodies that are drawn for them, and the metrics."""
+    total = hashlib.sha256(json.dumps(METRICS).encode())
+    for case in cases:
+        total.update(case.key("case").encode())
+        for part in _drawn(case):
+            total.update(part)
+    return total.hexdigest()
+
+
+def _drawn(case: Case) -> list[bytes]:
+    """Return what the seed draws for a case, as bytes that are alike on every machine."""
+    printer: Any = read_printer(case.printer)
+    if case.table == families.TABLE:
+        drawn, body = families.corruption_of(case), families.body_of(case, printer)
+        parts = [layer.controls.tobytes() for layer in body.layers]
+    else:
+        drawn = fault(case.family, case.rng(table1.CORRUPTION), case.severity)  # type: ignore[arg-type]
+        parts = []  # a body in a file is known by its digest
+    mechanism = drawn.lower(printer)
+    if isinstance(mechanism, Mechanism):
+        for table in mechanism.transmissions:
+            for branch in (table.lower_mm, table.upper_mm):
+                values = np.floor(branch[::_TABLE_STRIDE] / _TABLE_MM + _OFF_ROUND).astype(np.int64)
+                parts.append(values.tobytes())
+    return parts
+
+
+def run_suite(
+    chosen: Suite, name: str, folder: Path, *, executor: Executor = HERE,
+    tick: Callable[[str], None] = lambda case: None,
+) -> dict[str, Any]:  # fmt: skip
+    """Run a row on a suite; return what `submission.check_submission` wants: figures, cost, versions, every case."""
+    row(chosen.label(name))
+    cases = frozen_cases(chosen, folder)
+    names = [chosen.label(name), chosen.label(OPTIMUM)]
+    results = run(list(cases.values()), names, folder, executor, tick=tick)
+    found = {(item.case, item.row): item for item in results}
+    mine = {key: found[case, names[0]] for key, case in cases.items()}
+    best = {key: found[case, names[1]] for key, case in cases.items()}
+    values = {key: [_error(mine[key]), _error(best[key])] for key in cases}
+    return {
+        "suite": chosen.name,
+        "checksum": chosen.checksum,
+        "row": name,
+        "metrics": metrics(values),
+        "cost": {"learn_s": _median(mine, "learn_s"), "plan_s": _median(mine, "plan_s")},
+        "versions": versions(),
+        "cases": values,
+    }
+
+
+def metrics(values: dict[str, list[float | None]]) -> dict[str, float | int | None]:
+    """Return the figures of a row over its cases {key: [RMSE, the optimum's]} in full steps; None failed."""
+    pairs = [(mine, best) for mine, best in values.values() if mine is not None]
+    failures = len(values) - len(pairs)
+    if not pairs:
+        return dict.fromkeys(METRICS[:-1]) | {"failures": failures}
+    errors = np.array([mine for mine, _ in pairs])
+    both = np.array([(mine, best) for mine, best in pairs if best is not None])
+    ratio = float(both[:, 0].mean() / both[:, 1].mean()) if len(both) and both[:, 1].mean() > 0 else None
+    numbers = (float(errors.mean()), float(np.median(errors)), float(np.percentile(errors, 95)), ratio, failures)
+    return dict(zip(METRICS, numbers, strict=True))
+
+
+def versions() -> dict[str, str]:
+    """Return what made a result: the program, Python, libraries that are installed, and the machine."""
+    found = {"printmend": program_version(), "python": platform.python_version(), "machine": platform.machine()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _error(result: Result) -> float | None:
+    return None if result.error is not None else float(result.values["rmse_steps"])
+
+
+def _median(results: dict[str, Result], name: str) -> float | None:
+    values = [item.values[name] for item in results.values() if item.error is None and name in item.values]
+    return float(np.median(values)) if values else None

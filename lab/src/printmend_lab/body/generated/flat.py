@@ -1,0 +1,95 @@
+"""Bodies that are an outline carried upwards: gears, brackets and text."""
+
+import numpy as np
+from manifold3d import CrossSection, FillRule, Manifold
+
+from printmend_lab.body.generated.dice import Dice
+
+_TURN_RAD = 2 * np.pi
+_PRESSURE_RAD = np.deg2rad(20.0)
+_LETTERS = "ABCDEFGHJKLMNPRSTUVWXYZ0123456789"
+_CORNERS = 32  # of a circle
+
+
+def gear(dice: Dice) -> Manifold:
+    """Draw a spur gear with involute flanks, a bore and, on large ones, holes that save plastic."""
+    teeth, module_mm = dice.whole(12, 36), dice.uniform(1.0, 2.5)
+    height_mm = dice.uniform(3.0, 8.0)
+    outline = CrossSection([_involute_outline(teeth, module_mm)], FillRule.Positive)
+    root_mm = module_mm * (teeth / 2 - 1.25)
+    bore_mm = min(dice.uniform(1.5, 4.0), 0.4 * root_mm)
+    outline = outline - CrossSection.circle(bore_mm, _CORNERS)
+    holes, hole_mm = dice.whole(3, 8), 0.3 * (root_mm - bore_mm)
+    if root_mm > 12.0:
+        middle_mm = (root_mm + bore_mm) / 2
+        fits = min(hole_mm, middle_mm * np.sin(np.pi / holes) - 1.5)
+        for k in range(holes) if fits > 1.0 else ():
+            angle = _TURN_RAD * k / holes
+            centre = (middle_mm * float(np.cos(angle)), middle_mm * float(np.sin(angle)))
+            outline = outline - CrossSection.circle(fits, _CORNERS).translate(centre)
+    solid = Manifold.extrude(outline, height_mm)
+    if dice.chance(0.5):  # a hub
+        hub_mm = min(bore_mm + dice.uniform(2.0, 4.0), 0.9 * root_mm)
+        hub = CrossSection.circle(hub_mm, _CORNERS) - CrossSection.circle(bore_mm, _CORNERS)
+        solid = solid + Manifold.extrude(hub, height_mm + dice.uniform(1.0, 4.0))
+    return solid
+
+
+def _involute_outline(teeth: int, module_mm: float) -> np.ndarray:
+    """Return the corners [N, 2] of a gear, counter-clockwise; flanks as in Litvin and Fuentes (2004), §10."""
+    pitch = module_mm * teeth / 2
+    base, tip, root = pitch * np.cos(_PRESSURE_RAD), pitch + module_mm, pitch - 1.25 * module_mm
+    radius = np.linspace(max(base, root), tip, 5)
+    unroll = np.sqrt(np.maximum((radius / base) ** 2 - 1, 0.0))
+    involute = np.tan(_PRESSURE_RAD) - _PRESSURE_RAD
+    half = np.pi / (2 * teeth) + involute - (unroll - np.arctan(unroll))  # of a tooth, at each radius
+    half = np.maximum(half, 0.05 / teeth)  # thin teeth end in a ridge
+    corners = []
+    for k in range(teeth):
+        middle = _TURN_RAD * k / teeth
+        right = [(root, middle - half[0]), *zip(radius, middle - half, strict=True)]
+        left = [*zip(radius[::-1], middle + half[::-1], strict=True), (root, middle + half[0])]
+        corners += [(r * np.cos(a), r * np.sin(a)) for r, a in (*right, *left)]
+    return np.array(corners)
+
+
+def bracket(dice: Dice) -> Manifold:
+    """Draw an angle bracket: a plate, an upright wall, holes in both and a rib between them."""
+    length, width, thick = dice.uniform(25.0, 70.0), dice.uniform(15.0, 40.0), dice.uniform(2.0, 4.0)
+    height = dice.uniform(8.0, 20.0)
+    plate = Manifold.cube((length, width, thick))
+    wall = Manifold.cube((thick, width, height))
+    solid = plate + wall
+    for _ in range(dice.whole(1, 3)):
+        at, rib = dice.uniform(0.1, 0.9) * (width - thick), dice.uniform(0.4, 0.8)
+        reach = rib * min(length - thick, 2 * height)
+        corner = CrossSection([[(0.0, 0.0), (reach, 0.0), (0.0, rib * height)]], FillRule.Positive)
+        solid = solid + Manifold.extrude(corner, thick).rotate((90.0, 0.0, 0.0)).translate((0.0, at + thick, 0.0))
+    for _ in range(dice.whole(1, 4)):
+        radius = dice.uniform(1.2, min(3.5, 0.2 * width))
+        x = dice.uniform(2 * thick + radius, length - radius - 2.0)
+        y = dice.uniform(radius + 2.0, width - radius - 2.0)
+        solid = solid - Manifold.cylinder(3 * thick, radius, radius, _CORNERS, True).translate((x, y, thick / 2))
+    radius = dice.uniform(1.0, 0.2 * height)
+    place = (thick / 2, dice.uniform(0.3, 0.7) * width, thick + 0.5 * (height - thick))
+    hole = Manifold.cylinder(3 * thick, radius, radius, _CORNERS, True).rotate((0.0, 90.0, 0.0))
+    return solid - hole.translate(place)
+
+
+def text(dice: Dice) -> Manifold:
+    """Draw raised letters on a plate, in the font that comes with matplotlib."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
+    word = "".join(dice.choice(_LETTERS) for _ in range(dice.whole(2, 6)))
+    size_mm, thick_mm, raised_mm = dice.uniform(12.0, 22.0), dice.uniform(1.2, 2.4), dice.uniform(0.8, 2.0)
+    outline = TextPath((0.0, 0.0), word, size=size_mm, prop=FontProperties(family="DejaVu Sans", weight="bold"))
+    polygons = [np.asarray(polygon) for polygon in outline.to_polygons(closed_only=True)]
+    contours = [polygon[:-1] for polygon in polygons if len(polygon) > 3]
+    letters = CrossSection(contours, FillRule.EvenOdd)
+    left, low, right, high = letters.bounds()
+    margin_mm = dice.uniform(2.0, 5.0)
+    size = (right - left + 2 * margin_mm, high - low + 2 * margin_mm)
+    plate = Manifold.cube((*size, thick_mm)).translate((left - margin_mm, low - margin_mm, 0.0))
+    raised = Manifold.extrude(letters, raised_mm + 0.2).translate((0.0, 0.0, thick_mm - 0.2))
+    return plate + raised

@@ -1,0 +1,48 @@
+"""A generated body by its seed and number.
+
+Vertices are rounded to whole micrometres and put in order, so that neither the last digit of a sine nor the threads of
+the geometry library show in the file. `GENERATOR` goes into every name: raise it when any body changes.
+"""
+
+import importlib
+
+import numpy as np
+
+from printmend_lab.body.generated.dice import Dice
+from printmend_lab.body.solid import Solid
+
+GENERATOR = 1  # the generator's version
+LICENCE = "CC0-1.0"
+_ROUND, _FLAT = "printmend_lab.body.generated.round", "printmend_lab.body.generated.flat"
+_MODULES = {"gear": _FLAT, "bracket": _FLAT, "vase": _ROUND, "text": _FLAT, "gyroid": _ROUND, "assembly": _ROUND}
+KINDS = tuple(_MODULES)
+_MICRON_MM = 1e-3  # the grid of the corners
+
+
+def generated_name(seed: int, number: int) -> str:
+    """Return the name of a body: its kind, the generator's version, the seed and the number."""
+    return f"{_kind(seed, number)}-g{GENERATOR}-s{seed}-{number:05d}"
+
+
+def generated_solid(seed: int, number: int) -> Solid:
+    """Make the body of that number of a seed's endless list."""
+    module = importlib.import_module(_MODULES[_kind(seed, number)])  # its libraries are an extra
+    mesh = getattr(module, _kind(seed, number))(Dice(f"{GENERATOR} {seed} {number} shape")).to_mesh()
+    vertices, faces = _ordered(np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts))
+    return Solid(generated_name(seed, number), vertices, faces)
+
+
+def _kind(seed: int, number: int) -> str:
+    return Dice(f"{GENERATOR} {seed} {number} kind").choice(KINDS)
+
+
+def _ordered(vertices_mm: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mesh [V, 3], [F, 3] on whole micrometres, standing at the origin, vertices and faces in order."""
+    micron = np.rint((vertices_mm - vertices_mm.min(axis=0)) / _MICRON_MM).astype(np.int64)
+    places, index = np.unique(micron, axis=0, return_inverse=True)
+    faces = index.ravel()[faces]
+    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    faces = faces[whole]
+    first = np.argmin(faces, axis=1)
+    faces = np.take_along_axis(faces, (first[:, None] + np.arange(3)) % 3, axis=1)
+    return places * _MICRON_MM, faces[np.lexsort(faces.T[::-1])]

@@ -1,0 +1,53 @@
+"""`printmend bench suite` and `submit-check`: rows on suites that do not change."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from printmend_lab.cli.where import with_executor
+
+
+@click.command(epilog="Example: printmend bench suite printmend/Families-v1 --rows greybox+optimal -o results")
+@click.argument("name", metavar="SUITE", required=False)
+@click.option("--rows", default="naive,greybox+optimal,meta+optimal", show_default=True, help="With commas.")
+@with_executor
+@click.option("--out", "-o", type=click.Path(path_type=Path), default="printmend-suite", show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="The results as JSON lines on stdout.")
+def suite(name: str | None, rows: str, executor: Any, out: Path, as_json: bool) -> None:
+    """Run rows on a suite that never changes.
+
+    Its seed, bodies, splits and metrics are frozen. Without a SUITE, all are listed.
+    Each row becomes a file OUT/SUITE/ROW.json with its figures, cost, versions and every case. An interrupted run goes
+    on where it was.
+    """
+    from printmend.cli.progress import progress
+    from printmend_lab.bench.submission import write_result
+    from printmend_lab.bench.suites import SUITES, run_suite
+    from printmend_lab.bench.suites import suite as suite_of
+
+    if name is None:
+        for one in SUITES.values():
+            click.echo(f"{one.name}  {one.count} cases  {one.about}")
+        return
+    chosen = suite_of(name)
+    for row in dict.fromkeys(rows.split(",")):
+        with progress("cases", chosen.count) as tick:
+            record = run_suite(chosen, row, out / "work", executor=executor, tick=tick)
+        path = write_result(record, out)
+        found = record["metrics"]
+        mean = "–" if found["mean"] is None else f"{found['mean']:.3f}"
+        said = f"{chosen.name} {row}: mean {mean} steps, {found['failures']} failed; wrote {path}"
+        click.echo(json.dumps(record) if as_json else said)
+
+
+@click.command("submit-check", epilog="Example: printmend bench submit-check results/Families-v1/greybox+optimal.json")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+def submit_check(files: tuple[Path, ...]) -> None:
+    """Check results of `bench suite`: checksum, cases, figures."""
+    from printmend_lab.bench.submission import check_submission
+
+    for path in files:
+        record = check_submission(path)
+        click.echo(f"{path}: {record['row']} on {record['suite']}, whole")

@@ -1,0 +1,108 @@
+"""Lists of bodies: files and folders on the command line become files, in a fixed order."""
+
+import hashlib
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+
+from printmend.errors import InputError
+from printmend.files import replacing
+from printmend.path import Body
+from printmend_lab.body.generated import generated_name, generated_solid
+from printmend_lab.body.solid import stl_bytes
+from printmend_lab.dataset.thingi10k import NAME, UNKNOWN, licence_beside, thingi10k_files, unpacked
+
+GENERATED, MAX_GENERATED = "generated:", 100_000
+SUFFIXES = (
+    ".stl", ".obj", ".3mf", ".ply",
+    ".gcode", ".gco", ".g", ".nc", ".ngc", ".bgcode",
+)  # fmt: skip
+
+
+def body_files(
+    paths: Iterable[str | Path],
+    *,
+    made: Path | None = None,
+    seed: int = 0,
+    licence: str = UNKNOWN,
+    left_out: Callable[[Path, str], None] | None = None,
+) -> list[Path]:
+    """Return the meshes and G-code files given and those below the folders given, each once, sorted within a folder.
+
+    With a folder ``made``, `generated:N` stands for the first N bodies that are made from a ``seed``
+    (`body.generated`), and `thingi10k` or `thingi10k:N` for those of Thingi10K under a ``licence``; these,
+    and Thingi10K's npz files in the folders given, are written there as STL. ``left_out`` is told of an npz file that
+    is damaged, and why; without it that is a `MeshError`. Raises `InputError` for a path that does not exist and where
+    nothing is found. With a ``licence``, bodies of which a `licences.json` beside them says something else are left
+    out.
+    """
+    found: dict[Path, None] = {}
+    damaged: list[str] = []
+
+    def leave(path: Path, why: str) -> None:
+        damaged.append(why)
+        if left_out is not None:
+            left_out(path, why)
+
+    told = leave if left_out is not None else None
+    asked = [Path(path) for path in paths]
+    for path in asked:
+        if made is not None and str(path).startswith(GENERATED):
+            found.update(dict.fromkeys(_generated(str(path), made, seed)))
+        elif made is not None and str(path).partition(":")[0] == NAME and not path.exists():
+            found.update(dict.fromkeys(thingi10k_files(str(path), made, licence, told)))
+        elif path.is_dir():
+            inside = (item for item in path.rglob("*") if item.suffix.lower() in SUFFIXES and item.is_file())
+            found.update(dict.fromkeys(sorted(inside)))
+            if made is not None:
+                packed = sorted(item for item in path.rglob("*.npz") if item.stem.isdigit())
+                found.update(dict.fromkeys(stl for _, stl in unpacked(packed, made, told)))
+        elif path.is_file():
+            found[path] = None
+        else:
+            raise InputError(path, wanted="a body's file or a folder of them", came="no such path", todo="check it")
+    if licence != UNKNOWN:
+        found = {path: None for path in found if licence.lower() in (licence_beside(path) or licence).lower()}
+    if not found:
+        raise InputError(
+            ", ".join(map(str, asked)) or "bodies",
+            wanted=f"at least one body ({' '.join(SUFFIXES)})" + f" under “{licence}”" * (licence != UNKNOWN),
+            came=f"{len(damaged)} damaged: {damaged[0]}" if damaged else "none",
+            todo="name files or folders that hold some",
+        )
+    return list(found)
+
+
+def _generated(text: str, folder: Path, seed: int) -> list[Path]:
+    """Write the bodies that `generated:N` stands for, where they are not there yet."""
+    count = text.removeprefix(GENERATED)
+    if not (count.isascii() and count.isdigit() and 1 <= int(count) <= MAX_GENERATED):
+        raise InputError(text, wanted=f"{GENERATED}1 to {GENERATED}{MAX_GENERATED}", came="another", todo="correct it")
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / f"{generated_name(seed, number)}.stl" for number in range(int(count))]
+    for number, path in enumerate(files):
+        if not path.exists():
+            solid = generated_solid(seed, number)
+            with replacing(path, "wb") as file:
+                file.write(stl_bytes(solid))
+    return files
+
+
+def digest(path: Path) -> str:
+    """Return the first 16 hex digits of the SHA-256 of a file: a body's identity, whatever it is called."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+
+
+def body_rng(seed: int, identity: str, purpose: int) -> np.random.Generator:
+    """Return the generator of one body: it depends on the seed, the body and the purpose, not on the other bodies."""
+    return np.random.default_rng([seed, int(identity, 16), purpose])
+
+
+def thinned(body: Body, layers: int | None) -> Body:
+    """Return the body with ``layers`` evenly spaced layers, the first and the last included; None keeps all."""
+    if layers is None or layers >= len(body.layers):
+        return body
+    at = np.unique(np.rint(np.linspace(0, len(body.layers) - 1, layers)).astype(int))
+    return Body(body.name, tuple(body.layers[i] for i in at))

@@ -1,0 +1,204 @@
+"""A broken printer prints its own timing pulley, runs on it, prints the next: as it is, and with printmend.
+
+After R. Caballero and E. Feron, physics.md [C22]. The printed contour comes out of the twin: the nozzle's way, a bead
+around it, shrinkage, a rough edge. The belt feels its convex hull about the printed bore, and the next generation is
+printed with that. Teeth are taken to mesh whatever the pulley's size; nothing but the pulleys changes.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from printmend.corruption import Corruption, Drive, Play, TabulatedHull
+from printmend.demo import contour
+from printmend.errors import InputError, PrintmendError, RefusedError
+from printmend.files import replacing
+from printmend.gcode.read import read_gcode
+from printmend.machine import Mechanism
+from printmend.path import Trace
+from printmend.printer import Printer
+from printmend.probe import design_probe
+from printmend.repair import mend_gcode
+from printmend.repair.learned import learn_model
+from printmend.saved import SavedModel
+from printmend.twin import Twin
+from printmend.units import TURN_RAD
+from printmend_lab.body.pulley import PITCH_LINE_OFFSET_MM
+from printmend_lab.demo.pulley_part import BEAD_MM, RADIUS_MM, TOOTHED_LAYER, pulley_gcode
+
+SHRINKAGE = 0.003  # of PLA, linear
+ROUGH_MM = 0.02  # RMS of the printed edge about its line
+ROUGH_WAVES = 12  # sines that make up the rough edge
+MEASURED_MM = 0.05  # noise of a mark of the test print, each coordinate
+ANGLES = 720  # at which a hull is known
+CONVERGED_MM = 0.1  # RMS: what bead, shrinkage and measurement leave of a pulley is about half of it
+LEAST_PLAY_MM = 1e-3  # less is none
+OPEN, MENDED = "as it is", "printmend"
+
+# The purposes for which a generation's generator is seeded, the same for both ways, so that they compare in pairs.
+_MOUNT, _EDGE, _MARKS = 1, 2, 3
+
+
+@dataclass(frozen=True, eq=False)
+class PrintedPulley:
+    """A pulley as printed: ``outline_mm`` [N, 2] about its bore, ``support_mm`` [ANGLES] as its belt feels it."""
+
+    outline_mm: np.ndarray
+    support_mm: np.ndarray
+
+    @property
+    def rms_mm(self) -> float:
+        """How far the belt's moment arm is from a good pulley's, RMS over a turn."""
+        return float(np.sqrt(np.mean((self.support_mm - RADIUS_MM) ** 2)))
+
+    @property
+    def size_mm(self) -> float:
+        """How much larger than a good pulley it is: what of the error is a mere scale."""
+        return float(self.support_mm.mean() - RADIUS_MM)
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """The pulleys of one way, ``start_mm`` the RMS error of the broken machine's own; ``ended`` says why it stopped."""
+
+    way: str
+    start_mm: float
+    pulleys: tuple[PrintedPulley, ...]
+    ended: str = ""
+
+    @property
+    def errors_mm(self) -> tuple[float, ...]:
+        return (self.start_mm, *(pulley.rms_mm for pulley in self.pulleys))
+
+    @property
+    def verdict(self) -> str:
+        """Say whether it converged, in one word or two."""
+        errors = self.errors_mm
+        if self.ended:
+            return f"ends at {len(self.pulleys)}"
+        below = [number for number, error in enumerate(errors) if error < CONVERGED_MM]
+        if below and max(errors[below[0] :]) < 2 * CONVERGED_MM:
+            return f"converges at {below[0]}"
+        return "grows" if errors[-1] > errors[0] else "stays off"
+
+
+def run_series(
+    printer: Printer,
+    broken: Corruption | SavedModel,
+    work: Path,
+    *,
+    mended: bool,
+    generations: int,
+    both: bool,
+    seed: int,
+    tick: Callable[[str], None] = lambda what: None,
+) -> Series:
+    """Print ``generations`` of pulleys, each on the machine that runs on the one before; files lie in ``work``.
+
+    The pulley replaces that of the first motor, or those of ``both``. A `SavedModel` is a machine that was learned:
+    its pulleys are replaced, its play stays. With ``mended`` each generation begins with a test print that is measured
+    and learned from (the given model is that of the first).
+    """
+    source = work / "pulley.gcode"
+    if not source.exists():
+        with replacing(source) as file:
+            file.write(pulley_gcode(printer))
+    twin = Twin(broken.mechanism) if isinstance(broken, SavedModel) else Twin.of(broken, printer)
+    slack = _slack(broken)
+    frame = broken.frame if isinstance(broken, Corruption) else None
+    motors = (0, 1) if both else (0,)
+    start_mm = _machine_error_mm(twin.homed(), motors)
+    pulleys: list[PrintedPulley] = []
+    model = broken if isinstance(broken, SavedModel) else None
+    ended, way = "", MENDED if mended else OPEN
+    for number in range(generations):
+        try:
+            file_mm = _mended_file(twin, model, source, work, number, seed) if mended else source
+            pulleys.append(printed_pulley(file_mm, twin, np.random.default_rng([seed, number, _EDGE])))
+            shift = int(np.random.default_rng([seed, number, _MOUNT]).integers(ANGLES))
+            hull = TabulatedHull(tuple(np.roll(pulleys[-1].support_mm, shift)))
+        except PrintmendError as error:
+            ended = str(error)
+            break
+        finally:
+            tick(f"{way}: generation {number + 1}")
+        twin = Twin.of(Corruption(_replaced(slack, hull, motors), frame), printer)
+        model = None
+    return Series(way, start_mm, tuple(pulleys), ended)
+
+
+def printed_pulley(file: Path, twin: Twin, rng: np.random.Generator) -> PrintedPulley:
+    """Return what the machine makes of the pulley's file. Raise `InputError` where it cannot go onto a shaft."""
+    way = contour.run(read_gcode(file, printer=twin.printer), twin)
+    drawn = np.flatnonzero(way.extruding & (way.layer == TOOTHED_LAYER))
+    strokes = np.stack([way.printed_mm[drawn], way.printed_mm[drawn + 1]], axis=1)
+    plastic = shapely.MultiLineString(list(strokes)).buffer(BEAD_MM / 2)
+    body = max(getattr(plastic, "geoms", [plastic]), key=lambda part: part.area)
+    bores = [shapely.Polygon(ring) for ring in body.interiors]
+    if not bores:
+        raise InputError("the printed pulley", wanted="a bore for the shaft", came="none", todo="mend the file first")
+    axis = shapely.get_coordinates(max(bores, key=lambda ring: ring.area).centroid)[0]
+    outline = (shapely.get_coordinates(body.exterior) - axis) * (1 - SHRINKAGE)
+    angle = np.arctan2(outline[:, 1], outline[:, 0])
+    waves = np.arange(1, ROUGH_WAVES + 1)
+    a, b = rng.normal(0.0, ROUGH_MM / np.sqrt(ROUGH_WAVES), (2, ROUGH_WAVES))
+    rough = np.cos(np.outer(angle, waves)) @ a + np.sin(np.outer(angle, waves)) @ b
+    outline = outline * (1 + rough / np.hypot(*outline.T))[:, None]
+    support = support_mm(outline) + PITCH_LINE_OFFSET_MM
+    if support.min() <= 0.5 * BEAD_MM:
+        raise InputError("the printed pulley", wanted="a shaft inside it", came="a bore beside it", todo="mend first")
+    return PrintedPulley(outline, support)
+
+
+def support_mm(outline_mm: np.ndarray) -> np.ndarray:
+    """Return h = max p·(cos φ, sin φ) over an outline [N, 2] at `ANGLES` angles from 0."""
+    phi = np.arange(ANGLES) * TURN_RAD / ANGLES
+    hull = shapely.get_coordinates(shapely.MultiPoint(outline_mm).convex_hull)
+    return np.asarray((hull @ np.stack([np.cos(phi), np.sin(phi)])).max(axis=0))
+
+
+def _mended_file(
+    twin: Twin, model: SavedModel | None, source: Path, work: Path, number: int, seed: int
+) -> Path:  # fmt: skip
+    """Return the file to print: mended for the machine as it is now, or the source where mending would not help."""
+    if model is None:
+        plan = design_probe(twin.printer)
+        marks = twin.follow(plan.waypoints_mm)[:, :2]
+        noise = np.random.default_rng([seed, number, _MARKS]).normal(0.0, MEASURED_MM, (len(plan), 2))
+        measured = np.full(marks.shape, np.nan)
+        measured[plan.rows] = marks[plan.rows] + noise
+        model = learn_model(Trace(plan.waypoints_mm, measured, homed=True), twin.printer)
+    target = work / f"generation-{number + 1}.mended.gcode"
+    try:
+        mend_gcode(source, model, target)
+    except RefusedError:
+        return source
+    return target
+
+
+def _slack(broken: Corruption | SavedModel) -> Sequence[Drive]:
+    """Return what stays of each motor's drive when its pulley is replaced."""
+    if isinstance(broken, Corruption):
+        return broken.drives
+    widths = [float(np.mean(motor.upper_mm - motor.lower_mm)) for motor in broken.mechanism.transmissions]
+    return [Drive(belt=Play(width) if width > LEAST_PLAY_MM else None) for width in widths]
+
+
+def _replaced(drives: Sequence[Drive], hull: TabulatedHull, motors: Sequence[int]) -> tuple[Drive, Drive]:
+    """Return the drives with a printed pulley on some motors."""
+    x, y = (replace(drive, pulley=hull) if motor in motors else drive for motor, drive in enumerate(drives))
+    return x, y
+
+
+def _machine_error_mm(mechanism: Mechanism, motors: Sequence[int]) -> float:
+    """Return the RMS over a turn of how far the motors' moment arms, RADIUS·du/dm, are from a good pulley's."""
+    errors = []
+    for motor in motors:
+        table = mechanism.transmissions[motor]
+        turn = round(mechanism.printer.axes[motor].mm_per_turn / table.pitch_mm)
+        middle_mm = (table.lower_mm + table.upper_mm)[: turn + 1] / 2
+        errors.append(RADIUS_MM * (np.diff(middle_mm) / table.pitch_mm - 1))
+    return float(np.sqrt(np.mean(np.square(errors))))
