@@ -132,7 +132,7 @@ def test_a_plug_in_that_is_edited_during_a_run_does_not_end_it(
     vases: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code = ["first"]
-    monkeypatch.setattr("printmend_lab.bench.case.code_digest", lambda *what: code[0])
+    monkeypatch.setattr("printmend_lab.bench.case.code_digest", lambda *what, **how: code[0])
 
     def edited(case: Case, rows: tuple[str, ...]) -> list[Result]:
         code[0] = "second"

@@ -22,6 +22,7 @@ from printmend.cli.main import group
 from printmend.corruption import Corruption
 from printmend.corruption.frame import CrookedFrame
 from printmend.corruption.toml import corruption_toml, parse_corruption
+from printmend.demo.body import demo_body_gcode
 from printmend.measure.measurement import measure_scans
 from printmend.measure.table import write_trace
 from printmend.picture.image import write_image
@@ -29,7 +30,6 @@ from printmend.printer import read_printer
 from printmend.probe import design_probe, write_probe
 from printmend.twin import Twin
 from printmend.twin.scanner import CLEAN, render_scan
-from printmend_lab.body.pulley import demo_body_gcode
 from tests.test_docs import PAGES, ROOT
 from tests.test_learn_space import DRIVES, SCREW, measured, tower
 from tests.test_printer_convert import KLIPPER

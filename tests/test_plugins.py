@@ -119,7 +119,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_names_and_places_are_found(place: Path) -> None:
     assert learner("ours") is learner("my_plugin:SAME")
-    assert plugins.plugin_names(plugins.LEARNERS) == ("ours",)
+    assert "ours" in plugins.plugin_names(plugins.LEARNERS)
     assert controller("theirs").name == "mine"
     assert fault("slack", __import__("numpy").random.default_rng(1)) != fault(
         "slack", __import__("numpy").random.default_rng(2)
